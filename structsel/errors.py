@@ -1,0 +1,76 @@
+"""Every exception and warning structsel raises, in one tree.
+
+::
+
+    StructselError
+    ├── ChannelError (ValueError)        a channel is missing, misnamed or of the wrong unit
+    ├── DataError (ValueError)           a file or its samples cannot be used
+    ├── DomainError (ValueError)         a quantity is outside where the formula holds
+    ├── AircraftError (ValueError)       aircraft.toml is incomplete or contradicts itself
+    ├── MapError (ValueError)            a channel map does not fit the file
+    ├── TermError (ValueError)           a candidate term cannot be read
+    ├── ModelError (ValueError)          a model file or a model's use is wrong
+    ├── SelectionError (ValueError)      a selection was asked for that cannot be made
+    └── ConvergenceError (RuntimeError)  a search stopped early; ``partial`` holds what it had
+
+    StructselWarning (UserWarning)       the result stands, but should be doubted
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class StructselError(Exception):
+    """Base of every error structsel raises on purpose."""
+
+
+class ChannelError(StructselError, ValueError):
+    """A channel is missing, misnamed or carries the wrong unit."""
+
+
+class DataError(StructselError, ValueError):
+    """A file, or samples in it, cannot be used as they are."""
+
+
+class DomainError(StructselError, ValueError):
+    """A quantity lies outside the domain of a formula (dynamic pressure at zero, ...)."""
+
+
+class AircraftError(StructselError, ValueError):
+    """An aircraft description is incomplete or contradicts itself."""
+
+
+class MapError(StructselError, ValueError):
+    """A channel map does not fit the file it is used on."""
+
+
+class TermError(StructselError, ValueError):
+    """A candidate term cannot be read or evaluated."""
+
+
+class ModelError(StructselError, ValueError):
+    """A model file, or the use made of a model, is wrong."""
+
+
+class SelectionError(StructselError, ValueError):
+    """A selection was asked for that cannot be made."""
+
+
+class ConvergenceError(StructselError, RuntimeError):
+    """A search stopped before it converged; ``partial`` holds what it had.
+
+    Parameters
+    ----------
+    message : str
+    partial : object, optional
+        The best result so far.
+    """
+
+    def __init__(self, message: str, partial: Any = None):
+        super().__init__(message)
+        self.partial = partial
+
+
+class StructselWarning(UserWarning):
+    """A result stands, but should be doubted."""
