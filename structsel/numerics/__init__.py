@@ -1,0 +1,1 @@
+"""Kernels: arrays in, arrays out. Imports numpy, scipy, numba and structsel.errors only."""

@@ -1,0 +1,270 @@
+"""How far candidates are told apart, and what to do where they are not.
+
+Arrays only. ``C`` is, as everywhere in the search, the (p+1, p+1) centred cross-product matrix of
+[x_1 ... x_p, y] and ``dof`` the samples less those swept out for the constant (N - 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import cholesky, eigh
+from scipy.linalg.lapack import dtrtri
+
+from structsel.errors import SelectionError
+from structsel.numerics.biased import (
+    Array,
+    BiasedEstimate,
+    _fixed,
+    components_by_folds,
+    components_by_pse,
+    components_by_variance,
+    principal_components,
+    ridge,
+    ridge_by_folds,
+    ridge_by_gcv,
+)
+from structsel.numerics.stepwise import _indices, check_products, partial_f
+
+__all__ = [
+    "BiasedEstimate",
+    "Conditioning",
+    "Dropped",
+    "components_by_folds",
+    "components_by_pse",
+    "components_by_variance",
+    "condition_indices",
+    "correlation",
+    "drop_correlated",
+    "parameter_correlation",
+    "principal_components",
+    "ridge",
+    "ridge_by_folds",
+    "ridge_by_gcv",
+    "vif",
+]
+
+
+def correlation(C: ArrayLike) -> Array:
+    """Correlation matrix of the columns whose centred cross-products are C.
+
+    Parameters
+    ----------
+    C : (m, m) array
+
+    Returns
+    -------
+    R : (m, m) array [-]
+        nan in the rows and columns of a constant.
+    """
+    C = np.asarray(C, dtype=float)
+    root = np.sqrt(np.where(np.diag(C) > 0.0, np.diag(C), np.nan))
+    R = C / np.outer(root, root)
+    np.fill_diagonal(R, np.where(np.isfinite(root), 1.0, np.nan))
+    return R
+
+
+def vif(C: ArrayLike) -> Array:
+    """Variance inflation factor of every candidate, 1 / (1 - R_j^2).
+
+    R_j^2 is that of candidate j explained by the others and a constant.
+
+    Parameters
+    ----------
+    C : (p, p) array
+        Centred cross-products of the candidates alone (leave the response's row and column out).
+
+    Returns
+    -------
+    vif : (p,) array [-]
+        inf for every candidate of a dependent group (to rounding) and for a constant.
+    """
+    C = np.asarray(C, dtype=float)
+    value = np.full(C.shape[0], np.inf)
+    varying = np.flatnonzero(np.diag(C) > 0.0)
+    if not varying.size:
+        return value
+    size, vectors = eigh(correlation(C[np.ix_(varying, varying)]))
+    dead = size <= varying.size * 1e-15
+    # A candidate is in a dependent group if a direction without variance has a share of it.
+    alone = (vectors[:, dead] ** 2).sum(axis=1) < 1e-12
+    inverse = (vectors[:, ~dead] ** 2 / size[~dead]).sum(axis=1)
+    value[varying[alone]] = inverse[alone]
+    return value
+
+
+@dataclass(frozen=True)
+class Conditioning:
+    """Condition indices and what each dimension contributes to each coefficient's variance.
+
+    Attributes
+    ----------
+    indices : (m,) array [-]
+        Largest singular value of the scaled columns over each one, ascending; above about 30 a
+        dependence does harm.
+    proportions : (m, m) array [-]
+        Row i: share of each coefficient's variance that comes with index i; columns sum to 1. Two or more
+        above 0.5 in a row of a high index name the columns that depend on one another.
+    centred : bool
+        Whether the constant was swept out first; if not, column 0 is the constant.
+    """
+
+    indices: Array
+    proportions: Array
+    centred: bool
+
+
+def condition_indices(products: ArrayLike, *, centred: bool = False) -> Conditioning:
+    """Condition indices and variance-decomposition proportions.
+
+    The columns are scaled to unit length; with Z'Z = V diag(mu^2) V' the indices are mu_max / mu_i and
+    the proportions (v_ji / mu_i)^2 / sum_i (v_ji / mu_i)^2.
+
+    Parameters
+    ----------
+    products : (1+p, 1+p) array
+        Z'Z of [1, x_1 ... x_p], *not* centred, the constant first (no response).
+    centred : bool
+        Sweep the constant out first: what the candidates share beside their means.
+
+    Returns
+    -------
+    Conditioning
+        Without the constant if ``centred``. From products an index beyond 3e7 (1 / sqrt(eps)) cannot
+        be told from an exact dependence and is inf.
+
+    Raises
+    ------
+    SelectionError
+        A column is zero, or constant where ``centred``.
+
+    References
+    ----------
+    [B80]
+    """
+    A = np.asarray(products, dtype=float)
+    if centred:
+        A = A[1:, 1:] - np.outer(A[1:, 0], A[0, 1:]) / A[0, 0]
+    length = np.diag(A)
+    if not (length > 0.0).all():
+        bad = np.flatnonzero(~(length > 0.0)).tolist()
+        raise SelectionError(
+            f"condition_indices needs columns that {'vary' if centred else 'are not zero'}; found {bad} that "
+            "do not. Leave them out."
+        )
+    size, V = eigh(A / np.outer(np.sqrt(length), np.sqrt(length)))
+    size, V = size[::-1], V[:, ::-1]
+    # Rounding can push the smallest eigenvalue below zero; what it leaves is no variance at all.
+    tiny = size[0] * np.finfo(float).eps
+    dead = size <= tiny
+    share = V**2 / np.maximum(size, tiny)
+    indices = np.where(dead, np.inf, np.sqrt(size[0] / np.maximum(size, tiny)))
+    return Conditioning(_fixed(indices), _fixed((share / share.sum(axis=1, keepdims=True)).T), centred)
+
+
+def parameter_correlation(C: ArrayLike, selected: Sequence[int]) -> Array:
+    """Correlation matrix of the least-squares coefficients of the given terms.
+
+    Parameters
+    ----------
+    C : (p+1, p+1) array
+    selected : sequence of int
+
+    Returns
+    -------
+    correlation : (k, k) array [-]
+    """
+    chosen = np.asarray(list(selected), dtype=int)
+    C = np.asarray(C, dtype=float)
+    inverse = _inverse(correlation(C[np.ix_(chosen, chosen)]), "parameter_correlation")
+    return correlation(inverse)
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """A term left out because its coefficient moves with another's.
+
+    Attributes
+    ----------
+    index : int
+        The term left out: of the pair, the one with the smaller partial F (never a forced one).
+    other : int
+        Its partner, which stays.
+    correlation : float [-]
+        Of their two coefficients.
+    """
+
+    index: int
+    other: int
+    correlation: float
+
+
+def drop_correlated(
+    C: ArrayLike, dof: float, selected: Sequence[int], limit: float = 0.9, *, force: Sequence[int] = ()
+) -> tuple[tuple[int, ...], tuple[Dropped, ...]]:
+    """Leave out terms until no two coefficients correlate above a limit.
+
+    While the largest correlation between two coefficients exceeds the limit, the one of the pair with the
+    smaller partial F goes and the rest are estimated again. (In [H17] alpha^2 goes beside alpha in CX.)
+
+    Parameters
+    ----------
+    C : (p+1, p+1) array
+    dof : float [-]
+    selected : sequence of int
+    limit : float [-]
+    force : sequence of int
+        Terms that stay; two forced ones that correlate are left as they are.
+
+    Returns
+    -------
+    kept : tuple of int
+        In the order given.
+    dropped : tuple of Dropped
+        In the order they went.
+
+    Raises
+    ------
+    SelectionError
+        limit not between 0 and 1, or selected terms that depend on one another.
+
+    References
+    ----------
+    [H17]
+    """
+    C = check_products(C, dof, "drop_correlated")
+    if not 0.0 < limit <= 1.0:
+        raise SelectionError(f"drop_correlated needs a limit between 0 and 1; found {limit:g}. 0.9 is usual.")
+    kept = [int(j) for j in _indices(selected, C.shape[0] - 1, "drop_correlated", "selected")]
+    forced = {int(j) for j in force}
+    dropped = []
+    while len(kept) > 1:
+        R = np.triu(np.abs(parameter_correlation(C, kept)), 1)
+        must = np.array([j in forced for j in kept])
+        R[np.outer(must, must)] = 0.0
+        a, b = np.unravel_index(int(np.argmax(R)), R.shape)
+        if not R[a, b] > limit:
+            break
+        _, F, _ = partial_f(C, dof, kept)
+        out, stays = (a, b) if must[b] or (not must[a] and F[a] < F[b]) else (b, a)
+        value = float(parameter_correlation(C, kept)[a, b])
+        dropped.append(Dropped(kept[out], kept[stays], value))
+        del kept[int(out)]
+    return tuple(kept), tuple(dropped)
+
+
+def _inverse(R: Array, who: str) -> Array:
+    try:
+        factor = cholesky(R)
+    except (np.linalg.LinAlgError, ValueError):
+        factor = np.zeros((1, 1))
+    if factor.size and np.diag(factor).min() ** 2 < 1e-12:
+        raise SelectionError(
+            f"{who} needs terms that vary and do not depend on one another. Leave out the dependent ones "
+            "(vif is infinite, or beyond 1e12, for them)."
+        )
+    U, _ = dtrtri(factor)
+    return U @ U.T

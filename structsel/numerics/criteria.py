@@ -1,0 +1,180 @@
+"""Criteria for the size of a model, and entry thresholds that know how many candidates were tried.
+
+In every function ``n`` is the number of samples (or the effective number), ``rss`` the residual sum of
+squares, ``tss`` the sum of squares of the response about its mean, and ``k`` the number of terms *beside
+the constant*: the constant is always in the model and is counted inside, as k + 1 coefficients. rss and
+k may be arrays, for a whole path at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import f as f_distribution
+
+from structsel.errors import SelectionError
+
+
+def pse(rss: ArrayLike, tss: float, n: float, k: ArrayLike, sigma_max2: float | None = None) -> NDArray[np.float64]:
+    """Predicted squared error, rss / n + sigma_max2 (k + 1) / n.
+
+    Parameters
+    ----------
+    rss : float or (m,) array [response^2]
+    tss : float [response^2]
+    n : float [-]
+    k : int or (m,) array [-]
+    sigma_max2 : float [response^2], optional
+        Upper bound of the squared prediction error; default tss / n, the variance of the response, as
+        in [H17]. With it a term stays if it explains more than 1 / n of tss: a partial F near
+        1 / (1 - R^2), which is loose when R^2 is low and strict when it is high.
+
+    Returns
+    -------
+    pse : float or (m,) array [response^2]
+
+    References
+    ----------
+    [H17], [M95], [KM16]
+    """
+    bound = tss / n if sigma_max2 is None else sigma_max2
+    return np.asarray(rss, dtype=float) / n + bound * (np.asarray(k, dtype=float) + 1.0) / n
+
+
+def bic(rss: ArrayLike, n: float, k: ArrayLike) -> NDArray[np.float64]:
+    """Bayesian information criterion, n log(rss / n) + (k + 1) log n.
+
+    Up to a constant of the data, so only differences mean anything. -inf for a perfect fit.
+
+    Parameters
+    ----------
+    rss : float or (m,) array [response^2]
+    n : float [-]
+    k : int or (m,) array [-]
+
+    Returns
+    -------
+    bic : float or (m,) array [-]
+    """
+    with np.errstate(divide="ignore"):
+        return n * np.log(np.asarray(rss, dtype=float) / n) + (np.asarray(k, dtype=float) + 1.0) * np.log(n)
+
+
+def aicc(rss: ArrayLike, n: float, k: ArrayLike) -> NDArray[np.float64]:
+    """Akaike's criterion with the small-sample correction.
+
+    With K = k + 2 parameters (terms, constant and the residual variance)::
+
+        AICc = n log(rss / n) + 2 K + 2 K (K + 1) / (n - K - 1)
+
+    Parameters
+    ----------
+    rss : float or (m,) array [response^2]
+    n : float [-]
+    k : int or (m,) array [-]
+
+    Returns
+    -------
+    aicc : float or (m,) array [-]
+        inf where n - K - 1 is not above zero; else -inf for a perfect fit.
+    """
+    K = np.asarray(k, dtype=float) + 2.0
+    room = n - K - 1.0
+    with np.errstate(divide="ignore"):
+        value = n * np.log(np.asarray(rss, dtype=float) / n) + 2.0 * K
+    correction = 2.0 * K * (K + 1.0) / np.where(room > 0.0, room, 1.0)
+    return np.where(room > 0.0, value + correction, np.inf)[()]
+
+
+def adjusted_r2(rss: ArrayLike, tss: float, n: float, k: ArrayLike) -> NDArray[np.float64]:
+    """R^2 with both variances unbiased, 1 - (rss / (n - k - 1)) / (tss / (n - 1)).
+
+    Parameters
+    ----------
+    rss : float or (m,) array [response^2]
+    tss : float [response^2]
+    n : float [-]
+    k : int or (m,) array [-]
+
+    Returns
+    -------
+    adjusted_r2 : float or (m,) array [-]
+        nan where no degree of freedom is left.
+    """
+    room = n - np.asarray(k, dtype=float) - 1.0
+    ratio = np.asarray(rss, dtype=float) / np.where(room > 0.0, room, np.nan)
+    return 1.0 - ratio * (n - 1.0) / tss
+
+
+def f_in_from_candidates(p: int, dof: float, chance: float = 0.05) -> float:
+    """F_in at which the best of p useless candidates enters with the given chance.
+
+    Each is tested at 1 - (1 - chance)^(1/p) (Sidak; exact for independent candidates, safe for
+    correlated ones). The classical 4 and 12 take no account of p: at 494 candidates 12 lets a useless
+    term in about one time in four.
+
+    Parameters
+    ----------
+    p : int
+        Candidates.
+    dof : float [-]
+        Residual degrees of freedom.
+    chance : float [-]
+
+    Returns
+    -------
+    F_in : float [-]
+
+    Raises
+    ------
+    SelectionError
+        p, dof or chance out of range.
+    """
+    _check(p, dof, chance, "f_in_from_candidates", "chance")
+    return float(f_distribution.isf(-np.expm1(np.log1p(-chance) / p), 1, dof))
+
+
+def fdr_thresholds(p: int, dof: float, q: float = 0.05) -> NDArray[np.float64]:
+    """Entry thresholds that control the share of false terms among those that enter.
+
+    The k-th entry is tested, two-sided, at q k / (p + 1 - k (1 - q))::
+
+        F_k = F^-1(1 - q k / (p + 1 - k (1 - q)); 1, dof - k)
+
+    Parameters
+    ----------
+    p : int
+        Candidates.
+    dof : float [-]
+        Samples less those swept out for the constant, N - 1.
+    q : float [-]
+        Share of false terms allowed.
+
+    Returns
+    -------
+    thresholds : (p,) array [-]
+        Partial F the first, second, ... term needs, not rising while dof is large; inf where no degree of
+        freedom is left.
+
+    Raises
+    ------
+    SelectionError
+        p, dof or q out of range.
+
+    References
+    ----------
+    [BG09]
+    """
+    _check(p, dof, q, "fdr_thresholds", "q")
+    k = np.arange(1.0, p + 1.0)
+    room = dof - k
+    level = q * k / (p + 1.0 - k * (1.0 - q))
+    return np.where(room > 0.0, f_distribution.isf(level, 1, np.where(room > 0.0, room, 1.0)), np.inf)
+
+
+def _check(p: int, dof: float, chance: float, who: str, name: str) -> None:
+    if p < 1 or not dof > 0.0 or not 0.0 < chance < 1.0:
+        raise SelectionError(
+            f"{who} needs at least one candidate, dof above zero and {name} between 0 and 1; found p = {p}, "
+            f"dof = {dof:g}, {name} = {chance:g}. 0.05 is the usual {name}."
+        )

@@ -1,0 +1,205 @@
+"""Orthogonal functions made of the candidates, ranked by what each takes off the cost.
+
+Arrays only, on the centred cross-products; the constant is p_0 and is already swept out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from structsel.errors import SelectionError
+from structsel.numerics.criteria import pse
+from structsel.numerics.stepwise import Path, Step, _check_room, _indices, _traced, check_products, search
+from structsel.numerics.triangular import ENTER
+
+
+@dataclass(frozen=True)
+class OrthogonalPath(Path):
+    """A :class:`Path` that also holds every model on the way, to choose another size.
+
+    Attributes
+    ----------
+    order : tuple of int
+        All ranked candidates, best first (forced ones before them).
+    cost_reduction : (m,) array [response^2]
+        (p_j'y)^2 / (p_j'p_j) of each, as it was ranked.
+    rss_path : (m+1,) array [response^2]
+        Least-squares residual of the first 0, 1, ... m ranked terms.
+    pse_path : (m+1,) array [response^2]
+        Their predicted squared error; ``len(selected)`` is its minimum.
+    sigma_max2 : float [response^2]
+    factor : (m, m) array
+        Upper triangular U of the ranked terms, Z'Z = U'U.
+    products : (m,) array
+        U'^-1 Z'y: each orthonormal function's product with the response.
+    """
+
+    order: tuple[int, ...]
+    cost_reduction: NDArray[np.float64]
+    rss_path: NDArray[np.float64]
+    pse_path: NDArray[np.float64]
+    sigma_max2: float
+    factor: NDArray[np.float64]
+    products: NDArray[np.float64]
+
+    def coefficients(self, n: int) -> NDArray[np.float64]:
+        """Physical coefficients of the model of the first n ranked terms.
+
+        Parameters
+        ----------
+        n : int
+
+        Returns
+        -------
+        theta : (n,) array [response per candidate]
+        """
+        if not 0 <= n <= len(self.order):
+            raise SelectionError(
+                f"coefficients needs a number of terms from 0 to {len(self.order)}; found {n}. The path ends there."
+            )
+        return solve_triangular(self.factor[:n, :n], self.products[:n])
+
+
+def orthogonal(
+    C: ArrayLike,
+    dof: float,
+    *,
+    sigma_max2: float | None = None,
+    order: str = "greedy",
+    force: Sequence[int] = (),
+    max_terms: int | None = None,
+    tol: float = 1e-9,
+) -> OrthogonalPath:
+    """Choose terms by orthogonal functions and the least predicted squared error.
+
+    Each candidate is made orthogonal to those before it, and takes (p_j'y)^2 / (p_j'p_j) off the cost::
+
+        p_j = x_j - sum_{k<j} gamma_kj p_k,   gamma_kj = p_k'x_j / (p_k'p_k)
+        PSE(n) = rss(n) / N + sigma_max2 (n + 1) / N,   N = dof + 1
+
+    Parameters
+    ----------
+    C : (p+1, p+1) array [products]
+        Centred cross-products of the candidates and, last, the response.
+    dof : float [-]
+        Samples less those swept out for the constant (N - 1), or the effective number.
+    sigma_max2 : float [response^2], optional
+        Default tss / N, as in [H17].
+    order : {"greedy", "given"}
+        "greedy": the next function is always the one that takes most off the cost [M95]. "given":
+        orthogonalise in the candidates' order, then rank by cost reduction [H17]; the ranking depends
+        on that order, since what two candidates share is credited to the first.
+    force : sequence of int
+        Candidates that come first and always stay.
+    max_terms : int, optional
+    tol : float [-]
+        Refuse a candidate of whose centred variance the earlier ones leave no more than this share.
+
+    Returns
+    -------
+    OrthogonalPath
+        Its coefficients are the exact decomposition of the kept functions into the kept terms, that is
+        their least-squares fit; rss_path and pse_path are those of the physical models. Where a perfect
+        fit is reached, terms that carry nothing are left out of the path.
+
+    Raises
+    ------
+    SelectionError
+        As :func:`structsel.numerics.stepwise.stepwise`; an unknown order; more candidates than degrees of
+        freedom with order="given".
+
+    References
+    ----------
+    [H17], [M95]
+    """
+    C = check_products(C, dof, "orthogonal")
+    p = C.shape[0] - 1
+    tss, n = float(C[-1, -1]), dof + 1.0
+    bound = tss / n if sigma_max2 is None else float(sigma_max2)
+    forced = _indices(force, p, "orthogonal", "force")
+    most = p if max_terms is None else int(max_terms)
+    none = np.empty(0, np.int64)
+    _check_room(forced, none, dof, most, "orthogonal")
+    if order == "greedy":
+        F_in, begin = np.zeros(p), none
+    elif order == "given":
+        F_in, begin = np.full(p, np.inf), np.arange(p, dtype=np.int64)
+        _check_room(forced, begin, dof, p, "orthogonal")
+    else:
+        raise SelectionError(f'orthogonal takes order "greedy" or "given"; found {order!r}. Choose one of them.')
+
+    def run(
+        first: NDArray[np.int64],
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_], int]:
+        (chosen, _, _, refused, why, moves), trace = _traced(
+            search, C, float(dof), F_in, -1.0, forced, first, most, 0.0, False, float(tol)
+        )
+        trace = trace[:moves]
+        trace = trace[trace[:, 0] == ENTER]
+        before = np.concatenate([[1.0], trace[:-1, 5]])
+        gains = np.zeros(p)
+        gains[trace[:, 1].astype(int)] = trace[:, 4] ** 2 * before * tss
+        return chosen, gains, refused, why
+
+    ranked, gains, refused, _ = run(begin)
+    if order == "given":
+        # A stable sort of the entered ones; the forced ones stay in front.
+        free = ranked[forced.size :] if forced.size else ranked
+        free = free[np.argsort(-gains[free], kind="stable")][: max(0, most - forced.size)]
+        begin = free.astype(np.int64)
+        ranked, _, _, _ = run(begin)
+    return _assemble(C, dof, ranked, gains, refused, bound, forced)
+
+
+def _assemble(
+    C: NDArray[np.float64],
+    dof: float,
+    ranked: NDArray[np.int64],
+    gains: NDArray[np.float64],
+    refused: NDArray[np.bool_],
+    bound: float,
+    forced: NDArray[np.int64],
+) -> OrthogonalPath:
+    tss = float(C[-1, -1])
+    m = ranked.size
+    scale = np.sqrt(np.diag(C)[ranked])
+    factor = cholesky(C[np.ix_(ranked, ranked)] / np.outer(scale, scale)) if m else np.empty((0, 0))
+    z = solve_triangular(factor, C[ranked, -1] / scale, trans="T") if m else np.empty(0)
+    rss_path = np.maximum(tss - np.concatenate([[0.0], np.cumsum(z * z)]), 0.0)
+    pse_path = pse(rss_path, tss, dof + 1.0, np.arange(m + 1), bound)
+    least = int(np.isin(ranked, forced).sum())
+    n = least + int(np.argmin(pse_path[least:]))
+    factor = factor * scale
+    kept = tuple(int(j) for j in ranked)
+    steps = []
+    for i in range(m):
+        share = min(float(z[i] ** 2 / rss_path[i]), 1.0) if rss_path[i] > 0.0 else 1.0
+        F = share * (dof - i - 1) / (1.0 - share) if share < 1.0 else float("inf")
+        r = float(np.sign(z[i]) * np.sqrt(share))
+        steps.append(Step("enter", kept[i], -1, F, r, float(rss_path[i + 1]), i + 1))
+    theta = solve_triangular(factor[:n, :n], z[:n]) if n else np.empty(0)
+    reductions = gains[ranked]
+    for array in (theta, reductions, rss_path, pse_path, factor, z):
+        array.setflags(write=False)
+    return OrthogonalPath(
+        selected=kept[:n],
+        theta=theta,
+        rss=float(rss_path[n]),
+        steps=tuple(steps[:n]),
+        refused=tuple(int(j) for j in np.flatnonzero(refused)),
+        stopped="least PSE" if n < m else "end of the path",
+        tss=tss,
+        dof=float(dof),
+        order=kept,
+        cost_reduction=reductions,
+        rss_path=rss_path,
+        pse_path=pse_path,
+        sigma_max2=bound,
+        factor=factor,
+        products=z,
+    )

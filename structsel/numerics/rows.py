@@ -1,0 +1,170 @@
+"""Rows of candidates and responses from any manoeuvre, a cache-sized stretch at a time, and their products.
+
+The regressor matrix is never formed: rows are made for a few hundred samples, used and overwritten.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structsel.numerics.monomials import DistinctPlan, RowPlan, fill_rows
+
+Array = NDArray[np.float64]
+
+CHUNK = 512  # samples a workspace holds: its rows stay in the second-level cache
+SLAB = 2048  # samples asked of a manoeuvre at a time
+
+
+class Signals(Protocol):
+    """What the engine asks of a manoeuvre: base signals and responses over any range of samples."""
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+
+    def base(self, start: int, stop: int) -> Array:
+        """(s, stop - start) base signals."""
+
+    def responses(self, start: int, stop: int) -> Array:
+        """(m, stop - start) responses."""
+
+
+@dataclass(frozen=True)
+class ArraySignals:
+    """A manoeuvre held in memory.
+
+    Attributes
+    ----------
+    base_signals : (s, n) array
+    response_signals : (m, n) array
+    """
+
+    base_signals: Array
+    response_signals: Array
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return int(self.base_signals.shape[1])
+
+    def base(self, start: int, stop: int) -> Array:
+        """Base signals of these samples."""
+        return self.base_signals[:, start:stop]
+
+    def responses(self, start: int, stop: int) -> Array:
+        """Responses of these samples."""
+        return self.response_signals[:, start:stop]
+
+
+def base_scale(manoeuvres: Sequence[Signals]) -> tuple[Array, Array]:
+    """Root mean squares of base signals and responses over a part of each manoeuvre; one where zero."""
+    squares: list[tuple[Array, Array, int]] = []
+    for m in manoeuvres:
+        for start in np.linspace(0, max(m.n - 1024, 0), 4).astype(int):
+            stop = min(int(start) + 1024, m.n)
+            b, y = m.base(int(start), stop), m.responses(int(start), stop)
+            squares.append((np.einsum("ij,ij->i", b, b), np.einsum("ij,ij->i", y, y), stop - int(start)))
+    count = sum(s[2] for s in squares)
+    roots = [np.sqrt(sum(s[i] for s in squares) / max(count, 1)) for i in (0, 1)]
+    base, response = (np.where(np.isfinite(r) & (r > 0), r, 1.0) for r in roots)
+    return base, response
+
+
+def column_scale(exponents: NDArray[np.integer], base: Array, response: Array) -> Array:
+    """Scale of [1, candidates, responses] that follows from the base signals' scales."""
+    return np.concatenate([[1.0], np.exp(np.asarray(exponents) @ np.log(base)), response])
+
+
+class RowMaker:
+    """Scaled rows [1, x_1 .. x_p, y_1 .. y_m] of any stretch of a manoeuvre, ``CHUNK`` samples at a time.
+
+    One per worker: it owns its workspace.
+    """
+
+    def __init__(self, plan: RowPlan, p: int, scales: tuple[Array, Array], reach: int = 0):
+        self.m = scales[1].size
+        self.q = 1 + p + self.m
+        self.reach = reach
+        shift = np.where(np.arange(plan.n_rows) < p, 1, 1 + self.m).astype(np.int32)
+        self.target = plan.target + shift[plan.target]
+        self.parent = np.where(plan.parent < 0, -1, plan.parent + shift[plan.parent]).astype(np.int32)
+        self.factor = plan.factor
+        self.rows = np.ones((plan.n_rows + 1 + self.m, CHUNK + reach))
+        self.base_scale, self.response_scale = scales
+
+    def chunks(self, signals: Signals, start: int, stop: int) -> Iterator[tuple[Array, int, int]]:
+        """Rows of [a - reach, b) with the range a, b they are new for; ``start`` is at least ``reach``."""
+        p = self.q - 1 - self.m
+        for slab in range(start, stop, SLAB):
+            end = min(slab + SLAB, stop)
+            base = signals.base(slab - self.reach, end) / self.base_scale[:, None]
+            response = signals.responses(slab - self.reach, end) / self.response_scale[:, None]
+            for a in range(slab, end, CHUNK):
+                b = min(a + CHUNK, end)
+                inside = slice(a - slab, b - slab + self.reach)
+                width = b - a + self.reach
+                fill_rows(base[:, inside], self.target, self.parent, self.factor, self.rows)
+                self.rows[1 + p : self.q, :width] = response[:, inside]
+                yield self.rows[: self.q, :width], a, b
+
+
+def plain_products(maker: RowMaker, signals: Signals, start: int, stop: int) -> Array:
+    """Z'Z of a stretch by plain matrix products."""
+    total = np.zeros((maker.q, maker.q))
+    part = np.empty_like(total)
+    for rows, _, _ in maker.chunks(signals, start, stop):
+        np.matmul(rows, rows.T, out=part)
+        total += part
+    return total
+
+
+class DistinctMaker:
+    """The same products through a complete pool's distinct sums; one per worker."""
+
+    def __init__(self, plan: DistinctPlan, p: int, scales: tuple[Array, Array]):
+        self.plan, self.scales, self.p = plan, scales, p
+        self.m = scales[1].size
+        self.suffix = np.empty((plan.suffix.n_rows, CHUNK))
+        self.prefix = np.empty((plan.prefix.n_rows, CHUNK))
+        self.outer = np.ones((1 + self.m, CHUNK))
+
+    def products(self, signals: Signals, start: int, stop: int) -> Array:
+        """Z'Z of a stretch."""
+        plan, m = self.plan, self.m
+        n_suffix = len(plan.suffix.target)
+        sums = [np.zeros((n, high - low)) for n, low, high in plan.groups]
+        parts = [np.empty_like(s) for s in sums]
+        cross = np.zeros((1 + m, n_suffix))
+        own = np.zeros((1 + m, 1 + m))
+        for slab in range(start, stop, SLAB):
+            end = min(slab + SLAB, stop)
+            base = signals.base(slab, end) / self.scales[0][:, None]
+            response = signals.responses(slab, end) / self.scales[1][:, None]
+            for a in range(0, end - slab, CHUNK):
+                b = min(a + CHUNK, end - slab)
+                c = b - a
+                for rows, of in ((self.suffix, plan.suffix), (self.prefix, plan.prefix)):
+                    fill_rows(base[:, a:b], of.target, of.parent, of.factor, rows)
+                self.outer[1:, :c] = response[:, a:b]
+                outer, suffix = self.outer[:, :c], self.suffix[:n_suffix, :c]
+                cross += outer @ suffix.T
+                own += outer @ outer.T
+                for (n, low, high), total, part in zip(plan.groups, sums, parts, strict=True):
+                    np.matmul(self.prefix[:n, :c], suffix[low:high].T, out=part)
+                    total += part
+        vector = np.concatenate([cross[0], *(s.ravel() for s in sums)])
+        inner = slice(1, 1 + self.p)
+        z = np.empty((1 + self.p + m, 1 + self.p + m))
+        z[inner, inner] = vector[plan.gather]
+        z[inner, 0] = z[0, inner] = cross[0, plan.member]
+        z[1 + self.p :, inner] = cross[1:, plan.member]
+        z[inner, 1 + self.p :] = z[1 + self.p :, inner].T
+        z[0, 0] = own[0, 0]
+        z[0, 1 + self.p :] = z[1 + self.p :, 0] = own[0, 1:]
+        z[1 + self.p :, 1 + self.p :] = own[1:, 1:]
+        return z

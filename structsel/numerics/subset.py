@@ -1,0 +1,298 @@
+"""The best subset of every size, exactly, by branch and bound on the centred cross-products.
+
+Arrays only. The tree is that of leaps and bounds [FW74]: a node keeps some candidates, has dropped others
+and is undecided on the rest. No model below it fits better than the node's kept and undecided candidates
+together, so a branch that drops candidate a is left out when everything without a already fits worse than
+the best model known of the smallest size in that branch. Undecided candidates are sorted at every
+node by what dropping them costs, which makes the largest branches the first to go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from structsel.errors import SelectionError
+from structsel.numerics.stepwise import _check_room, _indices, check_products, search
+
+MOST_CANDIDATES = 40
+
+
+@dataclass(frozen=True)
+class Subset:
+    """The best model of one size.
+
+    Attributes
+    ----------
+    selected : tuple of int
+        Its candidates, ascending.
+    theta : (k,) array [response per candidate]
+        Their least-squares coefficients, in that order.
+    rss : float [response^2]
+        Least residual sum of squares of any model of this size (that holds the forced terms).
+    """
+
+    selected: tuple[int, ...]
+    theta: NDArray[np.float64]
+    rss: float
+
+    @property
+    def n_terms(self) -> int:
+        """Terms, the constant not counted."""
+        return len(self.selected)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _prepare(S, active, m, tol, bound):  # type: ignore[no-untyped-def]
+    """Drop candidates the kept ones explain, sort the rest, bound each branch; returns how many are left.
+
+    S (m+1, m+1) holds what the kept candidates leave of the undecided ones and, last, the response.
+    """
+    keep = 0
+    for a in range(m + 1):
+        if a == m or S[a, a] > tol:
+            for c in range(m + 1):
+                S[keep, c] = S[a, c]
+            for c in range(m + 1):
+                S[c, keep] = S[c, a]
+            if a < m:
+                active[keep] = active[a]
+            keep += 1
+    m = keep - 1
+    U = np.zeros((m + 1, m + 1))
+    smallest = 1.0
+    for a in range(m):  # factor of the undecided ones, skipping those that depend on earlier ones
+        for c in range(a, m + 1):
+            value = S[a, c]
+            for i in range(a):
+                value -= U[i, a] * U[i, c]
+            U[a, c] = value
+        pivot = U[a, a]
+        smallest = min(smallest, pivot)
+        root = 1.0 / np.sqrt(pivot) if pivot > tol else 0.0
+        for c in range(a, m + 1):
+            U[a, c] *= root
+    rss = S[m, m]
+    for a in range(m):
+        rss -= U[a, m] * U[a, m]
+    loss, worth, rank = np.zeros(m), np.zeros(m), np.zeros(m, np.int64)
+    if smallest > tol:
+        T = np.zeros(m)
+        for a in range(m):  # row a of U^-1: theta_a = T z, (S^-1)_aa = T T'
+            theta = norm = 0.0
+            for c in range(a, m):
+                value = 1.0 if c == a else 0.0
+                for i in range(a, c):
+                    value -= T[i] * U[i, c]
+                T[c] = value / U[c, c]
+                theta += T[c] * U[c, m]
+                norm += T[c] * T[c]
+            loss[a] = theta * theta / norm
+            worth[a] = loss[a]
+    else:
+        for a in range(m):
+            worth[a] = S[a, m] * S[a, m] / S[a, a]
+    for a in range(m):  # by insertion: what costs most to drop comes first
+        c = a
+        while c > 0 and worth[rank[c - 1]] < worth[a]:
+            rank[c] = rank[c - 1]
+            c -= 1
+        rank[c] = a
+    # The losses carry a rounding error of about eps / smallest pivot; a bound must not be too high.
+    trust = max(0.0, 1.0 - 1e-13 / smallest) if smallest > tol else 0.0
+    copy, names = np.empty((m, m + 1)), np.empty(m, np.int64)
+    for a in range(m):
+        names[a] = active[a]
+        for c in range(m + 1):
+            copy[a, c] = S[a, c]
+    for a in range(m):
+        active[a] = names[rank[a]]
+        bound[a] = max(rss, 0.0) * (1.0 - 1e-12) + loss[rank[a]] * trust
+        S[a, m] = copy[rank[a], m]
+        S[m, a] = S[a, m]
+        for c in range(m):
+            S[a, c] = copy[rank[a], rank[c]]
+    return m
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _leaps(R, most, best, sets, tol):  # type: ignore[no-untyped-def]
+    """Improve best (most+1,) and sets (most+1, q) until they are exact; returns the nodes visited."""
+    q = R.shape[0] - 1
+    work = np.empty((q + 1, q + 1, q + 1))
+    active = np.empty((q + 1, q + 1), np.int64)
+    bound = np.empty((q + 1, q + 1))
+    count = np.zeros(q + 1, np.int64)
+    at = np.zeros(q + 1, np.int64)
+    kept = np.zeros(q + 1, np.int64)
+    path = np.empty(q + 1, np.int64)
+    for a in range(q + 1):
+        active[0, a] = a
+        for c in range(q + 1):
+            work[0, a, c] = R[a, c]
+    count[0] = _prepare(work[0], active[0], q, tol, bound[0])
+    level = 0
+    nodes = 1
+    while level >= 0:
+        i, m = at[level], count[level]
+        size = kept[level] + i
+        if i >= m or size >= most:
+            level -= 1
+            continue
+        at[level] += 1
+        S = work[level]
+        if i > 0:
+            path[size - 1] = active[level, i - 1]
+        left = m - i - 1
+        branch = left > 0 and bound[level, i] < best[size + 1]
+        if branch:  # without active[i]; the later ones stay undecided
+            child = work[level + 1]
+            for a in range(left + 1):
+                for c in range(left + 1):
+                    child[a, c] = S[i + 1 + a, i + 1 + c]
+            for a in range(left):
+                active[level + 1, a] = active[level, i + 1 + a]
+        pivot = S[i, i]
+        if pivot > tol:  # with active[i]
+            for a in range(i + 1, m + 1):
+                f = S[i, a] / pivot
+                for c in range(i + 1, m + 1):
+                    S[a, c] -= f * S[i, c]
+            rss = max(S[m, m], 0.0)
+            if rss < best[size + 1]:
+                best[size + 1] = rss
+                for a in range(q):
+                    sets[size + 1, a] = False
+                for a in range(size):
+                    sets[size + 1, path[a]] = True
+                sets[size + 1, active[level, i]] = True
+        else:
+            at[level] = m
+        if branch:
+            level += 1
+            nodes += 1
+            kept[level] = size
+            at[level] = 0
+            count[level] = _prepare(work[level], active[level], left, tol, bound[level])
+    return nodes
+
+
+def best_subset(
+    C: ArrayLike,
+    dof: float,
+    *,
+    max_terms: int | None = None,
+    force: Sequence[int] = (),
+    tol: float = 1e-9,
+) -> list[Subset]:
+    """Find the model of least residual sum of squares for every number of terms.
+
+    Parameters
+    ----------
+    C : (p+1, p+1) array [products]
+        Centred cross-products of the candidates and, last, the response.
+    dof : float [-]
+        Samples less those swept out for the constant (N - 1), or the effective number.
+    max_terms : int, optional
+        Largest size wanted, the constant not counted.
+    force : sequence of int
+        Candidates in every model.
+    tol : float [-]
+        Models in which a candidate keeps no more than this share of its centred variance beside the
+        others are refused.
+
+    Returns
+    -------
+    subsets : list of Subset
+        One for each size from the number of forced terms up, ascending; sizes of which every model is
+        refused are missing.
+
+    Raises
+    ------
+    SelectionError
+        More than 40 candidates beside the forced ones; forced ones that depend on one another; and as
+        :func:`structsel.numerics.stepwise.stepwise`.
+
+    References
+    ----------
+    [FW74]
+    """
+    C = check_products(C, dof, "best_subset")
+    p = C.shape[0] - 1
+    forced = np.sort(_indices(force, p, "best_subset", "force"))
+    most = min(p if max_terms is None else int(max_terms), int(np.ceil(dof)) - 1)
+    _check_room(forced, np.empty(0, np.int64), dof, most, "best_subset")
+    varying = np.diag(C)[:p] > 0.0
+    free = np.setdiff1d(np.flatnonzero(varying), forced)
+    if free.size > MOST_CANDIDATES:
+        raise SelectionError(
+            f"best_subset is practical up to {MOST_CANDIDATES} candidates beside the forced ones; found "
+            f"{free.size}. Choose terms by stepwise or orthogonal first and search among those, or improve "
+            "their answer with polish."
+        )
+    R = C / np.outer(*(2 * (np.sqrt(np.where(np.diag(C) > 0.0, np.diag(C), 1.0)),)))
+    for i, j in enumerate(forced):  # sweep the forced ones out
+        if not varying[j] or R[j, j] <= tol:
+            raise SelectionError(
+                f"best_subset needs independent forced terms; candidate {int(j)} is constant or depends on "
+                f"{[int(v) for v in forced[:i]]}. Do not force it."
+            )
+        R = R - np.outer(R[:, j], R[j]) / R[j, j]
+    columns = np.append(free, p)
+    most = min(most - forced.size, free.size)
+    best = np.full(most + 1, np.inf)
+    sets = np.zeros((most + 1, free.size), dtype=np.bool_)
+    best[0] = max(R[p, p], 0.0)
+    _good_start(C, dof, forced, free, best, sets, tol)
+    if free.size and most:
+        _leaps(np.ascontiguousarray(R[np.ix_(columns, columns)]), most, best, sets, float(tol))
+    return [_fit(C, np.union1d(forced, free[sets[k]])) for k in range(most + 1) if np.isfinite(best[k])]
+
+
+def _good_start(
+    C: NDArray[np.float64],
+    dof: float,
+    forced: NDArray[np.int64],
+    free: NDArray[np.int64],
+    best: NDArray[np.float64],
+    sets: NDArray[np.bool_],
+    tol: float,
+) -> None:
+    """Models good enough to cut most branches: forward, with exchanges, one size after another."""
+    p = C.shape[0] - 1
+    begin = np.empty(0, np.int64)
+    for k in range(1, best.size):
+        chosen, _, rss, *_ = search(
+            C,
+            float(dof),
+            np.zeros(p),
+            -1.0,
+            forced,
+            begin,
+            forced.size + k,
+            0.0,
+            True,
+            float(tol),
+            np.empty((0, 7)),
+        )
+        if chosen.size != forced.size + k:
+            break
+        # A hair above, so that the exact search finds the same model itself and no rounding hides it.
+        best[k] = rss / C[p, p] * (1.0 + 1e-9) + 1e-15
+        sets[k] = np.isin(free, chosen)
+        begin = chosen
+
+
+def _fit(C: NDArray[np.float64], chosen: NDArray[np.int64]) -> Subset:
+    scale = np.sqrt(np.diag(C)[chosen])
+    if not chosen.size:
+        return Subset((), np.empty(0), float(C[-1, -1]))
+    b = C[chosen, -1]
+    theta = cho_solve(cho_factor(C[np.ix_(chosen, chosen)] / np.outer(scale, scale)), b / scale) / scale
+    theta.setflags(write=False)
+    return Subset(tuple(int(j) for j in chosen), theta, max(float(C[-1, -1] - theta @ b), 0.0))

@@ -1,0 +1,91 @@
+import mpmath
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from numpy.testing import assert_allclose
+
+from structsel.errors import SelectionError
+from structsel.numerics.colour import Colour
+from structsel.numerics.least_squares import refit, residual_chunks, residual_colours
+from structsel.numerics.rows import ArraySignals
+
+from .pools import ar1, design, monomial_exponents
+
+
+def one_flight(n=3000, s=3, seed=0):
+    rng = np.random.default_rng(seed)
+    base = rng.standard_normal((s, n)) * np.array([0.05, 2.0, 300.0])[:s, None] + 0.1
+    exponents = monomial_exponents(s, 2)
+    X = design(base, exponents)
+    y = X @ rng.standard_normal(X.shape[1]) + rng.standard_normal(n)
+    return ArraySignals(base, y[None]), exponents, X, y
+
+
+def test_white_refit_equals_statsmodels():
+    flight, exponents, X, y = one_flight()
+    fit, expected = refit([flight], exponents), sm.OLS(y, X).fit()
+    assert_allclose(fit.theta, expected.params, rtol=1e-9)
+    assert_allclose(fit.covariance, expected.cov_params(), rtol=1e-8, atol=1e-14)
+    assert_allclose(fit.rss, expected.ssr, rtol=1e-10)
+    assert_allclose(fit.partial_F, expected.tvalues**2, rtol=1e-8)
+    assert fit.dof == expected.df_resid
+
+
+def test_whitened_refit_equals_statsmodels_generalised_least_squares():
+    flight, exponents, X, y = one_flight()
+    ar = np.array([0.7, 0.2])
+    fit = refit([flight], exponents, colours=[Colour(ar, 1.0)])
+    expected = sm.GLSAR(y, X, rho=ar).fit()
+    assert_allclose(fit.theta, expected.params, rtol=1e-8)
+    assert_allclose(fit.covariance, expected.cov_params(), rtol=1e-7, atol=1e-14)
+
+
+def test_manoeuvres_are_weighted_by_their_own_innovation_level():
+    a, exponents, Xa, ya = one_flight(seed=1)
+    b, _, Xb, yb = one_flight(seed=2)
+    fit = refit([a, b], exponents, colours=[Colour(np.empty(0), 1.0), Colour(np.empty(0), 4.0)])
+    weights = np.r_[np.full(len(ya), 1.0), np.full(len(yb), 1.0 / 16.0)]
+    expected = sm.WLS(np.r_[ya, yb], np.vstack([Xa, Xb]), weights=weights).fit()
+    assert_allclose(fit.theta, expected.params, rtol=1e-9)
+    # statsmodels' pseudo-inverse of columns of very different size leaves about seven digits.
+    assert_allclose(fit.covariance, expected.cov_params(), rtol=1e-6, atol=1e-14)
+
+
+def test_parameters_stay_within_twenty_eps_times_condition_of_a_sixty_digit_fit():
+    rng = np.random.default_rng(3)
+    n = 300
+    for nearness in (1e-1, 1e-3, 1e-5, 1e-6):
+        base = rng.standard_normal((3, n))
+        base[2] = base[1] + nearness * base[2]
+        y = base.sum(axis=0) + 0.1 * rng.standard_normal(n)
+        fit = refit([ArraySignals(base, y[None])], np.eye(3, dtype=int))
+        mpmath.mp.dps = 60
+        X = mpmath.matrix(np.column_stack([np.ones(n), base.T]).tolist())
+        exact = mpmath.lu_solve(X.T * X, X.T * mpmath.matrix(y.tolist()))
+        exact = np.array([float(v) for v in exact])
+        error = np.linalg.norm(fit.theta - exact) / np.linalg.norm(exact)
+        assert error <= 20 * np.finfo(float).eps * fit.condition
+
+
+def test_residuals_and_their_colour_come_back():
+    flight, exponents, X, y = one_flight(n=20_000)
+    y = y + ar1(np.random.default_rng(4), len(y), 0.9, 3.0) - (y - X @ np.linalg.lstsq(X, y, rcond=None)[0])
+    flight = ArraySignals(flight.base_signals, y[None])
+    fit = refit([flight], exponents)
+    residual = np.concatenate([r for _, r in residual_chunks([flight], exponents, fit.theta)])
+    assert_allclose(residual, y - X @ fit.theta, atol=1e-8)
+    (colour,) = residual_colours([flight], exponents, fit.theta)
+    assert colour.order == 1
+    assert_allclose(colour.ar, 0.9, atol=0.02)
+    assert_allclose(colour.sigma, 3.0, rtol=0.03)
+
+
+def test_exactly_dependent_terms_and_too_few_samples_are_refused():
+    base = np.random.default_rng(5).standard_normal((2, 100))
+    twice = ArraySignals(np.vstack([base[0], 2 * base[0]]), base[1:])
+    with pytest.raises(SelectionError, match="exactly dependent"):
+        refit([twice], np.eye(2, dtype=int))
+    with pytest.raises(SelectionError, match="3 samples for 4 parameters"):
+        refit([ArraySignals(np.ones((3, 3)), np.ones((1, 3)))], np.eye(3, dtype=int))
+    with pytest.raises(SelectionError, match="zero in every sample"):
+        refit([ArraySignals(np.zeros((1, 50)), np.ones((1, 50)))], np.eye(1, dtype=int))

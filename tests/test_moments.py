@@ -1,0 +1,136 @@
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.signal import lfilter
+
+from structsel.errors import SelectionError, TermError
+from structsel.numerics.colour import Colour
+from structsel.numerics.moments import (
+    accumulate,
+    accumulate_whitened,
+    split_blocks,
+    sweep_constant,
+)
+from structsel.numerics.monomials import plan_distinct, words_of
+from structsel.numerics.rows import CHUNK, ArraySignals
+
+from .pools import design, monomial_exponents
+
+
+def manoeuvres(rng, lengths, s=4, m=2):
+    return [ArraySignals(rng.standard_normal((s, n)) + 0.5, rng.standard_normal((m, n))) for n in lengths]
+
+
+def reference(signals, exponents, scale):
+    Z = np.column_stack([design(signals.base_signals, exponents), signals.response_signals.T]) / scale
+    return Z.T @ Z
+
+
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_products_of_any_pool_equal_the_explicit_regressors(data):
+    s = data.draw(st.integers(1, 4))
+    rows = st.lists(st.integers(0, 3), min_size=s, max_size=s).filter(lambda r: 0 < sum(r) < 6)
+    exponents = np.array(data.draw(st.lists(rows, min_size=1, max_size=9)))
+    lengths = data.draw(st.lists(st.integers(1, 3 * CHUNK), min_size=1, max_size=3))
+    flights = manoeuvres(np.random.default_rng(1), lengths, s=s)
+    moments = accumulate(flights, exponents, blocks=5)
+    expected = sum(reference(f, exponents, moments.scale) for f in flights)
+    assert_allclose(moments.total(), expected, rtol=1e-11, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("s", "degree"), [(8, 3), (5, 4)])
+def test_a_complete_pool_goes_through_its_distinct_sums_and_gives_the_same_products(s, degree):
+    exponents = monomial_exponents(s, degree)
+    assert plan_distinct(tuple(words_of(exponents)), s) is not None
+    flights = manoeuvres(np.random.default_rng(2), [1300, 777], s=s)
+    moments = accumulate(flights, exponents, blocks=3)
+    expected = sum(reference(f, exponents, moments.scale) for f in flights)
+    assert_allclose(moments.total(), expected, rtol=1e-11, atol=1e-12 * np.abs(expected).max())
+
+
+def test_blocks_manoeuvres_and_weights_add_up():
+    exponents = monomial_exponents(4, 2)
+    flights = manoeuvres(np.random.default_rng(3), [900, 1500, 400])
+    moments = accumulate(flights, exponents, blocks=9)
+    assert_allclose(moments.only(1), reference(flights[1], exponents, moments.scale), rtol=1e-10, atol=1e-9)
+    assert_allclose(moments.only(1) + moments.without(1), moments.total(), rtol=1e-12)
+    assert moments.n.sum() == 2800
+    assert set(moments.manoeuvre) == {0, 1, 2}
+
+
+def test_two_workers_give_the_same_products_as_one():
+    exponents = monomial_exponents(4, 3)
+    flights = manoeuvres(np.random.default_rng(4), [5000, 3000])
+    one, two = (accumulate(flights, exponents, workers=w).packed for w in (1, 2))
+    assert np.array_equal(one, two)
+
+
+def test_whitened_products_equal_filtering_every_column_by_scipy():
+    exponents = monomial_exponents(3, 2)
+    flights = manoeuvres(np.random.default_rng(5), [1400, 600], s=3)
+    colours = [
+        [Colour(np.array([0.5, -0.2, 0.1, 0.05, 0.3]), 2.0), Colour(np.array([0.9]), 1.0)],
+        [Colour(np.empty(0), 1.0), Colour(np.array([0.4, 0.1]), 0.5)],
+    ]
+    moments = accumulate_whitened(flights, exponents, colours, blocks=4)
+    reach = [5, 2]  # the longest filter of any response in each manoeuvre
+    for r in range(2):
+        level = np.sqrt(2000 / sum(f.n / c.sigma**2 for f, c in zip(flights, colours[r], strict=True)))
+        expected = 0.0
+        for f, c, skip in zip(flights, colours[r], reach, strict=True):
+            Z = np.column_stack([design(f.base_signals, exponents), f.response_signals[r]]) / moments[r].scale
+            F = lfilter(np.r_[1.0, -c.ar], [1.0], Z, axis=0)[skip:] * level / c.sigma
+            expected = expected + F.T @ F
+        assert_allclose(moments[r].total(), expected, rtol=1e-10, atol=1e-10)
+        assert moments[r].n.sum() == 2000 - sum(reach)
+
+
+def test_sweeping_the_constant_leaves_the_covariance_times_n():
+    flights = manoeuvres(np.random.default_rng(6), [800])
+    exponents = monomial_exponents(4, 1)
+    moments = accumulate(flights, exponents)
+    Z = np.vstack([flights[0].base_signals, flights[0].response_signals]) / moments.scale[1:, None]
+    assert_allclose(sweep_constant(moments.total()), 800 * np.cov(Z, bias=True), rtol=1e-10)
+
+
+@given(lengths=st.lists(st.integers(1, 5000), min_size=1, max_size=30), wanted=st.integers(1, 40))
+def test_blocks_cover_every_sample_once(lengths, wanted):
+    blocks = split_blocks(lengths, wanted)
+    for k, n in enumerate(lengths):
+        own = [b for b in blocks if b.manoeuvre == k]
+        assert own[0].start == 0
+        assert own[-1].stop == n
+        assert all(a.stop == b.start for a, b in zip(own, own[1:], strict=False))
+
+
+def test_memory_above_the_signals_does_not_grow_with_samples():
+    exponents = monomial_exponents(8, 3)
+    rng = np.random.default_rng(7)
+    peaks = []
+    for n in (40_000, 800_000):
+        flight = [ArraySignals(rng.standard_normal((8, n)), rng.standard_normal((1, n)))]
+        accumulate(flight, exponents, workers=1)
+        tracemalloc.start()
+        accumulate(flight, exponents, workers=1)
+        accumulate_whitened(flight, exponents, [[Colour(np.full(6, 0.1))]], workers=1)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.05 * peaks[0]
+    assert peaks[1] < 16e6
+
+
+def test_a_constant_or_a_negative_power_is_refused():
+    with pytest.raises(TermError, match="constant"):
+        words_of(np.array([[1, 0], [0, 0]]))
+    with pytest.raises(TermError, match="negative"):
+        words_of(np.array([[1, -1]]))
+
+
+def test_zero_workers_are_refused():
+    with pytest.raises(SelectionError, match="workers"):
+        accumulate(manoeuvres(np.random.default_rng(8), [100]), monomial_exponents(4, 1), workers=0)
