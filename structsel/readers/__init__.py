@@ -1,0 +1,73 @@
+"""One small file per format; each returns the columns of a file as they stand in it.
+
+`read_table` picks the reader by the file's suffix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from structsel.errors import DataError
+from structsel.readers.channel_map import FileOptions
+from structsel.readers.hdf5 import read_hdf5
+from structsel.readers.matlab import read_matlab
+from structsel.readers.numpy_files import read_npy, read_npz
+from structsel.readers.parquet import read_parquet
+from structsel.readers.table import Table
+from structsel.readers.text import read_text
+
+READERS: dict[str, Callable[[Path, FileOptions], Table]] = {
+    ".csv": read_text,
+    ".tsv": read_text,
+    ".txt": read_text,
+    ".asc": read_text,
+    ".dat": read_text,
+    ".parquet": read_parquet,
+    ".mat": read_matlab,
+    ".npz": read_npz,
+    ".npy": read_npy,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+}
+
+
+def format_of(path: Path) -> str:
+    """Suffix that says the format, lower case; ``.csv.gz`` counts as ``.csv``."""
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    if suffixes[-1:] == [".gz"] and READERS.get("".join(suffixes[-2:-1])) is read_text:
+        return suffixes[-2]
+    return suffixes[-1] if suffixes else ""
+
+
+def read_table(path: Path, options: FileOptions) -> Table:
+    """Columns of a file as they stand in it.
+
+    Parameters
+    ----------
+    path : Path
+    options : FileOptions
+        The ``[file]`` table of a channel map.
+
+    Raises
+    ------
+    DataError
+        When the file is missing, empty, unreadable, or of a format that has no reader.
+    """
+    if not path.exists():
+        raise DataError(f"there is no file '{path}'.")
+    if path.is_dir():
+        raise DataError(f"'{path}' is a folder; read_recordings() reads one.")
+    reader = READERS.get(format_of(path))
+    if reader is None:
+        raise DataError(
+            f"'{path}' has suffix '{path.suffix}', which no reader knows.\n"
+            f"Formats read: {', '.join(READERS)}. Convert the file, or rename it if the suffix is wrong."
+        )
+    if path.stat().st_size == 0:
+        raise DataError(f"'{path}' is empty (0 bytes).")
+    table = reader(path, options)
+    if not table.columns:
+        left = "; ".join(f"'{name}': {why}" for name, why in list(table.unusable.items())[:5])
+        raise DataError(f"'{path}' holds no columns of numbers." + (f" Left out: {left}." if left else ""))
+    return table

@@ -1,0 +1,54 @@
+"""Parquet files: one column per signal; a column's metadata may state its ``unit``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from structsel.errors import DataError
+from structsel.readers.channel_map import FileOptions
+from structsel.readers.table import Table, as_float, split_header
+from structsel.readers.units import is_unit
+
+
+def read_parquet(path: Path, options: FileOptions) -> Table:
+    """Table of a Parquet file; time stamps become seconds since the first sample.
+
+    Raises
+    ------
+    DataError
+        When the file is no Parquet file.
+    """
+    try:
+        # One file, by its handle: a path would let folders named key=value add columns.
+        with path.open("rb") as stream:
+            content = pq.read_table(stream)
+    except (pa.ArrowException, OSError) as error:
+        raise DataError(f"'{path}' is no Parquet file: {str(error).splitlines()[0]}") from error
+    columns: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    unusable: dict[str, str] = {}
+    notes: list[str] = []
+    for name in content.column_names:
+        kind = content.schema.field(name).type
+        values = content.column(name)
+        if pa.types.is_timestamp(kind):
+            nanoseconds = values.cast(pa.timestamp("ns", tz=kind.tz)).cast(pa.int64()).to_numpy()
+            columns[name] = as_float((nanoseconds - nanoseconds[0]) * 1e-9) if len(nanoseconds) else np.empty(0)
+            notes.append(f"column '{name}' holds time stamps; read as seconds since the first")
+        elif pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind):
+            columns[name] = as_float(values.to_pandas().to_numpy(dtype=np.float64, na_value=np.nan))
+        else:
+            unusable[name] = f"it is of type {kind}"
+        metadata = content.schema.field(name).metadata or {}
+        stated = (metadata.get(b"unit") or metadata.get(b"units") or b"").decode()
+        header_unit = split_header(name)[1]
+        if stated and is_unit(stated):
+            units[name] = stated
+        elif header_unit is not None:
+            units[name] = header_unit
+    numbers = {j + 1: name for j, name in enumerate(content.column_names)}
+    return Table(str(path), columns, units=units, numbers=numbers, unusable=unusable, notes=tuple(notes))

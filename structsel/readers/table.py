@@ -1,0 +1,163 @@
+"""What every reader returns: the columns of one file, as they stand in it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from structsel.errors import DataError, MapError
+from structsel.nomenclature import suggest
+from structsel.readers.units import is_unit
+
+_WITH_UNIT = re.compile(r"^\s*(?P<name>.*?\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))\s*$")
+
+
+def split_header(text: str) -> tuple[str, str | None]:
+    """Name and unit of a header such as ``"alpha [deg]"`` or ``"V (kt)"``.
+
+    What stands in brackets is a unit only if it can be read as one; otherwise the whole text is
+    the name and the unit is None.
+    """
+    match = _WITH_UNIT.match(text)
+    if match:
+        unit = match["square"] if match["square"] is not None else match["round"]
+        if not unit.strip().isdigit() and is_unit(unit):  # "acc[1]" is an index
+            return match["name"].strip(), unit.strip()
+    return text.strip(), None
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of one file before any name, unit or sign is given to them.
+
+    Attributes
+    ----------
+    path : str
+        The file, for messages.
+    columns : dict of str to array
+        Numeric columns in the file's order, each (n,); lengths may differ where the format lets
+        them.
+    units : dict of str to str
+        Units the file itself states.
+    numbers : dict of int to str
+        Column name of each 1-based number; empty where the format has no order.
+    named : bool
+        False for a file without a header, whose columns are called "1", "2", ...
+    first_row : int
+        Line of the file that holds the first sample, 1-based; 0 where lines mean nothing.
+    unusable : dict of str to str
+        Columns that hold no numbers, and why.
+    notes : tuple of str
+        What was done or left out in reading.
+    """
+
+    path: str
+    columns: dict[str, np.ndarray]
+    units: dict[str, str] = field(default_factory=dict)
+    numbers: dict[int, str] = field(default_factory=dict)
+    named: bool = True
+    first_row: int = 0
+    unusable: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def describe(self) -> str:
+        """What the file has, for messages: its column names, or how many it numbers."""
+        if not self.named:
+            return f"columns 1 to {len(self.columns)}"
+        names = list(self.columns)
+        return ", ".join(names[:40]) + (f", ... ({len(names)} in all)" if len(names) > 40 else "")
+
+    def resolve(self, wanted: str | int, channel: str) -> str:
+        """Column a map means by a name or a 1-based number.
+
+        Raises
+        ------
+        MapError
+            When the file has no such column, or the column holds no numbers.
+        """
+        if isinstance(wanted, int):
+            if wanted in self.numbers:
+                return self._usable(self.numbers[wanted], channel)
+            if not self.numbers:
+                raise MapError(
+                    f"the map gives channel '{channel}' column {wanted} of '{self.path}', but its columns "
+                    f"have no order.\nIt has: {self.describe()}.\nName the column instead of numbering it."
+                )
+            raise MapError(
+                f"the map gives channel '{channel}' column {wanted} of '{self.path}', which has "
+                f"{len(self.numbers)} (numbered from 1)."
+            )
+        if wanted in self.columns or wanted in self.unusable:
+            return self._usable(wanted, channel)
+        short = [name for name in self.columns if split_header(name)[0] == wanted]
+        if len(short) == 1:
+            return short[0]
+        if wanted.isdigit() and int(wanted) in self.numbers:
+            return self._usable(self.numbers[int(wanted)], channel)
+        raise MapError(
+            f"the map gives channel '{channel}' column '{wanted}', which '{self.path}' does not have.\n"
+            f"It has: {self.describe()}.\nCorrect the column in the map."
+            + (suggest(wanted, self.columns) if self.named else "")
+        )
+
+    def _usable(self, name: str, channel: str) -> str:
+        if name in self.unusable:
+            raise MapError(
+                f"the map gives channel '{channel}' column '{name}' of '{self.path}', which holds no "
+                f"numbers: {self.unusable[name]}."
+            )
+        return name
+
+
+def table_from_matrix(path: str, matrix: np.ndarray, *, transpose: bool = False) -> Table:
+    """Table of a 2-D array: one column per signal, numbered from 1."""
+    matrix = np.asarray(matrix)
+    if matrix.ndim == 1:
+        matrix = matrix[:, None]
+    if matrix.ndim != 2:
+        raise DataError(
+            f"'{path}' holds an array of {matrix.ndim} dimensions {matrix.shape}; "
+            "a recording needs samples by signals. Choose a 2-D array with [file] variable."
+        )
+    if transpose:
+        matrix = matrix.T
+    if not is_numeric(matrix):
+        raise DataError(f"'{path}' holds an array of type {matrix.dtype}, not of numbers.")
+    columns = {str(j + 1): as_float(matrix[:, j]) for j in range(matrix.shape[1])}
+    return Table(path, columns, numbers={j + 1: str(j + 1) for j in range(matrix.shape[1])}, named=False)
+
+
+def table_from_arrays(path: str, arrays: dict[str, object], notes: tuple[str, ...] = ()) -> Table:
+    """Table of named arrays, as .mat, .npz and .h5 files hold them.
+
+    A 1-D array is one column; an (n, k) array becomes the k columns ``name[1]`` ... ``name[k]``.
+    Scalars and text are no signals: they are listed as unusable.
+    """
+    columns: dict[str, np.ndarray] = {}
+    unusable: dict[str, str] = {}
+    for name, value in arrays.items():
+        array = np.asarray(value)
+        if array.ndim == 2 and 1 in array.shape:
+            array = array.reshape(-1)
+        if not is_numeric(array):
+            unusable[name] = "text or objects"
+        elif array.ndim == 1 and array.size:
+            columns[name] = as_float(array)
+        elif array.ndim == 2 and array.size:
+            for j in range(array.shape[1]):
+                columns[f"{name}[{j + 1}]"] = as_float(array[:, j])
+        else:
+            unusable[name] = "one value" if array.size == 1 else f"an array of shape {array.shape}"
+    return Table(path, columns, unusable=unusable, notes=notes)
+
+
+def is_numeric(array: np.ndarray) -> bool:
+    """Whether an array holds real numbers or truth values."""
+    return bool(array.dtype.kind in "biuf")
+
+
+def as_float(array: np.ndarray) -> np.ndarray:
+    """(n,) contiguous float64 copy."""
+    return np.array(array, dtype=np.float64)

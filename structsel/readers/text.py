@@ -1,0 +1,226 @@
+"""Text files: any separator, with or without a header, units in the header or in a line below it."""
+
+from __future__ import annotations
+
+import gzip
+import re
+from collections import Counter
+from itertools import islice
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+import pandas as pd
+
+from structsel.errors import DataError, MapError
+from structsel.nomenclature import is_known
+from structsel.readers.channel_map import FileOptions
+from structsel.readers.table import Table, as_float, split_header
+from structsel.readers.units import is_unit
+
+_HEAD_LINES = 200
+_SEPARATORS = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", " ": r"\s+", "space": r"\s+", "comma": ","}
+_MISSING = {"", "nan", "na", "n/a", "null", "none", "inf", "-inf", "+inf", "true", "false"}
+_DECIMAL_COMMA = re.compile(r"^[+-]?\d+,\d+(?:[eE][+-]?\d+)?$")
+
+
+def read_text(path: Path, options: FileOptions) -> Table:
+    """Table of a text file.
+
+    Separator, header and units are found by themselves; ``[file]`` may state ``separator``,
+    ``decimal`` and ``skip_rows``.
+
+    Raises
+    ------
+    DataError
+        When the file holds no samples, or its lines do not have the same number of fields.
+    """
+    encoding, lines = _head(path, options.skip_rows)
+    body = [line for line in lines if line.strip()]
+    if not body:
+        raise DataError(f"'{path}' holds nothing" + (" after skip_rows." if options.skip_rows else "."))
+    separator, width = _layout(body, options)
+    decimal = options.decimal or _decimal(body, separator)
+    start = next(
+        (i for i, line in enumerate(lines) if width and _is_data(_fields(line, separator), width)),
+        None,
+    )
+    if start is None:
+        raise DataError(
+            f"'{path}' has no samples: none of its first {len(lines)} lines is made of numbers.\n"
+            "Check that it is the right file; [file] separator and skip_rows say how to read it."
+        )
+    names, units, named, notes = _header(lines[:start], separator, width)
+    try:
+        frame = pd.read_csv(
+            path,
+            sep=separator,
+            header=None,
+            names=list(range(width)),
+            index_col=False,
+            skiprows=options.skip_rows + start,
+            decimal=decimal,
+            encoding=encoding,
+            skipinitialspace=True,
+            low_memory=False,
+        )
+    except (pd.errors.ParserError, UnicodeDecodeError, ValueError) as error:
+        reason = str(error).removeprefix("Error tokenizing data. C error: ").strip()
+        raise DataError(
+            f"'{path}' cannot be read as text in {width} columns: {reason}.\n"
+            "Mend the line, or state [file] separator and skip_rows in a channel map."
+        ) from error
+    return _table(path, frame, names, units, named, options.skip_rows + start + 1, notes)
+
+
+def _open(path: Path, encoding: str) -> IO[str]:
+    if path.suffix == ".gz":
+        return gzip.open(path, "rt", encoding=encoding)
+    return path.open(encoding=encoding)
+
+
+def _head(path: Path, skip: int) -> tuple[str, list[str]]:
+    for encoding in ("utf-8-sig", "latin-1"):
+        try:
+            with _open(path, encoding) as stream:
+                lines = [line.rstrip("\r\n") for line in islice(stream, skip, skip + _HEAD_LINES)]
+        except UnicodeDecodeError:
+            continue
+        except OSError as error:
+            raise DataError(f"'{path}' cannot be read: {error.strerror or error}.") from error
+        if any("\0" in line for line in lines):
+            raise DataError(f"'{path}' is not text: it holds zero bytes. Is the suffix right?")
+        return encoding, lines
+    raise DataError(f"'{path}' is not text that can be decoded.")
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    if separator == r"\s+":
+        return line.split()
+    return [field.strip().strip('"') for field in line.split(separator)]
+
+
+def _layout(lines: list[str], options: FileOptions) -> tuple[str, int]:
+    """Separator and number of columns: those by which most lines are rows of numbers.
+
+    First lines of nothing but numbers count, then, for files that hold text columns, lines of
+    mostly numbers. A width of 0 says that there are none.
+    """
+    candidates = ["\t", ";", ",", r"\s+"]
+    if options.separator is not None:
+        candidates = [_SEPARATORS.get(options.separator, options.separator)]
+        if len(candidates[0]) != 1 and candidates[0] != r"\s+":
+            raise MapError(f"[file] separator = {options.separator!r}: one character, 'tab' or 'whitespace' is wanted.")
+    for share in (1.0, 0.5):
+        best = (0, "", 0)
+        for separator in candidates:
+            rows = [_fields(line, separator) for line in lines]
+            widths = Counter(len(row) for row in rows if _is_data(row, len(row), share))
+            for width, count in widths.items():
+                # One column is what remains when nothing separates.
+                score = count if width > 1 else min(count, 1)
+                if score > best[0]:
+                    best = (score, separator, width)
+        if best[0]:
+            return best[1], best[2]
+    return candidates[0], 0
+
+
+def _decimal(lines: list[str], separator: str) -> str:
+    if separator == ",":
+        return "."
+    cells = [cell for line in lines[-20:] for cell in _fields(line, separator)]
+    commas = sum(bool(_DECIMAL_COMMA.match(cell)) for cell in cells)
+    return "," if commas > sum("." in cell for cell in cells) else "."
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return bool(_DECIMAL_COMMA.match(cell))
+    return True
+
+
+def _is_data(cells: list[str], width: int, share: float = 0.5) -> bool:
+    """Whether a line has `width` cells of which at least a `share` are numbers, missing ones aside."""
+    if len(cells) != width:
+        return False
+    telling = [cell for cell in cells if cell.lower() not in _MISSING]
+    numbers = sum(map(_is_number, telling))
+    return numbers > 0 and numbers >= share * len(telling)
+
+
+def _header(lines: list[str], separator: str, width: int) -> tuple[list[str], dict[str, str], bool, tuple[str, ...]]:
+    """Column names and units from the lines above the first sample."""
+    rows = []
+    for line in lines:
+        cells = _fields(line.strip().lstrip("#%!").strip(), separator)
+        if separator == r"\s+":  # "alpha [deg]" was taken apart
+            joined: list[str] = []
+            for cell in cells:
+                if joined and cell[:1] in "[(" and cell[-1:] in "])":
+                    joined[-1] += f" {cell}"
+                else:
+                    joined.append(cell)
+            cells = joined if len(joined) == width else cells
+        if len(cells) == width and any(cells):
+            rows.append(cells)
+    if not rows:
+        return [str(j + 1) for j in range(width)], {}, False, ()
+    below = [cell.strip("[]()") for cell in rows[-1]]
+    # "t" and "V" are units too (tonne, volt), but a line of channels only is a line of names.
+    has_units = len(rows) > 1 and all(map(is_unit, below)) and not all(map(is_known, below))
+    names, notes = [], []
+    for j, cell in enumerate(rows[-2] if has_units else rows[-1]):
+        name = cell or f"column {j + 1}"
+        if name in names:
+            name = f"{name} (column {j + 1})"
+            notes.append(f"column {j + 1} repeats the header '{cell}' and is called '{name}'")
+        names.append(name)
+    units = {name: unit for name in names if (unit := split_header(name)[1]) is not None}
+    if has_units:
+        units.update({name: unit for name, unit in zip(names, below) if unit})
+    return names, units, True, tuple(notes)
+
+
+def _table(
+    path: Path,
+    frame: pd.DataFrame,
+    names: list[str],
+    units: dict[str, str],
+    named: bool,
+    first_row: int,
+    notes: tuple[str, ...],
+) -> Table:
+    columns: dict[str, np.ndarray] = {}
+    unusable: dict[str, str] = {}
+    for j, name in enumerate(names):
+        series = frame[j]
+        if pd.api.types.is_numeric_dtype(series.dtype) and not (
+            series.isna().all() and name in ("", f"column {j + 1}")
+        ):
+            columns[name] = as_float(series.to_numpy())
+        elif pd.api.types.is_numeric_dtype(series.dtype):
+            unusable[name] = "empty"
+        else:
+            numbers = pd.to_numeric(series, errors="coerce")
+            wrong = np.flatnonzero(numbers.isna().to_numpy() & series.notna().to_numpy())
+            if wrong.size == 0:
+                columns[name] = as_float(numbers.to_numpy())
+            else:
+                cell = str(series.iloc[int(wrong[0])])
+                if numbers.notna().any():
+                    unusable[name] = f"sample {wrong[0]} (line {first_row + wrong[0]}) reads {cell!r}"
+                else:
+                    unusable[name] = f"text, such as {cell!r}"
+    return Table(
+        str(path),
+        columns,
+        units=units,
+        numbers={j + 1: name for j, name in enumerate(names)},
+        named=named,
+        first_row=first_row,
+        unusable=unusable,
+        notes=notes,
+    )

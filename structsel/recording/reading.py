@@ -1,0 +1,110 @@
+"""Reading files into Recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from structsel.errors import DataError
+from structsel.readers import READERS, format_of, read_table
+from structsel.readers.channel_map import ChannelMap, FileOptions, load_channel_map
+from structsel.recording.checks import require_clock
+from structsel.recording.mapping import to_channels
+from structsel.recording.recording import Recording
+
+
+def read_recording(
+    path: str | Path,
+    channel_map: str | Path | Mapping[str, Any] | ChannelMap | None = None,
+    *,
+    name: str | None = None,
+) -> Recording:
+    """Read one file: CSV and other text, Parquet, MATLAB v4 to v7.3, NumPy, HDF5.
+
+    Parameters
+    ----------
+    path : str or Path
+    channel_map : str, Path, mapping or ChannelMap, optional
+        How the file's columns become ours. Without it names are taken as they are: those of the
+        nomenclature are ours, others are kept with the unit their header states, or an unknown one.
+    name : str, optional
+        The file's name without its suffix, if not given.
+
+    Returns
+    -------
+    Recording
+        Checked: ``str()`` of it lists what was found.
+
+    Raises
+    ------
+    DataError
+        The file is missing, empty, unreadable or of an unknown format, has no clock, one sample,
+        or a time that repeats or runs backward.
+    MapError
+        The map does not fit the file, or a unit does not fit its channel.
+    ChannelError
+        Without a map, the unit in a header does not fit its channel.
+    """
+    path = Path(path)
+    mapped = None if channel_map is None else load_channel_map(channel_map)
+    table = read_table(path, mapped.file if mapped is not None else FileOptions())
+    channels = to_channels(table, mapped)
+    require_clock(channels.t, table.path)
+    origin = f"read from '{path}'" + (f" through '{mapped.source}'" if mapped is not None else "")
+    return Recording(
+        name or _stem(path),
+        channels.t,
+        channels.values,
+        channels.units,
+        (origin, *channels.notes),
+        tuple(channels.findings),
+    ).check()
+
+
+def _stem(path: Path) -> str:
+    return Path(path.stem).stem if path.suffix == ".gz" else path.stem
+
+
+def read_recordings(
+    source: str | Path | Iterable[str | Path],
+    channel_map: str | Path | Mapping[str, Any] | ChannelMap | None = None,
+) -> list[Recording]:
+    """Read every file of a folder, or of a list, sorted by name.
+
+    Parameters
+    ----------
+    source : folder, file, or iterable of files
+        Of a folder, the files whose suffix a reader knows.
+    channel_map : optional
+        One map for all; as `read_recording` takes it.
+
+    Raises
+    ------
+    DataError
+        No file to read, two recordings of one name, or whatever `read_recording` raises.
+    """
+    if isinstance(source, str | Path):
+        folder = Path(source)
+        if folder.is_dir():
+            paths = [p for p in sorted(folder.iterdir()) if p.is_file() and format_of(p) in READERS
+                     and not p.name.startswith(".")]  # fmt: skip
+            if not paths:
+                raise DataError(f"folder '{folder}' holds no recordings.\nFormats read: {', '.join(READERS)}.")
+        else:
+            paths = [folder]
+    else:
+        paths = [Path(path) for path in source]
+        if not paths:
+            raise DataError("read_recordings was given no files.")
+    mapped = None if channel_map is None else load_channel_map(channel_map)
+    read = [read_recording(path, mapped) for path in paths]
+    by_name: dict[str, Path] = {}
+    for recording, path in zip(read, paths):
+        if recording.name in by_name:
+            raise DataError(
+                f"'{by_name[recording.name]}' and '{path}' would both be called '{recording.name}'.\n"
+                "Rename one, or read them one by one with read_recording(path, name=...)."
+            )
+        by_name[recording.name] = path
+    return sorted(read, key=lambda recording: recording.name)

@@ -1,0 +1,372 @@
+"""Recording: named SI channels on one clock.
+
+Measured, reconstructed and simulated flights are all Recordings, so any two compare. A
+*manoeuvre* is one continuous Recording.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from structsel.errors import ChannelError, DataError, StructselWarning
+from structsel.nomenclature import close_names, find_channel, is_known, unit_of
+from structsel.numerics.differentiation import differentiate
+from structsel.recording.checks import FROM_SAMPLES, GAP, Finding, check_channel, check_recording, require_clock
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Named channels on one clock, read-only.
+
+    Attributes
+    ----------
+    name : str
+    t : (n,) array [s]
+        Finite, strictly increasing, n at least 2.
+    channels : mapping of str to (n,) array
+        SI and radians, signs as in the nomenclature; ``t`` is not among them.
+    units : mapping of str to str
+        Units of channels the nomenclature does not hold.
+    provenance : tuple of str
+        File, map, and every conversion made since.
+    findings : tuple of Finding
+        What the checks found; see `check`.
+
+    Raises
+    ------
+    DataError
+        When the clock cannot be used, or a channel has another length than it.
+    """
+
+    name: str
+    t: np.ndarray
+    channels: Mapping[str, np.ndarray]
+    units: Mapping[str, str] = field(default_factory=dict)
+    provenance: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        t = _read_only(self.t)
+        if t.ndim != 1:
+            raise DataError(f"'{self.name}': the clock 't' must be a vector, not of shape {t.shape}.")
+        require_clock(t, self.name)
+        held = {}
+        for name, values in self.channels.items():
+            if name in ("t", "dt"):
+                raise DataError(f"'{self.name}': '{name}' is the clock's own name, not a channel's.")
+            held[name] = _read_only(values)
+            if held[name].shape != t.shape:
+                raise DataError(
+                    f"'{self.name}': channel '{name}' has shape {held[name].shape}, the clock {t.shape}.\n"
+                    "All channels of a recording share one clock."
+                )
+        own = {name: unit for name, unit in self.units.items() if name in held and not is_known(name)}
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "channels", MappingProxyType(held))
+        object.__setattr__(self, "units", MappingProxyType(own))
+        object.__setattr__(self, "provenance", tuple(self.provenance))
+        object.__setattr__(self, "findings", tuple(self.findings))
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
+        parts = (self.name, self.t, dict(self.channels), dict(self.units), self.provenance, self.findings)
+        return Recording, parts
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __contains__(self, name: object) -> bool:
+        return name == "t" or name in self.channels
+
+    __iter__ = None  # len() counts samples, so iterating over names would mislead; use .names
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Channel by name, (n,), read-only; ``"t"`` is the clock.
+
+        Raises
+        ------
+        ChannelError
+            When there is none; the message says what there is.
+        """
+        if name == "t":
+            return self.t
+        if name not in self.channels:
+            raise ChannelError(f"channel '{name}' [{self.unit(name)}]; {self._lacks((name,))}")
+        return self.channels[name]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, the clock not among them."""
+        return tuple(self.channels)
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval [s]: the median step of the clock."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    def unit(self, name: str) -> str:
+        """Unit of a channel: the nomenclature's, else the recording's own, else ``"?"``."""
+        return unit_of(name, self.units)
+
+    def require(self, *names: str, finite: bool = False, by: str | None = None) -> None:
+        """Refuse to go on without these channels.
+
+        Parameters
+        ----------
+        *names : str
+        finite : bool
+            Also refuse NaN and infinite samples in them.
+        by : str, optional
+            Who needs them, for the message; the calling function if not given.
+
+        Raises
+        ------
+        ChannelError
+            When a channel is missing.
+        DataError
+            When `finite` and a sample is not.
+        """
+        who = by or sys._getframe(1).f_code.co_name
+        needs = "this script needs" if who == "<module>" else f"{who} needs"
+        missing = tuple(name for name in dict.fromkeys(names) if name not in self)
+        if missing:
+            which = ", ".join(f"'{name}' [{self.unit(name)}]" for name in missing)
+            plural = "s" if len(missing) > 1 else ""
+            raise ChannelError(f"{needs} channel{plural} {which}; {self._lacks(missing)}")
+        for name in names if finite else ():
+            lost = np.flatnonzero(~np.isfinite(self[name]))
+            if lost.size:
+                i = int(lost[0])
+                raise DataError(
+                    f"{needs} finite samples of channel '{name}' [{self.unit(name)}]; in '{self.name}' it is "
+                    f"{self[name][i]} at sample {i} (t = {self.t[i]:g} s), {lost.size} in all.\n"
+                    "Take a stretch without them with recording.between(), or mend the file."
+                )
+
+    def _lacks(self, missing: Sequence[str]) -> str:
+        lines = [f"'{self.name}' has none.", f"It has: {', '.join(('t', *self.names))}."]
+        ways: dict[str, None] = {}
+        to_differentiate = []
+        for name in missing:
+            source = find_channel(name).source if is_known(name) else ""
+            if source == "differentiate":
+                if name.removesuffix("_dot") in self:
+                    to_differentiate.append(name.removesuffix("_dot"))
+            elif source:
+                ways[f"Run {source}() first, which adds it."] = None
+        if to_differentiate:
+            quoted = ", ".join(f'"{name}"' for name in to_differentiate)
+            ways[f"Run reconstruct() first, which adds it, or recording.differentiate({quoted})."] = None
+        for name in missing:
+            near = [other for other in close_names(name, self.names) if not is_known(other) or not is_known(name)]
+            if near:
+                ways[f"Did you mean {' or '.join(repr(other) for other in near)} for '{name}'?"] = None
+        if not ways:
+            ways["If the file holds it under another name, say so in a channel map."] = None
+        return "\n".join([*lines, " ".join(ways)])
+
+    def with_channels(
+        self, *, note: str = "", units: Mapping[str, str] | None = None, **arrays: np.ndarray | float
+    ) -> Recording:
+        """Recording with channels added or replaced.
+
+        Parameters
+        ----------
+        note : str
+            Added to the provenance: how the channels came about.
+        units : mapping of str to str, optional
+            Units of those the nomenclature does not hold.
+        **arrays : (n,) array or float
+            In the nomenclature's unit and sign; a number is held throughout.
+        """
+        added = {
+            name: np.broadcast_to(a, self.t.shape) if np.ndim(a) == 0 else np.asarray(a) for name, a in arrays.items()
+        }
+        kept = [finding for finding in self.findings if finding.channel not in added]
+        made = Recording(
+            self.name,
+            self.t,
+            {**self.channels, **added},
+            {**self.units, **(units or {})},
+            self.provenance + ((note,) if note else ()),
+        )
+        for name in added:
+            kept += check_channel(name, made.t, made[name])
+        object.__setattr__(made, "findings", tuple(kept))
+        return made
+
+    def between(self, start: float, end: float) -> Recording:
+        """Samples with start <= t <= end [s], checked anew.
+
+        Raises
+        ------
+        DataError
+            When fewer than two samples lie there.
+        """
+        inside = np.flatnonzero((self.t >= start) & (self.t <= end))
+        if inside.size < 2:
+            raise DataError(
+                f"'{self.name}' has {inside.size} samples between {start:g} and {end:g} s; it runs from "
+                f"{self.t[0]:g} to {self.t[-1]:g} s."
+            )
+        return self._rows(self.name, int(inside[0]), int(inside[-1]) + 1)
+
+    def split(self, gap: float = GAP) -> list[Recording]:
+        """Manoeuvres between the gaps, each a Recording.
+
+        A gap is a step longer than `gap` times the median step. Without one, the list holds this
+        recording alone; otherwise the parts are named ``name_1``, ``name_2``, ... A part of a
+        single sample is left out, with a warning.
+        """
+        cuts = np.flatnonzero(np.diff(self.t) > gap * self.dt) + 1
+        if not cuts.size:
+            return [self]
+        edges = [0, *cuts.tolist(), len(self)]
+        parts = [(a, b) for a, b in pairwise(edges) if b - a >= 2]
+        lone = [a for a, b in pairwise(edges) if b - a < 2]
+        if lone:
+            warnings.warn(
+                StructselWarning(
+                    f"split: {len(lone)} samples of '{self.name}' stand alone between gaps and are left out, "
+                    f"the first is sample {lone[0]} (t = {self.t[lone[0]]:g} s)."
+                ),
+                stacklevel=2,
+            )
+        return [self._rows(f"{self.name}_{k}", a, b) for k, (a, b) in enumerate(parts, 1)]
+
+    def _rows(self, name: str, first: int, last: int) -> Recording:
+        made = Recording(
+            name,
+            self.t[first:last],
+            {key: values[first:last] for key, values in self.channels.items()},
+            self.units,
+            (*self.provenance, f"samples {first} to {last - 1} of '{self.name}'"),
+            self.findings,
+        )
+        return made.check()
+
+    def check(self) -> Recording:
+        """Recording whose findings are made anew from its samples.
+
+        What was found otherwise, in the file or by a station, is kept.
+        """
+        found = check_recording(self.t, self.channels)
+        kept = tuple(f for f in self.findings if f.kind not in FROM_SAMPLES)
+        return Recording(self.name, self.t, self.channels, self.units, self.provenance, kept + found)
+
+    def differentiate(self, *names: str, method: str = "central", order: int = 4) -> Recording:
+        """Add the time derivatives ``p_dot``, ... of channels.
+
+        An uneven clock is allowed for by the chain rule over the sample number; a gap is not.
+
+        Parameters
+        ----------
+        *names : str
+        method, order
+            As `structsel.numerics.differentiation.differentiate` takes them.
+
+        Raises
+        ------
+        ChannelError
+            When a channel is missing.
+        DataError
+            When there is a gap in time, or a sample is not finite.
+        """
+        self.require(*names, finite=True, by="differentiate")
+        step, dt = np.diff(self.t), self.dt
+        gaps = np.flatnonzero(step > GAP * dt)
+        if gaps.size:
+            i = int(gaps[0])
+            raise DataError(
+                f"differentiate needs a clock without gaps; '{self.name}' has none between {self.t[i]:g} and "
+                f"{self.t[i + 1]:g} s.\nUse recording.split() first and differentiate each part."
+            )
+        # Files give time to a few decimals; steps that differ by less are one step.
+        even = np.abs(self.t - (self.t[0] + np.arange(len(self)) * self.duration / (len(self) - 1)))
+        if even.max() <= 0.02 * dt:
+            rate: float | np.ndarray = self.duration / (len(self) - 1)
+            clock = "an even clock"
+        else:
+            rate = differentiate(self.t, 1.0, method=method, order=order)
+            clock = "an uneven clock, chain rule"
+        made = {f"{name}_dot": differentiate(self[name], 1.0, method=method, order=order) / rate for name in names}
+        units = {f"{name}_dot": f"{self.unit(name)}/s" for name in names if self.unit(name) != "?"}
+        note = f"{', '.join(made)}: differentiated, method {method}, order {order}, {clock}"
+        return self.with_channels(note=note, units=units, **made)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Columns ``t`` and the channels, one row per sample."""
+        return pd.DataFrame({"t": self.t, **self.channels})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the samples, with a summary of each channel."""
+        return {
+            "name": self.name,
+            "samples": len(self),
+            "start": float(self.t[0]),
+            "end": float(self.t[-1]),
+            "dt": self.dt,
+            "channels": {
+                name: {"unit": self.unit(name), **dict(zip(("min", "mean", "max"), _summary(values)))}
+                for name, values in self.channels.items()
+            },
+            "findings": [finding.to_dict() for finding in self.findings],
+            "provenance": list(self.provenance),
+        }
+
+    def __str__(self) -> str:
+        head = (
+            f"{self.name}: {len(self)} samples, t = {self.t[0]:g} to {self.t[-1]:g} s, dt = {self.dt:g} s, "
+            f"{len(self.channels)} channels"
+        )
+        kinds: dict[str, list[str]] = {}
+        for finding in self.findings:
+            kinds.setdefault(finding.channel, []).append(finding.kind)
+        rows: list[tuple[str, ...]] = [("channel", "unit", "min", "mean", "max", "found")]
+        for name, values in self.channels.items():
+            numbers = tuple(f"{value:.4g}" for value in _summary(values))
+            rows.append((name, self.unit(name), *numbers, ", ".join(kinds.get(name, []))))
+        widths = [max(len(row[j]) for row in rows) for j in range(6)]
+        lines = [head, ""]
+        for row in rows:
+            left = f"{row[0]:<{widths[0]}}  {row[1]:<{widths[1]}}"
+            lines.append(f"{left}  " + "  ".join(f"{row[j]:>{widths[j]}}" for j in (2, 3, 4)) + f"  {row[5]}")
+        lines = [line.rstrip() for line in lines]
+        if self.findings:
+            lines += ["", *map(str, self.findings)]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<Recording '{self.name}': {len(self)} samples, {len(self.channels)} channels>"
+
+    def _repr_html_(self) -> str:
+        return self.to_frame().describe().T.to_html(float_format="{:.4g}".format)
+
+
+def _read_only(values: Any) -> np.ndarray:
+    """Float64 array that nobody can write to; copied unless it already is one."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.flags.writeable or not array.flags.c_contiguous:
+        array = np.array(array, dtype=np.float64)
+        array.setflags(write=False)
+    return array
+
+
+def _summary(values: np.ndarray) -> tuple[float, float, float]:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return float("nan"), float("nan"), float("nan")
+    return float(finite.min()), float(finite.mean()), float(finite.max())
