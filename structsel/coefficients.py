@@ -1,0 +1,372 @@
+"""Coefficients: what the air must have done to the aircraft, sample by sample.
+
+``compute_coefficients`` turns measured (or reconstructed) states into the six body-axis coefficients,
+lift and drag, and the dimensionless channels that candidate terms are made of. What a recording lacks is
+left out, or taken as zero where a small term needs it; either way a finding says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from structsel.aircraft import Aircraft
+from structsel.errors import AircraftError, ChannelError, DataError, DomainError
+from structsel.numerics import rigid_body as rb
+from structsel.recording import Finding, Recording
+
+CARRIED = "carried to the centre of gravity: "
+"""Provenance note before the names of channels that are no longer at their instrument's place."""
+
+_WHO = "compute_coefficients"
+_RATES = ("p", "q", "r")
+_DERIVATIVES = ("p_dot", "q_dot", "r_dot")
+_OPTIONAL = (
+    *_RATES,
+    *_DERIVATIVES,
+    "alpha_dot",
+    "beta_dot",
+    "beta",
+    "ay",
+    "thrust",
+    "mass",
+    "qbar",
+    "rho",
+    "h",
+    "temperature",
+)
+_KINDS = ("left-out", "assumed")
+
+
+def compute_coefficients(
+    recording: Recording,
+    aircraft: Aircraft,
+    *,
+    V0: float | None = None,
+    method: str = "central",
+    order: int = 4,
+) -> Recording:
+    """Add the aerodynamic coefficients, and the candidate channels, to a recording.
+
+    Needs ``V``, ``alpha``, ``ax``, ``az``, and ``qbar`` or ``rho`` or ``h``. With ``ay`` come CY, with ``q``
+    Cm, with ``p``, ``q`` and ``r`` Cl and Cn. ``mass`` overrides the aircraft's. ``p_dot``, ``q_dot``,
+    ``r_dot``, ``alpha_dot`` and ``beta_dot`` are used where recorded, else differentiated.
+
+    Parameters
+    ----------
+    recording : Recording
+    aircraft : Aircraft
+        Places of ``accelerometer`` and ``vane`` (alpha, beta, V) carry the readings to the centre of
+        gravity; the thrust line takes the thrust out of forces and moments.
+    V0 : float, optional [m/s]
+        Reference of ``V_ratio``; the aircraft's if not given, else this recording's mean V. Several
+        recordings must share one: see `compute_all`.
+    method, order
+        Of the differentiation, as `structsel.numerics.differentiation.differentiate` takes them.
+
+    Returns
+    -------
+    Recording
+        With CX, CY, CZ, Cl, Cm, Cn, CL, CD, CT, qbar, mach, p_hat, q_hat, r_hat, alpha_dot, beta_dot,
+        alpha_dot_hat, beta_dot_hat, V_ratio, as far as its channels allow. V, alpha and beta are those at
+        the centre of gravity; ax, ay, az stay as read. Findings of kind "left-out" and "assumed" say what
+        could not be made and what was taken as zero; the provenance says how the rest was made.
+
+    Raises
+    ------
+    ChannelError
+        When a channel that nothing can be done without is missing.
+    DataError
+        When a channel used is not finite, or is to be differentiated across a gap.
+    DomainError
+        Where V or qbar is not above zero.
+    AircraftError
+        When neither recording nor aircraft gives a mass.
+
+    References
+    ----------
+    [H17] for the coefficients, [M86] for vanes and rotor, [KM16] ch. 3.
+    """
+    return _Computation(recording, aircraft, method, order).run(V0)
+
+
+def compute_all(
+    recordings: Iterable[Recording],
+    aircraft: Aircraft,
+    *,
+    V0: float | None = None,
+    method: str = "central",
+    order: int = 4,
+) -> list[Recording]:
+    """Coefficients of several manoeuvres with one reference airspeed; see `compute_coefficients`.
+
+    Where neither `V0` nor the aircraft gives one, it is the mean V of the first recording, and a finding
+    in each says so.
+    """
+    made: list[Recording] = []
+    shared = aircraft.V0 if V0 is None else V0
+    source = ""
+    for recording in recordings:
+        one = _Computation(recording, aircraft, method, order)
+        if shared is None:
+            shared = one.mean_airspeed()
+            source = f"the mean V of '{recording.name}'"
+        made.append(one.run(shared, source))
+    return made
+
+
+class _Computation:
+    """One recording on its way; each step adds channels, notes and findings."""
+
+    def __init__(self, recording: Recording, aircraft: Aircraft, method: str, order: int):
+        recording.require("V", "alpha", "ax", "az", finite=True, by=_WHO)
+        recording.require(*(name for name in _OPTIONAL if name in recording), finite=True, by=_WHO)
+        self.aircraft, self.method, self.order = aircraft, method, order
+        # Findings of an earlier run would speak of channels that are made anew.
+        old = tuple(f for f in recording.findings if f.kind not in _KINDS)
+        self.recording = Recording(
+            recording.name, recording.t, recording.channels, recording.units, recording.provenance, old
+        )
+        self.findings: list[Finding] = []
+        self.was_carried = {
+            name.strip()
+            for note in recording.provenance
+            if note.startswith(CARRIED)
+            for name in note.removeprefix(CARRIED).split(";")[0].split(",")
+        }
+        _require_above_zero(self.recording, "V", recording["V"])
+        self._differentiate(*(rate for rate in _RATES if rate in recording))
+        self._carry_vanes()
+
+    def mean_airspeed(self) -> float:
+        return float(self.recording["V"].mean())
+
+    def run(self, V0: float | None, source: str = "") -> Recording:
+        self._add_air_data()
+        self._add_forces()
+        self._add_moments()
+        self._add_candidate_channels(V0, source)
+        done = self.recording
+        return Recording(
+            done.name,
+            done.t,
+            done.channels,
+            done.units,
+            done.provenance,
+            done.findings + tuple(self.findings),
+        )
+
+    # ------------------------------------------------------------ what every step uses
+
+    def _add(self, note: str, **arrays: np.ndarray) -> None:
+        self.recording = self.recording.with_channels(note=note, units=None, **arrays)
+
+    def _say(self, kind: str, channel: str, message: str, severity: str = "note", remedy: str = "") -> None:
+        self.findings.append(Finding(kind, channel, message, severity, remedy, count=len(self.recording)))
+
+    def _differentiate(self, *names: str, anew: bool = False) -> None:
+        """Add derivatives that were not recorded (or all, where the channels were carried elsewhere)."""
+        wanted = [name for name in names if anew or f"{name}_dot" not in self.recording]
+        if not wanted:
+            return
+        try:
+            self.recording = self.recording.differentiate(*wanted, method=self.method, order=self.order)
+        except DataError as error:
+            if self.recording.name in str(error):
+                raise
+            raise DataError(f"'{self.recording.name}': {error}") from error
+
+    def _or_zero(self, names: tuple[str, ...], use: str) -> list[np.ndarray]:
+        """Channels, zero where there is none; a finding says for what."""
+        missing = [name for name in names if name not in self.recording]
+        measured = [name for name in missing if not name.endswith("_dot")]
+        if measured:
+            listed = " and ".join(measured)
+            self._say("assumed", measured[0], f"no {listed} recorded; taken as zero in {use}")
+        zero = np.zeros(len(self.recording))
+        return [self.recording.channels.get(name, zero) for name in names]
+
+    # ------------------------------------------------------------ the steps
+
+    def _carry_vanes(self) -> None:
+        place = self.aircraft.position("vane")
+        if not place.any() or {"V", "alpha"} <= self.was_carried:
+            return
+        if "q" not in self.recording:
+            message = f"without q they stay as read {_metres(place)} from the centre of gravity"
+            self._say("left-out", "alpha", message, "warning", "map the pitch rate")
+            return
+        beta, p, r = self._or_zero(("beta", "p", "r"), "carrying V and alpha to the centre of gravity")
+        made = rb.air_data_at_cg(
+            self.recording["V"], self.recording["alpha"], beta, p, self.recording["q"], r, tuple(place)
+        )
+        named = dict(zip(("V", "alpha", "beta"), made))
+        if "beta" not in self.recording:
+            del named["beta"]
+        self._add(f"{CARRIED}{', '.join(named)}; vanes at {_metres(place)}", **named)
+        self._differentiate(*(name for name in named if name != "V" and f"{name}_dot" in self.recording), anew=True)
+
+    def _add_air_data(self) -> None:
+        record = self.recording
+        if "qbar" not in record:
+            if "rho" in record:
+                rho, source = record["rho"], "rho as recorded"
+            elif "h" in record:
+                rho, source = rb.standard_atmosphere(record["h"])[2], "rho of the standard atmosphere at h"
+            else:
+                raise ChannelError(
+                    f"{_WHO} needs channel 'qbar' [Pa], or 'rho' [kg/m^3] or 'h' [m] to make it from; "
+                    f"'{record.name}' has none.\nIt has: {', '.join(('t', *record.names))}.\n"
+                    "If the file holds one under another name, say so in a channel map."
+                )
+            self._add(f"qbar: 0.5 rho V^2 with {source}", qbar=0.5 * rho * record["V"] ** 2)
+        _require_above_zero(self.recording, "qbar", self.recording["qbar"])
+        if "mach" not in record:
+            if "temperature" in record:
+                _require_above_zero(record, "temperature", record["temperature"])
+                sound, source = np.sqrt(1.4 * 287.05287 * record["temperature"]), "the recorded temperature"
+            elif "h" in record:
+                sound, source = rb.standard_atmosphere(record["h"])[3], "the standard atmosphere at h"
+            else:
+                self._say("left-out", "mach", "not made: it needs h or temperature")
+                return
+            self._add(f"mach: V over the speed of sound of {source}", mach=record["V"] / sound)
+
+    def _force_at_cg(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Specific force at the centre of gravity; the lateral one is zero where ay is missing."""
+        record = self.recording
+        ay = record.channels.get("ay", np.zeros(len(record)))
+        place = self.aircraft.position("accelerometer")
+        if not place.any() or {"ax", "az"} <= self.was_carried:
+            return record["ax"], ay, record["az"]
+        if not any(rate in record for rate in _RATES):
+            message = f"without rates the readings stay as taken {_metres(place)} from the centre of gravity"
+            self._say("left-out", "ax", message, "warning", "map p, q and r")
+            return record["ax"], ay, record["az"]
+        use = "carrying accelerations to the centre of gravity"
+        turning = self._or_zero((*_RATES, *_DERIVATIVES), use)
+        moved = rb.acceleration_at_cg(record["ax"], ay, record["az"], turning[:3], turning[3:], tuple(place))
+        self.recording = record.with_channels(note=f"forces: accelerometer at {_metres(place)} allowed for")
+        return moved
+
+    def _add_forces(self) -> None:
+        record, thrust_line = self.recording, self.aircraft.thrust
+        if "mass" in record:
+            mass: float | np.ndarray = record["mass"]
+            _require_above_zero(record, "mass", record["mass"])
+        elif self.aircraft.mass is not None:
+            mass = self.aircraft.mass
+        else:
+            raise AircraftError(
+                f"{_WHO} needs a mass; aircraft '{self.aircraft.name}' has none and '{record.name}' has no "
+                "channel 'mass' [kg].\nAdd mass [kg] to aircraft.toml, or map the channel."
+            )
+        thrust = self._thrust()
+        CX, CY, CZ = rb.force_coefficients(
+            *self._force_at_cg(), record["qbar"], mass, self.aircraft.S, thrust, thrust_line.inclination
+        )
+        forces = {"CX": CX, "CY": CY, "CZ": CZ}
+        if "ay" not in record:
+            del forces["CY"]
+            self._say("left-out", "CY", "not made: no ay recorded")
+        made_with = "thrust taken out" if "thrust" in record else "thrust inside"
+        mass_source = "recorded mass" if "mass" in record else f"mass {self.aircraft.mass:g} kg"
+        self._add(f"{', '.join(forces)}: {mass_source}, {made_with}", **forces)
+        beta = record.channels.get("beta", np.zeros(len(record)))
+        if "beta" not in record or "ay" not in record:
+            missing = " and ".join(name for name in ("beta", "ay") if name not in record)
+            self._say("assumed", "CD", f"no {missing} recorded; their share of the drag is taken as zero")
+        CL, CD = rb.lift_and_drag(CX, CY, CZ, record["alpha"], beta)
+        self._add("CL, CD: from the body-axis coefficients", CL=CL, CD=CD)
+
+    def _thrust(self) -> np.ndarray:
+        record = self.recording
+        if "thrust" in record:
+            self._add("CT: thrust / (qbar S)", CT=record["thrust"] / (record["qbar"] * self.aircraft.S))
+            return record["thrust"]
+        inside = "CX, CD"
+        if self.aircraft.thrust.inclination:
+            inside += ", CZ, CL"
+        if np.any(self.aircraft.thrust.arm):
+            inside += " and the moments"
+        message = f"not recorded, so {inside} hold the propulsive part as well; CT is not made"
+        self._say("left-out", "thrust", message, "warning", "map the thrust, or read CX as thrust less drag")
+        return np.zeros(len(record))
+
+    def _add_moments(self) -> None:
+        record, aircraft = self.recording, self.aircraft
+        if "q" not in record:
+            self._say("left-out", "Cm", "not made: no q recorded")
+        lacking = [rate for rate in _RATES if rate not in record]
+        if lacking:
+            for name in ("Cl", "Cn"):
+                self._say("left-out", name, f"not made: no {' and '.join(lacking)} recorded")
+        if "q" not in record and lacking:
+            return
+        if aircraft.inertia is None:
+            message = f"Cl, Cm and Cn are not made: aircraft '{aircraft.name}' has no inertia"
+            self._say("left-out", "Cm", message, "warning", "add an [inertia] table to aircraft.toml")
+            return
+        turning = self._or_zero((*_RATES, *_DERIVATIVES), "the inertial coupling in Cm")
+        Cl, Cm, Cn = rb.moment_coefficients(
+            turning[:3],
+            turning[3:],
+            record["qbar"],
+            aircraft.inertia.tensor,
+            aircraft.S,
+            aircraft.b,
+            aircraft.cbar,
+            record.channels.get("thrust", 0.0),
+            aircraft.thrust.offset,
+            aircraft.thrust.inclination,
+            aircraft.engine.angular_momentum,
+        )
+        moments = {"Cm": Cm} if lacking else {"Cl": Cl, "Cm": Cm, "Cn": Cn}
+        rotor = ", rotor allowed for" if aircraft.engine.angular_momentum else ""
+        self._add(f"{', '.join(moments)}: Euler's equations{rotor}", **moments)
+
+    def _add_candidate_channels(self, V0: float | None, source: str) -> None:
+        aircraft = self.aircraft
+        self._differentiate(*(name for name in ("alpha", "beta") if name in self.recording))
+        record = self.recording
+        lengths = {"p": aircraft.b, "q": aircraft.cbar, "r": aircraft.b}
+        lengths |= {"alpha_dot": aircraft.cbar, "beta_dot": aircraft.b}
+        twice = 2.0 * record["V"]
+        hats = {f"{n}_hat": record[n] * size / twice for n, size in lengths.items() if n in record}
+        self._add(f"{', '.join(hats)}: times b/2V (lateral) or cbar/2V (longitudinal)", **hats)
+        if "beta" not in record:
+            self._say("left-out", "beta", "not recorded, so no term in it can be a candidate")
+        if V0 is None:
+            V0 = aircraft.V0
+        if V0 is None:
+            V0, source = self.mean_airspeed(), f"the mean V of '{record.name}'"
+        if not V0 > 0.0:
+            raise DomainError(f"{_WHO} needs a reference airspeed V0 [m/s] above zero; it is {V0:g}.")
+        if source:
+            message = f"V0 = {V0:.4f} m/s is {source}; models of other recordings must use the same"
+            self._say("assumed", "V_ratio", message, "note", "give V0 in aircraft.toml")
+        self._add(f"V_ratio: V / {V0:.10g} m/s", V_ratio=record["V"] / V0)
+
+
+def _metres(place: np.ndarray) -> str:
+    return "(" + ", ".join(f"{x:g}" for x in place) + ") m"
+
+
+def _require_above_zero(recording: Recording, name: str, values: np.ndarray) -> None:
+    bad = np.flatnonzero(~(values > 0.0))
+    if not bad.size:
+        return
+    i = int(bad[0])
+    # The longest stretch in flight is what the user most likely wants.
+    edges = np.concatenate(([-1], bad, [len(values)]))
+    k = int(np.argmax(np.diff(edges)))
+    first, last = int(edges[k]) + 1, int(edges[k + 1]) - 1
+    remedy = "Check the unit and the sign in the channel map."
+    if last > first:
+        t = recording.t
+        remedy = f"Take the part in flight: recording.between({t[first]:g}, {t[last]:g}) is the longest."
+    raise DomainError(
+        f"{_WHO} needs '{name}' [{recording.unit(name)}] above zero; in '{recording.name}' it is "
+        f"{values[i]:g} at sample {i} (t = {recording.t[i]:g} s), {bad.size} such samples in all.\n{remedy}"
+    )

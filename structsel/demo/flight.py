@@ -1,0 +1,223 @@
+"""Flying the demonstration: equations of motion, augmentation and instruments, all flights at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import root
+
+from structsel.aircraft import Aircraft
+from structsel.demo.plans import FLIGHTS, RATE, SURFACES, Plan, commands_of, gusts_of
+from structsel.demo.truth import TRUTH, aerodynamics, demo_aircraft
+from structsel.errors import DomainError
+from structsel.numerics import rigid_body as rb
+from structsel.recording import Recording
+
+_DT = 1.0 / RATE
+_ALTITUDE = 1000.0
+_ACTUATOR = 20.0  # rad/s
+# Standard deviations of the instruments at noise = 1, in each channel's unit.
+_NOISE = {
+    "V": 0.05,
+    **dict.fromkeys(("alpha", "beta", "phi", "theta", "psi"), 5e-4),
+    **dict.fromkeys(("p", "q", "r", *SURFACES), 2e-4),
+    **dict.fromkeys(("ax", "ay", "az"), 0.01),
+    "h": 0.3,
+    "thrust": 5.0,
+}
+
+
+def demo_flight(
+    which: str | int = 0,
+    seed: int = 1,
+    *,
+    duration: float = 30.0,
+    noise: float = 1.0,
+    turbulence: float = 1.0,
+    exact_derivatives: bool = False,
+) -> Recording:
+    """One demonstration flight; see `demo_flights`.
+
+    Parameters
+    ----------
+    which : str or int
+        A name of `FLIGHTS`, or a number; from six on they repeat with other airspeeds and sizes.
+    """
+    if isinstance(which, str):
+        if which not in FLIGHTS:
+            raise DomainError(f"there is no demonstration flight {which!r}; there are {', '.join(FLIGHTS)}.")
+        which = FLIGHTS.index(which)
+    return _fly([which], seed, duration, noise, turbulence, exact_derivatives)[0]
+
+
+def demo_flights(
+    n: int = 6,
+    seed: int = 1,
+    *,
+    duration: float = 30.0,
+    noise: float = 1.0,
+    turbulence: float = 1.0,
+    exact_derivatives: bool = False,
+) -> tuple[list[Recording], Aircraft, dict[str, dict[str, float]]]:
+    """Return manoeuvres flown through turbulence at 50 Hz, their aircraft, and the truth.
+
+    Parameters
+    ----------
+    n : int
+        Number of manoeuvres.
+    seed : int
+        Of turbulence and instrument noise. Flight k of one seed is the same whatever `n`.
+    duration : float [s]
+    noise : float
+        Instrument noise; 1 is 0.05 m/s on V, 5e-4 rad on angles, 2e-4 rad/s on rates, 0.01 m/s^2 on
+        accelerations, 2e-4 rad on surfaces.
+    turbulence : float
+        1 is a gust of 0.8 m/s standard deviation, with rolling, pitching and yawing gusts in proportion.
+    exact_derivatives : bool
+        Record p_dot, q_dot, r_dot, without noise.
+
+    Returns
+    -------
+    recordings : list of Recording
+        t, V, alpha, beta (at the vanes), ax, ay, az (at the accelerometer), p, q, r, phi, theta, psi, h,
+        rho, thrust, de, da, dr.
+    aircraft : Aircraft
+    truth : dict
+        Response -> term -> value, the constant as "1".
+    """
+    recordings = _fly(range(n), seed, duration, noise, turbulence, exact_derivatives)
+    return recordings, demo_aircraft(), {response: dict(terms) for response, terms in TRUTH.items()}
+
+
+def _fly(
+    which: Sequence[int], seed: int, duration: float, noise: float, turbulence: float, exact: bool
+) -> list[Recording]:
+    if not duration >= 1.0:
+        raise DomainError(f"a demonstration flight lasts 1 s or more, not {duration:g} s.")
+    aircraft = demo_aircraft()
+    samples = round(duration * RATE) + 1
+    plans, commands, gusts = [], [], []
+    for k in which:
+        rng = np.random.default_rng([seed, k, 5])
+        plan, command = commands_of(k, 2 * samples - 1)
+        plans.append(plan)
+        commands.append(command)
+        gusts.append(turbulence * gusts_of(2 * samples - 1, plan.V, rng))
+    command, gust = np.stack(commands, axis=-1), np.stack(gusts, axis=-1)
+    trims = [_trim(aircraft, plan.V) for plan in plans]
+    state = np.stack([x for x, _ in trims], axis=-1)
+    thrust = np.array([T for _, T in trims])
+    held = state.copy()  # the attitude and surfaces that the augmentation holds
+    flown = np.empty((samples, *state.shape))
+    outputs = np.empty((samples, len(_OUTPUTS), len(plans)))
+
+    def slope(x: np.ndarray, half_step: int) -> tuple[np.ndarray, np.ndarray]:
+        return _derivative(x, command[half_step], gust[half_step], thrust, held, aircraft)
+
+    for i in range(samples):
+        flown[i] = state
+        k1, outputs[i] = slope(state, 2 * i)
+        if i == samples - 1:
+            break
+        k2, _ = slope(state + 0.5 * _DT * k1, 2 * i + 1)
+        k3, _ = slope(state + 0.5 * _DT * k2, 2 * i + 1)
+        k4, _ = slope(state + _DT * k3, 2 * i + 2)
+        state = state + _DT / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return [
+        _record(plan, k, flown[:, :, j], outputs[:, :, j], thrust[j], seed, noise, exact, aircraft)
+        for j, (k, plan) in enumerate(zip(which, plans))
+    ]
+
+
+_OUTPUTS = ("V", "alpha", "beta", "ax", "ay", "az", "p_dot", "q_dot", "r_dot", "rho")
+
+
+def _derivative(
+    x: np.ndarray, command: np.ndarray, gust: np.ndarray, thrust: np.ndarray, held: np.ndarray, craft: Aircraft
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slope of the state (rigid body, then surfaces) and what is to be recorded, for m flights at once.
+
+    The velocity of the state is inertial; the air moves with the gust.
+    """
+    velocity, rates, (phi, theta, psi) = x[0:3], x[3:6], x[6:9]
+    V, alpha, beta = rb.air_data(*(velocity - gust[:3]))
+    rho = rb.standard_atmosphere(x[11])[2]
+    CX, CY, CZ, Cl, Cm, Cn = aerodynamics(V, alpha, beta, rates + gust[3:], x[12:], craft)
+    qbar = 0.5 * rho * V * V
+    line = craft.thrust
+    assert craft.mass is not None
+    assert craft.inertia is not None
+    force = rb.specific_force(CX, CY, CZ, qbar, craft.mass, craft.S, thrust, line.inclination)
+    qS = qbar * craft.S
+    aero = (qS * craft.b * Cl, qS * craft.cbar * Cm, qS * craft.b * Cn)
+    engine = rb.thrust_moment(thrust, line.offset, line.inclination)
+    turning = rb.angular_acceleration(rates, [a + e for a, e in zip(aero, engine)], craft.inertia.tensor)
+    out = np.empty_like(x)
+    out[0:3] = rb.velocity_derivative(velocity, rates, force, phi, theta)
+    out[3:6] = turning
+    out[6:9] = rb.euler_rates(rates[0], rates[1], rates[2], phi, theta)
+    path = np.einsum("mij,jm->im", rb.body_to_earth(phi, theta, psi), velocity)
+    out[9:11], out[11] = path[:2], -path[2]
+    # Positive control makes a negative moment, so that these gains damp and hold.
+    wanted = held[12:] + command
+    wanted[0] += 0.10 * rates[1] + 0.10 * (theta - held[7])
+    wanted[1] += 0.05 * rates[0] + 0.12 * (phi - held[6])
+    wanted[2] += 0.20 * rates[2] - 0.30 * beta
+    out[12:] = _ACTUATOR * (wanted - x[12:])
+    return out, np.array([V, alpha, beta, *force, *turning, rho])
+
+
+def _trim(craft: Aircraft, V: float) -> tuple[np.ndarray, float]:
+    """Straight and level state (15,) at an airspeed, without sideslip, and its thrust [N]."""
+    still = np.zeros((6, 1))
+
+    def assemble(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        alpha, theta, phi, de, da, dr, T = z
+        u, v, w = rb.body_velocity(V, alpha, 0.0)
+        x = np.array([u, v, w, 0.0, 0.0, 0.0, phi, theta, 0.0, 0.0, 0.0, _ALTITUDE, de, da, dr])[:, None]
+        return x, np.array([1000.0 * T])
+
+    def unbalance(z: np.ndarray) -> np.ndarray:
+        x, thrust = assemble(z)
+        slope, _ = _derivative(x, still[:3], still, thrust, x, craft)
+        return np.concatenate([slope[0:6, 0], slope[11]])
+
+    found = root(unbalance, np.array([0.08, 0.08, 0.0, 0.0, 0.0, 0.0, 2.0]), tol=1e-12)
+    x, thrust = assemble(found.x)
+    return x[:, 0], float(thrust[0])
+
+
+def _record(
+    plan: Plan,
+    k: int,
+    flown: np.ndarray,
+    outputs: np.ndarray,
+    thrust: float,
+    seed: int,
+    noise: float,
+    exact: bool,
+    craft: Aircraft,
+) -> Recording:
+    """What the instruments, at their places, make of one flight."""
+    got = dict(zip(_OUTPUTS, outputs.T))
+    rates, turning = flown[:, 3:6].T, outputs[:, 6:9].T
+    # Reading is the centre's value plus what turning adds at the place: the transfer with the place reversed
+    # for velocities, the same kinematics with the other sign for accelerations.
+    place = craft.position("vane")
+    seen = rb.air_data_at_cg(got["V"], got["alpha"], got["beta"], rates[0], rates[1], rates[2], tuple(-place))
+    ax, ay, az = (got[name] for name in ("ax", "ay", "az"))
+    nothing = np.zeros_like(ax)
+    added = rb.acceleration_at_cg(nothing, nothing, nothing, rates, turning, tuple(craft.position("accelerometer")))
+    channels = dict(zip(("V", "alpha", "beta"), seen))
+    channels |= dict(zip(("ax", "ay", "az"), (a - e for a, e in zip((ax, ay, az), added))))
+    channels |= dict(zip(rb.STATES[3:9], flown[:, 3:9].T))
+    channels |= {"h": flown[:, 11], "rho": got["rho"], "thrust": np.full(len(flown), thrust)}
+    channels |= dict(zip(SURFACES, flown[:, 12:].T))
+    rng = np.random.default_rng([seed, k, 6])
+    for name, std in _NOISE.items():
+        channels[name] = channels[name] + noise * std * rng.standard_normal(len(flown))
+    if exact:
+        channels |= dict(zip(("p_dot", "q_dot", "r_dot"), turning))
+    note = f"simulated: {plan.name} at {plan.V:.1f} m/s, seed {seed}, noise {noise:g}"
+    return Recording(plan.name, np.arange(len(flown)) * _DT, channels, provenance=(note,))

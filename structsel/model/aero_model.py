@@ -1,0 +1,224 @@
+"""AeroModel: several responses, evaluated, saved and shown together."""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal, cast
+
+import numpy as np
+import pandas as pd
+
+from structsel.errors import ModelError, StructselError, StructselWarning
+from structsel.model import files
+from structsel.model.region import Excursion, leave
+from structsel.model.response import ResponseModel, response_rows
+from structsel.nomenclature import latex_of
+from structsel.recording import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class AeroModel:
+    """A model of one or more responses, normally the aerodynamic coefficients.
+
+    Attributes
+    ----------
+    responses : mapping of response name to ResponseModel
+    name : str
+    recordings : tuple of str
+        Names of the recordings it was identified from.
+    """
+
+    responses: Mapping[str, ResponseModel]
+    name: str = ""
+    recordings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.responses:
+            raise ModelError("A model needs at least one response; it was given none.")
+        object.__setattr__(self, "responses", MappingProxyType(dict(self.responses)))
+        object.__setattr__(self, "recordings", tuple(self.recordings))
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
+        return AeroModel, (dict(self.responses), self.name, self.recordings)
+
+    def __eq__(self, other: object) -> bool:
+        return self.to_dict() == other.to_dict() if isinstance(other, AeroModel) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __getitem__(self, response: str) -> ResponseModel:
+        """Model of one response.
+
+        Raises
+        ------
+        ModelError
+            There is none of that name.
+        """
+        if response not in self.responses:
+            raise ModelError(f"The model has no response '{response}'. It has: {', '.join(self.responses)}.")
+        return self.responses[response]
+
+    def __contains__(self, response: object) -> bool:
+        return response in self.responses
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.responses)
+
+    def __len__(self) -> int:
+        return len(self.responses)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels the model needs, sorted."""
+        return tuple(sorted({name for model in self.responses.values() for name in model.channels}))
+
+    @property
+    def region(self) -> dict[str, tuple[float, float]]:
+        """Region flown by every response: per channel needed, the part common to those that state one."""
+        region: dict[str, tuple[float, float]] = {}
+        for model in self.responses.values():
+            for name in model.channels:
+                if name in model.region:
+                    low, high = model.region[name]
+                    known = region.get(name, (-math.inf, math.inf))
+                    region[name] = (max(low, known[0]), min(high, known[1]))
+        return dict(sorted(region.items()))
+
+    def leaves_region(self, source: Any) -> tuple[Excursion, ...]:
+        """Channels that a recording takes outside the region flown, and how far."""
+        return leave(source, self.region)
+
+    def evaluate(self, source: Any, *, outside: Literal["warn", "ignore", "raise"] = "warn") -> dict[str, np.ndarray]:
+        """Every response on a recording or mapping of arrays.
+
+        Parameters
+        ----------
+        source : Recording or mapping of name to (n,) array [SI]
+        outside : {"warn", "ignore", "raise"}
+            What to do where the recording leaves the region flown.
+
+        Returns
+        -------
+        dict of response name to (n,) array
+
+        Raises
+        ------
+        ChannelError, DataError, TermError
+            A channel is missing or not finite, or a formula does not hold.
+        ModelError
+            The region is left and ``outside`` is ``"raise"``.
+
+        Warns
+        -----
+        StructselWarning
+            The region is left: names each channel, the share of samples and the distance.
+        """
+        if outside not in ("warn", "ignore", "raise"):
+            raise ModelError(f"outside={outside!r} is not one of 'warn', 'ignore', 'raise'.")
+        known: dict[Any, np.ndarray] = {}
+        values = {name: model.evaluate(source, known=known) for name, model in self.responses.items()}
+        if outside != "ignore" and (excursions := self.leaves_region(source)):
+            whose = repr(source.name) if isinstance(getattr(source, "name", None), str) else "The source"
+            message = f"{whose} leaves the region the model was identified in: "
+            message += "; ".join(map(str, excursions)) + ". The model is an extrapolation there."
+            if outside == "raise":
+                raise ModelError(message)
+            warnings.warn(message, StructselWarning, stacklevel=2)
+        return values
+
+    def predict(self, recording: Recording, *, outside: Literal["warn", "ignore", "raise"] = "warn") -> Recording:
+        """Return the recording with the model's values as its responses; see `evaluate`."""
+        note = f"{', '.join(self.responses)} from {f'model {self.name!r}' if self.name else 'a model'}"
+        values = self.evaluate(recording, outside=outside)
+        return recording.with_channels(note=note, **cast(Any, values))
+
+    # --- files and tables --------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of model.json."""
+        return {
+            "schema": files.SCHEMA,
+            "name": self.name,
+            "recordings": list(self.recordings),
+            "responses": {name: model.to_dict() for name, model in self.responses.items()},
+        }
+
+    def to_json(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write model.json; numbers read back to the last bit.
+
+        Raises
+        ------
+        ModelError
+            The file exists and ``overwrite`` is False, or it cannot be written.
+        """
+        files.write(path, self.to_dict(), overwrite)
+
+    @classmethod
+    def from_json(cls, path: str | os.PathLike[str]) -> AeroModel:
+        """Read model.json.
+
+        Only ``schema`` and, per response, ``terms`` and ``values`` are needed, so that a model can be
+        written by hand.
+
+        Raises
+        ------
+        ModelError
+            The file is missing or does not fit the schema; names the file and the place in it.
+        """
+        held = files.read(path)
+        responses = {}
+        for name, fields in held["responses"].items():
+            for unknown in ("s2", "r2"):
+                fields[unknown] = math.nan if fields[unknown] is None else fields[unknown]
+            if fields["standard_errors"] is not None:
+                fields["standard_errors"] = [math.nan if v is None else v for v in fields["standard_errors"]]
+            try:
+                responses[name] = ResponseModel(**fields)
+            except (StructselError, ValueError) as error:
+                raise ModelError(f"Model file '{path}', response '{name}': {error}") from error
+        try:
+            return cls(responses, held["name"], tuple(held["recordings"]))
+        except ModelError as error:
+            raise ModelError(f"Model file '{path}': {error}") from error
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per response and term: response, term, value, std_error, t, low and high (95 %)."""
+        rows = [row for name, model in self.responses.items() for row in response_rows(name, model)]
+        return pd.DataFrame(rows, columns=["response", "term", "value", "std_error", "t", "low", "high"])
+
+    def latex(self) -> str:
+        r"""Return a table in LaTeX, for a document that loads booktabs."""
+        lines = [
+            r"\begin{tabular}{llrrrrr}",
+            r"\toprule",
+            r"Response & Term & Value & Std.\ error & $t$ & \multicolumn{2}{c}{95\,\% interval} \\",
+        ]
+        for name, model in self.responses.items():
+            lines.append(r"\midrule")
+            shown = f"${latex_of(name)}$"
+            for term, row in zip(model.terms, response_rows(name, model)):
+                digits = {"value": 5, "std_error": 3, "t": 3, "low": 5, "high": 5}
+                figures = [_latex_figure(row[column], d) for column, d in digits.items()]
+                lines.append(" & ".join([shown, f"${term.latex()}$", *figures]) + r" \\")
+                shown = ""
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
+
+    def __str__(self) -> str:
+        count = len(self.responses)
+        head = f"Model {self.name!r}" if self.name else "Model"
+        head += f" of {count} response{'s' if count != 1 else ''}"
+        if self.recordings:
+            head += f", identified from {', '.join(self.recordings)}"
+        return "\n\n".join([head, *(f"{name}: {model}" for name, model in self.responses.items())])
+
+
+def _latex_figure(value: float, digits: int) -> str:
+    if not math.isfinite(value):
+        return "--"
+    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
+    return f"${mantissa}$" if not exponent else rf"${mantissa} \times 10^{{{int(exponent)}}}$"

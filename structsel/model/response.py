@@ -1,0 +1,254 @@
+"""ResponseModel: what was found for one response."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from structsel.candidates import Term
+from structsel.candidates.terms import product, samples
+from structsel.errors import ModelError
+from structsel.model.region import Excursion, leave
+from structsel.nomenclature import unit_of
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseModel:
+    """A response as a sum of terms times values.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+        The constant, ``1``, among them where the model has one. Text is read as by `Term.parse`.
+    values : (k,) array [response unit per unit of the term]
+    covariance : (k, k) array or None
+        Of the values; None where it is not known.
+    standard_errors : (k,) array
+        Square roots of the covariance's diagonal unless given; nan where not known.
+    method : str
+        How the terms were chosen.
+    residuals : str
+        How the residuals were treated: white, coloured, ...
+    biased : bool
+        True for principal-components, ridge and other estimates that trade bias for variance.
+    region : mapping of channel to (least, greatest) [SI]
+        What the identification recordings flew.
+    n : int
+        Samples used; 0 where not known.
+    s2 : float [response unit^2]
+        Residual variance; nan where not known.
+    r2 : float
+        R^2 over the samples used; nan where not known.
+
+    Raises
+    ------
+    ModelError
+        Sizes that do not fit, values that are not finite, a term twice.
+    """
+
+    terms: tuple[Term, ...]
+    values: np.ndarray
+    covariance: np.ndarray | None = None
+    standard_errors: np.ndarray | None = None
+    method: str = ""
+    residuals: str = ""
+    biased: bool = False
+    region: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    n: int = 0
+    s2: float = math.nan
+    r2: float = math.nan
+
+    def __post_init__(self) -> None:
+        terms = tuple(term if isinstance(term, Term) else Term(term) for term in self.terms)
+        k = len(terms)
+        if twice := sorted({str(term) for term in terms if terms.count(term) > 1}):
+            raise ModelError(f"A response model holds {', '.join(twice)} more than once. Add the values up.")
+        values = _array("values", self.values, (k,))
+        if not np.isfinite(values).all():
+            i = int(np.argmin(np.isfinite(values)))
+            raise ModelError(f"The value of term '{terms[i]}' is {values[i]}. A model needs finite values.")
+        covariance = None if self.covariance is None else _array("covariance", self.covariance, (k, k))
+        if self.standard_errors is not None:
+            errors = _array("standard_errors", self.standard_errors, (k,))
+        elif covariance is not None:
+            # Rounding can push a variance of almost nothing below zero.
+            errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        else:
+            errors = np.full(k, np.nan)
+        region = {str(name): (float(low), float(high)) for name, (low, high) in self.region.items()}
+        for name, (low, high) in region.items():
+            if not low <= high:
+                raise ModelError(f"The region of '{name}' is [{low}, {high}]. Write the least value first.")
+        for array in (values, covariance, errors):
+            if array is not None:
+                array.setflags(write=False)
+        object.__setattr__(self, "terms", terms)
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "covariance", covariance)
+        object.__setattr__(self, "standard_errors", errors)
+        object.__setattr__(self, "biased", bool(self.biased))
+        object.__setattr__(self, "region", MappingProxyType(region))
+        object.__setattr__(self, "n", int(self.n))
+        object.__setattr__(self, "s2", float(self.s2))
+        object.__setattr__(self, "r2", float(self.r2))
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
+        parts = [getattr(self, name) for name in self.__dataclass_fields__]
+        return ResponseModel, tuple(dict(p) if isinstance(p, MappingProxyType) else p for p in parts)
+
+    def __eq__(self, other: object) -> bool:
+        return self.to_dict() == other.to_dict() if isinstance(other, ResponseModel) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __getitem__(self, term: str | Term) -> float:
+        """Value of a term.
+
+        Raises
+        ------
+        ModelError
+            The model does not hold it.
+        """
+        wanted = term if isinstance(term, Term) else Term(term)
+        if wanted not in self.terms:
+            raise ModelError(f"The model has no term '{wanted}'. It has: {', '.join(map(str, self.terms))}.")
+        return float(self.values[self.terms.index(wanted)])
+
+    def __contains__(self, term: object) -> bool:
+        return (Term(term) if isinstance(term, str) else term) in self.terms
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels the terms need, sorted."""
+        return tuple(sorted({name for term in self.terms for name in term.channels}))
+
+    @property
+    def t_values(self) -> np.ndarray:
+        """Values over their standard errors, (k,); nan where the error is not known, inf where it is zero."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.values / self._errors
+
+    def intervals(self, level: float = 0.95) -> np.ndarray:
+        """Confidence intervals of the values, (k, 2), from Student's t with n - k degrees of freedom.
+
+        The normal distribution stands in where n is not known. Estimates labelled ``biased`` are not
+        covered at this level.
+        """
+        dof = self.n - len(self.terms)
+        quantile = stats.t.ppf(0.5 + level / 2, dof) if dof > 0 else stats.norm.ppf(0.5 + level / 2)
+        return np.column_stack([self.values - quantile * self._errors, self.values + quantile * self._errors])
+
+    @property
+    def _errors(self) -> np.ndarray:
+        assert self.standard_errors is not None
+        return self.standard_errors
+
+    def evaluate(self, source: Any, *, known: dict[Any, np.ndarray] | None = None) -> np.ndarray:
+        """Values of the response, (n,), on a recording or mapping of arrays; does not look at the region.
+
+        Parameters
+        ----------
+        source : Recording or mapping of name to (n,) array [SI]
+        known : dict, optional
+            Factors evaluated already, added to; responses that share it evaluate each factor once.
+
+        Raises
+        ------
+        ChannelError, DataError, TermError
+            As `Term.evaluate`.
+        """
+        known = {} if known is None else known
+        total: np.ndarray | None = None
+        for term, value in zip(self.terms, self.values):
+            for factor, _ in term.factors:
+                if factor not in known:
+                    known[factor] = factor.evaluate(source, str(term))
+            if term.is_constant:
+                part = np.full(samples(source), value)
+            else:
+                part = product((known[factor], power) for factor, power in term.factors)
+                part *= value
+            total = part if total is None else np.add(total, part, out=total)
+        return np.zeros(samples(source)) if total is None else total
+
+    def leaves_region(self, source: Any) -> tuple[Excursion, ...]:
+        """Channels the terms need that a recording takes outside the region flown."""
+        mine = set(self.channels)
+        return leave(source, {name: bounds for name, bounds in self.region.items() if name in mine})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model as plain lists and numbers, None for what is not known."""
+        return {
+            "terms": [str(term) for term in self.terms],
+            "values": self.values.tolist(),
+            "standard_errors": [_known(v) for v in self._errors.tolist()],
+            "covariance": None if self.covariance is None else self.covariance.tolist(),
+            "method": self.method,
+            "residuals": self.residuals,
+            "biased": self.biased,
+            "region": {name: list(bounds) for name, bounds in self.region.items()},
+            "n": self.n,
+            "s2": _known(self.s2),
+            "r2": _known(self.r2),
+        }
+
+    def __str__(self) -> str:
+        facts = [f"{len(self.terms)} term{'s' if len(self.terms) != 1 else ''}"]
+        facts += [f"R2 {self.r2:.4f}"] if math.isfinite(self.r2) else []
+        facts += [f"s {math.sqrt(self.s2):.3g}"] if math.isfinite(self.s2) else []
+        facts += [f"n {self.n}"] if self.n else []
+        facts += [self.method] if self.method else []
+        facts += [f"{self.residuals} residuals"] if self.residuals else []
+        lines = [", ".join(facts), *self._table()]
+        if self.biased:
+            lines.append("Biased estimates: the standard errors and intervals leave the bias out.")
+        if self.region:
+            flown = [f"{name} {lo:.4g} to {hi:.4g} {unit_of(name)}" for name, (lo, hi) in self.region.items()]
+            lines.append("Region flown: " + "; ".join(flown).replace(" -;", ";").removesuffix(" -"))
+        return "\n".join(lines)
+
+    def _table(self) -> list[str]:
+        width = max([4, *(len(str(term)) for term in self.terms)])
+        heads = [("value", 12), ("std error", 10), ("t", 8), ("95 % low", 12), ("high", 12)]
+        lines = ["  ".join([f"  {'term':<{width}}", *(f"{head:>{w}}" for head, w in heads)])]
+        rows = zip(self.terms, self.values, self._errors, self.t_values, self.intervals())
+        for term, value, error, t, (low, high) in rows:
+            known = [f"{error:>10.3g}", f"{t:>8.1f}", f"{low:>12.5g}", f"{high:>12.5g}"]
+            if not math.isfinite(error):
+                known = [f"{'-':>{w}}" for _, w in heads[1:]]
+            lines.append("  ".join([f"  {term!s:<{width}}", f"{value:>12.5g}", *known]))
+        return lines
+
+
+def _array(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    array = np.array(values, dtype=float)
+    if array.shape != shape:
+        raise ModelError(f"{what} has shape {array.shape}; {shape[0]} terms need {shape}.")
+    return array
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def response_rows(name: str, model: ResponseModel) -> list[dict[str, Any]]:
+    """One row per term: response, term, value, std_error, t, low, high."""
+    columns: Sequence[Any] = (model.terms, model.values, model._errors, model.t_values, model.intervals())
+    return [
+        {
+            "response": name,
+            "term": str(term),
+            "value": float(value),
+            "std_error": float(error),
+            "t": float(t),
+            "low": float(interval[0]),
+            "high": float(interval[1]),
+        }
+        for term, value, error, t, interval in zip(*columns)
+    ]

@@ -1,0 +1,32 @@
+"""How well a model holds on recordings, and how its values scatter over manoeuvres."""
+
+from structsel.validation.ensembles import Ensemble, ensemble
+from structsel.validation.metrics import (
+    adjusted_r2,
+    autocorrelation,
+    correlation,
+    durbin_watson,
+    ljung_box,
+    r2,
+    rrmse,
+    tic,
+    white_bound,
+)
+from structsel.validation.scores import Score, Validation, validate
+
+__all__ = [
+    "Ensemble",
+    "Score",
+    "Validation",
+    "adjusted_r2",
+    "autocorrelation",
+    "correlation",
+    "durbin_watson",
+    "ensemble",
+    "ljung_box",
+    "r2",
+    "rrmse",
+    "tic",
+    "validate",
+    "white_bound",
+]

@@ -1,0 +1,295 @@
+"""validate(): a model against recordings, response by response."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from structsel.errors import DataError, DomainError, ModelError
+from structsel.model import AeroModel
+from structsel.recording import Recording
+from structsel.validation import metrics
+
+_FEWEST = 10
+_WHITE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """How well one response of a model holds on one recording, or on all of them together.
+
+    Attributes
+    ----------
+    response, recording : str
+        The recording is ``"all"`` for the pooled score.
+    n : int
+        Samples.
+    r2, adjusted_r2, rrmse, tic, correlation : float
+        See the functions of these names; the correlation is nan where the model is constant.
+    rms_error : float [response unit]
+    bias : float [response unit]
+        Mean of measured less modelled.
+    autocorrelation : (lags + 1,) array
+        Of the residual, lag zero first; nan where the model is exact.
+    bound : float
+        95 % bound of the autocorrelation of white residuals.
+    outside : float
+        Share of the lags beyond the bound; about 0.05 for white residuals.
+    ljung_box, ljung_box_p, durbin_watson : float
+    """
+
+    response: str
+    recording: str
+    n: int
+    r2: float
+    adjusted_r2: float
+    rrmse: float
+    tic: float
+    correlation: float
+    rms_error: float
+    bias: float
+    autocorrelation: np.ndarray
+    bound: float
+    outside: float
+    ljung_box: float
+    ljung_box_p: float
+    durbin_watson: float
+
+    @property
+    def white(self) -> bool:
+        """Whether Ljung-Box finds no colour in the residual at 5 %."""
+        return bool(self.ljung_box_p > _WHITE)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the score as plain numbers, None for what is not defined."""
+        held = {f.name: getattr(self, f.name) for f in fields(self)}
+        held["autocorrelation"] = [_known(v) for v in self.autocorrelation.tolist()]
+        held["white"] = self.white
+        return {key: _known(v) if isinstance(v, float) else v for key, v in held.items()}
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Scores of a model on recordings.
+
+    Attributes
+    ----------
+    model : str
+        Name of the model.
+    scores : tuple of Score
+        One per recording and response.
+    pooled : tuple of Score
+        One per response, over the samples of all recordings; lags do not cross from one to the next.
+    normaliser : str
+        What RRMSE is relative to.
+    doubts : tuple of str
+        Why a number should be read with care.
+    """
+
+    model: str
+    scores: tuple[Score, ...]
+    pooled: tuple[Score, ...]
+    normaliser: str
+    doubts: tuple[str, ...] = ()
+
+    def score(self, response: str, recording: str = "all") -> Score:
+        """Score of one response, on one recording or on all.
+
+        Raises
+        ------
+        ModelError
+            There is no such score.
+        """
+        for score in (*self.pooled, *self.scores):
+            if (score.response, score.recording) == (response, recording):
+                return score
+        have = ", ".join(f"{s.response} on {s.recording}" for s in (*self.pooled, *self.scores))
+        raise ModelError(f"No score of '{response}' on '{recording}'. There are: {have}.")
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per response and recording, then the pooled ones; the autocorrelation is left out."""
+        rows = [score.to_dict() for score in (*self.scores, *self.pooled)]
+        return pd.DataFrame([{k: v for k, v in row.items() if k != "autocorrelation"} for row in rows])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain lists and numbers, None for what is not defined."""
+        return {
+            "schema": "structsel.validation/1",
+            "model": self.model,
+            "normaliser": self.normaliser,
+            "scores": [score.to_dict() for score in self.scores],
+            "pooled": [score.to_dict() for score in self.pooled],
+            "doubts": list(self.doubts),
+        }
+
+    def __str__(self) -> str:
+        alone = len(self.scores) == len(self.pooled)  # one recording is its own pool
+        rows = [*self.scores, *(() if alone else self.pooled)]
+        wide = max([9, *(len(s.recording) for s in rows)])
+        heads = ["n", "R2", "adj R2", "RRMSE", "TIC", "corr", "DW", "beyond"]
+        top = [f"  {'response':<8}", f"{'recording':<{wide}}", *(f"{head:>7}" for head in heads), "residual"]
+        lines = ["  ".join(top)]
+        for s in sorted(rows, key=lambda s: [p.response for p in self.pooled].index(s.response)):
+            figures = [s.r2, s.adjusted_r2, s.rrmse, s.tic, s.correlation, s.durbin_watson]
+            shown = "  ".join(f"{v:>7.3f}" if math.isfinite(v) else f"{'-':>7}" for v in figures)
+            share = f"{100 * s.outside:>5.0f} %" if math.isfinite(s.outside) else f"{'-':>7}"
+            colour = "white" if s.white else ("coloured" if math.isfinite(s.ljung_box_p) else "none")
+            lines.append(f"  {s.response:<8}  {s.recording:<{wide}}  {s.n:>7}  {shown}  {share}  {colour}")
+        size = {"rms": "the rms", "std": "the standard deviation", "range": "the range"}[self.normaliser]
+        head = f"Model {self.model!r} against recordings" if self.model else "Model against recordings"
+        notes = [
+            f"RRMSE is the rms error over {size} of the measured response; TIC is 0 perfect, 1 useless.",
+            "beyond: lags whose residual autocorrelation passes the 95 % bound of white noise, 5 % expected;",
+            "residual: white where Ljung-Box finds no colour at 5 %.",
+            *(f"Doubt: {doubt}" for doubt in self.doubts),
+        ]
+        return "\n".join([head, *lines, *notes])
+
+
+def validate(
+    model: AeroModel,
+    recordings: Recording | Sequence[Recording],
+    *,
+    responses: Iterable[str] | None = None,
+    normaliser: metrics.Normaliser = "rms",
+    lags: int = 40,
+) -> Validation:
+    """Score a model on recordings it need not have seen.
+
+    Parameters
+    ----------
+    model : AeroModel
+    recordings : Recording or sequence of Recording
+        With the channels the model needs and the responses measured. Whole manoeuvres held out of the
+        identification judge a model; those it was fitted to only describe the fit.
+    responses : iterable of str, optional
+        Those to score; all of the model's by default.
+    normaliser : {"rms", "std", "range"}
+        See `rrmse`.
+    lags : int
+        Highest lag of the residual autocorrelation and of Ljung-Box, at most a fifth of the samples.
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    ModelError
+        The model has no such response.
+    ChannelError
+        A recording lacks a channel the model needs, or a response.
+    DataError
+        No recordings, two of one name, fewer than 10 samples, or samples that are not finite.
+    DomainError
+        A measured response is constant; names the response and the recording.
+
+    References
+    ----------
+    [KM16], [H17], [J15]
+    """
+    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if responses is None:
+        wanted = list(model.responses)
+    else:
+        wanted = [responses] if isinstance(responses, str) else list(responses)
+    part = AeroModel({name: model[name] for name in wanted}, model.name, model.recordings)
+    if not recordings:
+        raise DataError("validate needs at least one recording; it was given none.")
+    names = [recording.name for recording in recordings]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise DataError(f"validate was given {', '.join(twice)} more than once. Name recordings apart.")
+    scores: list[Score] = []
+    doubts: list[str] = []
+    held: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {name: [] for name in wanted}
+    for recording in recordings:
+        recording.require(*part.channels, *wanted, finite=True, by="validate")
+        if len(recording) < _FEWEST:
+            found = f"'{recording.name}' has {len(recording)}"
+            raise DataError(f"validate needs {_FEWEST} samples or more; {found}.")
+        modelled = part.evaluate(recording, outside="ignore")
+        excursions = part.leaves_region(recording)
+        doubts += [f"'{recording.name}' leaves the region flown: {excursion}" for excursion in excursions]
+        if recording.name in model.recordings:
+            doubts.append(f"'{recording.name}' was used to identify the model: its scores describe the fit.")
+        for name in wanted:
+            held[name].append((np.asarray(recording[name]), modelled[name]))
+            scores.append(_score(name, recording.name, held[name][-1:], part, normaliser, lags))
+    pooled = tuple(_score(name, "all", held[name], part, normaliser, lags) for name in wanted)
+    for score in (*scores, *pooled):
+        where = f"{score.response} on '{score.recording}'"
+        if not math.isfinite(score.correlation):
+            doubts.append(f"{where}: the model is constant, so no correlation.")
+        if not math.isfinite(score.ljung_box_p):
+            doubts.append(f"{where}: the residual is constant, so no test of whiteness.")
+    return Validation(model.name, tuple(scores), pooled, normaliser, tuple(doubts))
+
+
+def _score(
+    name: str,
+    recording: str,
+    pieces: Sequence[tuple[np.ndarray, np.ndarray]],
+    model: AeroModel,
+    normaliser: metrics.Normaliser,
+    lags: int,
+) -> Score:
+    """Score one response on the pieces together, lags kept inside each."""
+    y, yhat = (np.concatenate(parts) for parts in zip(*pieces))
+    n_terms = sum(not term.is_constant for term in model[name].terms)
+    try:
+        fit: dict[str, Any] = {
+            "r2": metrics.r2(y, yhat),
+            "adjusted_r2": metrics.adjusted_r2(y, yhat, n_terms),
+            "rrmse": metrics.rrmse(y, yhat, normaliser),
+            "tic": metrics.tic(y, yhat),
+            "correlation": metrics.correlation(y, yhat) if np.ptp(yhat) > 0 else math.nan,
+        }
+    except DomainError as error:
+        raise DomainError(f"{name} on '{recording}': {error}") from error
+    residuals = [measured - modelled for measured, modelled in pieces]
+    return Score(
+        name,
+        recording,
+        len(y),
+        **fit,
+        rms_error=float(np.sqrt(np.mean((y - yhat) ** 2))),
+        bias=float(np.mean(y - yhat)),
+        **_whiteness(residuals, lags),
+    )
+
+
+def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> dict[str, Any]:
+    n = sum(map(len, residuals))
+    lags = max(1, min(lags, min(map(len, residuals)) // 5))
+    bound = metrics.white_bound(n)
+    if any(np.ptp(e) == 0 for e in residuals):
+        nothing = np.full(lags + 1, math.nan)
+        nothing.setflags(write=False)
+        nan = math.nan
+        tests = {"outside": nan, "ljung_box": nan, "ljung_box_p": nan, "durbin_watson": nan}
+        return {"autocorrelation": nothing, "bound": bound, **tests}
+    products = [(e - e.mean()) @ (e - e.mean()) * metrics.autocorrelation(e, lags) for e in residuals]
+    rho = np.sum(products, axis=0)
+    rho /= rho[0]
+    rho.setflags(write=False)
+    # Manoeuvres are independent, so their statistics add and so do their degrees of freedom.
+    statistic = sum(metrics.ljung_box(e, lags)[0] for e in residuals)
+    steps = sum(np.sum(np.diff(e) ** 2) for e in residuals)
+    return {
+        "autocorrelation": rho,
+        "bound": bound,
+        "outside": float(np.mean(np.abs(rho[1:]) > bound)),
+        "ljung_box": statistic,
+        "ljung_box_p": float(stats.chi2.sf(statistic, lags * len(residuals))),
+        "durbin_watson": float(steps / sum(e @ e for e in residuals)),
+    }
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,170 @@
+import importlib.util
+import itertools
+import sys
+from math import comb
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.signal import cont2discrete, lfilter
+
+from structsel.candidates import Term
+from structsel.demo import FLIGHTS, TRUTH, demo_aircraft, demo_flight, demo_flights
+from structsel.errors import DomainError
+from structsel.numerics import rigid_body as rb
+from structsel.numerics.differentiation import differentiate
+
+
+def load_cases():
+    path = Path(__file__).parents[1] / "benchmarks" / "cases.py"
+    spec = importlib.util.spec_from_file_location("cases", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["cases"] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+cases = load_cases()
+
+
+def test_flights_follow_from_the_seed_alone():
+    one, _, _ = demo_flights(2, seed=3, duration=3.0)
+    again, _, _ = demo_flights(3, seed=3, duration=3.0)
+    other, _, _ = demo_flights(2, seed=4, duration=3.0)
+    for name in one[1].names:
+        assert_allclose(one[1][name], again[1][name], rtol=1e-9, atol=1e-9, err_msg=name)
+    assert np.abs(one[1]["alpha"] - other[1]["alpha"]).max() > 1e-3
+
+
+def test_a_flight_is_called_by_name_or_number():
+    by_name = demo_flight("bank-to-bank", duration=2.0)
+    by_number = demo_flight(FLIGHTS.index("bank-to-bank"), duration=2.0)
+    assert_allclose(by_name["phi"], by_number["phi"], rtol=0, atol=0)
+    with pytest.raises(DomainError, match="no demonstration flight 'loop'; there are elevator-3211"):
+        demo_flight("loop")
+
+
+def test_flights_begin_trimmed_and_stay_where_the_aerodynamics_hold():
+    recordings, aircraft, _ = demo_flights(turbulence=0.0, noise=0.0)
+    for r in recordings:
+        quiet = r.t < 0.9
+        assert np.abs(r["q"][quiet]).max() < 1e-9
+        assert np.ptp(r["h"][quiet]) < 1e-6
+        assert r["alpha"].max() < 0.35
+        assert r["V"].min() > 28.0
+        assert np.abs(r["phi"]).max() < 1.0
+        assert not r.check().findings or all(f.severity == "note" for f in r.check().findings)
+    assert aircraft.mass == pytest.approx(2288.231)
+
+
+def test_a_flights_states_and_accelerations_are_one_motion():
+    # Derivatives of the states against the kinematics, between two commands (the pilot's steps bend the
+    # rates within a sample); instruments read at their own places.
+    calm = demo_flight("all-axes", turbulence=0.0, noise=0.0, exact_derivatives=True, duration=8.0)
+    free = (calm.t > 5.0) & (calm.t < 5.9)
+    rates, turning = (calm["p"], calm["q"], calm["r"]), (calm["p_dot"], calm["q_dot"], calm["r_dot"])
+    turned = rb.euler_rates(*rates, calm["phi"], calm["theta"])
+    for name, derivative in zip(("phi", "theta", "psi", "p", "q", "r"), (*turned, *turning)):
+        assert_allclose(differentiate(calm[name], 0.02)[free], derivative[free], atol=1e-5, err_msg=name)
+    aircraft = demo_aircraft()
+    air = rb.air_data_at_cg(calm["V"], calm["alpha"], calm["beta"], *rates, aircraft.position("vane"))
+    velocity = rb.body_velocity(*air)
+    felt = rb.acceleration_at_cg(calm["ax"], calm["ay"], calm["az"], rates, turning, aircraft.position("accelerometer"))
+    slope = rb.velocity_derivative(velocity, rates, felt, calm["phi"], calm["theta"])
+    for component, derivative in zip(velocity, slope):
+        assert_allclose(differentiate(component, 0.02)[free], derivative[free], atol=1e-5)
+
+
+def test_every_term_of_the_truth_is_a_candidate():
+    for terms in TRUTH.values():
+        assert [str(Term.parse(term)) for term in terms] == list(terms)
+
+
+# ---------------------------------------------------------------- recovery cases of benchmarks/
+
+
+def test_the_candidates_are_all_monomials():
+    for degree, count in ((3, 164), (4, 494)):
+        exponents = cases.monomials(8, degree)
+        assert len(exponents) == count == comb(8 + degree, degree) - 1
+        assert len({tuple(row) for row in exponents}) == count
+    X = cases.design_matrix(np.array([[2.0], [3.0]]), cases.monomials(2, 2))
+    assert X.tolist() == [[2.0, 3.0, 4.0, 6.0, 9.0]]
+
+
+def test_the_closed_loop_is_stable_and_its_modes_add_up_to_the_plain_recursion():
+    A, B, C = cases.closed_loop()
+    assert np.linalg.eigvals(A).real.max() < -0.1
+    u = np.random.default_rng(0).standard_normal((6, 400))
+    Ad, Bd, *_ = cont2discrete((A, B, C, np.zeros((10, 6))), cases.DT, "zoh")
+    x, expected = np.zeros(len(A)), np.empty((10, 400))
+    for k in range(400):
+        expected[:, k] = C @ x
+        x = Ad @ x + Bd @ u[:, k]
+    poles, gains_in, gains_out = cases._modes()
+    got = sum(
+        np.outer(out, lfilter([0, 1], [1, -pole], into @ u)).real for pole, into, out in zip(poles, gains_in, gains_out)
+    )
+    assert_allclose(got, expected, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("colour", cases.COLOURS)
+def test_a_residual_has_unit_variance_and_its_ar_whitens_it(colour):
+    e = cases.residual(colour, 400_000, np.random.default_rng(0))
+    assert e.var() == pytest.approx(1.0, rel=0.05)
+    ar, innovation = cases.true_ar(colour)
+    w = lfilter(np.r_[1.0, -ar], 1.0, e)[len(ar) :]
+    assert w.std() == pytest.approx(innovation, rel=0.01)
+    # Box and Pierce: n sum rho^2 over 20 lags is chi-squared(20), below 45.3 in 99.9 per cent.
+    rho = np.array([w[k:] @ w[:-k] / (w @ w) for k in range(1, 21)])
+    # No AR of finite order whitens a five-point mean, whose spectrum has zeros; what is left is small.
+    assert len(w) * np.sum(rho**2) < (45.3 if colour != "smoothed_5pt" else 2000.0)
+
+
+@pytest.mark.parametrize("colour", ["white", "ar1_0.92"])
+def test_weak_terms_stand_at_their_stated_t_values(colour):
+    case = cases.colour_case(colour, 2, n=6000, n_manoeuvres=2)
+    assert case.n == 6000
+    assert len(case.manoeuvres) == 2
+    assert case.r2 == pytest.approx(0.96, abs=0.02)
+    assert sorted(np.round(np.abs(case.theta / case.standard_errors)[-3:], 6)) == [7.0, 10.0, 13.0]
+    # The mean square error over redraws of generalised least squares with the true colour is what was stated.
+    X = cases.design_matrix(case.base, case.exponents[list(case.true)])
+    whiten = np.r_[1.0, -case.ar]
+    parts = np.split(X, 2)
+    Z = np.concatenate([lfilter(whiten, 1.0, part, axis=0)[len(case.ar) :] for part in parts])
+    Z -= Z.mean(axis=0)
+    errors = []
+    for seed in range(60):
+        y = np.split(case.redraw(seed).response, 2)
+        v = np.concatenate([lfilter(whiten, 1.0, part)[len(case.ar) :] for part in y])
+        errors.append(np.linalg.lstsq(Z, v - v.mean(), rcond=None)[0] - case.theta)
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / case.standard_errors
+    # 60 draws: the ratio scatters by 1/sqrt(120) = 0.09.
+    assert_allclose(ratio, 1.0, atol=0.35)
+
+
+def test_no_true_term_has_a_near_alias():
+    case = cases.colour_case("white", 5, n=4000)
+    X = cases.design_matrix(case.base, case.exponents)
+    X = X - X.mean(axis=0)
+    for j in case.true:
+        others = [k for k in case.true if k != j]
+        projector = np.linalg.pinv(X[:, others])
+        left = X - X[:, others] @ (projector @ X)
+        size = np.linalg.norm(left, axis=0)
+        outside = [k for k in range(164) if k not in case.true]
+        correlation = np.abs(left[:, outside].T @ left[:, j]) / (size[outside] * size[j])
+        assert correlation.max() <= 0.9 + 1e-9
+
+
+def test_several_responses_have_each_their_own_truth_on_the_same_signals():
+    one = cases.colour_case("white", 3, n=2000)
+    six = cases.colour_case("white", 3, n=2000, n_responses=6)
+    base, responses = six.manoeuvres[0]
+    assert responses.shape == (6, 2000)
+    assert_allclose(base, one.manoeuvres[0][0], rtol=0, atol=0)
+    assert six.true == one.true
+    for a, b in itertools.combinations(responses, 2):
+        assert np.abs(np.corrcoef(a, b)[0, 1]) < 0.9999
