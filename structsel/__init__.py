@@ -1,0 +1,35 @@
+"""structsel: flight recordings in, an aerodynamic model out whose structure the data chose.
+
+The journey: `read_recording`, `compute_coefficients`, `Candidates`, `select`, `AeroModel`, `validate`.
+"""
+
+from structsel.aircraft import Aircraft
+from structsel.candidates import Candidates, Factor, Term
+from structsel.errors import StructselError, StructselWarning
+from structsel.model import AeroModel, ResponseModel
+from structsel.recording import Recording, read_recording, read_recordings
+from structsel.selection import Selection, Selections, select
+from structsel.validation import Ensemble, Validation, ensemble, validate
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AeroModel",
+    "Aircraft",
+    "Candidates",
+    "Ensemble",
+    "Factor",
+    "Recording",
+    "ResponseModel",
+    "Selection",
+    "Selections",
+    "StructselError",
+    "StructselWarning",
+    "Term",
+    "Validation",
+    "ensemble",
+    "read_recording",
+    "read_recordings",
+    "select",
+    "validate",
+]

@@ -1,0 +1,64 @@
+"""Kept terms that are collinear, estimated with less variance and some bias, and labelled so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from structsel.numerics import biased
+from structsel.numerics.rows import Array
+from structsel.selection.options import Options
+from structsel.selection.search import Fold, centred
+
+
+def estimate_biased(
+    product: Array, samples: float, kept: Sequence[int], scale: Array, options: Options, folds: Sequence[Fold]
+) -> tuple[Array, Array, str]:
+    """Principal-components or ridge estimate of the constant and the kept terms.
+
+    Parameters
+    ----------
+    product : (p + 2, p + 2) array
+        Products of scaled [1, candidates, response].
+    scale : (p + 2,) array
+    folds : sequence of Fold
+        For choosing the number of components, or ridge's k, by predicting left-out manoeuvres.
+
+    Returns
+    -------
+    values : (1 + k,) array
+        Physical units.
+    covariance : (1 + k, 1 + k) array
+        About the estimate's own mean; the bias is not in it.
+    label : str
+    """
+    rows = [*kept, product.shape[0] - 2]
+    C = centred(product)[np.ix_(rows, rows)]
+    dof = samples - 1.0
+    train, test = ([centred(f[i])[np.ix_(rows, rows)] for f in folds] for i in (0, 1))
+    if options.estimate == "ridge":
+        k = biased.ridge_by_folds(train, test) if options.components == "manoeuvre" else biased.ridge_by_gcv(C, dof)
+        result = biased.ridge(C, dof, k)
+    else:
+        if isinstance(options.components, int):
+            number = min(options.components, len(kept))
+        elif options.components == "variance":
+            number = biased.components_by_variance(C)
+        elif options.components == "PSE":
+            number = biased.components_by_pse(C, dof)
+        else:
+            number = biased.components_by_folds(train, test)[0]
+        result = biased.principal_components(C, dof, number)
+    means = product[0, [j + 1 for j in kept]] / product[0, 0]
+    constant = product[0, -1] / product[0, 0] - means @ result.theta
+    s2 = result.rss / max(dof - result.effective_terms, 1.0)
+    cross = -result.covariance @ means
+    covariance = np.block(
+        [
+            [np.array([[means @ result.covariance @ means + s2 / product[0, 0]]]), cross[None, :]],
+            [cross[:, None], result.covariance],
+        ]
+    )
+    back = scale[-1] / scale[[0, *(j + 1 for j in kept)]]
+    return np.append(constant, result.theta) * back, covariance * np.outer(back, back), result.method

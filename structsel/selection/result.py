@@ -1,0 +1,312 @@
+"""What a selection returns: the terms, how sure they are, why they are there, and what to doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from structsel.candidates import Candidates, Term
+from structsel.errors import SelectionError
+from structsel.model import AeroModel, ResponseModel
+from structsel.numerics.colour import Colour
+from structsel.selection.identifiability import Alias
+from structsel.selection.options import Options
+
+
+@dataclass(frozen=True)
+class TraceStep:
+    """One move of the search, with where it left the model.
+
+    Attributes
+    ----------
+    action : {"enter", "leave", "swap", "refuse", "simplify"}
+        "simplify" puts the term of lowest degree in the place of one these data cannot tell from it.
+    term : Term
+    other : Term or None
+        The one a swap or simplification put out.
+    F, partial_r : float [-]
+        Partial F and partial correlation of the term that moved.
+    n_terms : int
+        After the move, the constant not counted.
+    R2, PSE, BIC : float
+        After the move, of the moments searched (whitened ones where the residuals are coloured); PSE as a share of
+        the response's mean square about its mean.
+    """
+
+    action: str
+    term: Term
+    other: Term | None
+    F: float
+    partial_r: float
+    n_terms: int
+    R2: float
+    PSE: float
+    BIC: float
+
+    def __str__(self) -> str:
+        what = f"{self.other} -> {self.term}" if self.other is not None else str(self.term)
+        return (
+            f"{self.action:<8} {what:<28} F {self.F:>10.4g}  r {self.partial_r:+.3f}  terms {self.n_terms:>2}  "
+            f"R2 {self.R2:.5f}  PSE {self.PSE:.5f}  BIC {self.BIC:.1f}"
+        )
+
+
+@dataclass(frozen=True)
+class HeldOutPart:
+    """Prediction of one part by a model selected without it: R2 about its own mean, rms error [response]."""
+
+    name: str
+    r2: float
+    rms: float
+    n: int
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was kept for one response, with the trace of why.
+
+    Attributes
+    ----------
+    response : str
+    terms : tuple of Term
+        Kept, in order of entry, the constant not among them.
+    values : (1 + k,) array
+        Parameters, the constant first.
+    covariance : (1 + k, 1 + k) array
+        Given these terms, the residuals' colour accounted for.
+    textbook_errors : (1 + k,) array
+        What the formula for white residuals would have printed.
+    standard_errors : (1 + k,) array
+        With the structure's own uncertainty: the larger of the conditional one and the scatter over resampled
+        selections.
+    inclusion : mapping of str to float
+        Share of resampled selections that kept each candidate of the pool; empty without a bootstrap.
+    partial_F : (1 + k,) array
+    vif : (k,) array
+    condition : float
+        Of the kept terms scaled to unit length, the constant included.
+    r2, adjusted_r2, rms, n
+        Of the response itself, in its own units.
+    held_out : tuple of HeldOutPart
+        By models selected without each part.
+    held_out_r2, held_out_rms : float
+        All parts together; nan where nothing could be held out.
+    colours : tuple of Colour
+        One per recording; empty where residuals were taken as white.
+    classical : tuple of Term
+        What the sources' rule for white residuals keeps.
+    aliases : tuple of Alias
+    dependent : tuple of Term
+        Candidates the kept terms explain exactly, or that do not vary.
+    trace : tuple of TraceStep
+    stopped : str
+    biased : bool
+        True for principal-components and ridge estimates.
+    estimated : str
+        How the values were estimated.
+    pool : Candidates
+    options : Options
+    doubts : tuple of str
+    region : mapping of channel to (least, greatest)
+    recordings : tuple of str
+    dt : float [s]
+    """
+
+    response: str
+    terms: tuple[Term, ...]
+    values: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    textbook_errors: NDArray[np.float64]
+    standard_errors: NDArray[np.float64]
+    inclusion: Mapping[str, float]
+    partial_F: NDArray[np.float64]
+    vif: NDArray[np.float64]
+    condition: float
+    r2: float
+    adjusted_r2: float
+    rms: float
+    n: int
+    held_out: tuple[HeldOutPart, ...]
+    held_out_r2: float
+    held_out_rms: float
+    colours: tuple[Colour, ...]
+    classical: tuple[Term, ...]
+    aliases: tuple[Alias, ...]
+    dependent: tuple[Term, ...]
+    trace: tuple[TraceStep, ...]
+    stopped: str
+    biased: bool
+    estimated: str
+    pool: Candidates
+    options: Options
+    doubts: tuple[str, ...]
+    region: Mapping[str, tuple[float, float]]
+    recordings: tuple[str, ...]
+    dt: float
+
+    @property
+    def dof(self) -> int:
+        """Residual degrees of freedom, n - k - 1."""
+        return self.n - len(self.terms) - 1
+
+    def intervals(self, level: float = 0.95) -> NDArray[np.float64]:
+        """Two-sided intervals (1 + k, 2) with the structure's uncertainty, the constant first."""
+        half = stats.t.ppf(0.5 + level / 2, max(self.dof, 1)) * self.standard_errors
+        return np.column_stack([self.values - half, self.values + half])
+
+    @property
+    def residual_description(self) -> str:
+        """How the residuals were treated, in words."""
+        if not self.colours:
+            return "white residuals (the sources' rule), errors corrected for colour"
+        orders = [c.order for c in self.colours]
+        span = str(orders[0]) if min(orders) == max(orders) else f"{min(orders)} to {max(orders)}"
+        return f"coloured residuals, AR order {span}"
+
+    def to_model(self) -> ResponseModel:
+        """The selection as a model of its response."""
+        return ResponseModel(
+            terms=(Term("1"), *self.terms),
+            values=self.values,
+            covariance=self.covariance,
+            standard_errors=self.standard_errors,
+            method=f"{self.options.method}, {self.estimated}",
+            residuals=self.residual_description,
+            biased=self.biased,
+            region=self.region,
+            n=self.n,
+            s2=self.rms**2 * self.n / max(self.dof, 1),
+            r2=self.r2,
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per parameter, the constant first."""
+        low, high = self.intervals().T
+        names = ["1", *map(str, self.terms)]
+        return pd.DataFrame(
+            {
+                "response": self.response,
+                "term": names,
+                "value": self.values,
+                "std_error": self.standard_errors,
+                "low95": low,
+                "high95": high,
+                "textbook_error": self.textbook_errors,
+                "partial_F": self.partial_F,
+                "inclusion": [np.nan, *(self.inclusion.get(n, np.nan) for n in names[1:])],
+                "vif": [np.nan, *self.vif],
+            }
+        )
+
+    def trace_frame(self) -> pd.DataFrame:
+        """One row per move of the search."""
+        rows = [{**vars(s), "term": str(s.term), "other": str(s.other or "")} for s in self.trace]
+        return pd.DataFrame(rows, columns=list(TraceStep.__dataclass_fields__))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types, for JSON; not a number is None."""
+
+        def plain(x: float) -> float | None:
+            return float(x) if np.isfinite(x) else None
+
+        frame = self.to_frame().drop(columns="response")
+        rows = [{k: (plain(v) if isinstance(v, float) else v) for k, v in r.items()} for r in frame.to_dict("records")]
+        return {
+            "response": self.response,
+            "method": self.options.method,
+            "residuals": self.residual_description,
+            "biased": self.biased,
+            "parameters": rows,
+            "fit": {k: plain(getattr(self, k)) for k in ("r2", "adjusted_r2", "rms", "condition")},
+            "n": self.n,
+            "held_out": {
+                "r2": plain(self.held_out_r2),
+                "rms": plain(self.held_out_rms),
+                "parts": [{"name": p.name, "r2": plain(p.r2), "rms": plain(p.rms)} for p in self.held_out],
+            },
+            "inclusion": {k: float(v) for k, v in self.inclusion.items() if v > 0},
+            "classical_terms": [str(t) for t in self.classical],
+            "aliases": [
+                {"kept": str(a.kept), "other": str(a.other), "loss": a.loss, "to_separate": a.to_separate}
+                for a in self.aliases
+            ],
+            "dependent": [str(t) for t in self.dependent],
+            "trace": [str(s) for s in self.trace],
+            "stopped": self.stopped,
+            "doubts": list(self.doubts),
+        }
+
+    def __str__(self) -> str:
+        head = (
+            f"{self.response}: {len(self.terms)} of {len(self.pool)} candidate terms, {self.options.method}, "
+            f"{self.residual_description}\n"
+            f"  n {self.n}   R2 {self.r2:.4f}   adjusted {self.adjusted_r2:.4f}   rms {self.rms:.3g}"
+        )
+        if self.biased:
+            head = f"{head}\n  BIASED: {self.estimated}"
+        if np.isfinite(self.held_out_r2):
+            head += f"   held out: R2 {self.held_out_r2:.4f}, rms {self.held_out_rms:.3g}"
+        table = self.to_frame()[["term", "value", "std_error", "low95", "high95", "partial_F", "inclusion", "vif"]]
+        text = table.to_string(
+            index=False,
+            na_rep="-",
+            formatters={
+                **dict.fromkeys(("value", "low95", "high95", "partial_F"), "{:.5g}".format),
+                "std_error": "{:.2g}".format,
+                "inclusion": "{:.2f}".format,
+                "vif": "{:.3g}".format,
+                "term": "{:<12}".format,
+            },
+        )
+        lines = [head, *("  " + line for line in text.splitlines())]
+        lines += [f"  ! {doubt}" for doubt in self.doubts]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Selections(Mapping[str, Selection]):
+    """Selections of several responses from the same recordings; a mapping by response."""
+
+    by_response: Mapping[str, Selection]
+
+    def __post_init__(self) -> None:
+        """Make the mapping read-only."""
+        object.__setattr__(self, "by_response", MappingProxyType(dict(self.by_response)))
+
+    def __getitem__(self, response: str) -> Selection:
+        if response not in self.by_response:
+            raise SelectionError(f"No selection for {response!r}; there is one for {', '.join(self.by_response)}.")
+        return self.by_response[response]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.by_response)
+
+    def __len__(self) -> int:
+        return len(self.by_response)
+
+    @property
+    def model(self) -> AeroModel:
+        """All responses as one model."""
+        first = next(iter(self.by_response.values()))
+        return AeroModel({r: s.to_model() for r, s in self.items()}, recordings=first.recordings)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per response and parameter."""
+        return pd.concat([s.to_frame() for s in self.values()], ignore_index=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types, for JSON."""
+        return {"schema": "structsel.selection/1", "responses": {r: s.to_dict() for r, s in self.items()}}
+
+    def __str__(self) -> str:
+        return "\n\n".join(str(s) for s in self.values())
+
+    def _repr_html_(self) -> str:
+        return self.to_frame().to_html(index=False, float_format="{:.5g}".format)

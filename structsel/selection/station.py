@@ -1,0 +1,259 @@
+"""`select`: recordings and candidates in, a defended structure out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+from typing import Any, Literal
+
+import numpy as np
+
+from structsel.candidates import Candidates, Term
+from structsel.errors import SelectionError
+from structsel.model import flown_region
+from structsel.numerics import criteria
+from structsel.recording import Recording
+from structsel.selection.doubts import find_doubts
+from structsel.selection.engine import Outcome, Progress, select_arrays
+from structsel.selection.identifiability import Alias, to_separate
+from structsel.selection.options import (
+    Components,
+    Criterion,
+    Estimate,
+    Method,
+    Options,
+    Residuals,
+    Start,
+    Stop,
+)
+from structsel.selection.result import HeldOutPart, Selection, Selections, TraceStep
+from structsel.selection.signals import as_signals
+
+
+def select(
+    recordings: Recording | Sequence[Recording],
+    responses: str | Sequence[str],
+    candidates: Candidates,
+    *,
+    method: Method = "stepwise",
+    residuals: Residuals = "coloured",
+    F_in: float | Literal["auto", "fdr"] = 4.0,
+    F_out: float | None = None,
+    force: Iterable[Term | str] = (),
+    start: Start = "empty",
+    stop: Stop = "F",
+    r2_change: float = 0.005,
+    criterion: Criterion | None = None,
+    sigma_max: Literal["response", "residual"] | float = "response",
+    order: Literal["greedy", "given"] = "greedy",
+    estimate: Estimate = "least_squares",
+    components: Components = "variance",
+    correlation_limit: float | None = None,
+    max_terms: int | None = None,
+    bootstrap: int = 200,
+    max_order: int = 24,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Selections:
+    """Choose which candidate terms belong in the model of each response.
+
+    Parameters
+    ----------
+    recordings : Recording or sequence of Recording
+        One manoeuvre each, with the candidates' channels and the responses. Never joined: lags do not cross from
+        one to the next, and each has its own residual colour.
+    responses : str or sequence of str
+        ``"CZ"``, or several; all share one pass over the data.
+    candidates : Candidates
+        The pool. The constant is always in the model.
+    method : {"stepwise", "orthogonal", "best_subset"}
+        Modified stepwise regression by partial F [C89], [TP1916]; orthogonal functions minimising PSE [H17],
+        [M95]; or the best model of every size, by branch and bound [FW74], for small pools.
+    residuals : {"coloured", "white"}
+        Whether tests and errors account for residuals that resemble their neighbours: an AR model of each
+        recording's residual, order by BIC, re-estimated until the structure settles. ``"white"`` is the rule of
+        the sources. Whichever is asked for, a disagreement of the two is reported.
+    F_in, F_out : float, "auto" or "fdr"
+        Partial F to enter and to stay (F_in where F_out is absent). 12 is the sources' value [C89]; ``"auto"``
+        keeps the chance of any false term near 5 % for this number of candidates; ``"fdr"`` keeps the share of
+        false terms near 5 % [BG09].
+    force : iterable of Term or str
+        Terms always in.
+    start : {"empty", "linear", "all"}
+        What a stepwise search starts from: nothing, the linear terms [TP1916], or all terms [C89].
+    stop : {"F", "R2", "PSE"}
+        What besides F_in ends a stepwise search: a gain in R2 under ``r2_change``, or PSE no longer falling.
+    criterion : {"PSE", "BIC", "AICc", "adj_R2", "manoeuvre"}, optional
+        Choose, among the models the search visited, the one with the least PSE, BIC or AICc, the largest
+        adjusted R2, or the least error in predicting left-out manoeuvres. By default F-tests decide for stepwise,
+        PSE for orthogonal and BIC for best subset.
+    sigma_max : {"response", "residual"} or float
+        PSE's bound on the prediction error: the response's standard deviation [H17], five times the residual's,
+        or a number in the response's units [M95]. Applied to the whitened response where residuals are coloured.
+    order : {"greedy", "given"}
+        Orthogonalise the most useful candidate next [M95], or in the order given and then rank [H17].
+    estimate : {"least_squares", "principal_components", "ridge"}
+        How the kept terms are estimated; the latter two are biased, labelled so, and meant for collinear terms.
+    components : {"variance", "PSE", "manoeuvre"} or int
+        Principal components used: enough for 99 % of the candidates' variance, those of least PSE, those that
+        predict left-out manoeuvres best, or a number. Ridge's k is chosen by generalised cross-validation, or by
+        left-out manoeuvres where ``"manoeuvre"``.
+    correlation_limit : float, optional
+        Drop the weaker of two kept terms whose parameters correlate above this [H17].
+    max_terms : int, optional
+    bootstrap : int
+        Selections repeated on reweighted manoeuvres (from eight on) or blocks; 0 for none.
+    max_order : int
+        Highest AR order offered to the residual colour.
+    seed, workers : int
+        Of the bootstrap; threads, by default as many as the work is worth.
+    progress : callable, optional
+        Called with a stage's name, steps done and steps in all.
+
+    Returns
+    -------
+    Selections
+        A mapping from response to `Selection`; ``.model`` is the AeroModel.
+
+    Raises
+    ------
+    ChannelError, DataError
+        A channel is missing, not finite, or a response does not vary.
+    SelectionError
+        An option that cannot be meant, a forced term outside the pool, or more forced terms than samples.
+
+    References
+    ----------
+    [C89], [TP1916], [H17], [M95], [KM16] ch. 5.
+    """
+    given = locals()
+    options = Options(**{f.name: given[f.name] for f in fields(Options)})
+    flown = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    wanted = [responses] if isinstance(responses, str) else list(responses)
+    signals = as_signals(flown, candidates, wanted)
+    forced = _positions(candidates, force)
+    began = _start(candidates, start)
+    outcomes = select_arrays(signals, candidates.exponents, options, forced, began, progress)
+    region = flown_region(flown, candidates.channels)
+    return Selections({r: _named(r, o, candidates, flown, options, region) for r, o in zip(wanted, outcomes)})
+
+
+def _positions(candidates: Candidates, terms: Iterable[Term | str]) -> list[int]:
+    found = []
+    for term in [terms] if isinstance(terms, str | Term) else terms:
+        value = Term(term) if isinstance(term, str) else term
+        if value.is_constant:
+            continue
+        if value not in candidates:
+            raise SelectionError(
+                f"select is to force {value}, which is not among the {len(candidates)} candidates. "
+                f"Add it: candidates + Candidates.parse(['{value}'])."
+            )
+        found.append(candidates.index(value))
+    return found
+
+
+def _start(candidates: Candidates, start: Start) -> list[int]:
+    if start == "empty":
+        return []
+    return [i for i, t in enumerate(candidates) if start == "all" or t.degree == 1]
+
+
+def _trace(outcome: Outcome, candidates: Candidates) -> tuple[TraceStep, ...]:
+    found = outcome.found
+    n = found.dof + 1.0
+    steps = []
+    for s in found.steps:
+        rss = max(s.rss, 1e-28 * found.tss)
+        steps.append(
+            TraceStep(
+                action=s.action,
+                term=candidates[s.index],
+                other=candidates[s.other] if s.other >= 0 else None,
+                F=s.F,
+                partial_r=s.partial_r,
+                n_terms=s.n_terms,
+                R2=1.0 - s.rss / found.tss,
+                PSE=float(criteria.pse(rss, found.tss, n, s.n_terms)) / (found.tss / n),
+                BIC=float(criteria.bic(rss, n, s.n_terms)),
+            )
+        )
+    return tuple(steps)
+
+
+def _held_out(outcome: Outcome, flown: Sequence[Recording]) -> dict[str, Any]:
+    held = outcome.held_out
+    if held is None:
+        return {"held_out": (), "held_out_r2": np.nan, "held_out_rms": np.nan}
+    parts = []
+    for i, (members, sse, tss, n) in enumerate(zip(held.parts, held.sse, held.tss, held.n)):
+        if held.within:
+            name = f"{flown[0].name}, part {i + 1} of {len(held.parts)}"
+        else:
+            name = ", ".join(flown[k].name for k in members)
+        r2 = 1.0 - sse / tss if tss > 0 else np.nan
+        parts.append(HeldOutPart(name, float(r2), float(np.sqrt(sse / n)), int(n)))
+    return {"held_out": tuple(parts), "held_out_r2": held.r2, "held_out_rms": held.rms}
+
+
+def _named(
+    response: str,
+    outcome: Outcome,
+    candidates: Candidates,
+    flown: Sequence[Recording],
+    options: Options,
+    region: dict[str, tuple[float, float]],
+) -> Selection:
+    kept = list(outcome.found.selected)
+    terms = tuple(candidates[i] for i in kept)
+    aliases = tuple(
+        Alias(
+            candidates[a.kept],
+            candidates[a.rival],
+            a.loss,
+            a.correlation,
+            to_separate(candidates[a.kept], candidates[a.rival], flown),
+        )
+        for a in outcome.rivals
+    )
+    conditional = np.sqrt(np.maximum(np.diag(outcome.covariance), 0.0))
+    errors, inclusion = conditional, {}
+    if outcome.bootstrap is not None:
+        errors = np.fmax(conditional, outcome.bootstrap.spread)
+        inclusion = dict(zip(candidates.names, outcome.bootstrap.inclusion.tolist()))
+    dof = max(outcome.n - len(kept) - 1, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        partial_F = outcome.values**2 / np.diag(outcome.covariance)
+    used = {c for t in terms for c in t.channels}
+    return Selection(
+        response=response,
+        terms=terms,
+        values=outcome.values,
+        covariance=outcome.covariance,
+        textbook_errors=np.sqrt(np.maximum(np.diag(outcome.textbook), 0.0)),
+        standard_errors=errors,
+        inclusion=inclusion,
+        partial_F=partial_F,
+        vif=outcome.vif,
+        condition=outcome.fit.condition,
+        r2=outcome.r2,
+        adjusted_r2=1.0 - (1.0 - outcome.r2) * (outcome.n - 1) / dof,
+        rms=outcome.rms,
+        n=outcome.n,
+        **_held_out(outcome, flown),
+        colours=outcome.colours,
+        classical=tuple(candidates[i] for i in outcome.classical.selected),
+        aliases=aliases,
+        dependent=tuple(candidates[i] for i in outcome.found.refused),
+        trace=_trace(outcome, candidates),
+        stopped=outcome.found.stopped,
+        biased=bool(outcome.biased),
+        estimated=outcome.biased or "least squares",
+        pool=candidates,
+        options=options,
+        doubts=find_doubts(outcome, candidates, flown, options, aliases),
+        region={c: v for c, v in region.items() if c in used},
+        recordings=tuple(r.name for r in flown),
+        dt=flown[0].dt,
+    )
