@@ -33,11 +33,8 @@ def test_order_is_the_least_bic_of_statsmodels_over_all_orders():
     e = ar1(np.random.default_rng(2), 3000, 0.9) + ar1(np.random.default_rng(3), 3000, 0.0, 0.5)
     top, scores = 12, []
     for order in range(top + 1):
-        if order:
-            rss = np.sum(AutoReg(e, order, trend="n", hold_back=top).fit().resid ** 2)
-        else:
-            rss = np.sum(e[top:] ** 2)
-        scores.append((3000 - top) * np.log(rss) + order * np.log(3000 - top))
+        residual = AutoReg(e, order, trend="n", hold_back=top).fit().resid if order else e[top:]
+        scores.append((3000 - top) * np.log(np.sum(residual**2)) + order * np.log(3000 - top))
     assert fitted(e, top).order == int(np.argmin(scores))
 
 

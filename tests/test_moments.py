@@ -1,4 +1,5 @@
 import tracemalloc
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -105,7 +106,7 @@ def test_blocks_cover_every_sample_once(lengths, wanted):
         own = [b for b in blocks if b.manoeuvre == k]
         assert own[0].start == 0
         assert own[-1].stop == n
-        assert all(a.stop == b.start for a, b in zip(own, own[1:], strict=False))
+        assert all(a.stop == b.start for a, b in pairwise(own))
 
 
 def test_memory_above_the_signals_does_not_grow_with_samples():

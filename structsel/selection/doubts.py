@@ -40,6 +40,12 @@ def find_doubts(
         doubts.append(f"{outcome.n} samples for {p} candidates: many models fit equally well. Record longer.")
     if not outcome.settled:
         doubts.append("Structure and residual colour did not settle in four rounds; the last one is shown.")
+    if outcome.whitening_refused is not None:
+        a, b = (np.sqrt(v) for v in outcome.whitening_refused)
+        doubts.append(
+            f"Whitening was given up: held-out error {a / b:.2f} times that of plain weighting. The residual is not "
+            "only noise; look for late channels, noise in the signals, or dynamics that were left out."
+        )
     if outcome.colours and max(c.order for c in outcome.colours) >= options.max_order > 0:
         doubts.append(
             f"The residual's colour asks for more than AR order {options.max_order}. Raise max_order, or look for "
@@ -48,12 +54,12 @@ def find_doubts(
     if options.method == "stepwise" and options.rule is None and options.stop == "F" and options.F_in != "fdr":
         F_in = thresholds(options, p, found.dof)[0]
         chance = (p - len(kept)) * stats.f.sf(F_in, 1, max(found.dof - len(kept), 1.0))
-        if chance > 0.5:
+        if chance > 0.5 and not outcome.by_blocks:
             doubts.append(
                 f"With F_in = {F_in:.3g} and {p} candidates about {chance:.1f} terms enter by chance alone; "
                 "F_in='auto' keeps the chance of any near 5 %."
             )
-    doubts += _disagreement(outcome, names)
+    doubts += _disagreement(outcome, names, options)
     for alias in aliases[:SEVERAL]:
         doubts.append(f"Cannot be told apart here: {alias}.")
     if len(aliases) > SEVERAL:
@@ -88,10 +94,10 @@ def find_doubts(
     return tuple(doubts)
 
 
-def _disagreement(outcome: Outcome, names: Sequence[str]) -> list[str]:
+def _disagreement(outcome: Outcome, names: Sequence[str], options: Options) -> list[str]:
     """Where the white-noise rule and the one in force keep different terms."""
     now, classical = set(outcome.found.selected), set(outcome.classical.selected)
-    if not outcome.colours or now == classical:
+    if options.residuals == "white" or now == classical:
         return []
     more = [names[i] for i in outcome.classical.selected if i not in now]
     fewer = [names[i] for i in outcome.found.selected if i not in classical]

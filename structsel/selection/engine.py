@@ -6,7 +6,7 @@ Array-level: candidates are columns of a table of exponents. `structsel.selectio
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +19,17 @@ from structsel.numerics.rows import Array, Signals
 from structsel.numerics.uncertainty import coloured_covariance
 from structsel.selection.biased import estimate_biased
 from structsel.selection.options import Options
-from structsel.selection.resampling import (
-    Bootstrap,
-    HeldOut,
-    find_in,
-    fold_blocks,
-    predict_held_out,
-    repeat_selection,
-    split_products,
-)
+from structsel.selection.resampling import Bootstrap, HeldOut, predict_held_out, repeat_selection
 from structsel.selection.rivals import Rival, find_rivals
 from structsel.selection.search import Found, Pool, centred, prediction_error, solve
 from structsel.selection.signals import SomeResponses
+from structsel.selection.way import Way, fold_blocks, without
 
 ROUNDS = 4  # of colour and search; the structure has settled after two almost always
+WORSE = 1.25  # squared error of the fit from which whitening is given up, if unseen manoeuvres agree
+MANY_BLOCKS, FEW_BLOCKS = 40, 16  # kept apart, for resampling and tests by blocks
+MANY_UP_TO = 200  # candidates; above it blocks are dear
+
 Progress = Callable[[str, int, int], None]
 
 
@@ -43,7 +40,9 @@ class Outcome:
     found: Found
     classical: Found
     colours: tuple[Colour, ...]
+    by_blocks: bool
     settled: bool
+    whitening_refused: tuple[float, float] | None
     fit: Fit
     values: Array
     covariance: Array
@@ -88,49 +87,75 @@ def select_arrays(
         return None if progress is None else lambda done, of: progress(name, done, of)
 
     pool = Pool(np.asarray(exponents).sum(axis=1), tuple(forced), tuple(start))
-    white = accumulate(manoeuvres, exponents, workers=options.workers, progress=stage("moments"))
+    blocks = MANY_BLOCKS if len(exponents) <= MANY_UP_TO else FEW_BLOCKS
+    white = accumulate(manoeuvres, exponents, blocks=blocks, workers=options.workers, progress=stage("moments"))
     folds = fold_blocks(white)
-    plain = [one_response(white, r) for r in range(white.n_responses)]
-    classical = [find_in(m, options, pool, folds) for m in plain]
+    plain = [Way(one_response(white, r), options, pool, folds) for r in range(white.n_responses)]
+    classical = [way.find() for way in plain]
     if options.residuals == "white":
-        coloured: list[tuple[MomentSet, Found, tuple[Colour, ...], bool]] = [
-            (m, f, (), True) for m, f in zip(plain, classical)
-        ]
+        chosen = [Choice(way, found, ()) for way, found in zip(plain, classical, strict=True)]
+    elif options.residuals == "robust":
+        chosen = [by_blocks(way) for way in plain]
     else:
-        coloured = _settle(manoeuvres, exponents, options, pool, plain, classical, folds, stage("whitened"))
+        chosen = _settle(manoeuvres, exponents, options, plain, classical, blocks, stage("whitened"))
     return [
-        _outcome(
-            r,
-            manoeuvres,
-            exponents,
-            options,
-            pool,
-            plain[r],
-            classical[r],
-            *rest,
-            folds,
-            stage("bootstrap"),
-        )
-        for r, rest in enumerate(coloured)
+        _outcome(r, manoeuvres, exponents, plain[r].moments, classical[r], chosen[r], stage("bootstrap"))
+        for r in range(white.n_responses)
     ]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How a response was searched in the end, and what was found.
+
+    ``settled`` is False where structure and colour did not agree after the last round. ``refused`` holds, where
+    whitening was tried and given up, the held-out sums of squares it led to and those of the way used instead.
+    """
+
+    way: Way
+    found: Found
+    colours: tuple[Colour, ...]
+    settled: bool = True
+    refused: tuple[float, float] | None = None
+
+
+def by_blocks(plain: Way) -> Choice:
+    """Plain weighting with tests by blocks."""
+    way = replace(plain, by_blocks=True)
+    return Choice(way, way.find(), ())
+
+
+def guard(choice: Choice, plain: Way) -> Choice:
+    """Give whitening up where it describes the response clearly worse than plain weighting, and unseen parts agree.
+
+    Coloured noise leaves both right; where whitening does worse the residual is misfit, not noise.
+    """
+    whitened = predict_held_out(choice.way, plain.moments)
+    if whitened is None:
+        return choice
+    other = by_blocks(plain)
+    robust = predict_held_out(other.way, plain.moments)
+    total = plain.moments.total()
+    fitted = [
+        prediction_error(solve(c.way.moments.total(), c.found.selected), c.found.selected, total)
+        for c in (choice, other)
+    ]
+    if robust is None or fitted[0] <= WORSE * fitted[1] or whitened.sse.sum() <= robust.sse.sum():
+        return choice
+    return replace(other, refused=(float(whitened.sse.sum()), float(robust.sse.sum())))
 
 
 def _outcome(
     response: int,
     manoeuvres: Sequence[Signals],
     exponents: NDArray[np.integer],
-    options: Options,
-    pool: Pool,
     plain: MomentSet,
     classical: Found,
-    moments: MomentSet,
-    found: Found,
-    colours: tuple[Colour, ...],
-    settled: bool,
-    folds: Sequence[NDArray[np.int64]],
+    choice: Choice,
     progress: Callable[[int, int], None] | None,
 ) -> Outcome:
     """Refit what was kept, and find out how far it can be trusted."""
+    found, colours, moments, options = choice.found, choice.colours, choice.way.moments, choice.way.options
     kept = list(found.selected)
     rows = [0, *(j + 1 for j in kept)]
     signals = [SomeResponses(m, (response,)) for m in manoeuvres]
@@ -139,7 +164,8 @@ def _outcome(
     covariance = fit.covariance if colours else coloured_covariance(signals, exponents[kept], fit)
     total, scale = plain.total(), plain.scale
     if options.estimate != "least_squares" and kept:
-        pairs = [split_products(moments, f)[:2] for f in folds]
+        weights = [without(moments, f) for f in choice.way.folds]
+        pairs = [(moments.total(w), moments.total(1.0 - w)) for w in weights]
         values, covariance, label = estimate_biased(moments.total(), moments.samples(), kept, scale, options, pairs)
     sse = prediction_error(values * scale[rows] / scale[-1], kept, total)
     plain_sse = prediction_error(solve(total, kept), kept, total)
@@ -148,7 +174,9 @@ def _outcome(
         found=found,
         classical=classical,
         colours=colours,
-        settled=settled,
+        by_blocks=choice.way.by_blocks,
+        settled=choice.settled,
+        whitening_refused=choice.refused,
         fit=fit,
         values=values,
         covariance=covariance,
@@ -158,9 +186,9 @@ def _outcome(
         r2=1.0 - sse / C[-1, -1],
         rms=float(np.sqrt(sse / plain.samples()) * scale[-1]),
         n=int(plain.samples()),
-        rivals=tuple(find_rivals(centred(moments.total()), found.selected, found.dof)),
-        held_out=predict_held_out(moments, plain, options, pool, folds),
-        bootstrap=repeat_selection(moments, found, options, pool, folds, progress),
+        rivals=tuple(find_rivals(centred(moments.total()), found.selected, found.effective_dof)),
+        held_out=predict_held_out(choice.way, plain),
+        bootstrap=repeat_selection(choice.way, found, progress),
     )
 
 
@@ -178,42 +206,45 @@ def _settle(
     manoeuvres: Sequence[Signals],
     exponents: NDArray[np.integer],
     options: Options,
-    pool: Pool,
-    plain: list[MomentSet],
+    plain: list[Way],
     classical: list[Found],
-    folds: Sequence[NDArray[np.int64]],
+    blocks: int,
     progress: Callable[[int, int], None] | None,
-) -> list[tuple[MomentSet, Found, tuple[Colour, ...], bool]]:
+) -> list[Choice]:
     """Estimate each manoeuvre's residual colour, whiten, search; again until the structure settles."""
-    results: list[tuple[MomentSet, Found, tuple[Colour, ...], bool]] = [
-        (m, f, (), False) for m, f in zip(plain, classical)
-    ]
+    results = [Choice(way, found, (), False) for way, found in zip(plain, classical, strict=True)]
     pending = list(range(len(plain)))
     for _ in range(ROUNDS):
         colours = {}
         for r in pending:
-            moments, found, _, _ = results[r]
-            kept = list(found.selected)
+            moments, kept = results[r].way.moments, list(results[r].found.selected)
             scale = moments.scale
             theta = solve(moments.total(), kept) * scale[-1] / scale[[0, *(j + 1 for j in kept)]]
-            floor = 1e-10 * float(scale[-1])
             signals = [SomeResponses(m, (r,)) for m in manoeuvres]
             colours[r] = tuple(
-                residual_colours(signals, exponents[kept], theta, max_order=options.max_order, floor=floor)
+                residual_colours(
+                    signals, exponents[kept], theta, max_order=options.max_order, floor=1e-10 * float(scale[-1])
+                )
             )
         some = [SomeResponses(m, tuple(pending)) for m in manoeuvres]
         whitened = accumulate_whitened(
-            some, exponents, [colours[r] for r in pending], workers=options.workers, progress=progress
+            some,
+            exponents,
+            [colours[r] for r in pending],
+            blocks=blocks,
+            workers=options.workers,
+            progress=progress,
         )
-        for r, moments in zip(list(pending), whitened):
-            found = find_in(moments, options, pool, folds)
-            settled = set(found.selected) == set(results[r][1].selected)
-            results[r] = (moments, found, colours[r], settled)
+        for r, moments in zip(list(pending), whitened, strict=True):
+            way = replace(plain[r], moments=moments)
+            found = way.find()
+            settled = set(found.selected) == set(results[r].found.selected)
+            results[r] = Choice(way, found, colours[r], settled)
             if settled:
                 pending.remove(r)
         if not pending:
             break
-    return results
+    return [guard(choice, way) for choice, way in zip(results, plain, strict=True)]
 
 
 def _textbook(product: Array, kept: list[int], s2: float, scale: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 from structsel.errors import SelectionError
 
 Method = Literal["stepwise", "orthogonal", "best_subset"]
-Residuals = Literal["coloured", "white"]
+Residuals = Literal["coloured", "robust", "white"]
 Criterion = Literal["PSE", "BIC", "AICc", "adj_R2", "manoeuvre"]
 Estimate = Literal["least_squares", "principal_components", "ridge"]
 Components = Literal["variance", "PSE", "manoeuvre"] | int

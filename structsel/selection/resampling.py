@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from structsel.numerics.moments import MomentSet
 from structsel.numerics.rows import Array
 from structsel.numerics.uncertainty import bootstrap_units, bootstrap_weights
-from structsel.selection.options import Options
-from structsel.selection.search import Found, Pool, find, prediction_error, solve
-
-FOLDS_WITHIN = 4  # parts held out in turn where there is a single manoeuvre
-MOST_FOLDS = 12
+from structsel.selection.search import Found, prediction_error, solve
+from structsel.selection.way import Way, without
 
 
 @dataclass(frozen=True)
@@ -72,101 +68,51 @@ class Bootstrap:
     by: str
 
 
-def fold_blocks(moments: MomentSet) -> list[NDArray[np.int64]]:
-    """Blocks to hold out in turn: whole manoeuvres, or parts of the only one; none where there is one block."""
-    names = np.unique(moments.manoeuvre)
-    if names.size > 1:
-        groups = np.array_split(names, min(names.size, MOST_FOLDS))
-        return [np.flatnonzero(np.isin(moments.manoeuvre, g)) for g in groups]
-    if moments.n_blocks < 2:
-        return []
-    return np.array_split(np.arange(moments.n_blocks), min(FOLDS_WITHIN, moments.n_blocks))
+def predict_held_out(way: Way, plain: MomentSet) -> HeldOut | None:
+    """Select without each part in turn and predict it.
 
-
-def split_products(moments: MomentSet, held: NDArray[np.int64]) -> tuple[Array, Array, float]:
-    """Products of all blocks but the held ones, of the held ones, and the samples behind the first."""
-    weights = np.ones(moments.n_blocks)
-    weights[held] = 0.0
-    return moments.total(weights), moments.total(1.0 - weights), moments.samples(weights)
-
-
-def only_blocks(moments: MomentSet, blocks: NDArray[np.int64]) -> Array:
-    """Products of these blocks."""
-    return moments.total(np.isin(np.arange(moments.n_blocks), blocks).astype(float))
-
-
-def find_in(
-    moments: MomentSet,
-    options: Options,
-    pool: Pool,
-    folds: Sequence[NDArray[np.int64]],
-    weights: Array | None = None,
-) -> Found:
-    """Search the sum of all blocks, weighted where asked."""
-    pairs = [split_products(moments, f)[:2] for f in folds] if options.rule == "manoeuvre" else ()
-    return find(
-        moments.total(weights),
-        moments.samples(weights),
-        options,
-        pool,
-        pairs,
-        float(moments.scale[-1]),
-    )
-
-
-def predict_held_out(
-    moments: MomentSet,
-    plain: MomentSet,
-    options: Options,
-    pool: Pool,
-    folds: Sequence[NDArray[np.int64]],
-) -> HeldOut | None:
-    """Select without each part in turn and predict it."""
-    if not folds:
+    Parameters
+    ----------
+    way : Way
+    plain : MomentSet
+        Of the response itself, not whitened: what is to be predicted.
+    """
+    if not way.folds:
         return None
     sse, tss, n = [], [], []
-    for held in folds:
-        train, _, samples = split_products(moments, held)
-        others = [only_blocks(moments, f) for f in folds if f is not held] if options.rule == "manoeuvre" else ()
-        pairs = [(train - part, part) for part in others]
-        found = find(train, samples, options, pool, pairs, float(moments.scale[-1]))
-        theta = solve(train, found.selected)
-        test = only_blocks(plain, held)
-        unit = plain.scale[-1] ** 2
+    unit = plain.scale[-1] ** 2
+    for held in way.folds:
+        weights = without(way.moments, held)
+        found = way.find(weights)
+        theta = solve(way.moments.total(weights), found.selected)
+        test = plain.total(1.0 - weights)
         sse.append(prediction_error(theta, found.selected, test) * unit)
         tss.append(float(test[-1, -1] - test[0, -1] ** 2 / test[0, 0]) * unit)
         n.append(test[0, 0])
-    names = np.unique(moments.manoeuvre)
-    within = names.size == 1
-    parts = tuple(tuple(int(i) for i in (held if within else np.unique(moments.manoeuvre[held]))) for held in folds)
+    which = plain.manoeuvre
+    within = np.unique(which).size == 1
+    parts = tuple(tuple(int(i) for i in (held if within else np.unique(which[held]))) for held in way.folds)
     return HeldOut(parts, within, np.array(sse), np.array(tss), np.array(n))
 
 
-def repeat_selection(
-    moments: MomentSet,
-    found: Found,
-    options: Options,
-    pool: Pool,
-    folds: Sequence[NDArray[np.int64]],
-    progress: Callable[[int, int], None] | None,
-) -> Bootstrap | None:
+def repeat_selection(way: Way, found: Found, progress: Callable[[int, int], None] | None) -> Bootstrap | None:
     """Repeat the selection on randomly weighted blocks; no data are touched."""
+    options, moments = way.options, way.moments
     if not options.bootstrap or moments.n_blocks < 2:
         return None
     units = bootstrap_units(moments)
     weights = bootstrap_weights(units, options.bootstrap, np.random.default_rng(options.seed))
-    p = moments.n_candidates
     kept = list(found.selected)
-    counts = np.zeros(p)
+    counts = np.zeros(moments.n_candidates)
     values = np.full((options.bootstrap, 1 + len(kept)), np.nan)
     place = {j: i + 1 for i, j in enumerate(kept)}
     scale = moments.scale
     for b, w in enumerate(weights):
-        again = find_in(moments, options, pool, folds if options.rule == "manoeuvre" else (), w)
+        again = way.find(w)
         counts[list(again.selected)] += 1.0
         theta = solve(moments.total(w), again.selected)
         values[b, 0] = theta[0] * scale[-1]
-        for value, j in zip(theta[1:], again.selected):
+        for value, j in zip(theta[1:], again.selected, strict=True):
             if j in place:
                 values[b, place[j]] = value * scale[-1] / scale[1 + j]
         if progress is not None:

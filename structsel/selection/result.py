@@ -99,7 +99,9 @@ class Selection:
     held_out_r2, held_out_rms : float
         All parts together; nan where nothing could be held out.
     colours : tuple of Colour
-        One per recording; empty where residuals were taken as white.
+        One per recording; empty where nothing was whitened.
+    by_blocks : bool
+        Whether tests took the scatter over blocks.
     classical : tuple of Term
         What the sources' rule for white residuals keeps.
     aliases : tuple of Alias
@@ -137,6 +139,7 @@ class Selection:
     held_out_r2: float
     held_out_rms: float
     colours: tuple[Colour, ...]
+    by_blocks: bool
     classical: tuple[Term, ...]
     aliases: tuple[Alias, ...]
     dependent: tuple[Term, ...]
@@ -164,6 +167,8 @@ class Selection:
     @property
     def residual_description(self) -> str:
         """How the residuals were treated, in words."""
+        if self.by_blocks:
+            return "coloured residuals, tests by blocks"
         if not self.colours:
             return "white residuals (the sources' rule), errors corrected for colour"
         orders = [c.order for c in self.colours]

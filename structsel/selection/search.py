@@ -12,8 +12,9 @@ from scipy import linalg
 from structsel.errors import SelectionError
 from structsel.numerics import criteria
 from structsel.numerics.collinearity import drop_correlated
-from structsel.numerics.moments import sweep_constant
+from structsel.numerics.moments import MomentSet, sweep_constant
 from structsel.numerics.orthogonal import orthogonal
+from structsel.numerics.robust import inflation, robust_stepwise
 from structsel.numerics.rows import Array
 from structsel.numerics.stepwise import Path, Step, partial_f, polish, stepwise
 from structsel.numerics.subset import best_subset
@@ -62,6 +63,8 @@ class Found:
     stopped : str
     dof : float
         Samples less one.
+    effective_dof : float
+        The same, of independent samples; fewer where tests took the scatter over blocks.
     """
 
     selected: tuple[int, ...]
@@ -71,6 +74,7 @@ class Found:
     refused: tuple[int, ...]
     stopped: str
     dof: float
+    effective_dof: float
 
 
 def centred(product: Array) -> Array:
@@ -112,6 +116,7 @@ def find(
     pool: Pool,
     folds: Sequence[Fold] = (),
     noise_scale: float = 1.0,
+    blocks: tuple[MomentSet, Array | None] | None = None,
 ) -> Found:
     """Search these moments the way the options say.
 
@@ -125,31 +130,17 @@ def find(
         For the criterion ``"manoeuvre"``.
     noise_scale : float
         The response's scale in these products; turns a sigma_max given in its units into theirs.
+    blocks : (MomentSet, weights), optional
+        The blocks behind ``product``: F-tests then believe blocks, not samples.
     """
     C = centred(product)
     dof = samples - 1.0
-    p = C.shape[0] - 1
     bound = None if isinstance(options.sigma_max, str) else (options.sigma_max / noise_scale) ** 2
     needs_bound = options.rule == "PSE" or (options.method == "stepwise" and options.stop == "PSE")
     if bound is None and needs_bound:
         bound = sigma_max2(options, C, dof, pool)
     if options.method == "stepwise":
-        F_in, F_out, entry = thresholds(options, p, dof)
-        path = stepwise(
-            C,
-            dof,
-            F_in=F_in,
-            F_out=F_out,
-            force=pool.forced,
-            start=pool.start,
-            max_terms=options.max_terms,
-            stop=options.stop,
-            r2_change=options.r2_change,
-            sigma_max2=bound,
-            entry_thresholds=entry,
-        )
-        if options.stop == "F" and entry is None:
-            path = _polished(path, C, F_in, pool.forced, options.max_terms)
+        path = _by_blocks(*blocks, dof, options, pool) if blocks else _by_samples(C, dof, options, pool, bound)
         visited = _visited(path)
     elif options.method == "orthogonal":
         path = orthogonal(C, dof, sigma_max2=bound, order=options.order, force=pool.forced, max_terms=options.max_terms)
@@ -165,7 +156,8 @@ def find(
         scores = _scores(rule, visited, tss, dof + 1.0, bound, folds)
         selected, rss = visited[int(np.argmin(scores))]
         stopped = f"least {rule.replace('manoeuvre', 'held-out error')} of {len(visited)} models visited"
-    found = Found(selected, rss, tss, path.steps, (), stopped, dof)
+    worth = inflation(*blocks, selected, dof) if blocks is not None else 1.0
+    found = Found(selected, rss, tss, path.steps, (), stopped, dof, dof / worth)
     found = _simplest(_uncorrelated(found, C, options, pool.forced), C, pool)
     return replace(found, refused=dependent(C, found.selected))
 
@@ -177,7 +169,7 @@ def _simplest(found: Found, C: Array, pool: Pool) -> Found:
     for _ in kept:
         better = [
             r
-            for r in find_rivals(C, kept, found.dof)
+            for r in find_rivals(C, kept, found.effective_dof)
             if abs(r.correlation) >= SAME_COLUMN
             and r.kept not in pool.forced
             and pool.degrees[r.rival] < pool.degrees[r.kept]
@@ -208,6 +200,54 @@ def _uncorrelated(found: Found, C: Array, options: Options, forced: Sequence[int
     rss = steps[-1].rss if dropped else found.rss
     note = f"{found.stopped}; {len(dropped)} dropped, parameters correlated above {options.correlation_limit:g}"
     return replace(found, selected=kept, rss=rss, steps=tuple(steps), stopped=note if dropped else found.stopped)
+
+
+def _by_blocks(moments: MomentSet, weights: Array | None, dof: float, options: Options, pool: Pool) -> Path:
+    """Stepwise search with tests by blocks, from nothing and from the linear terms; the better answer.
+
+    Early on, when most of the response is unexplained, a product can pass for the linear term it resembles, and no
+    single move undoes several of those.
+    """
+    F_in, F_out, _ = thresholds(options, moments.n_candidates, dof)
+    linear = tuple(int(j) for j in np.flatnonzero(pool.degrees == 1))
+    starts = [pool.start] if pool.start else list(dict.fromkeys([(), linear]))
+    paths = [
+        robust_stepwise(
+            moments,
+            weights,
+            dof,
+            F_in=F_in,
+            F_out=F_out,
+            force=pool.forced,
+            start=start,
+            max_terms=options.max_terms,
+        )
+        for start in starts
+    ]
+    worth = max(inflation(moments, weights, path.selected, dof) for path in paths)
+    n = dof / worth
+    return min(paths, key=lambda p: n * np.log(max(p.rss, ROUNDING * p.tss)) + len(p.selected) * np.log(max(n, 2.0)))
+
+
+def _by_samples(C: Array, dof: float, options: Options, pool: Pool, bound: float | None) -> Path:
+    """Modified stepwise regression whose F-tests take samples as independent."""
+    F_in, F_out, entry = thresholds(options, C.shape[0] - 1, dof)
+    path = stepwise(
+        C,
+        dof,
+        F_in=F_in,
+        F_out=F_out,
+        force=pool.forced,
+        start=pool.start,
+        max_terms=options.max_terms,
+        stop=options.stop,
+        r2_change=options.r2_change,
+        sigma_max2=bound,
+        entry_thresholds=entry,
+    )
+    if options.stop == "F" and entry is None:
+        return _polished(path, C, F_in, pool.forced, options.max_terms)
+    return path
 
 
 def _polished(path: Path, C: Array, F_in: float, forced: Sequence[int], max_terms: int | None) -> Path:

@@ -70,10 +70,12 @@ def select(
     method : {"stepwise", "orthogonal", "best_subset"}
         Modified stepwise regression by partial F [C89], [TP1916]; orthogonal functions minimising PSE [H17],
         [M95]; or the best model of every size, by branch and bound [FW74], for small pools.
-    residuals : {"coloured", "white"}
-        Whether tests and errors account for residuals that resemble their neighbours: an AR model of each
-        recording's residual, order by BIC, re-estimated until the structure settles. ``"white"`` is the rule of
-        the sources. Whichever is asked for, a disagreement of the two is reported.
+    residuals : {"coloured", "robust", "white"}
+        What tests and errors take the residuals to be. ``"coloured"``: noise that resembles its neighbours, an AR
+        model for each recording, order by BIC, re-estimated until the structure settles; where that predicts
+        unseen recordings clearly worse (so that the residual is misfit, not noise), ``"robust"`` is used instead,
+        and said. ``"robust"``: anything; plain weighting, partial F from the scatter over blocks. ``"white"``: the
+        rule of the sources. A disagreement with the last is always reported.
     F_in, F_out : float, "auto" or "fdr"
         Partial F to enter and to stay (F_in where F_out is absent). 12 is the sources' value [C89]; ``"auto"``
         keeps the chance of any false term near 5 % for this number of candidates; ``"fdr"`` keeps the share of
@@ -243,6 +245,7 @@ def _named(
         n=outcome.n,
         **_held_out(outcome, flown),
         colours=outcome.colours,
+        by_blocks=outcome.by_blocks,
         classical=tuple(candidates[i] for i in outcome.classical.selected),
         aliases=aliases,
         dependent=tuple(candidates[i] for i in outcome.found.refused),

@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from numpy.testing import assert_allclose
+from scipy import stats
+
+from structsel.numerics.moments import accumulate
+from structsel.numerics.robust import inflation, robust_stepwise, robust_threshold
+from structsel.numerics.rows import ArraySignals
+from structsel.selection import Options, select_arrays
+
+from .pools import ar1, design, monomial_exponents
+
+
+def one_flight(rng, n=4000, rho=0.95, s=3, degree=2):
+    base = np.vstack([ar1(rng, n, 0.98) for _ in range(s)])
+    exponents = monomial_exponents(s, degree)
+    X = design(base, exponents)
+    y = 1.0 + X[:, 1] - 0.5 * X[:, 2] + 0.05 * X[:, 5] + ar1(rng, n, rho)
+    return base, exponents, X, y
+
+
+def clusters(moments):
+    return np.repeat(np.arange(moments.n_blocks), moments.n)
+
+
+def test_partial_f_of_kept_terms_is_the_cluster_robust_one_of_statsmodels():
+    base, exponents, X, y = one_flight(np.random.default_rng(1))
+    moments = accumulate([ArraySignals(base, y[None])], exponents, blocks=20)
+    path = robust_stepwise(moments, None, 3999.0, F_in=4.0, F_out=0.0, force=(0, 1), max_terms=2)
+    model = sm.OLS(y, X[:, [0, 1, 2]]).fit(
+        cov_type="cluster", cov_kwds={"groups": clusters(moments), "use_correction": False}
+    )
+    last = path.steps[-1]
+    count = moments.n_blocks
+    # The step tells F of the entering term beside those already in, shrunk for the terms before it.
+    assert_allclose(last.F, model.tvalues[2] ** 2 * (count - 2) / count, rtol=1e-8)
+    assert_allclose(last.rss * moments.scale[-1] ** 2, model.ssr, rtol=1e-9)
+
+
+def test_weight_zero_is_the_same_as_leaving_a_block_out():
+    base, exponents, _, y = one_flight(np.random.default_rng(2))
+    moments = accumulate([ArraySignals(base, y[None])], exponents, blocks=20)
+    weights = np.ones(20)
+    weights[10:] = 0.0
+    half = accumulate([ArraySignals(base[:, :2000], y[None, :2000])], exponents, blocks=10)
+    a = robust_stepwise(moments, weights, 1999.0)
+    b = robust_stepwise(half, None, 1999.0)
+    assert a.selected == b.selected
+    assert_allclose(a.rss * moments.scale[-1] ** 2, b.rss * half.scale[-1] ** 2, rtol=1e-8)
+
+
+def test_thresholds_are_equally_improbable():
+    F = robust_threshold(12.0, 5000.0, 20)
+    assert_allclose(stats.f.sf(F, 1, 19), stats.f.sf(12.0, 1, 5000), rtol=1e-9)
+    assert F > 12.0
+
+
+def test_few_false_terms_enter_under_strongly_coloured_noise():
+    # 50 draws, nine candidates, none of them true beyond the forced one; samples taken as independent keep most.
+    robust = white = 0
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        base, exponents, X, _ = one_flight(rng, n=3000)
+        y = X[:, 1] + ar1(rng, 3000, 0.98)
+        flight = [ArraySignals(base, y[None])]
+        moments = accumulate(flight, exponents, blocks=30)
+        robust += len(robust_stepwise(moments, None, 2999.0, F_in=12.0, F_out=12.0, force=(0,)).selected) - 1
+        plain = select_arrays(flight, exponents, Options(residuals="white", F_in=12.0, bootstrap=0), forced=(0,))
+        white += len(plain[0].found.selected) - 1
+    assert robust <= 25
+    assert white >= 150
+
+
+def test_samples_worth_one_grow_with_colour():
+    values = []
+    for rho in (0.0, 0.95):
+        base, exponents, _, y = one_flight(np.random.default_rng(3), n=20_000, rho=rho)
+        moments = accumulate([ArraySignals(base, y[None])], exponents, blocks=40)
+        values.append(inflation(moments, None, (0, 1, 4), 19_999.0))
+    assert values[0] < 4.0
+    assert values[1] > 8.0
+
+
+def late_flight(rng, delay):
+    """A response to signals that the recording has ``delay`` samples late, nearly noise-free."""
+    n = 3000
+    smooth = np.hanning(25) / np.hanning(25).sum()
+    pulses = np.repeat(rng.choice([-1.0, 0.0, 1.0], size=(3, n // 40)), 40, axis=1)
+    signals = np.array([np.convolve(p, smooth, mode="same") for p in pulses])
+    y = 2.0 * signals[0] - signals[1] + 0.005 * rng.standard_normal(n)
+    return ArraySignals(np.roll(signals, delay, axis=1)[:, 50:], y[None, 50:])
+
+
+@pytest.mark.parametrize("delay", [0, 6])
+def test_whitening_gives_way_where_a_late_channel_leaves_misfit_and_only_there(delay):
+    rng = np.random.default_rng(4)
+    flights = [late_flight(rng, delay) for _ in range(4)]
+    (outcome,) = select_arrays(flights, monomial_exponents(3, 2), Options(F_in="auto", bootstrap=0))
+    assert set(outcome.found.selected) >= {0, 1}
+    assert outcome.r2 > 0.8
+    if delay == 0:
+        assert not outcome.by_blocks
+        assert outcome.whitening_refused is None
