@@ -99,8 +99,8 @@ def multiply(items: Iterable[tuple[int, Node]], at: int = 0) -> Node:
     flat: list[tuple[int, Node]] = []
     sign = 1
     for power, item in items:
-        if item.kind == "sum" and item.signs == (-1,):
-            sign, item = -sign, item.children[0]
+        if item.kind == "sum" and set(item.signs) == {-1}:  # the sign goes before the product
+            sign, item = -sign, add(((1, child) for child in item.children), item.at)
         if item.kind == "product":
             flat += [(power * s, child) for s, child in zip(item.signs, item.children)]
         else:

@@ -121,10 +121,12 @@ def inflation(moments: MomentSet, weights: Array | None, kept: Sequence[int], do
         return 1.0
     G = moments.total(weights)
     model = _Model(G, _Blocks(moments, weights), kept)
+    if model.rss <= PERFECT * G[-1, -1]:
+        return 1.0
     rows = [0, *(j + 1 for j in kept)]
     root = np.sqrt(np.diag(G)[rows])
     variance = np.diag(np.linalg.pinv(G[np.ix_(rows, rows)] / np.outer(root, root))) / root**2
-    plain = model.theta**2 / (variance * max(model.rss, 1e-300) / max(dof - len(kept), 1.0))
+    plain = model.theta**2 / (variance * model.rss / max(dof - len(kept), 1.0))
     return float(max(np.median(plain[1:] / np.maximum(model.F_kept, 1e-300)), 1.0))
 
 

@@ -21,13 +21,13 @@ from structsel.selection.biased import estimate_biased
 from structsel.selection.options import Options
 from structsel.selection.resampling import Bootstrap, HeldOut, predict_held_out, repeat_selection
 from structsel.selection.rivals import Rival, find_rivals
-from structsel.selection.search import Found, Pool, centred, prediction_error, solve
+from structsel.selection.search import ROUNDING, Found, Pool, centred, prediction_error, solve
 from structsel.selection.signals import SomeResponses
 from structsel.selection.way import Way, fold_blocks, without
 
 ROUNDS = 4  # of colour and search; the structure has settled after two almost always
 WORSE = 1.25  # squared error of the fit from which whitening is given up, if unseen manoeuvres agree
-MANY_BLOCKS, FEW_BLOCKS = 40, 16  # kept apart, for resampling and tests by blocks
+MANY_BLOCKS, FEW_BLOCKS = 32, 16  # kept apart, for resampling and tests by blocks
 MANY_UP_TO = 200  # candidates; above it blocks are dear
 
 Progress = Callable[[str, int, int], None]
@@ -140,6 +140,8 @@ def guard(choice: Choice, plain: Way) -> Choice:
         prediction_error(solve(c.way.moments.total(), c.found.selected), c.found.selected, total)
         for c in (choice, other)
     ]
+    if fitted[0] <= ROUNDING * total[-1, -1]:
+        return choice
     if robust is None or fitted[0] <= WORSE * fitted[1] or whitened.sse.sum() <= robust.sse.sum():
         return choice
     return replace(other, refused=(float(whitened.sse.sum()), float(robust.sse.sum())))
@@ -194,6 +196,8 @@ def _outcome(
 
 def one_response(moments: MomentSet, response: int) -> MomentSet:
     """The same moments with a single response."""
+    if moments.n_responses == 1:
+        return moments
     q = moments.scale.size
     p = moments.n_candidates
     keep = np.append(np.arange(1 + p), 1 + p + response)

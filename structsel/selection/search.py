@@ -284,7 +284,13 @@ def _scores(
     if rule == "manoeuvre":
         if not folds:
             raise SelectionError("select: criterion 'manoeuvre' needs parts to hold out; there is only one block.")
-        return [sum(prediction_error(solve(fit, kept), kept, test) for fit, test in folds) for kept, _ in visited]
+        return [
+            sum(
+                max(prediction_error(solve(fit, kept), kept, test), ROUNDING * float(test[-1, -1]))
+                for fit, test in folds
+            )
+            for kept, _ in visited
+        ]
     values = []
     for kept, rss in visited:
         k, floor = len(kept), max(rss, ROUNDING * tss)
