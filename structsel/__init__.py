@@ -5,6 +5,8 @@ The journey: `read_recording`, `compute_coefficients`, `Candidates`, `select`, `
 
 from structsel.aircraft import Aircraft
 from structsel.candidates import Candidates, Factor, Term
+from structsel.coefficients import compute_all, compute_coefficients
+from structsel.demo import demo_flights
 from structsel.errors import StructselError, StructselWarning
 from structsel.model import AeroModel, ResponseModel
 from structsel.recording import Recording, read_recording, read_recordings
@@ -27,6 +29,9 @@ __all__ = [
     "StructselWarning",
     "Term",
     "Validation",
+    "compute_all",
+    "compute_coefficients",
+    "demo_flights",
     "ensemble",
     "read_recording",
     "read_recordings",

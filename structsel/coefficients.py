@@ -101,8 +101,25 @@ def compute_all(
 ) -> list[Recording]:
     """Coefficients of several manoeuvres with one reference airspeed; see `compute_coefficients`.
 
-    Where neither `V0` nor the aircraft gives one, it is the mean V of the first recording, and a finding
-    in each says so.
+    Parameters
+    ----------
+    recordings : iterable of Recording
+    aircraft : Aircraft
+    V0 : float, optional
+        Reference airspeed [m/s]. Where neither it nor the aircraft's is given, it is the mean V of the first
+        recording, and a finding in each says so.
+    method, order
+        Of differentiation, as for `compute_coefficients`.
+
+    Returns
+    -------
+    list of Recording
+        In the same order.
+
+    Raises
+    ------
+    ChannelError, DomainError, AircraftError
+        As `compute_coefficients`.
     """
     made: list[Recording] = []
     shared = aircraft.V0 if V0 is None else V0

@@ -72,5 +72,5 @@ def test_bootstrap_weights_have_mean_and_variance_one_and_keep_units_together():
 def test_few_manoeuvres_are_resampled_by_block_and_many_whole():
     rng = np.random.default_rng(5)
     flights = [ArraySignals(rng.standard_normal((1, 500)), rng.standard_normal((1, 500))) for _ in range(9)]
-    assert len(set(bootstrap_units(accumulate(flights[:3], np.eye(1, dtype=int))))) == 15
+    assert len(set(bootstrap_units(accumulate(flights[:3], np.eye(1, dtype=int), blocks=15)))) == 15
     assert len(set(bootstrap_units(accumulate(flights, np.eye(1, dtype=int))))) == 9

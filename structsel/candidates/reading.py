@@ -130,8 +130,8 @@ def _convert(tree: ast.expr, text: str, place: Callable[[int], int], depth: int)
         case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
             power = 1 if isinstance(op, ast.Mult) else -1
             # Python reads -x*y as (-x)*y; the sign belongs before the product, or -(a - b)*y turns into (b - a)*y.
-            minus = isinstance(left, ast.UnaryOp) and isinstance(left.op, ast.USub)
-            product = multiply([(1, inner(left.operand if minus else left)), (power, inner(right))], at)
+            minus = left.operand if isinstance(left, ast.UnaryOp) and isinstance(left.op, ast.USub) else None
+            product = multiply([(1, inner(minus or left)), (power, inner(right))], at)
             return add([(-1, product)], at) if minus else product
         case ast.BinOp(left=left, op=ast.Pow(), right=right):
             exponent = inner(right)

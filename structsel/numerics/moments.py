@@ -170,7 +170,7 @@ def accumulate(
     manoeuvres: Sequence[Signals],
     exponents: NDArray[np.integer],
     *,
-    blocks: int = 16,
+    blocks: int = 12,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> MomentSet:
@@ -219,7 +219,7 @@ def accumulate_whitened(
     exponents: NDArray[np.integer],
     colours: Sequence[Sequence[Colour]],
     *,
-    blocks: int = 16,
+    blocks: int = 12,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[MomentSet]:

@@ -79,6 +79,11 @@ def read_recordings(
     channel_map : optional
         One map for all; as `read_recording` takes it.
 
+    Returns
+    -------
+    list of Recording
+        Sorted by name.
+
     Raises
     ------
     DataError

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from structsel.errors import SelectionError
 from structsel.numerics import biased
 from structsel.numerics.rows import Array
 from structsel.selection.options import Options
@@ -32,7 +33,18 @@ def estimate_biased(
     covariance : (1 + k, 1 + k) array
         About the estimate's own mean; the bias is not in it.
     label : str
+        What was done; empty where all components were kept, which is least squares.
+
+    Raises
+    ------
+    SelectionError
+        Held-out error was to choose, and there is nothing to hold out.
     """
+    if options.components == "manoeuvre" and not folds:
+        raise SelectionError(
+            "select: components='manoeuvre' needs parts to hold out; there is only one block of samples. "
+            "Give more recordings, or choose components='PSE'."
+        )
     rows = [*kept, product.shape[0] - 2]
     C = centred(product)[np.ix_(rows, rows)]
     dof = samples - 1.0
@@ -61,4 +73,8 @@ def estimate_biased(
         ]
     )
     back = scale[-1] / scale[[0, *(j + 1 for j in kept)]]
-    return np.append(constant, result.theta) * back, covariance * np.outer(back, back), result.method
+    return (
+        np.append(constant, result.theta) * back,
+        covariance * np.outer(back, back),
+        result.method if result.biased else "",
+    )

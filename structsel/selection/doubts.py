@@ -14,6 +14,7 @@ from structsel.selection.identifiability import Alias
 from structsel.selection.options import Options
 from structsel.selection.search import thresholds
 
+FEW_BLOCKS = 12  # tests by blocks have one degree of freedom less than these
 SEVERAL = 3  # names spelled out before "and n more"
 
 
@@ -45,6 +46,11 @@ def find_doubts(
         doubts.append(
             f"Whitening was given up: held-out error {a / b:.2f} times that of plain weighting. The residual is not "
             "only noise; look for late channels, noise in the signals, or dynamics that were left out."
+        )
+    if outcome.by_blocks and outcome.n_blocks < FEW_BLOCKS:
+        doubts.append(
+            f"Only {outcome.n_blocks} blocks of samples stand behind the tests, which finds little and that unsurely. "
+            "Record longer, or give more recordings."
         )
     if outcome.colours and max(c.order for c in outcome.colours) >= options.max_order > 0:
         doubts.append(

@@ -27,7 +27,7 @@ from structsel.selection.way import Way, fold_blocks, without
 
 ROUNDS = 4  # of colour and search; the structure has settled after two almost always
 WORSE = 1.25  # squared error of the fit from which whitening is given up, if unseen manoeuvres agree
-MANY_BLOCKS, FEW_BLOCKS = 32, 16  # kept apart, for resampling and tests by blocks
+MANY_BLOCKS, FEW_BLOCKS = 32, 12  # kept apart, for resampling and tests by blocks
 MANY_UP_TO = 200  # candidates; above it blocks are dear
 
 Progress = Callable[[str, int, int], None]
@@ -41,6 +41,7 @@ class Outcome:
     classical: Found
     colours: tuple[Colour, ...]
     by_blocks: bool
+    n_blocks: int
     settled: bool
     whitening_refused: tuple[float, float] | None
     fit: Fit
@@ -130,19 +131,18 @@ def guard(choice: Choice, plain: Way) -> Choice:
 
     Coloured noise leaves both right; where whitening does worse the residual is misfit, not noise.
     """
-    whitened = predict_held_out(choice.way, plain.moments)
-    if whitened is None:
+    if not plain.folds:
         return choice
     other = by_blocks(plain)
-    robust = predict_held_out(other.way, plain.moments)
     total = plain.moments.total()
     fitted = [
         prediction_error(solve(c.way.moments.total(), c.found.selected), c.found.selected, total)
         for c in (choice, other)
     ]
-    if fitted[0] <= ROUNDING * total[-1, -1]:
+    if fitted[0] <= max(WORSE * fitted[1], ROUNDING * total[-1, -1]):
         return choice
-    if robust is None or fitted[0] <= WORSE * fitted[1] or whitened.sse.sum() <= robust.sse.sum():
+    whitened, robust = (predict_held_out(c.way, plain.moments) for c in (choice, other))
+    if whitened is None or robust is None or whitened.sse.sum() <= robust.sse.sum():
         return choice
     return replace(other, refused=(float(whitened.sse.sum()), float(robust.sse.sum())))
 
@@ -177,6 +177,7 @@ def _outcome(
         classical=classical,
         colours=colours,
         by_blocks=choice.way.by_blocks,
+        n_blocks=moments.n_blocks,
         settled=choice.settled,
         whitening_refused=choice.refused,
         fit=fit,

@@ -154,6 +154,15 @@ class Selection:
     recordings: tuple[str, ...]
     dt: float
 
+    def __post_init__(self) -> None:
+        """Make the arrays and mappings read-only."""
+        for name in ("values", "covariance", "textbook_errors", "standard_errors", "partial_F", "vif"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        for name in ("inclusion", "region"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
     @property
     def dof(self) -> int:
         """Residual degrees of freedom, n - k - 1."""

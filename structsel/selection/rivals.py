@@ -32,7 +32,7 @@ class Rival:
     correlation: float
 
 
-def find_rivals(C: Array, selected: Sequence[int], dof: float) -> list[Rival]:
+def find_rivals(C: Array, selected: Sequence[int], dof: float, among: Sequence[int] | None = None) -> list[Rival]:
     """Candidates like a kept term that, put in its place, raise the residual by less than 4 s^2.
 
     Parameters
@@ -42,6 +42,8 @@ def find_rivals(C: Array, selected: Sequence[int], dof: float) -> list[Rival]:
     selected : sequence of int
     dof : float
         Samples less one.
+    among : sequence of int, optional
+        The kept terms to find rivals of; all where absent.
     """
     p = C.shape[0] - 1
     kept = list(selected)
@@ -55,7 +57,7 @@ def find_rivals(C: Array, selected: Sequence[int], dof: float) -> list[Rival]:
     rss = max(R[p, p] - R[kept, p] @ np.linalg.solve(inside, R[kept, p]), 1e-28)
     s2 = rss / max(dof - len(kept), 1.0)
     outside = np.setdiff1d(np.flatnonzero(np.diag(R)[:p] > 0), kept)
-    for j in kept:
+    for j in kept if among is None else among:
         others = [i for i in kept if i != j]
         columns = [j, *outside.tolist(), p]
         left = R[np.ix_(columns, columns)]

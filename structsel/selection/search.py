@@ -27,6 +27,7 @@ Fold = tuple[Array, Array]
 PAIRS_UP_TO = 40  # terms; exchanges of pairs in a larger model cost more than they have ever brought
 SAME_COLUMN = 0.98  # correlation from which, with a loss under 4 s^2, two terms are one as far as these data go
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding, and no model is better for it
+RANK_AT_FIRST = 100  # orthogonal functions
 CONSTANT = 1e-11  # of a column's mean square: what is left of a constant one after rounding
 
 
@@ -143,7 +144,7 @@ def find(
         path = _by_blocks(*blocks, dof, options, pool) if blocks else _by_samples(C, dof, options, pool, bound)
         visited = _visited(path)
     elif options.method == "orthogonal":
-        path = orthogonal(C, dof, sigma_max2=bound, order=options.order, force=pool.forced, max_terms=options.max_terms)
+        path = _orthogonal(C, dof, options, pool, bound)
         visited = _visited(path)
     else:
         best = best_subset(C, dof, force=pool.forced, max_terms=options.max_terms)
@@ -167,12 +168,11 @@ def _simplest(found: Found, C: Array, pool: Pool) -> Found:
     kept, steps = list(found.selected), list(found.steps)
     rss = found.rss
     for _ in kept:
+        products = [j for j in kept if j not in pool.forced and pool.degrees[j] > 1]
         better = [
             r
-            for r in find_rivals(C, kept, found.effective_dof)
-            if abs(r.correlation) >= SAME_COLUMN
-            and r.kept not in pool.forced
-            and pool.degrees[r.rival] < pool.degrees[r.kept]
+            for r in find_rivals(C, kept, found.effective_dof, products)
+            if abs(r.correlation) >= SAME_COLUMN and pool.degrees[r.rival] < pool.degrees[r.kept]
         ]
         if not better:
             break
@@ -200,6 +200,17 @@ def _uncorrelated(found: Found, C: Array, options: Options, forced: Sequence[int
     rss = steps[-1].rss if dropped else found.rss
     note = f"{found.stopped}; {len(dropped)} dropped, parameters correlated above {options.correlation_limit:g}"
     return replace(found, selected=kept, rss=rss, steps=tuple(steps), stopped=note if dropped else found.stopped)
+
+
+def _orthogonal(C: Array, dof: float, options: Options, pool: Pool, bound: float | None) -> Path:
+    """Orthogonal functions, ranked far enough: on to the last only if PSE is still falling where they end."""
+    most = min(C.shape[0] - 1, options.max_terms or C.shape[0] - 1)
+    first = most if options.order == "given" else min(most, max(RANK_AT_FIRST, len(pool.forced)))
+    for limit in (first, most):
+        path = orthogonal(C, dof, sigma_max2=bound, order=options.order, force=pool.forced, max_terms=limit)
+        if len(path.selected) < 0.8 * limit:
+            break
+    return path
 
 
 def _by_blocks(moments: MomentSet, weights: Array | None, dof: float, options: Options, pool: Pool) -> Path:

@@ -105,13 +105,13 @@ def as_signals(
             )
     for recording in recordings:
         recording.require(*candidates.channels, *responses, by="select", finite=True)
-        if len(recording) < 3:
+        if len(recording) < 4:
             raise DataError(
                 f"select: recording {recording.name!r} has {len(recording)} sample(s); a regression needs more. "
                 "Leave it out, or record longer."
             )
     for response in responses:
-        spread = max(float(np.ptp(r[response])) for r in recordings)
+        spread = max(float(r[response].max()) for r in recordings) - min(float(r[response].min()) for r in recordings)
         size = max(float(np.abs(r[response]).max()) for r in recordings)
         if spread <= 1e-12 * size:
             names = ", ".join(r.name for r in recordings)

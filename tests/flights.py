@@ -1,0 +1,46 @@
+"""Simulated closed-loop flights for tests of the selection: the cases the benchmarks use, and recordings of them."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from structsel.candidates import Term
+from structsel.numerics.rows import ArraySignals
+from structsel.recording import Recording
+
+
+def _load_cases():
+    """benchmarks/cases.py, which is no package."""
+    path = Path(__file__).parents[1] / "benchmarks" / "cases.py"
+    spec = importlib.util.spec_from_file_location("benchmark_cases", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+cases = _load_cases()
+
+
+def signals_of(case):
+    """A case's manoeuvres as the engine takes them."""
+    return [ArraySignals(np.ascontiguousarray(base), responses) for base, responses in case.manoeuvres]
+
+
+def fly(truth, noise=0.0, colour="white", lengths=(2000,), seed=0, response="CZ", **more):
+    """Recordings at 50 Hz whose response is the sum of ``truth`` (term to value) and a residual of std ``noise``.
+
+    ``more`` adds channels: name = function of (signals by name, generator).
+    """
+    recordings = []
+    for k, n in enumerate(lengths):
+        rng = np.random.default_rng([seed, k])
+        channels = dict(zip(cases.SIGNALS, cases.flight_signals(n, 100 * seed + k, 10)))
+        for name, make in more.items():
+            channels[name] = make(channels, rng)
+        y = sum(value * Term(term).evaluate(channels) for term, value in truth.items())
+        channels[response] = y + noise * cases.residual(colour, n, rng)
+        recordings.append(Recording(f"flight_{k + 1}", cases.DT * np.arange(n), channels))
+    return recordings

@@ -1,0 +1,424 @@
+"""The selection engine on arrays, against statsmodels, brute force and a search by QR."""
+
+import itertools
+import tracemalloc
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from structsel.numerics.moments import accumulate
+from structsel.numerics.rows import ArraySignals
+from structsel.numerics.uncertainty import bootstrap_units, bootstrap_weights
+from structsel.selection.engine import select_arrays
+from structsel.selection.options import Options
+
+from .flights import cases
+from .pools import ar1, design, monomial_exponents
+
+POOL = monomial_exponents(4, 2)  # 14 candidates
+TRUE = {0: 1.0, 2: -0.7, 9: 0.5}  # three of them, in response standard deviations
+METHODS = {
+    "stepwise": {"method": "stepwise", "F_in": 12.0},
+    "stepwise from all": {"method": "stepwise", "F_in": 12.0, "start": "all"},
+    "stepwise, false discovery": {"method": "stepwise", "F_in": "fdr"},
+    "orthogonal": {"method": "orthogonal"},
+    "orthogonal, given order": {"method": "orthogonal", "order": "given"},
+    "best subset": {"method": "best_subset"},
+}
+
+
+def run(flights, exponents=POOL, forced=(), **options):
+    asked = Options(**{"bootstrap": 0, "workers": 1, **options})
+    start = range(len(exponents)) if asked.start == "all" else ()
+    return select_arrays(flights, exponents, asked, forced, start)
+
+
+def flight(seed, n=1500, rho=0.0, noise=0.2, n_responses=1, true=TRUE):
+    """Correlated signals off zero, and responses whose residual has lag-one correlation rho."""
+    rng = np.random.default_rng(seed)
+    own = np.array([ar1(rng, n, 0.95, 0.3) for _ in range(4)])
+    base = own + 0.5 * np.roll(own, 1, axis=0) + np.array([[0.3], [0.0], [-0.5], [0.1]])
+    X = design(base, POOL)[:, 1:]
+    X = X[:, list(true)] / X[:, list(true)].std(axis=0)
+    signal = X @ np.array(list(true.values())) + 0.4
+    residual = [ar1(rng, n, rho, np.sqrt(1 - rho**2)) for _ in range(n_responses)]
+    return ArraySignals(base, signal * np.arange(1, n_responses + 1)[:, None] + noise * np.array(residual))
+
+
+def matrix(flights, kept):
+    """The constant and the kept terms, all flights after one another."""
+    return np.vstack([design(f.base_signals, POOL[list(kept)]) for f in flights])
+
+
+def response(flights):
+    return np.concatenate([f.response_signals[0] for f in flights])
+
+
+def whitened(flights, kept, colours):
+    """Regressors and response through each flight's filter, its first samples left out, in equal units."""
+    n = np.array([f.n for f in flights], dtype=float)
+    level = np.sqrt(n.sum() / np.sum(n / np.array([c.sigma for c in colours]) ** 2))
+    Z = []
+    for f, c in zip(flights, colours):
+        z = np.column_stack([design(f.base_signals, POOL[list(kept)]), f.response_signals[0]])
+        lags = sum((a * z[c.order - l : len(z) - l] for l, a in enumerate(c.ar, 1)), np.zeros_like(z[c.order :]))
+        Z.append((z[c.order :] - lags) * level / c.sigma)
+    Z = np.vstack(Z)
+    return Z[:, :-1], Z[:, -1]
+
+
+# --- structure -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("residuals", ["white", "coloured", "robust"])
+@pytest.mark.parametrize("name", METHODS)
+@settings(max_examples=8, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    order=st.permutations(range(14)),
+    powers=st.lists(st.integers(-6, 6), min_size=4, max_size=4),
+)
+def test_every_method_finds_a_noise_free_models_own_terms_in_any_order_and_scaling(
+    name, residuals, seed, order, powers
+):
+    # Tests by blocks need enough blocks to judge by: 31 here, of at least 64 samples.
+    clean = flight(seed, n=2000 if residuals == "robust" else 400, noise=0.0)
+    scale = 10.0 ** np.array(powers)
+    scaled = ArraySignals(clean.base_signals * scale[:, None], 1e3 * clean.response_signals)
+    (found,) = run([scaled], POOL[order], residuals=residuals, **METHODS[name])
+    assert sorted(order[j] for j in found.found.selected) == sorted(TRUE)
+    X = design(clean.base_signals, POOL)[:, 1:]
+    for j, value in zip(found.found.selected, found.values[1:]):
+        back = np.prod(scale ** POOL[order[j]]) / 1e3
+        assert_allclose(value * back, TRUE[order[j]] / X[:, order[j]].std(), rtol=1e-8)
+    assert found.r2 == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("residuals", ["white", "coloured"])
+def test_several_responses_at_once_equal_one_by_one(residuals):
+    flights = [flight(k, rho=0.8, n_responses=3) for k in (1, 2)]
+    together = run(flights, residuals=residuals, F_in=12.0, bootstrap=20)
+    assert len(together) == 3
+    for r, joint in enumerate(together):
+        alone = [ArraySignals(f.base_signals, f.response_signals[r : r + 1]) for f in flights]
+        (single,) = run(alone, residuals=residuals, F_in=12.0, bootstrap=20)
+        assert joint.found.selected == single.found.selected
+        assert joint.classical.selected == single.classical.selected
+        assert [c.order for c in joint.colours] == [c.order for c in single.colours]
+        # Whitened moments lose the first samples of the longest filter among the responses, hence not exact.
+        tolerance = 1e-10 if residuals == "white" else 1e-4
+        assert_allclose(joint.values, single.values, rtol=tolerance)
+        assert_allclose(joint.covariance, single.covariance, rtol=100 * tolerance, atol=1e-12)
+        assert_allclose(joint.bootstrap.inclusion, single.bootstrap.inclusion, atol=0.1)
+
+
+def test_white_residuals_make_a_list_of_manoeuvres_the_same_as_one_long_one():
+    flights = [flight(k, n) for k, n in ((1, 700), (2, 1100), (3, 333))]
+    joined = ArraySignals(
+        np.hstack([f.base_signals for f in flights]), np.hstack([f.response_signals for f in flights])
+    )
+    (apart,), (one,) = (run(f, residuals="white", F_in=12.0) for f in (flights, [joined]))
+    assert apart.found.selected == one.found.selected
+    assert_allclose(apart.values, one.values, rtol=1e-10)
+    assert_allclose(apart.r2, one.r2, rtol=1e-12)
+    # What is held out differs: whole manoeuvres there, parts of one here.
+    assert not apart.held_out.within
+    assert one.held_out.within
+    assert_array_equal(apart.held_out.n, [700, 1100, 333])
+
+
+def test_lags_do_not_cross_from_one_manoeuvre_to_the_next():
+    flights = [flight(1, 800, rho=0.9), flight(2, 600, rho=0.6, noise=0.5)]
+    (found,) = run(flights, F_in=12.0)
+    assert [c.order for c in found.colours] != [0, 0]
+    X, y = whitened(flights, found.found.selected, found.colours)
+    by_hand = sm.OLS(y, X).fit()
+    assert found.fit.n == len(y) == 1400 - sum(c.order for c in found.colours)
+    assert_allclose(found.values, by_hand.params, rtol=1e-9)
+    assert_allclose(found.covariance, by_hand.cov_params(), rtol=1e-8)
+
+
+def test_selection_on_whitened_residuals_settles_on_the_truth_where_the_white_rule_keeps_false_terms():
+    # 10 flights with lag-one correlation 0.92. Each false term enters with a chance of at most 0.1 % x 11 terms
+    # at F = 12, so all ten are exact with a chance of about 99 %; the white rule is never exact here.
+    exact = classical = 0
+    for seed in range(10):
+        (found,) = run([flight(seed, 3000, rho=0.92, noise=0.5)], F_in=12.0)
+        assert found.settled
+        exact += set(found.found.selected) == set(TRUE)
+        classical += set(found.classical.selected) == set(TRUE)
+    assert exact >= 9
+    assert classical <= 2
+
+
+def test_the_settled_structure_is_what_its_own_residuals_colour_selects():
+    # Whitening by hand with the colour found and selecting as if white gives the same terms again.
+    flights = [flight(7, 2000, rho=0.9), flight(8, 1500, rho=0.8)]
+    (found,) = run(flights, F_in=12.0)
+    every = range(len(POOL))
+    X, y = whitened(flights, every, found.colours)
+    ones, X = X[:, :1], X[:, 1:]
+    # The whitened constant is swept out by hand: an engine's constant would be another one.
+    hat = ones / (ones.T @ ones)
+    Z = np.column_stack([X, y]) - ones @ (hat.T @ np.column_stack([X, y]))
+    (again,) = run([ArraySignals(Z.T[:-1], Z.T[-1:])], np.eye(14, dtype=int), residuals="white", F_in=12.0)
+    assert set(again.found.selected) == set(found.found.selected)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rivals_are_the_exchanges_brute_force_finds(seed):
+    # Nearly constant fourth signal: products with it can stand in for others.
+    one = flight(seed, 600, noise=0.4)
+    base = one.base_signals.copy()
+    base[3] = 1.0 + 0.02 * base[3]
+    one = ArraySignals(base, one.response_signals)
+    (found,) = run([one], residuals="white", F_in=12.0)
+    kept = list(found.found.selected)
+    y = response([one])
+    own = sm.OLS(y, matrix([one], kept)).fit()
+    expected = {}
+    for j, i in itertools.product(kept, set(range(14)) - set(kept)):
+        others = matrix([one], [m for m in kept if m != j])
+        loss = (sm.OLS(y, matrix([one], [i if m == j else m for m in kept])).fit().ssr - own.ssr) / own.mse_resid
+        left = [sm.OLS(matrix([one], [m])[:, 1], others).fit().resid for m in (j, i)]
+        alike = np.corrcoef(*left)[0, 1]
+        if loss < 4.0 and abs(alike) >= 0.7:
+            expected[j, i] = (loss, alike)
+    assert {(r.kept, r.rival) for r in found.rivals} == set(expected)
+    for r in found.rivals:
+        assert_allclose((r.loss, r.correlation), expected[r.kept, r.rival], rtol=1e-6, atol=1e-6)
+    assert expected or seed != 0  # at least this flight has some
+
+
+# --- uncertainty -----------------------------------------------------------------------------------
+
+
+def test_the_textbook_covariance_equals_statsmodels():
+    flights = [flight(1, 700), flight(2, 400)]
+    for residuals in ("white", "coloured"):
+        (found,) = run(flights, residuals=residuals, F_in=12.0)
+        ols = sm.OLS(response(flights), matrix(flights, found.found.selected)).fit()
+        assert_allclose(found.textbook, ols.cov_params(), rtol=1e-8)
+        if residuals == "white":
+            assert_allclose(found.values, ols.params, rtol=1e-10)
+            assert_allclose(found.r2, ols.rsquared, rtol=1e-10)
+            assert_allclose(found.rms, np.sqrt(ols.ssr / ols.nobs), rtol=1e-10)
+
+
+@pytest.mark.parametrize("rho", [0.5, 0.95])
+def test_the_coloured_fit_equals_statsmodels_glsar_with_the_same_autoregression(rho):
+    one = flight(3, 1200, rho=rho)
+    (found,) = run([one], F_in=12.0)
+    assert found.colours[0].order >= 1
+    gls = sm.GLSAR(response([one]), matrix([one], found.found.selected), rho=found.colours[0].ar).fit()
+    assert_allclose(found.values, gls.params, rtol=1e-9)
+    assert_allclose(found.covariance, gls.cov_params(), rtol=1e-8)
+
+
+def test_the_bootstrap_is_a_share_repeats_with_its_seed_and_holds_strong_terms():
+    flights = [flight(k, rho=0.8) for k in range(3)]
+    (first,), (again,), (other,) = (run(flights, bootstrap=60, seed=s) for s in (5, 5, 6))
+    inclusion = first.bootstrap.inclusion
+    assert inclusion.min() >= 0.0
+    assert inclusion.max() <= 1.0
+    assert_allclose(inclusion * 60, np.round(inclusion * 60), atol=1e-9)
+    assert_array_equal(inclusion, again.bootstrap.inclusion)
+    assert_array_equal(first.bootstrap.spread, again.bootstrap.spread)
+    assert not np.array_equal(inclusion, other.bootstrap.inclusion)
+    assert_array_equal(inclusion[list(TRUE)], 1.0)  # t values above 20
+
+
+def test_bootstrap_spread_of_forced_terms_is_that_of_weighted_fits_by_statsmodels():
+    flights = [flight(k, 400) for k in range(9)]
+    kept = list(TRUE)
+    (found,) = run(flights, forced=kept, residuals="white", max_terms=3, bootstrap=25, seed=3)
+    assert found.bootstrap.by == "manoeuvre"
+    assert found.bootstrap.units == 9
+    units = bootstrap_units(accumulate(flights, POOL))
+    weights = bootstrap_weights(units, 25, np.random.default_rng(3))
+    each = [weights[:, units == k][:, 0] for k in range(9)]
+    X, y = matrix(flights, kept), response(flights)
+    fits = [sm.WLS(y, X, weights=np.repeat([w[b] for w in each], 400)).fit().params for b in range(25)]
+    low, high = np.percentile(fits, (15.87, 84.13), axis=0)  # one standard deviation of a normal either side
+    assert_allclose(found.bootstrap.spread, (high - low) / 2.0, rtol=1e-7)
+
+
+# --- held out --------------------------------------------------------------------------------------
+
+
+def test_held_out_errors_equal_explicit_selections_and_refits_without_each_manoeuvre():
+    flights = [flight(k, 300 + 50 * k, noise=0.6) for k in range(4)]
+    (found,) = run(flights, residuals="white", F_in=4.0)
+    assert found.held_out.parts == ((0,), (1,), (2,), (3,))
+    structures = set()
+    for k, held in enumerate(flights):
+        rest = [f for f in flights if f is not held]
+        (without,) = run(rest, residuals="white", F_in=4.0)
+        structures.add(without.found.selected)
+        ols = sm.OLS(response(rest), matrix(rest, without.found.selected)).fit()
+        y = response([held])
+        error = y - ols.predict(matrix([held], without.found.selected))
+        assert_allclose(found.held_out.sse[k], np.sum(error**2), rtol=1e-9)
+        assert_allclose(found.held_out.tss[k], np.sum((y - y.mean()) ** 2), rtol=1e-9)
+    assert len(structures) > 1  # so the selections were made anew, not only the fits
+
+
+def test_coloured_held_out_errors_equal_generalised_least_squares_without_each_manoeuvre():
+    flights = [flight(k, 500, rho=0.8) for k in range(3)]
+    kept = list(TRUE)
+    (found,) = run(flights, forced=kept, max_terms=3)
+    n = np.array([f.n for f in flights], dtype=float)
+    X, y = whitened(flights, kept, found.colours)
+    owner = np.repeat(range(3), [f.n - c.order for f, c in zip(flights, found.colours)])
+    assert len(y) == n.sum() - sum(c.order for c in found.colours)
+    for k, held in enumerate(flights):
+        fit = sm.OLS(y[owner != k], X[owner != k]).fit()
+        error = response([held]) - matrix([held], kept) @ fit.params
+        assert_allclose(found.held_out.sse[k], np.sum(error**2), rtol=1e-8)
+    assert_allclose(found.held_out.rms**2 * n.sum(), found.held_out.sse.sum(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["stepwise", "orthogonal", "best_subset"])
+def test_the_manoeuvre_criterion_chooses_the_visited_model_that_predicts_left_out_manoeuvres_best(method):
+    flights = [flight(k, 250, noise=1.5) for k in range(3)]
+    options = {"method": method, "residuals": "white", "F_in": 1.0}
+    (found,) = run(flights, criterion="manoeuvre", **options)
+
+    def error(kept):
+        total = 0.0
+        for held in flights:
+            rest = [f for f in flights if f is not held]
+            fit = sm.OLS(response(rest), matrix(rest, kept)).fit()
+            total += np.sum((response([held]) - matrix([held], kept) @ fit.params) ** 2)
+        return total
+
+    best = error(found.found.selected)
+    if method == "best_subset":
+        X, y = matrix(flights, range(14))[:, 1:], response(flights)
+        for size in (2, 3):  # the best of each size is a model visited
+            rss = {
+                kept: sm.OLS(y, sm.add_constant(X[:, list(kept)])).fit().ssr
+                for kept in itertools.combinations(range(14), size)
+            }
+            assert best <= error(min(rss, key=rss.get)) * (1 + 1e-9)
+    else:
+        inside, visited = [], [()]
+        for s in found.found.steps:
+            gone = s.index if s.action == "leave" else s.other
+            inside = [j for j in inside if j != gone] + ([s.index] if s.action != "leave" else [])
+            visited.append(tuple(inside))
+        assert_allclose(best, min(map(error, visited)), rtol=1e-9)
+
+
+# --- the machine -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("residuals", ["white", "coloured", "robust"])
+def test_two_workers_give_what_one_gives(residuals):
+    flights = [flight(k, 2500, rho=0.7, n_responses=2) for k in range(3)]
+    one, two = (run(flights, residuals=residuals, workers=w, bootstrap=10, F_in=12.0) for w in (1, 2))
+    for a, b in zip(one, two):
+        assert a.found.selected == b.found.selected
+        assert_array_equal(a.values, b.values)
+        assert_array_equal(a.covariance, b.covariance)
+        assert_array_equal(a.bootstrap.inclusion, b.bootstrap.inclusion)
+
+
+def test_memory_above_the_signals_does_not_grow_with_the_samples():
+    # 164 candidates; as a matrix they would be 26 MB and 157 MB.
+    exponents = monomial_exponents(8, 3)
+    peaks = []
+    for n in (20_000, 120_000):
+        base = cases.flight_signals(n, 3)
+        y = base[0] - 2 * base[5] + 0.01 * ar1(np.random.default_rng(1), n, 0.9)
+        one = ArraySignals(base, y[None])
+        run([ArraySignals(base[:, :3000], y[None, :3000])], exponents, F_in=12.0)  # compiles
+        tracemalloc.start()
+        run([one], exponents, F_in=12.0, max_terms=10)
+        peaks.append(tracemalloc.get_traced_memory()[1] / 1e6)
+        tracemalloc.stop()
+    assert peaks[1] < 16.0
+    assert peaks[1] == pytest.approx(peaks[0], abs=0.5)
+
+
+# --- conditioning ----------------------------------------------------------------------------------
+
+
+def near_copy(share, seed, n=5000):
+    """A flight whose ninth signal is the elevator but for a share of its own motion; both are in the model."""
+    rng = np.random.default_rng([seed, 9])
+    base = cases.flight_signals(n, seed)
+    own = rng.standard_normal(n)
+    base = np.vstack([base, base[5] + share * base[5].std() * own])
+    exponents = np.vstack([np.eye(9, dtype=int), 2 * np.eye(9, dtype=int)[:5]])
+    unit = [row / row.std() for row in base[[0, 3, 5]]]
+    signal = sum(unit) + (base[1] / base[1].std()) ** 2
+    noise = 0.2 * signal.std()
+    y = signal + noise * (rng.standard_normal(n) + 60.0 / np.sqrt(n) * own)
+    return ArraySignals(base, y[None]), exponents, (0, 3, 5, 8, 10)
+
+
+def qr_stepwise(X, y, threshold, tol=1e-9):
+    """Stepwise selection on orthogonalised columns; no cross-products are formed.
+
+    Returns the columns kept, and those refused: of whose length about their mean the kept ones leave no more than
+    sqrt(tol).
+    """
+    Z = np.column_stack([X, y])
+    Z = np.linalg.qr(Z - Z.mean(axis=0), mode="r")
+    Z /= np.linalg.norm(Z, axis=0)
+    A, b = Z[:, :-1], Z[:, -1]
+    dof, kept = len(y) - 1, []
+    while True:
+        Q, R = np.linalg.qr(A[:, kept])
+        left, rest = A, b
+        for _ in range(2):  # twice is enough
+            left, rest = left - Q @ (Q.T @ left), rest - Q @ (Q.T @ rest)
+        if kept:
+            loss = np.linalg.solve(R, Q.T @ b) ** 2 / np.sum(np.linalg.inv(R) ** 2, axis=1)
+            if loss.min() * (dof - len(kept)) < threshold * (rest @ rest):
+                del kept[int(np.argmin(loss))]
+                continue
+        free = np.sum(left**2, axis=0)
+        usable = free > tol
+        usable[kept] = False
+        gain = np.where(usable, (left.T @ rest) ** 2 / np.where(usable, free, 1.0), 0.0)
+        best = int(np.argmax(gain))
+        if gain[best] * (dof - len(kept) - 1) < threshold * (rest @ rest - gain[best]):
+            return set(kept), set(np.flatnonzero(free <= tol)) - set(kept)
+        kept.append(best)
+
+
+def partial_f_by_qr(X, y):
+    Q, R = np.linalg.qr(np.column_stack([np.ones(len(y)), X]))
+    rest = y - Q @ (Q.T @ y)
+    s2 = rest @ rest / (len(y) - len(R))
+    return ((np.linalg.solve(R, Q.T @ y)) ** 2 / (s2 * np.sum(np.linalg.inv(R) ** 2, axis=1)))[1:]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("share", [1e-1, 1e-2, 1e-3, 1e-4, 4e-5, 1e-5, 1e-6])
+def test_near_copies_of_the_elevator_are_selected_as_by_qr_or_refused_and_listed(share, seed):
+    # The selected set's condition number runs from 3e1 to 3e6; the copy's Schur complement is about share^2.
+    one, exponents, true = near_copy(share, seed)
+    (found,) = run([one], exponents, residuals="white", F_in=12.0)
+    X, y = design(one.base_signals, exponents)[:, 1:], one.response_signals[0]
+    kept, refused = qr_stepwise(X, y, 12.0)
+    assert set(found.found.selected) == kept
+    assert set(found.found.refused) == refused
+    schur = 1.0 / np.linalg.inv(np.corrcoef(X[:, [5, 0, 3, 10, 8]].T))[-1, -1]
+    if schur >= 1e-9:
+        assert set(true) <= kept
+        F = partial_f_by_qr(X[:, list(found.found.selected)], y)
+        last = found.found.steps[-1]
+        assert (last.action, last.index) == ("enter", found.found.selected[-1])
+        # Products know the Schur complement to some 1e-15, so the search's F to 1e-15 / schur; the refit to 1e-8.
+        assert_allclose(last.F, F[-1], rtol=1e-6 if schur >= 5e-9 else 1e-5)
+        assert_allclose(found.fit.partial_F[1:], F, rtol=1e-8)
+    else:
+        assert len({5, 8} & kept) == 1
+        assert {5, 8} - kept <= set(found.found.refused)
