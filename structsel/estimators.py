@@ -1,0 +1,315 @@
+"""The selectors as scikit-learn estimators: columns are the candidates, rows are samples in time order.
+
+Thin: everything is `structsel.selection.select_arrays` on monomials of degree one. Use `structsel.select` for
+recordings, named terms and the report; use these inside pipelines, grid searches and code that has a matrix already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.feature_selection import SelectorMixin
+from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d, validate_data
+
+from structsel.errors import SelectionError
+from structsel.numerics.rows import ArraySignals
+from structsel.selection.engine import Outcome, select_arrays
+from structsel.selection.options import Components, Criterion, Estimate, Method, Options, Residuals, Start, Stop
+
+FEWEST = 4  # samples: more than the three that even white noise of unknown size asks for
+ROUNDING = 1e-12  # of its size: what varies no more than this is constant
+
+__all__ = ["BestSubsetRegressor", "OrthogonalRegressor", "StepwiseRegressor"]
+
+
+class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
+    """What the three share: one call of the engine, and the model as coefficients of the columns."""
+
+    _method: ClassVar[Method]
+
+    def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
+        """Choose columns and estimate them.
+
+        Parameters
+        ----------
+        X : (n, p) array
+            One candidate per column, rows in time order.
+        y : (n,) array
+        groups : (n,) array, optional
+            Which manoeuvre each row belongs to; rows of one label are taken in the order they come. Lags do not
+            cross from one to the next, and held-out errors and the bootstrap leave out whole ones.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        SelectionError
+            An option that cannot be meant, a forced column that is not there, or too few samples for it.
+        """
+        table, response = self._checked(X, y)
+        p = table.shape[1]
+        options, forced, start = self._asked(p)
+        # The constant is in the model, so moving the origin changes nothing but the digits that are lost.
+        middle, level = table.mean(axis=0), float(response.mean())
+        self.coef_ = np.zeros(p)
+        self.intercept_ = level
+        self.support_ = np.zeros(p, dtype=bool)
+        self.support_[forced] = True
+        self.selection_: Outcome | None = None
+        if np.ptp(response) <= ROUNDING * np.abs(response).max():
+            return self  # a constant response: there is nothing to choose by, and the constant says it all
+        rows = np.ascontiguousarray((table - middle).T)
+        rows[np.ptp(rows, axis=1) <= ROUNDING * np.abs(middle)] = 0.0
+        flown = [ArraySignals(rows[:, i], (response[i] - level)[None]) for i in _manoeuvres(groups, table)]
+        outcome = select_arrays(flown, np.eye(p, dtype=np.int64), options, forced, start)[0]
+        kept = list(outcome.found.selected)
+        self.coef_[kept] = outcome.values[1:]
+        self.intercept_ = level + float(outcome.values[0]) - float(self.coef_ @ middle)
+        self.support_[:] = False
+        self.support_[kept] = True
+        self.selection_ = outcome
+        return self
+
+    def predict(self, X: ArrayLike) -> NDArray[np.float64]:
+        """Response of these samples, (n,)."""
+        check_is_fitted(self)
+        table: NDArray[np.float64] = validate_data(self, X, dtype=np.float64, reset=False)
+        return table @ self.coef_ + self.intercept_
+
+    def _get_support_mask(self) -> NDArray[np.bool_]:
+        check_is_fitted(self)
+        return self.support_
+
+    def _checked(self, X: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        table, response = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=FEWEST)
+        return table, np.asarray(response, dtype=np.float64)
+
+    def _asked(self, p: int) -> tuple[Options, list[int], list[int]]:
+        """Options, forced columns and starting columns from the parameters."""
+        given = self.get_params(deep=False)
+        forced = [int(j) for j in given.pop("force")]
+        if any(not 0 <= j < p for j in forced):
+            raise SelectionError(
+                f"{type(self).__name__} is to force columns {forced}; X has columns 0 to {p - 1}. "
+                "Give their numbers, counted from zero."
+            )
+        options = Options(method=self._method, **given)
+        return options, forced, list(range(p)) if options.start != "empty" else []
+
+
+class StepwiseRegressor(_Selector):
+    """Modified stepwise regression by partial F, residual colour accounted for.
+
+    Parameters
+    ----------
+    F_in, F_out : float, "auto" or "fdr"
+        Partial F to enter and to stay (F_in where F_out is None); see `structsel.select`.
+    residuals : {"coloured", "robust", "white"}
+        ``"coloured"``: residuals may resemble their neighbours; an AR model of each manoeuvre's residual, order by
+        BIC, whitens rows before anything is tested, and rows in random order come out as white by themselves.
+        ``"robust"``: tests by the scatter over blocks of rows. ``"white"``: rows are independent.
+    force : sequence of int
+        Columns always in.
+    start : {"empty", "all"}
+    stop : {"F", "R2", "PSE"}
+    r2_change : float [-]
+    criterion : {"PSE", "BIC", "AICc", "adj_R2", "manoeuvre"}, optional
+    sigma_max : {"response", "residual"} or float
+    estimate : {"least_squares", "principal_components", "ridge"}
+        The latter two are biased.
+    components : {"variance", "PSE", "manoeuvre"} or int
+    correlation_limit : float, optional
+    max_terms : int, optional
+    bootstrap : int
+    max_order : int
+    seed : int
+    workers : int, optional
+        All as in `structsel.select`.
+
+    Attributes
+    ----------
+    coef_ : (p,) array [response per column]
+        Zero for columns left out.
+    intercept_ : float
+    support_ : (p,) bool array
+        Columns kept.
+    selection_ : Outcome or None
+        Everything the engine found: covariance, path, colours, rivals, held-out error, bootstrap. In order of
+        entry, and about the columns' means. None where the response is constant.
+    n_features_in_ : int
+
+    References
+    ----------
+    [C89], [TP1916], [KM16] ch. 5.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> X = np.random.default_rng(0).normal(size=(200, 5))
+    >>> StepwiseRegressor(F_in="auto").fit(X, 1.0 + 2.0 * X[:, 3]).get_support(indices=True)
+    array([3])
+    """
+
+    _method = "stepwise"
+
+    def __init__(
+        self,
+        *,
+        F_in: float | Literal["auto", "fdr"] = 4.0,
+        F_out: float | None = None,
+        residuals: Residuals = "coloured",
+        force: Sequence[int] = (),
+        start: Start = "empty",
+        stop: Stop = "F",
+        r2_change: float = 0.005,
+        criterion: Criterion | None = None,
+        sigma_max: Literal["response", "residual"] | float = "response",
+        estimate: Estimate = "least_squares",
+        components: Components = "variance",
+        correlation_limit: float | None = None,
+        max_terms: int | None = None,
+        bootstrap: int = 0,
+        max_order: int = 24,
+        seed: int = 0,
+        workers: int | None = None,
+    ):
+        self.F_in = F_in
+        self.F_out = F_out
+        self.residuals = residuals
+        self.force = force
+        self.start = start
+        self.stop = stop
+        self.r2_change = r2_change
+        self.criterion = criterion
+        self.sigma_max = sigma_max
+        self.estimate = estimate
+        self.components = components
+        self.correlation_limit = correlation_limit
+        self.max_terms = max_terms
+        self.bootstrap = bootstrap
+        self.max_order = max_order
+        self.seed = seed
+        self.workers = workers
+
+
+class OrthogonalRegressor(_Selector):
+    """Orthogonal functions of the columns, ranked by cost reduction; as many as give the least PSE.
+
+    Parameters
+    ----------
+    sigma_max : {"response", "residual"} or float
+        PSE's bound on the prediction error; see `structsel.select`.
+    order : {"greedy", "given"}
+    residuals, force, criterion, estimate, components, correlation_limit, max_terms, bootstrap, max_order, seed, workers
+        As `StepwiseRegressor`.
+
+    Attributes
+    ----------
+    coef_, intercept_, support_, selection_, n_features_in_
+        As `StepwiseRegressor`.
+
+    References
+    ----------
+    [H17], [M95].
+    """
+
+    _method = "orthogonal"
+
+    def __init__(
+        self,
+        *,
+        sigma_max: Literal["response", "residual"] | float = "response",
+        order: Literal["greedy", "given"] = "greedy",
+        residuals: Residuals = "coloured",
+        force: Sequence[int] = (),
+        criterion: Criterion | None = None,
+        estimate: Estimate = "least_squares",
+        components: Components = "variance",
+        correlation_limit: float | None = None,
+        max_terms: int | None = None,
+        bootstrap: int = 0,
+        max_order: int = 24,
+        seed: int = 0,
+        workers: int | None = None,
+    ):
+        self.sigma_max = sigma_max
+        self.order = order
+        self.residuals = residuals
+        self.force = force
+        self.criterion = criterion
+        self.estimate = estimate
+        self.components = components
+        self.correlation_limit = correlation_limit
+        self.max_terms = max_terms
+        self.bootstrap = bootstrap
+        self.max_order = max_order
+        self.seed = seed
+        self.workers = workers
+
+
+class BestSubsetRegressor(_Selector):
+    """The best columns of every number, exactly, and of those the number with the least criterion.
+
+    Parameters
+    ----------
+    criterion : {"PSE", "BIC", "AICc", "adj_R2", "manoeuvre"}, optional
+        BIC where absent.
+    residuals, force, sigma_max, estimate, components, correlation_limit, max_terms, bootstrap, max_order, seed, workers
+        As `StepwiseRegressor`. With many columns give ``max_terms``, or use `StepwiseRegressor`.
+
+    Attributes
+    ----------
+    coef_, intercept_, support_, selection_, n_features_in_
+        As `StepwiseRegressor`.
+
+    References
+    ----------
+    [FW74].
+    """
+
+    _method = "best_subset"
+
+    def __init__(
+        self,
+        *,
+        criterion: Criterion | None = None,
+        residuals: Residuals = "coloured",
+        force: Sequence[int] = (),
+        sigma_max: Literal["response", "residual"] | float = "response",
+        estimate: Estimate = "least_squares",
+        components: Components = "variance",
+        correlation_limit: float | None = None,
+        max_terms: int | None = None,
+        bootstrap: int = 0,
+        max_order: int = 24,
+        seed: int = 0,
+        workers: int | None = None,
+    ):
+        self.criterion = criterion
+        self.residuals = residuals
+        self.force = force
+        self.sigma_max = sigma_max
+        self.estimate = estimate
+        self.components = components
+        self.correlation_limit = correlation_limit
+        self.max_terms = max_terms
+        self.bootstrap = bootstrap
+        self.max_order = max_order
+        self.seed = seed
+        self.workers = workers
+
+
+def _manoeuvres(groups: ArrayLike | None, X: Any) -> list[Any]:
+    """Rows of each manoeuvre, in the order the labels first come."""
+    if groups is None:
+        return [slice(None)]
+    labels = column_or_1d(groups)
+    check_consistent_length(X, labels)
+    _, first, which = np.unique(labels, return_index=True, return_inverse=True)
+    return [np.flatnonzero(which == k) for k in np.argsort(first)]
