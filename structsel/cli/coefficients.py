@@ -1,0 +1,70 @@
+"""``structsel coefficients``: flight-derived coefficients and candidate channels, as files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from structsel.cli.flights import V0, Files, Json, Map, Overwrite, read_flights
+from structsel.cli.output import output_folder, refuse_existing
+from structsel.cli.pages import page
+from structsel.cli.tables import print_files, print_recording
+from structsel.cli.terminal import print_json, stdout
+from structsel.nomenclature import UNKNOWN, is_known
+from structsel.recording import Recording
+
+EPILOG = page(
+    [
+        (
+            "One file per manoeuvre",
+            "structsel coefficients flights/ --map map.toml \\\n    --aircraft aircraft.toml --out coefficients/",
+        )
+    ],
+    """[bold]Added[/bold] are CX CY CZ Cl Cm Cn, CL CD, CT, and the candidates' channels p_hat q_hat r_hat alpha_dot_hat
+    beta_dot_hat V_ratio qbar mach, as far as the recording has what they need; what was left out or taken as zero is
+    said. The files are read again by every command, without a map.""",
+)
+
+_AIRCRAFT = "Geometry, mass, inertia, thrust line, places of the instruments."
+
+
+def run(
+    files: Files,
+    aircraft: Annotated[Path, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for one file per manoeuvre.")],
+    channel_map: Map = None,
+    file_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Kind of file.")] = "csv",
+    v0: V0 = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Compute the aerodynamic coefficients of recordings, and write them with their candidate channels."""
+    refuse_existing(out, overwrite)
+    flown = read_flights(files, channel_map, aircraft, v0)
+    names = [f"{r.name}.{file_format}" for r in flown]
+    with output_folder(out) as folder:
+        for recording, name in zip(flown, names):
+            write_recording(recording, folder / name)
+    if json:
+        print_json({"schema": "structsel.description/1", "recordings": [r.to_dict() for r in flown]})
+        return
+    console = stdout()
+    for recording in flown:
+        print_recording(console, recording)
+    print_files(console, str(out), names)
+
+
+def write_recording(recording: Recording, path: Path) -> None:
+    """Write a recording as CSV or Parquet; channels outside the nomenclature carry their unit in the header."""
+    own = {
+        name: f"{name} [{recording.unit(name)}]"
+        for name in recording.names
+        if not is_known(name) and recording.unit(name) not in (UNKNOWN, "-")
+    }
+    frame = recording.to_frame().rename(columns=own)
+    if path.suffix == ".parquet":
+        frame.to_parquet(path, index=False)
+    else:
+        frame.to_csv(path, index=False)

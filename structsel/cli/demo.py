@@ -1,0 +1,101 @@
+"""``structsel demo``: the main job on six flights whose truth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from json import dumps
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from structsel.candidates import Candidates
+from structsel.cli.coefficients import write_recording
+from structsel.cli.flights import Json
+from structsel.cli.pages import page
+from structsel.cli.results import write_results
+from structsel.cli.tables import print_files, print_truth, print_validation
+from structsel.cli.terminal import Waiting, print_json, stdout
+from structsel.coefficients import compute_all
+from structsel.demo import demo_flights
+from structsel.selection import select
+from structsel.validation import validate
+
+EPILOG = page(
+    [("Tables here, model and plots in a folder", "structsel demo --out out/demo")],
+    """The flights are simulated in turbulence and recorded with instrument noise; from there on nothing knows the truth
+    until it is printed beside the result. Files of an earlier demo are replaced.""",
+)
+
+CHANNELS = ("alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr")
+DEGREE = 3
+FLOWN, HELD_OUT = 6, 11
+TURBULENCE = 0.4  # share of a gust of 0.8 m/s
+
+
+def run(
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for model, tables and plots.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Of turbulence and instrument noise.")] = 1,
+    bootstrap: Annotated[int, typer.Option("--bootstrap", metavar="N", help="Resampled selections; 0: none.")] = 200,
+    plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.")] = True,
+    json: Json = False,
+) -> None:
+    """Select six-axis models from six embedded flights, and print them beside the truth."""
+    console = stdout()
+    with Waiting("flying"):
+        # All at once costs hardly more than one, and a flight is the same however many are flown.
+        all_flown, aircraft, truth = demo_flights(HELD_OUT + 1, seed, turbulence=TURBULENCE)
+        recordings, another = all_flown[:FLOWN], all_flown[HELD_OUT]
+        *used, held = compute_all([*recordings, another], aircraft)
+    pool = Candidates.polynomial(CHANNELS, DEGREE)
+    if not json:
+        seconds = sum(r.duration for r in used)
+        console.print(
+            f"{aircraft.name}\n{FLOWN} manoeuvres, {seconds:.0f} s at {1 / held.dt:.0f} Hz, with light turbulence and "
+            f"instrument noise. {len(pool)} candidate terms for each of {len(truth)} responses: every product up to "
+            f"degree {DEGREE} of {', '.join(CHANNELS)}.\n"
+            "truth: what the simulation was given. incl.: share of the resampled selections that kept the term. holds: "
+            "whether the interval holds the truth; it allows for coloured residuals and for the choice of terms, but "
+            "not for noise on the candidates themselves or for gusts fed back to the controls.\n"
+        )
+    with Waiting("selecting") as waiting:
+        found = select(used, list(truth), pool, F_in="auto", bootstrap=bootstrap, progress=waiting)
+    scores = validate(found.model, [held])
+    written = []
+    if out is not None:
+
+        def beside(folder: Path) -> None:
+            (folder / "aircraft.toml").write_text(_toml(aircraft.to_dict()) + "\n", encoding="utf-8")
+            (folder / "flights").mkdir()
+            for recording in [*recordings, another]:
+                write_recording(recording, folder / "flights" / f"{recording.name}.csv")
+
+        written = write_results(out, {"stepwise": found}, {"stepwise": scores}, [held], plots, beside)
+    if json:
+        print_json({**found.to_dict(), "truth": truth, "validation": scores.to_dict()})
+        return
+    for response, selection in found.items():
+        print_truth(console, selection, truth[response])
+    print_validation(console, scores, f"Another flight, '{held.name}', never selected from")
+    flights, craft = "FILES --map map.toml", "aircraft.toml"
+    if out is not None:
+        print_files(console, str(out), written)
+        flights, craft = f"{out / 'flights'}", f"{out / 'aircraft.toml'}"
+    console.print(
+        f"\nTo go on, by hand:\n  structsel describe {flights}\n  structsel select {flights} --aircraft {craft} \\\n"
+        "      --responses CZ,Cm --candidates alpha,q_hat,de --degree 3 --f-in auto\n"
+        "Your own files need a channel map besides (--map); examples/ holds some. structsel select --help says more.",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def _toml(content: Mapping[str, Any], table: str = "") -> str:
+    """Return nested mappings as TOML, plain values before tables."""
+    values = {key: value for key, value in content.items() if not isinstance(value, Mapping)}
+    lines = [f"[{table}]"] if table and values else []
+    lines += [f"{key} = {dumps(value)}" for key, value in values.items()]
+    tables = [_toml(v, f"{table}.{k}".lstrip(".")) for k, v in content.items() if isinstance(v, Mapping)]
+    return "\n".join([*lines, *filter(None, tables)])

@@ -1,0 +1,143 @@
+"""Recordings as the commands take them: read, cut at gaps, with coefficients, some held out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structsel.aircraft import Aircraft
+from structsel.cli.terminal import say
+from structsel.coefficients import compute_all
+from structsel.errors import DataError, SelectionError
+from structsel.readers.channel_map import load_channel_map
+from structsel.recording import Recording, read_recordings
+
+OUTPUT = "Output"
+"""Panel of the help pages."""
+
+Files = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="FILES",
+        help="Recordings, one manoeuvre each, or folders of them: CSV and other text, Parquet, MATLAB, NumPy, HDF5.",
+    ),
+]
+Map = Annotated[
+    Path | None,
+    typer.Option(
+        "--map",
+        metavar="MAP.TOML",
+        help="Channel map: which column is which channel, its unit and sign. Without it columns keep their names.",
+    ),
+]
+AircraftFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--aircraft",
+        metavar="AIRCRAFT.TOML",
+        help="Geometry, mass, inertia, thrust line, places of the instruments. With it the coefficients are computed "
+        "first; without it the responses must be channels of the files.",
+    ),
+]
+V0 = Annotated[
+    float | None,
+    typer.Option("--v0", help="Reference airspeed of V_ratio, in m/s; else the aircraft's, else the first mean V."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.", rich_help_panel=OUTPUT)]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.", rich_help_panel=OUTPUT)]
+
+
+def words(text: str) -> list[str]:
+    """Comma-separated words, stripped, empty ones left out."""
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def read_files(files: Iterable[Path], channel_map: Path | None) -> list[Recording]:
+    """Every recording of files and folders, in the order given.
+
+    Raises
+    ------
+    DataError
+        Two recordings of one name, or whatever reading raises.
+    """
+    mapped = None if channel_map is None else load_channel_map(channel_map)
+    found: list[Recording] = []
+    for path in files:
+        for recording in read_recordings(path, mapped):
+            if recording.name in {other.name for other in found}:
+                raise DataError(
+                    f"two of the files would both be called '{recording.name}'; the second is in '{path}'.\n"
+                    "Rename one, or give it once."
+                )
+            found.append(recording)
+    return found
+
+
+def read_flights(
+    files: Iterable[Path],
+    channel_map: Path | None,
+    aircraft: Path | None,
+    v0: float | None = None,
+    wanted: Iterable[str] | None = None,
+) -> list[Recording]:
+    """Manoeuvres ready to be modelled: files read, cut at gaps in time, coefficients added.
+
+    What the checks doubt is said on stderr; what they note of `wanted` channels (all if None), too.
+    """
+    craft = None if aircraft is None else Aircraft.from_toml(aircraft)
+    flown: list[Recording] = []
+    for recording in read_files(files, channel_map):
+        parts = recording.split()
+        if len(parts) > 1:
+            names = f"{parts[0].name} to {parts[-1].name}"
+            say("note", f"'{recording.name}' has gaps in time: taken as {len(parts)} manoeuvres, {names}.")
+        flown += parts
+    if craft is not None:
+        for remark in craft.remarks:
+            say("warning", f"aircraft '{craft.name}': {remark}.")
+        flown = compute_all(flown, craft, V0=v0)
+    say_findings(flown, None if wanted is None else set(wanted))
+    return flown
+
+
+def say_findings(recordings: Sequence[Recording], wanted: set[str] | None = None) -> None:
+    """Say what was found in the recordings, alike findings once."""
+    idle = set() if wanted is None else {"V_ratio", "mach", "CT"} - wanted
+    # Samples that are no numbers stop the command where it needs them, and matter to nobody elsewhere.
+    told = {"warning"} if wanted is not None else {"warning", "error"}
+    alike: dict[tuple[str, str, str], list[tuple[str, str]]] = {}
+    for recording in recordings:
+        for f in recording.findings:
+            if f.severity in told or (f.kind in ("left-out", "assumed") and f.channel not in idle):
+                kind = "note" if f.severity == "note" else "warning"
+                text = str(f).removeprefix(f"{f.severity}: ")
+                alike.setdefault((kind, f.kind, f.channel), []).append((recording.name, text))
+    for (kind, _, _), found in sorted(alike.items(), reverse=True):
+        name, text = found[0]
+        more = f" (and in {len(found) - 1} more)" if len(found) > 1 else ""
+        say(kind, f"{name}{more}: {text}")
+
+
+def hold_out(recordings: Sequence[Recording], names: str) -> tuple[list[Recording], list[Recording]]:
+    """Recordings to select from, and those of these names (or parts of them) to judge by.
+
+    Raises
+    ------
+    SelectionError
+        No recording has one of the names, or none would be left.
+    """
+    held: list[Recording] = []
+    for name in words(names):
+        mine = [r for r in recordings if r.name == name]
+        mine = mine or [r for r in recordings if any(note.endswith(f" of '{name}'") for note in r.provenance)]
+        if not mine:
+            have = ", ".join(r.name for r in recordings)
+            raise SelectionError(f"--held-out names '{name}', but no recording is called that. There are: {have}.")
+        held += [r for r in mine if r not in held]
+    used = [r for r in recordings if r not in held]
+    if not used:
+        raise SelectionError("--held-out leaves no recording to select from. Hold out fewer, or give more files.")
+    return used, held

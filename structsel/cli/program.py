@@ -1,0 +1,97 @@
+"""The program: its commands, its exit codes, and how it says what went wrong."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from structsel import __version__
+from structsel.cli import coefficients, demo, describe, select, validate
+from structsel.cli.pages import page
+from structsel.cli.terminal import plain_warnings, say
+from structsel.errors import StructselError
+
+_EPILOG = page(
+    [
+        ("Six flights made here, their truth known", "structsel demo --out out/demo"),
+        ("Is the file read as you meant", "structsel describe flight.csv --map map.toml"),
+        (
+            "Choose the terms, two manoeuvres kept aside",
+            "structsel select flights/ --map map.toml --aircraft aircraft.toml \\\n"
+            "    --responses CZ,Cm --candidates alpha,q_hat,de --degree 3 \\\n"
+            "    --held-out m05,m06 --out out/",
+        ),
+        (
+            "Score the model on other flights",
+            "structsel validate out/model.json m07.csv --map map.toml \\\n    --aircraft aircraft.toml",
+        ),
+    ],
+    """[bold]Results[/bold] go to stdout, everything else to stderr; --json prints JSON and nothing else. Inside, units
+    are SI and radians; a channel map brings others in. NO_COLOR=1 turns colours off.""",
+    """[bold]Exit code[/bold] 0: done. 1: the data or the request cannot be used; the message says why and what to do.
+    2: the command line cannot be read.""",
+)
+
+
+_ON_THE_COMMAND_LINE = {
+    "compute_coefficients()": "give --aircraft, and the coefficients are computed first.",
+    "recording.between": "[file] rows = [first, last] in a channel map keeps a stretch of a file.",
+    "candidates.without": "leave the response out of --candidates and --terms.",
+    "overwrite=True": "pass --overwrite.",
+}
+"""What a remedy given in the library's terms means here."""
+
+
+class Program(TyperGroup):
+    """Says structsel's own errors and warnings plainly, without a traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; exit code 1 for an error of the data or the request."""
+        with plain_warnings():
+            try:
+                return super().invoke(ctx)
+            except StructselError as error:
+                here = [says for call, says in _ON_THE_COMMAND_LINE.items() if call in str(error)]
+                say("error", "\n".join([str(error), *(f"On the command line: {says}" for says in here)]))
+                raise typer.Exit(1) from error
+
+
+app = typer.Typer(
+    cls=Program,
+    name="structsel",
+    help="Flight recordings in, an aerodynamic model out whose structure the data chose.",
+    epilog=_EPILOG,
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"structsel {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Flight recordings in, an aerodynamic model out whose structure the data chose."""
+
+
+app.command("describe", epilog=describe.EPILOG)(describe.run)
+app.command("coefficients", epilog=coefficients.EPILOG)(coefficients.run)
+app.command("select", epilog=select.EPILOG)(select.run)
+app.command("validate", epilog=validate.EPILOG)(validate.run)
+app.command("demo", epilog=demo.EPILOG)(demo.run)
+
+
+def main() -> None:
+    """Entry point of the ``structsel`` command."""
+    app()

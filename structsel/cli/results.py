@@ -1,0 +1,66 @@
+"""What ``select`` and ``demo`` leave in a folder: models, selections, tables, plots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from structsel.cli.output import output_folder
+from structsel.cli.terminal import Waiting, json_text
+from structsel.recording import Recording
+from structsel.selection import Selections
+from structsel.validation import Validation
+
+
+def write_results(
+    out: Path,
+    found: Mapping[str, Selections],
+    scores: Mapping[str, Validation],
+    shown: Sequence[Recording],
+    plots: bool,
+    beside: Callable[[Path], None] | None = None,
+) -> list[str]:
+    """Write everything, or nothing; return the names written, plots as one.
+
+    Parameters
+    ----------
+    out : Path
+    found : mapping of method to Selections
+        Several methods get a file each, the method in its name.
+    scores : mapping of method to Validation
+    shown : sequence of Recording
+        The plots' time histories.
+    plots : bool
+    beside : callable, optional
+        Writes what else belongs into the folder it is given.
+    """
+    with output_folder(out) as folder:
+        for method, selections in found.items():
+            mark = "" if len(found) == 1 else "_" + method.replace(", ", "_")
+            _write_one(folder, mark, selections, scores.get(method))
+            if plots:
+                _write_plots(folder / f"plots{mark}", selections, shown)
+        if beside is not None:
+            beside(folder)
+        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+
+
+def _write_one(folder: Path, mark: str, selections: Selections, scores: Validation | None) -> None:
+    selections.model.to_json(folder / f"model{mark}.json")
+    (folder / f"selection{mark}.json").write_text(json_text(selections.to_dict()), encoding="utf-8")
+    selections.to_frame().to_csv(folder / f"terms{mark}.csv", index=False)
+    (folder / f"terms{mark}.tex").write_text(selections.model.latex() + "\n", encoding="utf-8")
+    report = [str(selections)] + ([str(scores)] if scores is not None else [])
+    (folder / f"report{mark}.txt").write_text("\n\n".join(report) + "\n", encoding="utf-8")
+    if scores is not None:
+        (folder / f"validation{mark}.json").write_text(json_text(scores.to_dict()), encoding="utf-8")
+
+
+def _write_plots(folder: Path, selections: Selections, shown: Sequence[Recording]) -> None:
+    from structsel.plotting import draw_selection  # matplotlib takes a while to load, and few commands plot
+
+    folder.mkdir()
+    with Waiting("drawing") as waiting:
+        for i, (name, figure) in enumerate(draw_selection(selections, shown), 1):
+            figure.savefig(folder / f"{name}.png", dpi=110)
+            waiting("plots", i, 3 * len(selections))

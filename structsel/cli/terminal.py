@@ -1,0 +1,117 @@
+"""What is said besides the result: errors, warnings, notes and progress, all on stderr."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+PATIENCE = 2.0
+"""Seconds of work before a progress bar is shown."""
+
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
+
+
+def stdout() -> Console:
+    """Console of results; as wide as the terminal or COLUMNS say, 80 otherwise."""
+    return Console(highlight=False)
+
+
+def say(kind: str, message: str) -> None:
+    """Print an error, warning or note on stderr."""
+    text = Text.assemble((f"{kind}: ", _STYLES[kind]), message)
+    Console(stderr=True, highlight=False).print(text, soft_wrap=True)
+
+
+@contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Within, a warning is one line on stderr, each said once, without the place in the code."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        if str(message) not in said:
+            said.add(str(message))
+            say("warning", str(message))
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield
+
+
+class Waiting:
+    """A progress bar on stderr, if that is a terminal and the work takes a while.
+
+    Called as the library calls its ``progress``: with a stage's name, steps done and steps in all.
+    """
+
+    def __init__(self, what: str):
+        self._what, self._lock = what, threading.Lock()
+        self._bar: Progress | None = None
+        self._tasks: dict[str, TaskID] = {}
+        self._timer: threading.Timer | None = None
+
+    def __enter__(self) -> Waiting:
+        if Console(stderr=True).is_terminal:
+            self._timer = threading.Timer(PATIENCE, self._show)
+            self._timer.daemon = True
+            self._timer.start()
+        return self
+
+    def _show(self) -> None:
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        with self._lock:
+            if self._timer is None:
+                return
+            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._tasks[self._what] = self._bar.add_task(self._what, total=None)
+            self._bar.start()
+
+    def __call__(self, stage: str, done: int, of: int) -> None:
+        """Show that a stage has come so far."""
+        with self._lock:
+            if self._bar is None:
+                return
+            name = f"{self._what}: {stage}"
+            if name not in self._tasks:
+                self._tasks[name] = self._bar.add_task(name, total=of)
+            self._bar.update(self._tasks[name], completed=done, total=of)
+            if done >= of:
+                self._bar.remove_task(self._tasks.pop(name))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        with self._lock:
+            self._timer = None
+            if self._bar is not None:
+                self._bar.stop()
+
+
+def print_json(content: Any) -> None:
+    """Write JSON, and nothing else, to stdout; what is not a finite number becomes null."""
+    sys.stdout.write(json_text(content))
+
+
+def json_text(content: Any) -> str:
+    """Return content as JSON, null for what is not a finite number."""
+    return json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain(content: Any) -> Any:
+    if isinstance(content, dict):
+        return {key: _plain(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_plain(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content

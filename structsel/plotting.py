@@ -1,0 +1,306 @@
+"""Every figure; the only importer of matplotlib.
+
+Each function draws one result on one Axes, its own if none is given, and returns it; units stand on the
+axes. `draw_selection` puts them together, one figure per question, for files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, MaxNLocator
+from scipy import stats
+
+from structsel.model import AeroModel
+from structsel.nomenclature import UNKNOWN, latex_of, unit_of
+from structsel.recording import Recording
+from structsel.selection import Selection, Selections
+from structsel.validation import Score, validate
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MEASURED, MODELLED, KEPT, OTHER, DOUBT = "#4d4d4d", "#d1495b", "#00798c", "#b9c4c9", "#edae49"
+_MOST_POINTS = 20_000  # per line: more cannot be seen, and take long to draw
+_MOST_MOVES = 40
+_MOST_NAMES = 8
+_MOST_CHANNELS = 5
+_WIDEST = 1.5  # relative intervals are cut here
+
+
+def label(name: str, units: Mapping[str, str] | None = None) -> str:
+    """Symbol and unit of a channel, for an axis."""
+    unit = unit_of(name, units)
+    return f"${latex_of(name)}$" + (f" [{unit}]" if unit != UNKNOWN else "")
+
+
+def plot_fit(
+    model: AeroModel, recordings: Recording | Sequence[Recording], response: str, *, axes: Any = None
+) -> tuple[Axes, Axes]:
+    """Measured and modelled response over time, and what is left.
+
+    Parameters
+    ----------
+    model : AeroModel
+    recordings : Recording or sequence of Recording
+        Several stand end to end, their names (numbers, where many) above.
+    response : str
+    axes : pair of Axes, optional
+
+    Returns
+    -------
+    top, bottom : Axes
+    """
+    flown = _several(recordings)
+    if axes is None:
+        import matplotlib.pyplot as plt
+
+        _, axes = plt.subplots(2, 1, sharex=True, height_ratios=(2, 1), figsize=(9, 5), layout="constrained")
+    top, bottom = axes
+    start = 0.0
+    for i, recording in enumerate(flown):
+        keep = slice(None, None, max(1, len(recording) // _MOST_POINTS + 1))
+        t = recording.t if len(flown) == 1 else recording.t - recording.t[0] + start
+        measured = recording[response]
+        modelled = model.evaluate(recording, outside="ignore")[response]
+        first = i == 0
+        top.plot(t[keep], measured[keep], color=MEASURED, lw=1.0, label="measured" if first else None)
+        top.plot(t[keep], modelled[keep], color=MODELLED, lw=1.0, label="model" if first else None)
+        bottom.plot(t[keep], (measured - modelled)[keep], color=MEASURED, lw=0.7)
+        if len(flown) > 1:
+            # Names of many short manoeuvres would run into each other.
+            name = recording.name if len(flown) <= _MOST_NAMES else str(i + 1)
+            top.text(t[0], 1.01, f" {name}", transform=top.get_xaxis_transform(), fontsize="x-small")
+            for ax in (top, bottom):
+                ax.axvline(t[0], color=OTHER, lw=0.8)
+            start = float(t[-1]) + recording.dt
+    bottom.axhline(0.0, color=OTHER, lw=0.8, zorder=0)
+    top.set_ylabel(label(response, flown[0].units))
+    bottom.set_ylabel("residual" + _unit(response, flown[0].units))
+    bottom.set_xlabel("time [s]" if len(flown) == 1 else "time, manoeuvres end to end [s]")
+    top.legend(loc="best", fontsize="small", ncols=2)
+    for ax in (top, bottom):
+        ax.grid(alpha=0.25)
+        ax.margins(x=0.0)
+    return top, bottom
+
+
+def plot_path(selection: Selection, *, ax: Axes | None = None) -> Axes:
+    """Unexplained share of the response, 1 - R2, and PSE, after each move of the search."""
+    ax = _axes(ax)
+    steps = [s for s in selection.trace if s.action != "refuse"]
+    ax.set_title(f"{_symbol(selection.response)}: the search, move by move", fontsize="medium")
+    if not steps:
+        ax.text(0.5, 0.5, "every size searched at once:\nno path to show", ha="center", va="center")
+        ax.set_axis_off()
+        return ax
+    shown = steps[:_MOST_MOVES]
+    x = np.arange(1, len(shown) + 1)
+    ax.semilogy(x, [s.PSE for s in shown], "o-", color=DOUBT, ms=4, lw=1.0, label="PSE")
+    ax.semilogy(x, [1.0 - s.R2 for s in shown], "o-", color=KEPT, ms=4, lw=1.0, label="$1 - R^2$")
+    final = len(selection.terms)
+    ends = [i for i, s in enumerate(shown, 1) if s.n_terms == final]
+    if ends:
+        ax.axvline(ends[-1], color=MODELLED, lw=0.8, ls="--", label=f"chosen: {final} terms")
+    ax.xaxis.set_major_locator(FixedLocator(x.tolist()))
+    marks = {"enter": "+", "leave": "−", "swap": "⇄"}
+    size = "small" if len(shown) <= 12 else "xx-small"
+    ax.set_xticklabels([f"{marks[s.action]} {s.term}" for s in shown], rotation=60, ha="right", fontsize=size)
+    whose = "whitened " if selection.colours else ""
+    ax.set_ylabel(f"share of the {whose}response's variance [-]")
+    if len(shown) < len(steps):
+        ax.set_xlabel(f"the first {len(shown)} of {len(steps)} moves")
+    ax.grid(alpha=0.25, which="both")
+    ax.legend(fontsize="small")
+    return ax
+
+
+def plot_inclusion(selection: Selection, *, most: int = 15, ax: Axes | None = None) -> Axes:
+    """Share of the resampled selections that kept each candidate; the model's own terms are coloured."""
+    ax = _axes(ax)
+    ax.set_title(f"{_symbol(selection.response)}: inclusion", fontsize="medium")
+    kept = {str(term) for term in selection.terms}
+    found = {name: share for name, share in selection.inclusion.items() if share > 0 or name in kept}
+    if not found:
+        ax.text(0.5, 0.5, "no bootstrap was made" if not selection.inclusion else "nothing kept", ha="center")
+        ax.set_axis_off()
+        return ax
+    ranked = sorted(found, key=lambda name: (name in kept, found[name]), reverse=True)[:most]
+    ax.barh(ranked, [found[name] for name in ranked], color=[KEPT if n in kept else OTHER for n in ranked], height=0.7)
+    ax.axvline(0.5, color=DOUBT, lw=1.0, ls="--")
+    ax.invert_yaxis()
+    ax.set_xlim(0.0, 1.0)
+    ax.set_xlabel("share of resampled selections [-]")
+    if len(found) > len(ranked):
+        ax.set_ylabel(f"{len(ranked)} of {len(found)} ever kept", fontsize="small")
+    return ax
+
+
+def plot_intervals(selection: Selection, *, level: float = 0.95, ax: Axes | None = None) -> Axes:
+    """Intervals of the parameters, relative to their values; thin: what white residuals would claim."""
+    ax = _axes(ax)
+    names = ["1", *map(str, selection.terms)]
+    values = selection.values
+    scale = np.where(values != 0.0, np.abs(values), 1.0)
+    half = np.nan_to_num((selection.intervals(level)[:, 1] - values) / scale)  # an unknown error draws no bar
+    textbook = stats.t.ppf(0.5 + level / 2, max(selection.dof, 1)) * selection.textbook_errors / scale
+    y = np.arange(len(names))
+    cut = half > _WIDEST
+    ax.barh(y, 2 * np.minimum(half, _WIDEST), left=-np.minimum(half, _WIDEST), height=0.55, color=KEPT, alpha=0.45)
+    ax.barh(y, 2 * np.minimum(textbook, _WIDEST), left=-np.minimum(textbook, _WIDEST), height=0.14, color=MEASURED)
+    for place in y[cut]:
+        ax.text(_WIDEST, place, f" ±{100 * half[place]:.0f} %", va="center", fontsize="x-small")
+    ax.set_yticks(y, [f"{name} = {value:.3g}" for name, value in zip(names, values)])
+    ax.invert_yaxis()
+    ax.axvline(0.0, color=MEASURED, lw=0.8)
+    reach = 1.1 * float(min(half.max(), _WIDEST)) or 1.0
+    ax.set_xlim(-reach, 1.35 * reach if cut.any() else reach)
+    ax.xaxis.set_major_locator(MaxNLocator(5))
+    ax.xaxis.set_major_formatter(lambda x, _: f"{100 * x:g} %")
+    ax.set_xlabel(f"{100 * level:g} % interval about the value, relative to it")
+    ax.set_title(f"{_symbol(selection.response)}: intervals (thin: textbook)", fontsize="medium")
+    ax.grid(alpha=0.25, axis="x")
+    return ax
+
+
+def plot_collinearity(selection: Selection, *, ax: Axes | None = None) -> Axes:
+    """Correlation of the estimated parameters; the variance inflation factors stand beside the terms."""
+    ax = _axes(ax)
+    names = [str(term) for term in selection.terms]
+    ax.set_title(f"{_symbol(selection.response)}: parameter correlation", fontsize="medium")
+    if not names:
+        ax.text(0.5, 0.5, "no terms kept", ha="center")
+        ax.set_axis_off()
+        return ax
+    covariance = selection.covariance[1:, 1:]
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    R = covariance / np.outer(spread, spread)
+    image = ax.imshow(R, vmin=-1, vmax=1, cmap="RdBu_r")
+    size = "small" if len(names) <= 10 else "xx-small"
+    ax.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=size)
+    ax.set_yticks(range(len(names)), [f"{n}  (VIF {v:.3g})" for n, v in zip(names, selection.vif)], fontsize=size)
+    if len(names) <= 10:
+        for i, j in np.ndindex(*R.shape):
+            colour = "white" if abs(R[i, j]) > 0.6 else "black"
+            ax.text(j, i, f"{R[i, j]:.2f}", ha="center", va="center", fontsize="x-small", color=colour)
+    ax.figure.colorbar(image, ax=ax, shrink=0.8, label="correlation [-]")
+    return ax
+
+
+def plot_autocorrelation(score: Score, *, ax: Axes | None = None) -> Axes:
+    """Autocorrelation of the residual with the 95 % bound of white noise."""
+    ax = _axes(ax)
+    rho = score.autocorrelation[1:]
+    lags = np.arange(1, len(rho) + 1)
+    ax.axhspan(-score.bound, score.bound, color=OTHER, alpha=0.5, lw=0, label="95 % of white noise")
+    beyond = np.abs(rho) > score.bound
+    ax.vlines(lags, 0.0, rho, colors=[MODELLED if b else KEPT for b in beyond], lw=2.0)
+    ax.axhline(0.0, color=MEASURED, lw=0.8)
+    ax.set_xlabel("lag [samples]")
+    ax.set_ylabel("autocorrelation [-]")
+    ax.set_ylim(min(-0.3, 1.1 * float(np.nanmin(rho, initial=0.0))), 1.05)
+    where = "all recordings" if score.recording == "all" else score.recording
+    ax.set_title(f"{_symbol(score.response)}: residual, {where}", fontsize="medium")
+    ax.legend(fontsize="small", loc="upper right")
+    return ax
+
+
+def plot_residual_against(
+    model: AeroModel,
+    recordings: Recording | Sequence[Recording],
+    response: str,
+    channel: str,
+    *,
+    bins: int = 15,
+    ax: Axes | None = None,
+) -> Axes:
+    """Residual against a channel, with the mean of each bin; a trend in the means is a term left out.
+
+    Bins hold equal numbers of samples. Bars span two standard errors of the mean, as if samples were
+    independent: neighbours in time are not, so the true ones are wider.
+    """
+    ax = _axes(ax)
+    flown = _several(recordings)
+    x = np.concatenate([r[channel] for r in flown])
+    e = np.concatenate([r[response] - model.evaluate(r, outside="ignore")[response] for r in flown])
+    keep = slice(None, None, max(1, len(x) // _MOST_POINTS + 1))
+    ax.plot(x[keep], e[keep], ".", ms=2, color=OTHER, rasterized=True)
+    order = np.argsort(x, kind="stable")
+    parts = [p for p in np.array_split(order, bins) if len(p) > 1]
+    middle = np.array([x[p].mean() for p in parts])
+    mean = np.array([e[p].mean() for p in parts])
+    error = np.array([2.0 * e[p].std(ddof=1) / np.sqrt(len(p)) for p in parts])
+    ax.errorbar(middle, mean, error, fmt="o-", ms=3, lw=1.0, color=MODELLED, label="mean of each bin")
+    ax.axhline(0.0, color=MEASURED, lw=0.8)
+    ax.set_xlabel(label(channel, flown[0].units))
+    ax.set_ylabel(f"residual of {_symbol(response)}" + _unit(response, flown[0].units))
+    ax.xaxis.set_major_locator(MaxNLocator(6))
+    ax.legend(fontsize="small", loc="best")
+    return ax
+
+
+def draw_selection(selections: Selections, recordings: Sequence[Recording]) -> Iterator[tuple[str, Figure]]:
+    """Figures of a selection: per response the fit, the choice, and what is left.
+
+    Parameters
+    ----------
+    selections : Selections
+    recordings : sequence of Recording
+        Those selected from, or held out.
+
+    Yields
+    ------
+    name : str
+        ``CZ_fit``, ``CZ_choice``, ``CZ_residual``: a file's stem.
+    figure : Figure
+    """
+    model = selections.model
+    scores = validate(model, recordings)
+    for response, selection in selections.items():
+        stem = "".join(c if c.isalnum() else "_" for c in response)
+        figure = Figure(figsize=(10, 5), layout="constrained")
+        plot_fit(model, recordings, response, axes=figure.subplots(2, 1, sharex=True, height_ratios=(2, 1)))
+        yield f"{stem}_fit", figure
+        figure = Figure(figsize=(11, 8.5), layout="constrained")
+        panels = figure.subplots(2, 2)
+        plot_path(selection, ax=panels[0, 0])
+        plot_inclusion(selection, ax=panels[0, 1])
+        plot_intervals(selection, ax=panels[1, 0])
+        plot_collinearity(selection, ax=panels[1, 1])
+        yield f"{stem}_choice", figure
+        used = {c for term in selection.terms for c in term.channels}
+        channels = sorted(selection.pool.channels, key=lambda c: (c not in used, c))[:_MOST_CHANNELS]
+        columns = min(3, len(channels) + 1)
+        rows = -(-(len(channels) + 1) // columns)
+        figure = Figure(figsize=(4.2 * columns, 3.4 * rows), layout="constrained")
+        places = list(np.ravel(figure.subplots(rows, columns, squeeze=False)))
+        plot_autocorrelation(scores.score(response), ax=places[0])
+        for channel, place in zip(channels, places[1:]):
+            plot_residual_against(model, recordings, response, channel, ax=place)
+        for spare in places[len(channels) + 1 :]:
+            spare.set_axis_off()
+        yield f"{stem}_residual", figure
+
+
+def _symbol(name: str) -> str:
+    return f"${latex_of(name)}$"
+
+
+def _unit(name: str, units: Mapping[str, str]) -> str:
+    unit = unit_of(name, units)
+    return f" [{unit}]" if unit != UNKNOWN else ""
+
+
+def _several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    return [recordings] if isinstance(recordings, Recording) else list(recordings)
+
+
+def _axes(ax: Axes | None) -> Axes:
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(figsize=(6.5, 4.5), layout="constrained")[1]

@@ -1,0 +1,21 @@
+"""The examples run, and their assertions hold."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_the_example_runs_to_its_assertions(path, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # an example that writes does so here
+    runpy.run_path(str(path), run_name="__main__")
+    assert capsys.readouterr().out
+
+
+def test_every_example_ends_in_an_assertion():
+    assert EXAMPLES
+    for path in EXAMPLES:
+        assert path.read_text().rstrip().splitlines()[-1].startswith("assert "), path.name

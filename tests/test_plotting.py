@@ -1,0 +1,158 @@
+"""Figures show the numbers they were given, with units, and nothing runs out of them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.testing import assert_allclose
+
+from structsel import Candidates, Recording, select, validate
+from structsel.plotting import (
+    draw_selection,
+    label,
+    plot_autocorrelation,
+    plot_collinearity,
+    plot_fit,
+    plot_inclusion,
+    plot_intervals,
+    plot_path,
+    plot_residual_against,
+)
+
+
+def manoeuvre(k, n=300):
+    rng = np.random.default_rng([11, k])
+    t = 5.0 + 0.05 * np.arange(n)
+    alpha = 0.1 + 0.05 * np.sin(0.9 * t + k) + 0.01 * rng.standard_normal(n)
+    de = 0.05 * np.sign(np.sin(1.3 * t)) + 0.005 * rng.standard_normal(n)
+    # The square is left out of the pool below, so that the residual carries it.
+    Cm = 0.05 - 0.5 * alpha - 1.5 * de + 8.0 * (alpha - 0.1) ** 2 + 0.004 * rng.standard_normal(n)
+    return Recording(f"m{k}", t, {"alpha": alpha, "de": de, "Cm": Cm})
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return [manoeuvre(k) for k in range(3)]
+
+
+@pytest.fixture(scope="module")
+def selections(flown):
+    return select(flown, "Cm", Candidates(["alpha", "de", "alpha*de"]), bootstrap=30)
+
+
+@pytest.fixture
+def ax():
+    return Figure().add_subplot()
+
+
+def test_the_fit_shows_measured_modelled_and_their_difference(flown, selections):
+    top, bottom = plot_fit(selections.model, flown[0], "Cm", axes=Figure().subplots(2))
+    modelled = selections.model.evaluate(flown[0])["Cm"]
+    measured, model = top.get_lines()[:2]
+    assert_allclose(measured.get_xdata(), flown[0].t)
+    assert_allclose(measured.get_ydata(), flown[0]["Cm"])
+    assert_allclose(model.get_ydata(), modelled)
+    assert_allclose(bottom.get_lines()[0].get_ydata(), flown[0]["Cm"] - modelled)
+    assert (top.get_ylabel(), bottom.get_xlabel()) == ("$C_m$ [-]", "time [s]")
+
+
+def test_several_manoeuvres_stand_end_to_end_under_their_names(flown, selections):
+    top, _ = plot_fit(selections.model, flown, "Cm", axes=Figure().subplots(2))
+    clocks = [line.get_xdata() for line in top.get_lines() if len(line.get_xdata()) == 300][::2]
+    t = np.concatenate(clocks)
+    assert len(t) == 900
+    assert_allclose(np.diff(t), 0.05, rtol=1e-9)
+    assert [text.get_text().strip() for text in top.texts] == ["m0", "m1", "m2"]
+
+
+def test_the_path_shows_what_is_left_after_each_move(selections, ax):
+    selection = selections["Cm"]
+    plot_path(selection, ax=ax)
+    lines = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
+    assert_allclose(lines["$1 - R^2$"], [1.0 - s.R2 for s in selection.trace])
+    assert_allclose(lines["PSE"], [s.PSE for s in selection.trace])
+    assert [tick.get_text() for tick in ax.get_xticklabels()] == [f"+ {s.term}" for s in selection.trace]
+    assert f"chosen: {len(selection.terms)} terms" in lines
+
+
+def test_a_search_without_a_path_says_so(flown, ax):
+    selection = select(flown, "Cm", Candidates(["alpha", "de"]), method="best_subset", bootstrap=0)["Cm"]
+    assert "no path" in plot_path(selection, ax=ax).texts[0].get_text()
+
+
+def test_inclusion_bars_are_the_shares_the_models_own_terms_first(selections, ax):
+    selection = selections["Cm"]
+    plot_inclusion(selection, ax=ax)
+    names = [tick.get_text() for tick in ax.get_yticklabels()]
+    assert_allclose([bar.get_width() for bar in ax.patches], [selection.inclusion[name] for name in names])
+    assert set(names[: len(selection.terms)]) == {str(term) for term in selection.terms}
+
+
+def test_interval_bars_span_the_interval_relative_to_the_value(selections, ax):
+    selection = selections["Cm"]
+    plot_intervals(selection, ax=ax)
+    low, high = selection.intervals().T
+    bars = ax.patches[: len(selection.values)]
+    assert_allclose([bar.get_width() for bar in bars], (high - low) / np.abs(selection.values), rtol=1e-9)
+
+
+def test_the_heat_map_is_the_correlation_of_the_parameters_with_vif_beside(selections):
+    selection = selections["Cm"]
+    drawn = plot_collinearity(selection, ax=Figure().add_subplot())
+    spread = np.sqrt(np.diag(selection.covariance))
+    R = (selection.covariance / np.outer(spread, spread))[1:, 1:]
+    assert_allclose(drawn.images[0].get_array(), R, atol=1e-12)
+    expected = [f"{term}  (VIF {vif:.3g})" for term, vif in zip(selection.terms, selection.vif)]
+    assert [tick.get_text() for tick in drawn.get_yticklabels()] == expected
+
+
+def test_the_autocorrelation_starts_at_lag_one_within_its_bound(flown, selections, ax):
+    score = validate(selections.model, flown).score("Cm")
+    plot_autocorrelation(score, ax=ax)
+    tips = [segment[1, 1] for segment in ax.collections[0].get_segments()]
+    assert_allclose(tips, score.autocorrelation[1:])
+    assert_allclose(ax.patches[0].get_height(), 2.0 * score.bound)
+
+
+def test_bin_means_of_the_residual_show_the_term_left_out(flown, selections, ax):
+    plot_residual_against(selections.model, flown, "Cm", "alpha", bins=9, ax=ax)
+    x = np.concatenate([r["alpha"] for r in flown])
+    e = np.concatenate([r["Cm"] - selections.model.evaluate(r)["Cm"] for r in flown])
+    order = np.argsort(x).reshape(9, 100)
+    means = ax.containers[0].lines[0].get_ydata()
+    assert_allclose(means, e[order].mean(axis=1), rtol=1e-9, atol=1e-12)
+    # A parabola: both ends above the middle by far more than the noise of a mean, 0.004 / 10.
+    assert min(means[0], means[-1]) - means[4] > 0.005
+    assert ax.get_xlabel() == r"$\alpha$ [rad]"
+
+
+def test_labels_carry_the_symbol_and_the_unit():
+    assert label("V") == "$V$ [m/s]"
+    assert label("load", {"load": "N"}) == r"$\mathrm{load}$ [N]"
+    assert label("load") == r"$\mathrm{load}$"
+
+
+def test_three_figures_for_every_response_with_every_text_inside_them(flown, selections):
+    drawn = dict(draw_selection(selections, flown))
+    assert list(drawn) == ["Cm_fit", "Cm_choice", "Cm_residual"]
+    for figure in drawn.values():
+        FigureCanvasAgg(figure).draw()
+        extent = figure.get_tightbbox()
+        # Inches, a little more than a pixel of slack.
+        assert extent.x0 > -0.02
+        assert extent.y0 > -0.02
+        assert extent.x1 < figure.get_figwidth() + 0.02
+        assert extent.y1 < figure.get_figheight() + 0.02
+
+
+def test_only_plotting_imports_matplotlib():
+    source = Path(__file__).parents[1] / "structsel"
+    texts = {p.name: p.read_text() for p in source.rglob("*.py")}
+    users = [name for name, text in texts.items() if "import matplotlib" in text or "from matplotlib" in text]
+    assert users == ["plotting.py"]
+    code = "import sys, structsel.cli; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

@@ -1,0 +1,102 @@
+"""What README and tutorial show is what happens."""
+
+import contextlib
+import io
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from rich.console import Console
+from typer.testing import CliRunner
+
+from structsel import Candidates, select
+from structsel.cli import app, demo
+from structsel.cli.tables import print_truth
+from structsel.coefficients import compute_all
+from structsel.demo import demo_flights
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+TUTORIAL = (ROOT / "docs/tutorial.md").read_text()
+NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?%?")
+
+
+def blocks(text, language):
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def commands(text):
+    """Commands of the sh blocks, split into words, comments left out."""
+    lines = "\n".join(blocks(text, "sh")).replace("\\\n", " ").splitlines()
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("structsel")]
+
+
+def same(found, shown):
+    """Words alike, numbers to 3 %; line breaks and rules do not matter."""
+    found, shown = (re.findall(r"[^\s─,():]+", text) for text in (found, shown))
+    for a, b in zip(found, shown):
+        if NUMBER.fullmatch(a) and NUMBER.fullmatch(b):
+            assert_allclose(float(a.rstrip("%")), float(b.rstrip("%")), rtol=0.03, atol=2e-5)
+        else:
+            assert a == b
+    assert len(found) == len(shown)
+
+
+def test_the_library_block_prints_what_the_readme_says():
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(blocks(README, "python")[0], {})
+    same(printed.getvalue(), blocks(README, "text")[1])
+
+
+def test_the_demo_prints_the_table_the_readme_shows():
+    recordings, aircraft, truth = demo_flights(demo.FLOWN, turbulence=demo.TURBULENCE)
+    pool = Candidates.polynomial(demo.CHANNELS, demo.DEGREE)
+    chosen = select(compute_all(recordings, aircraft), "Cn", pool, F_in="auto", bootstrap=60)["Cn"]
+    printed = io.StringIO()
+    print_truth(Console(file=printed, width=80, highlight=False), chosen, truth["Cn"])
+    # Fewer repetitions than the demo makes, to save time: the errors and what follows from them are not compared.
+    values = [re.findall(r"^(\S+) +(-?\d\S*) +(-?\d\S*)", text, re.MULTILINE) for text in (printed.getvalue(), README)]
+    assert [row[:2] for row in values[0]] == [row[:2] for row in values[1]]
+    found, shown = (np.array([float(row[2]) for row in rows]) for rows in values)
+    assert len(found) == 8
+    assert_allclose(found, shown, rtol=0.01)
+
+
+@pytest.mark.parametrize("command", commands(README), ids=" ".join)
+def test_the_readmes_commands_have_the_options_they_show(command):
+    help_page = CliRunner().invoke(app, [command[0], "--help"], env={"COLUMNS": "200"}).stdout
+    for word in command:
+        if word.startswith("--"):
+            assert re.search(rf"{word}\b", help_page), word
+
+
+def test_the_tutorial_runs_from_end_to_end(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(demo, "DEGREE", 1)  # the demo's own selection is not what is tested here
+    asked = commands(TUTORIAL)
+    assert [command[0] for command in asked].count("select") == 4
+    for command in asked:
+        faster = ["--bootstrap", "0"] if command[0] in ("demo", "select") else []
+        faster += ["--no-plots"] if "--out" in command and faster else []
+        result = CliRunner().invoke(app, [*command, *faster], env={"COLUMNS": "80"})
+        assert result.exit_code == 0, result.output
+        if "--trace" in command:
+            # "beta^2 and r_hat enter, R2 rises to 0.99, and the flights never selected from are predicted as well"
+            assert re.search(r"^beta\^2 ", result.stdout, re.MULTILINE)
+            assert re.search(r"^r_hat ", result.stdout, re.MULTILINE)
+            assert re.search(r"R2 0\.99", result.stdout)
+            assert re.search(r"all +3002 +0\.9[89]", result.stdout)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(blocks(TUTORIAL, "python")[0], {})
+    assert float(printed.getvalue().splitlines()[-1]) == pytest.approx(-1.92, abs=0.02)
+
+
+def test_every_file_the_documents_point_to_is_there():
+    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for target in re.findall(r"\]\(([^)#:]+)\)", path.read_text()):
+            assert (path.parent / target).exists(), f"{path.name}: {target}"
