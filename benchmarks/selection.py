@@ -1,0 +1,253 @@
+"""Time and memory of a selection against one ``X.T @ X`` of the same candidates, and against the peers.
+
+    python benchmarks/selection.py --samples 20000,200000,2000000 --degrees 3,4 --out selection.md
+
+The floor is numpy's ``X.T @ X``, float64, X given and column-major, one BLAS thread. structsel starts from the
+signals; peers are given X, centred and scaled. Ratios are CPU seconds, medians of `--repeats` taken turn and turn
+about. Memory is the peak above the signals, in a process of its own. Goals S1 to S6 are judged at the end, where
+the sizes they speak of were run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from os import getloadavg
+from statistics import median
+
+import workloads as w
+from cases import monomials
+from methods import moments_of, whole_fit
+from peers import Peer, peers_named
+from timing import free_memory, machine, measure, measure_once, one_blas_thread, publish, say, table
+
+from structsel.numerics.moments import choose_workers
+
+Size = tuple[int, int]  # samples, candidates
+
+
+@dataclass
+class Results:
+    """CPU seconds and memory by size and job, wall seconds of the workers' test."""
+
+    cpu: dict[Size, dict[str, float]] = field(default_factory=dict)
+    memory: dict[Size, dict[str, float | str]] = field(default_factory=dict)
+    wall: dict[str, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def ratio(self, size: Size, job: str, floor: str = w.XTX) -> float | None:
+        of = self.cpu.get(size, {})
+        return of[job] / of[floor] if job in of and floor in of else None
+
+
+def time_jobs(results: Results, n: int, degree: int, repeats: int) -> None:
+    """Every job of structsel at one size, beside X.T @ X."""
+    work = w.prepare(n, degree)
+    X = None
+    if w.room_for(None, n, degree, free_memory()):
+        X = w.candidate_matrix(work.white.base_signals, work.exponents)
+    else:
+        results.notes.append(f"No room for X of {n} x {work.p}: X.T @ X is scaled from a tenth of the samples.")
+    with one_blas_thread():
+        times = {name: t.cpu_median for name, t in measure(w.jobs(work, X), repeats).items()}
+        if X is None:
+            X = w.candidate_matrix(work.white.base_signals[:, : n // 10], work.exponents)
+            times[w.XTX] = 10 * measure({w.XTX: lambda: X.T @ X}, repeats)[w.XTX].cpu_median
+    results.cpu.setdefault((n, work.p), {}).update(times)
+    say(f"N={n} p={work.p}: " + ", ".join(f"{k} {v / times[w.XTX]:.3g}" for k, v in times.items()))
+
+
+def time_peers(results: Results, n: int, degree: int, peers: tuple[Peer, ...]) -> None:
+    """Each peer once, or the median of three where it is quick."""
+    work = w.prepare(n, degree)
+    for peer in peers:
+        if peer.absent():
+            continue
+        if not w.room_for(peer, n, degree, free_memory()):
+            results.notes.append(f"{peer.name} was left out at {n} x {work.p}: too little memory.")
+            continue
+        peer.warm_up()
+        X, y = w.standardised(work)
+        with one_blas_thread():
+            first, _, chosen = measure_once(lambda p=peer, X=X, y=y: p.fit(X, y, work.true))
+            times = [first]
+            while first < 5.0 and len(times) < 3:
+                times.append(measure_once(lambda p=peer, X=X, y=y: p.fit(X, y, work.true))[0])
+        results.cpu.setdefault((n, work.p), {})[peer.name] = median(times)
+        say(f"N={n} p={work.p}: {peer.name} {median(times):.3g} s, {len(chosen)} terms")
+        del X, y
+        gc.collect()
+
+
+def measure_memory(results: Results, n: int, degree: int, peers: tuple[Peer, ...]) -> None:
+    """Peak above the signals of the fits, of X.T @ X and of the peers."""
+    size = (n, len(monomials(8, degree)))
+    of = results.memory.setdefault(size, {})
+    for what in (w.WHITE, w.GENERIC, w.SELECT, w.BOOTSTRAP):
+        of[what] = w.peak(n, degree, what)
+        say(f"N={n} p={size[1]}: {what} {of[what]:.1f} MiB")
+    for name, peer in [(w.XTX, None), *((p.name, p) for p in peers if not p.absent())]:
+        if not w.room_for(peer, n, degree, free_memory()):
+            of[name] = "no room"
+            continue
+        try:
+            of[name] = w.peak(n, degree, name)
+        except RuntimeError as error:
+            of[name] = "failed"
+            results.notes.append(f"{name} at {n} x {size[1]}: {error}")
+        say(f"N={n} p={size[1]}: {name} {of[name]} MiB")
+
+
+def time_workers(results: Results, n: int, degree: int, repeats: int) -> None:
+    """Wall seconds of one and two workers, quiet and with a busy neighbour."""
+    work = w.prepare(n, degree)
+    if (load := getloadavg()[0]) > 0.5:
+        results.notes.append(f"The machine was not quiet (load {load:.1f}): the workers' wall seconds mean little.")
+
+    def job(signals: object, exponents: object, workers: int) -> Callable[[], object]:
+        return lambda: moments_of([signals], exponents, workers)  # type: ignore[arg-type,list-item]
+
+    functions = {
+        f"{kind}, {workers} worker(s)": job(signals, exponents, workers)
+        for kind, signals, exponents in (
+            ("moments", work.white, work.exponents),
+            ("generic", work.generic, work.generic_exponents),
+        )
+        for workers in (1, 2)
+    }
+    functions["fit, 2 worker(s)"] = lambda: whole_fit([work.white], work.exponents, 2)
+    quiet = measure(functions, repeats)
+    with w.busy_neighbour():
+        busy = measure(functions, repeats)
+    results.wall |= {name: t.wall_median for name, t in quiet.items()}
+    results.wall |= {f"{name}, busy neighbour": t.wall_median for name, t in busy.items()}
+    say("; ".join(f"{k} {v:.3g} s" for k, v in results.wall.items()))
+
+
+# ---------------------------------------------------------------- tables
+
+
+def time_table(results: Results) -> str:
+    sizes = list(results.cpu)
+    names = list(dict.fromkeys(name for of in results.cpu.values() for name in of))
+    rows: list[list[object]] = []
+    for name in names:
+        cells: list[object] = [name]
+        for size in sizes:
+            seconds, ratio = results.cpu[size].get(name), results.ratio(size, name)
+            cells.append("-" if seconds is None else f"{ratio:.3g} x" if ratio is not None else f"{seconds:.3g} s")
+        rows.append(cells)
+    rows.append([f"{w.XTX}, seconds", *(results.cpu[size].get(w.XTX, float("nan")) for size in sizes)])
+    return table(["CPU", *(f"N={n:,} p={p}" for n, p in sizes)], rows)
+
+
+def memory_table(results: Results) -> str:
+    sizes = list(results.memory)
+    names = list(dict.fromkeys(name for of in results.memory.values() for name in of))
+    rows = [[name, *(results.memory[size].get(name, "-") for size in sizes)] for name in names]
+    return table(["MiB above the signals", *(f"N={n:,} p={p}" for n, p in sizes)], rows)
+
+
+def goals(results: Results) -> str:
+    """S1 to S6 where their sizes were run."""
+    rows: list[list[object]] = []
+    big = 200_000
+
+    def at_most(goal: str, what: str, found: float | None, limit: float, unit: str = "x") -> None:
+        if found is not None:
+            verdict = "reached" if found <= limit else "not reached"
+            rows.append([goal, what, f"<= {limit:g} {unit}", f"{found:.3g} {unit}", verdict])
+
+    def at_least(goal: str, what: str, found: float | None, limit: float) -> None:
+        if found is not None:
+            verdict = "reached" if found >= limit else "not reached"
+            rows.append([goal, what, f">= {limit:g} x", f"{found:.3g} x", verdict])
+
+    at_most("S1", "whole fit, 200k x 164", results.ratio((big, 164), w.WHITE), 1.0)
+    at_most("S1", "whole fit, 200k x 494", results.ratio((big, 494), w.WHITE), 0.65)
+    at_most("S1", "generic candidates, 200k x 164", results.ratio((big, 164), w.GENERIC), 1.6)
+    at_most("S1", "generic candidates, 200k x 494", results.ratio((big, 494), w.GENERIC), 1.3)
+    at_most("S1", "whole fit, setup included, 20k x 164", results.ratio((20_000, 164), w.FRESH), 2.0)
+    for p in (164, 494):
+        size = (big, p)
+        at_most(
+            "S2", f"six responses' cross-products over one's, p={p}", results.ratio(size, w.CROSS_SIX, w.CROSS), 1.3
+        )
+        at_most("S2", f"six responses' fit over one's, p={p}", results.ratio(size, w.SIX, w.WHITE), 2.5)
+        for again in w.ONCE_MORE:
+            at_most("S2", f"{again}, p={p}", results.ratio(size, again), 0.05)
+    for p in (164, 494):
+        at_most("S3", f"select, coloured, p={p}", results.ratio((big, p), w.SELECT), 5.0)
+    for p in (164, 494):
+        for name, limit in (
+            ("abess", 100.0 if p == 164 else 30.0),
+            ("SysIdentPy FROLS, as called", 300.0),
+            ("PySINDy FROLS", 300.0),
+            ("scikit-learn OMP, told the count", 1.0),
+        ):
+            at_least("S4", f"{name} over whole fit, p={p}", results.ratio((big, p), name, w.WHITE), limit)
+        one_run = results.ratio((big, p), "SysIdentPy FROLS", w.WHITE)
+        if one_run is not None:
+            rows.append(["", f"SysIdentPy FROLS, one of its 20 runs, p={p}", "no goal", f"{one_run:.3g} x", ""])
+    for p, limit in ((494, 32.0), (164, 16.0)):
+        peaks = {n: of[w.WHITE] for (n, q), of in results.memory.items() if q == p}
+        for n, found in peaks.items():
+            at_most("S5", f"memory of the whole fit, {n:,} x {p}", float(found), limit, "MiB")
+        if len(peaks) > 1:
+            span = float(max(peaks.values())) - float(min(peaks.values()))
+            at_most("S5", f"its spread over N, p={p}", span, 1.0, "MiB")
+    wall = results.wall
+    if wall:
+        for kind, limit in (("generic", 1.7), ("moments", 1.5)):
+            speed_up = wall[f"{kind}, 1 worker(s)"] / wall[f"{kind}, 2 worker(s)"]
+            at_least("S6", f"two workers over one, {kind}, wall", speed_up, limit)
+            slower = wall[f"{kind}, 2 worker(s), busy neighbour"] / wall[f"{kind}, 2 worker(s)"]
+            at_most("S6", f"two workers with a busy neighbour, {kind}, wall", slower, 2.0)
+        at_most("S6", "workers for 2,000 samples and 164 candidates", choose_workers(None, 2000, 164), 1, "worker")
+    return table(["goal", "what", "limit", "found", ""], rows) if rows else "None of the goals' sizes was run."
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--samples", default="20000,200000,2000000")
+    parser.add_argument("--degrees", default="3,4", help="3: 164 candidates, 4: 494")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--parts", default="time,peers,memory,workers")
+    parser.add_argument("--peers", default="all", help="semicolon-separated words, 'all' or 'none'")
+    parser.add_argument("--peer-samples", default="20000,200000", help="sizes at which peers run")
+    parser.add_argument("--worker-samples", type=int, default=200_000)
+    parser.add_argument("--out", help="also write the report to this file")
+    a = parser.parse_args()
+    samples, degrees, with_peers = (
+        [int(v) for v in text.split(",") if v] for text in (a.samples, a.degrees, a.peer_samples)
+    )
+    parts, peers, results = a.parts.split(","), peers_named(a.peers), Results()
+    for n in samples:
+        for degree in degrees:
+            if "time" in parts:
+                time_jobs(results, n, degree, a.repeats)
+            here = peers if n in with_peers else ()
+            if "peers" in parts:
+                time_peers(results, n, degree, here)
+            if "memory" in parts:
+                measure_memory(results, n, degree, here)
+    if "workers" in parts:
+        time_workers(results, a.worker_samples, max(degrees), a.repeats)
+    absent = [f"{p.name}: {p.absent()}" for p in peers if p.absent()]
+    text = ["# Time and memory of a selection", machine()]
+    if results.cpu:
+        text += [f"## CPU time over one {w.XTX}", time_table(results)]
+    if results.memory:
+        text += ["## Peak memory", memory_table(results)]
+    if results.wall:
+        text += ["## Workers, wall seconds", table(["", "s"], [[k, v] for k, v in results.wall.items()])]
+    if results.notes or absent:
+        text.append("\n".join(f"- {note}" for note in [*results.notes, *absent]))
+    text += ["## Goals", goals(results)]
+    publish("\n\n".join(text), a.out)
+
+
+if __name__ == "__main__":
+    main()
