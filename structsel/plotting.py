@@ -106,7 +106,7 @@ def plot_path(selection: Selection, *, ax: Axes | None = None) -> Axes:
     if ends:
         ax.axvline(ends[-1], color=MODELLED, lw=0.8, ls="--", label=f"chosen: {final} terms")
     ax.xaxis.set_major_locator(FixedLocator(x.tolist()))
-    marks = {"enter": "+", "leave": "−", "swap": "⇄"}
+    marks = {"enter": "+", "leave": "−", "swap": "⇄", "simplify": "→"}
     size = "small" if len(shown) <= 12 else "xx-small"
     ax.set_xticklabels([f"{marks[s.action]} {s.term}" for s in shown], rotation=60, ha="right", fontsize=size)
     whose = "whitened " if selection.colours else ""

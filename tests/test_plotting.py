@@ -156,3 +156,18 @@ def test_only_plotting_imports_matplotlib():
     assert users == ["plotting.py"]
     code = "import sys, structsel.cli; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_a_move_of_every_kind_has_its_mark(ax):
+    # At nearly constant speed alpha and alpha*V_ratio are one column, so the search ends with a simplification.
+    rng = np.random.default_rng(11)
+    alpha, V_ratio = 0.1 * rng.standard_normal(2000), 1.0 + 6e-5 * rng.standard_normal(2000)
+    CZ = -5.0 * alpha * V_ratio + 0.001 * rng.standard_normal(2000)
+    flight = Recording("steady", 0.02 * np.arange(2000), {"alpha": alpha, "V_ratio": V_ratio, "CZ": CZ})
+    pool = Candidates.parse(["alpha", "alpha*V_ratio"])
+    selection = select(flight, "CZ", pool, residuals="white", F_in="auto", bootstrap=0)["CZ"]
+    actions = {step.action for step in selection.trace}
+    plot_path(selection, ax=ax)
+    labels = [text.get_text() for text in ax.get_xticklabels()]
+    assert "simplify" in actions
+    assert any(label.startswith("→ alpha") for label in labels)
