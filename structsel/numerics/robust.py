@@ -194,6 +194,16 @@ def robust_stepwise(
         note("enter", j, F, sign, before, model)
     while True:
         loose = [i for i, j in enumerate(kept) if j not in force]
+        if model.rss <= PERFECT * tss:
+            # Nothing but rounding is left, and F means nothing; what can go without loss goes.
+            idle = next((i for i in loose if _Model(G, blocks, kept[:i] + kept[i + 1 :]).rss <= PERFECT * tss), None)
+            if idle is None:
+                stopped = "perfect fit"
+                break
+            before, j = model.rss, kept.pop(idle)
+            model = _Model(G, blocks, kept)
+            note("leave", j, 0.0, 0.0, before, model)
+            continue
         weakest = min(loose, key=lambda i: model.F_kept[i], default=None)
         if weakest is not None and model.F_kept[weakest] < stay:
             F, sign, before = float(model.F_kept[weakest]), float(np.sign(model.theta[1 + weakest])), model.rss
@@ -202,9 +212,6 @@ def robust_stepwise(
             model = _Model(G, blocks, kept)
             note("leave", j, F, sign, before, model)
             continue
-        if model.rss <= PERFECT * tss:
-            stopped = "perfect fit"
-            break
         if len(kept) >= most:
             stopped = "as many terms as blocks can test" if max_terms is None else "max_terms reached"
             break
