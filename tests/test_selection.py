@@ -642,3 +642,20 @@ def test_what_a_selection_returns_cannot_be_changed(flights):
     one = found["CZ"]
     for array in (one.values, one.covariance, one.textbook_errors, one.standard_errors, one.partial_F, one.vif):
         assert not array.flags.writeable
+
+
+def test_collinearity_tables_equal_belsleys_formulas_and_the_parameter_correlation(flights):
+    terms = ["alpha", "alpha^2", "q_hat"]
+    found = select(flights, "CZ", Candidates.parse(terms), force=terms, residuals="white", bootstrap=0)["CZ"]
+    names = ["1", *map(str, found.terms)]
+    columns = [np.concatenate([Candidates.parse([t]).evaluate(f)[:, 0] for f in flights]) for t in names[1:]]
+    X = np.column_stack([np.ones(len(columns[0])), *columns])
+    _, singular, Vt = np.linalg.svd(X / np.linalg.norm(X, axis=0))
+    phi = (Vt.T / singular) ** 2
+    shares = (phi / phi.sum(axis=1, keepdims=True)).T
+    table = found.collinearity_frame()
+    assert_allclose(table["condition_index"], singular[0] / singular, rtol=1e-7)
+    assert_allclose(table[names].to_numpy(), shares, rtol=1e-6, atol=1e-9)
+    correlation = found.correlation_frame()
+    assert list(correlation.columns) == names
+    assert_allclose(np.diag(correlation), 1.0)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from structsel.numerics.collinearity import vif
+from structsel.numerics.collinearity import Conditioning, condition_indices, vif
 from structsel.numerics.colour import Colour
 from structsel.numerics.least_squares import Fit, refit, residual_colours
 from structsel.numerics.moments import MomentSet, accumulate, accumulate_whitened
@@ -49,6 +49,7 @@ class Outcome:
     covariance: Array
     biased: str
     vif: Array
+    conditioning: Conditioning
     textbook: Array
     r2: float
     rms: float
@@ -185,6 +186,7 @@ def _outcome(
         covariance=covariance,
         biased=label,
         vif=vif(C[np.ix_(kept, kept)]) if kept else np.empty(0),
+        conditioning=condition_indices(total[np.ix_(rows, rows)]),
         textbook=_textbook(total, kept, plain_sse / max(plain.samples() - len(kept) - 1, 1), scale),
         r2=1.0 - sse / C[-1, -1],
         rms=float(np.sqrt(sse / plain.samples()) * scale[-1]),

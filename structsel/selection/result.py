@@ -15,6 +15,7 @@ from scipy import stats
 from structsel.candidates import Candidates, Term
 from structsel.errors import SelectionError
 from structsel.model import AeroModel, ResponseModel
+from structsel.numerics.collinearity import Conditioning
 from structsel.numerics.colour import Colour
 from structsel.selection.identifiability import Alias
 from structsel.selection.options import Options
@@ -90,6 +91,8 @@ class Selection:
         Share of resampled selections that kept each candidate of the pool; empty without a bootstrap.
     partial_F : (1 + k,) array
     vif : (k,) array
+    conditioning : Conditioning
+        Condition indices and variance proportions of the constant and the kept terms [B80].
     condition : float
         Of the kept terms scaled to unit length, the constant included.
     r2, adjusted_r2, rms, n
@@ -130,6 +133,7 @@ class Selection:
     inclusion: Mapping[str, float]
     partial_F: NDArray[np.float64]
     vif: NDArray[np.float64]
+    conditioning: Conditioning
     condition: float
     r2: float
     adjusted_r2: float
@@ -219,6 +223,23 @@ class Selection:
             }
         )
 
+    def collinearity_frame(self) -> pd.DataFrame:
+        """Condition indices, ascending, and the share of each parameter's variance that comes with each.
+
+        Two or more shares above 0.5 beside an index above 30 name terms that depend on one another [B80].
+        """
+        names = ["1", *map(str, self.terms)]
+        shares = pd.DataFrame(self.conditioning.proportions, columns=names)
+        shares.insert(0, "condition_index", self.conditioning.indices)
+        return shares
+
+    def correlation_frame(self) -> pd.DataFrame:
+        """Correlation of the parameters, the terms taken as given; the constant first."""
+        names = ["1", *map(str, self.terms)]
+        root = np.sqrt(np.diag(self.covariance))
+        root = np.where(root > 0, root, 1.0)
+        return pd.DataFrame(self.covariance / np.outer(root, root), index=names, columns=names)
+
     def trace_frame(self) -> pd.DataFrame:
         """One row per move of the search."""
         rows = [{**vars(s), "term": str(s.term), "other": str(s.other or "")} for s in self.trace]
@@ -240,6 +261,7 @@ class Selection:
             "parameters": rows,
             "fit": {k: plain(getattr(self, k)) for k in ("r2", "adjusted_r2", "rms", "condition")},
             "n": self.n,
+            "condition_indices": [plain(x) for x in self.conditioning.indices],
             "held_out": {
                 "r2": plain(self.held_out_r2),
                 "rms": plain(self.held_out_rms),

@@ -238,6 +238,7 @@ def _named(
         inclusion=inclusion,
         partial_F=partial_F,
         vif=outcome.vif,
+        conditioning=outcome.conditioning,
         condition=outcome.fit.condition,
         r2=outcome.r2,
         adjusted_r2=1.0 - (1.0 - outcome.r2) * (outcome.n - 1) / dof,
