@@ -63,7 +63,6 @@ def read_text(path: Path, options: FileOptions) -> Table:
             encoding=encoding,
             skipinitialspace=True,
             low_memory=False,
-            float_precision="round_trip",  # the nearest double to what is written, in every version
         )
     except (pd.errors.ParserError, UnicodeDecodeError, ValueError) as error:
         reason = str(error).removeprefix("Error tokenizing data. C error: ").strip()
