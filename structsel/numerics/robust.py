@@ -88,7 +88,7 @@ class _Model:
 
 
 def _best_exchange(
-    G: Array, blocks: _Blocks, kept: list[int], force: Sequence[int], enter: float, tol: float
+    G: Array, blocks: _Blocks, kept: list[int], gone: set[int], force: Sequence[int], enter: float, tol: float
 ) -> tuple[int, int, _Model] | None:
     """The exchange of a kept term for one outside that leaves the least residual: place, candidate, model."""
     best: tuple[int, int, float] | None = None
@@ -98,7 +98,7 @@ def _best_exchange(
         others = [*kept[:place], *kept[place + 1 :]]
         model = _Model(G, blocks, others)
         able = (enter <= model.F) & (model.share > tol)
-        able[kept] = False
+        able[[*kept, *gone]] = False
         if able.any():
             i = int(np.argmax(np.where(able, model.gain, -1.0)))
             rss = model.rss - float(model.gain[i])
@@ -145,8 +145,8 @@ def robust_stepwise(
     """Modified stepwise regression with partial F from the scatter over blocks.
 
     Of the candidates whose block-robust F reaches F_in, the one that explains most enters; kept terms below F_out
-    leave, and one that has left does not come by itself again; then exchanges are tried, each of which must lower
-    the residual. So the search ends.
+    leave; when nothing enters, exchanges that lower the residual are tried. A term that has left, or was exchanged,
+    does not come back, so the search ends.
 
     Parameters
     ----------
@@ -218,7 +218,17 @@ def robust_stepwise(
         able = (enter <= model.F) & (model.share > tol)
         able[[*kept, *gone]] = False
         if not able.any():
-            break
+            swap = _best_exchange(G, blocks, kept, gone, force, enter, tol)
+            if swap is None or swap[2].rss >= model.rss * (1.0 - 1e-10):
+                break
+            place, j, after = swap
+            old, before = kept[place], model.rss
+            kept[place], model = j, after
+            gone.add(old)
+            r2 = max(1.0 - after.rss / before, 0.0)
+            F, sign = float(after.F_kept[place]), float(np.sign(after.theta[1 + place]))
+            steps.append(Step("swap", j, old, F, float(sign * np.sqrt(r2)), after.rss, len(kept)))
+            continue
         j = int(np.argmax(np.where(able, model.gain, -1.0)))
         F, sign, before = float(model.F[j]), float(model.sign[j]), model.rss
         kept.append(j)
