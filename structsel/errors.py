@@ -10,15 +10,12 @@
     ├── MapError (ValueError)            a channel map does not fit the file
     ├── TermError (ValueError)           a candidate term cannot be read
     ├── ModelError (ValueError)          a model file or a model's use is wrong
-    ├── SelectionError (ValueError)      a selection was asked for that cannot be made
-    └── ConvergenceError (RuntimeError)  a search stopped early; ``partial`` holds what it had
+    └── SelectionError (ValueError)      a selection was asked for that cannot be made
 
     StructselWarning (UserWarning)       the result stands, but should be doubted
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 
 class StructselError(Exception):
@@ -55,21 +52,6 @@ class ModelError(StructselError, ValueError):
 
 class SelectionError(StructselError, ValueError):
     """A selection was asked for that cannot be made."""
-
-
-class ConvergenceError(StructselError, RuntimeError):
-    """A search stopped before it converged; ``partial`` holds what it had.
-
-    Parameters
-    ----------
-    message : str
-    partial : object, optional
-        The best result so far.
-    """
-
-    def __init__(self, message: str, partial: Any = None):
-        super().__init__(message)
-        self.partial = partial
 
 
 class StructselWarning(UserWarning):

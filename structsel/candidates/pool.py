@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
@@ -315,11 +315,6 @@ class Candidates:
     def __repr__(self) -> str:
         shown = self.names if len(self) <= 8 else [*self.names[:7], "...", self.names[-1]]
         return f"<Candidates: {len(self)} terms: {', '.join(shown)}>"
-
-
-def as_candidates(terms: Candidates | Sequence[Term | str]) -> Candidates:
-    """Return a pool from a pool or a list of terms."""
-    return terms if isinstance(terms, Candidates) else Candidates(terms)
 
 
 def _as_term(item: Any) -> Term:
