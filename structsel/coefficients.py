@@ -15,9 +15,7 @@ from structsel.aircraft import Aircraft
 from structsel.errors import AircraftError, ChannelError, DataError, DomainError
 from structsel.numerics import rigid_body as rb
 from structsel.recording import Finding, Recording
-
-CARRIED = "carried to the centre of gravity: "
-"""Provenance note before the names of channels that are no longer at their instrument's place."""
+from structsel.recording.recording import CARRIED
 
 _WHO = "compute_coefficients"
 _RATES = ("p", "q", "r")

@@ -4,7 +4,11 @@ from numpy.testing import assert_allclose
 from scipy.signal import savgol_filter
 
 from structsel.errors import DataError, DomainError
-from structsel.numerics.differentiation import difference_weights, differentiate
+from structsel.numerics.differentiation import SMOOTHERS, difference_weights, differentiate
+from structsel.numerics.smoothing import smooth_spline
+from structsel.recording import Recording
+
+from .signals import sine, step_response
 
 DIFFERENCES = [
     ("central", 2),
@@ -74,13 +78,66 @@ def test_time_may_run_along_any_axis():
     assert_allclose(by_rows[2], differentiate(x[2], 0.1), rtol=1e-13)
 
 
+@pytest.mark.parametrize("method", SMOOTHERS)
+def test_a_smoother_without_noise_is_as_good_as_a_fourth_order_difference(method):
+    t, x, rate = sine(0.02)
+    inside = slice(30, -30)
+    error = np.abs(differentiate(x, t[1], method) - rate)[inside].max()
+    assert error < np.abs(differentiate(x, t[1]) - rate)[inside].max()
+    curvature = -((2 * np.pi * 0.02 / t[1]) ** 2) * x
+    assert_allclose(
+        differentiate(x, t[1], method, derivative=2)[inside], curvature[inside], atol=1e-3 * curvature.max()
+    )
+
+
+@pytest.mark.parametrize("method", SMOOTHERS)
+def test_a_smoother_beats_every_difference_on_a_noisy_manoeuvre(method):
+    t, states, rates = step_response()
+    noisy = states + 0.05 * states.std(axis=0) * np.random.default_rng(3).standard_normal(states.shape)
+    smooth = np.abs(differentiate(noisy, t[1], method) - rates).mean(axis=0)
+    for other, order in DIFFERENCES:
+        assert (smooth < 0.6 * np.abs(differentiate(noisy, t[1], other, order) - rates).mean(axis=0)).all()
+
+
+def test_the_second_derivative_by_spline_is_there_also_where_order_two_is_likeliest():
+    t, states, rates = step_response()
+    rng = np.random.default_rng(4)
+    noisy = states[:, 1] + 0.01 * states[:, 1].std() * rng.standard_normal(t.size)
+    assert smooth_spline(noisy, t).order == 2
+    got = differentiate(noisy, t[1], "spline", derivative=2)
+    # Away from the edges of the elevator q'' = -6 alpha' - 1.4 q' by the state equation.
+    quiet = slice(180, 260)
+    truth = (rates @ [-6.0, -1.4])[quiet]
+    assert np.std(got[quiet] - truth) < 0.2 * np.std(differentiate(noisy, t[1], order=2, derivative=2)[quiet] - truth)
+
+
+def test_a_recording_differentiates_by_smoother_on_any_clock_the_smoother_takes():
+    t = 0.02 * (np.arange(600) + np.random.default_rng(5).uniform(-0.3, 0.3, 600))
+    p = np.sin(2 * t) + 0.01 * np.random.default_rng(6).standard_normal(600)
+    p[200:203] = np.nan
+    recording = Recording("flight", t, {"p": p})
+    got = recording.differentiate("p", method="spline")
+    assert np.std((got["p_dot"] - 2 * np.cos(2 * t))[20:-20]) < 0.1
+    assert got.provenance[-1].endswith("method spline, an uneven clock, 3 missing samples of p bridged")
+    with pytest.raises(DataError, match="finite samples of channel 'p'"):
+        recording.differentiate("p", method="fourier")
+    whole = recording.with_channels(p=np.sin(2 * t))
+    with pytest.raises(DataError, match="fourier needs an even clock"):
+        whole.differentiate("p", method="fourier")
+    even = Recording("flight", 0.02 * np.arange(600), {"p": np.sin(0.04 * np.arange(600))})
+    assert np.std((even.differentiate("p", method="fourier")["p_dot"] - 2 * np.cos(2 * even.t))[20:-20]) < 0.01
+
+
 @pytest.mark.parametrize(
     ("arguments", "error", "says"),
     [
         ({"x": np.ones(3), "dt": 0.1}, DataError, "at least 5 samples; there are 3"),
         ({"x": np.ones(9), "dt": 0.0}, DomainError, "dt above zero"),
         ({"x": np.ones(9), "dt": 0.1, "order": 3}, DomainError, "order 2, 4, not 3"),
-        ({"x": np.ones(9), "dt": 0.1, "method": "spline"}, DomainError, "no method 'spline'"),
+        ({"x": np.ones(9), "dt": 0.1, "method": "wavelet"}, DomainError, "no method 'wavelet'"),
+        ({"x": np.ones(50), "dt": 0.1, "method": "spline", "derivative": 3}, DomainError, "first and the second"),
+        ({"x": np.ones(9), "dt": 0.1, "method": "spline"}, DataError, "at least 12 finite samples"),
+        ({"x": np.full(50, np.nan), "dt": 0.1, "method": "fourier"}, DataError, "sample 0 is nan"),
         ({"x": np.ones(9), "dt": 0.1, "method": "local-polynomial", "window": 8}, DomainError, "odd"),
         ({"x": np.ones(9), "dt": 0.1, "method": "local-polynomial"}, DataError, "there are 9"),
     ],

@@ -1,8 +1,8 @@
-"""Derivatives of evenly sampled signals: finite differences and local polynomials.
+"""Derivatives of evenly sampled signals: finite differences, local polynomials, and smoothers.
 
 Arrays only. The derivatives a flight-test coefficient needs (p', q', r') are differences of noisy
 signals: a difference of order h^4 follows fast motion best and amplifies noise most, a local
-polynomial trades one for the other.
+polynomial trades one for the other, and the smoothers find the trade in the samples themselves.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from structsel.errors import DataError, DomainError
+from structsel.numerics.smoothing import smooth_fourier, smooth_spline
 
-METHODS = ("central", "forward", "backward", "local-polynomial")
+SMOOTHERS = ("spline", "fourier")
+METHODS = ("central", "forward", "backward", "local-polynomial", *SMOOTHERS)
 _ORDERS = {"central": (2, 4), "forward": (1, 2, 4), "backward": (1, 2, 4)}
 _HIGHEST_DERIVATIVE = 4
 
@@ -37,15 +39,17 @@ def differentiate(
     ----------
     x : (n, ...) array
     dt : float [s]
-    method : {"central", "forward", "backward", "local-polynomial"}
+    method : {"central", "forward", "backward", "local-polynomial", "spline", "fourier"}
         Differences look both ways, ahead or back. Near an end, where one would reach beyond it, the
         nearest stencil inside of the same truncation order stands in. "local-polynomial" fits one
-        through `window` samples about each (Savitzky-Golay), so it smooths as well.
+        through `window` samples about each (Savitzky-Golay), so it smooths as well. "spline" and "fourier" smooth by as
+        much as the noise they find calls for; `smoothing.smooth_spline` and `smooth_fourier` say
+        how, and give the accuracy of the first two derivatives. "spline" bridges NaN samples.
     order : int
         Truncation order of a difference, the error being O(dt^order): 2 or 4 for central, 1, 2 or 4 for
-        the others. For "local-polynomial" the degree of the polynomial.
+        the others. For "local-polynomial" the degree of the polynomial. Not used by the smoothers, which choose theirs.
     derivative : int
-        First (1) to fourth (4).
+        First (1) to fourth (4); of the smoothers first or second.
     window : int, optional
         Samples of a local polynomial, odd and above `order`; 2 order + 3 if not given.
     axis : int
@@ -74,7 +78,9 @@ def differentiate(
     if derivative not in range(1, _HIGHEST_DERIVATIVE + 1):
         raise DomainError(f"differentiate gives derivatives 1 to {_HIGHEST_DERIVATIVE}, not {derivative}.")
     values = np.moveaxis(np.asarray(x, dtype=float), axis, 0)
-    if method == "local-polynomial":
+    if method in SMOOTHERS:
+        made = smooth_derivative(values, dt * np.arange(len(values)), method, derivative)
+    elif method == "local-polynomial":
         made = _local_polynomial(values, dt, order, derivative, window)
     else:
         if order not in _ORDERS[method]:
@@ -82,6 +88,44 @@ def differentiate(
             raise DomainError(f"{method} differences have truncation order {allowed}, not {order}.")
         made = _difference(values, method, order, derivative) / dt**derivative
     return np.moveaxis(made, 0, axis)
+
+
+def smooth_derivative(x: np.ndarray, t: np.ndarray, method: str = "spline", derivative: int = 1) -> np.ndarray:
+    """First or second derivative by a smoother; the spline takes any clock.
+
+    Parameters
+    ----------
+    x : (n, ...) array
+        Time along the first axis.
+    t : (n,) array [s]
+        Even for "fourier".
+    method : {"spline", "fourier"}
+    derivative : {1, 2}
+
+    Raises
+    ------
+    DataError
+        As `smoothing.smooth_spline` and `smooth_fourier`.
+    DomainError
+        For a higher derivative.
+    """
+    if derivative not in (1, 2):
+        raise DomainError(
+            f"{method} gives the first and the second derivative, not number {derivative}: beyond that little but "
+            'the penalty speaks. Take differences ("central") of a smooth derivative.'
+        )
+    columns = x.reshape(len(x), -1)
+    made = np.empty(columns.shape)
+    for j, column in enumerate(columns.T):
+        if method == "fourier":
+            smooth = smooth_fourier(column, (t[-1] - t[0]) / (len(t) - 1))
+        else:
+            smooth = smooth_spline(column, t)
+            if derivative == 2 and smooth.order == 2:
+                # Order 2 takes the second derivative for white noise and has no estimate of it.
+                smooth = smooth_spline(column, t, order=3)
+        made[:, j] = smooth.derivative if derivative == 1 else smooth.second
+    return made.reshape(x.shape)
 
 
 @lru_cache(maxsize=256)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,11 @@ import pyarrow.parquet as pq
 
 from structsel.errors import DataError
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.table import Table, as_float, split_header
+from structsel.readers.table import Table, as_float, require_schema, split_header
 from structsel.readers.units import is_unit
+
+METADATA = b"structsel"
+"""Key of the schema's metadata under which `write_recording` says what was done, as JSON."""
 
 
 def read_parquet(path: Path, options: FileOptions) -> Table:
@@ -50,5 +54,25 @@ def read_parquet(path: Path, options: FileOptions) -> Table:
             units[name] = stated
         elif header_unit is not None:
             units[name] = header_unit
-    numbers = {j + 1: name for j, name in enumerate(content.column_names)}
-    return Table(str(path), columns, units=units, numbers=numbers, unusable=unusable, notes=tuple(notes))
+    return Table(
+        str(path),
+        columns,
+        units=units,
+        numbers={j + 1: name for j, name in enumerate(content.column_names)},
+        unusable=unusable,
+        notes=tuple(notes),
+        provenance=_provenance(path, content.schema.metadata or {}),
+    )
+
+
+def _provenance(path: Path, metadata: dict[bytes, bytes]) -> tuple[str, ...]:
+    """Notes of a file that `write_recording` wrote; none of any other."""
+    if METADATA not in metadata:
+        return ()
+    try:
+        held = json.loads(metadata[METADATA])
+        schema, notes = str(held["schema"]), tuple(map(str, held["provenance"]))
+    except (ValueError, KeyError, TypeError) as error:
+        raise DataError(f"'{path}': its metadata '{METADATA.decode()}' cannot be read.\nWrite it again.") from error
+    require_schema(str(path), schema)
+    return notes

@@ -28,6 +28,30 @@ def split_header(text: str) -> tuple[str, str | None]:
     return text.strip(), None
 
 
+SCHEMA = "structsel.recording/1"
+"""Schema of the files `write_recording` writes: CSV and Parquet that say what was done to the recording."""
+
+
+def require_schema(path: str, schema: str) -> None:
+    """Refuse a recording written to a schema that is not ours.
+
+    Raises
+    ------
+    DataError
+        When it is not `SCHEMA`.
+    """
+    if schema == SCHEMA:
+        return
+    known, _, ours = SCHEMA.partition("/")
+    kind, _, number = schema.partition("/")
+    if kind == known and number.isdigit() and int(number) > int(ours):
+        raise DataError(
+            f"'{path}' was written by a newer structsel, as {schema}; this one reads {SCHEMA}.\n"
+            "Update structsel, or write the file again with this one."
+        )
+    raise DataError(f"'{path}' says that it is {schema!r}; the only such files read are {SCHEMA}.\nWrite it again.")
+
+
 @dataclass(frozen=True)
 class Table:
     """Columns of one file before any name, unit or sign is given to them.
@@ -51,6 +75,8 @@ class Table:
         Columns that hold no numbers, and why.
     notes : tuple of str
         What was done or left out in reading.
+    provenance : tuple of str
+        What was done before the file was written, as it says itself; see `require_schema`.
     """
 
     path: str
@@ -61,6 +87,7 @@ class Table:
     first_row: int = 0
     unusable: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    provenance: tuple[str, ...] = ()
 
     def describe(self) -> str:
         """What the file has, for messages: its column names, or how many it numbers."""

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import gzip
+import json
 import re
 from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import IO
@@ -15,9 +18,11 @@ import pandas as pd
 from structsel.errors import DataError, MapError
 from structsel.nomenclature import is_known
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.table import Table, as_float, split_header
+from structsel.readers.table import Table, as_float, require_schema, split_header
 from structsel.readers.units import is_unit
 
+PROVENANCE = "# provenance: "
+"""Begins a line above the table in which `write_recording` says, as a JSON string, what was done."""
 _HEAD_LINES = 200
 _SEPARATORS = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", " ": r"\s+", "space": r"\s+", "comma": ","}
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "inf", "-inf", "+inf", "true", "false"}
@@ -35,7 +40,8 @@ def read_text(path: Path, options: FileOptions) -> Table:
     DataError
         When the file holds no samples, or its lines do not have the same number of fields.
     """
-    encoding, lines = _head(path, options.skip_rows)
+    encoding, own, lines = _head(path, options.skip_rows)
+    provenance, skipped = _provenance(path, own), options.skip_rows + len(own)
     body = [line for line in lines if line.strip()]
     if not body:
         raise DataError(f"'{path}' holds nothing" + (" after skip_rows." if options.skip_rows else "."))
@@ -58,7 +64,7 @@ def read_text(path: Path, options: FileOptions) -> Table:
             header=None,
             names=list(range(width)),
             index_col=False,
-            skiprows=options.skip_rows + start,
+            skiprows=skipped + start,
             decimal=decimal,
             encoding=encoding,
             skipinitialspace=True,
@@ -70,7 +76,8 @@ def read_text(path: Path, options: FileOptions) -> Table:
             f"'{path}' cannot be read as text in {width} columns: {reason}.\n"
             "Mend the line, or state [file] separator and skip_rows in a channel map."
         ) from error
-    return _table(path, frame, names, units, named, options.skip_rows + start + 1, notes)
+    table = _table(path, frame, names, units, named, skipped + start + 1, notes)
+    return replace(table, provenance=provenance)
 
 
 def _open(path: Path, encoding: str) -> IO[str]:
@@ -79,19 +86,48 @@ def _open(path: Path, encoding: str) -> IO[str]:
     return path.open(encoding=encoding)
 
 
-def _head(path: Path, skip: int) -> tuple[str, list[str]]:
+def _head(path: Path, skip: int) -> tuple[str, list[str], list[str]]:
+    """Encoding, the lines `write_recording` put above the table (none in other files), and the next ones."""
     for encoding in ("utf-8-sig", "latin-1"):
         try:
             with _open(path, encoding) as stream:
-                lines = [line.rstrip("\r\n") for line in islice(stream, skip, skip + _HEAD_LINES)]
+                own, lines = _parted(line.rstrip("\r\n") for line in islice(stream, skip, None))
         except UnicodeDecodeError:
             continue
         except OSError as error:
             raise DataError(f"'{path}' cannot be read: {error.strerror or error}.") from error
         if any("\0" in line for line in lines):
             raise DataError(f"'{path}' is not text: it holds zero bytes. Is the suffix right?")
-        return encoding, lines
+        return encoding, own, lines
     raise DataError(f"'{path}' is not text that can be decoded.")
+
+
+def _parted(rows: Iterator[str]) -> tuple[list[str], list[str]]:
+    own: list[str] = []
+    for line in rows:
+        if not line.startswith("# structsel." if not own else "#"):
+            return own, [line, *islice(rows, _HEAD_LINES - 1)]
+        own.append(line)
+    return own, []
+
+
+def _provenance(path: Path, own: list[str]) -> tuple[str, ...]:
+    """Notes of a file that `write_recording` wrote."""
+    if not own:
+        return ()
+    require_schema(str(path), own[0].removeprefix("# "))
+    notes = []
+    for line in own[1:]:
+        if not line.startswith(PROVENANCE):
+            continue
+        try:
+            notes.append(str(json.loads(line.removeprefix(PROVENANCE))))
+        except ValueError as error:
+            raise DataError(
+                f"'{path}': a line above the table cannot be read: {line!r}.\nIt should hold one note in double "
+                "quotes. Mend it, or write the file again; without it what was done to the recording is lost."
+            ) from error
+    return tuple(notes)
 
 
 def _fields(line: str, separator: str) -> list[str]:

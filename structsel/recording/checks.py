@@ -38,7 +38,7 @@ class Finding:
     ----------
     kind : str
         From the samples: gap, dropped, jitter, not-finite, constant, stuck, implausible, unit, sign.
-        From the file: header, text. Stations add kinds of their own.
+        From the file: header, text. From a treatment: spike. Stations add kinds of their own.
     channel : str
     message : str
     severity : {"note", "warning", "error"}
@@ -219,30 +219,53 @@ def check_channel(name: str, t: np.ndarray, values: np.ndarray) -> list[Finding]
 
 
 def _check_stuck(name: str, t: np.ndarray, values: np.ndarray) -> list[Finding]:
-    """The longest stretch on one value, if the channel jumps when it comes free, or never does.
-
-    A slow channel of coarse resolution also rests on one value, but then moves on by one of its
-    usual steps.
-    """
-    steps = np.diff(values)
-    edges = np.flatnonzero(steps != 0.0) + 1
-    starts = np.concatenate(([0], edges))
-    lengths = np.diff(np.concatenate((starts, [values.size])))
-    k = int(np.argmax(lengths))
-    i, longest = int(starts[k]), int(lengths[k])
-    seconds = float(t[i + longest - 1] - t[i])
-    usual = float(np.median(lengths))
-    if longest < max(_STUCK_SAMPLES, _STUCK_RATIO * usual) or seconds < _STUCK_SECONDS:
+    """The longest stretch on which the channel is stuck."""
+    stretches = stuck_stretches(t, values)
+    if not stretches:
         return []
-    comes_free = i + longest < values.size
-    if comes_free and abs(steps[i + longest - 1]) < 5.0 * float(np.median(np.abs(steps[edges - 1]))):
-        return []
+    i, end = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
+    usual = float(np.median(run_lengths(values)[1]))
     message = (
-        f"stands still at {values[i]:g} for {longest} samples ({seconds:.3g} s), where it usually moves "
+        f"stands still at {values[i]:g} for {end - i} samples ({t[end - 1] - t[i]:.3g} s), where it usually moves "
         f"every {usual:g}; it stops"
     )
     remedy = "look whether the instrument or the recorder hung"
-    return [Finding("stuck", name, message, "warning", remedy, i, float(t[i]), longest)]
+    return [Finding("stuck", name, message, "warning", remedy, i, float(t[i]), end - i)]
+
+
+def stuck_stretches(t: np.ndarray, values: np.ndarray) -> list[tuple[int, int]]:
+    """First and last-plus-one samples of stretches on one value that jump when they come free, or never do.
+
+    A slow channel of coarse resolution also rests on one value, but then moves on by one of its
+    usual steps.
+
+    Parameters
+    ----------
+    t : (n,) array [s]
+    values : (n,) array
+        NaN is no value, and no stretch.
+    """
+    starts, lengths = run_lengths(values)
+    usual = float(np.median(lengths))
+    steps = np.abs(np.diff(values))
+    moves = steps[np.isfinite(steps) & (steps != 0.0)]
+    if not moves.size:
+        return []
+    found = []
+    for i, length in zip(starts.tolist(), lengths.tolist()):
+        end = i + length
+        if length < max(_STUCK_SAMPLES, _STUCK_RATIO * usual) or t[end - 1] - t[i] < _STUCK_SECONDS:
+            continue
+        if end < values.size and steps[end - 1] < 5.0 * float(np.median(moves)):
+            continue
+        found.append((i, end))
+    return found
+
+
+def run_lengths(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First sample and length of every run of one value."""
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(values) != 0.0) + 1))
+    return starts, np.diff(np.concatenate((starts, [values.size])))
 
 
 def _check_range(name: str, t: np.ndarray, values: np.ndarray) -> list[Finding]:

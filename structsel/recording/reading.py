@@ -34,7 +34,8 @@ def read_recording(
     Returns
     -------
     Recording
-        Checked: ``str()`` of it lists what was found.
+        Checked: ``str()`` of it lists what was found. The provenance of a file that `write_recording` wrote
+        begins with its own.
 
     Raises
     ------
@@ -57,7 +58,7 @@ def read_recording(
         channels.t,
         channels.values,
         channels.units,
-        (origin, *channels.notes),
+        (*table.provenance, origin, *channels.notes),
         tuple(channels.findings),
     ).check()
 

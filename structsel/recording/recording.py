@@ -19,8 +19,11 @@ import pandas as pd
 
 from structsel.errors import ChannelError, DataError, StructselWarning
 from structsel.nomenclature import close_names, find_channel, is_known, unit_of
-from structsel.numerics.differentiation import differentiate
+from structsel.recording import signals
 from structsel.recording.checks import FROM_SAMPLES, GAP, Finding, check_channel, check_recording, require_clock
+
+CARRIED = "carried to the centre of gravity: "
+"""Provenance note before the names of channels that are no longer at their instrument's place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +273,9 @@ class Recording:
     def differentiate(self, *names: str, method: str = "central", order: int = 4) -> Recording:
         """Add the time derivatives ``p_dot``, ... of channels.
 
-        An uneven clock is allowed for by the chain rule over the sample number; a gap is not.
+        An uneven clock is allowed for by the chain rule over the sample number, and by the spline
+        directly ("fourier" refuses it); a gap is not. The spline also bridges samples that are NaN, and the
+        provenance says how many.
 
         Parameters
         ----------
@@ -285,27 +290,68 @@ class Recording:
         DataError
             When there is a gap in time, or a sample is not finite.
         """
-        self.require(*names, finite=True, by="differentiate")
-        step, dt = np.diff(self.t), self.dt
-        gaps = np.flatnonzero(step > GAP * dt)
-        if gaps.size:
-            i = int(gaps[0])
-            raise DataError(
-                f"differentiate needs a clock without gaps; '{self.name}' has none between {self.t[i]:g} and "
-                f"{self.t[i + 1]:g} s.\nUse recording.split() first and differentiate each part."
-            )
-        # Files give time to a few decimals; steps that differ by less are one step.
-        even = np.abs(self.t - (self.t[0] + np.arange(len(self)) * self.duration / (len(self) - 1)))
-        if even.max() <= 0.02 * dt:
-            rate: float | np.ndarray = self.duration / (len(self) - 1)
-            clock = "an even clock"
-        else:
-            rate = differentiate(self.t, 1.0, method=method, order=order)
-            clock = "an uneven clock, chain rule"
-        made = {f"{name}_dot": differentiate(self[name], 1.0, method=method, order=order) / rate for name in names}
-        units = {f"{name}_dot": f"{self.unit(name)}/s" for name in names if self.unit(name) != "?"}
-        note = f"{', '.join(made)}: differentiated, method {method}, order {order}, {clock}"
-        return self.with_channels(note=note, units=units, **made)
+        return signals.differentiate(self, names, method, order)
+
+    def remove_spikes(self, *names: str, threshold: float = 5.0) -> Recording:
+        """Replace isolated wrong samples of channels by a local fit, and report every one.
+
+        Each channel touched gets a finding of kind "spike" and a line in the provenance with the number, time and
+        old value of every sample replaced.
+
+        Parameters
+        ----------
+        *names : str
+        threshold : float [-]
+            In standard deviations of the channel's noise; `structsel.numerics.spikes.find_spikes` says what
+            else a spike must be.
+
+        Raises
+        ------
+        ChannelError
+            When a channel is missing.
+        """
+        return signals.remove_spikes(self, names, threshold)
+
+    def unwrap(self, *names: str, turn: float = 2.0 * np.pi) -> Recording:
+        """Take the jumps of whole turns out of angles, so that they run on beyond pi (or 360 degrees).
+
+        A jump within a quarter turn of a whole number of turns is a wrap; others are left. NaN samples
+        are passed over.
+
+        Parameters
+        ----------
+        *names : str
+        turn : float [rad]
+            What the channel wraps by: pi for a bank angle logged in half turns.
+
+        Raises
+        ------
+        ChannelError
+            When a channel is missing.
+        """
+        return signals.unwrap(self, names, turn)
+
+    def align(self, delays: Mapping[str, float]) -> Recording:
+        """Advance late channels, each by its own delay.
+
+        Parameters
+        ----------
+        delays : mapping of str to float [s]
+            Positive where the channel is late; `structsel.numerics.alignment.estimate_delay` finds it.
+
+        Returns
+        -------
+        Recording
+            Samples about which nothing is known, at the end of an advanced channel, are NaN and found "not-finite".
+
+        Raises
+        ------
+        ChannelError
+            When a channel is missing.
+        DomainError
+            When a delay is not finite.
+        """
+        return signals.align(self, delays)
 
     def to_frame(self) -> pd.DataFrame:
         """Columns ``t`` and the channels, one row per sample."""

@@ -1,0 +1,83 @@
+"""Writing Recordings to files that remember what was done to them."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from structsel.errors import DataError
+from structsel.nomenclature import UNKNOWN, is_known
+from structsel.readers.parquet import METADATA
+from structsel.readers.table import SCHEMA
+from structsel.readers.text import PROVENANCE
+from structsel.recording.recording import Recording
+
+
+def write_recording(recording: Recording, path: str | Path, *, overwrite: bool = False) -> Path:
+    """Write a recording as CSV or Parquet, with its provenance.
+
+    A CSV begins with lines that start with ``#``: the schema, then one note each, as a JSON string; any program that
+    skips such lines reads the table (``pandas.read_csv(path, comment="#")``). A Parquet file holds the same as
+    metadata of its schema. Channels outside the nomenclature carry their unit in the header. `read_recording` gives
+    the notes back as they were, so that no station does its work twice. What the checks found is not written; it is
+    found again.
+
+    Parameters
+    ----------
+    recording : Recording
+    path : str or Path
+        Its suffix, ``.csv`` or ``.parquet``, says the format.
+    overwrite : bool
+        Replace a file that is there. It stays until the new one is whole.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    DataError
+        The file exists and `overwrite` is False, its suffix is another, or it cannot be written.
+    """
+    path = Path(path)
+    write = {".csv": _write_csv, ".parquet": _write_parquet}.get(path.suffix.lower())
+    if write is None:
+        raise DataError(
+            f"write_recording was given '{path}'; it writes .csv and .parquet.\nGive the file one of these suffixes."
+        )
+    if path.exists() and not overwrite:
+        raise DataError(f"'{path}' exists already. Choose another name, or pass overwrite=True.")
+    own = {
+        name: f"{name} [{recording.unit(name)}]"
+        for name in recording.names
+        if not is_known(name) and recording.unit(name) not in (UNKNOWN, "-")
+    }
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        write(recording.to_frame().rename(columns=own), recording.provenance, partial)
+        os.replace(partial, path)
+    except OSError as error:
+        raise DataError(f"'{path}' cannot be written: {error.strerror or error}.") from error
+    finally:
+        partial.unlink(missing_ok=True)
+    return path
+
+
+def _write_csv(frame: pd.DataFrame, provenance: tuple[str, ...], path: Path) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        stream.write(f"# {SCHEMA}\n")
+        stream.writelines(f"{PROVENANCE}{json.dumps(note, ensure_ascii=False)}\n" for note in provenance)
+        frame.to_csv(stream, index=False, lineterminator="\n")
+
+
+def _write_parquet(frame: pd.DataFrame, provenance: tuple[str, ...], path: Path) -> None:
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    said = json.dumps({"schema": SCHEMA, "provenance": provenance}, ensure_ascii=False).encode()
+    with path.open("wb") as stream:
+        pq.write_table(table.replace_schema_metadata({**(table.schema.metadata or {}), METADATA: said}), stream)
