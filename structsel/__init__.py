@@ -1,6 +1,6 @@
 """structsel: flight recordings in, an aerodynamic model out whose structure the data chose.
 
-The journey: `read_recording`, `compute_coefficients`, `Candidates`, `select`, `AeroModel`, `validate`.
+The journey: `read_recording`, `reconstruct`, `compute_coefficients`, `Candidates`, `select`, `AeroModel`, `validate`.
 """
 
 from structsel.aircraft import Aircraft
@@ -9,7 +9,8 @@ from structsel.coefficients import compute_all, compute_coefficients
 from structsel.demo import demo_flights
 from structsel.errors import StructselError, StructselWarning
 from structsel.model import AeroModel, ResponseModel
-from structsel.recording import Recording, read_recording, read_recordings
+from structsel.reconstruction import Reconstruction, Reconstructions, reconstruct, reconstruct_all
+from structsel.recording import Recording, read_recording, read_recordings, write_recording
 from structsel.selection import Selection, Selections, select
 from structsel.validation import Ensemble, Validation, ensemble, validate
 
@@ -21,6 +22,8 @@ __all__ = [
     "Candidates",
     "Ensemble",
     "Factor",
+    "Reconstruction",
+    "Reconstructions",
     "Recording",
     "ResponseModel",
     "Selection",
@@ -35,6 +38,9 @@ __all__ = [
     "ensemble",
     "read_recording",
     "read_recordings",
+    "reconstruct",
+    "reconstruct_all",
     "select",
     "validate",
+    "write_recording",
 ]

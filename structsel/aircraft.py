@@ -18,6 +18,7 @@ from structsel.errors import AircraftError
 from structsel.readers.channel_map import describe_problems
 
 _TRIANGLE_SLACK = 0.2
+_PART_OF = {"alpha_vane": "vane", "beta_vane": "vane", "pitot": "vane"}
 
 # Strict: a number in quotes is not a number.
 _Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -114,10 +115,13 @@ class Sensor(_Table):
         From the centre of gravity.
     noise : dict of str to float
         Standard deviation by channel, in the channel's unit.
+    angle : {"sideslip", "flank"}
+        What a sideslip vane reads: asin(v/V), or atan(v/u).
     """
 
     position: Position = (0.0, 0.0, 0.0)
     noise: dict[str, _NotNegative] = Field(default_factory=dict)
+    angle: Literal["sideslip", "flank"] = "sideslip"
 
 
 class Tolerances(_Table):
@@ -187,7 +191,7 @@ class Aircraft(_Table):
         None where no moments are wanted.
     thrust : Thrust
     sensors : dict of str to Sensor
-        ``accelerometer``, ``vane`` (alpha, beta, V) and others; see `position`.
+        ``accelerometer``, ``vane`` (alpha, beta, V) and others; see `position` and `noise`.
     tolerances : Tolerances
     engine : Engine
     simulation : Simulation
@@ -219,6 +223,16 @@ class Aircraft(_Table):
             super().__init__(**content)
         except ValidationError as error:
             raise AircraftError(_explain(error, f"aircraft '{content.get('name', 'without a name')}'")) from error
+
+    @model_validator(mode="after")
+    def _states_a_noise_once(self) -> Aircraft:
+        owner: dict[str, str] = {}
+        for name, sensor in self.sensors.items():
+            for channel in sensor.noise:
+                if channel in owner:
+                    raise ValueError(f"sensors '{owner[channel]}' and '{name}' both state the noise of '{channel}'")
+                owner[channel] = name
+        return self
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Aircraft:
@@ -261,8 +275,17 @@ class Aircraft(_Table):
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
     def position(self, sensor: str) -> np.ndarray:
-        """(3,) place of an instrument from the centre of gravity [m]; zero if none is given."""
-        return np.array(self.sensors[sensor].position if sensor in self.sensors else (0.0, 0.0, 0.0))
+        """(3,) place of an instrument from the centre of gravity [m]; zero if none is given.
+
+        ``alpha_vane``, ``beta_vane`` and ``pitot`` are at the ``vane`` unless they have tables of their own.
+        """
+        held = self.sensors.get(sensor) or self.sensors.get(_PART_OF.get(sensor, sensor))
+        return np.zeros(3) if held is None else np.array(held.position)
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """Standard deviation of the noise by channel, as far as the sensors' tables state any above zero."""
+        return {c: std for sensor in self.sensors.values() for c, std in sensor.noise.items() if std > 0.0}
 
     def require_inertia(self, by: str) -> Inertia:
         """Inertia, or an error that says who needs it.

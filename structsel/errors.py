@@ -10,7 +10,10 @@
     ├── MapError (ValueError)            a channel map does not fit the file
     ├── TermError (ValueError)           a candidate term cannot be read
     ├── ModelError (ValueError)          a model file or a model's use is wrong
-    └── SelectionError (ValueError)      a selection was asked for that cannot be made
+    ├── SelectionError (ValueError)      a selection was asked for that cannot be made
+    ├── SimulationError (RuntimeError)   a flight could not be flown to its end; carries what was
+    ├── ReconstructionError (RuntimeError)  a flight path could not be found; carries what was
+    └── RefinementError (RuntimeError)  parameters could not be estimated from flights; carries what was
 
     StructselWarning (UserWarning)       the result stands, but should be doubted
 """
@@ -52,6 +55,57 @@ class ModelError(StructselError, ValueError):
 
 class SelectionError(StructselError, ValueError):
     """A selection was asked for that cannot be made."""
+
+
+class SimulationError(StructselError, RuntimeError):
+    """A flight could not be flown to its end, or a trim found.
+
+    Attributes
+    ----------
+    partial : object
+        What was found before it broke down: a `structsel.recording.Recording` to that sample, or None.
+    """
+
+    def __init__(self, message: str, partial: object = None):
+        super().__init__(message)
+        self.partial = partial
+
+    def __reduce__(self) -> tuple[type, tuple[str, object]]:  # so that a worker process can raise it
+        return type(self), (str(self), self.partial)
+
+
+class ReconstructionError(StructselError, RuntimeError):
+    """A flight path could not be reconstructed.
+
+    Attributes
+    ----------
+    partial : object
+        What was found before it broke down: a `structsel.numerics.unscented.Filtered`, or None.
+    """
+
+    def __init__(self, message: str, partial: object = None):
+        super().__init__(message)
+        self.partial = partial
+
+    def __reduce__(self) -> tuple[type, tuple[str, object]]:  # so that a worker process can raise it
+        return type(self), (str(self), self.partial)
+
+
+class RefinementError(StructselError, RuntimeError):
+    """Parameters could not be estimated from whole manoeuvres.
+
+    Attributes
+    ----------
+    partial : object
+        What was found before it broke down: a `structsel.refinement.Refinement`, or None.
+    """
+
+    def __init__(self, message: str, partial: object = None):
+        super().__init__(message)
+        self.partial = partial
+
+    def __reduce__(self) -> tuple[type, tuple[str, object]]:  # so that a worker process can raise it
+        return type(self), (str(self), self.partial)
 
 
 class StructselWarning(UserWarning):

@@ -17,9 +17,8 @@ import pytest
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
-from structsel import AeroModel, Aircraft, read_recording
+from structsel import AeroModel, Aircraft, read_recording, write_recording
 from structsel.cli import app, terminal
-from structsel.cli.coefficients import write_recording
 from structsel.coefficients import compute_coefficients
 from structsel.demo import demo_flights
 
@@ -324,7 +323,7 @@ def test_bad_input_is_refused_by_name_with_a_remedy_and_leaves_nothing(kind, say
 
 
 def test_zero_dynamic_pressure_names_the_recording_the_sample_and_the_way_out(raw, tmp_path):
-    data = pd.read_csv(raw / "elevator-3211.csv")
+    data = pd.read_csv(raw / "elevator-3211.csv", comment="#")
     data["qbar"] = 0.5 * data.rho * data.V**2
     data.loc[33, "qbar"] = 0.0
     data.to_csv(tmp_path / "bad.csv", index=False)

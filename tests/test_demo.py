@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.signal import cont2discrete, lfilter
 
 from structsel.candidates import Term
-from structsel.demo import FLIGHTS, TRUTH, demo_aircraft, demo_flight, demo_flights
+from structsel.demo import FLIGHTS, INSTRUMENT_ERRORS, TRUTH, demo_aircraft, demo_flight, demo_flights, demo_instruments
 from structsel.errors import DomainError
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.differentiation import differentiate
@@ -74,6 +74,148 @@ def test_a_flights_states_and_accelerations_are_one_motion():
     slope = rb.velocity_derivative(velocity, rates, felt, calm["phi"], calm["theta"])
     for component, derivative in zip(velocity, slope):
         assert_allclose(differentiate(component, 0.02)[free], derivative[free], atol=1e-5)
+
+
+# ---------------------------------------------------------------- flights with known instrument errors
+
+
+PATH = ("u", "v", "w", "phi", "theta", "psi", "x", "y", "h")
+
+
+def integrated(record, wind, bent):
+    """Fourth-order Runge-Kutta over the kinematics, written out.
+
+    Accelerations are linear between samples; the rates too, or where `bent` as their recorded derivatives bend them.
+    """
+    inputs = np.array([record[name] for name in ("ax", "ay", "az", "p", "q", "r")]).T
+    bend = np.zeros_like(inputs)
+    if bent:
+        bend[:, 3:] = record.dt / 8 * np.array([record[name] for name in ("p_dot", "q_dot", "r_dot")]).T
+    x = np.array([record[name][0] for name in PATH])
+
+    def slope(x, given):
+        (u, v, w, phi, theta, psi), (ax, ay, az, p, q, r) = x[:6], given
+        sf, cf, st, ct, sp, cp = (f(a) for a in (phi, theta, psi) for f in (np.sin, np.cos))
+        return np.array(
+            [
+                ax - 9.80665 * st - q * w + r * v,
+                ay + 9.80665 * ct * sf - r * u + p * w,
+                az + 9.80665 * ct * cf - p * v + q * u,
+                p + (q * sf + r * cf) * st / ct,
+                q * cf - r * sf,
+                (q * sf + r * cf) / ct,
+                ct * cp * u + (sf * st * cp - cf * sp) * v + (cf * st * cp + sf * sp) * w + wind[0],
+                ct * sp * u + (sf * st * sp + cf * cp) * v + (cf * st * sp - sf * cp) * w + wind[1],
+                st * u - sf * ct * v - cf * ct * w - wind[2],
+            ]
+        )
+
+    out, dt = [x], record.dt
+    for i, (a, b) in enumerate(itertools.pairwise(inputs)):
+        middle = (a + b) / 2 + bend[i] - bend[i + 1]
+        k1 = slope(x, a)
+        k2 = slope(x + dt / 2 * k1, middle)
+        k3 = slope(x + dt / 2 * k2, middle)
+        k4 = slope(x + dt * k3, b)
+        x = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        out.append(x)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("which", FLIGHTS)
+def test_the_exact_accelerations_and_rates_integrate_to_the_true_path(which):
+    wind = {"wn": 5.0, "we": -3.0, "wd": 0.5}
+    truth = demo_instruments(which, errors=wind).truth
+    true = np.array([truth[name] for name in PATH]).T
+    # To the rule's own accuracy where the curvature of the rates between samples is given.
+    error = np.abs(integrated(truth, tuple(wind.values()), bent=True) - true).max(axis=0)
+    assert (error[3:6] < 3e-6).all(), error
+    # With straight lines between 50 samples a second.
+    error = np.abs(integrated(truth, tuple(wind.values()), bent=False) - true).max(axis=0)
+    assert (error[:3] < 5e-3).all(), error
+    assert (error[3:6] < 1e-4).all(), error
+    assert (error[6:] < 0.05).all(), error
+
+
+def test_without_errors_and_noise_instruments_read_the_truth_at_their_places():
+    flight = demo_instruments("all-axes", errors={}, noise=0.0, duration=20.0)
+    seen, true, craft = flight.measured, flight.truth, flight.aircraft
+    rates, turning = [true[n] for n in "pqr"], [true[f"{n}_dot"] for n in "pqr"]
+    air = rb.air_data_at_cg(seen["V"], seen["alpha"], seen["beta"], *rates, craft.position("vane"))
+    felt = rb.acceleration_at_cg(seen["ax"], seen["ay"], seen["az"], rates, turning, craft.position("accelerometer"))
+    for name, got in zip(("V", "alpha", "beta", "ax", "ay", "az"), (*air, *felt)):
+        assert_allclose(got, true[name], rtol=1e-12, atol=1e-12, err_msg=name)
+    for name in ("p", "q", "r", "phi", "theta", "psi", "de", "da", "dr", "thrust", "rho"):
+        assert_allclose(seen[name], true[name], rtol=0, atol=0, err_msg=name)
+    # The antenna's velocity is the slope of its position; both swing about the centre of gravity.
+    for place, speed in (("x", "vn"), ("y", "ve")):
+        assert_allclose(differentiate(seen[place], 0.02)[5:-5], seen[speed][5:-5], atol=5e-4)
+        assert np.abs(seen[place] - true[place]).max() < np.linalg.norm(craft.position("gps")) + 1e-9
+    above = true["h"] + np.sin(true["theta"]) * -1.5 - np.cos(true["theta"]) * np.cos(true["phi"]) * 0.2
+    assert_allclose(seen["h"], above, rtol=1e-12)
+    assert all(not craft.sensors[name].noise for name in craft.sensors)
+
+
+@pytest.mark.parametrize("name", INSTRUMENT_ERRORS)
+def test_each_error_shows_in_its_own_channels_and_in_no_other(name):
+    size = 0.01
+    right = demo_instruments(3, errors={}, noise=0.0, duration=6.0).measured
+    flight = demo_instruments(3, errors={name: size}, noise=0.0, duration=6.0)
+    wrong, true = flight.measured, flight.truth
+    assert flight.errors == {**dict.fromkeys(INSTRUMENT_ERRORS, 0.0), name: size}
+    t = right.t
+    expected = {
+        "wn": {"vn": size, "x": size * t},
+        "we": {"ve": size, "y": size * t},
+        "wd": {"vd": size, "h": -size * t},
+        "Cup": {"alpha": size * true["alpha"]},
+        "Calpha0": {"alpha": size},
+        "Csi": {"beta": size * true["beta"]},
+        "Cbeta0": {"beta": size},
+        "KV": {"V": size * right["V"]},
+    }.get(name, {name[1:]: size})
+    # Air a hair denser at another height is all the wind down can do to the rest.
+    atol = 1e-3 if name == "wd" else 1e-9
+    for channel in right.names:
+        if channel != "thrust":
+            moved = wrong[channel] - right[channel]
+            assert_allclose(moved, np.broadcast_to(expected.get(channel, 0.0), t.shape), atol=atol, err_msg=channel)
+
+
+def test_noise_has_the_standard_deviation_the_aircraft_states():
+    clean = demo_instruments(2, seed=4, errors={}, noise=0.0).measured
+    for noise in (1.0, 0.5):
+        noisy = demo_instruments(2, seed=4, errors={}, noise=noise)
+        stated = {c: std for sensor in noisy.aircraft.sensors.values() for c, std in sensor.noise.items()}
+        assert set(stated) == {*("V", "alpha", "beta", "phi", "theta", "psi", "h", "x", "y", "vn", "ve", "vd")} | {
+            *("ax", "ay", "az", "p", "q", "r")
+        }
+        for channel, std in stated.items():
+            # 1501 samples: the ratio scatters by 1/sqrt(3002) = 1.8 %; five of these.
+            assert (noisy.measured[channel] - clean[channel]).std() == pytest.approx(std, rel=0.09)
+
+
+def test_errors_are_drawn_from_the_seed_at_their_stated_sizes():
+    drawn = [demo_instruments(k, seed, duration=1.0).errors for seed in range(30) for k in (0, 1)]
+    assert demo_instruments(1, 7, duration=2.0).errors == demo_instruments(1, 7, duration=1.0).errors
+    sizes = {**dict.fromkeys(("bax", "bay", "baz"), 0.1), **dict.fromkeys(("bp", "bq", "br"), 3e-3)}
+    sizes |= {"wn": 6.0, "we": 6.0, "Cup": 0.03, "Calpha0": 5e-3, "Csi": 0.03}
+    for name in INSTRUMENT_ERRORS:
+        values = np.array([one[name] for one in drawn])
+        if name in sizes:
+            # 60 draws: the ratio scatters by 1/sqrt(120) = 9 %; four of these.
+            assert np.sqrt(np.mean(values**2)) == pytest.approx(sizes[name], rel=0.37), name
+        else:
+            assert not values.any()
+
+
+def test_an_unknown_error_is_answered_with_the_nearest():
+    with pytest.raises(DomainError, match=r"no error 'Calpha'\. Did you mean 'Calpha0'"):
+        demo_instruments(errors={"Calpha": 0.01})
+    with pytest.raises(DomainError, match="lasts 1 s or more"):
+        demo_instruments(duration=0.5)
+    with pytest.raises(DomainError, match="no demonstration flight 'loop'"):
+        demo_instruments("loop")
 
 
 def test_every_term_of_the_truth_is_a_candidate():

@@ -31,7 +31,7 @@ STYLE_TABLE = {
     **dict.fromkeys(("CX", "CY", "CZ", "Cl", "Cm", "Cn", "CL", "CD", "CT"), "-"),
     **dict.fromkeys(("mach", "throttle", "gear", "V_ratio"), "-"),
     **dict.fromkeys(("h", "h_agl", "x", "y"), "m"),
-    **dict.fromkeys(("u", "v", "w"), "m/s"),
+    **dict.fromkeys(("u", "v", "w", "vn", "ve", "vd"), "m/s"),
     "mass": "kg",
     "rho": "kg/m^3",
     "thrust": "N",

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+import runpy
 import shlex
 from pathlib import Path
 
@@ -59,11 +60,25 @@ def test_the_demo_prints_the_table_the_readme_shows():
     printed = io.StringIO()
     print_truth(Console(file=printed, width=80, highlight=False), chosen, truth["Cn"])
     # Fewer repetitions than the demo makes, to save time: the errors and what follows from them are not compared.
-    values = [re.findall(r"^(\S+) +(-?\d\S*) +(-?\d\S*)", text, re.MULTILINE) for text in (printed.getvalue(), README)]
+    tables = (printed.getvalue(), blocks(README, "text")[0])
+    values = [re.findall(r"^(\S+) +(-?\d\S*) +(-?\d\S*)", text, re.MULTILINE) for text in tables]
     assert [row[:2] for row in values[0]] == [row[:2] for row in values[1]]
     found, shown = (np.array([float(row[2]) for row in rows]) for rows in values)
     assert len(found) == 8
     assert_allclose(found, shown, rtol=0.01)
+
+
+def test_the_second_example_prints_the_table_the_readme_shows():
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        runpy.run_path(str(ROOT / "examples/02_flight_path.py"))
+    shown = blocks(README, "text")[2]
+    start = printed.getvalue().index(shown.splitlines()[0])
+    same(printed.getvalue()[start:][: len(shown)], shown)
+    # "all eleven are found within two standard deviations"
+    off = re.findall(r"^\w+ +\S+ +\S+ +\S+ +(-?\d\.\d) +(?:m/s|rad|-)", printed.getvalue(), re.MULTILINE)
+    assert len(off) == 11
+    assert max(abs(float(value)) for value in off) < 2.0
 
 
 @pytest.mark.parametrize("command", commands(README), ids=" ".join)
@@ -81,7 +96,8 @@ def test_the_tutorial_runs_from_end_to_end(tmp_path, monkeypatch):
     assert [command[0] for command in asked].count("select") == 4
     for command in asked:
         faster = ["--bootstrap", "0"] if command[0] in ("demo", "select") else []
-        faster += ["--no-plots"] if "--out" in command and faster else []
+        drawn = command[0] in ("demo", "reconstruct", "select") and "--out" in command
+        faster += ["--no-plots"] if drawn else []
         result = CliRunner().invoke(app, [*command, *faster], env={"COLUMNS": "80"})
         assert result.exit_code == 0, result.output
         if "--trace" in command:

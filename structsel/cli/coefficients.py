@@ -7,13 +7,12 @@ from typing import Annotated, Literal
 
 import typer
 
-from structsel.cli.flights import V0, Files, Json, Map, Overwrite, read_flights
+from structsel.cli.flights import V0, Files, Json, Map, Overwrite, Reconstruct, read_flights
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.tables import print_files, print_recording
 from structsel.cli.terminal import print_json, stdout
-from structsel.nomenclature import UNKNOWN, is_known
-from structsel.recording import Recording
+from structsel.recording import write_recording
 
 EPILOG = page(
     [
@@ -36,13 +35,14 @@ def run(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for one file per manoeuvre.")],
     channel_map: Map = None,
     file_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Kind of file.")] = "csv",
+    reconstruct: Reconstruct = False,
     v0: V0 = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Compute the aerodynamic coefficients of recordings, and write them with their candidate channels."""
     refuse_existing(out, overwrite)
-    flown = read_flights(files, channel_map, aircraft, v0)
+    flown = read_flights(files, channel_map, aircraft, v0, reconstruct=reconstruct)
     names = [f"{r.name}.{file_format}" for r in flown]
     with output_folder(out) as folder:
         for recording, name in zip(flown, names):
@@ -54,17 +54,3 @@ def run(
     for recording in flown:
         print_recording(console, recording)
     print_files(console, str(out), names)
-
-
-def write_recording(recording: Recording, path: Path) -> None:
-    """Write a recording as CSV or Parquet; channels outside the nomenclature carry their unit in the header."""
-    own = {
-        name: f"{name} [{recording.unit(name)}]"
-        for name in recording.names
-        if not is_known(name) and recording.unit(name) not in (UNKNOWN, "-")
-    }
-    frame = recording.to_frame().rename(columns=own)
-    if path.suffix == ".parquet":
-        frame.to_parquet(path, index=False)
-    else:
-        frame.to_csv(path, index=False)

@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import typer
 
 from structsel.candidates import Candidates
-from structsel.cli.coefficients import write_recording
 from structsel.cli.flights import Json
 from structsel.cli.pages import page
 from structsel.cli.results import write_results
@@ -18,6 +17,7 @@ from structsel.cli.tables import print_files, print_truth, print_validation
 from structsel.cli.terminal import Waiting, print_json, stdout
 from structsel.coefficients import compute_all
 from structsel.demo import demo_flights
+from structsel.recording import write_recording
 from structsel.selection import select
 from structsel.validation import validate
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from structsel.aircraft import Aircraft
-from structsel.cli.terminal import say
+from structsel.cli.terminal import Waiting, in_commands, say
 from structsel.coefficients import compute_all
-from structsel.errors import DataError, SelectionError
+from structsel.errors import DataError, ReconstructionError, SelectionError
 from structsel.readers.channel_map import load_channel_map
-from structsel.recording import Recording, read_recordings
+from structsel.reconstruction import METHODS, Reconstructions, reconstruct_all
+from structsel.recording import Recording, read_recordings, split_manoeuvres
 
 OUTPUT = "Output"
 """Panel of the help pages."""
@@ -46,6 +47,13 @@ V0 = Annotated[
     float | None,
     typer.Option("--v0", help="Reference airspeed of V_ratio, in m/s; else the aircraft's, else the first mean V."),
 ]
+Reconstruct = Annotated[
+    bool,
+    typer.Option(
+        "--reconstruct",
+        help="Reconstruct the flight paths first, as structsel reconstruct does by itself. Needs --aircraft.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.", rich_help_panel=OUTPUT)]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.", rich_help_panel=OUTPUT)]
 
@@ -76,31 +84,88 @@ def read_files(files: Iterable[Path], channel_map: Path | None) -> list[Recordin
     return found
 
 
-def read_flights(
-    files: Iterable[Path],
-    channel_map: Path | None,
-    aircraft: Path | None,
-    v0: float | None = None,
-    wanted: Iterable[str] | None = None,
-) -> list[Recording]:
-    """Manoeuvres ready to be modelled: files read, cut at gaps in time, coefficients added.
+def load_aircraft(path: Path) -> Aircraft:
+    """Aircraft of a file, its remarks said on stderr."""
+    craft = Aircraft.from_toml(path)
+    for remark in craft.remarks:
+        say("warning", f"aircraft '{craft.name}': {remark}.")
+    return craft
 
-    What the checks doubt is said on stderr; what they note of `wanted` channels (all if None), too.
+
+def read_manoeuvres(files: Iterable[Path], channel_map: Path | None, find: bool = False) -> list[Recording]:
+    """Recordings cut at gaps in time and, to `find`, into the stretches where controls move.
+
+    Raises
+    ------
+    DataError
+        None is found to move, or whatever reading raises.
     """
-    craft = None if aircraft is None else Aircraft.from_toml(aircraft)
     flown: list[Recording] = []
     for recording in read_files(files, channel_map):
         parts = recording.split()
         if len(parts) > 1:
             names = f"{parts[0].name} to {parts[-1].name}"
             say("note", f"'{recording.name}' has gaps in time: taken as {len(parts)} manoeuvres, {names}.")
+        if find:
+            parts = split_manoeuvres(recording)
+            said = ", ".join(part.name for part in parts) or "none is used"
+            say("note", f"'{recording.name}': {len(parts)} manoeuvres found: {said}.")
         flown += parts
+    if not flown:
+        raise DataError("--find-manoeuvres found no stretch in which controls move.\nWithout it files are used whole.")
+    return flown
+
+
+def read_flights(
+    files: Iterable[Path],
+    channel_map: Path | None,
+    aircraft: Path | None,
+    v0: float | None = None,
+    wanted: Iterable[str] | None = None,
+    reconstruct: bool = False,
+) -> list[Recording]:
+    """Manoeuvres ready to be modelled: files read, cut at gaps in time, reconstructed if so wished, with coefficients.
+
+    What the checks doubt is said on stderr; what they note of `wanted` channels (all if None), too.
+
+    Raises
+    ------
+    BadParameter
+        `reconstruct` without an aircraft.
+    """
+    if reconstruct and aircraft is None:
+        raise typer.BadParameter("--reconstruct needs --aircraft, which says where the instruments stand.")
+    craft = None if aircraft is None else load_aircraft(aircraft)
+    flown = read_manoeuvres(files, channel_map)
     if craft is not None:
-        for remark in craft.remarks:
-            say("warning", f"aircraft '{craft.name}': {remark}.")
+        if reconstruct:
+            flown = reconstruct_paths(flown, craft).recordings
         flown = compute_all(flown, craft, V0=v0)
     say_findings(flown, None if wanted is None else set(wanted))
     return flown
+
+
+def reconstruct_paths(flown: Sequence[Recording], craft: Aircraft, **options: Any) -> Reconstructions:
+    """Reconstruct manoeuvres; what failed, and what should not be used, is said on stderr.
+
+    Raises
+    ------
+    ReconstructionError
+        None could be reconstructed.
+    """
+    with Waiting(f"reconstructing, {options.get('method', METHODS[0])}") as waiting:
+        results = reconstruct_all(flown, craft, progress=waiting, **options)
+    by = f" by {options['method']}" if "method" in options else ""
+    if not len(results):
+        whys = (f"'{name}': {why}" for name, why in results.failed.items())
+        raise ReconstructionError("\n".join([f"no manoeuvre could be reconstructed{by}.", *whys]))
+    for name, why in results.failed.items():
+        say("warning", f"'{name}' was not reconstructed{by}: {in_commands(why)}")
+    for one in results:
+        if not one.trusted:
+            more = f" (and {len(one.distrust) - 1} more)" if len(one.distrust) > 1 else ""
+            say("warning", f"'{one.name}'{by} is NOT TRUSTED: {in_commands(one.distrust[0])}{more}.")
+    return results
 
 
 def say_findings(recordings: Sequence[Recording], wanted: set[str] | None = None) -> None:

@@ -8,15 +8,19 @@ import typer
 from typer.core import TyperGroup
 
 from structsel import __version__
-from structsel.cli import coefficients, demo, describe, select, validate
+from structsel.cli import coefficients, demo, describe, reconstruct, select, validate
 from structsel.cli.pages import page
-from structsel.cli.terminal import plain_warnings, say
+from structsel.cli.terminal import in_commands, plain_warnings, say
 from structsel.errors import StructselError
 
 _EPILOG = page(
     [
         ("Six flights made here, their truth known", "structsel demo --out out/demo"),
         ("Is the file read as you meant", "structsel describe flight.csv --map map.toml"),
+        (
+            "What is wrong with the instruments, and the flight without it",
+            "structsel reconstruct flights/ --map map.toml --aircraft aircraft.toml \\\n    --out path/",
+        ),
         (
             "Choose the terms, two manoeuvres kept aside",
             "structsel select flights/ --map map.toml --aircraft aircraft.toml \\\n"
@@ -35,15 +39,6 @@ _EPILOG = page(
 )
 
 
-_ON_THE_COMMAND_LINE = {
-    "compute_coefficients()": "give --aircraft, and the coefficients are computed first.",
-    "recording.between": "[file] rows = [first, last] in a channel map keeps a stretch of a file.",
-    "candidates.without": "leave the response out of --candidates and --terms.",
-    "overwrite=True": "pass --overwrite.",
-}
-"""What a remedy given in the library's terms means here."""
-
-
 class Program(TyperGroup):
     """Says structsel's own errors and warnings plainly, without a traceback."""
 
@@ -53,8 +48,7 @@ class Program(TyperGroup):
             try:
                 return super().invoke(ctx)
             except StructselError as error:
-                here = [says for call, says in _ON_THE_COMMAND_LINE.items() if call in str(error)]
-                say("error", "\n".join([str(error), *(f"On the command line: {says}" for says in here)]))
+                say("error", in_commands(str(error)))
                 raise typer.Exit(1) from error
 
 
@@ -86,6 +80,7 @@ def _options(
 
 
 app.command("describe", epilog=describe.EPILOG)(describe.run)
+app.command("reconstruct", epilog=reconstruct.EPILOG)(reconstruct.run)
 app.command("coefficients", epilog=coefficients.EPILOG)(coefficients.run)
 app.command("select", epilog=select.EPILOG)(select.run)
 app.command("validate", epilog=validate.EPILOG)(validate.run)

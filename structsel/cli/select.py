@@ -9,7 +9,19 @@ from typing import Annotated, Any, Literal
 import typer
 
 from structsel.candidates import Candidates
-from structsel.cli.flights import OUTPUT, V0, AircraftFile, Files, Json, Map, Overwrite, hold_out, read_flights, words
+from structsel.cli.flights import (
+    OUTPUT,
+    V0,
+    AircraftFile,
+    Files,
+    Json,
+    Map,
+    Overwrite,
+    Reconstruct,
+    hold_out,
+    read_flights,
+    words,
+)
 from structsel.cli.output import refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.results import write_results
@@ -53,6 +65,8 @@ EPILOG = page(
     """[bold]Terms[/bold] are products of powers, alpha^2*de, of channels, offsets (alpha - 0.1), splines
     (alpha - 0.2)+,
     and abs, sign, sqrt, sin, cos, tan, exp, log, tanh, step of formulas. The constant is always in the model.""",
+    """[bold]Instruments[/bold] have biases, and vanes stand in disturbed air: --reconstruct takes that out first, with
+    the defaults of structsel reconstruct, which shows what was found and should be run by itself once.""",
     """[bold]Doubts[/bold] stand under each table, marked !: read them before the numbers.""",
 )
 
@@ -77,6 +91,7 @@ def run(
     ],
     channel_map: Map = None,
     aircraft: AircraftFile = None,
+    reconstruct: Reconstruct = False,
     v0: V0 = None,
     candidates: Annotated[
         str, _option("--candidates", "Channels whose monomials are the pool: alpha,q_hat,de", _POOL, "CHANNELS")
@@ -186,7 +201,7 @@ def run(
         "workers": workers,
     }
     refuse_existing(out, overwrite)
-    flown = read_flights(files, channel_map, aircraft, v0, {*wanted, *pool.channels})
+    flown = read_flights(files, channel_map, aircraft, v0, {*wanted, *pool.channels}, reconstruct)
     used, held = hold_out(flown, held_out)
     found = _select_by(method, used, wanted, pool, asked)
     scores = {name: validate(s.model, held) for name, s in found.items()} if held else {}

@@ -33,7 +33,7 @@ def figure(value: float | None, digits: int = 4) -> str:
     return f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:.0f}"
 
 
-def _table(*heads: str, words: Iterable[str], left: int = 1) -> Table:
+def plain_table(*heads: str, words: Iterable[str], left: int = 1) -> Table:
     """Make a table whose first columns stand left, the others right.
 
     Where it is too wide, the last of the left columns, which holds `words`, gives way down to `_WORDS`.
@@ -47,11 +47,13 @@ def _table(*heads: str, words: Iterable[str], left: int = 1) -> Table:
     return table
 
 
-def _facts(pairs: Iterable[tuple[str, str]]) -> Text:
+def fact_line(pairs: Iterable[tuple[str, str]]) -> Text:
+    """Return names, dim, and values on one line."""
     return Text("  ", style="").join(Text.assemble((f"{name} ", "dim"), value) for name, value in pairs)
 
 
-def _indented(console: Console, mark: str, style: str, text: str) -> None:
+def indented(console: Console, mark: str, style: str, text: str) -> None:
+    """Print a paragraph behind a mark."""
     grid = Table.grid(padding=(0, 1, 0, 0))
     grid.add_column(no_wrap=True)
     grid.add_column(overflow="fold")
@@ -59,9 +61,10 @@ def _indented(console: Console, mark: str, style: str, text: str) -> None:
     console.print(grid)
 
 
-def _print_doubts(console: Console, doubts: Iterable[str]) -> None:
+def print_doubts(console: Console, doubts: Iterable[str]) -> None:
+    """Print doubts, a paragraph each."""
     for doubt in doubts:
-        _indented(console, "!", "yellow", doubt)
+        indented(console, "!", "yellow", doubt)
 
 
 def print_selection(console: Console, selection: Selection) -> None:
@@ -72,7 +75,7 @@ def print_selection(console: Console, selection: Selection) -> None:
     if s.biased:
         console.print(Text(f"BIASED estimates: {s.estimated}", "bold red"))
     resampled = bool(s.inclusion)
-    table = _table(
+    table = plain_table(
         "term",
         "value",
         "std error",
@@ -103,8 +106,8 @@ def print_selection(console: Console, selection: Selection) -> None:
     fit = [("n", str(s.n)), ("R2", f"{s.r2:.4f}"), ("adj.", f"{s.adjusted_r2:.4f}"), ("rms", figure(s.rms, 3))]
     if math.isfinite(s.held_out_r2):
         fit += [("left out: R2", f"{s.held_out_r2:.4f}"), ("rms", figure(s.held_out_rms, 3))]
-    console.print(_facts(fit))
-    _print_doubts(console, s.doubts)
+    console.print(fact_line(fit))
+    print_doubts(console, s.doubts)
     console.print()
 
 
@@ -112,7 +115,7 @@ def print_trace(console: Console, selection: Selection) -> None:
     """Print every move of the search."""
     console.print(Text.assemble((selection.response, "bold"), f"  the search; it ended: {selection.stopped}"))
     moved = [f"{s.other} -> {s.term}" if s.other is not None else str(s.term) for s in selection.trace]
-    table = _table("move", "term", "F", "partial r", "terms", "R2", "PSE", "BIC", words=moved, left=2)
+    table = plain_table("move", "term", "F", "partial r", "terms", "R2", "PSE", "BIC", words=moved, left=2)
     for term, s in zip(moved, selection.trace):
         figures = (figure(s.F, 3), f"{s.partial_r:+.3f}", str(s.n_terms), f"{s.R2:.4f}", figure(s.PSE, 3))
         table.add_row(s.action, Text(term), *figures, f"{s.BIC:.0f}")
@@ -124,7 +127,7 @@ def print_comparison(console: Console, response: str, by_method: Mapping[str, Se
     """Print the terms and values of one response by every method, side by side."""
     console.print(Text.assemble((response, "bold"), "  by every method: value, or . where the term is not kept"))
     terms = sorted({term for s in by_method.values() for term in s.terms})
-    table = _table("term", *by_method, words=("rms, parts left out", *map(str, terms)))
+    table = plain_table("term", *by_method, words=("rms, parts left out", *map(str, terms)))
     values = {m: dict(zip(("1", *map(str, s.terms)), s.values)) for m, s in by_method.items()}
     for term in ("1", *map(str, terms)):
         table.add_row(Text(term), *(figure(v[term]) if term in v else "." for v in values.values()))
@@ -144,7 +147,7 @@ def print_validation(console: Console, validation: Validation, title: str) -> No
     v = validation
     console.print(Text(title, "bold"))
     names = [score.recording for score in v.scores]
-    table = _table("response", "recording", "n", "R2", "RRMSE", "TIC", "corr", "residual", words=names, left=2)
+    table = plain_table("response", "recording", "n", "R2", "RRMSE", "TIC", "corr", "residual", words=names, left=2)
     alone = len(v.scores) == len(v.pooled)
     for pooled in v.pooled:
         rows = [s for s in v.scores if s.response == pooled.response]
@@ -157,7 +160,7 @@ def print_validation(console: Console, validation: Validation, title: str) -> No
     size = {"rms": "rms", "std": "standard deviation", "range": "range"}[v.normaliser]
     note = f"RRMSE: rms error over the {size} of the measured response. TIC: 0 perfect, 1 useless."
     console.print(Text(note, "dim"))
-    _print_doubts(console, v.doubts)
+    print_doubts(console, v.doubts)
     console.print()
 
 
@@ -169,7 +172,9 @@ def print_recording(console: Console, recording: Recording) -> None:
     found: dict[str, list[str]] = {}
     for f in r.findings:
         found.setdefault(f.channel, []).append(f.kind)
-    table = _table("channel", "unit", "min", "mean", "max", "found", words=[r.unit(name) for name in r.names], left=2)
+    table = plain_table(
+        "channel", "unit", "min", "mean", "max", "found", words=[r.unit(name) for name in r.names], left=2
+    )
     table.columns[-1].justify = "left"
     for name, summary in r.to_dict()["channels"].items():
         numbers = (figure(summary[key]) for key in ("min", "mean", "max"))
@@ -178,7 +183,7 @@ def print_recording(console: Console, recording: Recording) -> None:
     console.print(table)
     for f in r.findings:
         style = {"error": "red", "warning": "yellow"}.get(f.severity, "dim")
-        _indented(console, "!" if style != "dim" else "-", style, str(f))
+        indented(console, "!" if style != "dim" else "-", style, str(f))
     console.print()
 
 
@@ -188,7 +193,7 @@ def print_truth(console: Console, selection: Selection, truth: Mapping[str, floa
     console.print(Text.assemble((s.response, "bold"), f"  {len(s.terms)} of {len(s.pool)} candidates kept"))
     rows = {row["term"]: row for row in s.to_frame().to_dict("records")}
     terms = list(dict.fromkeys((*truth, *rows)))
-    table = _table("term", "truth", "found", "std error", "95 % low", "95 % high", "incl.", "holds", words=terms)
+    table = plain_table("term", "truth", "found", "std error", "95 % low", "95 % high", "incl.", "holds", words=terms)
     for term in terms:
         true, row = truth.get(term), rows.get(term)
         if row is None:
@@ -204,8 +209,8 @@ def print_truth(console: Console, selection: Selection, truth: Mapping[str, floa
         table.add_row(Text(term), figure(true), *numbers, share, verdict)
     console.print(table)
     facts = [("n", str(s.n)), ("R2", f"{s.r2:.4f}"), ("left out: R2", f"{s.held_out_r2:.4f}")]
-    console.print(_facts(facts))
-    _print_doubts(console, s.doubts)
+    console.print(fact_line(facts))
+    print_doubts(console, s.doubts)
     console.print()
 
 

@@ -19,6 +19,16 @@ from rich.text import Text
 PATIENCE = 2.0
 """Seconds of work before a progress bar is shown."""
 
+_ON_THE_COMMAND_LINE = {
+    "compute_coefficients()": "give --aircraft, and the coefficients are computed first.",
+    "reconstruct()": "structsel reconstruct, or --reconstruct, does that.",
+    "recording.between": "[file] rows = [first, last] in a channel map keeps a stretch of a file.",
+    "candidates.without": "leave the response out of --candidates and --terms.",
+    "overwrite=True": "pass --overwrite.",
+}
+"""What a remedy given in the library's terms means here."""
+_OPTIONS = {"delays='estimate'": "--delays estimate", "method='unscented'": "--method unscented"}
+
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 
@@ -31,6 +41,14 @@ def say(kind: str, message: str) -> None:
     """Print an error, warning or note on stderr."""
     text = Text.assemble((f"{kind}: ", _STYLES[kind]), message)
     Console(stderr=True, highlight=False).print(text, soft_wrap=True)
+
+
+def in_commands(message: str) -> str:
+    """Return a message whose remedies, given in the library's terms, can be followed here."""
+    for call, option in _OPTIONS.items():
+        message = message.replace(call, option)
+    here = [says for call, says in _ON_THE_COMMAND_LINE.items() if call in message]
+    return "\n".join([message, *(f"On the command line: {says}" for says in here)])
 
 
 @contextmanager

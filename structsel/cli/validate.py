@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from structsel.cli.flights import V0, AircraftFile, Files, Json, Map, read_flights, words
+from structsel.cli.flights import V0, AircraftFile, Files, Json, Map, Reconstruct, read_flights, words
 from structsel.cli.pages import page
 from structsel.cli.tables import print_validation
 from structsel.cli.terminal import print_json, stdout
@@ -35,12 +35,13 @@ def run(
     normaliser: Annotated[
         Literal["rms", "std", "range"], typer.Option("--normaliser", help="What RRMSE is relative to.")
     ] = "rms",
+    reconstruct: Reconstruct = False,
     v0: V0 = None,
     json: Json = False,
 ) -> None:
     """Score a model on recordings: R2, relative rms error, Theil's coefficient, whiteness of the residual."""
     held = AeroModel.from_json(model)
-    flown = read_flights(files, channel_map, aircraft, v0, {*held, *held.channels})
+    flown = read_flights(files, channel_map, aircraft, v0, {*held, *held.channels}, reconstruct)
     result = validate(held, flown, responses=words(responses) or None, normaliser=normaliser)
     if json:
         print_json(result.to_dict())

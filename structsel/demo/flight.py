@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import root
@@ -18,7 +19,7 @@ _DT = 1.0 / RATE
 _ALTITUDE = 1000.0
 _ACTUATOR = 20.0  # rad/s
 # Standard deviations of the instruments at noise = 1, in each channel's unit.
-_NOISE = {
+NOISE = {
     "V": 0.05,
     **dict.fromkeys(("alpha", "beta", "phi", "theta", "psi"), 5e-4),
     **dict.fromkeys(("p", "q", "r", *SURFACES), 2e-4),
@@ -44,11 +45,7 @@ def demo_flight(
     which : str or int
         A name of `FLIGHTS`, or a number; from six on they repeat with other airspeeds and sizes.
     """
-    if isinstance(which, str):
-        if which not in FLIGHTS:
-            raise DomainError(f"there is no demonstration flight {which!r}; there are {', '.join(FLIGHTS)}.")
-        which = FLIGHTS.index(which)
-    return _fly([which], seed, duration, noise, turbulence, exact_derivatives)[0]
+    return _fly([number_of(which)], seed, duration, noise, turbulence, exact_derivatives)[0]
 
 
 def demo_flights(
@@ -90,12 +87,86 @@ def demo_flights(
     return recordings, demo_aircraft(), {response: dict(terms) for response, terms in TRUTH.items()}
 
 
+def number_of(which: str | int) -> int:
+    """Number of a demonstration flight given by name or by number.
+
+    Raises
+    ------
+    DomainError
+        When there is none of that name.
+    """
+    if not isinstance(which, str):
+        return which
+    if which not in FLIGHTS:
+        raise DomainError(f"there is no demonstration flight {which!r}; there are {', '.join(FLIGHTS)}.")
+    return FLIGHTS.index(which)
+
+
 def _fly(
     which: Sequence[int], seed: int, duration: float, noise: float, turbulence: float, exact: bool
 ) -> list[Recording]:
+    aircraft = demo_aircraft()
+    flown = integrate(which, seed, duration, turbulence, aircraft)
+    return [_record(one, seed, noise, exact, aircraft) for one in flown]
+
+
+@dataclass(frozen=True)
+class Flown:
+    """One flight as it was, sample by sample, before any instrument.
+
+    Attributes
+    ----------
+    number : int
+    plan : Plan
+    t : (n,) array [s]
+    states : (n, 15) array
+        Rigid body as `rigid_body.STATES`, then the surfaces.
+    outputs : dict of str to (n,) array
+        V, alpha, beta, ax, ay, az (at the centre of gravity), p_dot, q_dot, r_dot, rho.
+    thrust : float [N]
+    """
+
+    number: int
+    plan: Plan
+    t: np.ndarray
+    states: np.ndarray
+    outputs: Mapping[str, np.ndarray]
+    thrust: float
+
+
+def integrate(
+    which: Sequence[int],
+    seed: int,
+    duration: float,
+    turbulence: float,
+    aircraft: Aircraft,
+    *,
+    wind: np.ndarray | None = None,
+    jumps: str = "between",
+) -> list[Flown]:
+    """Integrate flights by Runge and Kutta's fourth-order rule, all at once.
+
+    Parameters
+    ----------
+    which : sequence of int
+    seed : int
+        Of the turbulence.
+    duration : float [s]
+    turbulence : float
+    aircraft : Aircraft
+    wind : (3, m) array [m/s], optional
+        North, east, down. It carries the position along.
+    jumps : {"between", "at"}
+        Where the pilot's steps fall: within the step that ends at their sample, or at that sample. Only with
+        "at" are the states between samples one smooth motion.
+
+    Raises
+    ------
+    DomainError
+        When the duration is below 1 s.
+    """
     if not duration >= 1.0:
         raise DomainError(f"a demonstration flight lasts 1 s or more, not {duration:g} s.")
-    aircraft = demo_aircraft()
     samples = round(duration * RATE) + 1
     plans, commands, gusts = [], [], []
     for k in which:
@@ -111,21 +182,24 @@ def _fly(
     held = state.copy()  # the attitude and surfaces that the augmentation holds
     flown = np.empty((samples, *state.shape))
     outputs = np.empty((samples, len(_OUTPUTS), len(plans)))
+    drift = np.zeros((3, len(plans))) if wind is None else wind
+    end = {"between": 2, "at": 1}[jumps]  # half step whose command rules at the end of a step
 
-    def slope(x: np.ndarray, half_step: int) -> tuple[np.ndarray, np.ndarray]:
-        return _derivative(x, command[half_step], gust[half_step], thrust, held, aircraft)
+    def slope(x: np.ndarray, half_step: int, ruling: int) -> tuple[np.ndarray, np.ndarray]:
+        return _derivative(x, command[ruling], gust[half_step], thrust, held, aircraft, drift)
 
     for i in range(samples):
         flown[i] = state
-        k1, outputs[i] = slope(state, 2 * i)
+        k1, outputs[i] = slope(state, 2 * i, 2 * i)
         if i == samples - 1:
             break
-        k2, _ = slope(state + 0.5 * _DT * k1, 2 * i + 1)
-        k3, _ = slope(state + 0.5 * _DT * k2, 2 * i + 1)
-        k4, _ = slope(state + _DT * k3, 2 * i + 2)
+        k2, _ = slope(state + 0.5 * _DT * k1, 2 * i + 1, 2 * i + 1)
+        k3, _ = slope(state + 0.5 * _DT * k2, 2 * i + 1, 2 * i + 1)
+        k4, _ = slope(state + _DT * k3, 2 * i + 2, 2 * i + end)
         state = state + _DT / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    t = np.arange(samples) * _DT
     return [
-        _record(plan, k, flown[:, :, j], outputs[:, :, j], thrust[j], seed, noise, exact, aircraft)
+        Flown(k, plan, t, flown[:, :, j], dict(zip(_OUTPUTS, outputs[:, :, j].T)), float(thrust[j]))
         for j, (k, plan) in enumerate(zip(which, plans))
     ]
 
@@ -134,11 +208,17 @@ _OUTPUTS = ("V", "alpha", "beta", "ax", "ay", "az", "p_dot", "q_dot", "r_dot", "
 
 
 def _derivative(
-    x: np.ndarray, command: np.ndarray, gust: np.ndarray, thrust: np.ndarray, held: np.ndarray, craft: Aircraft
+    x: np.ndarray,
+    command: np.ndarray,
+    gust: np.ndarray,
+    thrust: np.ndarray,
+    held: np.ndarray,
+    craft: Aircraft,
+    wind: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slope of the state (rigid body, then surfaces) and what is to be recorded, for m flights at once.
 
-    The velocity of the state is inertial; the air moves with the gust.
+    The velocity of the state is that in a steady wind; within it the air moves with the gust.
     """
     velocity, rates, (phi, theta, psi) = x[0:3], x[3:6], x[6:9]
     V, alpha, beta = rb.air_data(*(velocity - gust[:3]))
@@ -158,6 +238,7 @@ def _derivative(
     out[3:6] = turning
     out[6:9] = rb.euler_rates(rates[0], rates[1], rates[2], phi, theta)
     path = np.einsum("mij,jm->im", rb.body_to_earth(phi, theta, psi), velocity)
+    path = path + wind
     out[9:11], out[11] = path[:2], -path[2]
     # Positive control makes a negative moment, so that these gains damp and hold.
     wanted = held[12:] + command
@@ -180,7 +261,7 @@ def _trim(craft: Aircraft, V: float) -> tuple[np.ndarray, float]:
 
     def unbalance(z: np.ndarray) -> np.ndarray:
         x, thrust = assemble(z)
-        slope, _ = _derivative(x, still[:3], still, thrust, x, craft)
+        slope, _ = _derivative(x, still[:3], still, thrust, x, craft, still[:3])
         return np.concatenate([slope[0:6, 0], slope[11]])
 
     found = root(unbalance, np.array([0.08, 0.08, 0.0, 0.0, 0.0, 0.0, 2.0]), tol=1e-12)
@@ -188,22 +269,15 @@ def _trim(craft: Aircraft, V: float) -> tuple[np.ndarray, float]:
     return x[:, 0], float(thrust[0])
 
 
-def _record(
-    plan: Plan,
-    k: int,
-    flown: np.ndarray,
-    outputs: np.ndarray,
-    thrust: float,
-    seed: int,
-    noise: float,
-    exact: bool,
-    craft: Aircraft,
-) -> Recording:
-    """What the instruments, at their places, make of one flight."""
-    got = dict(zip(_OUTPUTS, outputs.T))
-    rates, turning = flown[:, 3:6].T, outputs[:, 6:9].T
-    # Reading is the centre's value plus what turning adds at the place: the transfer with the place reversed
-    # for velocities, the same kinematics with the other sign for accelerations.
+def at_instruments(flown: Flown, craft: Aircraft) -> dict[str, np.ndarray]:
+    """V, alpha, beta at the vanes and ax, ay, az at the accelerometer.
+
+    Reading is the centre's value plus what turning adds at the place: the transfer with the place reversed
+    for velocities, the same kinematics with the other sign for accelerations.
+    """
+    got = flown.outputs
+    rates = flown.states[:, 3:6].T
+    turning = [got[name] for name in ("p_dot", "q_dot", "r_dot")]
     place = craft.position("vane")
     seen = rb.air_data_at_cg(got["V"], got["alpha"], got["beta"], rates[0], rates[1], rates[2], tuple(-place))
     ax, ay, az = (got[name] for name in ("ax", "ay", "az"))
@@ -211,13 +285,20 @@ def _record(
     added = rb.acceleration_at_cg(nothing, nothing, nothing, rates, turning, tuple(craft.position("accelerometer")))
     channels = dict(zip(("V", "alpha", "beta"), seen))
     channels |= dict(zip(("ax", "ay", "az"), (a - e for a, e in zip((ax, ay, az), added))))
-    channels |= dict(zip(rb.STATES[3:9], flown[:, 3:9].T))
-    channels |= {"h": flown[:, 11], "rho": got["rho"], "thrust": np.full(len(flown), thrust)}
-    channels |= dict(zip(SURFACES, flown[:, 12:].T))
-    rng = np.random.default_rng([seed, k, 6])
-    for name, std in _NOISE.items():
-        channels[name] = channels[name] + noise * std * rng.standard_normal(len(flown))
+    return channels
+
+
+def _record(flown: Flown, seed: int, noise: float, exact: bool, craft: Aircraft) -> Recording:
+    """What the instruments, at their places, make of one flight."""
+    plan, states = flown.plan, flown.states
+    channels = at_instruments(flown, craft)
+    channels |= dict(zip(rb.STATES[3:9], states[:, 3:9].T))
+    channels |= {"h": states[:, 11], "rho": flown.outputs["rho"], "thrust": np.full(len(states), flown.thrust)}
+    channels |= dict(zip(SURFACES, states[:, 12:].T))
+    rng = np.random.default_rng([seed, flown.number, 6])
+    for name, std in NOISE.items():
+        channels[name] = channels[name] + noise * std * rng.standard_normal(len(states))
     if exact:
-        channels |= dict(zip(("p_dot", "q_dot", "r_dot"), turning))
+        channels |= {name: flown.outputs[name] for name in ("p_dot", "q_dot", "r_dot")}
     note = f"simulated: {plan.name} at {plan.V:.1f} m/s, seed {seed}, noise {noise:g}"
-    return Recording(plan.name, np.arange(len(flown)) * _DT, channels, provenance=(note,))
+    return Recording(plan.name, flown.t, channels, provenance=(note,))

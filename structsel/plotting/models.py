@@ -1,12 +1,8 @@
-"""Every figure; the only importer of matplotlib.
-
-Each function draws one result on one Axes, its own if none is given, and returns it; units stand on the
-axes. `draw_selection` puts them together, one figure per question, for files.
-"""
+"""Figures of models and their selection."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +11,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy import stats
 
 from structsel.model import AeroModel
-from structsel.nomenclature import UNKNOWN, latex_of, unit_of
+from structsel.plotting.axes import DOUBT, KEPT, MEASURED, MODELLED, OTHER, label, new_axes, symbol, thin, unit_label
 from structsel.recording import Recording
 from structsel.selection import Selection, Selections
 from structsel.validation import Score, validate
@@ -23,18 +19,10 @@ from structsel.validation import Score, validate
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MEASURED, MODELLED, KEPT, OTHER, DOUBT = "#4d4d4d", "#d1495b", "#00798c", "#b9c4c9", "#edae49"
-_MOST_POINTS = 20_000  # per line: more cannot be seen, and take long to draw
 _MOST_MOVES = 40
 _MOST_NAMES = 8
 _MOST_CHANNELS = 5
 _WIDEST = 1.5  # relative intervals are cut here
-
-
-def label(name: str, units: Mapping[str, str] | None = None) -> str:
-    """Symbol and unit of a channel, for an axis."""
-    unit = unit_of(name, units)
-    return f"${latex_of(name)}$" + (f" [{unit}]" if unit != UNKNOWN else "")
 
 
 def plot_fit(
@@ -62,7 +50,7 @@ def plot_fit(
     top, bottom = axes
     start = 0.0
     for i, recording in enumerate(flown):
-        keep = slice(None, None, max(1, len(recording) // _MOST_POINTS + 1))
+        keep = thin(len(recording))
         t = recording.t if len(flown) == 1 else recording.t - recording.t[0] + start
         measured = recording[response]
         modelled = model.evaluate(recording, outside="ignore")[response]
@@ -79,7 +67,7 @@ def plot_fit(
             start = float(t[-1]) + recording.dt
     bottom.axhline(0.0, color=OTHER, lw=0.8, zorder=0)
     top.set_ylabel(label(response, flown[0].units))
-    bottom.set_ylabel("residual" + _unit(response, flown[0].units))
+    bottom.set_ylabel("residual" + unit_label(response, flown[0].units))
     bottom.set_xlabel("time [s]" if len(flown) == 1 else "time, manoeuvres end to end [s]")
     top.legend(loc="best", fontsize="small", ncols=2)
     for ax in (top, bottom):
@@ -90,9 +78,9 @@ def plot_fit(
 
 def plot_path(selection: Selection, *, ax: Axes | None = None) -> Axes:
     """Unexplained share of the response, 1 - R2, and PSE, after each move of the search."""
-    ax = _axes(ax)
+    ax = new_axes(ax)
     steps = [s for s in selection.trace if s.action != "refuse"]
-    ax.set_title(f"{_symbol(selection.response)}: the search, move by move", fontsize="medium")
+    ax.set_title(f"{symbol(selection.response)}: the search, move by move", fontsize="medium")
     if not steps:
         ax.text(0.5, 0.5, "every size searched at once:\nno path to show", ha="center", va="center")
         ax.set_axis_off()
@@ -120,8 +108,8 @@ def plot_path(selection: Selection, *, ax: Axes | None = None) -> Axes:
 
 def plot_inclusion(selection: Selection, *, most: int = 15, ax: Axes | None = None) -> Axes:
     """Share of the resampled selections that kept each candidate; the model's own terms are coloured."""
-    ax = _axes(ax)
-    ax.set_title(f"{_symbol(selection.response)}: inclusion", fontsize="medium")
+    ax = new_axes(ax)
+    ax.set_title(f"{symbol(selection.response)}: inclusion", fontsize="medium")
     kept = {str(term) for term in selection.terms}
     found = {name: share for name, share in selection.inclusion.items() if share > 0 or name in kept}
     if not found:
@@ -141,7 +129,7 @@ def plot_inclusion(selection: Selection, *, most: int = 15, ax: Axes | None = No
 
 def plot_intervals(selection: Selection, *, level: float = 0.95, ax: Axes | None = None) -> Axes:
     """Intervals of the parameters, relative to their values; thin: what white residuals would claim."""
-    ax = _axes(ax)
+    ax = new_axes(ax)
     names = ["1", *map(str, selection.terms)]
     values = selection.values
     scale = np.where(values != 0.0, np.abs(values), 1.0)
@@ -161,16 +149,16 @@ def plot_intervals(selection: Selection, *, level: float = 0.95, ax: Axes | None
     ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.xaxis.set_major_formatter(lambda x, _: f"{100 * x:g} %")
     ax.set_xlabel(f"{100 * level:g} % interval about the value, relative to it")
-    ax.set_title(f"{_symbol(selection.response)}: intervals (thin: textbook)", fontsize="medium")
+    ax.set_title(f"{symbol(selection.response)}: intervals (thin: textbook)", fontsize="medium")
     ax.grid(alpha=0.25, axis="x")
     return ax
 
 
 def plot_collinearity(selection: Selection, *, ax: Axes | None = None) -> Axes:
     """Correlation of the estimated parameters; the variance inflation factors stand beside the terms."""
-    ax = _axes(ax)
+    ax = new_axes(ax)
     names = [str(term) for term in selection.terms]
-    ax.set_title(f"{_symbol(selection.response)}: parameter correlation", fontsize="medium")
+    ax.set_title(f"{symbol(selection.response)}: parameter correlation", fontsize="medium")
     if not names:
         ax.text(0.5, 0.5, "no terms kept", ha="center")
         ax.set_axis_off()
@@ -192,7 +180,7 @@ def plot_collinearity(selection: Selection, *, ax: Axes | None = None) -> Axes:
 
 def plot_autocorrelation(score: Score, *, ax: Axes | None = None) -> Axes:
     """Autocorrelation of the residual with the 95 % bound of white noise."""
-    ax = _axes(ax)
+    ax = new_axes(ax)
     rho = score.autocorrelation[1:]
     lags = np.arange(1, len(rho) + 1)
     ax.axhspan(-score.bound, score.bound, color=OTHER, alpha=0.5, lw=0, label="95 % of white noise")
@@ -203,7 +191,7 @@ def plot_autocorrelation(score: Score, *, ax: Axes | None = None) -> Axes:
     ax.set_ylabel("autocorrelation [-]")
     ax.set_ylim(min(-0.3, 1.1 * float(np.nanmin(rho, initial=0.0))), 1.05)
     where = "all recordings" if score.recording == "all" else score.recording
-    ax.set_title(f"{_symbol(score.response)}: residual, {where}", fontsize="medium")
+    ax.set_title(f"{symbol(score.response)}: residual, {where}", fontsize="medium")
     ax.legend(fontsize="small", loc="upper right")
     return ax
 
@@ -222,11 +210,11 @@ def plot_residual_against(
     Bins hold equal numbers of samples. Bars span two standard errors of the mean, as if samples were
     independent: neighbours in time are not, so the true ones are wider.
     """
-    ax = _axes(ax)
+    ax = new_axes(ax)
     flown = _several(recordings)
     x = np.concatenate([r[channel] for r in flown])
     e = np.concatenate([r[response] - model.evaluate(r, outside="ignore")[response] for r in flown])
-    keep = slice(None, None, max(1, len(x) // _MOST_POINTS + 1))
+    keep = thin(len(x))
     ax.plot(x[keep], e[keep], ".", ms=2, color=OTHER, rasterized=True)
     order = np.argsort(x, kind="stable")
     parts = [p for p in np.array_split(order, bins) if len(p) > 1]
@@ -236,7 +224,7 @@ def plot_residual_against(
     ax.errorbar(middle, mean, error, fmt="o-", ms=3, lw=1.0, color=MODELLED, label="mean of each bin")
     ax.axhline(0.0, color=MEASURED, lw=0.8)
     ax.set_xlabel(label(channel, flown[0].units))
-    ax.set_ylabel(f"residual of {_symbol(response)}" + _unit(response, flown[0].units))
+    ax.set_ylabel(f"residual of {symbol(response)}" + unit_label(response, flown[0].units))
     ax.xaxis.set_major_locator(MaxNLocator(6))
     ax.legend(fontsize="small", loc="best")
     return ax
@@ -285,22 +273,5 @@ def draw_selection(selections: Selections, recordings: Sequence[Recording]) -> I
         yield f"{stem}_residual", figure
 
 
-def _symbol(name: str) -> str:
-    return f"${latex_of(name)}$"
-
-
-def _unit(name: str, units: Mapping[str, str]) -> str:
-    unit = unit_of(name, units)
-    return f" [{unit}]" if unit != UNKNOWN else ""
-
-
 def _several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
-
-
-def _axes(ax: Axes | None) -> Axes:
-    if ax is not None:
-        return ax
-    import matplotlib.pyplot as plt
-
-    return plt.subplots(figsize=(6.5, 4.5), layout="constrained")[1]

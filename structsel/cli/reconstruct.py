@@ -1,0 +1,225 @@
+"""``structsel reconstruct``: what is wrong with each instrument, and the flight without it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pandas as pd
+import typer
+
+from structsel.aircraft import Aircraft
+from structsel.cli.flights import (
+    OUTPUT,
+    Files,
+    Json,
+    Map,
+    Overwrite,
+    load_aircraft,
+    read_manoeuvres,
+    reconstruct_paths,
+    words,
+)
+from structsel.cli.output import output_folder, refuse_existing
+from structsel.cli.pages import page
+from structsel.cli.path_tables import LEGEND, print_constants, print_methods, print_reconstruction
+from structsel.cli.tables import print_files
+from structsel.cli.terminal import Waiting, in_commands, json_text, print_json, say, stdout
+from structsel.errors import ReconstructionError
+from structsel.numerics.atmosphere import G0
+from structsel.reconstruction import METHODS, Reconstructions
+from structsel.recording import Recording, write_recording
+
+EPILOG = page(
+    [
+        (
+            "What is wrong with the instruments",
+            "structsel reconstruct flights/ --map map.toml --aircraft aircraft.toml",
+        ),
+        (
+            "One consistent recording per manoeuvre, and plots; then the model",
+            "structsel reconstruct flights/ --map map.toml --aircraft aircraft.toml \\\n    --out path/\n"
+            "  structsel select path/flights --aircraft aircraft.toml \\\n"
+            "    --responses CZ,Cm --candidates alpha,q_hat,de --degree 3",
+        ),
+        (
+            "One long recording; channels that lag are advanced",
+            "structsel reconstruct flight.csv --aircraft aircraft.toml \\\n"
+            "    --find-manoeuvres --delays estimate --out path/",
+        ),
+        (
+            "Three methods side by side",
+            "structsel reconstruct m01.csv --aircraft aircraft.toml --method all",
+        ),
+    ],
+    """[bold]Needed[/bold] are V ax az q, for the lateral motion ay p r, and as many of alpha beta phi theta psi h x y
+    vn ve vd as there are. The aircraft file says where the instruments stand and, under noise, how accurate they are;
+    what it does not say is estimated. What these data cannot determine is named and not estimated.""",
+    """[bold]NOT TRUSTED[/bold] means that the instruments contradict one another: the reasons stand first, and on
+    stderr. The files are written all the same. A manoeuvre that fails is said, and the others go on.""",
+)
+
+_AIRCRAFT = "Places of the instruments and, if known, their noise."
+_FOUND, _FINE = "What is found", "Fine tuning"
+
+
+def _option(name: str, text: str, panel: str, metavar: str | None = None) -> Any:
+    return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
+
+
+def run(
+    files: Files,
+    aircraft: Annotated[Path, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)],
+    channel_map: Map = None,
+    method: Annotated[
+        Literal["unscented", "extended", "output-error", "all"],
+        _option(
+            "--method",
+            "unscented or extended: Kalman filter and smoother; output-error: inertial readings free of noise; "
+            "all: compared.",
+            _FOUND,
+            "METHOD",
+        ),
+    ] = "unscented",
+    estimate: Annotated[
+        str,
+        _option(
+            "--estimate",
+            "Constants to look for, of: bax bay baz bp bq br wn we wd Cup Calpha0 Csi KV.",
+            _FOUND,
+            "NAMES",
+        ),
+    ] = "",
+    delays: Annotated[
+        str,
+        _option("--delays", "report; estimate: find and remove them; or seconds: alpha=0.12,beta=0.1", _FOUND, "HOW"),
+    ] = "report",
+    find_manoeuvres: Annotated[
+        bool, _option("--find-manoeuvres", "Cut long recordings into the stretches where controls move.", _FOUND)
+    ] = False,
+    out: Annotated[
+        Path | None,
+        _option("--out", "Folder for the reconstructed flights, tables, report and plots.", OUTPUT, "DIR"),
+    ] = None,
+    file_format: Annotated[
+        Literal["csv", "parquet"], _option("--format", "Kind of the flights' files.", OUTPUT)
+    ] = "csv",
+    overwrite: Overwrite = False,
+    plots: Annotated[bool, _option("--plots/--no-plots", "Whether --out gets plots.", OUTPUT)] = True,
+    json: Json = False,
+    g: Annotated[float, _option("--g", "Acceleration of gravity, in m/s^2.", _FINE)] = G0,
+    workers: Annotated[int | None, _option("--workers", "Processes; as many as cores.", _FINE, "N")] = None,
+) -> None:
+    """Reconstruct flight paths: sensor biases, wind and vane errors, and states free of them."""
+    asked: dict[str, Any] = {"delays": read_delays(delays), "g": g, "workers": workers}
+    if words(estimate):
+        asked["estimate"] = words(estimate)
+    refuse_existing(out, overwrite)
+    craft = load_aircraft(aircraft)
+    flown = read_manoeuvres(files, channel_map, find_manoeuvres)
+    found = _by_each(METHODS if method == "all" else (method,), flown, craft, asked)
+    written = _write(out, found, file_format, plots) if out is not None else []
+    if json:
+        print_json(_as_dict(found))
+        return
+    _print(found, flown)
+    if out is not None:
+        print_files(stdout(), str(out), written)
+
+
+def read_delays(text: str) -> str | dict[str, float]:
+    """Return ``report``, ``estimate``, or seconds by channel.
+
+    Raises
+    ------
+    BadParameter
+        It is none of these.
+    """
+    if text in ("report", "estimate"):
+        return text
+    found = {}
+    for word in words(text):
+        channel, equals, seconds = word.partition("=")
+        try:
+            found[channel.strip()] = float(seconds)
+        except ValueError:
+            equals = ""
+        if not equals:
+            break
+    if not found or not equals:
+        raise typer.BadParameter(f"--delays '{text}' is not report, estimate, or CHANNEL=SECONDS,... as alpha=0.12.")
+    return found
+
+
+def _by_each(
+    methods: Sequence[str], flown: Sequence[Recording], craft: Aircraft, asked: Mapping[str, Any]
+) -> dict[str, Reconstructions]:
+    """Return the reconstructions by each method that could make one."""
+    found: dict[str, Reconstructions] = {}
+    for method in methods:
+        try:
+            found[method] = reconstruct_paths(flown, craft, method=method, **asked)
+        except ReconstructionError as error:
+            if method == methods[-1] and not found:
+                raise
+            say("warning", in_commands(str(error)))
+    return found
+
+
+def _print(found: Mapping[str, Reconstructions], flown: Sequence[Recording]) -> None:
+    console = stdout()
+    if len(found) == 1:
+        for result in next(iter(found.values())):
+            print_reconstruction(console, result)
+        console.print(LEGEND, style="dim")
+        console.print()
+    else:
+        for recording in flown:
+            mine = {method: one for method, results in found.items() for one in results if one.name == recording.name}
+            if mine:
+                print_methods(console, mine)
+    if len(flown) > 1:
+        for method, results in found.items():
+            print_constants(console, results, method)
+
+
+def _as_dict(found: Mapping[str, Reconstructions]) -> dict[str, Any]:
+    """Return one method's reconstructions, or all methods by name."""
+    parts = {method: results.to_dict() for method, results in found.items()}
+    if len(parts) == 1:
+        return next(iter(parts.values()))
+    return {"schema": "structsel.comparison/1", "methods": parts}
+
+
+def _write(out: Path, found: Mapping[str, Reconstructions], file_format: str, plots: bool) -> list[str]:
+    """Write everything, or nothing; return the names written, folders as one. Several methods get a folder each."""
+    with output_folder(out) as folder:
+        for method, results in found.items():
+            _write_one(folder if len(found) == 1 else folder / method, results, method, file_format, plots)
+        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+
+
+def _write_one(folder: Path, results: Reconstructions, method: str, file_format: str, plots: bool) -> None:
+    flights = folder / "flights"
+    flights.mkdir(parents=True)
+    for recording in results.recordings:
+        write_recording(recording, flights / f"{recording.name}.{file_format}")
+    (folder / "reconstruction.json").write_text(json_text(results.to_dict()), encoding="utf-8")
+    (folder / "report.txt").write_text(f"{results}\n", encoding="utf-8")
+    heads = [one.to_frame().assign(manoeuvre=one.name, method=method, trusted=one.trusted) for one in results]
+    table = pd.concat(heads, ignore_index=True)
+    first = ["manoeuvre", "method", "trusted"]
+    table[[*first, *(name for name in table if name not in first)]].to_csv(folder / "constants.csv", index=False)
+    if plots:
+        _write_plots(folder / "plots", results)
+
+
+def _write_plots(folder: Path, results: Reconstructions) -> None:
+    from structsel.plotting import draw_reconstructions  # matplotlib takes a while to load
+
+    folder.mkdir()
+    with Waiting("drawing") as waiting:
+        for i, (name, figure) in enumerate(draw_reconstructions(results), 1):
+            figure.savefig(folder / f"{name}.png", dpi=110)
+            waiting("plots", i, 4 * len(results) + 1)

@@ -1,0 +1,228 @@
+"""The kinematics of a flight path: how velocity, attitude and position follow from accelerometers and gyros.
+
+Compiled; arrays in, arrays out. One *full vector* holds everything that may be estimated::
+
+    u v w | phi theta psi | x y h | bax bay baz bp bq br | wn we wd | Cup Calpha0 Csi Cbeta0 KV | ug vg wg
+
+velocity relative to the steady air [m/s], attitude [rad], position north, east and up [m]; biases of the
+accelerometers [m/s^2] and gyros [rad/s] (reading = truth + bias); wind, the air's velocity north, east and
+down [m/s]; upwash scale and offset of the incidence vane, sidewash scale and offset of the sideslip vane,
+scale error of the airspeed; and gusts, what moving air adds to u v w [m/s]: seen by vanes and pitot, not by the
+instruments of inertia or position. With f the specific force at the centre of gravity and W the wind [M86]::
+
+    u' = fx - g sin(theta) - q w + r v                phi'   = p + (q sin(phi) + r cos(phi)) tan(theta)
+    v' = fy + g cos(theta) sin(phi) - r u + p w       theta' = q cos(phi) - r sin(phi)
+    w' = fz + g cos(theta) cos(phi) - p v + q u       psi'   = (q sin(phi) + r cos(phi)) / cos(theta)
+    (x', y', -h') = L_EB (u, v, w) + W
+
+Instruments away from the centre of gravity move through the air with v + omega x r, and read [M86], [H17]::
+
+    V = (1 + KV) |v_pitot|          alpha = atan(w_vane / u_vane) + Cup atan(w / u) + Calpha0
+    beta = asin(v_vane / V_vane) + Csi asin(v / V) + Cbeta0        (a flank-angle vane: atan(v_vane / u_vane))
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+STATES = (
+    *("u", "v", "w", "phi", "theta", "psi", "x", "y", "h"),
+    *("bax", "bay", "baz", "bp", "bq", "br", "wn", "we", "wd"),
+    *("Cup", "Calpha0", "Csi", "Cbeta0", "KV"),
+    *("ug", "vg", "wg"),
+)
+"""Order of the full vector."""
+MOTION = 9
+"""The first so many entries move; the rest are constants, or drift slowly."""
+GUST = 23
+"""The entries from here on are gusts."""
+INPUTS = ("ax", "ay", "az", "p", "q", "r", "p_dot", "q_dot", "r_dot")
+"""Columns of the inputs: as read at the instruments; the derivatives carry the accelerometers to the centre."""
+MEASUREMENTS = ("V", "alpha", "beta", "phi", "theta", "psi", "h", "x", "y", "vn", "ve", "vd")
+"""Columns of the measurements; ground velocity is vn, ve, vd."""
+PLACES = ("accelerometer", "alpha_vane", "beta_vane", "pitot", "static", "gps")
+"""Rows of the instruments' places."""
+CIRCULAR = np.array([name in ("phi", "psi") for name in MEASUREMENTS])
+"""Which measurements are angles that may be a whole turn off."""
+
+
+@njit(cache=True, inline="always")
+def _force_and_rates(x, a, place):  # type: ignore[no-untyped-def]
+    """Specific force at the centre of gravity, and rates, from readings and biases."""
+    p, q, r = a[3] - x[12], a[4] - x[13], a[5] - x[14]
+    rx, ry, rz = place[0, 0], place[0, 1], place[0, 2]
+    inner = p * rx + q * ry + r * rz  # omega x (omega x r) = omega (omega . r) - r omega^2
+    square = p * p + q * q + r * r
+    fx = a[0] - x[9] - (a[7] * rz - a[8] * ry) - (p * inner - rx * square)
+    fy = a[1] - x[10] - (a[8] * rx - a[6] * rz) - (q * inner - ry * square)
+    fz = a[2] - x[11] - (a[6] * ry - a[7] * rx) - (r * inner - rz * square)
+    return fx, fy, fz, p, q, r
+
+
+@njit(cache=True, inline="always")
+def _slope(x, a, place, g, located, out):  # type: ignore[no-untyped-def]
+    """Derivatives of the first nine entries; x and y only where they are wanted."""
+    fx, fy, fz, p, q, r = _force_and_rates(x, a, place)
+    u, v, w = x[0], x[1], x[2]
+    sf, cf, st, ct = np.sin(x[3]), np.cos(x[3]), np.sin(x[4]), np.cos(x[4])
+    turn = (q * sf + r * cf) / ct
+    out[0] = fx - g * st - q * w + r * v
+    out[1] = fy + g * ct * sf - r * u + p * w
+    out[2] = fz + g * ct * cf - p * v + q * u
+    out[3] = p + turn * st
+    out[4] = q * cf - r * sf
+    out[5] = turn
+    out[8] = u * st - v * sf * ct - w * cf * ct - x[17]
+    if located:
+        sp, cp = np.sin(x[5]), np.cos(x[5])
+        along, across = u * ct + (v * sf + w * cf) * st, v * cf - w * sf
+        out[6] = along * cp - across * sp + x[15]
+        out[7] = along * sp + across * cp + x[16]
+    else:
+        out[6] = 0.0
+        out[7] = 0.0
+
+
+@njit(cache=True)
+def step(x, a0, a1, dt, place, g, located, work, out):  # type: ignore[no-untyped-def]
+    """Full vector one sample later: Runge-Kutta of fourth order, inputs linear between samples.
+
+    `work` is (6, 26) scratch.
+    """
+    middle, k1, k2, k3, k4, at = work[0], work[1], work[2], work[3], work[4], work[5]
+    for j in range(9):
+        middle[j] = 0.5 * (a0[j] + a1[j])
+    at[:] = x
+    _slope(x, a0, place, g, located, k1)
+    for j in range(9):
+        at[j] = x[j] + 0.5 * dt * k1[j]
+    _slope(at, middle, place, g, located, k2)
+    for j in range(9):
+        at[j] = x[j] + 0.5 * dt * k2[j]
+    _slope(at, middle, place, g, located, k3)
+    for j in range(9):
+        at[j] = x[j] + dt * k3[j]
+    _slope(at, a1, place, g, located, k4)
+    out[:] = x
+    for j in range(9):
+        out[j] += dt / 6.0 * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j])
+
+
+@njit(cache=True, inline="always")
+def _moving(u, v, w, p, q, r, place, i):  # type: ignore[no-untyped-def]
+    """Velocity of the place in row i where the centre of gravity has u, v, w."""
+    return (
+        u + q * place[i, 2] - r * place[i, 1],
+        v + r * place[i, 0] - p * place[i, 2],
+        w + p * place[i, 1] - q * place[i, 0],
+    )
+
+
+@njit(cache=True)
+def observe(x, a, place, flank, wanted, out):  # type: ignore[no-untyped-def]
+    """Readings of the wanted instruments from a full vector."""
+    p, q, r = a[3] - x[12], a[4] - x[13], a[5] - x[14]
+    ua, va, wa = x[0] + x[23], x[1] + x[24], x[2] + x[25]
+    if wanted[0]:
+        u, v, w = _moving(ua, va, wa, p, q, r, place, 3)
+        out[0] = (1.0 + x[22]) * np.sqrt(u * u + v * v + w * w)
+    if wanted[1]:
+        u, v, w = _moving(ua, va, wa, p, q, r, place, 1)
+        out[1] = np.arctan2(w, u) + x[18] * np.arctan2(x[2], x[0]) + x[19]
+    if wanted[2]:
+        u, v, w = _moving(ua, va, wa, p, q, r, place, 2)
+        # asin(v/V), without its edge; upwash and sidewash are those of steady air, or the size of the gusts would
+        # pass for them
+        here = np.arctan2(v, u) if flank else np.arctan2(v, np.sqrt(u * u + w * w))
+        out[2] = here + x[20] * np.arctan2(x[1], np.sqrt(x[0] * x[0] + x[2] * x[2])) + x[21]
+    out[3], out[4], out[5] = x[3], x[4], x[5]
+    if wanted[6] or wanted[7] or wanted[8] or wanted[9] or wanted[10] or wanted[11]:
+        sf, cf, st, ct = np.sin(x[3]), np.cos(x[3]), np.sin(x[4]), np.cos(x[4])
+        sp, cp = np.sin(x[5]), np.cos(x[5])
+        rx, ry, rz = place[4, 0], place[4, 1], place[4, 2]
+        out[6] = x[8] + rx * st - ry * sf * ct - rz * cf * ct
+        rx, ry, rz = place[5, 0], place[5, 1], place[5, 2]
+        along, across = rx * ct + (ry * sf + rz * cf) * st, ry * cf - rz * sf
+        out[7] = x[6] + along * cp - across * sp
+        out[8] = x[7] + along * sp + across * cp
+        u, v, w = _moving(x[0], x[1], x[2], p, q, r, place, 5)
+        along, across = u * ct + (v * sf + w * cf) * st, v * cf - w * sf
+        out[9] = along * cp - across * sp + x[15]
+        out[10] = along * sp + across * cp + x[16]
+        out[11] = -u * st + (v * sf + w * cf) * ct + x[17]
+
+
+@njit(cache=True)
+def noise_gain(x, a, gain):  # type: ignore[no-untyped-def]
+    """(26, 6) change of the full vector's rate with noise on ax ay az p q r; `gain` is filled."""
+    gain[:] = 0.0
+    sf, cf, tt, ct = np.sin(x[3]), np.cos(x[3]), np.tan(x[4]), np.cos(x[4])
+    gain[0, 0] = gain[1, 1] = gain[2, 2] = 1.0
+    gain[1, 3], gain[2, 3], gain[3, 3] = x[2], -x[1], 1.0
+    gain[0, 4], gain[2, 4] = -x[2], x[0]
+    gain[0, 5], gain[1, 5] = x[1], -x[0]
+    gain[3, 4], gain[4, 4], gain[5, 4] = sf * tt, cf, sf / ct
+    gain[3, 5], gain[4, 5], gain[5, 5] = cf * tt, -sf, cf / ct
+
+
+@njit(cache=True)
+def fly(t, inputs, start, place, g, located):  # type: ignore[no-untyped-def]
+    """Integrate the kinematics from a full vector at the first sample.
+
+    Parameters
+    ----------
+    t : (n,) array [s]
+    inputs : (n, 9) array
+        Columns as `INPUTS`.
+    start : (26,) array
+        As `STATES`.
+    place : (6, 3) array [m]
+        Rows as `PLACES`.
+    g : float [m/s^2]
+    located : bool
+        Whether x and y are wanted.
+
+    Returns
+    -------
+    (n, 26) array
+    """
+    n = t.shape[0]
+    out = np.empty((n, start.shape[0]))
+    work = np.empty((6, start.shape[0]))
+    out[0] = start
+    for k in range(1, n):
+        step(out[k - 1], inputs[k - 1], inputs[k], t[k] - t[k - 1], place, g, located, work, out[k])
+    return out
+
+
+@njit(cache=True)
+def slopes(path, inputs, place, g):  # type: ignore[no-untyped-def]
+    """(n, 9) derivatives of the motion along a path (n, 26)."""
+    n = path.shape[0]
+    out = np.empty((n, 9))
+    for k in range(n):
+        _slope(path[k], inputs[k], place, g, True, out[k])
+    return out
+
+
+@njit(cache=True)
+def readings(path, inputs, place, flank):  # type: ignore[no-untyped-def]
+    """(n, 12) what every instrument reads along a path (n, 26), without noise; columns as `MEASUREMENTS`."""
+    n = path.shape[0]
+    wanted = np.ones(12, dtype=np.bool_)
+    out = np.empty((n, 12))
+    for k in range(n):
+        observe(path[k], inputs[k], place, flank, wanted, out[k])
+    return out
+
+
+@njit(cache=True)
+def forces(path, inputs, place):  # type: ignore[no-untyped-def]
+    """(n, 6) specific force at the centre of gravity and rates along a path, biases taken out."""
+    n = path.shape[0]
+    out = np.empty((n, 6))
+    for k in range(n):
+        fx, fy, fz, p, q, r = _force_and_rates(path[k], inputs[k], place)
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4], out[k, 5] = fx, fy, fz, p, q, r
+    return out

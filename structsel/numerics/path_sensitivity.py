@@ -1,0 +1,191 @@
+"""How the measurements of a flight depend on the motion at its start and on the constants.
+
+Along the *recorded* path, not a dead-reckoned one, which biases would lead astray within a minute. With X the
+active states and x their moving part, the variational equations and readings
+
+    dx' = (df/dX) dX,    dy = (dh/dX) dX
+
+are integrated over stretches of at most a minute [M86].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy.fft import dct, idct
+
+from structsel.errors import DomainError
+from structsel.numerics.flight_path import MEASUREMENTS, MOTION, readings, slopes
+from structsel.numerics.unscented import FlightPathProblem
+
+_LONGEST = 60.0  # s of a stretch: beyond it dead reckoning forgets where it started
+_GAP = 0.5  # s without a sample, and five samples: not integrated across
+_KEPT = 600  # samples of each channel in a stretch; their weight makes up for the others
+_STEEPEST = 1.5  # rad of pitch attitude; beyond it the Euler angles' rates say nothing
+_CHANCE = 1e-3  # of one cosine of pure noise being kept, in a channel and stretch
+_WINDOW = 1.0  # s to either side, over which the direction of gravity is averaged
+# Central differences of readings and slopes, in the states' own units; small against any curvature.
+_STEP = np.array([1e-2] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1e-3] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1e-4] * 5 + [1e-2] * 3)
+
+
+def recorded_path(problem: FlightPathProblem, stretches: list[slice]) -> tuple[np.ndarray, tuple[str, ...]]:
+    """(n, 26) path to linearise along: as recorded, and what must stand in where nothing was."""
+    t, start, notes = problem.t, problem.start, []
+    held = {
+        "V": float(np.linalg.norm(start[:3])),
+        "alpha": np.arctan2(start[2], start[0]),
+        "beta": np.arctan2(start[1], np.hypot(start[0], start[2])),
+    }
+    if held["V"] == 0.0 and not np.isfinite(problem.measurements[:, 0]).any():
+        raise DomainError(
+            "reconstructibility needs an airspeed: V was not sampled, and u, v, w of the start are zero. Set them."
+        )
+    found = {}
+    for name in ("V", "alpha", "beta", "phi", "theta", "psi"):
+        column = problem.measurements[:, MEASUREMENTS.index(name)]
+        seen = np.isfinite(column)
+        if seen.any():
+            values = np.unwrap(column[seen]) if name in ("phi", "psi") else column[seen].copy()
+            before = np.cumsum(seen) - seen  # samples seen before each
+            for piece in stretches:
+                part = slice(before[piece.start], before[piece.stop - 1] + seen[piece.stop - 1])
+                values[part] = _without_noise(values[part], problem.measurement_std[MEASUREMENTS.index(name)])
+            found[name] = np.interp(t, t[seen], values)
+        elif name in held:
+            found[name] = np.full(len(t), held[name])
+            notes.append(f"{name} was not sampled: it is taken to stay at {held[name]:.3g}.")
+    path = np.tile(start, (len(t), 1))
+    path[:, 0] = found["V"] * np.cos(found["alpha"]) * np.cos(found["beta"])
+    path[:, 1] = found["V"] * np.sin(found["beta"])
+    path[:, 2] = found["V"] * np.sin(found["alpha"]) * np.cos(found["beta"])
+    # A vane ahead of the centre reads the pitch rate as incidence: taken for that, it would pass for excitation.
+    for j, row in enumerate((3, 2, 1)):
+        path[:, j] -= np.cross(problem.inputs[:, 3:6] - start[12:15], problem.place[row])[:, j]
+    missing = [name for name in ("phi", "theta") if name not in found]
+    if missing:
+        for name, values in zip(("phi", "theta"), _attitude(problem, path[:, :3])):
+            found.setdefault(name, values)
+        notes.append(f"{' and '.join(missing)} not sampled: taken from accelerometers and air data.")
+    steep = np.abs(found["theta"]) > _STEEPEST
+    if steep.any():
+        notes.append(
+            f"theta is beyond {_STEEPEST} rad in {int(steep.sum())} samples, the first at {t[steep][0]:.2f} s; "
+            f"the analysis takes {_STEEPEST} rad there."
+        )
+    path[:, 3], path[:, 4] = found["phi"], np.clip(found["theta"], -_STEEPEST, _STEEPEST)
+    if "psi" not in found:
+        rate = slopes(path, problem.inputs, problem.place, problem.g)[:, 5]
+        found["psi"] = start[5] + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    path[:, 5] = found["psi"]
+    return path, tuple(notes)
+
+
+def _without_noise(values: np.ndarray, std: float) -> np.ndarray:
+    """Keep the cosines that stand out of white noise: noise in the path would pass for excitation."""
+    if not values.size:
+        return values
+    waves = dct(values, norm="ortho")
+    waves[1:][np.abs(waves[1:]) < std * np.sqrt(2.0 * np.log(values.size / _CHANCE))] = 0.0
+    return idct(waves, norm="ortho")
+
+
+def _attitude(problem: FlightPathProblem, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Roll and pitch attitude from gravity in body axes, v' + omega x v - f, averaged over a moment."""
+    n, half = len(problem.t), max(1, round(_WINDOW / float(np.median(np.diff(problem.t)))))
+    free = problem.inputs[:, :6] - problem.start[9:15]
+    without = np.cross(free[:, 3:], velocity) - free[:, :3]
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(without, axis=0)])
+    first, last = np.maximum(np.arange(n) - half, 0), np.minimum(np.arange(n) + half, n - 1)
+    gained = (velocity[last] - velocity[first]) / (problem.t[last] - problem.t[first])[:, None]
+    gx, gy, gz = (gained + (total[last + 1] - total[first]) / (last + 1 - first)[:, None]).T
+    return np.unwrap(np.arctan2(gy, gz)), np.arctan2(-gx, np.hypot(gy, gz))
+
+
+def stretches_of(t: np.ndarray) -> list[slice]:
+    """Equal parts of at most a minute, none across a gap."""
+    pieces = []
+    steps = np.diff(t)
+    edges = np.flatnonzero(steps > max(_GAP, 5.0 * float(np.median(steps)))) + 1 if len(t) > 1 else np.zeros(0, int)
+    for part in np.split(np.arange(len(t)), edges):
+        count = max(1, int(np.ceil((t[part[-1]] - t[part[0]]) / _LONGEST)))
+        pieces += [slice(piece[0], piece[-1] + 1) for piece in np.array_split(part, count) if len(piece) > 1]
+    if not pieces:
+        raise DomainError("reconstructibility needs two samples without a gap between; there are none.")
+    return pieces
+
+
+@njit(cache=True)
+def _rate(A, Z, out):  # type: ignore[no-untyped-def]
+    """A [Z; 0 I]: the constants stay as they are."""
+    m, L = A.shape
+    for i in range(m):
+        for j in range(L):
+            out[i, j] = A[i, j] if j >= m else 0.0
+        for c in range(m):
+            factor = A[i, c]
+            if factor != 0.0:
+                for j in range(L):
+                    out[i, j] += factor * Z[c, j]
+
+
+@njit(cache=True)
+def _sensitivities(t, A):  # type: ignore[no-untyped-def]
+    """(n, m, L) change of the motion with motion at the first sample and constants, by Heun's rule."""
+    n, m, L = A.shape
+    Z = np.zeros((n, m, L))
+    first, second = np.empty((m, L)), np.empty((m, L))
+    for i in range(m):
+        Z[0, i, i] = 1.0
+    for k in range(1, n):
+        dt = t[k] - t[k - 1]
+        _rate(A[k - 1], Z[k - 1], first)
+        _rate(A[k], Z[k - 1] + dt * first, second)
+        Z[k] = Z[k - 1] + 0.5 * dt * (first + second)
+    return Z
+
+
+def sensitivity_factor(
+    problem: FlightPathProblem,
+    path: np.ndarray,
+    inputs: np.ndarray,
+    piece: slice,
+    active: np.ndarray,
+    std: np.ndarray,
+) -> np.ndarray:
+    """(L, L) triangular factor of a stretch's scaled sensitivities: motion at its start, then constants."""
+    L, m = len(active), int(np.sum(active < MOTION))
+    t, path, inputs = problem.t[piece], np.ascontiguousarray(path[piece]), np.ascontiguousarray(inputs[piece])
+    A = np.empty((len(t), m, L))
+    for j, state in enumerate(active):
+        up, down = _moved(path, state)
+        change = slopes(up, inputs, problem.place, problem.g) - slopes(down, inputs, problem.place, problem.g)
+        A[:, :, j] = change[:, active[:m]] / (2.0 * _STEP[state])
+    Z = _sensitivities(t, A)
+    sampled = np.isfinite(problem.measurements[piece])
+    if not problem.located:
+        sampled[:, 7:9] = False  # a position that stays where it started explains none
+    chosen = []
+    for column in sampled.T:
+        seen = np.flatnonzero(column)
+        chosen.append(seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), _KEPT)).astype(int))])
+    at = np.unique(np.concatenate(chosen))
+    dh = np.empty((len(at), len(MEASUREMENTS), L))
+    for j, state in enumerate(active):
+        up, down = (readings(side, inputs[at], problem.place, problem.flank) for side in _moved(path[at], state))
+        dh[:, :, j] = (up - down) / (2.0 * _STEP[state])
+    J = dh[:, :, :m] @ Z[at]
+    J[:, :, m:] += dh[:, :, m:]
+    rows = []
+    for c, kept in enumerate(chosen):
+        if len(kept):
+            weight = np.sqrt(sampled[:, c].sum() / len(kept)) / problem.measurement_std[c]
+            rows.append(weight * J[np.searchsorted(at, kept), c] * std)
+    factor: np.ndarray = np.linalg.qr(np.concatenate([*rows, np.zeros((L, L))]), mode="r")  # type: ignore[assignment]
+    return factor
+
+
+def _moved(path: np.ndarray, state: int) -> tuple[np.ndarray, np.ndarray]:
+    up, down = path.copy(), path.copy()
+    up[:, state] += _STEP[state]
+    down[:, state] -= _STEP[state]
+    return up, down

@@ -1,0 +1,67 @@
+"""Orthogonal triangularisation and solution with the factor, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def triangularise(A, rows, columns):  # type: ignore[no-untyped-def]
+    """Turn A (rows, columns) in place into [S 0] with S lower triangular and S S' = A A'."""
+    for i in range(min(rows, columns)):
+        scale = 0.0
+        for j in range(i + 1, columns):
+            scale += A[i, j] * A[i, j]
+        if scale == 0.0:
+            continue
+        head = A[i, i]
+        norm = np.sqrt(head * head + scale)
+        alpha = -norm if head > 0.0 else norm
+        head -= alpha
+        A[i, i] = head
+        inverse = 2.0 / (head * head + scale)
+        k = i + 1
+        while k + 4 <= rows:  # four rows at a time: four sums that do not wait for one another
+            a, b, c, d = 0.0, 0.0, 0.0, 0.0
+            for j in range(i, columns):
+                h = A[i, j]
+                a += A[k, j] * h
+                b += A[k + 1, j] * h
+                c += A[k + 2, j] * h
+                d += A[k + 3, j] * h
+            a, b, c, d = a * inverse, b * inverse, c * inverse, d * inverse
+            for j in range(i, columns):
+                h = A[i, j]
+                A[k, j] -= a * h
+                A[k + 1, j] -= b * h
+                A[k + 2, j] -= c * h
+                A[k + 3, j] -= d * h
+            k += 4
+        while k < rows:
+            a = 0.0
+            for j in range(i, columns):
+                a += A[k, j] * A[i, j]
+            a *= inverse
+            for j in range(i, columns):
+                A[k, j] -= a * A[i, j]
+            k += 1
+        A[i, i] = alpha
+        for j in range(i + 1, columns):
+            A[i, j] = 0.0
+
+
+@njit(cache=True)
+def gain_of(cross, S, rows, m):  # type: ignore[no-untyped-def]
+    """Make cross (rows, m) := cross (S S')^-1 with S (m, m) lower triangular, in place."""
+    for i in range(rows):
+        for j in range(m):
+            total = cross[i, j]
+            for k in range(j):
+                total -= cross[i, k] * S[j, k]
+            cross[i, j] = total / S[j, j]
+        for j in range(m - 1, -1, -1):
+            solved = cross[i, j] / S[j, j]
+            cross[i, j] = solved
+            for k in range(j):
+                cross[i, k] -= solved * S[j, k]

@@ -1,0 +1,19 @@
+"""Reconstruction: one flight path that all instruments can have seen, and what is wrong with each of them.
+
+The first of the two steps. `reconstruct` does one manoeuvre, `reconstruct_all` many.
+"""
+
+from structsel.reconstruction.folder import Reconstructions, reconstruct_all
+from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
+from structsel.reconstruction.station import METHODS, reconstruct
+
+__all__ = [
+    "CONSTANTS",
+    "METHODS",
+    "Constant",
+    "NoiseLevel",
+    "Reconstruction",
+    "Reconstructions",
+    "reconstruct",
+    "reconstruct_all",
+]

@@ -1,0 +1,286 @@
+"""From a recording and an aircraft to the arrays the filter runs on."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structsel.aircraft import Aircraft
+from structsel.errors import DomainError, StructselWarning
+from structsel.nomenclature import suggest
+from structsel.numerics import flight_path as fp
+from structsel.numerics.reconstructibility import Reconstructibility
+from structsel.numerics.smoothing import noise_level, smooth_spline
+from structsel.numerics.unscented import FlightPathProblem
+from structsel.reconstruction.channels import LATERAL, clean_input, clean_measurement, require_inertial
+from structsel.reconstruction.gusts import CALM, Gusts
+from structsel.recording import Finding, Recording
+
+INERTIAL = fp.INPUTS[:6]
+"""The channels that drive the kinematics."""
+BIASES = ("bax", "bay", "baz", "bp", "bq", "br")
+ESTIMATED = (*BIASES, "wn", "we", "Cup", "Calpha0", "Csi")
+"""Constants estimated unless told otherwise, as far as the recording determines them."""
+_POSITION = ("x", "y", "vn", "ve")
+_INDEX = {name: i for i, name in enumerate(fp.STATES)}
+_OWN_CHANNEL = {"Cup": ("alpha",), "Calpha0": ("alpha",), "Csi": ("beta",), "Cbeta0": ("beta",)}
+_PRIOR = {
+    **dict.fromkeys(BIASES[:3], 0.5),
+    **dict.fromkeys(BIASES[3:], 0.02),
+    **dict.fromkeys(("wn", "we"), 15.0),
+    "wd": 2.0,
+    "Cup": 0.2,
+    "Calpha0": 0.03,
+    "Csi": 0.2,
+    "Cbeta0": 0.03,
+    "KV": 0.05,
+}
+"""What is believed of the constants beforehand: zero, give or take this."""
+BEST = {
+    **dict.fromkeys(INERTIAL[:3], 1e-3),
+    **dict.fromkeys(INERTIAL[3:], 1e-5),
+    **dict.fromkeys(("alpha", "beta", "phi", "theta", "psi"), 2e-4),
+    **dict.fromkeys(("x", "y", "h"), 0.1),
+    **dict.fromkeys(("V", "vn", "ve", "vd"), 0.01),
+}
+"""No flight-test instrument is better than this, however smooth its recording looks."""
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A problem for the filter, and how it came about.
+
+    Attributes
+    ----------
+    problem : FlightPathProblem
+    measured : tuple of str
+        Measurements with at least one reading.
+    lateral : bool
+        Whether v, phi and psi move; without ay, p and r they are held.
+    turning : (n, 3) array [rad/s^2]
+        p_dot, q_dot, r_dot, smoothed.
+    turning_std : (3,) array [rad/s^2]
+        Their stated accuracy.
+    noise : dict of str to float
+        Standard deviation of the noise by channel.
+    given : frozenset of str
+        Channels whose noise was stated, not estimated.
+    findings : tuple of Finding
+    gust : Gusts
+        The turbulence allowed for.
+    """
+
+    problem: FlightPathProblem
+    measured: tuple[str, ...]
+    lateral: bool
+    turning: np.ndarray
+    turning_std: np.ndarray
+    noise: dict[str, float]
+    given: frozenset[str]
+    findings: tuple[Finding, ...]
+    gust: Gusts = CALM
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the active states."""
+        return tuple(fp.STATES[i] for i in self.problem.active)
+
+    def with_verdict(self, verdict: Reconstructibility) -> Assembly:
+        """Assembly in which only what these data determine is estimated.
+
+        A heading that only its start is lacking of moves on all the same where the ground track is measured, so
+        it stays a state, with a start taken as known.
+        """
+        p, names = self.problem, self.names
+        kept, std = set(verdict.active), p.start_std.copy()
+        if "psi" in verdict.fixed and any(name in self.measured for name in _POSITION):
+            kept.add("psi")
+            std[names.index("psi")] = 1e-4
+        mask = np.array([name in kept for name in names])
+        return replace(self, problem=replace(p, active=p.active[mask], start_std=std[mask]))
+
+
+def assemble(
+    recording: Recording,
+    aircraft: Aircraft,
+    *,
+    estimate: Iterable[str] = ESTIMATED,
+    noise: Mapping[str, float] | None = None,
+    prior: Mapping[str, float] | None = None,
+    drift: Mapping[str, float] | None = None,
+    g: float,
+) -> Assembly:
+    """Problem of one recording; arguments as `reconstruct` takes them."""
+    lateral = require_inertial(recording)
+    estimate, prior, drift, noise = tuple(estimate), dict(prior or {}), dict(drift or {}), dict(noise or {})
+    _check_names("estimate", estimate, _PRIOR)
+    _check_numbers("prior", prior, fp.STATES)
+    _check_numbers("drift", drift, _PRIOR)
+    _check_numbers("noise", noise, (*INERTIAL, *fp.MEASUREMENTS))
+    findings: list[Finding] = []
+    stated = {**aircraft.noise, **noise}
+    n, t = len(recording), recording.t
+    inputs, input_std, level = np.zeros((n, 9)), np.zeros((n, 6)), {}
+    turning_std = np.zeros(3)
+    for j, name in enumerate(INERTIAL):
+        if name in LATERAL and not lateral:
+            continue
+        channel = clean_input(recording, name)
+        findings += channel.findings
+        inputs[:, j] = channel.values
+        level[name] = stated.get(name) or _estimate_noise(name, channel.values, recording.dt)
+        spread = max(float(channel.values.std()), level[name])
+        # A bridge is wrong one way for all of a hole, noise one way and the other: as much after the hole.
+        input_std[:, j] = np.where(channel.bridged > 0, spread * np.sqrt(channel.bridged), level[name])
+        if j >= 3:
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always", StructselWarning)
+                smooth = smooth_spline(channel.values, t)
+            findings += [Finding("oscillation", name, str(w.message), "note") for w in said]
+            inputs[:, 3 + j] = smooth.derivative
+            turning_std[j - 3] = float(np.sqrt(np.mean(smooth.derivative_std**2)))
+    measurements = np.full((n, len(fp.MEASUREMENTS)), np.nan)
+    measured = []
+    for j, name in enumerate(fp.MEASUREMENTS):
+        if name not in recording or (not lateral and name in ("beta", "phi", "psi")):
+            continue
+        channel = clean_measurement(recording, name)
+        findings += channel.findings
+        values = channel.values
+        seen = np.isfinite(values)
+        if seen.sum() < 2:
+            continue
+        if name in ("phi", "psi"):
+            values[seen] = np.unwrap(values[seen])
+        measurements[:, j] = values
+        measured.append(name)
+        level[name] = stated.get(name) or _estimate_noise(name, values[seen], recording.dt)
+    if not lateral:
+        findings.append(_assumed())
+    start, start_std = _start(t, measurements, inputs, level)
+    names = _active(estimate, measured, lateral)
+    active = np.array(sorted(_INDEX[name] for name in names))
+    std = np.array([prior.get(fp.STATES[i], start_std[i]) for i in active])
+    walk = np.zeros(len(fp.STATES))
+    for name, value in drift.items():
+        walk[_INDEX[name]] = value
+    problem = FlightPathProblem(
+        t=np.ascontiguousarray(t),
+        inputs=inputs,
+        input_std=input_std,
+        measurements=measurements,
+        measurement_std=np.array([level.get(name, 1.0) for name in fp.MEASUREMENTS]),
+        start=start,
+        start_std=std,
+        active=active,
+        drift=walk,
+        place=np.array([aircraft.position(name) for name in fp.PLACES]),
+        flank=_reads_flank(aircraft),
+        g=g,
+    )
+    given = frozenset(name for name in level if name in stated)
+    return Assembly(problem, tuple(measured), lateral, inputs[:, 6:].copy(), turning_std, level, given, tuple(findings))
+
+
+def _check_names(option: str, names: Iterable[str], known: Iterable[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise DomainError(
+                f"reconstruct: {option} names '{name}', which is none of {', '.join(known)}.{suggest(name, known)}"
+            )
+
+
+def _check_numbers(option: str, given: Mapping[str, float], known: Iterable[str]) -> None:
+    _check_names(option, given, known)
+    for name, value in given.items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise DomainError(f"reconstruct: {option}['{name}'] must be above zero; it is {value!r}.")
+
+
+def _reads_flank(aircraft: Aircraft) -> bool:
+    sensor = aircraft.sensors.get("beta_vane") or aircraft.sensors.get("vane")
+    return sensor is not None and sensor.angle == "flank"
+
+
+def _estimate_noise(name: str, values: np.ndarray, dt: float) -> float:
+    """White noise of a channel as its own spectrum shows it."""
+    return max(noise_level(values, dt), BEST[name])
+
+
+def _active(estimate: tuple[str, ...], measured: list[str], lateral: bool) -> list[str]:
+    """States worth asking for: those some measurement could speak of."""
+    located = any(name in measured for name in _POSITION)
+    names = ["u", "w", "theta"] + (["v", "phi"] if lateral else [])
+    if "h" in measured:
+        names.append("h")
+    if located or "psi" in measured:
+        names += ["psi"] if lateral else []
+    names += [name for name in ("x", "y") if name in measured]
+    for name in estimate:
+        if name in ("wn", "we") and not located:
+            continue
+        if not lateral and name in ("bay", "bp", "br", "Csi", "Cbeta0"):
+            continue
+        if name == "wd" and not {"h", "vd"} & set(measured):
+            continue
+        if all(channel in measured for channel in _OWN_CHANNEL.get(name, ())):
+            names.append(name)
+    return list(dict.fromkeys(names))
+
+
+def _start(
+    t: np.ndarray, y: np.ndarray, inputs: np.ndarray, noise: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Full vector at the first sample from the first readings, and how far it may be off."""
+    early = t <= t[0] + 1.0
+
+    def first(name: str, otherwise: float) -> tuple[float, bool]:
+        values = y[:, fp.MEASUREMENTS.index(name)]
+        seen = np.flatnonzero(np.isfinite(values))
+        if not seen.size:
+            return otherwise, False
+        return float(values[seen[0]]), bool(early[seen[0]])
+
+    V, _ = first("V", np.nan)
+    alpha, alpha_seen = first("alpha", 0.05)
+    beta, beta_seen = first("beta", 0.0)
+    phi, phi_seen = first("phi", 0.0)
+    theta, theta_seen = first("theta", alpha)
+    vn, on_course = first("vn", 0.0)
+    ve, _ = first("ve", 0.0)
+    psi, psi_seen = first("psi", float(np.arctan2(ve, vn)) if on_course else 0.0)
+    x, _ = first("x", 0.0)
+    y0, _ = first("y", 0.0)
+    h, _ = first("h", 0.0)
+    start, std = np.zeros(len(fp.STATES)), np.zeros(len(fp.STATES))
+    start[:9] = (
+        V * np.cos(alpha) * np.cos(beta),
+        V * np.sin(beta),
+        V * np.sin(alpha) * np.cos(beta),
+        phi,
+        theta,
+        psi,
+        x,
+        y0,
+        h,
+    )
+    angle = 0.05
+    std[0] = 2.0 + 5.0 * noise.get("V", 0.5)
+    std[1] = V * (max(angle, 5.0 * noise.get("beta", 0.0)) if beta_seen else 0.2)
+    std[2] = V * (max(angle, 5.0 * noise.get("alpha", 0.0)) if alpha_seen else 0.2)
+    std[3] = max(angle, 5.0 * noise.get("phi", 0.0)) if phi_seen else 0.5
+    std[4] = max(angle, 5.0 * noise.get("theta", 0.0)) if theta_seen else 0.3
+    std[5] = max(angle, 5.0 * noise.get("psi", 0.0)) if psi_seen else 1.0
+    for i, name in ((6, "x"), (7, "y"), (8, "h")):
+        std[i] = 10.0 + 5.0 * noise.get(name, 1.0)
+    for name, value in _PRIOR.items():
+        std[_INDEX[name]] = value
+    return start, std
+
+
+def _assumed() -> Finding:
+    message = "without ay, p and r only the longitudinal motion is reconstructed; v, phi, p and r are taken as zero"
+    return Finding("assumed", "ay", message, "note", "map ay, p and r")

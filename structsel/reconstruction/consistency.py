@@ -1,0 +1,157 @@
+"""Whether a filter's surprises are as large, and as unrelated, as it said they would be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from structsel.numerics import flight_path as fp
+from structsel.numerics.unscented import Filtered
+
+_LAGS_SECONDS = 5.0
+_SETTLING = 0.05  # share of the run in which the filter finds its start
+
+
+@dataclass(frozen=True)
+class ChannelConsistency:
+    """One measured channel's normalised innovations, after the start has been found.
+
+    Attributes
+    ----------
+    channel : str
+    n : int
+        Readings.
+    rejected : int
+        Of them, outside the gate and not used.
+    mean, variance : float [-]
+        Of the normalised innovations; 0 and 1 are right.
+    autocorrelation : (lags,) array [-]
+        At lags of 1, 2, ... readings.
+    bound : float [-]
+        95 % of a white sequence's autocorrelations lie within it.
+    outside : float [-]
+        Share of the lags outside the bound; 0.05 is right.
+    residual_rms : float
+        Measured less reconstructed, in the channel's unit.
+    inflation : float [-]
+        How many times the variance of a mean over the residual exceeds that of a white one.
+    """
+
+    channel: str
+    n: int
+    rejected: int
+    mean: float
+    variance: float
+    autocorrelation: np.ndarray
+    bound: float
+    outside: float
+    residual_rms: float
+    inflation: float
+
+    @property
+    def white(self) -> bool:
+        """Whether the innovations look unrelated."""
+        return self.outside < 0.2 and (len(self.autocorrelation) == 0 or bool(abs(self.autocorrelation[0]) < 0.2))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Fields by name; the autocorrelation as a list."""
+        held = {k: v for k, v in self.__dict__.items() if k != "autocorrelation"}
+        return {**held, "white": self.white, "autocorrelation": self.autocorrelation.tolist()}
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """All channels together.
+
+    Attributes
+    ----------
+    channels : tuple of ChannelConsistency
+    nis : float [-]
+        Mean normalised innovation squared per reading; 1 is right.
+    nis_band : (float, float) [-]
+        95 % band of that mean, were the filter right.
+    """
+
+    channels: tuple[ChannelConsistency, ...]
+    nis: float
+    nis_band: tuple[float, float]
+
+    def __getitem__(self, channel: str) -> ChannelConsistency:
+        for held in self.channels:
+            if held.channel == channel:
+                return held
+        raise KeyError(channel)
+
+    @property
+    def inside(self) -> bool:
+        """Whether the mean NIS lies in its band."""
+        return self.nis_band[0] <= self.nis <= self.nis_band[1]
+
+
+def judge(run: Filtered, residuals: np.ndarray, measured: tuple[str, ...], dt: float) -> Consistency:
+    """Consistency of a filter run.
+
+    Parameters
+    ----------
+    run : Filtered
+    residuals : (n, 12) array
+        Measured less reconstructed.
+    measured : tuple of str
+    dt : float [s]
+    """
+    rows = slice(max(1, int(_SETTLING * len(run.nis))), None)
+    channels = []
+    for j, name in enumerate(fp.MEASUREMENTS):
+        if name not in measured:
+            continue
+        e = run.innovations[rows, j] / run.innovation_std[rows, j]
+        e = e[np.isfinite(e) & ~run.rejected[rows, j]]
+        left = residuals[:, j][np.isfinite(residuals[:, j]) & ~run.rejected[:, j]]
+        lags = max(1, min(len(e) // 4, round(_LAGS_SECONDS / dt)))
+        rho = autocorrelation(e, lags)
+        bound = 1.96 / np.sqrt(max(len(e), 1))
+        channels.append(
+            ChannelConsistency(
+                channel=name,
+                n=int(np.isfinite(run.innovations[:, j]).sum()),
+                rejected=int(run.rejected[:, j].sum()),
+                mean=float(e.mean()) if e.size else np.nan,
+                variance=float(e.var()) if e.size else np.nan,
+                autocorrelation=rho,
+                bound=float(bound),
+                outside=float(np.mean(np.abs(rho) > bound)) if rho.size else 0.0,
+                residual_rms=float(np.sqrt(np.mean(left**2))) if left.size else np.nan,
+                inflation=inflation_of(left),
+            )
+        )
+    used = run.used[rows]
+    dof = int(used.sum())
+    nis = float(np.nansum(run.nis[rows])) / max(dof, 1)
+    low, high = (stats.chi2.ppf(p, dof) / dof for p in (0.025, 0.975)) if dof else (np.nan, np.nan)
+    return Consistency(tuple(channels), nis, (float(low), float(high)))
+
+
+def autocorrelation(x: np.ndarray, lags: int) -> np.ndarray:
+    """(lags,) autocorrelation of a sequence about its mean, at lags 1, 2, ..."""
+    n = len(x)
+    if n < 3:
+        return np.zeros(0)
+    x = x - x.mean()
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(x, size)
+    products = np.fft.irfft(spectrum * spectrum.conj(), size)[: lags + 1]
+    return products[1:] / products[0] if products[0] > 0.0 else np.zeros(lags)
+
+
+def inflation_of(x: np.ndarray) -> float:
+    """1 + 2 sum of the autocorrelations up to the first below the noise: the cost of colour to a mean."""
+    if len(x) < 10:
+        return 1.0
+    rho = autocorrelation(x, max(1, len(x) // 5))
+    # A sum over all lags would be noise: stop where they can no longer be told from zero.
+    below = np.flatnonzero(rho < 1.0 / np.sqrt(len(x)))
+    last = int(below[0]) if below.size else len(rho)
+    return max(1.0, 1.0 + 2.0 * float(np.sum(rho[:last])))

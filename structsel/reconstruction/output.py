@@ -1,0 +1,70 @@
+"""The reconstructed flight as a Recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from structsel.numerics import flight_path as fp
+from structsel.numerics import rigid_body as rb
+from structsel.numerics.unscented import Smoothed
+from structsel.reconstruction.assembly import INERTIAL, Assembly
+from structsel.reconstruction.result import Constant
+from structsel.recording import Recording
+from structsel.recording.recording import CARRIED
+
+
+def output_recording(
+    recording: Recording,
+    assembly: Assembly,
+    path: np.ndarray,
+    smooth: Smoothed,
+    std: np.ndarray,
+    method: str,
+    constants: Sequence[Constant],
+) -> tuple[Recording, dict[str, np.ndarray]]:
+    """Recording at the centre of gravity, free of biases, and the standard deviations of its channels."""
+    problem, lateral = assembly.problem, assembly.lateral
+    estimated = set(assembly.names)
+    force = fp.forces(path, problem.inputs, problem.place)
+    slope = fp.slopes(path, problem.inputs, problem.place, problem.g)
+    u, v, w = (path[:, j] + path[:, fp.GUST + j] for j in range(3))
+    du, dv, dw = (slope[:, j] for j in range(3))
+    V, alpha, beta = rb.air_data(u, v, w)
+    plane = u * u + w * w
+    V_dot = (u * du + v * dv + w * dw) / V
+    channels = {"u": u, "w": w, "V": V, "alpha": alpha, "theta": path[:, 4]}
+    channels |= {"V_dot": V_dot, "alpha_dot": (u * dw - w * du) / plane}
+    channels["gamma"] = np.arcsin(np.clip((slope[:, 8] + path[:, 17]) / V, -1.0, 1.0))
+    kept = [name for j, name in enumerate(INERTIAL) if lateral or name in ("ax", "az", "q")]
+    channels |= {name: force[:, INERTIAL.index(name)] for name in kept}
+    channels |= {
+        f"{name}_dot": assembly.turning[:, INERTIAL.index(name) - 3] for name in kept if name in ("p", "q", "r")
+    }
+    if lateral:
+        channels |= {"v": v, "beta": beta, "phi": path[:, 3], "beta_dot": (dv - v * V_dot / V) / np.sqrt(plane)}
+    channels |= {name: path[:, fp.STATES.index(name)] for name in ("psi", "x", "y", "h") if name in estimated}
+    stds = {name: std[:, j].copy() for j, name in enumerate(assembly.names) if fp.STATES.index(name) < fp.MOTION}
+    for j, name in enumerate(("u", "v", "w")):
+        if f"{name}g" in estimated:
+            stds[name] *= _with_gust(assembly.names, smooth, name)
+            channels[f"{name}g"] = path[:, fp.GUST + j]
+    su, sv, sw = stds["u"], stds.get("v", np.zeros(len(u))), stds["w"]
+    stds["V"] = np.sqrt((u * su) ** 2 + (v * sv) ** 2 + (w * sw) ** 2) / V
+    stds["alpha"] = np.sqrt((u * sw) ** 2 + (w * su) ** 2) / plane
+    if lateral:
+        stds["beta"] = sv / V
+    carried = ["V", "alpha", *(["beta"] if lateral else []), *(name for name in kept if name.startswith("a"))]
+    note = f"{CARRIED}{', '.join(carried)}; flight path reconstructed, method {method}"
+    made = recording.with_channels(note=note, units=None, **channels)
+    taken = ", ".join(f"{c.name} = {c.value:.6g} {c.unit}" for c in constants)
+    return made.with_channels(note=f"reconstructed with {taken}") if taken else made, stds
+
+
+def _with_gust(names: tuple[str, ...], smooth: Smoothed, axis: str) -> np.ndarray:
+    """How many times the standard deviation of a velocity through still air that through moving air has."""
+    i, j = names.index(axis), names.index(f"{axis}g")
+    P = smooth.covariance
+    ratio = np.sqrt((P[:, i, i] + 2.0 * P[:, i, j] + P[:, j, j]) / P[:, i, i])
+    return np.interp(np.arange(len(smooth.x)), smooth.at, ratio)

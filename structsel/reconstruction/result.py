@@ -1,0 +1,275 @@
+"""What a reconstruction found, how sure it is, and whether it trusts itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from structsel.numerics.reconstructibility import Reconstructibility
+from structsel.reconstruction.consistency import Consistency
+from structsel.reconstruction.lateness import Delay
+from structsel.recording import Finding, Recording
+
+CONSTANTS = {
+    **{f"b{c}": (f"bias of {c}", "m/s^2") for c in ("ax", "ay", "az")},
+    **{f"b{c}": (f"bias of {c}", "rad/s") for c in ("p", "q", "r")},
+    "wn": ("wind, the air moving north", "m/s"),
+    "we": ("wind, the air moving east", "m/s"),
+    "wd": ("wind, the air moving down", "m/s"),
+    "Cup": ("upwash at the incidence vane, scale", "-"),
+    "Calpha0": ("incidence vane, offset", "rad"),
+    "Csi": ("sidewash at the sideslip vane, scale", "-"),
+    "Cbeta0": ("sideslip vane, offset", "rad"),
+    "KV": ("airspeed, scale error", "-"),
+}
+"""Meaning and unit of what stays constant over a manoeuvre."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A bias, a wind or a vane's correction. It is what the instrument reads too much: reading = truth + bias.
+
+    Attributes
+    ----------
+    name, unit : str
+    value, std : float
+        At the end of the recording, where it may drift. The standard deviation allows for coloured residuals.
+    std_white : float
+        As the filter claims it, taking its surprises as unrelated.
+    """
+
+    name: str
+    value: float
+    std: float
+    std_white: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Standard deviation of one channel's noise, and whether it was ``"given"`` or ``"estimated"``."""
+
+    channel: str
+    std: float
+    unit: str
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """A consistent flight path, the instruments' errors, and how far to trust them.
+
+    Attributes
+    ----------
+    name, method : str
+    recording : Recording
+        At the centre of gravity, biases taken out: u v w V alpha beta, attitude and position as far as they were
+        found, ax ay az p q r, the derivatives V_dot alpha_dot beta_dot (from the kinematics) and p_dot q_dot r_dot
+        (smoothed), and all other channels as they were.
+    states : tuple of str
+        What was estimated.
+    constants : tuple of Constant
+    std : mapping of str to (n,) array
+        Standard deviations of the reconstructed channels.
+    estimates, filtered, filtered_std : (n, L) array
+        Every state, smoothed; and from the samples so far only.
+    covariance : (c, L, L) array
+        Of the states, at the samples `covariance_at`: all of them, in recordings of ordinary length.
+    innovations, innovation_std, residuals : mapping of str to (n,) array
+        By measured channel: reading less prediction and its predicted standard deviation, and reading less
+        reconstruction; NaN where there was no reading.
+    readings : mapping of str to (n,) array
+        What each instrument should have read.
+    noise : tuple of NoiseLevel
+    gust : (float, float, float) [m/s]
+        Standard deviation of the turbulence allowed for, along x, y and z. It is part of u v w V alpha beta; the
+        kinematic V_dot alpha_dot beta_dot are those of still air.
+    gust_time : float [s]
+        In which it dies away to 1/e.
+    turning_std : mapping of str to float [rad/s^2]
+        Stated accuracy of p_dot, q_dot, r_dot.
+    consistency : Consistency
+    reconstructibility : Reconstructibility
+    fixed : mapping of str to str
+        What these data cannot determine, each with the reason; it was not estimated.
+    delays : tuple of Delay
+        Of each air-data and attitude channel, as left after any alignment.
+    log_likelihood : float
+    findings : tuple of Finding
+        What had to be done without or bridged.
+    doubts, distrust : tuple of str
+        What to allow for; and what speaks against using the result at all.
+    """
+
+    name: str
+    method: str
+    recording: Recording
+    states: tuple[str, ...]
+    constants: tuple[Constant, ...]
+    std: Mapping[str, np.ndarray]
+    estimates: np.ndarray
+    filtered: np.ndarray
+    filtered_std: np.ndarray
+    covariance: np.ndarray
+    covariance_at: np.ndarray
+    innovations: Mapping[str, np.ndarray]
+    innovation_std: Mapping[str, np.ndarray]
+    residuals: Mapping[str, np.ndarray]
+    readings: Mapping[str, np.ndarray]
+    noise: tuple[NoiseLevel, ...]
+    gust: tuple[float, float, float]
+    gust_time: float
+    turning_std: Mapping[str, float]
+    consistency: Consistency
+    reconstructibility: Reconstructibility
+    fixed: Mapping[str, str] = field(default_factory=dict)
+    delays: tuple[Delay, ...] = ()
+    log_likelihood: float = field(default=float("nan"))
+    findings: tuple[Finding, ...] = ()
+    doubts: tuple[str, ...] = ()
+    distrust: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("estimates", "filtered", "filtered_std", "covariance", "covariance_at"):
+            getattr(self, name).setflags(write=False)
+        for name in ("std", "innovations", "innovation_std", "residuals", "readings", "turning_std", "fixed"):
+            held = dict(getattr(self, name))
+            for values in held.values():
+                if isinstance(values, np.ndarray):
+                    values.setflags(write=False)
+            object.__setattr__(self, name, MappingProxyType(held))
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
+        plain = {k: dict(v) if isinstance(v, MappingProxyType) else v for k, v in self.__dict__.items()}
+        return _remake, (plain,)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether nothing speaks against using the result."""
+        return not self.distrust
+
+    def __getitem__(self, name: str) -> Constant:
+        """One constant by its name.
+
+        Raises
+        ------
+        KeyError
+            When it was not estimated.
+        """
+        for constant in self.constants:
+            if constant.name == name:
+                return constant
+        raise KeyError(name)
+
+    def nees(self, truth: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """Normalised estimation error squared, e' P^-1 e, against a known truth.
+
+        Parameters
+        ----------
+        truth : mapping of str to (n,) array or float
+            Every state's true value.
+
+        Returns
+        -------
+        (c,) array [-]
+            At the samples `covariance_at`; chi-squared with as many degrees of freedom as there are states, were
+            the filter right.
+        """
+        n = len(self.recording)
+        true = np.stack([np.broadcast_to(truth[name], n) for name in self.states], axis=1)
+        error = (self.estimates - true)[self.covariance_at]
+        solved = np.linalg.solve(self.covariance, error[:, :, None])[:, :, 0]
+        return np.sum(error * solved, axis=1)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each constant: name, value, std, std_white, unit, meaning."""
+        rows = [
+            {"name": c.name, "value": c.value, "std": c.std, "std_white": c.std_white, "unit": c.unit,
+             "meaning": CONSTANTS[c.name][0]}
+            for c in self.constants
+        ]  # fmt: skip
+        return pd.DataFrame(rows, columns=["name", "value", "std", "std_white", "unit", "meaning"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the samples."""
+        return {
+            "schema": "structsel.reconstruction/1",
+            "name": self.name,
+            "method": self.method,
+            "trusted": self.trusted,
+            "distrust": list(self.distrust),
+            "doubts": list(self.doubts),
+            "samples": len(self.recording),
+            "states": list(self.states),
+            "constants": self.to_frame().to_dict("records"),
+            "fixed": dict(self.fixed),
+            "noise": [level.__dict__ for level in self.noise],
+            "gust": list(self.gust),
+            "gust_time": self.gust_time if any(self.gust) else None,
+            "turning_std": dict(self.turning_std),
+            "consistency": {
+                "nis": self.consistency.nis,
+                "nis_band": list(self.consistency.nis_band),
+                "channels": [c.to_dict() for c in self.consistency.channels],
+            },
+            "delays": [d.__dict__ for d in self.delays],
+            "log_likelihood": self.log_likelihood,
+            "findings": [f.to_dict() for f in self.findings],
+            "provenance": list(self.recording.provenance),
+        }
+
+    def __str__(self) -> str:
+        verdict = "trusted" if self.trusted else "NOT TRUSTED"
+        lines = [f"{self.name}: flight path by {_METHODS[self.method]}, {len(self.recording)} samples; {verdict}"]
+        lines += [f"  ! {text}" for text in self.distrust]
+        if self.constants:
+            frame = self.to_frame()
+            lines.append("")
+            for row in frame.to_dict("records"):
+                lines.append(
+                    f"  {row['name']:<8}{row['value']:>12.4g} +- {row['std']:<9.2g} {row['unit']:<6} {row['meaning']}"
+                )
+        lines += [f"  {name:<8}not estimated: {reason}" for name, reason in self.fixed.items()]
+        if any(self.gust):
+            each = ", ".join(f"{std:.2g}" for std in self.gust)
+            lines.append(
+                f"  turbulence allowed for: {each} m/s (std) along x, y, z, dying away in {self.gust_time:.2g} s"
+            )
+        c = self.consistency
+        lines.append("")
+        lines.append(
+            f"  innovations: NIS {c.nis:.3f} per reading, 95 % band {c.nis_band[0]:.3f} to {c.nis_band[1]:.3f}"
+        )
+        for channel in c.channels:
+            level = next(n for n in self.noise if n.channel == channel.channel)
+            first = channel.autocorrelation[0] if len(channel.autocorrelation) else np.nan
+            lines.append(
+                f"  {channel.channel:<6} noise {level.std:.3g} {level.unit} ({level.source}), residual "
+                f"{channel.residual_rms:.3g}, variance {channel.variance:.2f}, next-sample correlation {first:+.2f}"
+            )
+        lines += [f"  ! {text}" for text in self.doubts]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Reconstruction '{self.name}': {', '.join(self.states)}; {'trusted' if self.trusted else 'not trusted'}>"
+        )
+
+    def _repr_html_(self) -> str:
+        return self.to_frame().to_html(index=False, float_format="{:.4g}".format)
+
+
+_METHODS = {
+    "unscented": "unscented filter and smoother",
+    "extended": "extended Kalman filter and smoother",
+    "output-error": "output error",
+}
+
+
+def _remake(plain: dict[str, Any]) -> Reconstruction:
+    return Reconstruction(**plain)

@@ -1,0 +1,326 @@
+"""``reconstruct``: from instruments that disagree to one flight path they can all have seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from structsel.aircraft import Aircraft
+from structsel.errors import DomainError, ReconstructionError
+from structsel.nomenclature import unit_of
+from structsel.numerics import flight_path as fp
+from structsel.numerics.atmosphere import G0
+from structsel.numerics.compatibility import output_error_path
+from structsel.numerics.reconstructibility import reconstructibility
+from structsel.numerics.unscented import STEEP, Filtered, FlightPathProblem, Smoothed, run_smoother
+from structsel.reconstruction.assembly import ESTIMATED, INERTIAL, Assembly, assemble
+from structsel.reconstruction.consistency import Consistency, judge
+from structsel.reconstruction.doubting import find_doubts
+from structsel.reconstruction.lateness import Delay, find_delays
+from structsel.reconstruction.mistakes import refuse_mistaken_channels
+from structsel.reconstruction.noise import settle_noise, without_confused
+from structsel.reconstruction.output import output_recording
+from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
+from structsel.recording import Recording
+
+METHODS = ("unscented", "extended", "output-error")
+_LONGEST_DELAY = 0.5  # s
+_ALIGNMENTS = 6
+_ALIGNED = 0.002  # s
+_COLOURED = 1.5
+_STEEP = 1.4  # rad
+
+Progress = Callable[[str, int, int], None]
+
+
+def reconstruct(
+    recording: Recording,
+    aircraft: Aircraft,
+    *,
+    method: str = "unscented",
+    estimate: Iterable[str] = ESTIMATED,
+    noise: Mapping[str, float] | None = None,
+    prior: Mapping[str, float] | None = None,
+    drift: Mapping[str, float] | None = None,
+    gusts: str | float = "auto",
+    delays: str | Mapping[str, float] = "report",
+    gate: float = 6.0,
+    spread: float = 1.0,
+    g: float = G0,
+    progress: Progress | None = None,
+) -> Reconstruction:
+    """Flight path, sensor biases, upwash and wind of one manoeuvre: the first of the two steps.
+
+    Accelerometers and gyros, less constant (or slowly drifting) biases, drive the kinematics of velocity, attitude
+    and position; air data, attitude, altitude, position and ground velocity, as far as they were recorded, correct
+    them. Before anything is estimated, what these data cannot determine is found and fixed.
+
+    Parameters
+    ----------
+    recording : Recording
+        ``V``, ``ax``, ``az``, ``q`` and, for the lateral motion, ``ay``, ``p``, ``r``; any of ``alpha beta phi
+        theta psi h x y vn ve vd``. Measurements may be missing or slower than the clock (NaN, or held).
+    aircraft : Aircraft
+        Places and noise of the instruments.
+    method : {"unscented", "extended", "output-error"}
+        Square-root unscented filter and smoother; the extended Kalman filter and smoother; or the batch maximum-
+        likelihood compatibility check, which takes the inertial readings as free of noise.
+    estimate : iterable of str
+        Constants to estimate as far as the data determine them: bax bay baz bp bq br, wn we wd, Cup Calpha0 Csi, KV.
+        Cbeta0 may be named, and is refused with the reason.
+    noise : mapping of str to float, optional
+        Standard deviations by channel, over those of the aircraft's sensors. Others are estimated.
+    prior : mapping of str to float, optional
+        Standard deviation of what is believed beforehand of a state: of a constant about zero, of motion about the
+        first readings.
+    drift : mapping of str to float, optional
+        Random walk of a constant [its unit / sqrt(s)]; without, it is constant.
+    gusts : "auto" or float [m/s]
+        Standard deviation of turbulence along each axis, which vanes and pitot feel and the path does not: found
+        from the data; or this much, 0 for calm air. Output error knows none.
+    delays : {"report", "estimate"} or mapping of str to float [s]
+        Only say how late each channel is; find the delays and advance the channels; or advance them by these.
+    gate : float [-]
+        Readings further than so many standard deviations from their prediction are not used, and counted; 0 uses all.
+    spread : float [-]
+        Of the sigma points, as `structsel.numerics.unscented.run_smoother` takes it.
+    g : float [m/s^2]
+    progress : callable, optional
+        Called with a stage's name, steps done and steps in all.
+
+    Returns
+    -------
+    Reconstruction
+
+    Raises
+    ------
+    ChannelError
+        When a channel that nothing can be done without is missing.
+    DataError
+        A gap in time; an inertial channel missing or stuck for longer than can be bridged, or running backward.
+    DomainError
+        An option out of range.
+    ReconstructionError
+        When the filter breaks down (theta near 90 degrees, readings that contradict one another beyond repair);
+        it carries what was found so far.
+
+    References
+    ----------
+    [M86] and [H17] for the problem and the filter; [K79] for the check by output error; [KM16] ch. 10.
+    """
+    if method not in METHODS:
+        raise DomainError(f"reconstruct has no method {method!r}; it has {', '.join(METHODS)}.")
+    if isinstance(delays, str) and delays not in ("report", "estimate"):
+        raise DomainError(f"reconstruct: delays are 'report', 'estimate' or a table of seconds, not {delays!r}.")
+    if gusts != "auto" and not (isinstance(gusts, int | float) and 0.0 <= gusts < np.inf):
+        raise DomainError(f"reconstruct: gusts are 'auto' or a standard deviation of 0 or above [m/s], not {gusts!r}.")
+    if not gate >= 0.0:
+        raise DomainError(f"reconstruct: gate must be 0 or above; it is {gate!r}.")
+    estimate = tuple(estimate)
+    applied = {} if isinstance(delays, str) else {name: float(value) for name, value in delays.items()}
+
+    def attempt(late: Mapping[str, float], tell: Progress | None) -> Reconstruction:
+        aligned = recording.align(late) if late else recording
+        options = {"estimate": estimate, "noise": noise, "prior": prior, "drift": drift, "g": g}
+        # The matrices are small: more threads would only wait for one another.
+        with threadpool_limits(1, user_api="blas"):
+            return _reconstruct(aligned, aircraft, method, options, gusts, gate, spread, tell)
+
+    if delays != "estimate":
+        return attempt(applied, progress)
+    for i in range(_ALIGNMENTS):
+        if progress is not None:
+            progress("aligning", i, _ALIGNMENTS)
+        found = attempt(applied, None)
+        more = {d.channel: d.delay for d in found.delays if d.significant or d.channel in applied}
+        if all(abs(value) < _ALIGNED for value in more.values()):
+            break
+        applied = {
+            name: float(np.clip(applied.get(name, 0.0) + more.get(name, 0.0), -_LONGEST_DELAY, _LONGEST_DELAY))
+            for name in {**applied, **more}
+        }
+    if progress is not None:
+        progress("aligning", _ALIGNMENTS, _ALIGNMENTS)
+    return found
+
+
+def _reconstruct(
+    recording: Recording,
+    aircraft: Aircraft,
+    method: str,
+    options: Mapping[str, object],
+    gusts: str | float,
+    gate: float,
+    spread: float,
+    progress: Progress | None,
+) -> Reconstruction:
+    assembly = assemble(recording, aircraft, **options)  # type: ignore[arg-type]
+    refuse_mistaken_channels(recording, assembly.problem, assembly.lateral)
+    verdict = reconstructibility(assembly.problem)
+    assembly, fixed = assembly.with_verdict(verdict), dict(verdict.fixed)
+    ruled: frozenset[str] = frozenset()  # by turbulence
+    if method == "output-error":
+        assembly, run, smooth, widened = _by_output_error(assembly, recording)
+    else:
+        assembly, confused, ruled = without_confused(settle_noise(assembly, gusts, progress))
+        fixed |= confused
+        run, smooth = _by_filter(assembly, recording, method, gate, spread)
+        widened = None
+    path = _whole_path(assembly.problem, smooth.x)
+    told = fp.readings(path, assembly.problem.inputs, assembly.problem.place, assembly.problem.flank)
+    residuals = _residuals(assembly.problem.measurements, told)
+    consistency = judge(run, residuals, assembly.measured, recording.dt)
+    if widened is None:
+        widened = _widen(assembly, consistency, gate, spread, method)
+    std = np.maximum(smooth.std, widened) if widened is not None else smooth.std
+    delays = _delays(assembly, path, ruled)
+    constants = tuple(
+        Constant(name, float(smooth.x[-1, j]), float(std[-1, j]), float(smooth.std[-1, j]), CONSTANTS[name][1])
+        for j, name in enumerate(assembly.names)
+        if name in CONSTANTS
+    )
+    made, stds = output_recording(recording, assembly, path, smooth, std, method, constants)
+    doubts, distrust = find_doubts(assembly, path, consistency, constants, verdict, delays, stds, smooth.std, std)
+    return Reconstruction(
+        name=recording.name,
+        method=method,
+        recording=made,
+        states=assembly.names,
+        constants=constants,
+        std=stds,
+        estimates=smooth.x,
+        filtered=run.x,
+        filtered_std=run.std,
+        covariance=smooth.covariance,
+        covariance_at=smooth.at,
+        innovations=_by_channel(run.innovations, assembly.measured),
+        innovation_std=_by_channel(run.innovation_std, assembly.measured),
+        residuals=_by_channel(residuals, assembly.measured),
+        readings=_by_channel(told, assembly.measured),
+        noise=tuple(
+            NoiseLevel(name, level, unit_of(name), "given" if name in assembly.given else "estimated")
+            for name, level in assembly.noise.items()
+        ),
+        turning_std=dict(zip(INERTIAL[3:], map(float, assembly.turning_std))),
+        gust=tuple(assembly.gust.std.tolist()),
+        gust_time=assembly.gust.time,
+        consistency=consistency,
+        reconstructibility=verdict,
+        fixed=fixed,
+        delays=delays,
+        log_likelihood=run.log_likelihood,
+        findings=assembly.findings,
+        doubts=doubts,
+        distrust=distrust,
+    )
+
+
+def _by_filter(
+    assembly: Assembly, recording: Recording, method: str, gate: float, spread: float
+) -> tuple[Filtered, Smoothed]:
+    run, smooth = run_smoother(assembly.problem, spread=0.0 if method == "extended" else spread, gate=gate)
+    if smooth is None:
+        i, remedy = run.failed, _REMEDIES[run.reason]
+        if run.reason == STEEP:
+            remedy += _level_part(assembly.problem, i)
+        raise ReconstructionError(
+            f"reconstruct broke down on '{recording.name}' at sample {i} (t = {recording.t[i]:g} s): {run.reason}.\n"
+            f"{remedy}",
+            run,
+        )
+    return run, smooth
+
+
+_REMEDIES = {
+    STEEP: "Roll and yaw are the same turn there. Take the parts before and after",
+    "the estimates are no longer finite": "Look at the channels about that time, and at their units and signs "
+    "(structsel describe).",
+}
+
+
+def _level_part(problem: FlightPathProblem, failed: int) -> str:
+    """Where the longest part without the vertical is, as far as theta was measured."""
+    t, theta = problem.t, problem.measurements[:, fp.MEASUREMENTS.index("theta")]
+    steep = ~(np.abs(theta) < _STEEP) if np.isfinite(theta).any() else np.arange(len(t)) == failed
+    edges = np.concatenate(([-1], np.flatnonzero(steep), [len(t)]))
+    k = int(np.argmax(np.diff(edges)))
+    if edges[k + 1] - edges[k] < 3:
+        return " with recording.between()."
+    return f": recording.between({t[edges[k] + 1]:g}, {t[edges[k + 1] - 1]:g}) is the longest."
+
+
+def _by_output_error(assembly: Assembly, recording: Recording) -> tuple[Assembly, Filtered, Smoothed, np.ndarray]:
+    """Batch estimate in the form of a filter run, its surprises being its residuals; and the widened std."""
+    problem = assembly.problem
+    fit = output_error_path(problem)
+    if not fit.converged:
+        raise ReconstructionError(
+            f"reconstruct by output error did not converge on '{recording.name}': {fit.message}.\n"
+            "Its best so far is in the exception's .partial; method='unscented' allows for noise on the inputs.",
+            fit,
+        )
+    n, x = len(problem.t), np.ascontiguousarray(fit.path[:, problem.active])
+    seen = np.isfinite(fit.residuals)
+    std = np.where(seen, fit.measurement_std, np.nan)
+    nis = np.where(seen.any(axis=1), np.nansum((fit.residuals / std) ** 2, axis=1), np.nan)
+    white, wide = (np.tile(np.sqrt(np.diag(P)), (n, 1)) for P in (fit.crlb, fit.covariance))
+    none = np.zeros(seen.shape, dtype=bool)
+    run = Filtered(x, white, fit.residuals, std, nis, seen.sum(axis=1), none, -float(fit.costs[-1]), -1, "")
+    level = assembly.noise | {
+        name: float(fit.measurement_std[fp.MEASUREMENTS.index(name)]) for name in assembly.measured
+    }
+    # The inertial readings count as exact, and the noise of the others is always estimated.
+    level = {name: std for name, std in level.items() if name in assembly.measured}
+    found = replace(assembly, noise=level, given=frozenset())
+    # One covariance, of the motion at the first sample and of the constants, stands for every sample.
+    return found, run, Smoothed(x, white, fit.covariance[None], np.array([0])), wide
+
+
+def _widen(assembly: Assembly, consistency: Consistency, gate: float, spread: float, method: str) -> np.ndarray | None:
+    """Standard deviations when each channel's noise counts for what its colour makes of it."""
+    std = assembly.problem.measurement_std.copy()
+    wide = False
+    for channel in consistency.channels:
+        j = fp.MEASUREMENTS.index(channel.channel)
+        excess = max(1.0, channel.variance) if np.isfinite(channel.variance) else 1.0
+        if channel.inflation * excess > _COLOURED:
+            std[j] *= np.sqrt(channel.inflation * excess)
+            wide = True
+    if not wide:
+        return None
+    problem = replace(assembly.problem, measurement_std=std)
+    _, smooth = run_smoother(problem, spread=0.0 if method == "extended" else spread, gate=gate)
+    return None if smooth is None else smooth.std
+
+
+def _whole_path(problem: FlightPathProblem, x: np.ndarray) -> np.ndarray:
+    """(n, 26) full vectors; a heading that is not estimated is integrated from north."""
+    path = np.tile(problem.start, (len(x), 1))
+    path[:, problem.active] = x
+    if 5 not in problem.active:
+        path[:, 5] = problem.start[5]
+        turn = fp.slopes(path, problem.inputs, problem.place, problem.g)[:, 5]
+        path[1:, 5] += np.cumsum(0.5 * np.diff(problem.t) * (turn[1:] + turn[:-1]))
+    return path
+
+
+def _residuals(measurements: np.ndarray, told: np.ndarray) -> np.ndarray:
+    left = measurements - told
+    turns = np.where(fp.CIRCULAR & np.isfinite(left), np.round(left / (2.0 * np.pi)), 0.0)
+    return left - 2.0 * np.pi * turns
+
+
+def _delays(assembly: Assembly, path: np.ndarray, ruled: frozenset[str]) -> tuple[Delay, ...]:
+    """How late the channels are against the path through steady air: gusts would hide what is late."""
+    problem, still = assembly.problem, path.copy()
+    still[:, fp.GUST :] = 0.0
+    told = fp.readings(still, problem.inputs, problem.place, problem.flank)
+    asked = tuple(name for name in assembly.measured if name not in ruled)
+    return find_delays(problem, told, _residuals(problem.measurements, told), asked)
+
+
+def _by_channel(values: np.ndarray, measured: tuple[str, ...]) -> dict[str, np.ndarray]:
+    return {name: values[:, fp.MEASUREMENTS.index(name)].copy() for name in measured}

@@ -1,0 +1,176 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+
+from structsel.numerics import flight_path as fp
+from structsel.numerics import rigid_body as rb
+
+N = 200
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Random but flyable full vectors, readings and places."""
+    rng = np.random.default_rng(1)
+    path = np.zeros((N, 26))
+    path[:, :3] = rng.normal([90.0, 3.0, 6.0], [10.0, 4.0, 4.0], (N, 3))
+    path[:, 3:6] = rng.uniform([-3.0, -1.2, -6.0], [3.0, 1.2, 6.0], (N, 3))
+    path[:, 6:9] = rng.normal(0.0, 500.0, (N, 3))
+    path[:, 9:23] = rng.normal(0.0, [0.1, 0.1, 0.1, 0.01, 0.01, 0.01, 5, 5, 1, 0.1, 0.01, 0.1, 0.01, 0.02], (N, 14))
+    inputs = np.c_[rng.normal(0.0, 5.0, (N, 3)), rng.normal(0.0, 0.5, (N, 3)), rng.normal(0.0, 1.0, (N, 3))]
+    place = rng.normal(0.0, [4.0, 1.0, 1.0], (6, 3))
+    return path, inputs, place
+
+
+def rates_and_force(path, inputs, place):
+    rates = inputs[:, 3:6] - path[:, 12:15]
+    force = rb.acceleration_at_cg(*(inputs[:, :3] - path[:, 9:12]).T, rates.T, inputs[:, 6:9].T, place[0])
+    return rates.T, force
+
+
+def test_force_and_rates_are_those_carried_to_the_centre_without_bias(scene):
+    path, inputs, place = scene
+    rates, force = rates_and_force(path, inputs, place)
+    assert_allclose(fp.forces(path, inputs, place), np.vstack([*force, *rates]).T, rtol=1e-11, atol=1e-11)
+
+
+def test_slopes_are_the_rigid_body_equations(scene):
+    path, inputs, place = scene
+    rates, force = rates_and_force(path, inputs, place)
+    phi, theta, psi = path[:, 3:6].T
+    ground = np.einsum("nij,nj->ni", rb.body_to_earth(phi, theta, psi), path[:, :3]) + path[:, 15:18]
+    expected = np.vstack(
+        [
+            *rb.velocity_derivative(path[:, :3].T, rates, force, phi, theta, 9.81),
+            *rb.euler_rates(*rates, phi, theta),
+            *(ground * [1.0, 1.0, -1.0]).T,
+        ]
+    ).T
+    assert_allclose(fp.slopes(path, inputs, place, 9.81), expected, rtol=1e-11, atol=1e-10)
+
+
+def test_air_data_read_on_a_boom_come_back_to_those_at_the_centre(scene):
+    path, inputs, place = scene
+    bare = path.copy()
+    bare[:, 18:] = 0.0  # upwash and scale errors are not in air_data_at_cg
+    one = np.tile(place[1], (6, 1))
+    V, alpha, beta = fp.readings(bare, inputs, one, False)[:, :3].T
+    rates = (inputs[:, 3:6] - bare[:, 12:15]).T
+    assert_allclose(
+        rb.air_data_at_cg(V, alpha, beta, *rates, place[1]), rb.air_data(*bare[:, :3].T), rtol=1e-10, atol=1e-12
+    )
+
+
+def test_upwash_sidewash_offsets_and_scale_enter_as_in_the_equations(scene):
+    path, inputs, place = scene
+    bare = path.copy()
+    bare[:, 18:] = 0.0
+    _, alpha, beta = rb.air_data(*path[:, :3].T)
+    without, full = fp.readings(bare, inputs, place, False), fp.readings(path, inputs, place, False)
+    expected = without.copy()
+    expected[:, 0] *= 1.0 + path[:, 22]
+    expected[:, 1] += path[:, 18] * alpha + path[:, 19]
+    expected[:, 2] += path[:, 20] * beta + path[:, 21]
+    assert_allclose(full, expected, rtol=1e-11, atol=1e-12)
+
+
+def test_a_flank_angle_vane_reads_the_angle_in_its_own_plane(scene):
+    path, inputs, place = scene
+    bare = path.copy()
+    bare[:, 18:] = 0.0
+    omega = inputs[:, 3:6] - bare[:, 12:15]
+    u, v, _ = (bare[:, :3] + np.cross(omega, place[2])).T
+    assert_allclose(fp.readings(bare, inputs, place, True)[:, 2], np.arctan2(v, u), rtol=1e-12)
+
+
+def test_height_position_and_ground_velocity_are_those_of_port_and_antenna(scene):
+    path, inputs, place = scene
+    turn = rb.body_to_earth(*path[:, 3:6].T)
+    omega = inputs[:, 3:6] - path[:, 12:15]
+    port, antenna = turn @ place[4], turn @ place[5]
+    velocity = np.einsum("nij,nj->ni", turn, path[:, :3] + np.cross(omega, place[5])) + path[:, 15:18]
+    got = fp.readings(path, inputs, place, False)
+    assert_allclose(got[:, 6], path[:, 8] - port[:, 2], rtol=1e-11, atol=1e-10)
+    assert_allclose(got[:, 7:9], path[:, 6:8] + antenna[:, :2], rtol=1e-11, atol=1e-10)
+    assert_allclose(got[:, 9:], velocity, rtol=1e-11, atol=1e-11)
+    assert_allclose(got[:, 3:6], path[:, 3:6], rtol=0)
+
+
+def test_a_flown_path_is_the_integral_that_scipy_finds():
+    # Inputs linear between samples on both sides; Runge-Kutta at 20 ms leaves 1e-7 of these motions.
+    t = np.cumsum(np.random.default_rng(2).uniform(0.01, 0.03, 60))
+    inputs = np.zeros((60, 9))
+    inputs[:, 0] = 0.8 + 0.3 * np.sin(0.9 * t)
+    inputs[:, 1] = 0.5 * np.sin(1.9 * t)
+    inputs[:, 2] = -9.8 + 2.0 * np.sin(2.1 * t)
+    for j, (size, frequency) in enumerate([(0.6, 2.0), (0.2, 1.5), (0.1, 1.0)]):
+        inputs[:, 3 + j] = size * np.sin(frequency * t)
+        inputs[:, 6 + j] = size * frequency * np.cos(frequency * t)
+    place = np.zeros((6, 3))
+    place[0] = [1.0, -0.2, 0.4]
+    start = np.zeros(26)
+    start[:9] = [100.0, 2.0, 5.0, 0.1, 0.05, 2.0, 10.0, -20.0, 1000.0]
+    start[9:18] = [0.1, -0.05, 0.08, 2e-3, -1e-3, 3e-3, 5.0, -3.0, 0.5]
+
+    def slope(time, motion):
+        full = np.r_[motion, start[9:]]
+        now = np.array([np.interp(time, t, column) for column in inputs.T])
+        rates, force = rates_and_force(full[None], now[None], place)
+        ground = rb.body_to_earth(*motion[3:6]) @ motion[:3] + start[15:18]
+        return np.concatenate(
+            [
+                np.ravel(rb.velocity_derivative(motion[:3], rates[:, 0], np.ravel(force), *motion[3:5], 9.80665)),
+                np.ravel(rb.euler_rates(*rates[:, 0], *motion[3:5])),
+                ground * [1.0, 1.0, -1.0],
+            ]
+        )
+
+    expected = [start[:9]]
+    for a, b in pairwise(t):
+        run = solve_ivp(slope, (a, b), expected[-1], rtol=1e-9, atol=1e-10, method="RK45")
+        expected.append(run.y[:, -1])
+    got = fp.fly(t, inputs, start, place, 9.80665, True)
+    assert_allclose(got[:, :9], expected, rtol=1e-8, atol=1e-6)
+    assert_allclose(got[:, 9:], np.tile(start[9:], (60, 1)), rtol=0)
+
+
+def test_where_position_is_not_wanted_only_position_stands_still(scene):
+    path, inputs, place = scene
+    t = np.arange(20) * 0.02
+    with_it = fp.fly(t, inputs[:20], path[0], place, 9.8, True)
+    without = fp.fly(t, inputs[:20], path[0], place, 9.8, False)
+    others = [0, 1, 2, 3, 4, 5, 8, *range(9, 23)]
+    assert_allclose(without[:, others], with_it[:, others], rtol=0)
+    assert_allclose(without[:, 6:8], np.tile(path[0, 6:8], (20, 1)), rtol=0)
+
+
+def test_noise_enters_as_the_slopes_change_with_the_readings(scene):
+    # At the centre of gravity: the arm's share of gyro noise in the accelerometers is left out of the gain.
+    path, inputs, _ = scene
+    at_centre, gain, h = np.zeros((6, 3)), np.empty((26, 6)), 1e-4
+    for k in range(20):
+        fp.noise_gain(path[k], inputs[k], gain)
+        expected = np.zeros((26, 6))
+        for j in range(6):
+            more, less = inputs[k].copy(), inputs[k].copy()
+            more[j] += h
+            less[j] -= h
+            ends = [fp.slopes(path[k : k + 1], a[None], at_centre, 9.8)[0] for a in (more, less)]
+            expected[:9, j] = (ends[0] - ends[1]) / (2.0 * h)
+        assert_allclose(gain, expected, rtol=1e-7, atol=1e-7)
+
+
+def test_a_gust_is_felt_by_vanes_and_pitot_alone(scene):
+    path, inputs, place = scene
+    path = path.copy()
+    path[:, [18, 20]] = 0.0  # upwash and sidewash are those of steady air
+    gusty, moved = path.copy(), path.copy()
+    gusty[:, 23:] = np.random.default_rng(2).normal(0.0, 2.0, (N, 3))
+    moved[:, :3] += gusty[:, 23:]
+    still, there, elsewhere = (fp.readings(x, inputs, place, False) for x in (path, gusty, moved))
+    assert_allclose(there[:, :3], elsewhere[:, :3], rtol=1e-13)
+    assert_allclose(there[:, 3:], still[:, 3:], rtol=0, atol=0)
+    assert_allclose(fp.slopes(gusty, inputs, place, 9.8), fp.slopes(path, inputs, place, 9.8), rtol=0, atol=0)
