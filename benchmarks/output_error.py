@@ -1,0 +1,202 @@
+"""Output error on the HFB-320 record: time against the usual way through scipy, and poor starts.
+
+The record (hfb320_1_10.asc, supplementary material of [J15]; not ours to ship) and the model of the book's test
+case: drag and lift linear in V/V0 and alpha, pitching moment linear in V/V0, alpha, q and elevator; outputs V, alpha,
+theta, q, q_dot, ax, az; initial states as the book holds them.
+
+    python benchmarks/output_error.py hfb320_1_10.asc [STARTS]
+
+prints two Markdown tables.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+from math import cos, sin
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+import structsel as ss
+from structsel.errors import RefinementError
+from structsel.model import AeroModel, ResponseModel
+from structsel.recording import Recording
+from structsel.refinement import Refinement, refine
+from structsel.simulation.air import Air
+
+HERE = Path(__file__).parents[1]
+G, RHO, V0, HALF_CHORD = 9.80665, 0.792, 104.67, 1.215
+OUTPUTS = ("V", "alpha", "theta", "q", "q_dot", "ax", "az")
+FIRST = {"V": 106.023, "alpha": 0.111685, "theta": 0.104887, "q": -3.32659e-3}
+"""Initial states of the test case."""
+NAMES = (
+    *("CD:1", "CD:V_ratio", "CD:alpha", "CL:1", "CL:V_ratio", "CL:alpha"),
+    *("Cm:1", "Cm:V_ratio", "Cm:alpha", "Cm:q", "Cm:de"),
+)
+UNIT = np.array([1.0] * 9 + [HALF_CHORD / V0, 1.0])
+"""Cm:q is per rad/s here; the book's is per q 1.215 m / V0."""
+BOOK_START = UNIT * np.array(
+    [
+        5.67516e-3,
+        7.72612e-3,
+        0.674256,
+        -0.318267,
+        0.260317,
+        5.37576,
+        0.0498218,
+        0.0189182,
+        -0.498586,
+        -25.8439,
+        -0.990687,
+    ]
+)
+PUBLISHED = UNIT * np.array(
+    [0.1226, -0.0645, 0.3200, -0.0929, 0.1489, 4.3278, 0.1119, 0.0039, -0.9678, -34.707, -1.5294]
+)
+
+
+def load(path: Path) -> Recording:
+    """The record, its first sample replaced by the book's initial states for the start of the flight."""
+    record = ss.read_recording(path, HERE / "examples" / "hfb320_map.toml", name="hfb320")
+    first = {}
+    for name, value in FIRST.items():
+        channel = record[name].copy()
+        channel[0] = value
+        first[name] = channel
+    return record.with_channels(**first)
+
+
+def aircraft() -> ss.Aircraft:
+    """The aircraft's constants."""
+    return ss.Aircraft.from_toml(HERE / "examples" / "hfb320.toml")
+
+
+def model(values: np.ndarray) -> AeroModel:
+    """The book's model."""
+    three = ("1", "V_ratio", "alpha")
+    return AeroModel(
+        {
+            "CD": ResponseModel(three, values[:3]),
+            "CL": ResponseModel(three, values[3:6]),
+            "Cm": ResponseModel((*three, "q", "de"), values[6:]),
+        },
+        name="HFB-320",
+    )
+
+
+def estimate(record: Recording, start: np.ndarray, **options: object) -> Refinement:
+    """Output error with structsel."""
+    return refine(model(start), aircraft(), record, outputs=OUTPUTS, air=Air(rho=RHO), substeps=1, **options)  # type: ignore[arg-type]
+
+
+def usual_way(
+    record: Recording, start: np.ndarray, std: Mapping[str, float], descend: bool = True
+) -> tuple[np.ndarray, float, int]:
+    """The same problem through solve_ivp and least_squares: values, sum of squares, and the flights it took."""
+    craft = aircraft()
+    assert craft.mass is not None
+    assert craft.inertia is not None
+    S, mass, Iy, chord, tilt = craft.S, craft.mass, craft.inertia.Iy, craft.cbar, craft.thrust.inclination
+    arm = craft.thrust.arm[1]
+    t, de, thrust = record.t, record["de"], record["thrust"]
+    weights = np.array([std[name] for name in OUTPUTS])
+    y = np.column_stack([record[name] for name in OUTPUTS])
+    count, accuracy = [0], 1e-6 if descend else 1e-8
+
+    def coefficients(V, alpha, q, elevator, p):  # type: ignore[no-untyped-def]
+        ratio = V / V0
+        CD, CL = p[0] + p[1] * ratio + p[2] * alpha, p[3] + p[4] * ratio + p[5] * alpha
+        return CD, CL, p[6] + p[7] * ratio + p[8] * alpha + p[9] * q + p[10] * elevator
+
+    def slope(s, x, p):  # type: ignore[no-untyped-def]
+        V, alpha, theta, q = x
+        T, qbar = np.interp(s, t, thrust), 0.5 * RHO * V * V
+        CD, CL, Cm = coefficients(V, alpha, q, np.interp(s, t, de), p)
+        return [
+            -qbar * S / mass * CD + T / mass * cos(alpha + tilt) + G * sin(alpha - theta),
+            -qbar * S / (mass * V) * CL - T / (mass * V) * sin(alpha + tilt) + q + G / V * cos(alpha - theta),
+            q,
+            (qbar * S * chord * Cm + arm * T) / Iy,
+        ]
+
+    def residuals(p):  # type: ignore[no-untyped-def]
+        count[0] += 1
+        found = solve_ivp(
+            slope, (t[0], t[-1]), list(FIRST.values()), t_eval=t, args=(p,), rtol=accuracy, atol=1e-2 * accuracy
+        )
+        V, alpha, _, q = found.y
+        CD, CL, Cm = coefficients(V, alpha, q, de, p)
+        qbar = 0.5 * RHO * V**2
+        CX, CZ = CL * np.sin(alpha) - CD * np.cos(alpha), -CL * np.cos(alpha) - CD * np.sin(alpha)
+        flown = np.column_stack([
+            *found.y, (qbar * S * chord * Cm + arm * thrust) / Iy,
+            qbar * S / mass * CX + thrust * np.cos(tilt) / mass, qbar * S / mass * CZ - thrust * np.sin(tilt) / mass,
+        ])  # fmt: skip
+        return ((y - flown) / weights).ravel()
+
+    if not descend:
+        return start, float(np.sum(residuals(start) ** 2)), count[0]
+    # The integrator steps over the inputs' corners with an error that jumps with the parameters and drowns narrow
+    # differences: with least_squares' own steps the search stops ten and more standard deviations off.
+    found = least_squares(residuals, start, jac="3-point", x_scale="jac", diff_step=1e-2)
+    return found.x, 2.0 * float(found.cost), count[0]
+
+
+def race(record: Recording) -> list[tuple[str, float, float, float]]:
+    """Name, seconds, distance from the best [std] and sum of squares of each way."""
+    best = estimate(record, BOOK_START)  # compiles too
+    std = dict(best.noise_std)
+    ways = {
+        "structsel, noise estimated": lambda: estimate(record, BOOK_START).values,
+        "structsel, weighted": lambda: estimate(record, BOOK_START, cost="weighted", weights=std).values,
+        "solve_ivp and least_squares, weighted": lambda: usual_way(record, BOOK_START, std)[0],
+    }
+    rows = []
+    for name, run in ways.items():
+        times = []
+        for _ in range(3 if "structsel" in name else 1):
+            begin = time.perf_counter()
+            values = run()
+            times.append(time.perf_counter() - begin)
+        squares = usual_way(record, values, std, descend=False)[1]
+        rows.append((name, float(np.median(times)), float(np.max(np.abs(values - best.values) / best.std)), squares))
+    return rows
+
+
+def poor_start(best: np.ndarray, seed: int) -> np.ndarray:
+    """Every parameter off by up to a factor of three, signs at random."""
+    rng = np.random.default_rng(seed)
+    return best * 3.0 ** rng.uniform(-1.0, 1.0, len(best)) * rng.choice([-1.0, 1.0], len(best))
+
+
+def convergence(record: Recording, best: Refinement, seed: int, search: str | None) -> tuple[bool, float]:
+    """Whether a poor start ends at the best estimates, and the seconds it took."""
+    begin = time.perf_counter()
+    try:
+        found = estimate(record, poor_start(best.values, seed), search=search, seed=seed, iterations=100)
+        arrived = found.converged and float(np.max(np.abs(found.values - best.values) / best.std)) < 0.1
+    except RefinementError:
+        arrived = False
+    return arrived, time.perf_counter() - begin
+
+
+def main() -> None:
+    """Print the tables."""
+    record, starts = load(Path(sys.argv[1])), int(sys.argv[2]) if len(sys.argv) > 2 else 20
+    rows = race(record)
+    print("| way | seconds | ratio | distance [std] | sum of squares |\n| --- | ---: | ---: | ---: | ---: |")
+    for name, seconds, distance, squares in rows:
+        print(f"| {name} | {seconds:.3f} | {rows[-1][1] / seconds:.1f} | {distance:.4f} | {squares:.3f} |")
+    best = estimate(record, BOOK_START)
+    print("\n| search | starts | arrive | seconds each |\n| --- | ---: | ---: | ---: |")
+    for label, search in (("Levenberg-Marquardt alone", None), ("evolution first", "global")):
+        ends = [convergence(record, best, seed, search) for seed in range(starts)]
+        print(f"| {label} | {starts} | {sum(a for a, _ in ends)} | {np.mean([s for _, s in ends]):.2f} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,49 @@
+"""Inputs worth flying: classical ones, multisines, optimal ones, and what each tells about a model's parameters.
+
+Inputs are Recordings of controls, as `simulate` takes them; amplitudes are departures from trim.
+"""
+
+from structsel.inputs.comparison import InputComparison, Scatter, compare_inputs, scatter
+from structsel.inputs.design import InputDesign, design_inputs
+from structsel.inputs.information import Information, information
+from structsel.inputs.mehra_schulz import mehra, schulz
+from structsel.inputs.multisine import multisine, peak_factor
+from structsel.inputs.signals import (
+    combine,
+    doublet,
+    energy,
+    frequency_sweep,
+    impulse,
+    multistep,
+    step,
+    table,
+    three_two_one_one,
+    two_one_one_one,
+    with_energy,
+)
+
+__all__ = [
+    "Information",
+    "InputComparison",
+    "InputDesign",
+    "Scatter",
+    "combine",
+    "compare_inputs",
+    "design_inputs",
+    "doublet",
+    "energy",
+    "frequency_sweep",
+    "impulse",
+    "information",
+    "mehra",
+    "multisine",
+    "multistep",
+    "peak_factor",
+    "scatter",
+    "schulz",
+    "step",
+    "table",
+    "three_two_one_one",
+    "two_one_one_one",
+    "with_energy",
+]

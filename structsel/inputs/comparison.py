@@ -1,0 +1,342 @@
+"""Kinds of input side by side at equal energy: what each tells by the Cramer-Rao bound, and by repeated flights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from structsel.errors import DomainError, ModelError
+from structsel.inputs import signals
+from structsel.inputs.criteria import Criterion
+from structsel.inputs.design import design_inputs, parameter_sizes
+from structsel.inputs.information import Information, chosen, information
+from structsel.inputs.mehra_schulz import mehra, schulz
+from structsel.inputs.multisine import multisine
+from structsel.inputs.optimal import Basis
+from structsel.recording import Recording
+from structsel.simulation.linear import LinearModel
+
+_WIDTHS = 24  # tried for each kind of pulses
+
+
+@dataclass(frozen=True, eq=False)
+class InputComparison:
+    """Inputs of equal energy and what they tell.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+    sizes : (k,) array
+        What an error of each parameter is measured by.
+    energy : float
+    inputs : tuple of Recording
+    found : tuple of Information
+        One per input.
+    """
+
+    parameters: tuple[str, ...]
+    sizes: np.ndarray
+    energy: float
+    inputs: tuple[Recording, ...]
+    found: tuple[Information, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per input: largest departure, A (trace of the scaled covariance), D (its k-th root det), bounds.
+
+        The columns ``std_<parameter>`` are in the parameter's unit; nan where the input does not show all parameters.
+        """
+        rows = []
+        for u, info in zip(self.inputs, self.found):
+            scaled = info.covariance / np.outer(self.sizes, self.sizes)
+            finite = np.isfinite(scaled).all()
+            rows.append(
+                {
+                    "input": u.name,
+                    "peak": max(float(np.abs(u[c]).max()) for c in u.names),
+                    "A": float(np.trace(scaled)),
+                    "D": float(np.exp(np.linalg.slogdet(scaled)[1] / len(self.parameters))) if finite else np.nan,
+                    **{f"std_{p}": s for p, s in zip(self.parameters, info.crlb)},
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def ratios(self, to: str = "optimal A") -> pd.DataFrame:
+        """Bounds over those of one input, one row per input and one column per parameter.
+
+        Raises
+        ------
+        ModelError
+            No input of that name.
+        """
+        names = [u.name for u in self.inputs]
+        if to not in names:
+            raise ModelError(f"there is no input '{to}'; there are {', '.join(names)}.")
+        bounds = np.array([info.crlb for info in self.found])
+        return pd.DataFrame(bounds / bounds[names.index(to)], index=names, columns=list(self.parameters))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types, for JSON."""
+        return {"energy": self.energy, "inputs": [info.to_dict() for info in self.found]}
+
+    def __str__(self) -> str:
+        frame = self.to_frame()
+        lines = [
+            f"inputs at an energy of {self.energy:.4g}: Cramer-Rao bounds in % of "
+            + ", ".join(f"{p} {s:.4g}" for p, s in zip(self.parameters, self.sizes)),
+            f"  {'input':<16} {'peak':>9} {'A':>9} {'D':>9} " + " ".join(f"{p:>8}" for p in self.parameters),
+        ]
+        for _, row in frame.iterrows():
+            shares = [100.0 * row[f"std_{p}"] / s for p, s in zip(self.parameters, self.sizes)]
+            lines.append(
+                f"  {row['input']:<16} {row['peak']:>9.4g} {row['A']:>9.4g} {row['D']:>9.4g} "
+                + " ".join(f"{x:>8.3g}" for x in shares)
+            )
+        lines += [f"  ! {u.name}: {line}" for u, i in zip(self.inputs, self.found) for line in i.unseen]
+        return "\n".join(lines)
+
+
+def compare_inputs(
+    model: LinearModel,
+    *,
+    noise: Mapping[str, float],
+    energy: float,
+    parameters: Sequence[str] | None = None,
+    duration: float = 20.0,
+    dt: float = 0.05,
+    more: Sequence[Recording] = (),
+    scales: Mapping[str, float] | None = None,
+    parameter_scales: Mapping[str, float] | None = None,
+    basis: Basis = "sines",
+    functions: int | None = None,
+    seed: int = 0,
+) -> InputComparison:
+    """Compare kinds of input at equal energy.
+
+    Doublet, 3-2-1-1 and 2-1-1-1 with the width that serves them best (least A criterion), one input after the other
+    where there are several; sweep, multisine, Mehra, Schulz; and optimal inputs by the A and the D criterion.
+
+    Parameters
+    ----------
+    model, noise, parameters, energy, duration, dt, scales, parameter_scales, basis, functions, seed
+        As `design_inputs` takes them.
+    more : sequence of Recording
+        Other inputs to put beside, on the same clock; scaled to the energy.
+
+    Returns
+    -------
+    InputComparison
+    """
+    names = chosen(model, parameters)
+    sizes = parameter_sizes(model, names, parameter_scales)
+    size = {c: (scales or {}).get(c, 1.0) for c in model.inputs}
+    fastest = float(model.modes().frequency.max()) / (2.0 * np.pi)
+    low, high = max(1.0 / duration, 0.1 * fastest), min(3.0 * fastest, 0.4 / dt)
+    common: dict[str, Any] = {"noise": noise, "parameters": names, "energy": energy, "duration": duration, "dt": dt}
+
+    def judged(u: Recording) -> tuple[Recording, Information, float]:
+        u = signals.with_energy(u, energy, size)
+        info = information(model, u, noise=noise, parameters=names)
+        A = float(np.trace(info.covariance / np.outer(sizes, sizes)))
+        return u, info, A if np.isfinite(A) else np.inf
+
+    def pulses(name: str, pattern: tuple[int, ...]) -> Recording:
+        slot = (duration - dt) / len(size)
+        units = sum(map(abs, pattern))
+        widths = dt * np.unique(np.round(np.geomspace(dt, (slot - 2 * dt) / units, _WIDTHS) / dt))
+        tried = []
+        for width in widths[widths * units <= slot - dt]:
+            one = [
+                signals.multistep(c, s, pattern, width, start=dt + i * slot, duration=duration, dt=dt, name=name)
+                for i, (c, s) in enumerate(size.items())
+            ]
+            tried.append(judged(signals.combine(*one, name=name)))
+        return min(tried, key=lambda item: item[2])[0]
+
+    sweeps = [
+        signals.frequency_sweep(c, s, low, high, start=i * duration / len(size) / 4, duration=duration, dt=dt)
+        for i, (c, s) in enumerate(size.items())
+    ]
+    inputs = [
+        pulses("doublet", (1, -1)),
+        pulses("3-2-1-1", (3, -2, 1, -1)),
+        pulses("2-1-1-1", (2, -1, 1, -1)),
+        signals.combine(*sweeps, name="frequency sweep"),
+        multisine(tuple(size), tuple(size.values()), low=low, high=high, period=_whole(duration, dt), dt=dt, seed=seed),
+        mehra(model, low=1.0 / duration, high=high, scales=size, seed=seed, **common),
+        schulz(model, scales=size, parameter_scales=parameter_scales, **common),
+    ]
+    criteria: tuple[Criterion, ...] = ("A", "D")
+    for criterion in criteria:
+        made = design_inputs(
+            model, criterion=criterion, basis=basis, functions=functions, scales=size,
+            parameter_scales=parameter_scales, seed=seed, **common,
+        )  # fmt: skip
+        u = made.inputs
+        inputs.append(Recording(f"optimal {criterion}", u.t, u.channels, u.units, u.provenance))
+    done = [judged(u) for u in [*inputs, *more]]
+    return InputComparison(names, sizes, energy, tuple(u for u, _, _ in done), tuple(info for _, info, _ in done))
+
+
+def _whole(duration: float, dt: float) -> float:
+    return dt * round(duration / dt)
+
+
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """Estimates from repeated flights against the Cramer-Rao bound.
+
+    Attributes
+    ----------
+    name : str
+        Of the input.
+    parameters : tuple of str
+    truth : (k,) array
+    estimates : (runs, k) array
+    crlb : (k,) array
+    lost : int
+        Runs without an estimate, left out.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    truth: np.ndarray
+    estimates: np.ndarray
+    crlb: np.ndarray
+    lost: int
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviation of the estimates, (k,)."""
+        return self.estimates.std(axis=0, ddof=1)
+
+    @property
+    def bias(self) -> np.ndarray:
+        """Mean of the estimates less the truth, (k,)."""
+        return self.estimates.mean(axis=0) - self.truth
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per parameter; ``ratio_error`` is the sampling error of ``ratio``, one sigma."""
+        runs = len(self.estimates)
+        return pd.DataFrame(
+            {
+                "parameter": self.parameters,
+                "truth": self.truth,
+                "bias": self.bias,
+                "bias_error": self.std / np.sqrt(runs),
+                "std": self.std,
+                "crlb": self.crlb,
+                "ratio": self.std / self.crlb,
+                "ratio_error": 1.0 / np.sqrt(2.0 * (runs - 1)),
+            }
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types, for JSON."""
+        return {"input": self.name, "runs": len(self.estimates), "parameters": self.to_frame().to_dict("records")}
+
+    def __str__(self) -> str:
+        head = f"{self.name}: {len(self.estimates)} flights" + (f", {self.lost} without an estimate" * bool(self.lost))
+        text = self.to_frame().to_string(index=False, float_format="{:.4g}".format)
+        return "\n".join([head, *("  " + line for line in text.splitlines())])
+
+
+def scatter(
+    model: LinearModel,
+    inputs: Recording,
+    *,
+    noise: Mapping[str, float],
+    parameters: Sequence[str] | None = None,
+    runs: int = 500,
+    seed: int = 0,
+    estimate: Callable[[Recording], Sequence[float]] | None = None,
+) -> Scatter:
+    """Fly the same input many times with fresh noise, estimate each time, and compare with the bound.
+
+    Parameters
+    ----------
+    model : LinearModel
+        The truth.
+    inputs : Recording
+    noise, parameters
+        As `information` takes them.
+    runs, seed : int
+    estimate : callable, optional
+        Takes the Recording of one flight and gives the parameters' estimates; where absent, output error with known
+        noise by Gauss-Newton, all flights at once.
+
+    Raises
+    ------
+    ModelError
+        The input does not show all parameters; the message names them.
+    """
+    names = chosen(model, parameters)
+    info = information(model, inputs, noise=noise, parameters=names).require()
+    truth = np.array([model.parameters[n] for n in names])
+    flight = model.simulate(inputs)
+    rng = np.random.default_rng(seed)
+    clean = np.column_stack([flight[o] for o in noise])
+    std = np.array(list(noise.values()))
+    readings = clean + std * rng.standard_normal((runs, *clean.shape))
+    if estimate is None:
+        estimates = _output_error(model, names, inputs, readings, tuple(noise), std, truth)
+    else:
+        estimates = np.array(
+            [np.asarray(estimate(flight.with_channels(**dict(zip(noise, y.T)))), dtype=float) for y in readings]
+        )
+    sound = np.isfinite(estimates).all(axis=1)
+    if sound.sum() < 2:
+        raise DomainError(f"scatter: {int(sound.sum())} of {runs} flights gave an estimate. Check the estimator.")
+    return Scatter(inputs.name, names, truth, estimates[sound], info.crlb, int((~sound).sum()))
+
+
+def _output_error(
+    model: LinearModel,
+    names: tuple[str, ...],
+    inputs: Recording,
+    readings: np.ndarray,
+    measured: tuple[str, ...],
+    std: np.ndarray,
+    truth: np.ndarray,
+) -> np.ndarray:
+    """(runs, k) least weighted squares of the outputs' error, by Gauss-Newton with halved steps; nan where lost."""
+    family = model.family.keep(names, model.theta)
+    columns = [model.outputs.index(o) for o in measured]
+    u = np.column_stack([inputs[c] for c in model.inputs])
+
+    def error(theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        y = family.simulate(theta, u, inputs.dt)[:, :, columns]
+        return ((readings[rows] - y) / std).reshape(len(rows), -1)
+
+    theta = np.tile(truth, (len(readings), 1))
+    rows = np.arange(len(readings))
+    cost = np.square(error(theta, rows)).sum(axis=1)
+    moving = np.ones(len(readings), dtype=bool)
+    for _ in range(30):
+        rows = np.flatnonzero(moving)
+        if not rows.size:
+            break
+        S = family.sensitivities(theta[rows], u, inputs.dt)[:, :, columns] / std[:, None]
+        S = S.reshape(len(rows), -1, len(names))
+        size = np.linalg.norm(S, axis=1)
+        S /= size[:, None]
+        gradient = np.einsum("rnk,rn->rk", S, error(theta[rows], rows))
+        move = np.linalg.solve(S.transpose(0, 2, 1) @ S, gradient[:, :, None])[:, :, 0] / size
+        left = np.ones(len(rows), dtype=bool)
+        step = 1.0
+        while left.any() and step > 1e-4:
+            trial = theta[rows[left]] + step * move[left]
+            reached = np.square(error(trial, rows[left])).sum(axis=1)
+            better = reached <= cost[rows[left]]
+            won = rows[left][better]
+            gained = cost[won] - reached[better]
+            theta[won], cost[won] = trial[better], reached[better]
+            moving[won] = gained > 1e-10 * cost[won]
+            left[np.flatnonzero(left)[better]] = False
+            step *= 0.5
+        moving[rows[left]] = False  # no step goes down any more: there
+    theta[moving] = np.nan
+    return theta

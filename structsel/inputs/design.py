@@ -1,0 +1,312 @@
+"""`design_inputs`: the input that tells most about parameters, or about the difference between some of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from structsel.errors import DomainError, ModelError
+from structsel.inputs.criteria import Criterion, Problem, elementary_matrices
+from structsel.inputs.information import Information, chosen, information, of_sensitivities, sensitivities
+from structsel.inputs.limits import Reached, limit_rows, reached
+from structsel.inputs.optimal import Basis, optimise, orthonormal_functions, within_limits
+from structsel.inputs.signals import clock
+from structsel.recording import Recording, write_recording
+from structsel.simulation.linear import Hold, LinearModel
+
+_MEANS = {
+    "A": "trace of the covariance",
+    "D": "ln det of the covariance",
+    "trace": "trace of the information",
+    "E": "largest variance of any combination",
+}
+_BROKEN = 1e-3  # of the energy: less than that short of what was asked is the penalty's tail
+
+
+@dataclass(frozen=True, eq=False)
+class InputDesign:
+    """An input made to tell most, with what it tells.
+
+    Attributes
+    ----------
+    inputs : Recording
+        The input on its clock; held from sample to sample unless `hold` was ``"linear"``.
+    information : Information
+        Cramer-Rao bounds it reaches.
+    criterion : {"A", "D", "trace", "E"}
+    of_interest : tuple of str
+        Parameters the criterion counts; the others are estimated too.
+    value, free_value : float
+        Of the criterion, parameters scaled: reached, and without limits at the energy asked for.
+    energy, energy_asked : float
+        Of the input, and as asked; nan where the limits alone were to set it.
+    basis : str
+    coefficients : (inputs, functions) array
+    limits : tuple of Reached
+    history : tuple of (float, float)
+        Criterion and slope at each Newton-Raphson step.
+    converged : bool
+    notes : tuple of str
+        What limits did, and other things to know.
+    """
+
+    inputs: Recording
+    information: Information
+    criterion: Criterion
+    of_interest: tuple[str, ...]
+    value: float
+    free_value: float
+    energy: float
+    energy_asked: float
+    basis: str
+    coefficients: np.ndarray
+    limits: tuple[Reached, ...]
+    history: tuple[tuple[float, float], ...]
+    converged: bool
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Make the array read-only."""
+        array = np.array(self.coefficients, dtype=float)
+        array.setflags(write=False)
+        object.__setattr__(self, "coefficients", array)
+
+    def to_recording(self) -> Recording:
+        """The input, as `simulate` takes it."""
+        return self.inputs
+
+    def write(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the table of (t, value) as CSV or Parquet; see `write_recording`."""
+        return write_recording(self.inputs, path, overwrite=overwrite)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per parameter: value and Cramer-Rao bound."""
+        return self.information.to_frame()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types, for JSON."""
+        return {
+            "criterion": self.criterion,
+            "of_interest": list(self.of_interest),
+            "value": self.value,
+            "free_value": self.free_value,
+            "energy": self.energy,
+            "basis": self.basis,
+            "coefficients": self.coefficients.tolist(),
+            "limits": [r.to_dict() for r in self.limits],
+            "converged": self.converged,
+            "information": self.information.to_dict(),
+            "notes": list(self.notes),
+        }
+
+    def __str__(self) -> str:
+        shape = f"{self.coefficients.shape[1]} {self.basis} on {', '.join(self.inputs.names)}"
+        lines = [
+            f"input for the least {_MEANS[self.criterion]}"
+            if self.criterion != "trace"
+            else f"input for the largest {_MEANS[self.criterion]}",
+            f"  of {', '.join(self.of_interest)}",
+            f"  {shape}, {self.inputs.duration:g} s, energy {self.energy:.4g}",
+            f"  {len(self.history)} Newton-Raphson steps, "
+            + ("converged" if self.converged else "NOT converged: the best found is given"),
+            "",
+            *("  " + line for line in str(self.information).splitlines()[1:]),
+        ]
+        if self.limits:
+            lines += ["", f"  {'limit':<14} {'allowed':>10} {'reached':>10}", *(f"  {r}" for r in self.limits)]
+        return "\n".join([*lines, *(f"  ! {note}" for note in self.notes)])
+
+
+def design_inputs(
+    model: LinearModel,
+    *,
+    noise: Mapping[str, float],
+    parameters: Sequence[str] | None = None,
+    to_separate: Sequence[str] | None = None,
+    criterion: Criterion = "A",
+    energy: float | None = None,
+    duration: float = 20.0,
+    dt: float = 0.05,
+    basis: Basis = "sines",
+    functions: int | None = None,
+    limits: Mapping[str, float] | None = None,
+    rate_limits: Mapping[str, float] | None = None,
+    scales: Mapping[str, float] | None = None,
+    parameter_scales: Mapping[str, float] | None = None,
+    hold: Hold = "hold",
+    seed: int = 0,
+) -> InputDesign:
+    """Design the input that tells most about a linear model's parameters [M86].
+
+    A finite sum of orthonormal functions of fixed energy, from a seeded direct search and Newton-Raphson with exact
+    derivatives; see `structsel.inputs.optimal`.
+
+    Parameters
+    ----------
+    model : LinearModel
+        With the best knowledge of its parameters; every input of it is designed.
+    noise : mapping of str to float
+        Standard deviation of white noise on each output measured.
+    parameters : sequence of str, optional
+        Estimated together; those that are not zero where absent.
+    to_separate : sequence of str, optional
+        Two terms, or more, to tell apart: the largest variance of any combination of these is minimised (criterion
+        ``"E"``), all other parameters being estimated too. In doubt between a and b, that combination is what both
+        explain.
+    criterion : {"A", "D", "trace", "E"}
+        Least trace, ln det or largest eigenvalue of the covariance, or largest trace of the information; parameters
+        scaled by `parameter_scales`. Trace often ends in an input that tells one combination well and others not.
+    energy : float, optional
+        Integral of the squared inputs over their scales [s]. Where absent, limits are needed: the shape and energy
+        that tell most within them are sought.
+    duration, dt : float [s]
+    basis : {"sines", "fourier", "legendre"}
+        ``"sines"`` begin and end at zero.
+    functions : int, optional
+        For each input; where absent, up to twice the fastest mode's frequency, 8 to 30.
+    limits : mapping of str to float, optional
+        Largest departure of inputs, outputs, states, and alpha, beta, V (as w / V, v / V, u).
+    rate_limits : mapping of str to float, optional
+        Of inputs, from sample to sample [unit/s].
+    scales : mapping of str to float, optional
+        What counts as one in each input's energy.
+    parameter_scales : mapping of str to float, optional
+        What an error of each parameter is measured by; its value where absent.
+    hold : {"hold", "linear"}
+        What the input does between samples.
+    seed : int
+
+    Returns
+    -------
+    InputDesign
+        Its notes say where limits shaped the input, or lowered its energy.
+
+    Raises
+    ------
+    ModelError
+        Names that are not there, neither energy nor limits, a parameter that is zero without a scale, or parameters
+        no input can tell apart; the message names them.
+    """
+    names = chosen(model, parameters)
+    if to_separate is not None:
+        if len(set(to_separate)) < 2 or not set(to_separate) <= set(names):
+            raise ModelError(
+                f"to_separate names at least two of the parameters ({', '.join(names)}); found {list(to_separate)}."
+            )
+        criterion = "E"
+    if energy is None and not (limits or rate_limits):
+        raise ModelError("design_inputs needs an energy, or limits that set one.")
+    if energy is not None and not energy > 0.0:
+        raise ModelError(f"design_inputs needs an energy above zero; found {energy}.")
+    interest = names if to_separate is None else tuple(dict.fromkeys(to_separate))
+    size = parameter_sizes(model, names, parameter_scales)
+    t = clock(duration, dt)
+    count = _functions(model, duration) if functions is None else functions
+    phi = orthonormal_functions(basis, count, len(t), dt)
+    u = _spread(phi, [(scales or {}).get(c, 1.0) for c in model.inputs])
+    S = sensitivities(model, names, np.concatenate([np.zeros_like(u[:1]), u]), dt, noise, hold)
+    S[1:] -= S[0]  # what an input adds to the motion without one
+    all_at_once = of_sensitivities("any input of this kind", names, np.ones(len(names)), S.reshape(-1, len(names)))
+    all_at_once.require()
+    rows = limit_rows(model, u, dt, limits or {}, rate_limits or {}, hold)
+    problem = Problem(
+        elementary=elementary_matrices(S * size),
+        criterion=criterion,
+        of_interest=np.array([names.index(p) for p in interest]),
+        energy=1.0 if energy is None else energy,
+        limits=rows,
+    )
+    try:
+        free = optimise(problem, _starts(problem, phi, len(model.inputs)), seed=seed)
+    except DomainError as error:
+        raise ModelError(f"design_inputs: {error} Parameters: {', '.join(names)}.") from error
+    found = within_limits(problem, free, energy)
+    a, notes = found.a, []
+    value, held = float(problem.values(a[None])[0]), float(a @ a)
+    if energy is None:
+        notes.append(f"the limits set the energy, {held:.4g}")
+    elif held < (1.0 - _BROKEN) * energy:
+        notes.append(
+            f"within the limits an energy of {held:.4g} tells most, not the {energy:.4g} asked for; without limits the "
+            f"criterion is {free.value:.4g} instead of {value:.4g}"
+        )
+    elif found is not free:
+        notes.append(f"limits shape this input; without them the criterion is {free.value:.4g} instead of {value:.4g}")
+    if not found.converged:
+        notes.append("the search stopped before the slope vanished; the best input found is given")
+    made = np.tensordot(a, u, 1)
+    note = f"optimal input: criterion {criterion}, {count} {basis}, energy {float(a @ a):.6g}"
+    units = {c: model.unit(c) for c in model.inputs}
+    inputs = Recording("optimal", t, {c: made[:, i] for i, c in enumerate(model.inputs)}, units, (note,))
+    return InputDesign(
+        inputs=inputs,
+        information=information(model, inputs, noise=noise, parameters=names, hold=hold),
+        criterion=criterion,
+        of_interest=interest,
+        value=value,
+        free_value=np.nan if energy is None else free.value,
+        energy=float(a @ a),
+        energy_asked=np.nan if energy is None else float(energy),
+        basis=basis,
+        coefficients=a.reshape(len(model.inputs), count),
+        limits=reached(model, made, dt, limits or {}, rate_limits or {}, hold),
+        history=found.history,
+        converged=found.converged,
+        notes=tuple(notes),
+    )
+
+
+def parameter_sizes(
+    model: LinearModel, names: tuple[str, ...], scales: Mapping[str, float] | None = None
+) -> np.ndarray:
+    """What an error of each parameter is measured by, (k,): given, else its value.
+
+    Raises
+    ------
+    ModelError
+        A parameter is zero and has no scale.
+    """
+    size = np.array([abs((scales or {}).get(n, model.parameters[n])) for n in names])
+    if (size == 0.0).any():
+        zero = [n for n, s in zip(names, size) if s == 0.0]
+        raise ModelError(
+            f"{', '.join(zero)} of '{model.name}' is zero, so its value says nothing of how well it need be known. "
+            f"Give parameter_scales for it, as parameter_scales={{'{zero[0]}': 0.1}}."
+        )
+    return size
+
+
+def _functions(model: LinearModel, duration: float) -> int:
+    fastest = float(model.modes().frequency.max()) / (2.0 * np.pi)
+    return int(np.clip(np.ceil(4.0 * fastest * duration), 8, 30))
+
+
+def _spread(phi: np.ndarray, sizes: Sequence[float]) -> np.ndarray:
+    """(inputs * functions, n, inputs) inputs that each move one control."""
+    count, n = phi.shape
+    u = np.zeros((len(sizes), count, n, len(sizes)))
+    for i, size in enumerate(sizes):
+        u[i, :, :, i] = size * phi
+    return u.reshape(-1, n, len(sizes))
+
+
+def _starts(problem: Problem, phi: np.ndarray, inputs: int) -> np.ndarray:
+    """Directions to begin from: the strongest responses, and doublets and 3-2-1-1s of several widths."""
+    T = np.einsum("ijll->ij", problem.elementary[1:, 1:])
+    strongest = np.linalg.eigh(T)[1][:, -4:].T
+    n = phi.shape[1]
+    rows = [*strongest]
+    for pattern in ((1, -1), (3, -2, 1, -1)):
+        for share in (0.1, 0.2, 0.4, 0.8):
+            edges = np.round(share * n * np.concatenate([[0.0], np.cumsum(np.abs(pattern))]) / np.abs(pattern).sum())
+            wave = np.zeros(n)
+            for first, last, sign in zip(edges[:-1].astype(int), edges[1:].astype(int), np.sign(pattern)):
+                wave[first + n // 20 : last + n // 20] = sign
+            row = np.concatenate([np.roll(phi @ wave, i) for i in range(inputs)])
+            rows.append(row / np.linalg.norm(row))
+    return np.array(rows)

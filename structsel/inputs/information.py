@@ -1,0 +1,200 @@
+"""What an input tells about the parameters of a linear model: information matrix and Cramer-Rao bounds.
+
+With S the sensitivities of the outputs and R the covariance of white measurement noise, the information matrix is
+M = sum_k S_k' inv(R) S_k, and no unbiased estimate from these outputs scatters less than inv(M) [M86].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import linalg
+
+from structsel.errors import ModelError
+from structsel.recording import Recording
+from structsel.simulation.linear import Hold, LinearModel
+
+_LOST = 1e-7
+"""Singular value of the sensitivities, scaled to unit columns, below which a direction is not seen at all."""
+
+_SHARE = 0.01  # of the strongest in a direction: parameters with less have no part in it
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Information in one input about parameters.
+
+    Attributes
+    ----------
+    name : str
+        Of the input.
+    parameters : tuple of str
+    values : (k,) array
+    matrix : (k, k) array
+        Information matrix.
+    covariance : (k, k) array
+        Its inverse, the Cramer-Rao bound; nan throughout where the information is rank-deficient.
+    unseen : tuple of str
+        What the input does not show, one sentence each; empty where everything can be estimated.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    values: np.ndarray
+    matrix: np.ndarray
+    covariance: np.ndarray
+    unseen: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for name in ("values", "matrix", "covariance"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def crlb(self) -> np.ndarray:
+        """Least standard deviation of each parameter, (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation of the best estimates, (k, k)."""
+        return self.covariance / np.outer(self.crlb, self.crlb)
+
+    def require(self) -> Information:
+        """Itself, if everything can be estimated.
+
+        Raises
+        ------
+        ModelError
+            The information is rank-deficient; the message names the parameters.
+        """
+        if self.unseen:
+            raise ModelError(
+                f"the input '{self.name}' does not show all of {', '.join(self.parameters)}:\n"
+                + "\n".join(f"  {line}" for line in self.unseen)
+                + "\nExcite the motion these act on, measure more outputs, or hold one of them fixed."
+            )
+        return self
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per parameter."""
+        return pd.DataFrame({"parameter": self.parameters, "value": self.values, "crlb": self.crlb})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types, for JSON."""
+        bounds = [float(s) if np.isfinite(s) else None for s in self.crlb]
+        return {
+            "input": self.name,
+            "crlb": dict(zip(self.parameters, bounds)),
+            "values": dict(zip(self.parameters, self.values.tolist())),
+            "matrix": self.matrix.tolist(),
+            "unseen": list(self.unseen),
+        }
+
+    def __str__(self) -> str:
+        wide = max(map(len, (*self.parameters, "parameter")))
+        lines = [f"{self.name}: Cramer-Rao bounds", f"  {'parameter':<{wide}} {'value':>12} {'std':>10} {'%':>8}"]
+        for name, value, std in zip(self.parameters, self.values, self.crlb):
+            share = f"{100 * std / abs(value):8.2f}" if value else f"{'-':>8}"
+            lines.append(f"  {name:<{wide}} {value:>12.5g} {std:>10.3g} {share}")
+        return "\n".join([*lines, *(f"  ! {line}" for line in self.unseen)])
+
+
+def information(
+    model: LinearModel,
+    inputs: Recording,
+    *,
+    noise: Mapping[str, float],
+    parameters: Sequence[str] | None = None,
+    hold: Hold = "hold",
+) -> Information:
+    """Information matrix and Cramer-Rao bounds of an input.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Flown from the reference condition.
+    inputs : Recording
+    noise : mapping of str to float
+        Standard deviation of white noise on each output measured; outputs not named are not measured.
+    parameters : sequence of str, optional
+        Estimated together, the others known. By default all whose value is not zero.
+    hold : {"hold", "linear"}
+
+    Returns
+    -------
+    Information
+        A rank-deficient one says in ``.unseen`` which parameters; ``.require()`` raises on it.
+
+    Raises
+    ------
+    ModelError
+        Names the model does not have, or noise that is not above zero.
+    """
+    names = chosen(model, parameters)
+    inputs.require(*model.inputs, finite=True, by="information")
+    u = np.column_stack([inputs[c] for c in model.inputs])
+    S = sensitivities(model, names, u[None], inputs.dt, noise, hold)[0]
+    return of_sensitivities(inputs.name, names, np.array([model.parameters[n] for n in names]), S)
+
+
+def of_sensitivities(name: str, names: tuple[str, ...], values: np.ndarray, S: np.ndarray) -> Information:
+    """Information from sensitivities over the noise's standard deviation, (rows, k)."""
+    M = S.T @ S
+    lines = unseen(S, names)
+    covariance = np.full_like(M, np.nan)
+    if not lines:
+        scale = 1.0 / np.linalg.norm(S, axis=0)
+        R = np.linalg.qr(S * scale, mode="r")
+        inverse = linalg.solve_triangular(R, np.eye(len(names)))
+        covariance = inverse @ inverse.T * np.outer(scale, scale)
+    return Information(name, names, values, M, covariance, lines)
+
+
+def unseen(S: np.ndarray, names: tuple[str, ...]) -> tuple[str, ...]:
+    """What sensitivities (rows, k) leave undetermined, in words."""
+    size = np.linalg.norm(S, axis=0)
+    silent = size <= 1e-12 * size.max() if size.max() > 0.0 else np.ones(len(names), dtype=bool)
+    lines = [f"{n} does not act on what is measured" for n in np.array(names, dtype=object)[silent]]
+    if (~silent).any():
+        rest = np.array(names, dtype=object)[~silent]
+        _, values, directions = np.linalg.svd(S[:, ~silent] / size[~silent], full_matrices=False)
+        for direction in directions[values < _LOST * values[0]]:
+            among = [n for n, d in zip(rest, np.abs(direction)) if d > _SHARE * np.abs(direction).max()]
+            lines.append(f"{', '.join(among)} act alike: only a combination of them shows")
+        if len(S) < len(rest):
+            lines.append(f"{len(S)} numbers are measured for {len(rest)} parameters")
+    return tuple(lines)
+
+
+def chosen(model: LinearModel, parameters: Sequence[str] | None) -> tuple[str, ...]:
+    """Parameters asked for, checked; those that are not zero where none are."""
+    if parameters is None:
+        return tuple(n for n, v in model.parameters.items() if v != 0.0)
+    if isinstance(parameters, str) or not len(parameters):
+        raise ModelError(f"parameters is a list of names; found {parameters!r}.")
+    if missing := [n for n in parameters if n not in model.parameters]:
+        raise ModelError(f"'{model.name}' has no parameter {', '.join(missing)}; it has {', '.join(model.parameters)}.")
+    return tuple(dict.fromkeys(parameters))
+
+
+def sensitivities(
+    model: LinearModel, names: tuple[str, ...], u: np.ndarray, dt: float, noise: Mapping[str, float], hold: Hold
+) -> np.ndarray:
+    """Of the measured outputs over their noise, (b, n * outputs, k), for inputs (b, n, ni)."""
+    if missing := [o for o in noise if o not in model.outputs]:
+        raise ModelError(f"'{model.name}' has no output {', '.join(missing)}; it has {', '.join(model.outputs)}.")
+    if not noise or any(not (std > 0.0 and np.isfinite(std)) for std in noise.values()):
+        raise ModelError(f"the information needs noise above zero on at least one output; found {dict(noise)}.")
+    columns = [model.outputs.index(o) for o in noise]
+    family = model.family.keep(names, model.theta)
+    theta = np.array([model.parameters[n] for n in names])
+    S = family.sensitivities(theta, u, dt, hold=hold)[:, :, columns]
+    S /= np.array(list(noise.values()))[:, None]
+    return S.reshape(len(u), -1, len(names))

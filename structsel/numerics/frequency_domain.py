@@ -1,0 +1,257 @@
+"""Equation error and output error in the frequency domain.
+
+The finite Fourier transform of a signal over its record, by the trapezoidal rule::
+
+    x~(w) = int_0^T x(t) exp(-i w t) dt
+
+Its derivative's is ``i w x~ + x(T) exp(-i w T) - x(0)``. Only the frequencies that are asked for take part, so that
+noise, drift and structural modes elsewhere do not; nothing is differentiated.
+
+References
+----------
+[KM16], frequency-domain methods.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, signal
+
+from structsel.errors import DataError, DomainError
+
+_LONG = 1 << 22  # products in an explicit transform; above that a chirp-z transform takes over
+
+
+def choose_frequencies(duration: float, low: float, high: float) -> np.ndarray:
+    """Whole multiples of 1/T between two frequencies [Hz], at which the transforms of white noise are unrelated.
+
+    Raises
+    ------
+    DomainError
+        No multiple lies there.
+    """
+    first, last = int(np.ceil(low * duration - 1e-9)), int(np.floor(high * duration + 1e-9))
+    if not (first >= 0 and last >= first):
+        raise DomainError(
+            f"a record of {duration:g} s has no frequency of its own between {low:g} and {high:g} Hz; they are "
+            f"{1.0 / duration:.3g} Hz apart. Widen the band, or record longer."
+        )
+    return np.arange(first, last + 1) / duration
+
+
+def transform(x: np.ndarray, dt: float, frequencies: np.ndarray, detrend: bool = True) -> np.ndarray:
+    """Finite Fourier transform by the trapezoidal rule.
+
+    Parameters
+    ----------
+    x : (n, ...) array
+        Time along the first axis.
+    dt : float [s]
+    frequencies : (f,) array [Hz]
+        Below half the sampling frequency.
+    detrend : bool
+        Take the straight line through the samples out first, which would leak into every frequency.
+
+    Returns
+    -------
+    (f, ...) complex array [unit s]
+
+    Raises
+    ------
+    DataError
+        Samples that are not finite.
+    DomainError
+        A frequency above half the sampling frequency.
+    """
+    x, f = np.asarray(x, dtype=float), np.asarray(frequencies, dtype=float)
+    n = len(x)
+    if not np.isfinite(x).all():
+        raise DataError("a Fourier transform needs finite samples throughout; take a stretch without gaps.")
+    if f.size and not (np.abs(f).max() <= 0.5 / dt * (1.0 + 1e-9)):
+        raise DomainError(f"{f.max():g} Hz is above half the sampling frequency, {0.5 / dt:g} Hz.")
+    flat = x.reshape(n, -1)
+    flat = signal.detrend(flat, axis=0) if detrend else flat
+    weights = np.full(n, dt)
+    weights[[0, -1]] *= 0.5
+    even = f.size > 2 and np.allclose(np.diff(f), f[1] - f[0], rtol=1e-9)
+    if even and f.size * n > _LONG:
+        step = np.exp(-2j * np.pi * (f[1] - f[0]) * dt)
+        start = np.exp(2j * np.pi * f[0] * dt)
+        found = signal.czt(weights[:, None] * flat, f.size, step, start, axis=0)
+    else:
+        found = np.exp(-2j * np.pi * np.outer(f, dt * np.arange(n))) @ (weights[:, None] * flat)
+    return found.reshape(f.size, *x.shape[1:])
+
+
+def derivative_transform(x: np.ndarray, dt: float, frequencies: np.ndarray) -> np.ndarray:
+    """Transform of dx/dt, from x alone and without differentiating.
+
+    The line from the first sample to the last has a constant slope; what is left of x has no jump from its end to
+    its start, and its derivative is i w times its transform.
+    """
+    x = np.asarray(x, dtype=float)
+    n, shape = len(x), (-1,) + (1,) * (x.ndim - 1)
+    w = 2.0 * np.pi * np.asarray(frequencies, dtype=float).reshape(shape)
+    slope = (x[-1] - x[0]) / ((n - 1) * dt)
+    rest = x - x[0] - slope * (dt * np.arange(n)).reshape(shape)
+    constant = transform(np.ones(n), dt, frequencies, detrend=False).reshape(shape)
+    return 1j * w * transform(rest, dt, frequencies, detrend=False) + slope * constant
+
+
+@dataclass(frozen=True)
+class FrequencyFit:
+    """Least squares over frequencies.
+
+    Attributes
+    ----------
+    theta : (k,) array
+    covariance : (k, k) array
+        For noise that is white over the band, whatever the spacing of the frequencies.
+    noise_std : float
+        Of the response in time, were its noise as strong outside the band.
+    fit : (f,) complex array
+        Transform of the model's response.
+    r2 : float
+        Share of the response's power at these frequencies.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    noise_std: float
+    fit: np.ndarray
+    r2: float
+
+    def __post_init__(self) -> None:
+        for array in (self.theta, self.covariance, self.fit):
+            array.setflags(write=False)
+
+    @property
+    def std(self) -> np.ndarray:
+        """(k,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def equation_error(regressors: np.ndarray, response: np.ndarray, dt: float, frequencies: np.ndarray) -> FrequencyFit:
+    """Equation error in the frequency domain: complex least squares for real parameters.
+
+    With X and z transforms of the detrended regressors and response::
+
+        theta = Re(X'X)^-1 Re(X'z)
+
+    The estimate is linear in the samples, theta = G y, so that for white noise of variance s2 its covariance is
+    s2 G G', exactly and for any spacing of the frequencies.
+
+    Parameters
+    ----------
+    regressors : (n, k) array
+    response : (n,) array
+    dt : float [s]
+    frequencies : (f,) array [Hz]
+        Above zero: a constant is not a term here, the detrending takes it out.
+
+    Raises
+    ------
+    DataError
+        Fewer frequencies than it takes, or regressors that depend on each other over them.
+    DomainError
+        As `transform`.
+
+    References
+    ----------
+    [KM16], frequency-domain methods, equation error.
+    """
+    X_t, y = np.asarray(regressors, dtype=float), np.asarray(response, dtype=float)
+    n, k = X_t.shape
+    f = np.asarray(frequencies, dtype=float)
+    if 2 * f.size <= k:
+        raise DataError(f"{f.size} frequencies give {2 * f.size} equations for {k} parameters; ask for more.")
+    z = transform(y, dt, f)
+    X = transform(X_t, dt, f)
+    stacked = np.vstack([X.real, X.imag])
+    length = np.linalg.norm(stacked, axis=0)
+    singular = np.linalg.svd(stacked / np.where(length > 0.0, length, 1.0), compute_uv=False)
+    if not length.all() or singular[-1] < 1e-10 * singular[0]:
+        raise DataError(
+            "equation error: the regressors depend on each other at these frequencies, or one is not excited there. "
+            "Leave one out, widen the band, or fly an input that moves them apart."
+        )
+    inverse = linalg.pinv(stacked / length) / length[:, None]
+    theta = inverse @ np.concatenate([z.real, z.imag])
+    residual = z - X @ theta
+    noise = _noise_gram(n, dt, f)
+    left = np.eye(2 * f.size) - stacked @ inverse
+    variance = float(np.sum(np.abs(residual) ** 2) / np.sum((left @ noise) * left))
+    power = float(np.sum(np.abs(z) ** 2))
+    r2 = 1.0 - float(np.sum(np.abs(residual) ** 2)) / power if power > 0.0 else np.nan
+    return FrequencyFit(
+        theta, variance * (inverse @ noise @ inverse.T), float(np.sqrt(variance)), X @ theta, r2
+    )  # fmt: skip
+
+
+def _noise_gram(n: int, dt: float, f: np.ndarray) -> np.ndarray:
+    """(2 f, 2 f) covariance of the parts of the detrended transform of white noise of variance one."""
+    weights = np.full(n, dt)
+    weights[[0, -1]] *= 0.5
+    line = np.linalg.qr(np.column_stack([np.ones(n), np.linspace(-1.0, 1.0, n)]))[0]
+    gram, straight = np.zeros((2 * f.size, 2 * f.size)), np.zeros((2 * f.size, 2))
+    block = max(1, _LONG // (2 * f.size))
+    for a in range(0, n, block):
+        times = dt * np.arange(a, min(a + block, n))
+        W = np.exp(-2j * np.pi * np.outer(f, times)) * weights[a : a + block]
+        rows = np.vstack([W.real, W.imag])
+        gram += rows @ rows.T
+        straight += rows @ line[a : a + block]
+    return gram - straight @ straight.T
+
+
+def linear_response(
+    A: np.ndarray,
+    B: np.ndarray,
+    C: np.ndarray,
+    D: np.ndarray,
+    delay: np.ndarray,
+    U: np.ndarray,
+    frequencies: np.ndarray,
+    jump: np.ndarray | None = None,
+) -> np.ndarray:
+    """Transforms of the outputs of linear systems, many at once.
+
+    The finite transform of ``x' = A x + B u(t - tau)``, ``y = C x + D u(t - tau)`` is::
+
+        y~ = C (i w I - A)^-1 [B u~ e^(-i w tau) + x(0) - x(T) e^(-i w T)] + D u~ e^(-i w tau)
+
+    Parameters
+    ----------
+    A, B, C, D : (m, s, s), (m, s, i), (m, o, s), (m, o, i) arrays
+    delay : (m,) array [s]
+    U : (f, i) complex array
+        Transforms of the inputs.
+    frequencies : (f,) array [Hz]
+    jump : (m, f, s) complex array, optional
+        x(0) - x(T) e^(-i w T); a record that starts and ends at rest has none.
+
+    Returns
+    -------
+    (m, f, o) complex array
+        Not finite where a mode has exactly one of the frequencies and no damping.
+    """
+    w = 2.0 * np.pi * np.asarray(frequencies, dtype=float)
+    late = U[None] * np.exp(-1j * w[None, :] * np.asarray(delay)[:, None])[:, :, None]
+    drive = np.einsum("msi,mfi->mfs", B, late) + (0.0 if jump is None else jump)
+    resolvent = 1j * w[None, :, None, None] * np.eye(A.shape[1]) - A[:, None]
+    try:
+        x = np.linalg.solve(resolvent, drive[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        x = np.full(drive.shape, np.nan + 0j)
+    return np.einsum("mos,mfs->mfo", C, x) + np.einsum("moi,mfi->mfo", D, late)
+
+
+def as_real(transforms: np.ndarray) -> np.ndarray:
+    """(..., 2 f, c) real parts above imaginary parts, the outputs output error can be asked to fit.
+
+    At whole multiples of 1/T the transforms of white noise are unrelated and their two parts equally strong, so
+    `fit_output_error` on these is maximum likelihood in the frequency domain.
+    """
+    return np.concatenate([transforms.real, transforms.imag], axis=-2)

@@ -1,0 +1,165 @@
+"""Modes of a linear system: eigenvalues in the quantities a pilot would name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from structsel.errors import DomainError
+
+# Families of states by name: which motion each stands for.
+_LONGITUDINAL = {"u": "speed", "V": "speed", "w": "heave", "alpha": "heave", "q": "pitch", "theta": "attitude"}
+_LATERAL = {"v": "sway", "beta": "sway", "p": "roll", "r": "yaw", "phi": "bank", "psi": "heading"}
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """One row per real eigenvalue or conjugate pair, the fastest first.
+
+    Attributes
+    ----------
+    names : tuple of str
+    eigenvalues : (k,) complex array [1/s]
+        Of a pair, the one with positive imaginary part.
+    frequency : (k,) array [rad/s]
+        Natural frequency |eigenvalue|.
+    damping : (k,) array [-]
+        Ratio -Re / |eigenvalue|: 1 for a real decay, below zero where unstable.
+    time_constant : (k,) array [s]
+        -1 / Re; below zero where unstable.
+    time_to_half, time_to_double : (k,) array [s]
+        ln 2 / |Re|, of the amplitude; nan for the one that does not apply.
+    period : (k,) array [s]
+        nan for a real eigenvalue.
+    participation : (k, ns) array [-]
+        Share of each state in the mode, whatever the states' units; rows add to 1.
+    states : tuple of str
+    """
+
+    names: tuple[str, ...]
+    eigenvalues: np.ndarray
+    frequency: np.ndarray
+    damping: np.ndarray
+    time_constant: np.ndarray
+    time_to_half: np.ndarray
+    time_to_double: np.ndarray
+    period: np.ndarray
+    participation: np.ndarray
+    states: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __str__(self) -> str:
+        head = ("mode", "eigenvalue [1/s]", "freq [rad/s]", "damping", "T [s]", "half/double [s]", "period [s]")
+        rows = [head]
+        for i, name in enumerate(self.names):
+            z = self.eigenvalues[i]
+            number = f"{z.real:+.4f}" + (f" +- {z.imag:.4f}i" if z.imag else "")
+            stable = np.isfinite(self.time_to_half[i])
+            when = f"{self.time_to_half[i]:.3g} half" if stable else f"{self.time_to_double[i]:.3g} double"
+            if z.real == 0.0:
+                when = "-"
+            period = f"{self.period[i]:.3g}" if z.imag else "-"
+            T = f"{self.time_constant[i]:.3g}" if z.real else "-"
+            rows.append((name, number, f"{self.frequency[i]:.4g}", f"{self.damping[i]:+.3f}", T, when, period))
+        widths = [max(len(row[j]) for row in rows) for j in range(len(head))]
+        return "\n".join("  ".join(c.ljust(w) for c, w in zip(row, widths)).rstrip() for row in rows)
+
+
+def modes(A: np.ndarray, states: Sequence[str] = ()) -> Modes:
+    """Eigenvalues of A with frequency, damping, times and, for the usual states, names.
+
+    Longitudinal states are u or V, w or alpha, q, theta; lateral ones v or beta, p, r, phi, psi. Names follow what
+    takes part (participation factors, products of left and right eigenvectors, which no choice of units alters):
+    the pair of incidence and pitch rate is the short period, that of speed and attitude the phugoid; the pair of
+    sideslip and yaw the Dutch roll, and the real ones of roll rate and bank the roll subsidence and the spiral.
+
+    Parameters
+    ----------
+    A : (ns, ns) array
+    states : sequence of str
+        Names of the states; without them, or with others, modes are "oscillation" and "aperiodic".
+
+    Returns
+    -------
+    Modes
+
+    Raises
+    ------
+    DomainError
+        A is not square or not finite, or the names are not as many.
+    """
+    A = np.asarray(A, dtype=float)
+    if A.ndim != 2 or A.shape[0] != A.shape[1] or not np.isfinite(A).all():
+        raise DomainError(f"modes needs one square matrix of finite numbers; found shape {A.shape}.")
+    if states and len(states) != len(A):
+        raise DomainError(f"modes was given {len(states)} names for {len(A)} states.")
+    values, left, right = linalg.eig(A, left=True, right=True)
+    shares = np.abs(left * right)
+    shares = (shares / np.maximum(shares.sum(axis=0), np.finfo(float).tiny)).T
+    upper = values.imag >= 0.0
+    order = np.argsort(-np.abs(values[upper]), kind="stable")
+    values, shares = values[upper][order], shares[upper][order]
+    real = values.real
+    with np.errstate(divide="ignore", invalid="ignore"):
+        T = -1.0 / real
+        amplitude = np.log(2.0) / np.abs(real)
+        frequency = np.abs(values)
+        damping = np.where(frequency > 0.0, -real / frequency, 0.0)
+        period = np.where(values.imag > 0.0, 2.0 * np.pi / values.imag, np.nan)
+    return Modes(
+        names=_names(values, shares, tuple(states)),
+        eigenvalues=values,
+        frequency=frequency,
+        damping=damping,
+        time_constant=T,
+        time_to_half=np.where(real < 0.0, amplitude, np.nan),
+        time_to_double=np.where(real > 0.0, amplitude, np.nan),
+        period=period,
+        participation=shares,
+        states=tuple(states),
+    )
+
+
+def _names(values: np.ndarray, shares: np.ndarray, states: tuple[str, ...]) -> tuple[str, ...]:
+    for motions, name in ((_LONGITUDINAL, _longitudinal), (_LATERAL, _lateral)):
+        if states and all(s in motions for s in states):
+            kinds = np.array([motions[s] for s in states])
+            return tuple(name(values, {k: shares[:, kinds == k].sum(axis=1) for k in motions.values()}))
+    return tuple("oscillation" if z.imag else "aperiodic" for z in values)
+
+
+def _longitudinal(values: np.ndarray, share: dict[str, np.ndarray]) -> list[str]:
+    short = share["heave"] + share["pitch"] - share["speed"] - share["attitude"]
+    pairs = np.flatnonzero(values.imag > 0.0)
+    names = [f"{kind} aperiodic" for kind in _strongest(share)]
+    for i in pairs:
+        names[i] = "short period" if short[i] > 0.0 else "phugoid"
+    if len(pairs) == 2:  # whatever the shares, one is each
+        names[pairs[np.argmax(short[pairs])]] = "short period"
+        names[pairs[np.argmin(short[pairs])]] = "phugoid"
+    return names
+
+
+def _lateral(values: np.ndarray, share: dict[str, np.ndarray]) -> list[str]:
+    usual = {"sway": "sway aperiodic", "roll": "roll", "yaw": "yaw aperiodic", "bank": "spiral", "heading": "heading"}
+    names = [usual[kind] for kind in _strongest(share)]
+    pairs = np.flatnonzero(values.imag > 0.0)
+    rolling = share["roll"] + share["bank"] - share["sway"] - share["yaw"]
+    for i in pairs:
+        names[i] = "Dutch roll"
+    if len(pairs) == 2:
+        names[pairs[np.argmax(rolling[pairs])]] = "roll-spiral"
+    rest = [i for i in np.flatnonzero(values.imag == 0.0) if names[i] != "heading"]
+    if len(rest) == 2 and len(pairs) == 1:  # the fast one rolls, the slow one spirals
+        names[rest[0]], names[rest[1]] = "roll", "spiral"
+    return names
+
+
+def _strongest(share: dict[str, np.ndarray]) -> list[str]:
+    kinds = list(share)
+    return [kinds[i] for i in np.array([share[kind] for kind in kinds]).argmax(axis=0)]

@@ -1,0 +1,144 @@
+"""Several ways of estimating the same parameters, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from structsel.errors import ModelError
+from structsel.model import AeroModel
+from structsel.refinement.result import Refinement
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Estimates by method, with their standard deviations.
+
+    Attributes
+    ----------
+    methods, parameters : tuple of str
+    values, std : (p, m) array
+        NaN where a method has no such parameter, or does not know.
+    truth : (p,) array
+        NaN where it is not known.
+    level : float
+        Of the confidence intervals.
+    """
+
+    methods: tuple[str, ...]
+    parameters: tuple[str, ...]
+    values: np.ndarray
+    std: np.ndarray
+    truth: np.ndarray
+    level: float
+
+    def __post_init__(self) -> None:
+        for array in (self.values, self.std, self.truth):
+            array.setflags(write=False)
+
+    @property
+    def intervals(self) -> np.ndarray:
+        """(p, m, 2) confidence intervals, normal."""
+        half = stats.norm.ppf(0.5 + self.level / 2.0) * self.std
+        return np.stack([self.values - half, self.values + half], axis=2)
+
+    @property
+    def distance(self) -> np.ndarray:
+        """(p, m, m) difference of two methods over the root of their variances' sum.
+
+        Methods that use the same records share their noise, so this understates how surprising a difference is.
+        """
+        difference = self.values[:, :, None] - self.values[:, None, :]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return difference / np.sqrt(self.std[:, :, None] ** 2 + self.std[:, None, :] ** 2)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each parameter and method: parameter, method, value, std, low, high, truth."""
+        bounds = self.intervals
+        rows = [
+            {"parameter": name, "method": method, "value": self.values[i, j], "std": self.std[i, j],
+             "low": bounds[i, j, 0], "high": bounds[i, j, 1], "truth": self.truth[i]}
+            for i, name in enumerate(self.parameters) for j, method in enumerate(self.methods)
+        ]  # fmt: skip
+        return pd.DataFrame(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table, as to_frame() has it."""
+        return {"schema": "structsel.comparison/1", "level": self.level, "rows": self.to_frame().to_dict("records")}
+
+    def __str__(self) -> str:
+        wide = max(len(name) for name in (*self.parameters, "parameter"))
+        cell = max(25, *(len(m) + 2 for m in self.methods))
+        known = np.isfinite(self.truth).any()
+        head = f"{'parameter':<{wide}}" + ("".join(f"{'truth':>12}") if known else "")
+        lines = [head + "".join(f"{method:>{cell}}" for method in self.methods)]
+        half = stats.norm.ppf(0.5 + self.level / 2.0) * self.std
+        for i, name in enumerate(self.parameters):
+            line = f"{name:<{wide}}"
+            if known:
+                line += f"{self.truth[i]:>12.5g}" if np.isfinite(self.truth[i]) else f"{'-':>12}"
+            for j in range(len(self.methods)):
+                text = "-" if np.isnan(self.values[i, j]) else f"{self.values[i, j]:.5g} +- {half[i, j]:.2g}"
+                line += f"{text:>{cell}}"
+            lines.append(line)
+        return "\n".join([*lines, f"intervals: {self.level:.0%}"])
+
+
+Estimates = Refinement | AeroModel | Mapping[str, tuple[float, float]]
+
+
+def compare_estimates(
+    estimates: Mapping[str, Estimates], *, truth: Mapping[str, float] | None = None, level: float = 0.95
+) -> Comparison:
+    """Set several ways of estimating the same parameters side by side.
+
+    Parameters
+    ----------
+    estimates : mapping of method to Refinement, AeroModel or mapping of parameter to (value, std)
+        ``{"equation error": model, "two-step": model, "output error": refinement}``; a model's terms are called
+        "Cm:alpha" as in a refinement of it.
+    truth : mapping of parameter to float, optional
+        As far as it is known.
+    level : float
+        Of the confidence intervals.
+
+    Returns
+    -------
+    Comparison
+        Of the parameters of the models that at least one method has; recordings' own constants are left out.
+
+    Raises
+    ------
+    ModelError
+        No methods, or a level that is none.
+
+    References
+    ----------
+    [K79], [M86].
+    """
+    if not estimates or not 0.0 < level < 1.0:
+        raise ModelError(f"compare_estimates needs estimates and a level between 0 and 1; it was given level={level}.")
+    tables = {method: _table(each) for method, each in estimates.items()}
+    names = list(dict.fromkeys(name for table in tables.values() for name in table))
+    values, std = (
+        np.array([[tables[m].get(name, (np.nan, np.nan))[i] for m in tables] for name in names]) for i in (0, 1)
+    )
+    known = np.array([(truth or {}).get(name, np.nan) for name in names], dtype=float)
+    return Comparison(tuple(tables), tuple(names), values, std, known, level)
+
+
+def _table(estimates: Estimates) -> dict[str, tuple[float, float]]:
+    if isinstance(estimates, Refinement):
+        return {e.name: (e.value, e.std) for e in estimates.estimates if e.kind == "model"}
+    if isinstance(estimates, AeroModel):
+        return {
+            f"{response}:{term}": (float(value), float(error))
+            for response, model in estimates.responses.items()
+            for term, value, error in zip(model.terms, model.values, np.asarray(model.standard_errors))
+        }
+    return {name: (float(value), float(std)) for name, (value, std) in estimates.items()}

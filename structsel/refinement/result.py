@@ -1,0 +1,276 @@
+"""What a refinement found, how sure it is, and what to doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from structsel.numerics.output_error import GlobalSearch
+from structsel.recording import Recording
+
+ALIKE = 0.9  # correlation of two estimates above which they are said to move together
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter.
+
+    Attributes
+    ----------
+    name, kind : str
+    value : float
+    std : float
+        Residuals as coloured as they are; infinite where the flights do not determine it.
+    std_white : float
+        The Cramer-Rao bound.
+    start, low, high : float
+        Where the search began, and its bounds.
+    at_bound : bool
+    """
+
+    name: str
+    kind: str
+    value: float
+    std: float
+    std_white: float
+    start: float
+    low: float
+    high: float
+    at_bound: bool
+
+
+@dataclass(frozen=True)
+class OutputFit:
+    """How near one output of one recording came.
+
+    Attributes
+    ----------
+    recording, output : str
+    n : int
+        Samples.
+    rms : float
+        Of the residuals, unit of the output.
+    r2, tic : float
+        Share of the variance explained, and Theil's coefficient: 0 perfect, 1 useless.
+    """
+
+    recording: str
+    output: str
+    n: int
+    rms: float
+    r2: float
+    tic: float
+
+
+def judge_output(recording: str, output: str, measured: np.ndarray, modelled: np.ndarray) -> OutputFit:
+    """Fit of one output, over the samples there are."""
+    with np.errstate(all="ignore"):
+        seen = np.isfinite(measured)
+        y, z = measured[seen], modelled[seen]
+        rms = float(np.sqrt(np.mean((y - z) ** 2)))
+        spread, size = float(np.std(y)), float(np.sqrt(np.mean(y**2)) + np.sqrt(np.mean(z**2)))
+    r2 = 1.0 - (rms / spread) ** 2 if spread > 0.0 else np.nan
+    return OutputFit(recording, output, int(seen.sum()), rms, r2, rms / size if size > 0.0 else np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """Parameters of a model, refined on whole manoeuvres by output error.
+
+    Attributes
+    ----------
+    model : LinearStructure or AeroModel
+        With the parameters found.
+    estimates : tuple of Estimate
+    crlb, covariance : (k, k) array
+        As `structsel.numerics.output_error.OutputErrorFit` has them.
+    correlation : (k, k) array
+    noise_std : mapping of output to float
+        Standard deviation of the residuals.
+    fits : tuple of OutputFit
+        By recording and output.
+    simulated : tuple of Recording
+        The recordings with the model's outputs in place of the measured ones.
+    residuals : mapping of recording to mapping of output to (n,) array
+        Measured less simulated.
+    cost : {"ml", "weighted"}
+    costs : (i,) array
+        At the start of the descent and after each step.
+    thetas : (i, k) array
+    converged : bool
+    message : str
+        How the search ended.
+    search : GlobalSearch or None
+        The evolution before the descent.
+    doubts : tuple of str
+    """
+
+    model: Any
+    estimates: tuple[Estimate, ...]
+    crlb: np.ndarray
+    covariance: np.ndarray
+    correlation: np.ndarray
+    noise_std: Mapping[str, float]
+    fits: tuple[OutputFit, ...]
+    simulated: tuple[Recording, ...]
+    residuals: Mapping[str, Mapping[str, np.ndarray]]
+    cost: str
+    costs: np.ndarray
+    thetas: np.ndarray
+    converged: bool
+    message: str
+    search: GlobalSearch | None = None
+    doubts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for array in (self.crlb, self.covariance, self.correlation, self.costs, self.thetas):
+            array.setflags(write=False)
+        held = {name: MappingProxyType(dict(each)) for name, each in self.residuals.items()}
+        for each in held.values():
+            for values in each.values():
+                values.setflags(write=False)
+        object.__setattr__(self, "residuals", MappingProxyType(held))
+        object.__setattr__(self, "noise_std", MappingProxyType(dict(self.noise_std)))
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
+        plain = dict(self.__dict__)
+        plain["residuals"] = {name: dict(each) for name, each in self.residuals.items()}
+        plain["noise_std"] = dict(self.noise_std)
+        return _remake, (plain,)
+
+    def __getitem__(self, name: str) -> Estimate:
+        """One estimate by its name.
+
+        Raises
+        ------
+        KeyError
+            It was not estimated.
+        """
+        for estimate in self.estimates:
+            if estimate.name == name:
+                return estimate
+        raise KeyError(name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what was estimated."""
+        return tuple(e.name for e in self.estimates)
+
+    @property
+    def values(self) -> np.ndarray:
+        """(k,) estimates."""
+        return np.array([e.value for e in self.estimates])
+
+    @property
+    def std(self) -> np.ndarray:
+        """(k,) standard deviations, residuals coloured."""
+        return np.array([e.std for e in self.estimates])
+
+    def history(self) -> pd.DataFrame:
+        """One row for each step: step, cost, and every parameter."""
+        frame = pd.DataFrame(self.thetas, columns=list(self.names))
+        frame.insert(0, "cost", self.costs)
+        frame.insert(0, "step", np.arange(len(self.costs)))
+        return frame
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each parameter: name, kind, value, std, std_white, low95, high95, start, low, high, at_bound."""
+        rows = [
+            {"name": e.name, "kind": e.kind, "value": e.value, "std": e.std, "std_white": e.std_white,
+             "low95": e.value - 1.96 * e.std, "high95": e.value + 1.96 * e.std, "start": e.start, "low": e.low,
+             "high": e.high, "at_bound": e.at_bound}
+            for e in self.estimates
+        ]  # fmt: skip
+        return pd.DataFrame(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the samples."""
+        return {
+            "schema": "structsel.refinement/1",
+            "model": str(getattr(self.model, "name", "")),
+            "cost": self.cost,
+            "converged": self.converged,
+            "message": self.message,
+            "doubts": list(self.doubts),
+            "parameters": self.to_frame().to_dict("records"),
+            "noise_std": dict(self.noise_std),
+            "fits": [fit.__dict__ for fit in self.fits],
+            "costs": self.costs.tolist(),
+            "generations": [] if self.search is None else self.search.costs.tolist(),
+            "recordings": [r.name for r in self.simulated],
+        }
+
+    def __str__(self) -> str:
+        ended = "settled" if self.converged else "NOT CONVERGED"
+        steps = len(self.costs) - 1
+        lines = [
+            f"Output error, cost '{self.cost}', {len(self.simulated)} recording"
+            f"{'s' if len(self.simulated) != 1 else ''}, {len(self.estimates)} parameters: {ended}"
+        ]
+        if not self.converged:
+            lines.append(f"  ! {self.message}; what follows is the best found")
+        if self.search is not None:
+            count = len(self.search.costs)
+            lines.append(
+                f"  evolution: {count} generations, {self.search.evaluations} flights, J {self.search.cost:.6g}"
+            )
+        lines.append(f"  descent: {steps} steps, J {self.costs[0]:.6g} to {self.costs[-1]:.6g}")
+        wide = max(len(name) for name in self.names)
+        lines += ["", f"  {'':<{wide}}{'value':>13}{'std':>11}{'CRLB':>11}{'start':>13}"]
+        for e in self.estimates:
+            mark = "  at its bound" if e.at_bound else ""
+            lines.append(f"  {e.name:<{wide}}{e.value:>13.5g}{e.std:>11.2g}{e.std_white:>11.2g}{e.start:>13.5g}{mark}")
+        lines.append("")
+        for f in self.fits:
+            lines.append(f"  {f.recording} {f.output:<7} rms {f.rms:.3g}, R2 {f.r2:.4f}, TIC {f.tic:.4f}")
+        lines += [f"  ! {text}" for text in self.doubts]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<Refinement: {', '.join(self.names)}; {'converged' if self.converged else 'not converged'}>"
+
+    def _repr_html_(self) -> str:
+        return self.to_frame().to_html(index=False, float_format="{:.5g}".format)
+
+
+def _remake(plain: dict[str, Any]) -> Refinement:
+    return Refinement(**plain)
+
+
+def find_doubts(
+    estimates: tuple[Estimate, ...], correlation: np.ndarray, converged: bool, message: str
+) -> tuple[str, ...]:
+    """What to allow for before believing the numbers."""
+    said = [] if converged else [f"the search did not converge: {message}"]
+    bounded = [e for e in estimates if e.at_bound]
+    if bounded:
+        named = ", ".join(f"{e.name} = {e.value:.5g}" for e in bounded)
+        said.append(f"at a bound, where the cost may still fall beyond it: {named}")
+    lost = [e.name for e in estimates if np.isinf(e.std)]
+    if lost:
+        said.append(f"these flights do not determine {', '.join(lost)}")
+    weak = [e for e in estimates if e.kind == "model" and np.isfinite(e.std) and e.std > 0.5 * abs(e.value)]
+    if weak:
+        named = ", ".join(f"{e.name} ({e.value:.3g} +- {e.std:.2g})" for e in weak)
+        said.append(f"the outputs hardly depend on {named}: hold them, or fly an input that shows them")
+    strong = np.argwhere(np.triu(np.abs(correlation) > ALIKE, 1))
+    order = sorted(strong.tolist(), key=lambda pair: -abs(correlation[pair[0], pair[1]]))
+    for i, j in order[:10]:
+        said.append(
+            f"{estimates[i].name} and {estimates[j].name} move together: correlation {correlation[i, j]:+.3f}; these "
+            "flights hardly tell them apart"
+        )
+    if len(order) > 10:
+        said.append(f"{len(order) - 10} more pairs are correlated above {ALIKE:g}")
+    ratio = [e.std / e.std_white for e in estimates if np.isfinite(e.std) and e.std_white > 0.0]
+    if ratio and max(ratio) > 2.0:
+        said.append(
+            f"residuals are coloured: standard deviations are up to {max(ratio):.1f} times the Cramer-Rao bound; "
+            "something the model leaves out, or turbulence, is in them"
+        )
+    return tuple(said)

@@ -1,0 +1,105 @@
+"""linearise(): the small motions about a trim."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from structsel.aircraft import Aircraft
+from structsel.errors import ModelError
+from structsel.model import AeroModel
+from structsel.numerics.atmosphere import G0
+from structsel.numerics.flight_dynamics import STATES, outputs_index, slopes
+from structsel.numerics.linear_systems import LinearFamily, LinearSystem
+from structsel.simulation.air import Air
+from structsel.simulation.linear import LinearModel
+from structsel.simulation.preparing import prepare
+from structsel.simulation.trimmed import Trim
+
+_LONGITUDINAL, _LATERAL = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
+_AXES = {"longitudinal": _LONGITUDINAL, "lateral": _LATERAL, "coupled": (*_LONGITUDINAL, *_LATERAL)}
+_INPUTS = {"longitudinal": ("de", "df", "throttle", "thrust"), "lateral": ("da", "dr")}
+_STEP = 1e-5  # of a state's typical size: central differences are then good to about ten digits
+
+
+def linearise(
+    model: AeroModel,
+    aircraft: Aircraft,
+    trim: Trim,
+    *,
+    axis: str = "longitudinal",
+    states: Sequence[str] | None = None,
+    inputs: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    definitions: Mapping[str, str] | None = None,
+    air: Air | None = None,
+) -> LinearModel:
+    """Linear model of small departures from a steady flight, by central differences of the compiled slope.
+
+    Parameters
+    ----------
+    model, aircraft, definitions, air
+        As the trim was found with.
+    trim : Trim
+    axis : {"longitudinal", "lateral", "coupled"}
+        States u, w, q, theta; or v, p, r, phi; or all eight. What is left out is held at its trimmed value.
+    states : sequence of str, optional
+        Any states of the rigid body instead.
+    inputs : sequence of str, optional
+        Controls; by default those of the axis that the model flies on.
+    outputs : sequence of str, optional
+        Channels of a flight at the centre of gravity, such as V, alpha, az; the states by default.
+
+    Returns
+    -------
+    LinearModel
+        Its ``modes()`` names and measures the modes.
+
+    Raises
+    ------
+    ModelError
+        An axis, a state or an input that there is not.
+    ChannelError
+        An output that a flight does not give.
+    """
+    if axis not in _AXES:
+        raise ModelError(f"axis={axis!r} is not one of {', '.join(map(repr, _AXES))}.")
+    chosen = tuple(states or _AXES[axis])
+    if wrong := [name for name in chosen if name not in STATES]:
+        raise ModelError(f"A flight has no state '{wrong[0]}'; it has {', '.join(STATES)}.")
+    ready = prepare(model, aircraft, trim.inputs(np.array([0.0, 1.0])), start=trim, air=air, definitions=definitions)
+    controls = ready.plan.controls
+    if inputs is None:
+        kept = _INPUTS.get(axis, controls) if states is None else controls
+        inputs = [name for name in controls if name in kept]
+    if wrong := [name for name in inputs if name not in controls]:
+        raise ModelError(f"The model does not fly on '{wrong[0]}', but on {', '.join(controls)}.")
+    shown = chosen if outputs is None else tuple(outputs)
+    point = np.concatenate([trim.state, [trim.controls[name] for name in controls]])
+    size = np.ones(len(point))
+    size[:3] = size[9:12] = np.linalg.norm(trim.state[:3])
+    for j, name in enumerate(controls):
+        weight = float(ready.flight.surroundings[0, 0]) * G0
+        size[12 + j] = weight if name == "thrust" else max(1.0, abs(trim.controls[name]))
+    moved = [STATES.index(name) for name in chosen] + [12 + controls.index(name) for name in inputs]
+    step = _STEP * size[moved]
+    points = np.concatenate([point + sign * _single(len(point), moved, step) for sign in (1.0, -1.0)])
+    slope, seen = slopes(ready.plan, ready.flight, points[:, :12], points[:, 12:])
+    rows = np.concatenate([slope[:, [STATES.index(name) for name in chosen]], seen[:, outputs_index(shown)]], axis=1)
+    k, ns = len(moved), len(chosen)
+    jacobian = ((rows[:k] - rows[k:]) / (2.0 * step[:, None])).T
+    A, B = jacobian[:ns, :ns], jacobian[:ns, ns:]
+    C, D = jacobian[ns:, :ns], jacobian[ns:, ns:]
+    system = LinearSystem.of(chosen, tuple(inputs), A, B, outputs=shown, C=C, D=D)
+    name = f"{model.name or 'model'}, {axis if states is None else ' '.join(chosen)}"
+    note = f"linearised at V = {trim['V']:.6g} m/s, h = {trim['h']:.6g} m"
+    held = {c: trim[c] for c in ("V", "alpha", "beta", "phi", "theta", "h")}
+    return LinearModel(name, LinearFamily.of(system, {}), np.empty(0), held, {}, (note,))
+
+
+def _single(size: int, places: Sequence[int], steps: np.ndarray) -> np.ndarray:
+    """(k, size) rows that each depart in one place."""
+    out = np.zeros((len(places), size))
+    out[np.arange(len(places)), places] = steps
+    return out

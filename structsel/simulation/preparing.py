@@ -1,0 +1,270 @@
+"""A model, an aircraft and a schedule of inputs, made ready for the compiled flight."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from structsel.aircraft import Aircraft
+from structsel.errors import AircraftError, ChannelError, DataError, ModelError
+from structsel.model import AeroModel
+from structsel.numerics import flight_path
+from structsel.numerics import rigid_body as rb
+from structsel.numerics.flight_dynamics import (
+    STATES,
+    SURROUNDINGS,
+    Batch,
+    Flight,
+    FlightPlan,
+    fly_batch,
+    outputs_index,
+)
+from structsel.recording import Recording
+from structsel.recording.recording import CARRIED
+from structsel.simulation.air import Air
+from structsel.simulation.compiling import Formulas, compile_plan, needed_inputs
+from structsel.simulation.instruments import Actuator
+from structsel.simulation.trimmed import Trim
+
+Between = Literal["linear", "hold"]
+Inputs = Recording | Mapping[str, Any]
+Start = Trim | Mapping[str, float]
+_INERTIA = ("Ix", "Iy", "Iz", "Ixz", "Ixy", "Iyz")
+_LONGEST_STEP = 0.02  # s; the roll mode of a light aeroplane, 10 1/s, is then followed to 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """One manoeuvre ready to be flown, once or by many parameter sets.
+
+    Attributes
+    ----------
+    name : str
+    plan : FlightPlan
+    flight : Flight
+    formulas : Formulas
+    substeps : int
+        Steps of the integration per sample.
+    """
+
+    name: str
+    plan: FlightPlan
+    flight: Flight
+    formulas: Formulas
+    substeps: int
+
+    def fly(
+        self,
+        outputs: Sequence[str],
+        parameters: Sequence[str] = (),
+        theta: np.ndarray | None = None,
+        *,
+        instruments: bool = False,
+    ) -> Batch:
+        """Outputs of many parameter sets; NaN from where one blew up.
+
+        Parameters
+        ----------
+        outputs : sequence of str
+            Channels of the flight.
+        parameters : sequence of str
+            Names of the parameters that change, as `FlightPlan.parameter_names`: ``"Cm:alpha"``, ``"start:w"``, ...
+        theta : (m, k) array, optional
+            Their values, a row for each set.
+        instruments : bool
+            Outputs as read at the instruments' places.
+
+        Returns
+        -------
+        Batch
+
+        Raises
+        ------
+        ModelError, ChannelError
+            For a parameter or an output that there is not.
+        """
+        if theta is None:
+            theta = np.empty((1, 0))
+        index = self.plan.parameter_index(parameters)
+        observed = outputs_index(outputs, instruments=instruments)
+        return fly_batch(self.plan, self.flight, theta, index, observed, substeps=self.substeps)
+
+
+def prepare(
+    model: AeroModel,
+    aircraft: Aircraft,
+    inputs: Inputs,
+    *,
+    start: Start | None = None,
+    air: Air | None = None,
+    actuators: Mapping[str, Actuator] | None = None,
+    definitions: Mapping[str, str] | None = None,
+    between: Between = "linear",
+    substeps: int | None = None,
+    vanes: np.ndarray | None = None,
+) -> Prepared:
+    """Make a manoeuvre ready to fly; the parameters are those of `simulate`.
+
+    Parameters
+    ----------
+    model, aircraft, inputs, start, air, actuators, definitions, between, substeps
+        As `simulate` takes them.
+    vanes : (5,) array, optional
+        Errors of vanes and airspeed, as `structsel.numerics.flight_dynamics.VANES`.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    ChannelError, DataError, ModelError, AircraftError
+        As `simulate`.
+    """
+    air = air or Air()
+    formulas = Formulas(aircraft, definitions)
+    t, given, name = _schedule(inputs)
+    settled = dict(start.controls) if isinstance(start, Trim) else {}
+    needed = needed_inputs(model, formulas)
+    controls = tuple(dict.fromkeys([*needed, *(c for c in ("thrust",) if c in given or c in settled)]))
+    if "thrust" in formulas:
+        controls = tuple(c for c in controls if c != "thrust")
+    columns = [_column(c, t, given, settled, name) for c in controls]
+    if between not in ("linear", "hold"):
+        raise ModelError(f"between={between!r} is not one of 'linear', 'hold'.")
+    for commanded, actuator in (actuators or {}).items():
+        if commanded not in controls:
+            raise ChannelError(f"There is an actuator for '{commanded}', but the model flies on {', '.join(controls)}.")
+        j = controls.index(commanded)
+        columns[j] = actuator.follow(t, columns[j], hold=between == "hold")
+    plan = compile_plan(model, aircraft, formulas, controls)
+    state = first_state(inputs, start, aircraft, name)
+    V = float(np.linalg.norm(state[:3]))
+    surroundings = np.empty((len(t), len(SURROUNDINGS)))
+    surroundings[:, 0] = _mass(t, given, aircraft, name)
+    surroundings[:, 1:7] = _inertia(t, given, aircraft)
+    surroundings[:, 7:13] = air.motion(t, V, float(state[11]), aircraft.b)
+    surroundings[:, 13] = math.nan if air.rho is None else air.rho
+    vane = aircraft.sensors.get("beta_vane") or aircraft.sensors.get("vane")
+    flight = Flight(
+        t=t,
+        controls=np.column_stack(columns) if columns else np.zeros((len(t), 0)),
+        surroundings=surroundings,
+        start=state,
+        hold=between == "hold",
+        vanes=np.zeros(5) if vanes is None else vanes,
+        heights=air.heights,
+        wind=air.wind,
+        warmer=air.warmer,
+        gravity=air.gravity,
+        places=np.array([aircraft.position(place) for place in flight_path.PLACES]),
+        flank=vane is not None and vane.angle == "flank",
+    )
+    step = float(np.diff(t).max())
+    return Prepared(name, plan, flight, formulas, substeps or max(1, math.ceil(step / _LONGEST_STEP - 1e-9)))
+
+
+def first_state(inputs: Inputs, start: Start | None, aircraft: Aircraft, name: str) -> np.ndarray:
+    """(12,) state a flight starts from: the one given, or the first sample of the recording.
+
+    Raises
+    ------
+    ChannelError
+        There is neither, or it lacks what a state needs.
+    DataError
+        The first sample is not finite.
+    """
+    if isinstance(start, Trim):
+        return start.state
+    if start is None and not isinstance(inputs, Recording):
+        raise ChannelError(
+            "simulate needs a start where the inputs are no Recording: give a Trim, or V, alpha, theta, h."
+        )
+    held: dict[str, float]
+    if start is None:
+        assert isinstance(inputs, Recording)
+        held = {c: float(inputs[c][0]) for c in (*STATES, "V", "alpha", "beta") if c in inputs}
+    else:
+        held = {c: float(v) for c, v in start.items()}
+        if unknown := [c for c in held if c not in (*STATES, "V", "alpha", "beta")]:
+            raise ChannelError(f"A start has no '{unknown[0]}'; it may have V, alpha, beta, {', '.join(STATES)}.")
+    from_velocity = {"u", "v", "w"} <= held.keys()
+    lacking = [c for c in ("theta", "h", *(() if from_velocity else ("V", "alpha"))) if c not in held]
+    if lacking:
+        raise ChannelError(
+            f"The start of a flight needs V and alpha (or u, v, w), theta and h; '{name}' lacks {', '.join(lacking)}.\n"
+            "Give start={...}, or fly from trim(...). What else is not given starts at zero."
+        )
+    if wrong := [c for c, v in held.items() if not math.isfinite(v)]:
+        raise DataError(f"'{name}': the flight cannot start, since {wrong[0]} is not finite at the first sample.")
+    state = np.array([held.get(c, 0.0) for c in STATES])
+    if not from_velocity:
+        V, alpha, beta = held["V"], held["alpha"], held.get("beta", 0.0)
+        if start is None and not _is_carried(inputs):
+            # Measured at the vane; the state is that of the centre of gravity.
+            p, q, r = state[3:6]
+            at_cg = rb.air_data_at_cg(V, alpha, beta, p, q, r, tuple(aircraft.position("vane")))
+            V, alpha, beta = (float(x) for x in at_cg)
+        state[:3] = rb.body_velocity(V, alpha, beta)
+    return state
+
+
+def _is_carried(inputs: Inputs) -> bool:
+    return isinstance(inputs, Recording) and any(note.startswith(CARRIED) for note in inputs.provenance)
+
+
+def _schedule(inputs: Inputs) -> tuple[np.ndarray, Mapping[str, Any], str]:
+    """Clock, channels and name of the inputs."""
+    if isinstance(inputs, Recording):
+        return inputs.t, inputs.channels, inputs.name
+    if "t" not in inputs:
+        raise ChannelError(f"The inputs need a clock 't' [s]; they have {', '.join(map(str, inputs)) or 'nothing'}.")
+    t = np.array(inputs["t"], dtype=float)
+    if t.ndim != 1 or len(t) < 2 or not (np.diff(t) > 0.0).all():
+        raise DataError("The clock 't' of the inputs must ascend, over two samples at least.")
+    return t, {c: v for c, v in inputs.items() if c != "t"}, "simulated"
+
+
+def _column(
+    channel: str, t: np.ndarray, given: Mapping[str, Any], settled: Mapping[str, float], name: str
+) -> np.ndarray:
+    if channel not in given and channel not in settled:
+        raise ChannelError(
+            f"The model flies on '{channel}'; '{name}' has none.\nIt has: {', '.join(given) or 'nothing'}. Give it "
+            "with the inputs (a number is held), start from a trim that sets it, or define it by a formula."
+        )
+    values = np.asarray(given[channel] if channel in given else settled[channel], dtype=float)
+    if values.ndim and values.shape != t.shape:
+        raise DataError(f"'{name}': input '{channel}' has shape {values.shape}, the clock {t.shape}.")
+    values = np.broadcast_to(values, t.shape)
+    if not np.isfinite(values).all():
+        i = int(np.argmin(np.isfinite(values)))
+        raise DataError(f"'{name}': input '{channel}' is {values[i]} at sample {i} (t = {t[i]:g} s). Mend it first.")
+    return values
+
+
+def _mass(t: np.ndarray, given: Mapping[str, Any], aircraft: Aircraft, name: str) -> np.ndarray:
+    """Mass along the flight [kg]: recorded, or the aircraft's less the fuel burnt."""
+    if "mass" in given:
+        return _column("mass", t, given, {}, name)
+    if aircraft.mass is None:
+        raise AircraftError(
+            f"simulate needs a mass; aircraft '{aircraft.name}' has none and '{name}' has no channel 'mass' [kg]."
+        )
+    mass = np.full(len(t), aircraft.mass)
+    if "fuel_flow" in given:
+        flow = _column("fuel_flow", t, given, {}, name)
+        mass[1:] -= np.cumsum(0.5 * np.diff(t) * (flow[1:] + flow[:-1]))
+        if not mass[-1] > 0.0:
+            raise DataError(f"'{name}': the fuel flow burns more than the whole aircraft. Check its unit, kg/s.")
+    return mass
+
+
+def _inertia(t: np.ndarray, given: Mapping[str, Any], aircraft: Aircraft) -> np.ndarray:
+    """(n, 6) Ix, Iy, Iz, Ixz, Ixy, Iyz: recorded where they are, else the aircraft's."""
+    inertia = aircraft.require_inertia("simulate")
+    return np.column_stack([_column(c, t, given, {c: getattr(inertia, c)}, "inputs") for c in _INERTIA])

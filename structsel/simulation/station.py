@@ -1,0 +1,168 @@
+"""simulate(): an AeroModel flown through a schedule of inputs."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+
+from structsel.aircraft import Aircraft
+from structsel.candidates.formulas import Node, evaluate
+from structsel.errors import ModelError, SimulationError, StructselWarning
+from structsel.model import AeroModel
+from structsel.numerics.flight_dynamics import AXES, READINGS, REASONS
+from structsel.recording import Recording
+from structsel.recording.recording import CARRIED
+from structsel.simulation.air import Air
+from structsel.simulation.instruments import Actuator, Instruments
+from structsel.simulation.preparing import Between, Inputs, Prepared, Start, prepare
+
+_AT_CG = ("V", "alpha", "beta", "ax", "ay", "az")
+_MOTION = ("p", "q", "r", "phi", "theta", "psi", "x", "y", "h", "vn", "ve", "vd", "rho", "qbar", "mach", "mass")
+_EXACT = ("u", "v", "w", "p_dot", "q_dot", "r_dot", "V_dot", "alpha_dot", "beta_dot")
+
+
+def simulate(
+    model: AeroModel,
+    aircraft: Aircraft,
+    inputs: Inputs,
+    *,
+    start: Start | None = None,
+    air: Air | None = None,
+    actuators: Mapping[str, Actuator] | None = None,
+    instruments: Instruments | None = None,
+    definitions: Mapping[str, str] | None = None,
+    between: Between = "linear",
+    substeps: int | None = None,
+    outside: Literal["warn", "ignore", "raise"] = "warn",
+) -> Recording:
+    """Fly a model with six degrees of freedom through a schedule of inputs.
+
+    Parameters
+    ----------
+    model : AeroModel
+        Responses CX, CY, CZ, Cl, Cm, Cn, or CL and CD for CZ and CX; those it lacks are zero. Terms may hold any
+        state, V, alpha, beta, p_hat, q_hat, r_hat, V_ratio, CT, mach, qbar, rho, h, alpha_dot_hat and beta_dot_hat
+        (linearly), and any channel that the inputs hold.
+    aircraft : Aircraft
+        With mass and inertia; its thrust line, rotor and places of instruments are allowed for.
+    inputs : Recording or mapping of channel to (n,) array or float
+        With ``t``, the controls that the model needs, and, where there is thrust, ``thrust`` [N]. ``mass``,
+        ``fuel_flow`` [kg/s], ``Ix`` ... ``Iyz`` are followed where they are there. States are not: they are flown.
+    start : Trim or mapping, optional
+        V, alpha, beta or u, v, w (relative to the air), p, q, r, phi, theta, psi, x, y, h; what is not named is zero,
+        but V, alpha, theta and h must be. By default the first sample of the recording. A Trim also settles the
+        controls that the inputs lack.
+    air : Air, optional
+        Atmosphere, wind, shear, gusts, turbulence; calm standard air by default.
+    actuators : mapping of channel to Actuator, optional
+        Then those inputs are commands.
+    instruments : Instruments, optional
+        What is recorded is then what the instruments read at their places. Without it every channel is exact and at
+        the centre of gravity, and derivatives, coefficients and u, v, w are there as well.
+    definitions : mapping of channel to formula, optional
+        Channels that follow from others, such as ``{"thrust": "9000*throttle*rho/1.225"}``.
+    between : {"linear", "hold"}
+        What the inputs do between samples.
+    substeps : int, optional
+        Steps of the integration (Runge and Kutta, fourth order) per sample; by default none is above 0.02 s.
+    outside : {"warn", "ignore", "raise"}
+        What to do where the flight leaves the region the model was identified in.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    ChannelError, DataError
+        An input is missing, not finite or of the wrong length; or there is no start.
+    ModelError
+        A response that is no coefficient, or a term that cannot be flown.
+    AircraftError
+        There is no mass or no inertia.
+    SimulationError
+        The flight blew up, or turned vertical; the message says when, and ``.partial`` holds it to there.
+
+    Warns
+    -----
+    StructselWarning
+        The flight leaves the region flown.
+
+    References
+    ----------
+    [M86], [KM16] ch. 3.
+    """
+    vanes = None if instruments is None else instruments.vane_errors
+    ready = prepare(
+        model, aircraft, inputs, start=start, air=air, actuators=actuators, definitions=definitions, between=between,
+        substeps=substeps, vanes=vanes,
+    )  # fmt: skip
+    names = _outputs(ready, model, instruments)
+    batch = ready.fly(names, instruments=instruments is not None)
+    flown, reason = int(batch.flown[0]), int(batch.reason[0])
+    flight = _recording(ready, model, names, batch.outputs[0, :flown], instruments) if flown > 1 else None
+    if reason:
+        end = float(ready.flight.t[min(flown, len(ready.flight.t) - 1)])
+        raise SimulationError(
+            f"'{ready.name}' could not be flown beyond t = {end:g} s (sample {flown} of {len(ready.flight.t)}): "
+            f"{REASONS[reason]}.\nThe motion grows without bound where an aircraft is unstable without its pilot, or a "
+            "parameter is far off: fly a shorter stretch, start from trim(), or check the signs of the model's static "
+            "and damping terms. The flight so far is in the error's .partial.",
+            flight,
+        )
+    assert flight is not None
+    _judge_region(ready, model, flight, outside)
+    return flight
+
+
+def _outputs(ready: Prepared, model: AeroModel, instruments: Instruments | None) -> tuple[str, ...]:
+    thrust = ("thrust",) if ready.plan.thrust_slot >= 0 and "thrust" not in ready.plan.controls else ()
+    if instruments is not None:
+        return (*_AT_CG, *_MOTION, *thrust)
+    return (*_AT_CG, *_EXACT, *_MOTION, *thrust, *AXES)
+
+
+def _recording(
+    ready: Prepared, model: AeroModel, names: tuple[str, ...], outputs: np.ndarray, instruments: Instruments | None
+) -> Recording:
+    t = ready.flight.t[: len(outputs)]
+    channels = dict(zip(names, outputs.T))
+    channels |= dict(zip(ready.plan.controls, ready.flight.controls[: len(outputs)].T))
+    notes = [f"simulated: {model.name or 'a model'}, {ready.substeps} steps a sample"]
+    if missing := [a for a, b in zip(AXES, ("CD", "CY", "CL", "Cl", "Cm", "Cn")) if a not in model and b not in model]:
+        notes.append(f"the model has no {', '.join(missing)}; zero")
+    if ready.plan.thrust_slot < 0:
+        notes.append("no thrust given or defined; zero")
+    if instruments is None:
+        notes.append(f"{CARRIED}{', '.join(_AT_CG)}; simulated there")
+        for name in ready.formulas.own:
+            node = ready.formulas.expand(Node("channel", name=name))
+            channels[name] = evaluate(node, channels, name)
+    else:
+        for name in ("rho", "qbar", "mach", "mass"):  # no instrument reads these by default
+            if name not in (*instruments.noise, *instruments.bias, "rho"):
+                del channels[name]
+        channels = instruments.read(t, channels)
+        notes.append(f"read by instruments at their places: {', '.join(n for n in channels if n in READINGS)}")
+    return Recording(ready.name, t, channels, provenance=tuple(notes)).check()
+
+
+def _judge_region(ready: Prepared, model: AeroModel, flight: Recording, outside: str) -> None:
+    if outside not in ("warn", "ignore", "raise"):
+        raise ModelError(f"outside={outside!r} is not one of 'warn', 'ignore', 'raise'.")
+    if outside == "ignore":
+        return
+    channels = dict(flight.channels)
+    for name in model.region:
+        if name not in channels and name in ready.formulas and set(ready.formulas.needs([name])) <= set(channels):
+            channels[name] = evaluate(ready.formulas.expand(Node("channel", name=name)), channels, name)
+    if not (excursions := model.leaves_region(channels)):
+        return
+    message = f"The simulated flight '{flight.name}' leaves the region the model was identified in: "
+    message += "; ".join(map(str, excursions)) + ". The model is an extrapolation there."
+    if outside == "raise":
+        raise ModelError(message)
+    warnings.warn(message, StructselWarning, stacklevel=3)

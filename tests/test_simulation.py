@@ -1,0 +1,499 @@
+"""simulate, trim and linearise: flights whose answer is known, instruments and air that do what they say."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from structsel.aircraft import Aircraft
+from structsel.candidates import Term
+from structsel.coefficients import compute_coefficients
+from structsel.demo.truth import TRUTH, demo_aircraft
+from structsel.errors import (
+    AircraftError,
+    ChannelError,
+    DataError,
+    DomainError,
+    ModelError,
+    SimulationError,
+    StructselWarning,
+)
+from structsel.model import AeroModel, ResponseModel
+from structsel.numerics import rigid_body as rb
+from structsel.recording import Recording
+from structsel.simulation import (
+    READY,
+    Actuator,
+    Air,
+    Gust,
+    Instruments,
+    Turbulence,
+    linearise,
+    ready,
+    simulate,
+    trim,
+)
+
+NONLINEAR = ("beaver", "hfb320", "citation")
+CLOCK = np.arange(0.0, 10.0, 0.02)
+
+
+def model_of(truth, **more):
+    return AeroModel(
+        {
+            name: ResponseModel(tuple(map(Term, terms)), np.array(list(terms.values())), **more)
+            for name, terms in truth.items()
+        }
+    )
+
+
+DEMO = model_of(TRUTH)
+
+
+@pytest.fixture(scope="module")
+def trimmed():
+    return trim(DEMO, demo_aircraft(), 45.0, 1000.0)
+
+
+def moved(start, t=CLOCK):
+    """A manoeuvre in all three axes about a trim."""
+    departures = {"de": 0.03 * np.sin(2.0 * t), "da": 0.05 * np.sin(1.5 * t), "dr": 0.04 * np.sin(t)}
+    return start.inputs(t, **{name: wave for name, wave in departures.items() if name in start.controls})
+
+
+# --- closed loop -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NONLINEAR)
+def test_the_coefficients_of_a_simulated_flight_are_those_of_the_model(name):
+    craft = ready(name)
+    found = craft.trim()
+    flight = craft.simulate(moved(found), start=found)
+    made = compute_coefficients(flight, craft.aircraft)
+    values = {**made.channels, **{n: flight[n] for n in craft.definitions}}
+    for response, expected in craft.model.evaluate(values, outside="ignore").items():
+        scale = np.abs(expected).max()
+        assert_allclose(made[response], expected, atol=2e-9 * scale, rtol=0.0, err_msg=response)
+
+
+def test_readings_at_the_instruments_give_the_coefficients_back(trimmed):
+    flight = simulate(DEMO, demo_aircraft(), moved(trimmed), start=trimmed, instruments=Instruments())
+    exact = simulate(DEMO, demo_aircraft(), moved(trimmed), start=trimmed)
+    # The vane is 4.5 m out on the wing, the accelerometer above and ahead of the centre of gravity.
+    assert np.abs(flight["alpha"] - exact["alpha"]).max() > 1e-3
+    assert np.abs(flight["az"] - exact["az"]).max() > 0.05
+    made = compute_coefficients(flight, demo_aircraft())
+    inner = slice(5, -5)
+    for response, expected in DEMO.evaluate(made, outside="ignore").items():
+        # The rates were differentiated at 50 Hz by a rule of fourth order.
+        assert_allclose(made[response][inner], expected[inner], atol=1e-4 * max(np.ptp(expected), 0.1))
+
+
+def test_rotor_thrust_line_and_burning_fuel_are_allowed_for_on_both_ways(trimmed):
+    content = demo_aircraft().to_dict() | {"engine": {"angular_momentum": 150.0}}
+    aircraft = Aircraft.from_dict(content)
+    flight = simulate(DEMO, aircraft, {**moved(trimmed), "fuel_flow": 2.0}, start=trimmed)
+    assert_allclose(flight["mass"], 2288.231 - 2.0 * CLOCK, rtol=1e-12)
+    made = compute_coefficients(flight, aircraft)
+    for response, expected in DEMO.evaluate(made, outside="ignore").items():
+        assert_allclose(made[response], expected, atol=2e-9)
+
+
+def test_a_model_identified_from_its_own_flight_is_the_model(trimmed):
+    flight = simulate(DEMO, demo_aircraft(), moved(trimmed), start=trimmed)
+    made = compute_coefficients(flight, demo_aircraft())
+    X = np.column_stack([Term(term).evaluate(made) for term in TRUTH["Cm"]])
+    assert_allclose(np.linalg.lstsq(X, made["Cm"], rcond=None)[0], list(TRUTH["Cm"].values()), rtol=1e-5)
+
+
+def test_a_flight_goes_on_from_any_sample_of_itself(trimmed):
+    inputs = moved(trimmed)
+    whole = simulate(DEMO, demo_aircraft(), inputs, start=trimmed)
+    rest = simulate(DEMO, demo_aircraft(), whole.between(4.0, 10.0))
+    for name in ("V", "alpha", "q", "phi", "h", "ax"):
+        assert_allclose(rest[name], whole[name][200:], atol=1e-9)
+    read = simulate(DEMO, demo_aircraft(), inputs, start=trimmed, instruments=Instruments())
+    again = simulate(DEMO, demo_aircraft(), read.between(4.0, 10.0))
+    # Air data read at the vane were carried to the centre of gravity.
+    assert_allclose(again["alpha"], whole["alpha"][200:], atol=1e-9)
+
+
+# --- trim ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NONLINEAR)
+def test_a_ready_aircraft_trims_and_stays_there(name):
+    craft = ready(name)
+    found = craft.trim()
+    assert max(abs(x) for x in found.unbalance.values()) < 1e-9
+    assert_allclose((found["V"], found["h"]), (craft.condition["V"], craft.condition["h"]), rtol=1e-12)
+    flight = craft.simulate(found.inputs(CLOCK), start=found)
+    for channel in ("V", "alpha", "theta", "phi", "h"):
+        assert_allclose(flight[channel], found[channel], atol=1e-6)
+
+
+def test_the_beaver_trims_where_the_fdc_toolbox_has_it():
+    # Its example at 35 m/s and sea level, wings level, 1800 rpm and 20 inHg: alpha 0.2113, theta 0.1919, de -0.0931.
+    found = ready("beaver").trim(
+        35.0, 0.0, climb=None, bank=0.0, turn_rate=0.0, controls={"manifold_pressure": 20.0}
+    )  # fmt: skip
+    assert_allclose([found["alpha"], found["theta"], found["de"]], [0.2113, 0.1919, -0.0931], atol=1e-4)
+    assert found["beta"] < 0.0
+
+
+def test_the_citation_carries_its_weight_as_a_hand_calculation_says():
+    # With q = 0: Cm gives de from alpha, CZ then alpha from the weight across the path, thrust and sideslip apart.
+    craft = ready("citation")
+    found = craft.trim()
+    qbar = 0.5 * rb.standard_atmosphere(7500.0)[2] * 120.0**2
+    de = -(0.021 - 0.488 * found["alpha"]) / -1.25
+    assert_allclose(found["de"], de, atol=1e-12)
+    CZ = -4500.0 * rb.G0 * np.cos(found["theta"]) * np.cos(found["phi"]) / (qbar * 24.99)
+    assert_allclose(-0.213 - 4.037 * found["alpha"] - 0.836 * de, CZ, rtol=1e-9)
+
+
+def test_a_steady_turn_turns_at_its_rate():
+    craft = ready("beaver")
+    found = craft.trim(turn_rate=0.15)
+    assert_allclose(np.tan(found["phi"]), 45.0 * 0.15 / rb.G0, rtol=0.04)
+    flight = craft.simulate(found.inputs(CLOCK), start=found)
+    assert_allclose(flight["psi"], 0.15 * CLOCK, atol=1e-7)
+    assert_allclose(flight["phi"], found["phi"], atol=1e-7)
+    assert_allclose(craft.trim(bank=found["phi"]).turn_rate, 0.15, rtol=1e-9)
+
+
+def test_a_climb_climbs_at_its_angle():
+    craft = ready("hfb320")  # its air does not thin
+    found = craft.trim(climb=0.02)
+    flight = craft.simulate(found.inputs(CLOCK), start=found)
+    assert_allclose(flight["h"] - flight["h"][0], 104.67 * np.sin(0.02) * CLOCK, atol=1e-6)
+    level = craft.trim()
+    weight = 7472.0 * rb.G0
+    assert_allclose(found["thrust"] - level["thrust"], weight * np.sin(0.02), rtol=0.01)
+    glide = craft.trim(climb=None, controls={"thrust": 0.0})
+    lift_over_drag = -1.0 / np.tan(glide.climb)
+    CL, CD = rb.lift_and_drag(glide["CX"], 0.0, glide["CZ"], glide["alpha"])
+    assert_allclose(lift_over_drag, CL / CD, rtol=1e-9)
+
+
+def test_wings_level_without_a_turn_finds_the_sideslip():
+    found = ready("beaver").trim(bank=0.0, turn_rate=0.0)
+    assert found["phi"] == 0.0
+    assert 0.001 < abs(found["beta"]) < 0.05
+
+
+def test_an_impossible_trim_says_what_is_missing_and_hands_over_the_nearest():
+    with pytest.raises(
+        SimulationError, match=r"No trim exists at V = 80.*\n?.*At a limit: manifold_pressure = 37"
+    ) as error:
+        ready("beaver").trim(80.0, 600.0, climb=0.3)
+    assert error.value.partial.controls["manifold_pressure"] == pytest.approx(37.0)
+    with pytest.raises(SimulationError, match="No trim exists"):
+        trim(DEMO, demo_aircraft(), 12.0, 1000.0)
+
+
+def test_what_a_trim_cannot_be_asked_is_refused():
+    craft = ready("hfb320")
+    with pytest.raises(ModelError, match="flies straight"):
+        craft.trim(turn_rate=0.1)
+    with pytest.raises(DomainError, match="above zero"):
+        craft.trim(V=0.0)
+    with pytest.raises(ModelError, match="three were given"):
+        trim(DEMO, demo_aircraft(), 45.0, 0.0, bank=0.1, turn_rate=0.1, sideslip=0.0)
+    with pytest.raises(ModelError, match="equations, and only"):
+        trim(DEMO, demo_aircraft(), 45.0, 0.0, free=("de",))
+    with pytest.raises(ModelError, match="'flaps' cannot be trimmed"):
+        trim(DEMO, demo_aircraft(), 45.0, 0.0, free=("de", "da", "dr", "flaps"))
+
+
+def test_a_trim_prints_what_it_found(trimmed):
+    text = str(trimmed)
+    assert "steady flight at V = 45 m/s, h = 1000 m" in text
+    assert "de" in text
+    assert "found" in text
+    assert set(trimmed.to_frame().columns) == set(trimmed.to_dict())
+    with pytest.raises(ChannelError, match="no control 'flap'"):
+        trimmed.inputs(CLOCK, flap=0.1)
+
+
+# --- linear ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "axis"), [("beaver", "longitudinal"), ("hfb320", "longitudinal"), ("citation", "lateral")]
+)
+def test_small_departures_follow_the_linear_model(name, axis):
+    craft = ready(name)
+    found = craft.trim()
+    shown = ("V", "alpha", "q", "az") if axis == "longitudinal" else ("beta", "p", "r", "phi", "ay")
+    # The Beaver's axes are coupled, and its engine knows the altitude.
+    states = ("u", "w", "q", "theta", "v", "p", "r", "phi", "h") if name == "beaver" else None
+    linear = craft.linearise(found, axis=axis, states=states, outputs=shown)
+    size = 1e-4
+    moving = "de" if axis == "longitudinal" else "dr"
+    wave = size * np.sin(1.7 * CLOCK)
+    exact = craft.simulate(found.inputs(CLOCK, **{moving: wave}), start=found)
+    zero = np.zeros(len(CLOCK))
+    inputs = Recording("wave", CLOCK, {n: wave if n == moving else zero for n in linear.inputs})
+    small = linear.simulate(inputs, hold="linear")
+    for channel in shown:
+        departure = exact[channel] - exact[channel][0]
+        start = small[channel][0] - departure[0]
+        assert_allclose(small[channel] - start, departure, atol=4e-3 * np.abs(departure).max(), err_msg=channel)
+
+
+def test_modes_have_their_usual_names_and_order():
+    craft = ready("beaver")
+    found = craft.trim()
+    assert craft.linearise(found).modes().names == ("short period", "phugoid")
+    assert craft.linearise(found, axis="lateral").modes().names == ("roll", "Dutch roll", "spiral")
+    hansa = ready("hfb320")
+    modes = hansa.linearise(hansa.trim()).modes()
+    # Lanchester: the phugoid's frequency is about sqrt(2) g / V.
+    assert_allclose(modes.frequency[1], np.sqrt(2.0) * rb.G0 / 104.67, rtol=0.05)
+
+
+def test_the_linear_model_is_that_of_textbook_derivatives():
+    # HFB-320 about its trim: M_w, M_q and M_de of the definitions, thrust and speed derivatives apart.
+    craft = ready("hfb320")
+    found = craft.trim()
+    linear = craft.linearise(found, states=("q",), inputs=("de",))
+    a = craft.aircraft
+    factor = 0.5 * 0.792 * 104.67**2 * a.S * a.cbar / a.inertia.Iy
+    assert_allclose(linear.system.A[0, 0], factor * -34.707 * 1.215 / 104.67, rtol=1e-8)
+    assert_allclose(linear.system.B[0, 0], factor * -1.5294, rtol=1e-8)
+
+
+def test_an_axis_or_a_channel_that_is_none_is_refused(trimmed):
+    for more, said in [
+        ({"axis": "vertical"}, "axis='vertical'"),
+        ({"states": ("speed",)}, "no state 'speed'"),
+        ({"inputs": ("df",)}, "does not fly on 'df'"),
+    ]:
+        with pytest.raises(ModelError, match=said):
+            linearise(DEMO, demo_aircraft(), trimmed, **more)
+    with pytest.raises(ChannelError, match="no output 'lift'"):
+        linearise(DEMO, demo_aircraft(), trimmed, outputs=("lift",))
+
+
+# --- air -------------------------------------------------------------------------------------------------------
+
+
+def test_a_steady_wind_carries_the_aircraft_and_leaves_its_motion_through_the_air(trimmed):
+    inputs = moved(trimmed)
+    calm = simulate(DEMO, demo_aircraft(), inputs, start=trimmed)
+    windy = simulate(DEMO, demo_aircraft(), inputs, start=trimmed, air=Air(wind=(6.0, -4.0, 0.0)))
+    for name in ("V", "alpha", "beta", "p", "theta", "h", "az"):
+        assert_allclose(windy[name], calm[name], atol=1e-9)
+    assert_allclose(windy["x"] - calm["x"], 6.0 * CLOCK, atol=1e-8)
+    assert_allclose(windy["ve"] - calm["ve"], -4.0, atol=1e-10)
+
+
+def test_a_gust_is_met_by_the_air_data_before_the_aircraft_moves(trimmed):
+    gust = Gust("w", -3.0, start=1.0, duration=0.4)
+    flight = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Air(gusts=(gust,)))
+    met = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed)["w"][0] + 3.0
+    k = 60  # t = 1.2 s, the middle of the gust
+    assert_allclose(flight["w"][k], met, atol=0.6)
+    assert flight["az"][k] < flight["az"][0] - 2.0  # lifted
+    assert_allclose(flight["h"][51], 1000.0, atol=1e-2)
+    made = compute_coefficients(flight, demo_aircraft())
+    for response in ("CX", "CZ", "Cm"):
+        assert_allclose(made[response], DEMO[response].evaluate(made), atol=2e-9)
+
+
+def test_turbulence_is_drawn_by_its_seed_and_shakes_the_aircraft(trimmed):
+    def fly(seed, W20=7.7):
+        air = Air(turbulence=Turbulence(W20, seed=seed))
+        return simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=air)
+
+    one, same, other = fly(1), fly(1), fly(2)
+    assert_array_equal(one["az"], same["az"])
+    assert np.abs(one["az"] - other["az"]).max() > 0.5
+    assert np.std(fly(1, W20=0.77)["az"]) == pytest.approx(np.std(one["az"]) / 10.0, rel=0.1)
+    assert np.std(one["p"]) > 1e-3
+
+
+def test_warmer_air_is_thinner_and_a_given_density_is_kept(trimmed):
+    warm = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Air(warmer=20.0))
+    temperature, _, rho, sound = rb.standard_atmosphere(1000.0)
+    assert_allclose(warm["rho"][0], rho * temperature / (temperature + 20.0), rtol=1e-12)
+    assert_allclose(45.0 / warm["mach"][0], sound * np.sqrt((temperature + 20.0) / temperature), rtol=1e-12)
+    held = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Air(rho=0.9))
+    assert_array_equal(held["rho"], 0.9)
+
+
+def test_a_sheared_wind_blows_from_its_direction_with_its_speed_at_the_reference_height():
+    for law in ("power", "log"):
+        air = Air.sheared(8.0, np.pi / 2, law=law, ground=100.0)
+        at = [np.interp(110.0, air.heights, air.wind[:, j]) for j in range(3)]
+        assert_allclose(at, [0.0, -8.0, 0.0], atol=0.01)
+        assert_allclose(air.wind[0], 0.0, atol=1e-12)
+    with pytest.raises(DomainError, match="no wind law 'cubic'"):
+        Air.sheared(8.0, 0.0, law="cubic")
+    with pytest.raises(DomainError, match="ascending"):
+        Air(wind=[[0, 0, 0], [1, 0, 0]], heights=[10.0, 5.0])
+    with pytest.raises(DomainError, match="axes are u, v and w"):
+        Gust("x", 1.0, 0.0, 1.0)
+
+
+# --- instruments and actuators -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def read(trimmed):
+    def fly(**faults):
+        return simulate(DEMO, demo_aircraft(), moved(trimmed), start=trimmed, instruments=Instruments(**faults))
+
+    return fly
+
+
+def test_every_fault_does_what_it_says_and_nothing_else(read):
+    plain = read()
+    assert_allclose(read(bias={"az": 0.3})["az"], plain["az"] + 0.3, rtol=1e-14)
+    assert_allclose(read(scale={"q": 0.02})["q"], 1.02 * plain["q"], rtol=1e-14)
+    late = read(delay={"p": 0.06})["p"]
+    assert_allclose(late[3:], plain["p"][:-3], atol=1e-12)
+    assert_allclose(late[:3], plain["p"][0], atol=1e-12)
+    coarse = read(resolution={"theta": 0.01})["theta"]
+    assert_allclose(coarse / 0.01, np.round(coarse / 0.01), atol=1e-9)
+    assert np.abs(coarse - plain["theta"]).max() <= 0.005 + 1e-12
+    noisy = read(noise={"V": 0.2})["V"] - plain["V"]
+    assert abs(noisy.std() / 0.2 - 1.0) < 0.1
+    assert_allclose(read(vanes={"KV": 0.03})["V"], 1.03 * plain["V"], rtol=1e-12)
+    exact_alpha = plain["alpha"]
+    assert_allclose(read(vanes={"Calpha0": 0.01})["alpha"], exact_alpha + 0.01, rtol=1e-12)
+    faulty = read(bias={"az": 0.3}, noise={"V": 0.2}, delay={"p": 0.06})
+    for name in ("alpha", "beta", "r", "h", "de"):
+        assert_array_equal(faulty[name], plain[name])
+
+
+def test_the_noise_of_one_channel_does_not_depend_on_that_of_another(read):
+    alone, both = read(noise={"V": 0.2}, seed=3), read(noise={"V": 0.2, "q": 0.01}, seed=3)
+    assert_array_equal(alone["V"], both["V"])
+    assert np.abs(read(noise={"V": 0.2}, seed=4)["V"] - alone["V"]).max() > 0.1
+
+
+def test_noise_is_the_aircrafts_own_where_it_states_it(trimmed):
+    content = demo_aircraft().to_dict()
+    content["sensors"]["vane"]["noise"] = {"V": 0.3}
+    aircraft = Aircraft.from_dict(content)
+    instruments = Instruments.of(aircraft, seed=2)
+    assert dict(instruments.noise) == {"V": 0.3}
+    noisy = simulate(DEMO, aircraft, moved(trimmed), start=trimmed, instruments=instruments)
+    plain = simulate(DEMO, aircraft, moved(trimmed), start=trimmed, instruments=Instruments())
+    assert abs((noisy["V"] - plain["V"]).std() / 0.3 - 1.0) < 0.1
+
+
+def test_instruments_that_cannot_be_are_refused(read):
+    with pytest.raises(ChannelError, match=r"fault of 'alpah'.*Did you mean 'alpha'"):
+        read(bias={"alpah": 0.1})
+    with pytest.raises(DomainError, match="noise of 'V' is -1"):
+        Instruments(noise={"V": -1.0})
+    with pytest.raises(DomainError, match="no vane error 'Cdown'"):
+        Instruments(vanes={"Cdown": 0.1})
+
+
+def test_with_actuators_the_inputs_are_commands(trimmed):
+    command = trimmed.inputs(CLOCK, de=np.where(CLOCK >= 1.0, 0.05, 0.0))
+    actuator = Actuator(lag=0.1, rate=0.3)
+    flight = simulate(
+        DEMO, demo_aircraft(), command, start=trimmed, actuators={"de": actuator}, between="hold"
+    )  # fmt: skip
+    assert_allclose(flight["de"], actuator.follow(CLOCK, command["de"], hold=True), rtol=1e-14)
+    assert np.diff(flight["de"]).max() < 0.3 * 0.02 + 1e-9
+    with pytest.raises(ChannelError, match="actuator for 'df'"):
+        simulate(DEMO, demo_aircraft(), command, start=trimmed, actuators={"df": actuator})
+
+
+# --- bad input ---------------------------------------------------------------------------------------------------
+
+
+def test_an_unstable_aircraft_that_blows_up_says_when_and_hands_over_the_flight_so_far(trimmed):
+    truth = {name: dict(terms) for name, terms in TRUTH.items()}
+    truth["Cm"]["alpha"] = 25.0
+    with pytest.raises(SimulationError, match=r"beyond t = .* s \(sample \d+ of 500\)") as error:
+        simulate(model_of(truth), demo_aircraft(), moved(trimmed), start=trimmed)
+    partial = error.value.partial
+    assert 10 < len(partial) < 500
+    assert all(np.isfinite(partial[name]).all() for name in partial.names)
+
+
+def test_what_a_flight_lacks_is_named(trimmed):
+    inputs = trimmed.inputs(CLOCK)
+    del inputs["dr"]
+    start = {"V": 45.0, "alpha": 0.14, "theta": 0.14, "h": 1000.0}
+    with pytest.raises(ChannelError, match=r"flies on 'dr'; 'simulated' has none"):
+        simulate(DEMO, demo_aircraft(), inputs, start=start)
+    full = trimmed.inputs(CLOCK)
+    with pytest.raises(ChannelError, match="needs a start"):
+        simulate(DEMO, demo_aircraft(), full)
+    with pytest.raises(ChannelError, match="lacks h"):
+        simulate(DEMO, demo_aircraft(), full, start={"V": 45.0, "alpha": 0.1, "theta": 0.1})
+    with pytest.raises(ChannelError, match="no 'speed'"):
+        simulate(DEMO, demo_aircraft(), full, start={**start, "speed": 3.0})
+    with pytest.raises(ChannelError, match="clock 't'"):
+        simulate(DEMO, demo_aircraft(), {"de": 0.0}, start=start)
+    bad = np.array(full["de"] + np.zeros(len(CLOCK)))
+    bad[3] = np.nan
+    with pytest.raises(DataError, match="'de' is nan at sample 3"):
+        simulate(DEMO, demo_aircraft(), {**full, "de": bad}, start=start)
+    with pytest.raises(DataError, match="shape"):
+        simulate(DEMO, demo_aircraft(), {**full, "de": np.zeros(4)}, start=start)
+    with pytest.raises(DataError, match="fuel flow burns"):
+        simulate(DEMO, demo_aircraft(), {**full, "fuel_flow": 1e4}, start=start)
+    massless = {k: v for k, v in demo_aircraft().to_dict().items() if k != "mass"}
+    with pytest.raises(AircraftError, match="needs a mass"):
+        simulate(DEMO, Aircraft.from_dict(massless), full, start=start)
+    with pytest.raises(ModelError, match="between='spline'"):
+        simulate(DEMO, demo_aircraft(), full, start=start, between="spline")
+
+
+def test_a_term_in_what_the_flight_makes_is_refused(trimmed):
+    for term in ("ax", "q_dot", "CL"):
+        with pytest.raises(ModelError, match=f"depends on '{term}'"):
+            simulate(model_of({"Cm": {term: 1.0}}), demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed)
+
+
+def test_leaving_the_region_flown_is_said(trimmed):
+    narrow = model_of(TRUTH, region={"alpha": (0.14, 0.15), "q_hat": (-1e-4, 1e-4)})
+    with pytest.warns(StructselWarning, match=r"leaves the region.*alpha.*q_hat"):
+        simulate(narrow, demo_aircraft(), moved(trimmed), start=trimmed)
+    with pytest.raises(ModelError, match="leaves the region"):
+        simulate(narrow, demo_aircraft(), moved(trimmed), start=trimmed, outside="raise")
+
+
+def test_thrust_may_be_defined_by_a_formula(trimmed):
+    inputs = trimmed.inputs(CLOCK)
+    thrust = inputs.pop("thrust")
+    start = dict(zip(("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h"), trimmed.state))
+    defined = simulate(
+        DEMO, demo_aircraft(), {**inputs, "throttle": thrust / 4000.0}, start=start,
+        definitions={"thrust": "4000*throttle"},
+    )  # fmt: skip
+    given = simulate(DEMO, demo_aircraft(), {**inputs, "thrust": thrust}, start=start)
+    assert_allclose(defined["V"], given["V"], rtol=1e-14)
+    assert_allclose(defined["thrust"], thrust, rtol=1e-14)
+
+
+# --- the library -------------------------------------------------------------------------------------------------
+
+
+def test_every_ready_aircraft_is_there_and_describes_itself():
+    for name in READY:
+        craft = ready(name)
+        assert craft.name == name
+        assert str(craft)
+        assert (craft.model is None) == bool(craft.linear)
+    with pytest.raises(ModelError, match=r"no ready aircraft 'beavr'. Did you mean 'beaver'.*hfb320"):
+        ready("beavr")
+    with pytest.raises(ModelError, match="only linear ones of 'hawk'"):
+        ready("hawk").trim()
+
+
+def test_the_beavers_engine_and_slipstream_are_as_published():
+    # 76 kW at 45 m/s and sea level gives dpt 0.35; 20 inHg and 1800 rpm give those 76 kW.
+    craft = ready("beaver")
+    found = craft.trim(45.0, 0.0, climb=None, controls={"manifold_pressure": 20.0})
+    flight = craft.simulate(found.inputs(CLOCK[:5]), start=found)
+    assert_allclose(flight["power"][0], 76.2, atol=0.1)
+    assert_allclose(flight["dpt"][0], 0.35, atol=0.005)
