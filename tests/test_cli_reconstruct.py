@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from structsel import Aircraft, compute_coefficients, read_recording, write_recording
 from structsel.cli import app, demo
-from structsel.demo import demo_instruments
+from structsel.demo import demo_aircraft, demo_flight, demo_instruments
 from structsel.reconstruction import METHODS, reconstruct
 from structsel.recording import split_manoeuvres
 
@@ -222,6 +222,19 @@ def test_what_stands_is_not_overwritten_unless_asked(folder, common, tmp_path):
     run(*arguments, "--overwrite")
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert (tmp_path / "flights/all-axes.csv").exists()
+
+
+def test_turbulence_is_printed_and_may_be_given(folder, tmp_path):
+    # The instruments of the demonstration's aircraft; what noise they have nobody states.
+    (tmp_path / "aircraft.toml").write_text(demo._toml(demo_aircraft().to_dict()) + "\n")
+    write_recording(demo_flight("all-axes", 2, turbulence=1.0, duration=15.0), tmp_path / "rough.csv")
+    common = (tmp_path / "rough.csv", "--aircraft", tmp_path / "aircraft.toml", "--workers", 1)
+    found = run("reconstruct", *common)
+    assert re.search(r"turbulence [\d.]+, [\d.]+, [\d.]+ m/s", found.stdout)
+    assert max(map(len, found.stdout.splitlines())) <= 80
+    (still,) = json.loads(run("reconstruct", *common, "--gusts", "0", "--json").stdout)["done"]
+    assert still["gust"] == [0.0, 0.0, 0.0]
+    assert "--gusts" in run("reconstruct", *common, "--gusts", "strong", code=2).stderr
 
 
 # --- what goes wrong ---------------------------------------------------------------------------------

@@ -136,7 +136,10 @@ def _print_channels(console: Console, result: Reconstruction) -> None:
     console.print(table)
     together = result.consistency
     low, high = together.nis_band
-    console.print(fact_line([("NIS", f"{together.nis:.3f}"), ("95 % band", f"{low:.3f} to {high:.3f}")]))
+    facts = [("NIS", f"{together.nis:.3f}"), ("95 % band", f"{low:.3f} to {high:.3f}")]
+    if any(result.gust):
+        facts.append(("turbulence", ", ".join(figure(std, 2) for std in result.gust) + " m/s"))
+    console.print(fact_line(facts))
 
 
 def _unit(result: Reconstruction, channel: str) -> str:

@@ -95,6 +95,10 @@ def run(
         str,
         _option("--delays", "report; estimate: find and remove them; or seconds: alpha=0.12,beta=0.1", _FOUND, "HOW"),
     ] = "report",
+    gusts: Annotated[
+        str,
+        _option("--gusts", "auto: find the turbulence; or its standard deviation in m/s, 0 for none.", _FOUND, "HOW"),
+    ] = "auto",
     find_manoeuvres: Annotated[
         bool, _option("--find-manoeuvres", "Cut long recordings into the stretches where controls move.", _FOUND)
     ] = False,
@@ -112,7 +116,7 @@ def run(
     workers: Annotated[int | None, _option("--workers", "Processes; as many as cores.", _FINE, "N")] = None,
 ) -> None:
     """Reconstruct flight paths: sensor biases, wind and vane errors, and states free of them."""
-    asked: dict[str, Any] = {"delays": read_delays(delays), "g": g, "workers": workers}
+    asked: dict[str, Any] = {"delays": read_delays(delays), "gusts": read_gusts(gusts), "g": g, "workers": workers}
     if words(estimate):
         asked["estimate"] = words(estimate)
     refuse_existing(out, overwrite)
@@ -126,6 +130,22 @@ def run(
     _print(found, flown)
     if out is not None:
         print_files(stdout(), str(out), written)
+
+
+def read_gusts(text: str) -> str | float:
+    """Return ``auto``, or a standard deviation [m/s].
+
+    Raises
+    ------
+    BadParameter
+        It is neither.
+    """
+    if text == "auto":
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"--gusts '{text}' is neither auto nor a number of m/s.") from None
 
 
 def read_delays(text: str) -> str | dict[str, float]:

@@ -1,0 +1,89 @@
+"""Schedules of inputs for JSBSim, and Recordings of its flights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from structsel.errors import ChannelError
+from structsel.numerics import rigid_body as rb
+from structsel.numerics.rigid_body import STATES
+from structsel.recording import Recording
+from structsel.recording.recording import CARRIED
+from structsel.simulation.preparing import Inputs, Start
+from structsel.simulation.trimmed import Trim
+
+AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+_AS_READ = (*STATES, "p_dot", "q_dot", "r_dot", "vn", "ve", "vd", "rho", "mach", "mass", "thrust")
+
+
+def read_schedule(
+    inputs: Inputs, start: Start | None, needed: Sequence[str], craft: str
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """Clock (n,) [s], controls (n, k) in the order needed, and name of a schedule of inputs.
+
+    Raises
+    ------
+    ChannelError, DataError
+        There is no clock, a control that the craft has not, or a sample that is not finite.
+    """
+    settled = dict(start.controls) if isinstance(start, Trim) else {}
+    if isinstance(inputs, Recording):
+        recording = inputs
+    else:
+        if "t" not in inputs:
+            raise ChannelError(f"The inputs need a clock 't' [s]; they have {', '.join(inputs) or 'nothing'}.")
+        t = np.array(inputs["t"], dtype=float)
+        if unknown := [c for c in inputs if c not in ("t", *needed)]:
+            raise ChannelError(f"JSBSim's {craft} has no control '{unknown[0]}'; it has {', '.join(needed)}.")
+        given = {c: np.broadcast_to(np.asarray(v, dtype=float), t.shape) for c, v in inputs.items() if c != "t"}
+        recording = Recording("simulated", t, given)
+    used = [c for c in needed if c in recording]
+    recording.require(*used, finite=True, by="JSBSimAircraft.fly")
+    columns = [recording[c] if c in recording else np.full(len(recording.t), settled.get(c, 0.0)) for c in needed]
+    return recording.t, np.column_stack(columns), recording.name
+
+
+def make_recording(
+    name: str, t: np.ndarray, held: Mapping[str, np.ndarray], controls: Sequence[str], start: np.ndarray, how: str
+) -> Recording:
+    """Recording of what JSBSim gave.
+
+    Parameters
+    ----------
+    name : str
+    t : (n,) array [s]
+    held : mapping of str to (n,) array
+        Content of `Machine.now`, thrust, coefficients and controls.
+    controls : sequence of str
+    start : (12,) array
+        Heading and place are counted from there.
+    how : str
+        For the provenance.
+    """
+    channels = {c: held[c] for c in (*_AS_READ, *AXES, *controls)}
+    u, v, w, u_dot, v_dot, w_dot = (held[c] for c in ("u", "v", "w", "u_dot", "v_dot", "w_dot"))
+    V, alpha, beta = rb.air_data(u, v, w)
+    V_dot = (u * u_dot + v * v_dot + w * w_dot) / V
+    channels |= {
+        "V": V,
+        "alpha": alpha,
+        "beta": beta,
+        "V_dot": V_dot,
+        "alpha_dot": (u * w_dot - w * u_dot) / (u * u + w * w),
+        "beta_dot": (v_dot * V - v * V_dot) / (V * np.hypot(u, w)),
+        "qbar": 0.5 * held["rho"] * V * V,
+    }
+    channels |= {f"a{c}": held[f"F{c}"] / held["mass"] for c in "xyz"}
+    channels["psi"] = np.unwrap(held["psi"])
+    for c in ("psi", "x", "y"):
+        turn = 2.0 * math.pi if c == "psi" else 1.0
+        away = start[STATES.index(c)] - channels[c][0]
+        channels[c] = channels[c] + (round(away / turn) * turn if c == "psi" else away)
+    notes = (
+        f"flown by JSBSim: {how}",
+        f"{CARRIED}V, alpha, beta, ax, ay, az; simulated there",
+    )
+    return Recording(name, t, channels, provenance=notes).check()
