@@ -102,6 +102,17 @@ class Assembly:
         mask = np.array([name in kept for name in names])
         return replace(self, problem=replace(p, active=p.active[mask], start_std=std[mask]))
 
+    def without_ground_track(self) -> Assembly:
+        """Assembly in which neither position nor ground velocity was measured, and nothing they alone would show."""
+        p, names = self.problem, self.names
+        readings = p.measurements.copy()
+        readings[:, [fp.MEASUREMENTS.index(name) for name in _POSITION]] = np.nan
+        kept = np.array([name not in ("psi", "x", "y", "wn", "we") for name in names])
+        held = replace(p, measurements=readings, active=p.active[kept], start_std=p.start_std[kept])
+        measured = tuple(name for name in self.measured if name not in _POSITION)
+        level = {name: std for name, std in self.noise.items() if name not in _POSITION}
+        return replace(self, problem=held, measured=measured, noise=level)
+
 
 def assemble(
     recording: Recording,
@@ -211,23 +222,18 @@ def _estimate_noise(name: str, values: np.ndarray, dt: float) -> float:
 
 
 def _active(estimate: tuple[str, ...], measured: list[str], lateral: bool) -> list[str]:
-    """States worth asking for: those some measurement could speak of."""
-    located = any(name in measured for name in _POSITION)
-    names = ["u", "w", "theta"] + (["v", "phi"] if lateral else [])
-    if "h" in measured:
-        names.append("h")
-    if located or "psi" in measured:
-        names += ["psi"] if lateral else []
-    names += [name for name in ("x", "y") if name in measured]
+    """States to ask for; what nothing shows among them is for the reconstructibility analysis to name."""
+    names = ["u", "w", "theta"] + (["v", "phi", "psi"] if lateral else [])
+    names += [name for name in ("x", "y", "h") if name in measured]
     for name in estimate:
-        if name in ("wn", "we") and not located:
-            continue
-        if not lateral and name in ("bay", "bp", "br", "Csi", "Cbeta0"):
+        if not lateral and name in ("bay", "bp", "br", "wn", "we", "Csi", "Cbeta0"):
             continue
         if name == "wd" and not {"h", "vd"} & set(measured):
             continue
         if all(channel in measured for channel in _OWN_CHANNEL.get(name, ())):
             names.append(name)
+    if lateral and "beta" in measured:
+        names.append("Cbeta0")  # to be told that it cannot be
     return list(dict.fromkeys(names))
 
 

@@ -156,7 +156,8 @@ def excerpt(problem: FlightPathProblem) -> FlightPathProblem:
     )
     total = np.concatenate(([0.0], np.cumsum(activity)))
     first = int(np.argmax(total[_EXCERPT:] - total[:-_EXCERPT])) if len(total) > _EXCERPT else 0
-    if first == 0:
+    asked, measured = fp.STATES.index("psi") in problem.active, problem.measurements[:, fp.MEASUREMENTS.index("psi")]
+    if first == 0 or (asked and not np.isfinite(measured).any()):  # the heading later on is not known
         return _cut(problem, 0, _EXCERPT, problem.start)
     # The start is that of the measurements there, as at the first sample; the constants are not known better.
     start = problem.start.copy()

@@ -31,6 +31,7 @@ _LONGEST_DELAY = 0.5  # s
 _ALIGNMENTS = 6
 _ALIGNED = 0.002  # s
 _COLOURED = 1.5
+_HEADING_SECONDS = 60.0
 _STEEP = 1.4  # rad
 
 Progress = Callable[[str, int, int], None]
@@ -165,8 +166,9 @@ def _reconstruct(
     if method == "output-error":
         assembly, run, smooth, widened = _by_output_error(assembly, recording)
     else:
+        assembly, headless = _headed(assembly)
         assembly, confused, ruled = without_confused(settle_noise(assembly, gusts, progress))
-        fixed |= confused
+        fixed |= headless | confused
         run, smooth = _by_filter(assembly, recording, method, gate, spread)
         widened = None
     path = _whole_path(assembly.problem, smooth.x)
@@ -215,6 +217,39 @@ def _reconstruct(
         findings=assembly.findings,
         doubts=doubts,
         distrust=distrust,
+    )
+
+
+def _headed(assembly: Assembly) -> tuple[Assembly, dict[str, str]]:
+    """Assembly that starts with the heading and wind of a batch fit, where no instrument gives the heading.
+
+    From the ground track alone the heading is anywhere within the wind's reach, too far for a filter to linearise.
+    Where the fit finds none either, the ground track is not used, and the reasons are given.
+    """
+    if "psi" in assembly.measured or not {"psi", "wn", "we"} <= set(assembly.names):
+        return assembly, {}
+    problem = assembly.problem
+    fit = output_error_path(_until(problem, _HEADING_SECONDS))
+    if not fit.converged:
+        why = "no heading was measured, and the ground track does not give one here; record psi, or turn"
+        return assembly.without_ground_track(), dict.fromkeys(("psi", "x", "y", "wn", "we"), why)
+    start, std = problem.start.copy(), problem.start_std.copy()
+    for name, spread in (("psi", 0.1), ("wn", 2.0), ("we", 2.0)):
+        j = assembly.names.index(name)
+        start[problem.active[j]] = fit.values[j]
+        # The fit is of the same readings: no less is doubted than at a look.
+        std[j] = max(spread, 3.0 * float(fit.std[j]))
+    return replace(assembly, problem=replace(problem, start=start, start_std=std)), {}
+
+
+def _until(problem: FlightPathProblem, seconds: float) -> FlightPathProblem:
+    rows = slice(0, int(np.searchsorted(problem.t, problem.t[0] + seconds)) + 1)
+    return replace(
+        problem,
+        t=problem.t[rows],
+        inputs=problem.inputs[rows],
+        input_std=problem.input_std[rows],
+        measurements=problem.measurements[rows],
     )
 
 
