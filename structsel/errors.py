@@ -11,9 +11,10 @@
     ├── TermError (ValueError)           a candidate term cannot be read
     ├── ModelError (ValueError)          a model file or a model's use is wrong
     ├── SelectionError (ValueError)      a selection was asked for that cannot be made
-    ├── SimulationError (RuntimeError)   a flight could not be flown to its end; carries what was
-    ├── ReconstructionError (RuntimeError)  a flight path could not be found; carries what was
-    └── RefinementError (RuntimeError)  parameters could not be estimated from flights; carries what was
+    └── UnfinishedError (RuntimeError)   a run broke down; carries what was found so far
+        ├── SimulationError              a flight could not be flown to its end
+        ├── ReconstructionError          a flight path could not be found
+        └── RefinementError              parameters could not be estimated from flights
 
     StructselWarning (UserWarning)       the result stands, but should be doubted
 """
@@ -57,7 +58,24 @@ class SelectionError(StructselError, ValueError):
     """A selection was asked for that cannot be made."""
 
 
-class SimulationError(StructselError, RuntimeError):
+class UnfinishedError(StructselError, RuntimeError):
+    """Base of the errors that carry what was found before a run broke down.
+
+    Attributes
+    ----------
+    partial : object
+        None where there was nothing.
+    """
+
+    def __init__(self, message: str, partial: object = None):
+        super().__init__(message)
+        self.partial = partial
+
+    def __reduce__(self) -> tuple[type, tuple[str, object]]:  # so that a worker process can raise it
+        return type(self), (str(self), self.partial)
+
+
+class SimulationError(UnfinishedError):
     """A flight could not be flown to its end, or a trim found.
 
     Attributes
@@ -66,15 +84,8 @@ class SimulationError(StructselError, RuntimeError):
         What was found before it broke down: a `structsel.recording.Recording` to that sample, or None.
     """
 
-    def __init__(self, message: str, partial: object = None):
-        super().__init__(message)
-        self.partial = partial
 
-    def __reduce__(self) -> tuple[type, tuple[str, object]]:  # so that a worker process can raise it
-        return type(self), (str(self), self.partial)
-
-
-class ReconstructionError(StructselError, RuntimeError):
+class ReconstructionError(UnfinishedError):
     """A flight path could not be reconstructed.
 
     Attributes
@@ -83,15 +94,8 @@ class ReconstructionError(StructselError, RuntimeError):
         What was found before it broke down: a `structsel.numerics.unscented.Filtered`, or None.
     """
 
-    def __init__(self, message: str, partial: object = None):
-        super().__init__(message)
-        self.partial = partial
 
-    def __reduce__(self) -> tuple[type, tuple[str, object]]:  # so that a worker process can raise it
-        return type(self), (str(self), self.partial)
-
-
-class RefinementError(StructselError, RuntimeError):
+class RefinementError(UnfinishedError):
     """Parameters could not be estimated from whole manoeuvres.
 
     Attributes
@@ -99,13 +103,6 @@ class RefinementError(StructselError, RuntimeError):
     partial : object
         What was found before it broke down: a `structsel.refinement.Refinement`, or None.
     """
-
-    def __init__(self, message: str, partial: object = None):
-        super().__init__(message)
-        self.partial = partial
-
-    def __reduce__(self) -> tuple[type, tuple[str, object]]:  # so that a worker process can raise it
-        return type(self), (str(self), self.partial)
 
 
 class StructselWarning(UserWarning):

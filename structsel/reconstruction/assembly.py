@@ -13,6 +13,7 @@ from structsel.errors import DomainError, StructselWarning
 from structsel.nomenclature import suggest
 from structsel.numerics import flight_path as fp
 from structsel.numerics.reconstructibility import Reconstructibility
+from structsel.numerics.rigid_body import body_velocity
 from structsel.numerics.smoothing import noise_level, smooth_spline
 from structsel.numerics.unscented import FlightPathProblem
 from structsel.reconstruction.channels import LATERAL, clean_input, clean_measurement, require_inertial
@@ -100,7 +101,7 @@ class Assembly:
             kept.add("psi")
             std[names.index("psi")] = 1e-4
         mask = np.array([name in kept for name in names])
-        return replace(self, problem=replace(p, active=p.active[mask], start_std=std[mask]))
+        return replace(self, problem=replace(p, start_std=std).keeping(mask))
 
     def without_ground_track(self) -> Assembly:
         """Assembly in which neither position nor ground velocity was measured, and nothing they alone would show."""
@@ -108,7 +109,7 @@ class Assembly:
         readings = p.measurements.copy()
         readings[:, [fp.MEASUREMENTS.index(name) for name in _POSITION]] = np.nan
         kept = np.array([name not in ("psi", "x", "y", "wn", "we") for name in names])
-        held = replace(p, measurements=readings, active=p.active[kept], start_std=p.start_std[kept])
+        held = replace(p, measurements=readings).keeping(kept)
         measured = tuple(name for name in self.measured if name not in _POSITION)
         level = {name: std for name, std in self.noise.items() if name not in _POSITION}
         return replace(self, problem=held, measured=measured, noise=level)
@@ -262,17 +263,7 @@ def _start(
     y0, _ = first("y", 0.0)
     h, _ = first("h", 0.0)
     start, std = np.zeros(len(fp.STATES)), np.zeros(len(fp.STATES))
-    start[:9] = (
-        V * np.cos(alpha) * np.cos(beta),
-        V * np.sin(beta),
-        V * np.sin(alpha) * np.cos(beta),
-        phi,
-        theta,
-        psi,
-        x,
-        y0,
-        h,
-    )
+    start[:9] = (*body_velocity(V, alpha, beta), phi, theta, psi, x, y0, h)
     angle = 0.05
     std[0] = 2.0 + 5.0 * noise.get("V", 0.5)
     std[1] = V * (max(angle, 5.0 * noise.get("beta", 0.0)) if beta_seen else 0.2)

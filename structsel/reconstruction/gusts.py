@@ -55,13 +55,13 @@ def with_gusts(problem: FlightPathProblem, gusts: Gusts, lateral: bool) -> Fligh
     if not np.any(gusts.std):
         return problem
     axes = np.array([0, 1, 2] if lateral else [0, 2])
-    kept = problem.active < fp.GUST
+    calm = problem.keeping(problem.active < fp.GUST)
     drift = problem.drift.copy()
     drift[fp.GUST :] = gusts.std * np.sqrt(2.0 / gusts.time)
     return replace(
-        problem,
-        active=np.concatenate([problem.active[kept], fp.GUST + axes]),
-        start_std=np.concatenate([problem.start_std[kept], gusts.std[axes]]),
+        calm,
+        active=np.concatenate([calm.active, fp.GUST + axes]),
+        start_std=np.concatenate([calm.start_std, gusts.std[axes]]),
         drift=drift,
         gust_time=gusts.time,
     )

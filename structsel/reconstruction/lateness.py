@@ -11,7 +11,8 @@ from structsel.numerics.unscented import FlightPathProblem
 from structsel.reconstruction.consistency import autocorrelation
 
 _LEAST_SAMPLES = 40
-_LONGEST_DELAY = 0.5  # s
+LONGEST_DELAY = 0.5
+"""More [s] is no delay of an instrument."""
 _DELAYED = ("V", "alpha", "beta", "phi", "theta", "psi")
 
 
@@ -36,7 +37,7 @@ class Delay:
     @property
     def significant(self) -> bool:
         """Whether it is more than chance, more than a few milliseconds, and no more than a delay can be."""
-        return max(4.0 * self.std, 0.005) < abs(self.delay) < _LONGEST_DELAY
+        return max(4.0 * self.std, 0.005) < abs(self.delay) < LONGEST_DELAY
 
 
 def find_delays(

@@ -16,6 +16,7 @@ from scipy.optimize import minimize_scalar
 
 from structsel.numerics import flight_path as fp
 from structsel.numerics.alignment import shift
+from structsel.numerics.rigid_body import body_velocity
 from structsel.numerics.unscented import FlightPathProblem, run_filter, run_smoother
 from structsel.reconstruction.assembly import INERTIAL, Assembly
 from structsel.reconstruction.gusts import find_gusts, gusts_of, with_gusts
@@ -93,9 +94,7 @@ def _likelihood_of_still_air(
     run, smooth = run_smoother(noisy, spread=0.0)
     if smooth is None:
         return np.inf
-    path = np.tile(noisy.start, (len(noisy.t), 1))
-    path[:, noisy.active] = smooth.x
-    told = fp.readings(path, noisy.inputs, noisy.place, noisy.flank)
+    told = fp.readings(noisy.path(smooth.x), noisy.inputs, noisy.place, noisy.flank)
     shifted = noisy.measurements.copy()
     for late in find_delays(noisy, told, noisy.measurements - told, tuple({"V", "alpha", "beta"} & set(measured))):
         j = fp.MEASUREMENTS.index(late.channel)
@@ -127,8 +126,7 @@ def without_confused(assembly: Assembly) -> tuple[Assembly, dict[str, str], froz
             )
     fixed = {name: why for name, why in fixed.items() if name in assembly.names}
     kept = np.array([name not in fixed for name in assembly.names])
-    held = replace(problem, active=problem.active[kept], start_std=problem.start_std[kept])
-    return replace(assembly, problem=held), fixed, frozenset(ruled)
+    return replace(assembly, problem=problem.keeping(kept)), fixed, frozenset(ruled)
 
 
 def _without_outliers(problem: FlightPathProblem) -> FlightPathProblem:
@@ -158,16 +156,15 @@ def excerpt(problem: FlightPathProblem) -> FlightPathProblem:
     first = int(np.argmax(total[_EXCERPT:] - total[:-_EXCERPT])) if len(total) > _EXCERPT else 0
     asked, measured = fp.STATES.index("psi") in problem.active, problem.measurements[:, fp.MEASUREMENTS.index("psi")]
     if first == 0 or (asked and not np.isfinite(measured).any()):  # the heading later on is not known
-        return _cut(problem, 0, _EXCERPT, problem.start)
+        return problem.rows(0, _EXCERPT)
     # The start is that of the measurements there, as at the first sample; the constants are not known better.
     start = problem.start.copy()
     angles = _first_readings(problem.measurements[first : first + _EXCERPT])
-    V, alpha, beta = (angles.get(name, 0.0) for name in ("V", "alpha", "beta"))
-    start[:3] = V * np.cos(alpha) * np.cos(beta), V * np.sin(beta), V * np.sin(alpha) * np.cos(beta)
+    start[:3] = body_velocity(*(angles.get(name, 0.0) for name in ("V", "alpha", "beta")))
     for name in ("phi", "theta", "psi", "x", "y", "h"):
         if name in angles:
             start[fp.STATES.index(name)] = angles[name]
-    return _cut(problem, first, first + _EXCERPT, start)
+    return replace(problem.rows(first, first + _EXCERPT), start=start)
 
 
 def _first_readings(measurements: np.ndarray) -> dict[str, float]:
@@ -177,18 +174,6 @@ def _first_readings(measurements: np.ndarray) -> dict[str, float]:
         if seen.size:
             found[name] = float(measurements[seen[0], j])
     return found
-
-
-def _cut(problem: FlightPathProblem, first: int, last: int, start: np.ndarray) -> FlightPathProblem:
-    rows = slice(first, last)
-    return replace(
-        problem,
-        t=problem.t[rows],
-        inputs=problem.inputs[rows],
-        input_std=problem.input_std[rows],
-        measurements=problem.measurements[rows],
-        start=start,
-    )
 
 
 def _settle_measurements(problem: FlightPathProblem, free: np.ndarray, least: np.ndarray) -> FlightPathProblem:

@@ -19,7 +19,7 @@ from structsel.numerics.unscented import STEEP, Filtered, FlightPathProblem, Smo
 from structsel.reconstruction.assembly import ESTIMATED, INERTIAL, Assembly, assemble
 from structsel.reconstruction.consistency import Consistency, judge
 from structsel.reconstruction.doubting import find_doubts
-from structsel.reconstruction.lateness import Delay, find_delays
+from structsel.reconstruction.lateness import LONGEST_DELAY, Delay, find_delays
 from structsel.reconstruction.mistakes import refuse_mistaken_channels
 from structsel.reconstruction.noise import settle_noise, without_confused
 from structsel.reconstruction.output import output_recording
@@ -27,7 +27,6 @@ from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Rec
 from structsel.recording import Recording
 
 METHODS = ("unscented", "extended", "output-error")
-_LONGEST_DELAY = 0.5  # s
 _ALIGNMENTS = 6
 _ALIGNED = 0.002  # s
 _COLOURED = 1.5
@@ -140,7 +139,7 @@ def reconstruct(
         if all(abs(value) < _ALIGNED for value in more.values()):
             break
         applied = {
-            name: float(np.clip(applied.get(name, 0.0) + more.get(name, 0.0), -_LONGEST_DELAY, _LONGEST_DELAY))
+            name: float(np.clip(applied.get(name, 0.0) + more.get(name, 0.0), -LONGEST_DELAY, LONGEST_DELAY))
             for name in {**applied, **more}
         }
     if progress is not None:
@@ -229,7 +228,8 @@ def _headed(assembly: Assembly) -> tuple[Assembly, dict[str, str]]:
     if "psi" in assembly.measured or not {"psi", "wn", "we"} <= set(assembly.names):
         return assembly, {}
     problem = assembly.problem
-    fit = output_error_path(_until(problem, _HEADING_SECONDS))
+    early = int(np.searchsorted(problem.t, problem.t[0] + _HEADING_SECONDS)) + 1
+    fit = output_error_path(problem.rows(0, early))
     if not fit.converged:
         why = "no heading was measured, and the ground track does not give one here; record psi, or turn"
         return assembly.without_ground_track(), dict.fromkeys(("psi", "x", "y", "wn", "we"), why)
@@ -240,17 +240,6 @@ def _headed(assembly: Assembly) -> tuple[Assembly, dict[str, str]]:
         # The fit is of the same readings: no less is doubted than at a look.
         std[j] = max(spread, 3.0 * float(fit.std[j]))
     return replace(assembly, problem=replace(problem, start=start, start_std=std)), {}
-
-
-def _until(problem: FlightPathProblem, seconds: float) -> FlightPathProblem:
-    rows = slice(0, int(np.searchsorted(problem.t, problem.t[0] + seconds)) + 1)
-    return replace(
-        problem,
-        t=problem.t[rows],
-        inputs=problem.inputs[rows],
-        input_std=problem.input_std[rows],
-        measurements=problem.measurements[rows],
-    )
 
 
 def _by_filter(
@@ -333,8 +322,7 @@ def _widen(assembly: Assembly, consistency: Consistency, gate: float, spread: fl
 
 def _whole_path(problem: FlightPathProblem, x: np.ndarray) -> np.ndarray:
     """(n, 26) full vectors; a heading that is not estimated is integrated from north."""
-    path = np.tile(problem.start, (len(x), 1))
-    path[:, problem.active] = x
+    path = problem.path(x)
     if 5 not in problem.active:
         path[:, 5] = problem.start[5]
         turn = fp.slopes(path, problem.inputs, problem.place, problem.g)[:, 5]

@@ -19,6 +19,7 @@ import numpy as np
 
 from structsel.errors import DataError
 from structsel.nomenclature import find_channel, is_known
+from structsel.numerics.smoothing.noise import starts_of_runs
 
 GAP = 3.0
 """Steps of time longer than this many median steps are gaps: the manoeuvre ends there."""
@@ -264,7 +265,7 @@ def stuck_stretches(t: np.ndarray, values: np.ndarray) -> list[tuple[int, int]]:
 
 def run_lengths(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First sample and length of every run of one value."""
-    starts = np.concatenate(([0], np.flatnonzero(np.diff(values) != 0.0) + 1))
+    starts = starts_of_runs(values)
     return starts, np.diff(np.concatenate((starts, [values.size])))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,6 +56,27 @@ class FlightPathProblem:
     def located(self) -> bool:
         """Whether the position x, y is among the active states."""
         return bool(np.any((self.active == 6) | (self.active == 7)))
+
+    def rows(self, first: int, last: int) -> FlightPathProblem:
+        """Problem of samples first to last - 1; the start is left as it is."""
+        kept = slice(first, last)
+        return replace(
+            self,
+            t=self.t[kept],
+            inputs=self.inputs[kept],
+            input_std=self.input_std[kept],
+            measurements=self.measurements[kept],
+        )
+
+    def keeping(self, states: np.ndarray) -> FlightPathProblem:
+        """Problem in which of the active states only these, an (L,) bool array, are estimated."""
+        return replace(self, active=self.active[states], start_std=self.start_std[states])
+
+    def path(self, x: np.ndarray) -> np.ndarray:
+        """(n, 26) full vectors with the active states at x (n, L), the others at their start."""
+        full = np.tile(self.start, (len(x), 1))
+        full[:, self.active] = x
+        return full
 
 
 @dataclass(frozen=True)
