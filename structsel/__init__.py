@@ -1,6 +1,7 @@
 """structsel: flight recordings in, an aerodynamic model out whose structure the data chose.
 
 The journey: `read_recording`, `reconstruct`, `compute_coefficients`, `Candidates`, `select`, `AeroModel`, `validate`.
+What was chosen is flown by `trim`, `simulate`, `refine` and `replay`; `design_inputs` says what to fly.
 """
 
 from structsel.aircraft import Aircraft
@@ -8,39 +9,81 @@ from structsel.candidates import Candidates, Factor, Term
 from structsel.coefficients import compute_all, compute_coefficients
 from structsel.demo import demo_flights
 from structsel.errors import StructselError, StructselWarning
+from structsel.inputs import InputComparison, InputDesign, compare_inputs, design_inputs
 from structsel.model import AeroModel, ResponseModel
 from structsel.reconstruction import Reconstruction, Reconstructions, reconstruct, reconstruct_all
 from structsel.recording import Recording, read_recording, read_recordings, write_recording
+from structsel.refinement import Comparison, LinearStructure, Refinement, compare_estimates, refine
 from structsel.selection import Selection, Selections, select
-from structsel.validation import Ensemble, Validation, ensemble, validate
+from structsel.simulation import (
+    Actuator,
+    Air,
+    Gust,
+    Instruments,
+    LinearModel,
+    ReadyAircraft,
+    Trim,
+    Turbulence,
+    linearise,
+    ready,
+    simulate,
+    trim,
+)
+from structsel.simulation.jsbsim import JSBSimAircraft, open_jsbsim
+from structsel.validation import Ensemble, Replay, Validation, ensemble, replay, validate
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Actuator",
     "AeroModel",
+    "Air",
     "Aircraft",
     "Candidates",
+    "Comparison",
     "Ensemble",
     "Factor",
+    "Gust",
+    "InputComparison",
+    "InputDesign",
+    "Instruments",
+    "JSBSimAircraft",
+    "LinearModel",
+    "LinearStructure",
+    "ReadyAircraft",
     "Reconstruction",
     "Reconstructions",
     "Recording",
+    "Refinement",
+    "Replay",
     "ResponseModel",
     "Selection",
     "Selections",
     "StructselError",
     "StructselWarning",
     "Term",
+    "Trim",
+    "Turbulence",
     "Validation",
+    "compare_estimates",
+    "compare_inputs",
     "compute_all",
     "compute_coefficients",
     "demo_flights",
+    "design_inputs",
     "ensemble",
+    "linearise",
+    "open_jsbsim",
     "read_recording",
     "read_recordings",
+    "ready",
     "reconstruct",
     "reconstruct_all",
+    "refine",
+    "replay",
     "select",
+    "simulate",
+    "trim",
     "validate",
     "write_recording",
 ]

@@ -26,6 +26,12 @@ def test_every_public_verb_says_what_goes_in_comes_out_and_goes_wrong(name):
     assert "Raises\n" in text or name == "demo_flights"
 
 
+def test_every_step_of_the_journey_is_at_the_top():
+    steps = "read_recording reconstruct compute_coefficients select validate trim linearise simulate refine replay"
+    more = "compare_estimates design_inputs compare_inputs ready open_jsbsim Air Instruments Refinement Replay"
+    assert {*steps.split(), *more.split()} <= set(ss.__all__)
+
+
 def test_the_version_is_the_same_everywhere():
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     assert ss.__version__ == declared == version("structsel")

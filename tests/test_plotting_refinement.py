@@ -2,8 +2,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from structsel.plotting.refinement import plot_comparison
-from structsel.refinement import compare_estimates
+from structsel.plotting.refinement import plot_comparison, plot_derivatives
+from structsel.refinement import Derivatives, compare_estimates
 
 
 @pytest.fixture(autouse=True)
@@ -25,3 +25,20 @@ def test_each_parameter_has_its_axes_with_a_bar_for_each_method_that_knows_it():
     low, high = first.containers[0].lines[1][0].get_ydata(), first.containers[0].lines[1][1].get_ydata()
     np.testing.assert_allclose([low[0], high[0]], [-0.05 - 0.00196, -0.05 + 0.00196], rtol=1e-4)
     assert any(np.allclose(line.get_ydata(), -0.0479) for line in first.get_lines())
+
+
+def test_derivatives_are_drawn_over_their_condition_in_degrees_with_the_truth():
+    values = np.array([[[-0.6, -0.65]], [[-0.8, np.nan]]])
+    std = np.array([[[0.01, 0.02]], [[np.inf, np.nan]]])
+    at = np.array([0.05, 0.10])
+    table = Derivatives(
+        "alpha", at, (("m1",), ("m2",)), ("Cm:alpha",), ("two-step", "output error"), values, std, 0.95, {}
+    )
+    (ax,) = plot_derivatives(table, truth={"Cm:alpha": lambda alpha: -0.4 - 4.0 * alpha})
+    assert ax.get_xlabel() == "alpha [deg]"
+    first, second = (container.lines[0].get_xdata() for container in ax.containers)
+    np.testing.assert_allclose(0.5 * (first + second), np.rad2deg(at), rtol=1e-9)
+    low, high = (cap.get_ydata() for cap in ax.containers[0].lines[1])
+    np.testing.assert_allclose(high - low, [2.0 * 1.959964 * 0.01, 0.0], rtol=1e-5, atol=1e-12)
+    truth = ax.get_lines()[-1]
+    np.testing.assert_allclose(truth.get_ydata()[[0, -1]], [-0.6, -0.8])

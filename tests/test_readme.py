@@ -81,6 +81,15 @@ def test_the_second_example_prints_the_table_the_readme_shows():
     assert max(abs(float(value)) for value in off) < 2.0
 
 
+def test_the_third_example_prints_the_table_the_readme_shows():
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        runpy.run_path(str(ROOT / "examples/03_fly_the_model.py"))
+    shown = blocks(README, "text")[3]
+    start = printed.getvalue().index(shown.splitlines()[0])
+    same(printed.getvalue()[start:][: len(shown)], shown)
+
+
 @pytest.mark.parametrize("command", commands(README), ids=" ".join)
 def test_the_readmes_commands_have_the_options_they_show(command):
     help_page = CliRunner().invoke(app, [command[0], "--help"], env={"COLUMNS": "200"}).stdout
@@ -96,7 +105,8 @@ def test_the_tutorial_runs_from_end_to_end(tmp_path, monkeypatch):
     assert [command[0] for command in asked].count("select") == 4
     for command in asked:
         faster = ["--bootstrap", "0"] if command[0] in ("demo", "select") else []
-        drawn = command[0] in ("demo", "reconstruct", "select") and "--out" in command
+        draws = ("demo", "reconstruct", "select", "validate", "simulate", "refine", "inputs")
+        drawn = command[0] in draws and "--out" in command
         faster += ["--no-plots"] if drawn else []
         result = CliRunner().invoke(app, [*command, *faster], env={"COLUMNS": "80"})
         assert result.exit_code == 0, result.output

@@ -78,3 +78,15 @@ def test_a_poor_start_that_descent_alone_cannot_fly_arrives_with_evolution_first
     assert found.converged
     assert np.abs((found.values - best.values) / best.std).max() < 0.1
     assert "evolution: 60 generations" in str(found)
+
+
+def test_filter_error_reproduces_the_published_estimates_from_a_poor_start(best, record):
+    # Every parameter off by up to a factor of three, signs at random: in open loop this start cannot be flown.
+    start = hfb320.poor_start(hfb320.PUBLISHED, seed=0)
+    found = hfb320.estimate(record, start, noise="process", tolerance=1e-3)
+    assert found.converged
+    own = [found[name] for name in hfb320.NAMES]
+    off = [(e.value - published) / e.std_white for e, published in zip(own, hfb320.PUBLISHED)]
+    assert np.abs(off).max() < 2.0
+    assert found.costs[-1] < best.costs[-1] - 4000.0
+    assert found["process:w"].value > 0.5  # turbulence: m/s per root of a second

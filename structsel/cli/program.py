@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from structsel import __version__
-from structsel.cli import coefficients, demo, describe, reconstruct, select, validate
+from structsel.cli import coefficients, demo, describe, inputs, reconstruct, refine, select, simulate, validate
 from structsel.cli.pages import page
 from structsel.cli.terminal import in_commands, plain_warnings, say
 from structsel.errors import StructselError
@@ -30,6 +30,12 @@ _EPILOG = page(
         (
             "Score the model on other flights",
             "structsel validate out/model.json m07.csv --map map.toml \\\n    --aircraft aircraft.toml",
+        ),
+        (
+            "Fly it with the recorded inputs, and refine it on whole manoeuvres",
+            "structsel validate out/model.json m07.csv --map map.toml \\\n    --aircraft aircraft.toml --replay\n"
+            "  structsel refine out/model.json --recordings flights/ --map map.toml \\\n"
+            "    --aircraft aircraft.toml --starts w,q,theta --out refined/",
         ),
     ],
     """[bold]Results[/bold] go to stdout, everything else to stderr; --json prints JSON and nothing else. Inside, units
@@ -84,6 +90,9 @@ app.command("reconstruct", epilog=reconstruct.EPILOG)(reconstruct.run)
 app.command("coefficients", epilog=coefficients.EPILOG)(coefficients.run)
 app.command("select", epilog=select.EPILOG)(select.run)
 app.command("validate", epilog=validate.EPILOG)(validate.run)
+app.command("inputs", epilog=inputs.EPILOG)(inputs.run)
+app.command("simulate", epilog=simulate.EPILOG)(simulate.run)
+app.command("refine", epilog=refine.EPILOG)(refine.run)
 app.command("demo", epilog=demo.EPILOG)(demo.run)
 
 

@@ -27,7 +27,29 @@ _ON_THE_COMMAND_LINE = {
     "overwrite=True": "pass --overwrite.",
 }
 """What a remedy given in the library's terms means here."""
-_OPTIONS = {"delays='estimate'": "--delays estimate", "method='unscented'": "--method unscented"}
+_OPTIONS = {
+    "delays='estimate'": "--delays estimate",
+    "method='unscented'": "--method unscented",
+    "The flight so far is in the error's .partial.": "With --out the flight so far is written.",
+    "The flight so far is in .partial.": "With --out the flight so far is written.",
+    "the error's partial holds the motion up to there.": "with --out the motion up to there is written.",
+    "The exception's 'partial' has the other estimates.": "The other estimates are printed, and written with --out.",
+    "The nearest is in the error's .partial.": "The nearest is printed.",
+    "The nearest is in .partial.": "The nearest is printed.",
+    "start from trim()": "start from --trim",
+    "fly from trim(...)": "fly from --trim",
+    "free another control with free=(...), or widen limits={...}": "or free another control with --free",
+    "with free=(...)": "with --free",
+    "stabilise=True": "--stabilise",
+    "search='global'": "--search global",
+    "noise='process'": "--noise process",
+    "domain='time'": "--domain time",
+    "domain='frequency'": "--domain frequency",
+    "constraint='stable'": "--stable",
+    "bounds={'delay': (0, ...)}": "--bounds delay=0,...",
+    "(free=...)": "(--free)",
+    "climb=None with a given throttle": "another throttle with --controls",
+}
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 

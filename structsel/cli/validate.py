@@ -7,12 +7,30 @@ from typing import Annotated, Literal
 
 import typer
 
-from structsel.cli.flights import V0, AircraftFile, Files, Json, Map, Reconstruct, read_flights, words
+from structsel.cli.crafts import Define, Rho, read_definitions
+from structsel.cli.flight_tables import print_replay
+from structsel.cli.flights import (
+    OUTPUT,
+    V0,
+    AircraftFile,
+    Files,
+    Json,
+    Map,
+    Overwrite,
+    Reconstruct,
+    load_aircraft,
+    read_flights,
+    read_manoeuvres,
+    reconstruct_paths,
+    words,
+)
+from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
-from structsel.cli.tables import print_validation
-from structsel.cli.terminal import print_json, stdout
+from structsel.cli.tables import print_files, print_validation
+from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.model import AeroModel
-from structsel.validation import validate
+from structsel.simulation import Air
+from structsel.validation import Replay, replay, validate
 
 EPILOG = page(
     [
@@ -21,9 +39,17 @@ EPILOG = page(
             "structsel validate out/model.json m05.csv m06.csv --map map.toml \\\n    --aircraft aircraft.toml",
         ),
         ("On files with coefficients", "structsel validate model.json coefficients/ --responses Cm"),
+        (
+            "Does it fly: the recorded inputs, from the recorded start",
+            "structsel validate out/model.json flights/ --aircraft aircraft.toml \\\n    --replay --out flown/",
+        ),
     ],
     """Only whole manoeuvres the model was not identified from judge it; the output says where they were.""",
+    """[bold]--replay[/bold] flies the model with the recorded inputs, whole from the first sample and in short windows
+    that each start from what was recorded, and scores every output: an aircraft unstable without its pilot parts from
+    the record when flown whole, and the windows judge it. Where a flight parted or blew up is said.""",
 )
+_REPLAY = "With --replay"
 
 
 def run(
@@ -37,13 +63,74 @@ def run(
     ] = "rms",
     reconstruct: Reconstruct = False,
     v0: V0 = None,
+    replayed: Annotated[
+        bool, typer.Option("--replay", help="Fly the model with the recorded inputs. Needs --aircraft.")
+    ] = False,
+    outputs: Annotated[
+        str, typer.Option("--outputs", metavar="NAMES", help="Channels to compare.", rich_help_panel=_REPLAY)
+    ] = "",
+    window: Annotated[float, typer.Option("--window", help="Of short flights, in s.", rich_help_panel=_REPLAY)] = 4.0,
+    define: Define = None,
+    rho: Rho = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="With --replay: folder for table and plots.", rich_help_panel=OUTPUT),
+    ] = None,
+    overwrite: Overwrite = False,
+    plots: Annotated[
+        bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.", rich_help_panel=OUTPUT)
+    ] = True,
     json: Json = False,
 ) -> None:
     """Score a model on recordings: R2, relative rms error, Theil's coefficient, whiteness of the residual."""
     held = AeroModel.from_json(model)
+    if replayed:
+        if aircraft is None:
+            raise typer.BadParameter("--replay needs --aircraft: mass, inertia, and where the instruments stand.")
+        if responses or v0 is not None:
+            raise typer.BadParameter("--responses and --v0 are of no use with --replay, which compares --outputs.")
+        refuse_existing(out, overwrite)
+        craft = load_aircraft(aircraft)
+        recorded = read_manoeuvres(files, channel_map)
+        if reconstruct:
+            recorded = reconstruct_paths(recorded, craft).recordings
+        with Waiting("flying") as waiting:
+            found = replay(
+                held, craft, recorded, outputs=words(outputs) or None, window=window, normaliser=normaliser,
+                air=Air(rho=rho), definitions=read_definitions(define), progress=waiting,
+            )  # fmt: skip
+        _tell(found, model.name, out, plots, json)
+        return
+    if out is not None or outputs or define or rho is not None:
+        raise typer.BadParameter("--out, --outputs, --define and --rho go with --replay.")
     flown = read_flights(files, channel_map, aircraft, v0, {*held, *held.channels}, reconstruct)
     result = validate(held, flown, responses=words(responses) or None, normaliser=normaliser)
     if json:
         print_json(result.to_dict())
     else:
         print_validation(stdout(), result, f"{model.name} against {len(flown)} recording{'s' * (len(flown) != 1)}")
+
+
+def _tell(found: Replay, model: str, out: Path | None, plots: bool, json: bool) -> None:
+    written = _write(out, found, plots) if out is not None else []
+    if json:
+        print_json(found.to_dict())
+        return
+    count = len(found.recordings)
+    print_replay(stdout(), found, f"{model} flown with the inputs of {count} recording{'s' * (count != 1)}")
+    if out is not None:
+        print_files(stdout(), str(out), written)
+
+
+def _write(out: Path, found: Replay, plots: bool) -> list[str]:
+    """Write everything, or nothing; return the names written."""
+    with output_folder(out) as folder:
+        (folder / "replay.json").write_text(json_text(found.to_dict()), encoding="utf-8")
+        found.to_frame().to_csv(folder / "replay.csv", index=False)
+        if plots:
+            from structsel.plotting import draw_replay  # matplotlib takes a while to load
+
+            (folder / "plots").mkdir()
+            for name, figure in draw_replay(found):
+                figure.savefig(folder / "plots" / f"{name}.png", dpi=110)
+        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]

@@ -4,6 +4,7 @@ Inputs are Recordings of controls, as `simulate` takes them; amplitudes are depa
 """
 
 from structsel.inputs.comparison import InputComparison, Scatter, compare_inputs, scatter
+from structsel.inputs.derivatives import name_derivatives
 from structsel.inputs.design import InputDesign, design_inputs
 from structsel.inputs.information import Information, information
 from structsel.inputs.mehra_schulz import mehra, schulz
@@ -38,6 +39,7 @@ __all__ = [
     "mehra",
     "multisine",
     "multistep",
+    "name_derivatives",
     "peak_factor",
     "scatter",
     "schulz",

@@ -129,6 +129,11 @@ def compare_inputs(
     Returns
     -------
     InputComparison
+
+    Raises
+    ------
+    ModelError
+        As `design_inputs`.
     """
     names = chosen(model, parameters)
     sizes = parameter_sizes(model, names, parameter_scales)

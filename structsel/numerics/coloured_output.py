@@ -14,7 +14,7 @@ References
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft
+from scipy import fft, ndimage
 
 _TAPER = 4  # times the lag at which the residuals are no longer alike
 
@@ -71,3 +71,27 @@ def coloured_information(S: np.ndarray, residuals: np.ndarray) -> np.ndarray:
     # Channels sampled at different rates may leave it a little short of positive.
     values, vectors = np.linalg.eigh(0.5 * (meat + meat.T))
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+def spectral_information(S: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+    """The middle of the sandwich where samples are transforms: unrelated, but not equally strong.
+
+    Parameters
+    ----------
+    S : (k, 2 f, c) array
+        Whitened sensitivities, real parts before imaginary parts.
+    residuals : (2 f, c) array
+        Whitened.
+
+    Returns
+    -------
+    (k, k) array
+        With the spectrum of the residuals, averaged over neighbours, in place of one level for all frequencies.
+    """
+    half = residuals.shape[0] // 2
+    v = residuals[:half] + 1j * residuals[half:]
+    products = np.einsum("fa,fb->fab", v, v.conj()).real / 2.0
+    reach = max(int(np.sqrt(half)), 1)
+    power = ndimage.uniform_filter1d(products, 2 * reach + 1, axis=0, mode="nearest")
+    parts = (S[:, :half], S[:, half:])
+    return np.sum([np.einsum("kfa,fab,lfb->kl", part, power, part, optimize=True) for part in parts], axis=0)

@@ -14,6 +14,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,7 +113,7 @@ class FrequencyFit:
     noise_std : float
         Of the response in time, were its noise as strong outside the band.
     fit : (f,) complex array
-        Transform of the model's response.
+        Transform of the model's response, manoeuvre after manoeuvre.
     r2 : float
         Share of the response's power at these frequencies.
     """
@@ -133,10 +134,15 @@ class FrequencyFit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def equation_error(regressors: np.ndarray, response: np.ndarray, dt: float, frequencies: np.ndarray) -> FrequencyFit:
+def equation_error(
+    regressors: np.ndarray | Sequence[np.ndarray],
+    response: np.ndarray | Sequence[np.ndarray],
+    dt: float | Sequence[float],
+    frequencies: np.ndarray | Sequence[np.ndarray],
+) -> FrequencyFit:
     """Equation error in the frequency domain: complex least squares for real parameters.
 
-    With X and z transforms of the detrended regressors and response::
+    With X and z transforms of the detrended regressors and response, those of several manoeuvres below each other::
 
         theta = Re(X'X)^-1 Re(X'z)
 
@@ -145,10 +151,10 @@ def equation_error(regressors: np.ndarray, response: np.ndarray, dt: float, freq
 
     Parameters
     ----------
-    regressors : (n, k) array
-    response : (n,) array
-    dt : float [s]
-    frequencies : (f,) array [Hz]
+    regressors : (n, k) array, or one for each manoeuvre
+    response : (n,) array, or one for each manoeuvre
+    dt : float [s], or one for each manoeuvre
+    frequencies : (f,) array [Hz], or one for each manoeuvre
         Above zero: a constant is not a term here, the detrending takes it out.
 
     Raises
@@ -162,14 +168,18 @@ def equation_error(regressors: np.ndarray, response: np.ndarray, dt: float, freq
     ----------
     [KM16], frequency-domain methods, equation error.
     """
-    X_t, y = np.asarray(regressors, dtype=float), np.asarray(response, dtype=float)
-    n, k = X_t.shape
-    f = np.asarray(frequencies, dtype=float)
-    if 2 * f.size <= k:
-        raise DataError(f"{f.size} frequencies give {2 * f.size} equations for {k} parameters; ask for more.")
-    z = transform(y, dt, f)
-    X = transform(X_t, dt, f)
-    stacked = np.vstack([X.real, X.imag])
+    if isinstance(response, np.ndarray):
+        regressors, response, dt, frequencies = [regressors], [response], [dt], [frequencies]  # type: ignore[list-item]
+    flown = [
+        (np.asarray(X, dtype=float), np.asarray(y, dtype=float), float(step), np.asarray(f, dtype=float))
+        for X, y, step, f in zip(regressors, response, dt, frequencies, strict=True)  # type: ignore[arg-type]
+    ]
+    k, equations = flown[0][0].shape[1], 2 * sum(f.size for *_, f in flown)
+    if equations <= k:
+        raise DataError(f"{equations // 2} frequencies give {equations} equations for {k} parameters; ask for more.")
+    z = [transform(y, step, f) for _, y, step, f in flown]
+    X = [transform(X_t, step, f) for X_t, _, step, f in flown]
+    stacked = np.vstack([part for one in X for part in (one.real, one.imag)])
     length = np.linalg.norm(stacked, axis=0)
     singular = np.linalg.svd(stacked / np.where(length > 0.0, length, 1.0), compute_uv=False)
     if not length.all() or singular[-1] < 1e-10 * singular[0]:
@@ -178,16 +188,15 @@ def equation_error(regressors: np.ndarray, response: np.ndarray, dt: float, freq
             "Leave one out, widen the band, or fly an input that moves them apart."
         )
     inverse = linalg.pinv(stacked / length) / length[:, None]
-    theta = inverse @ np.concatenate([z.real, z.imag])
-    residual = z - X @ theta
-    noise = _noise_gram(n, dt, f)
-    left = np.eye(2 * f.size) - stacked @ inverse
-    variance = float(np.sum(np.abs(residual) ** 2) / np.sum((left @ noise) * left))
-    power = float(np.sum(np.abs(z) ** 2))
-    r2 = 1.0 - float(np.sum(np.abs(residual) ** 2)) / power if power > 0.0 else np.nan
-    return FrequencyFit(
-        theta, variance * (inverse @ noise @ inverse.T), float(np.sqrt(variance)), X @ theta, r2
-    )  # fmt: skip
+    theta = inverse @ np.concatenate([part for one in z for part in (one.real, one.imag)])
+    fit = np.concatenate([one @ theta for one in X])
+    noise = linalg.block_diag(*(_noise_gram(len(y), step, f) for _, y, step, f in flown))
+    left = np.eye(equations) - stacked @ inverse
+    lost = float(np.sum(np.abs(np.concatenate(z) - fit) ** 2))
+    variance = lost / float(np.sum((left @ noise) * left))
+    power = float(np.sum(np.abs(np.concatenate(z)) ** 2))
+    covariance = variance * (inverse @ noise @ inverse.T)
+    return FrequencyFit(theta, covariance, float(np.sqrt(variance)), fit, 1.0 - lost / power if power > 0.0 else np.nan)
 
 
 def _noise_gram(n: int, dt: float, f: np.ndarray) -> np.ndarray:
@@ -246,6 +255,41 @@ def linear_response(
     except np.linalg.LinAlgError:
         x = np.full(drive.shape, np.nan + 0j)
     return np.einsum("mos,mfs->mfo", C, x) + np.einsum("moi,mfi->mfo", D, late)
+
+
+def sampled_response(
+    Phi: np.ndarray, push: np.ndarray, C: np.ndarray, feed: np.ndarray, turn: np.ndarray, jump: np.ndarray
+) -> np.ndarray:
+    """Transforms of the outputs of ``x[k+1] = Phi x[k] + p[k]``, ``y[k] = C x[k] + d[k]``, many systems at once.
+
+    At whole multiples of 1 / (n dt) the sums over n samples are related exactly, with z = exp(i w dt)::
+
+        y~ = C (z I - Phi)^-1 [p~ + z (x[0] - x[n])] + d~
+
+    so that nothing is lost by sampling, up to half the sampling frequency.
+
+    Parameters
+    ----------
+    Phi : (m, s, s) array
+    push, feed : (m, f, s), (m, f, o) complex arrays
+        Transforms of p and d.
+    C : (m, o, s) array
+    turn : (f,) complex array
+        z.
+    jump : (m, s) array
+        x[0] - x[n], in the scale of the transforms.
+
+    Returns
+    -------
+    (m, f, o) complex array
+    """
+    resolvent = turn[None, :, None, None] * np.eye(Phi.shape[1]) - Phi[:, None]
+    drive = push + turn[None, :, None] * jump[:, None, :]
+    try:
+        x = np.linalg.solve(resolvent, drive[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        x = np.full(drive.shape, np.nan + 0j)
+    return np.einsum("mos,mfs->mfo", C, x) + feed
 
 
 def as_real(transforms: np.ndarray) -> np.ndarray:

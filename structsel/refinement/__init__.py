@@ -1,10 +1,13 @@
-"""Refinement: parameters whose simulated flights come nearest the recorded ones, by output error.
+"""Refinement: parameters whose simulated flights come nearest the recorded ones, by output error or filter error.
 
-`refine` takes a linear structure or an AeroModel and one or many recordings; `compare_estimates` sets several ways
-of estimating the same parameters side by side.
+`refine` takes a linear structure or an AeroModel and one or many recordings, in time or over a band of frequencies;
+`equation_error` estimates the same by regression; `compare_estimates` sets several ways side by side, and
+`derivatives_by_condition` does so over many manoeuvres, against trim incidence or airspeed.
 """
 
 from structsel.refinement.comparison import Comparison, compare_estimates
+from structsel.refinement.conditions import Derivatives, derivatives_by_condition
+from structsel.refinement.equation_error import EquationError, equation_error
 from structsel.refinement.linear_structure import LinearStructure, Matrices
 from structsel.refinement.parameters import Parameter
 from structsel.refinement.result import Estimate, OutputFit, Refinement
@@ -12,6 +15,8 @@ from structsel.refinement.station import refine
 
 __all__ = [
     "Comparison",
+    "Derivatives",
+    "EquationError",
     "Estimate",
     "LinearStructure",
     "Matrices",
@@ -19,5 +24,7 @@ __all__ = [
     "Parameter",
     "Refinement",
     "compare_estimates",
+    "derivatives_by_condition",
+    "equation_error",
     "refine",
 ]

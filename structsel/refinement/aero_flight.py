@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from structsel.aircraft import Aircraft
+from structsel.errors import ModelError
 from structsel.model import AeroModel
+from structsel.numerics.flight_dynamics import STATES, outputs_index
+from structsel.numerics.prediction_error import linearise_flight, predict_flight, sampled, steady_gain
+from structsel.numerics.rigid_body import body_velocity
 from structsel.recording import Recording
 from structsel.recording.recording import CARRIED
+from structsel.refinement.flying import late_inputs
 from structsel.refinement.problem import Flyer
 from structsel.simulation.air import Air
-from structsel.simulation.preparing import prepare
+from structsel.simulation.preparing import Prepared, prepare
 
 _ALONG, _ACROSS = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
 _SHOWN_ALONG, _SHOWN_ACROSS = ("V", "alpha", "q", "theta", "ax", "az"), ("beta", "p", "r", "phi", "ay")
@@ -40,11 +45,18 @@ class AeroFlight:
         air: Air | None = None,
         definitions: Mapping[str, str] | None = None,
         substeps: int | None = None,
+        late: Iterable[str] | None = None,
     ):
         self.model, self.aircraft = model, aircraft
+        self.late = None if late is None else tuple(late)
         self.air, self.definitions, self.substeps = air, definitions, substeps
         self.name, self.delay = model.name or "model", 0.0
         self.lateral = lateral = any(name in model for name in _LATERAL)
+        if not any(name in model for name in ("CZ", "CL")):
+            raise ModelError(
+                f"refine flies an AeroModel with lift; '{self.name}' has only {', '.join(model)}, and would fall.\n"
+                "Add CX, CZ and Cm (or CL, CD and Cm), and name with free=... what is to be estimated."
+            )
         along = any(name not in _LATERAL for name in model)
         self.states = (*(_ALONG if along else ()), *(_ACROSS if lateral else ()))
         self.shown = (*(_SHOWN_ALONG if along else ()), *(_SHOWN_ACROSS if lateral else ()))
@@ -57,18 +69,41 @@ class AeroFlight:
 
     def on(self, recording: Recording) -> Flyer:
         """Make ready to fly this recording's inputs."""
+        ready, names = self.prepare(recording), self.moving
+        instruments = not is_carried(recording)
+
+        def fly(values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray) -> np.ndarray:
+            theta = np.column_stack([values, start, np.maximum(delay, 0.0)])
+            return ready.fly(self.outputs, names, theta, instruments=instruments).outputs
+
+        return fly
+
+    def noisy(self, outputs: Sequence[str]) -> tuple[str, ...]:
+        """States whose process noise these outputs can show."""
+        seen = ((_ALONG, (*_SHOWN_ALONG, "h", "q_dot")), (_ACROSS, (*_SHOWN_ACROSS, "psi", "p_dot", "r_dot")))
+        return tuple(state for motion, shown in seen if set(shown) & set(outputs) for state in motion if
+                     state in self.states)  # fmt: skip
+
+    def track(self, recording: Recording, outputs: list[int]) -> FlightTracker:
+        """Make ready to predict this recording's samples."""
+        return FlightTracker(self, recording, outputs)
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Parameters of the compiled flight that `refine` may move."""
+        return (*self.parameters, *(f"start:{state}" for state in self.states), "delay")
+
+    def prepare(self, recording: Recording) -> Prepared:
+        """The recording's flight; a delay holds for the inputs named, or for all but the thrust."""
         ready = prepare(
             self.model, self.aircraft, recording, start=self._start(recording), air=self.air,
             definitions=self.definitions, substeps=self.substeps,
         )  # fmt: skip
-        names = (*self.parameters, *(f"start:{state}" for state in self.states), "delay")
-        carried = any(note.startswith(CARRIED) for note in recording.provenance)
-
-        def fly(values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray) -> np.ndarray:
-            theta = np.column_stack([values, start, np.maximum(delay, 0.0)])
-            return ready.fly(self.outputs, names, theta, instruments=not carried).outputs
-
-        return fly
+        controls = ready.plan.controls
+        # A recorded thrust is the force itself; it has been late already.
+        late = [name for name in controls if name != "thrust"] if self.late is None else self.late
+        delayed = np.array(late_inputs(controls, late, self.name), dtype=bool)
+        return replace(ready, flight=replace(ready.flight, delayed=delayed))
 
     def _start(self, recording: Recording) -> dict[str, float]:
         """What the first sample says.
@@ -85,8 +120,7 @@ class AeroFlight:
 
     def first_state(self, recording: Recording) -> np.ndarray:
         """States of the first sample."""
-        ready = prepare(self.model, self.aircraft, recording, start=self._start(recording), air=self.air,
-                        definitions=self.definitions, substeps=self.substeps)  # fmt: skip
+        ready = self.prepare(recording)
         index = ready.plan.parameter_index([f"start:{state}" for state in self.states])
         return ready.plan.parameters(ready.flight)[index]
 
@@ -105,3 +139,57 @@ class AeroFlight:
                 residuals="coloured", s2=np.nan, r2=np.nan, n=0,
             )  # fmt: skip
         return AeroModel(made, self.model.name, self.model.recordings)
+
+
+def is_carried(recording: Recording) -> bool:
+    """Whether the recording's channels are those at the centre of gravity."""
+    return any(note.startswith(CARRIED) for note in recording.provenance)
+
+
+class FlightTracker:
+    """Predictions of an AeroModel's flight on one recording; its gain is that of the motion about the mean."""
+
+    def __init__(self, flight: AeroFlight, recording: Recording, outputs: list[int]):
+        self.ready = ready = flight.prepare(recording)
+        names = [flight.outputs[i] for i in outputs]
+        self.observed = outputs_index(names, instruments=not is_carried(recording))
+        self.index = ready.plan.parameter_index(flight.moving)
+        self.states = np.array([STATES.index(name) for name in flight.states])
+        self.dt = recording.dt
+        means = {name: float(np.nanmean(recording[name])) for name in (*STATES, "V", "alpha", "beta") if
+                 name in recording and np.isfinite(recording[name]).any()}  # fmt: skip
+        about = ready.flight.start.copy()
+        for name in flight.states:
+            about[STATES.index(name)] = means.get(name, about[STATES.index(name)])
+        if not {"u", "w"} <= means.keys() and {"V", "alpha"} <= means.keys():
+            sideslip = means.get("beta", 0.0) if flight.lateral else 0.0
+            about[:3] = body_velocity(means["V"], means["alpha"], sideslip)
+        self.about, self.controls = about, ready.flight.controls.mean(axis=0)
+
+    def _full(self, theta: np.ndarray) -> np.ndarray:
+        full = np.tile(self.ready.plan.parameters(self.ready.flight), (len(theta), 1))
+        full[:, self.index[: theta.shape[1]]] = theta
+        return full
+
+    def gain(
+        self, values: np.ndarray, delay: np.ndarray, process: np.ndarray, variances: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Steady gain (m, s, o), and by how much its states' uncertainty moves the outputs (m, o), a variance."""
+        ready = self.ready
+        A, C = linearise_flight(
+            ready.plan, ready.flight, self._full(values), self.about, self.controls, self.states, self.observed
+        )
+        Phi, Q = sampled(A, process, self.dt)
+        K, P = steady_gain(Phi, C, Q, variances)
+        return K, np.einsum("mos,mst,mot->mo", C, P, C)
+
+    def fly(
+        self, values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray, gain: np.ndarray,
+        measured: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
+        """(m, n, o) outputs expected of each sample."""
+        full = self._full(np.column_stack([values, start, np.maximum(delay, 0.0)]))
+        return predict_flight(
+            self.ready.plan, self.ready.flight, full, self.states, self.observed, gain, measured,
+            substeps=self.ready.substeps,
+        )  # fmt: skip

@@ -12,6 +12,7 @@ from scipy import stats
 
 from structsel.errors import ModelError
 from structsel.model import AeroModel
+from structsel.refinement.equation_error import EquationError
 from structsel.refinement.result import Refinement
 
 
@@ -84,12 +85,14 @@ class Comparison:
                 line += f"{self.truth[i]:>12.5g}" if np.isfinite(self.truth[i]) else f"{'-':>12}"
             for j in range(len(self.methods)):
                 text = "-" if np.isnan(self.values[i, j]) else f"{self.values[i, j]:.5g} +- {half[i, j]:.2g}"
-                line += f"{text:>{cell}}"
+                missed = np.abs(self.values[i, j] - self.truth[i]) > half[i, j]
+                line += f"{text + (' *' if missed else '  ' if known else ''):>{cell}}"
             lines.append(line)
-        return "\n".join([*lines, f"intervals: {self.level:.0%}"])
+        marked = "; * where the truth lies outside" if known else ""
+        return "\n".join([*lines, f"intervals: {self.level:.0%}{marked}"])
 
 
-Estimates = Refinement | AeroModel | Mapping[str, tuple[float, float]]
+Estimates = Refinement | EquationError | AeroModel | Mapping[str, tuple[float, float]]
 
 
 def compare_estimates(
@@ -99,7 +102,7 @@ def compare_estimates(
 
     Parameters
     ----------
-    estimates : mapping of method to Refinement, AeroModel or mapping of parameter to (value, std)
+    estimates : mapping of method to Refinement, EquationError, AeroModel or mapping of parameter to (value, std)
         ``{"equation error": model, "two-step": model, "output error": refinement}``; a model's terms are called
         "Cm:alpha" as in a refinement of it.
     truth : mapping of parameter to float, optional
@@ -123,7 +126,7 @@ def compare_estimates(
     """
     if not estimates or not 0.0 < level < 1.0:
         raise ModelError(f"compare_estimates needs estimates and a level between 0 and 1; it was given level={level}.")
-    tables = {method: _table(each) for method, each in estimates.items()}
+    tables = {method: estimates_by_name(each) for method, each in estimates.items()}
     names = list(dict.fromkeys(name for table in tables.values() for name in table))
     values, std = (
         np.array([[tables[m].get(name, (np.nan, np.nan))[i] for m in tables] for name in names]) for i in (0, 1)
@@ -132,9 +135,12 @@ def compare_estimates(
     return Comparison(tuple(tables), tuple(names), values, std, known, level)
 
 
-def _table(estimates: Estimates) -> dict[str, tuple[float, float]]:
+def estimates_by_name(estimates: Estimates) -> dict[str, tuple[float, float]]:
+    """Value and standard deviation of each parameter of the model."""
     if isinstance(estimates, Refinement):
         return {e.name: (e.value, e.std) for e in estimates.estimates if e.kind == "model"}
+    if isinstance(estimates, EquationError):
+        return {name: estimates[name] for name in estimates.names}
     if isinstance(estimates, AeroModel):
         return {
             f"{response}:{term}": (float(value), float(error))

@@ -15,6 +15,9 @@ from structsel.refinement.problem import FlightModel, require_even_clock
 
 _FIRST = 5  # samples whose median is an output's first guess at rest
 _LATEST = 0.25  # of the shortest recording: the delay's upper bound where none is given
+_PROCESS = (1e-4, 0.3, 10.0)
+"""Least process noise of a state, where its search starts, and most, per root of a second and by how much the state
+moves: the least leaves the flight alone, the most takes the state from the measurements."""
 
 Names: TypeAlias = Iterable[str] | Literal["all"]
 
@@ -49,13 +52,16 @@ def choose_outputs(flight: FlightModel, recordings: Sequence[Recording], outputs
         shown = [name for name in flight.shown if all(name in r for r in recordings)]
         if not shown:
             raise DataError(f"no output of the model ({', '.join(flight.shown)}) is in all recordings.")
-        return shown
-    shown = list(outputs)
+    else:
+        shown = list(outputs)
+        for name in shown:
+            if name not in flight.outputs:
+                raise ModelError(f"'{flight.name}' has no output '{name}'. It has: {', '.join(flight.outputs)}.")
+        for recording in recordings:
+            recording.require(*shown, by="refine")
     for name in shown:
-        if name not in flight.outputs:
-            raise ModelError(f"'{flight.name}' has no output '{name}'. It has: {', '.join(flight.outputs)}.")
-    for recording in recordings:
-        recording.require(*shown, by="refine")
+        if not any(np.isfinite(r[name]).any() for r in recordings):
+            raise DataError(f"refine is to fit output '{name}', of which no recording has a sample. Leave it out.")
     return shown
 
 
@@ -81,6 +87,9 @@ def lay_out(
     scales: Names,
     delay: bool,
     guess: Mapping[str, float],
+    *,
+    process: Names = (),
+    jumps: Names = (),
 ) -> list[Parameter]:
     """Every parameter to estimate, in the order of the table in parameters.py."""
     values = flight.parameters
@@ -109,6 +118,14 @@ def lay_out(
         latest = _LATEST * min(r.duration for r in recordings)
         dt = max(r.dt for r in recordings)
         made.append(Parameter("delay", "delay", min(max(flight.delay, dt), latest), 0.0, latest, dt))
+    for r in recordings:
+        made += [Parameter(f"jump:{r.name}:{s}", "jump", 0.0, scale=spread.get(s, 1.0), recording=r.name)
+                 for s in _chosen(jumps, flight.states, "the jump of state", flight)]  # fmt: skip
+    among = flight.states if process != "all" else flight.noisy(outputs)
+    for s in _chosen(process, among, "the process noise of state", flight):
+        size = _moves(s, recordings)
+        low, value, high = (share * size for share in _PROCESS)
+        made.append(Parameter(f"process:{s}", "process", value, low, high, size))
     known = [p.name for p in made]
     for name in guess:
         if name not in known:
@@ -116,6 +133,22 @@ def lay_out(
     return [
         Parameter(p.name, p.kind, float(guess.get(p.name, p.value)), p.low, p.high, p.scale, p.recording) for p in made
     ]
+
+
+def _moves(state: str, recordings: Sequence[Recording]) -> float:
+    """How much a state moves in the recordings; 1 where they do not say."""
+    spread = []
+    for r in recordings:
+        made = {name: r[name] for name in (state, "V", "alpha", "beta") if name in r}
+        if "V" in made:
+            V = np.nanmean(made["V"])
+            made |= {"u": made.get("u", made["V"])}
+            made |= {name: made.get(name, V * made[angle]) for name, angle in (("w", "alpha"), ("v", "beta")) if
+                     angle in made}  # fmt: skip
+        if state in made:
+            spread.append(float(np.nanstd(made[state])))
+    found = max(spread, default=1.0)
+    return found if np.isfinite(found) and found > 0.0 else 1.0
 
 
 def check_delay(parameters: Sequence[Parameter], flight: FlightModel, recordings: Sequence[Recording]) -> None:

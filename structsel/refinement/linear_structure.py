@@ -71,6 +71,7 @@ class LinearStructure:
     hold: Literal["linear", "hold"] = "linear"
     input_reference: Mapping[str, float] = field(default_factory=dict)
     name: str = "linear model"
+    late: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         for key in ("states", "inputs", "outputs"):
@@ -83,13 +84,18 @@ class LinearStructure:
         return LinearStructure, tuple(dict(p) if isinstance(p, MappingProxyType) else p for p in plain)
 
     @classmethod
-    def from_model(cls, model: LinearModel) -> LinearStructure:
+    def from_model(cls, model: LinearModel, *, hold: Literal["linear", "hold"] = "linear") -> LinearStructure:
         """Structure of a linear model in its own parameters."""
-        return cls.from_family(model.family, model.theta, model.name)
+        return cls.from_family(model.family, model.theta, model.name, hold=hold)
 
     @classmethod
     def from_family(
-        cls, family: LinearFamily, values: Mapping[str, float] | np.ndarray, name: str = "linear model"
+        cls,
+        family: LinearFamily,
+        values: Mapping[str, float] | np.ndarray,
+        name: str = "linear model",
+        *,
+        hold: Literal["linear", "hold"] = "linear",
     ) -> LinearStructure:
         """Structure of a system that depends linearly on parameters, at these values."""
         theta = [values[n] for n in family.names] if isinstance(values, Mapping) else np.asarray(values, dtype=float)
@@ -101,7 +107,7 @@ class LinearStructure:
             }  # fmt: skip
 
         base = family.base
-        return cls(base.states, base.inputs, base.outputs, dict(zip(family.names, theta)), build, name=name)
+        return cls(base.states, base.inputs, base.outputs, dict(zip(family.names, theta)), build, hold=hold, name=name)
 
     @classmethod
     def from_entries(
@@ -178,8 +184,10 @@ class LinearStructure:
             held[key] = np.ascontiguousarray(np.broadcast_to(matrix, (m, *shape)))
         return Matrices(**held)
 
-    def replace(self, values: Mapping[str, float], delay: float | None = None) -> LinearStructure:
-        """The same structure with other values of some parameters.
+    def replace(
+        self, values: Mapping[str, float], delay: float | None = None, late: Sequence[str] | None = None
+    ) -> LinearStructure:
+        """The same structure with other values of some parameters, another delay, or other inputs late.
 
         Raises
         ------
@@ -192,6 +200,7 @@ class LinearStructure:
         return LinearStructure(
             self.states, self.inputs, self.outputs, {**self.parameters, **values}, self.build,
             self.delay if delay is None else delay, self.hold, self.input_reference, self.name,
+            self.late if late is None else tuple(late),
         )  # fmt: skip
 
     def growth(self, values: np.ndarray) -> np.ndarray:

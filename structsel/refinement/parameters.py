@@ -8,6 +8,8 @@
 ``reference:az``              constant added to an output in all recordings
 ``scale:alpha``               factor of an output in all recordings
 ``delay``                     time by which the inputs act late [s]
+``process:w``                 process noise of a state, standard deviation per root of a second
+``jump:m01:w``                state at the start of m01 less that at its end; in the frequency domain
 ============================  ================================================================================
 """
 
@@ -22,7 +24,7 @@ import numpy as np
 from structsel.errors import ModelError
 from structsel.nomenclature import suggest
 
-Kind: TypeAlias = Literal["model", "start", "drift", "bias", "reference", "scale", "delay"]
+Kind: TypeAlias = Literal["model", "start", "drift", "bias", "reference", "scale", "delay", "process", "jump"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Parameter:
     Attributes
     ----------
     name : str
-    kind : {"model", "start", "drift", "bias", "reference", "scale", "delay"}
+    kind : {"model", "start", "drift", "bias", "reference", "scale", "delay", "process", "jump"}
     value : float
         Where the search starts.
     low, high : float

@@ -8,15 +8,34 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from structsel.errors import DataError
-from structsel.numerics.output_error import Predict
+from structsel.numerics.output_error import OutputErrorFit, Predict
 from structsel.recording import Recording
 from structsel.refinement.parameters import Parameter
+from structsel.refinement.result import OutputFit, judge_output
 
 Flyer: TypeAlias = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Model's parameters (m, k), states at the start (m, s), drifts of the states (m, s) and delays (m,) to outputs
 (m, n, o) of one recording; not finite where it cannot be flown."""
 
 _UNEVEN = 1e-3  # of the sampling interval
+
+
+class Tracker(Protocol):
+    """A model ready to predict one recording sample by sample, with as many parameter sets as are asked for."""
+
+    def gain(
+        self, values: np.ndarray, delay: np.ndarray, process: np.ndarray, variances: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Steady gain (m, s, c), and the variance (m, c) that the states' uncertainty gives the outputs.
+
+        For process noise (m, s), and variances of the measurements (m, c).
+        """
+
+    def fly(
+        self, values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray, gain: np.ndarray,
+        measured: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
+        """(m, n, c) outputs expected of each sample when those before it (m, n, c) are let in."""
 
 
 class FlightModel(Protocol):
@@ -36,6 +55,12 @@ class FlightModel(Protocol):
 
     def on(self, recording: Recording) -> Flyer:
         """Make ready to fly this recording's inputs."""
+
+    def noisy(self, outputs: Sequence[str]) -> tuple[str, ...]:
+        """States whose process noise these outputs can show."""
+
+    def track(self, recording: Recording, outputs: list[int]) -> Tracker:
+        """Make ready to predict these outputs of this recording."""
 
     def first_state(self, recording: Recording) -> np.ndarray:
         """(s,) states to start from where they are not estimated."""
@@ -66,6 +91,15 @@ def require_even_clock(recording: Recording) -> None:
         )
 
 
+def filled(thetas: np.ndarray, held: np.ndarray | None, free: np.ndarray | None) -> np.ndarray:
+    """(m, k) sets whose columns `free` are given, the others held; or all given."""
+    if free is None or held is None:
+        return thetas
+    sets = np.tile(held, (len(thetas), 1))
+    sets[:, free] = thetas
+    return sets
+
+
 class Problem:
     """A model's outputs on all recordings as functions of one parameter vector.
 
@@ -93,7 +127,13 @@ class Problem:
         self.starts = starts
         self.columns = [model.outputs.index(name) for name in self.outputs]
         self.y = [np.column_stack([r[name] for name in self.outputs]) for r in self.recordings]
-        self.flyers = [model.on(r) for r in self.recordings]
+        self.flyers = self.make_ready()
+
+    said = "simulated"
+
+    def make_ready(self) -> list[Any]:
+        """What flies each recording."""
+        return [self.model.on(r) for r in self.recordings]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -103,12 +143,25 @@ class Problem:
     @property
     def theta0(self) -> np.ndarray:
         """(k,) where the search starts."""
-        return np.array([p.value for p in self.parameters])
+        return self.inner(np.array([p.value for p in self.parameters]))
 
     @property
     def bounds(self) -> np.ndarray:
         """(k, 2)."""
-        return np.array([(p.low, p.high) for p in self.parameters])
+        return np.column_stack([self.inner(np.array([getattr(p, end) for p in self.parameters]))
+                                for end in ("low", "high")])  # fmt: skip
+
+    def inner(self, values: np.ndarray) -> np.ndarray:
+        """Parameters as they are searched for."""
+        return values
+
+    def outer(self, thetas: np.ndarray) -> np.ndarray:
+        """Parameters (..., k) as they are told."""
+        return thetas
+
+    def slope(self, theta: np.ndarray) -> np.ndarray:
+        """(k,) derivative of `outer`."""
+        return np.ones(len(theta))
 
     @property
     def scale(self) -> np.ndarray:
@@ -136,26 +189,42 @@ class Problem:
         return self._filled(np.array(list(self.model.parameters.values())), thetas, "model", self.model.parameters)
 
     def _predict(self, j: int, held: np.ndarray | None, free: np.ndarray | None) -> Predict:
-        recording, flyer = self.recordings[j], self.flyers[j]
-        name, model = recording.name, self.model
-        zero_state, zero_output = np.zeros(len(model.states)), np.zeros(len(self.outputs))
-        late = [i for i, p in enumerate(self.parameters) if p.kind == "delay"]
+        name = self.recordings[j].name
 
         def predict(thetas: np.ndarray) -> np.ndarray:
-            if free is not None and held is not None:
-                sets = np.tile(held, (len(thetas), 1))
-                sets[:, free] = thetas
-                thetas = sets
-            start = self._filled(self.starts[name], thetas, "start", model.states, name)
-            drift = self._filled(zero_state, thetas, "drift", model.states, name)
-            delay = thetas[:, late[0]] if late else np.full(len(thetas), model.delay)
-            outputs = flyer(self.own(thetas), start, drift, np.ascontiguousarray(delay))[:, :, self.columns]
-            factor = self._filled(zero_output + 1.0, thetas, "scale", self.outputs)
-            shift = self._filled(zero_output, thetas, "reference", self.outputs)
-            shift = shift + self._filled(zero_output, thetas, "bias", self.outputs, name)
+            thetas = filled(thetas, held, free)
+            factor, shift = self.instrument(thetas, name)
+            outputs = self.flyers[j](*self.flown(thetas, name))[:, :, self.columns]
             return factor[:, None, :] * outputs + shift[:, None, :]
 
         return predict
+
+    def flown(self, thetas: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The model's parameters, start, drift and delay in a recording, as a `Flyer` takes them."""
+        late = [i for i, p in enumerate(self.parameters) if p.kind == "delay"]
+        states = self.model.states
+        start = self._filled(self.starts[name], thetas, "start", states, name)
+        drift = self._filled(np.zeros(len(states)), thetas, "drift", states, name)
+        delay = thetas[:, late[0]] if late else np.full(len(thetas), self.model.delay)
+        return self.own(thetas), start, drift, np.ascontiguousarray(delay)
+
+    def instrument(self, thetas: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """(m, c) factor and constant of each output in a recording."""
+        none = np.zeros(len(self.outputs))
+        shift = self._filled(none, thetas, "reference", self.outputs)
+        shift = shift + self._filled(none, thetas, "bias", self.outputs, name)
+        return self._filled(none + 1.0, thetas, "scale", self.outputs), shift
+
+    def portray(self, fit: OutputErrorFit) -> tuple[list[OutputFit], list[Recording], dict[str, dict[str, np.ndarray]]]:
+        """How near each output came, the recordings as modelled, and the residuals."""
+        fits: list[OutputFit] = []
+        modelled, residuals = [], {}
+        for r, z, v in zip(self.recordings, fit.outputs, fit.residuals):
+            fits += [judge_output(r.name, name, r[name], z[:, c]) for c, name in enumerate(self.outputs)]
+            flown = {name: np.array(z[:, c]) for c, name in enumerate(self.outputs)}
+            modelled.append(r.with_channels(note=f"outputs {self.said} by refine", **flown))  # type: ignore[arg-type]
+            residuals[r.name] = {name: np.array(v[:, c]) for c, name in enumerate(self.outputs)}
+        return fits, modelled, residuals
 
     def _filled(
         self, base: np.ndarray, thetas: np.ndarray, kind: str, among: Sequence[str] | Mapping[str, float], of: str = ""

@@ -108,6 +108,13 @@ class Refinement:
     search : GlobalSearch or None
         The evolution before the descent.
     doubts : tuple of str
+    noise : {"measurement", "process"}
+        Output error, or filter error: residuals are then innovations, simulated outputs those expected of each
+        sample, and costs and thetas those of all rounds in which the measurements' noise settled.
+    domain : {"time", "frequency"}
+        In the frequency domain residuals are complex, of the scaled transforms; `fits` judge these, and the
+        recordings are flown from rest and have the means measured.
+    band : (low, high) or None [Hz]
     """
 
     model: Any
@@ -126,6 +133,9 @@ class Refinement:
     message: str
     search: GlobalSearch | None = None
     doubts: tuple[str, ...] = ()
+    noise: str = "measurement"
+    domain: str = "time"
+    band: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for array in (self.crlb, self.covariance, self.correlation, self.costs, self.thetas):
@@ -171,6 +181,13 @@ class Refinement:
         """(k,) standard deviations, residuals coloured."""
         return np.array([e.std for e in self.estimates])
 
+    @property
+    def title(self) -> str:
+        """What was done, in a few words."""
+        if self.band is not None:
+            return f"Output error from {self.band[0]:g} to {self.band[1]:g} Hz"
+        return "Filter error" if self.noise == "process" else "Output error"
+
     def history(self) -> pd.DataFrame:
         """One row for each step: step, cost, and every parameter."""
         frame = pd.DataFrame(self.thetas, columns=list(self.names))
@@ -194,6 +211,9 @@ class Refinement:
             "schema": "structsel.refinement/1",
             "model": str(getattr(self.model, "name", "")),
             "cost": self.cost,
+            "noise": self.noise,
+            "domain": self.domain,
+            "band": None if self.band is None else list(self.band),
             "converged": self.converged,
             "message": self.message,
             "doubts": list(self.doubts),
@@ -209,7 +229,7 @@ class Refinement:
         ended = "settled" if self.converged else "NOT CONVERGED"
         steps = len(self.costs) - 1
         lines = [
-            f"Output error, cost '{self.cost}', {len(self.simulated)} recording"
+            f"{self.title}, cost '{self.cost}', {len(self.simulated)} recording"
             f"{'s' if len(self.simulated) != 1 else ''}, {len(self.estimates)} parameters: {ended}"
         ]
         if not self.converged:
@@ -247,18 +267,27 @@ def find_doubts(
 ) -> tuple[str, ...]:
     """What to allow for before believing the numbers."""
     said = [] if converged else [f"the search did not converge: {message}"]
-    bounded = [e for e in estimates if e.at_bound]
+    for e in estimates:
+        if e.kind == "process" and e.at_bound:
+            state = e.name.rsplit(":", 1)[1]
+            said.append(
+                f"process noise of {state} at its upper bound: the filter takes {state} from the measurements"
+                if e.value > 0.5 * e.high
+                else f"process noise of {state} at its lower bound: none is needed there"
+            )
+    bounded = [e for e in estimates if e.at_bound and e.kind != "process"]
     if bounded:
         named = ", ".join(f"{e.name} = {e.value:.5g}" for e in bounded)
         said.append(f"at a bound, where the cost may still fall beyond it: {named}")
-    lost = [e.name for e in estimates if np.isinf(e.std)]
+    lost = [e.name for e in estimates if np.isinf(e.std) and not (e.kind == "process" and e.at_bound)]
     if lost:
         said.append(f"these flights do not determine {', '.join(lost)}")
     weak = [e for e in estimates if e.kind == "model" and np.isfinite(e.std) and e.std > 0.5 * abs(e.value)]
     if weak:
         named = ", ".join(f"{e.name} ({e.value:.3g} +- {e.std:.2g})" for e in weak)
         said.append(f"the outputs hardly depend on {named}: hold them, or fly an input that shows them")
-    strong = np.argwhere(np.triu(np.abs(correlation) > ALIKE, 1))
+    idle = np.array([e.kind == "process" and e.at_bound for e in estimates])
+    strong = np.argwhere(np.triu((np.abs(correlation) > ALIKE) & ~idle & ~idle[:, None], 1))
     order = sorted(strong.tolist(), key=lambda pair: -abs(correlation[pair[0], pair[1]]))
     for i, j in order[:10]:
         said.append(
@@ -267,7 +296,8 @@ def find_doubts(
         )
     if len(order) > 10:
         said.append(f"{len(order) - 10} more pairs are correlated above {ALIKE:g}")
-    ratio = [e.std / e.std_white for e in estimates if np.isfinite(e.std) and e.std_white > 0.0]
+    told = [e for e in estimates if e.kind != "process"]
+    ratio = [e.std / e.std_white for e in told if np.isfinite(e.std) and e.std_white > 0.0]
     if ratio and max(ratio) > 2.0:
         said.append(
             f"residuals are coloured: standard deviations are up to {max(ratio):.1f} times the Cramer-Rao bound; "

@@ -8,21 +8,25 @@ from typing import Any, Literal
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.errors import ModelError, RefinementError
+from structsel.errors import ModelError
 from structsel.model import AeroModel
-from structsel.numerics.output_error import GlobalSearch, OutputErrorFit, fit_output_error, search_globally
+from structsel.numerics.coloured_output import coloured_information, spectral_information
+from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.recording import Recording
 from structsel.refinement.aero_flight import AeroFlight
+from structsel.refinement.fitting import evolve, make_constraint, refuse, report
 from structsel.refinement.flying import LinearFlight
+from structsel.refinement.frequency import FrequencyProblem, check_frequency
 from structsel.refinement.layout import Names, check_delay, check_recordings, choose_outputs, lay_out
 from structsel.refinement.linear_structure import LinearStructure
 from structsel.refinement.parameters import bound
+from structsel.refinement.prediction import PredictionProblem, settle
 from structsel.refinement.problem import FlightModel, Problem
-from structsel.refinement.result import Estimate, Refinement, find_doubts, judge_output
+from structsel.refinement.result import Refinement
 from structsel.simulation.air import Air
 from structsel.simulation.linear import LinearModel
 
-_REACH = 4.0  # times its start, either sign: where the evolution looks for a parameter without bounds
+_CONSTANTS = {"drift": "drifts", "bias": "biases", "reference": "references"}
 
 
 def refine(
@@ -37,7 +41,11 @@ def refine(
     biases: Names = (),
     references: Names = (),
     scales: Names = (),
-    delay: bool = False,
+    delay: bool | Iterable[str] = False,
+    noise: Literal["measurement", "process"] = "measurement",
+    process: Names = "all",
+    domain: Literal["time", "frequency"] = "time",
+    band: tuple[float, float] | None = None,
     guess: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     constraint: Literal["stable"] | Callable[[Mapping[str, np.ndarray]], np.ndarray] | None = None,
@@ -78,8 +86,21 @@ def refine(
         Per recording: constant added to an output.
     references, scales : iterable of output's name or "all"
         Over all recordings: constant added to an output, and its factor.
-    delay : bool
-        Estimate by how much the inputs act late.
+    delay : bool or iterable of input's name
+        Estimate by how much the inputs act late: all of them, or these. A recorded thrust is never late unless it is
+        named.
+    noise : {"measurement", "process"}
+        ``"measurement"``: output error, for flights in calm air; all that parts model and recording is the
+        instruments'. ``"process"``: filter error, for turbulence and a model that leaves something out. Each sample's
+        innovations are fed back through the steady gain of a Kalman filter, the process noise is estimated (its
+        names are ``"process:w"``, per root of a second), and residuals are innovations.
+    process : iterable of state's name or "all"
+        States that process noise moves; all that the outputs show.
+    domain : {"time", "frequency"}
+        ``"frequency"``, for linear models: output error of the transforms over the band. Constants take no part;
+        ``starts`` then names the states that may end a record elsewhere than they began it (``"jump:m01:w"``).
+    band : (low, high) [Hz]
+        With ``domain="frequency"``.
     guess : mapping of parameter's name to float, optional
         Starts of the search, in place of the model's value; 1 for scales, and 0 for constants but the references of
         a linear model, which start from the first readings.
@@ -129,38 +150,57 @@ def refine(
     [KM16], [A10], [J15].
     """
     flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    flight = _make_flight(model, aircraft, air, definitions, substeps)
+    if noise not in ("measurement", "process") or domain not in ("time", "frequency"):
+        raise ModelError(
+            f"refine was given noise={noise!r}, domain={domain!r}; noise is 'measurement' or 'process', domain 'time' "
+            "or 'frequency'."
+        )
+    if domain == "frequency" and noise == "process":
+        raise ModelError("refine lets innovations in sample by sample: noise='process' needs domain='time'.")
+    flight = _make_flight(model, aircraft, air, definitions, substeps, None if isinstance(delay, bool) else delay)
     check_recordings(flights)
     shown = choose_outputs(flight, flights, outputs)
-    parameters = lay_out(flight, flights, shown, free, starts, drifts, biases, references, scales, delay, guess or {})
+    in_time = domain == "time"
+    parameters = lay_out(
+        flight, flights, shown, free, starts if in_time else (), drifts, biases, references, scales, bool(delay),
+        guess or {}, process=process if noise == "process" else (), jumps=() if in_time else starts,
+    )  # fmt: skip
     parameters = bound(parameters, bounds or {})
     if not parameters:
         raise ModelError("refine has nothing to estimate: free is empty and so is all else.")
     check_delay(parameters, flight, flights)
     held = {r.name: flight.first_state(r) for r in flights}
-    problem = Problem(flight, flights, shown, parameters, held)
-    allowed = _make_constraint(problem, constraint)
+    if not in_time:
+        constants = {option: [p.name for p in parameters if p.kind == kind] for kind, option in _CONSTANTS.items()}
+        band = check_frequency(flight, band, constants)
+        problem: Problem = FrequencyProblem(flight, flights, shown, parameters, held, band)
+    else:
+        kind = PredictionProblem if noise == "process" else Problem
+        problem = kind(flight, flights, shown, parameters, held)
+    allowed = make_constraint(problem, constraint)
     R = None
     if cost == "weighted" and weights is not None:
         missing = [name for name in shown if name not in weights]
         if missing:
             raise ModelError(f"refine was given weights, but none for output {', '.join(missing)}.")
         R = np.array([weights[name] ** 2 for name in shown])
-    evolved, members = None, problem.theta0[None]
-    if search is not None:
-        evolved, members = _evolve(problem, allowed, R, cost, full_noise, seed, population, generations, progress)
-    fits = [
-        fit_output_error(
+
+    def descend(theta: np.ndarray) -> OutputErrorFit:
+        return fit_output_error(
             problem.predict(), problem.y, theta, bounds=problem.bounds, R=R, cost=cost, full=full_noise,
             method=method, constraint=allowed, affects=problem.affects, scale=problem.scale, iterations=iterations,
-            tolerance=tolerance,
+            tolerance=tolerance, colour=coloured_information if in_time else spectral_information,
             progress=None if progress is None else lambda step, value: progress("descent", step, value),
-        )
-        for theta in members[: max(polish, 1)]
-    ]  # fmt: skip
-    fit = min(fits, key=lambda one: one.costs[-1])
-    found = _report(problem, fit, evolved, cost)
-    _refuse(problem, fit, found)
+        )  # fmt: skip
+
+    evolved, members = None, problem.theta0[None]
+    if search is not None:
+        evolved, members = evolve(problem, allowed, R, cost, full_noise, seed, population, generations, progress)
+    fit = min((descend(theta) for theta in members[: max(polish, 1)]), key=lambda one: float(one.costs[-1]))
+    if isinstance(problem, PredictionProblem):
+        fit = settle(problem, fit, descend)
+    found = report(problem, fit, evolved, cost, {"noise": noise, "domain": domain, "band": None if in_time else band})
+    refuse(problem, fit, found)
     return found
 
 
@@ -170,119 +210,15 @@ def _make_flight(
     air: Air | None,
     definitions: Mapping[str, str] | None,
     substeps: int | None,
+    late: Iterable[str] | None,
 ) -> FlightModel:
     if isinstance(model, LinearStructure | LinearModel):
-        return LinearFlight(model)
+        return LinearFlight(model, late)
     if isinstance(model, AeroModel):
         if aircraft is None:
             raise ModelError("refine needs the aircraft to fly an AeroModel; it was given None.")
-        return AeroFlight(model, aircraft, air=air, definitions=definitions, substeps=substeps)
+        return AeroFlight(model, aircraft, air=air, definitions=definitions, substeps=substeps, late=late)
     raise ModelError(
         f"refine flies a LinearModel, a LinearStructure or an AeroModel; it was given a {type(model).__name__}. "
         "Name the parameters of a linear system with LinearStructure.from_entries()."
     )
-
-
-def _make_constraint(
-    problem: Problem, constraint: Literal["stable"] | Callable[[Mapping[str, np.ndarray]], np.ndarray] | None
-) -> Callable[[np.ndarray], np.ndarray] | None:
-    if constraint is None:
-        return None
-    if constraint == "stable":
-        if not isinstance(problem.model, LinearFlight):
-            raise ModelError(
-                "constraint='stable' looks at the eigenvalues of a linear model. For an AeroModel bound the terms that "
-                "decide, such as bounds={'Cm:alpha': (-3, 0)}."
-            )
-        return lambda thetas: -problem.model.growth(problem.own(thetas))
-    if not callable(constraint):
-        raise ModelError(f"constraint={constraint!r} is neither 'stable' nor a function of the parameters.")
-    return lambda thetas: np.asarray(constraint(dict(zip(problem.names, thetas.T))))
-
-
-def _evolve(
-    problem: Problem,
-    allowed: Callable[[np.ndarray], np.ndarray] | None,
-    R: np.ndarray | None,
-    cost: Literal["ml", "weighted"],
-    full_noise: bool,
-    seed: int,
-    population: int,
-    generations: int,
-    progress: Callable[[str, int, float], None] | None,
-) -> tuple[GlobalSearch, np.ndarray]:
-    """An evolution over what has bounds, and the whole parameter vectors of its last generation, the best first."""
-    theta, limits = problem.theta0, problem.bounds.copy()
-    for i, p in enumerate(problem.parameters):
-        if p.kind == "model":
-            reach = _REACH * max(abs(p.value), p.scale)
-            limits[i] = np.where(np.isfinite(limits[i]), limits[i], (-reach, reach))
-    searched = np.flatnonzero(np.isfinite(limits).all(axis=1))
-
-    def whole(sets: np.ndarray) -> np.ndarray:
-        full = np.tile(theta, (len(sets), 1))
-        full[:, searched] = sets
-        return full
-
-    found = search_globally(
-        problem.predict(theta, searched), problem.y, limits[searched], R=R, cost=cost, full=full_noise, seed=seed,
-        constraint=None if allowed is None else lambda sets: allowed(whole(sets)),
-        population=population, generations=generations,
-        progress=None if progress is None else lambda count, value: progress("evolution", count, value),
-    )  # fmt: skip
-    return found, whole(found.members) if len(found.members) else theta[None]
-
-
-def _report(problem: Problem, fit: OutputErrorFit, evolved: GlobalSearch | None, cost: str) -> Refinement:
-    std, white = fit.std, fit.std_white
-    estimates = tuple(
-        Estimate(p.name, p.kind, float(fit.theta[i]), float(std[i]), float(white[i]), p.value, p.low, p.high,
-                 bool(fit.at_bound[i]))
-        for i, p in enumerate(problem.parameters)
-    )  # fmt: skip
-    fits, simulated, residuals = [], [], {}
-    for r, z, v in zip(problem.recordings, fit.outputs, fit.residuals):
-        fits += [judge_output(r.name, name, r[name], z[:, c]) for c, name in enumerate(problem.outputs)]
-        flown = {name: np.array(z[:, c]) for c, name in enumerate(problem.outputs)}
-        simulated.append(r.with_channels(note="outputs simulated by refine", **flown))  # type: ignore[arg-type]
-        residuals[r.name] = {name: np.array(v[:, c]) for c, name in enumerate(problem.outputs)}
-    own = {e.name: e for e in estimates if e.kind == "model"}
-    late = [e.value for e in estimates if e.kind == "delay"]
-    refined = problem.model.refined(
-        {name: e.value for name, e in own.items()}, {name: e.std for name, e in own.items()},
-        late[0] if late else problem.model.delay,
-    )  # fmt: skip
-    with np.errstate(invalid="ignore"):
-        noise = dict(zip(problem.outputs, np.sqrt(np.diag(fit.R)).tolist()))
-    doubts = find_doubts(estimates, fit.correlation, fit.converged, fit.message)
-    return Refinement(
-        refined, estimates, fit.crlb, fit.covariance, fit.correlation, noise, tuple(fits), tuple(simulated), residuals,
-        cost, fit.costs, fit.thetas, fit.converged, fit.message, evolved, doubts,
-    )  # fmt: skip
-
-
-def _refuse(problem: Problem, fit: OutputErrorFit, found: Refinement) -> None:
-    """Raise where there is no estimate worth the name."""
-    if not np.isfinite(fit.costs[-1]):
-        growth = problem.model.growth(problem.own(fit.theta[None]))[0]
-        why = f" Its fastest motion grows by {growth:.3g} per second." if np.isfinite(growth) and growth > 0.0 else ""
-        lost = [
-            f"'{r.name}' from t = {r.t[int(np.argmin(np.isfinite(z).all(axis=1)))]:g} s"
-            for r, z in zip(problem.recordings, fit.outputs)
-            if not np.isfinite(z).all()
-        ]
-        raise RefinementError(
-            f"refine cannot fly '{problem.model.name}' with the parameters it starts from: no finite outputs in "
-            f"{', '.join(lost)}.{why}\nStart nearer, take shorter recordings, or ask for search='global' with bounds "
-            "and constraint='stable', which finds parameters that fly.",
-            found,
-        )
-    lost = [p.name for p, gone in zip(problem.parameters, fit.undetermined) if gone]
-    if lost:
-        raise RefinementError(
-            f"refine cannot determine {', '.join(lost)} from {', '.join(r.name for r in problem.recordings)}: the "
-            "information matrix is rank-deficient, the outputs stay the same whichever values these have, alone or "
-            "together.\nHold them (free=...), or fly inputs that move what they multiply. The exception's 'partial' "
-            "has the other estimates.",
-            found,
-        )

@@ -1,4 +1,4 @@
-"""How well a model holds on recordings, and how its values scatter over manoeuvres."""
+"""How well a model holds on recordings and flies them, and how its values scatter over manoeuvres."""
 
 from structsel.validation.ensembles import Ensemble, ensemble
 from structsel.validation.metrics import (
@@ -12,10 +12,16 @@ from structsel.validation.metrics import (
     tic,
     white_bound,
 )
+from structsel.validation.replay import BANDS, recorded_start, replay
+from structsel.validation.replayed import Departure, Replay, ReplayScore
 from structsel.validation.scores import Score, Validation, validate
 
 __all__ = [
+    "BANDS",
+    "Departure",
     "Ensemble",
+    "Replay",
+    "ReplayScore",
     "Score",
     "Validation",
     "adjusted_r2",
@@ -25,6 +31,8 @@ __all__ = [
     "ensemble",
     "ljung_box",
     "r2",
+    "recorded_start",
+    "replay",
     "rrmse",
     "tic",
     "validate",

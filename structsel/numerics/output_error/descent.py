@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy import linalg
@@ -13,6 +13,8 @@ from structsel.errors import DomainError
 from structsel.numerics.coloured_output import coloured_information
 from structsel.numerics.output_error.records import Constraint, Predict, Records
 from structsel.numerics.output_error.result import OutputErrorFit
+
+Colour: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 _MOST_DAMPED = 1e12
 _SHORTEST = 2.0**-20  # of a Gauss-Newton step
@@ -38,6 +40,7 @@ def fit_output_error(
     tolerance: float = 1e-5,
     damping: float = 1e-3,
     factor: float = 10.0,
+    colour: Colour = coloured_information,
     progress: Callable[[int, float], None] | None = None,
 ) -> OutputErrorFit:
     """Parameters with the least output error near a start.
@@ -67,6 +70,9 @@ def fit_output_error(
         standard deviation.
     damping, factor : float
         Its first value, and what it is multiplied and divided by.
+    colour : callable
+        Whitened sensitivities (k, n, c) and residuals (n, c) of a manoeuvre to the middle (k, k) of the covariance's
+        sandwich.
     progress : callable, optional
         Called with the step's number and the cost.
 
@@ -94,7 +100,7 @@ def fit_output_error(
         raise DomainError(f"parameter {j} starts at {theta[j]:g}, outside its bounds {limits[j].tolist()}.")
     typical = np.where(theta != 0.0, np.abs(theta), 1.0) if scale is None else np.asarray(scale, dtype=float)
     records = Records(predict, y, R=R, cost=cost, full=full, affects=affects)
-    search = _Descent(records, limits, typical, constraint, method, tolerance, damping, factor)
+    search = _Descent(records, limits, typical, constraint, method, tolerance, damping, factor, colour)
     return search.run(theta, iterations, progress)
 
 
@@ -108,6 +114,7 @@ class _Descent:
     tolerance: float
     damping: float
     factor: float
+    colour: Colour
     evaluations: int = 0
 
     def run(self, theta: np.ndarray, iterations: int, progress: Callable[[int, float], None] | None) -> OutputErrorFit:
@@ -223,7 +230,7 @@ class _Descent:
             H, _, S, v = self.slope(theta, outputs)
             D, undetermined = _invert(H, self.scale)
             blanked = [np.where(seen, r, np.nan) for seen, r in zip(records.seen, v)]
-            coloured = np.sum([coloured_information(s, r) for s, r in zip(S, blanked)], axis=0)
+            coloured = np.sum([self.colour(s, r) for s, r in zip(S, blanked)], axis=0)
             covariance = _sandwich(D, coloured)
             crlb = D if records.cost == "ml" else _sandwich(D, _white_information(S, v, records))
             noise = records.scatter(residuals)

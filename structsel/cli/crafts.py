@@ -1,0 +1,230 @@
+"""What the commands fly: a model file with its aircraft, a ready aircraft, one of JSBSim's, a linear model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import typer
+
+from structsel.cli.flights import load_aircraft, read_manoeuvres, words
+from structsel.errors import ChannelError, ModelError
+from structsel.model import AeroModel
+from structsel.recording import Recording
+from structsel.simulation import READY, Air, LinearModel, ReadyAircraft, ready
+
+if TYPE_CHECKING:
+    from structsel.simulation.jsbsim import JSBSimAircraft
+
+Craft: TypeAlias = "ReadyAircraft | LinearModel | JSBSimAircraft"
+
+MODEL_HELP = (
+    f"A model file; ready:NAME of {', '.join(READY)}, for linear ones with its axis, ready:hawk:lateral; or "
+    "jsbsim:AIRCRAFT, a name or PATH.xml."
+)
+FlownAircraft = Annotated[
+    Path | None,
+    typer.Option(
+        "--aircraft",
+        metavar="AIRCRAFT.TOML",
+        help="With a model file: geometry, mass, inertia, thrust line, places of the instruments.",
+    ),
+]
+Trimmed = Annotated[
+    str,
+    typer.Option(
+        "--trim",
+        metavar="V,H,...",
+        help="Steady flight at V in m/s and altitude h in m, and if so wished climb=, turn_rate=, bank=, sideslip= "
+        "in rad and rad/s: 45,600,climb=0.05",
+    ),
+]
+Controls = Annotated[
+    str,
+    typer.Option("--controls", metavar="NAME=VALUE,...", help="Controls held in the trim: df=0.1,rpm=1800"),
+]
+Free = Annotated[
+    str,
+    typer.Option(
+        "--free", metavar="NAMES", help="Controls the trim finds; of de da dr throttle thrust those the model flies on."
+    ),
+]
+Define = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--define",
+        metavar="NAME=FORMULA",
+        help='Channels that follow from others; may be repeated: "thrust=9000*throttle*rho/1.225"',
+    ),
+]
+Rho = Annotated[
+    float | None, typer.Option("--rho", help="Density held throughout, in kg/m^3, instead of the atmosphere's.")
+]
+Recorded = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--recordings", metavar="FILES", help="Recordings or folders of them, one manoeuvre each; may be repeated."
+    ),
+]
+
+_TRIM = ("V", "h", "climb", "turn_rate", "bank", "sideslip")
+
+
+def numbers(text: str, option: str, example: str) -> dict[str, float]:
+    """Numbers by name, ``alpha=0.002,q=0.001``.
+
+    Raises
+    ------
+    BadParameter
+        It is not of that form.
+    """
+    found: dict[str, float] = {}
+    for word in words(text):
+        name, equals, value = word.partition("=")
+        try:
+            if not equals:
+                raise ValueError
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise typer.BadParameter(f"{option} '{text}' is not NAME=NUMBER,... as {example}.") from None
+    return found
+
+
+def read_trim(text: str) -> dict[str, float]:
+    """Arguments of a trim: V and h, by place or name, and others by name.
+
+    Raises
+    ------
+    BadParameter
+        It is not of that form.
+    """
+    parts = words(text)
+    named = [part if "=" in part else f"{name}={part}" for name, part in zip(_TRIM, parts)] + parts[len(_TRIM) :]
+    found = numbers(",".join(named), "--trim", "45,600 or V=45,h=600,climb=0.05")
+    if wrong := [name for name in found if name not in _TRIM]:
+        raise typer.BadParameter(f"--trim has no '{wrong[0]}'; it has {', '.join(_TRIM)}.")
+    return found
+
+
+def read_definitions(texts: Sequence[str] | None) -> dict[str, str]:
+    """Formulas by channel.
+
+    Raises
+    ------
+    BadParameter
+        One is not NAME=FORMULA.
+    """
+    found = {}
+    for text in texts or ():
+        name, equals, formula = text.partition("=")
+        if not equals or not name.strip() or not formula.strip():
+            raise typer.BadParameter(f"--define '{text}' is not NAME=FORMULA.")
+        found[name.strip()] = formula.strip()
+    return found
+
+
+def open_craft(
+    text: str, aircraft: Path | None, definitions: Mapping[str, str] | None = None, rho: float | None = None
+) -> Craft:
+    """What ``MODEL.json``, ``ready:...`` or ``jsbsim:...`` names.
+
+    Raises
+    ------
+    BadParameter
+        A model file without --aircraft, or --aircraft where the aircraft is known.
+    ModelError, SimulationError
+        There is no such model.
+    """
+    kind, colon, name = text.partition(":")
+    if colon and kind in ("ready", "jsbsim") and aircraft is not None:
+        raise typer.BadParameter(f"'{text}' brings its own aircraft; leave --aircraft out.")
+    if colon and kind == "jsbsim":
+        from structsel.simulation.jsbsim import open_jsbsim  # an optional package
+
+        return open_jsbsim(name, rho=rho)
+    if colon and kind == "ready":
+        return _open_ready(name, definitions or {}, rho)
+    model = AeroModel.from_json(text)
+    if aircraft is None:
+        raise typer.BadParameter("a model file flies with its aircraft: give --aircraft AIRCRAFT.TOML.")
+    return ReadyAircraft(
+        model.name or Path(text).stem, load_aircraft(aircraft), model, definitions=definitions or {}, air=Air(rho=rho)
+    )
+
+
+def _open_ready(name: str, definitions: Mapping[str, str], rho: float | None) -> ReadyAircraft | LinearModel:
+    name, _, which = name.partition(":")
+    craft = ready(name)
+    if craft.model is None or which:
+        if which not in craft.linear:
+            choice = ", ".join(f"ready:{name}:{key}" for key in craft.linear)
+            raise ModelError(
+                f"'ready:{name}{which and ':' + which}' is no model; there are {choice or 'ready:' + name}."
+            )
+        return craft.linear[which]
+    if definitions or rho is not None:
+        air = craft.air if rho is None else replace(craft.air, rho=rho)
+        craft = replace(craft, definitions={**craft.definitions, **definitions}, air=air)
+    return craft
+
+
+def trim_craft(craft: ReadyAircraft | JSBSimAircraft, trim: str, controls: str, free: str = "") -> Any:
+    """Trim of a craft, a `Trim`.
+
+    Raises
+    ------
+    BadParameter
+        No V and h, and no usual condition to take instead.
+    SimulationError
+        There is none.
+    """
+    asked: dict[str, Any] = dict(read_trim(trim))
+    given = numbers(controls, "--controls", "df=0.1,rpm=1800")
+    usual = craft.condition if isinstance(craft, ReadyAircraft) else {}
+    V, h = asked.pop("V", usual.get("V")), asked.pop("h", usual.get("h"))
+    if V is None or h is None:
+        raise typer.BadParameter("--trim needs an airspeed and an altitude: --trim V,H.")
+    if not isinstance(craft, ReadyAircraft) and (wrong := [n for n in asked if n not in ("climb", "sideslip")]):
+        raise typer.BadParameter(f"an aircraft of JSBSim is trimmed straight only, without {wrong[0]}.")
+    if isinstance(craft, ReadyAircraft):
+        asked["free"] = words(free) or craft.free or None
+    elif free:
+        raise typer.BadParameter("an aircraft of JSBSim is trimmed with all its controls: leave --free out.")
+    return craft.trim(V, h, controls=given, **asked)
+
+
+def read_schedules(files: Sequence[Path], channel_map: Path | None, option: str) -> list[Recording]:
+    """Recordings of files and folders.
+
+    Raises
+    ------
+    BadParameter
+        A file that is not there.
+    """
+    for path in files:
+        if not path.exists():
+            raise typer.BadParameter(f"{option} '{path}' does not exist.")
+    return read_manoeuvres(files, channel_map) if files else []
+
+
+def departures(schedule: Recording, controls: Mapping[str, float]) -> Recording:
+    """A schedule of departures from a trim, as controls; channels that are no controls are left out.
+
+    Raises
+    ------
+    ChannelError
+        None of them is a control.
+    """
+    moved = [name for name in controls if name in schedule]
+    if not moved:
+        raise ChannelError(
+            f"'{schedule.name}' moves {', '.join(schedule.names)}, none of which the model flies on: "
+            f"{', '.join(controls)}."
+        )
+    made: dict[str, Any] = {
+        name: controls[name] + schedule[name] if name in moved else controls[name] for name in controls
+    }
+    channels = {name: value + 0.0 * schedule.t for name, value in made.items()}
+    return Recording(schedule.name, schedule.t, channels, provenance=(*schedule.provenance, "departures from trim"))

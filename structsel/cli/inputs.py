@@ -1,0 +1,312 @@
+"""``structsel inputs``: inputs worth flying, and what they tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from structsel import inputs as signals
+from structsel.cli.crafts import (
+    MODEL_HELP,
+    Controls,
+    Define,
+    FlownAircraft,
+    Rho,
+    Trimmed,
+    numbers,
+    open_craft,
+    read_definitions,
+    trim_craft,
+)
+from structsel.cli.flight_tables import print_information, print_inputs_compared, print_scatter
+from structsel.cli.flights import OUTPUT, Json, Overwrite, words
+from structsel.cli.output import output_folder, refuse_existing
+from structsel.cli.pages import page
+from structsel.cli.tables import figure, print_files
+from structsel.cli.terminal import Waiting, json_text, print_json, stdout
+from structsel.inputs import Information, InputComparison, InputDesign, Scatter
+from structsel.recording import Recording, write_recording
+from structsel.simulation import LinearModel, ReadyAircraft
+
+EPILOG = page(
+    [
+        (
+            "A 3-2-1-1 of the elevator, for structsel simulate",
+            "structsel inputs 3-2-1-1 --channel de --amplitude 0.03 --width 0.5 --out in/",
+        ),
+        (
+            "Three controls at once, none correlated with another",
+            "structsel inputs multisine --channel de,da,dr --amplitude 0.02 \\\n"
+            "    --low 0.1 --high 2 --period 20 --out in/",
+        ),
+        (
+            "Which kind of input tells most about three derivatives",
+            "structsel inputs compare --model ready:hawk:longitudinal \\\n"
+            "    --noise w=0.5,q=0.005 --parameters mw,mq,mde --energy 0.01",
+        ),
+        (
+            "The input that best tells two of them apart, incidence kept small",
+            "structsel inputs optimal --model ready:beaver --noise alpha=0.002,q=0.002 \\\n"
+            "    --parameters zw,mw,mq,mde --to-separate mw,mq \\\n"
+            "    --energy 0.01 --limits alpha=0.06,de=0.08 --out in/",
+        ),
+    ],
+    """[bold]Inputs[/bold] are departures from trim, held from sample to sample. With --model and --noise the
+    Cramer-Rao bounds of the model's parameters are printed: no unbiased estimate scatters less. A nonlinear model is
+    linearised about its trim (--trim, --axis) in its surfaces or the --channel named; its derivatives are then called
+    xu, zw, mq, mde, ..., yv, lp, ndr.""",
+    """compare and optimal need --model, --noise and --energy (optimal: or --limits).""",
+)
+_LINEAR, _OPTIMAL = "The model that is to be known", "compare and optimal"
+Kind = Literal["step", "impulse", "doublet", "3-2-1-1", "2-1-1-1", "multisine", "sweep", "optimal", "compare"]
+_SURFACES = {"longitudinal": ("de",), "lateral": ("da", "dr")}
+_PULSES: dict[str, Callable[..., Recording]] = {
+    "doublet": signals.doublet,
+    "3-2-1-1": signals.three_two_one_one,
+    "2-1-1-1": signals.two_one_one_one,
+}
+
+
+def _option(name: str, text: str, panel: str | None = None, metavar: str | None = None) -> Any:
+    return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
+
+
+def run(
+    kind: Annotated[Kind, typer.Argument(metavar="KIND", help="Kind of input; compare sets them side by side.")],
+    channel: Annotated[
+        str, _option("--channel", "Control that moves; of multisine and optimal, controls.", None, "NAMES")
+    ] = "",
+    amplitude: Annotated[float | None, _option("--amplitude", "Departure from trim; of an impulse its area.")] = None,
+    width: Annotated[float | None, _option("--width", "Length of one pulse, in s.")] = None,
+    start: Annotated[float | None, _option("--start", "When it begins, in s; 1.")] = None,
+    duration: Annotated[float | None, _option("--duration", "Of the record, in s; 20.")] = None,
+    dt: Annotated[float | None, _option("--dt", "Step of the clock, in s.")] = None,
+    low: Annotated[float | None, _option("--low", "Lowest frequency of multisine and sweep, in Hz.")] = None,
+    high: Annotated[float | None, _option("--high", "Highest frequency, in Hz.")] = None,
+    law: Annotated[Literal["log", "linear"], _option("--law", "How a sweep's frequency rises.")] = "log",
+    period: Annotated[float | None, _option("--period", "Of a multisine, in s; 20.")] = None,
+    seed: Annotated[int, _option("--seed", "Of the searches for phases and shapes.")] = 0,
+    model: Annotated[str, _option("--model", MODEL_HELP, _LINEAR, "MODEL")] = "",
+    aircraft: FlownAircraft = None,
+    trim: Trimmed = "",
+    controls: Controls = "",
+    axis: Annotated[
+        Literal["longitudinal", "lateral"], _option("--axis", "Of a nonlinear model's small motions.", _LINEAR)
+    ] = "longitudinal",
+    define: Define = None,
+    rho: Rho = None,
+    noise: Annotated[
+        str, _option("--noise", "Outputs measured, and their noise: alpha=0.002,q=0.001", _LINEAR, "NAME=STD,...")
+    ] = "",
+    parameters: Annotated[
+        str, _option("--parameters", "Those estimated together; all that are not zero.", _LINEAR, "NAMES")
+    ] = "",
+    energy: Annotated[float | None, _option("--energy", "Integral of the squared inputs.", _OPTIMAL)] = None,
+    criterion: Annotated[Literal["A", "D", "trace", "E"], _option("--criterion", "Of optimal inputs.", _OPTIMAL)] = "A",
+    to_separate: Annotated[str, _option("--to-separate", "Parameters to tell apart.", _OPTIMAL, "NAMES")] = "",
+    basis: Annotated[Literal["sines", "fourier", "legendre"], _option("--basis", "Functions.", _OPTIMAL)] = "sines",
+    functions: Annotated[int | None, _option("--functions", "Of them, for each control.", _OPTIMAL)] = None,
+    limits: Annotated[
+        str, _option("--limits", "Largest departures: de=0.1,alpha=0.08,V=3", _OPTIMAL, "NAME=MAX,...")
+    ] = "",
+    rate_limits: Annotated[str, _option("--rate-limits", "Of controls, per s.", _OPTIMAL, "NAME=MAX,...")] = "",
+    scales: Annotated[
+        str, _option("--scales", "What counts as one in each control's energy.", _OPTIMAL, "NAME=SIZE,...")
+    ] = "",
+    runs: Annotated[
+        int, _option("--runs", "compare: flights with fresh noise, whose estimates are to scatter as bound.", _OPTIMAL)
+    ] = 0,
+    out: Annotated[
+        Path | None, _option("--out", "Folder for the inputs, a table and a picture.", OUTPUT, "DIR")
+    ] = None,
+    overwrite: Overwrite = False,
+    plots: Annotated[bool, _option("--plots/--no-plots", "Whether --out gets a picture.", OUTPUT)] = True,
+    json: Json = False,
+) -> None:
+    """Make inputs worth flying: classical, multisine, optimal, and compare what they tell."""
+    refuse_existing(out, overwrite)
+    timing = {"duration": duration, "dt": dt}
+    known = None
+    measured = numbers(noise, "--noise", "alpha=0.002,q=0.001")
+    if model:
+        if not measured:
+            raise typer.BadParameter("--model needs --noise: which outputs are measured, and how well.")
+        known = _linear(model, aircraft, trim, controls, axis, read_definitions(define), rho, words(channel), measured)
+    found: Recording | InputDesign | InputComparison
+    info: Information | None = None
+    scattered: list[Scatter] = []
+    wanted = words(parameters) or None
+    shape = {"amplitude": amplitude, "width": width, "start": start, "low": low, "high": high, "period": period}
+    only: dict[str, Any] = {
+        "limits": numbers(limits, "--limits", "de=0.1,alpha=0.08"),
+        "rate_limits": numbers(rate_limits, "--rate-limits", "de=0.5"),
+        "to_separate": words(to_separate),
+    }
+    if kind in ("optimal", "compare"):
+        if known is None:
+            raise typer.BadParameter(f"{kind} needs --model and --noise.")
+        strange = [*_given(shape), *(name for name, value in only.items() if value and kind == "compare")]
+        if strange:
+            raise typer.BadParameter(f"{kind} has no --{strange[0].replace('_', '-')}.")
+        asked: dict[str, Any] = {
+            "noise": measured,
+            "parameters": wanted,
+            "seed": seed,
+            "basis": basis,
+            "functions": functions,
+        }
+        asked |= {"scales": numbers(scales, "--scales", "de=0.05"), **_given(timing)}
+        with Waiting("searching") as waiting:
+            if kind == "optimal":
+                separate = only.pop("to_separate") or None
+                found = signals.design_inputs(
+                    known, **asked, energy=energy, criterion=criterion, to_separate=separate, **only
+                )
+            elif energy is None:
+                raise typer.BadParameter("compare needs --energy: inputs are compared at the same.")
+            else:
+                found = signals.compare_inputs(known, **asked, energy=energy)
+                for i, u in enumerate(found.inputs if runs else ()):
+                    scattered.append(signals.scatter(known, u, noise=measured, parameters=wanted, runs=runs, seed=seed))
+                    waiting("flights", i + 1, len(found.inputs))
+    else:
+        found = _classical(kind, words(channel), law, seed, {**shape, **timing})
+        if known is not None:
+            info = signals.information(known, found, noise=measured, parameters=wanted)
+    told = _as_dict(found, info, scattered)
+    written = _write(out, found, told, known, plots) if out is not None else []
+    if json:
+        print_json(told)
+    else:
+        _print(found, info)
+        if scattered:
+            print_scatter(stdout(), scattered)
+        if out is not None:
+            print_files(stdout(), str(out), written)
+    if info is not None:
+        info.require()
+
+
+def _given(options: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _linear(
+    text: str,
+    aircraft: Path | None,
+    trim: str,
+    controls: str,
+    axis: str,
+    definitions: dict[str, str],
+    rho: float | None,
+    channels: Sequence[str],
+    measured: dict[str, float],
+) -> LinearModel:
+    """A linear model whose parameters have names, with the outputs measured."""
+    craft = open_craft(text, aircraft, definitions, rho)
+    if isinstance(craft, ReadyAircraft):
+        trimmed = trim_craft(craft, trim, controls)
+        linear = craft.linearise(trimmed, axis=axis, inputs=channels or _SURFACES[axis])
+        return signals.name_derivatives(linear, outputs=list(measured))
+    if not isinstance(craft, LinearModel):
+        raise typer.BadParameter("inputs are designed for a model file, a ready aircraft or a linear model.")
+    if set(measured) <= set(craft.outputs) and (not channels or set(channels) == set(craft.inputs)):
+        return craft
+    return signals.name_derivatives(craft, outputs=list(measured), inputs=channels or None)
+
+
+def _classical(kind: str, channels: Sequence[str], law: str, seed: int, options: dict[str, Any]) -> Recording:
+    """One of the inputs that need no model.
+
+    Raises
+    ------
+    BadParameter
+        An option it needs is not given, or one that it does not know is.
+    """
+    needs = {"multisine": ("amplitude", "low", "high"), "sweep": ("amplitude", "low", "high")}.get(kind, ("amplitude",))
+    knows = {
+        "step": ("start", "duration", "dt"),
+        "impulse": ("start", "duration", "dt"),
+        "multisine": ("period", "dt"),
+        "sweep": ("start", "duration", "dt"),
+    }.get(kind, ("width", "start", "duration", "dt"))
+    given = _given(options)
+    if not channels:
+        raise typer.BadParameter(f"{kind} needs --channel, the control that moves.")
+    if missing := [name for name in needs if name not in given]:
+        raise typer.BadParameter(f"{kind} needs --{missing[0]}.")
+    if strange := [name for name in given if name not in (*needs, *knows)]:
+        raise typer.BadParameter(
+            f"{kind} has no --{strange[0]}; it has {', '.join(f'--{n}' for n in (*needs, *knows))}."
+        )
+    if kind == "multisine":
+        return signals.multisine(channels, given.pop("amplitude"), seed=seed, **given)
+    if len(channels) > 1:
+        raise typer.BadParameter(f"{kind} moves one control; {', '.join(channels)} at once is a multisine's work.")
+    if kind == "sweep":
+        return signals.frequency_sweep(channels[0], law=law, **given)  # type: ignore[arg-type]
+    if kind == "impulse":
+        return signals.impulse(channels[0], given.pop("amplitude"), **given)
+    made = _PULSES.get(kind, signals.step)
+    return made(channels[0], given.pop("amplitude"), **given)
+
+
+def _inputs_of(found: Recording | InputDesign | InputComparison) -> tuple[Recording, ...]:
+    if isinstance(found, InputComparison):
+        return found.inputs
+    return (found,) if isinstance(found, Recording) else (found.inputs,)
+
+
+def _print(found: Recording | InputDesign | InputComparison, info: Information | None) -> None:
+    console = stdout()
+    if isinstance(found, InputComparison):
+        print_inputs_compared(console, found)
+        return
+    if isinstance(found, InputDesign):
+        console.print(str(found), markup=False)
+        return
+    console.print(f"{found.name}, {len(found)} samples, {found.duration:g} s, every {found.dt:g} s", markup=False)
+    for name in found.names:
+        peak = max(found[name].max(), -found[name].min())
+        rms = figure(float((found[name] ** 2).mean() ** 0.5))
+        factor = f", peak factor {signals.peak_factor(found[name]):.3f}" if peak else ""
+        console.print(f"  {name}  peak {figure(float(peak))}, rms {rms}{factor}")
+    console.print(f"  energy {figure(signals.energy(found))}")
+    if info is not None:
+        print_information(console, info)
+
+
+def _as_dict(
+    found: Recording | InputDesign | InputComparison, info: Information | None, scattered: Sequence[Scatter]
+) -> dict[str, Any]:
+    if isinstance(found, Recording):
+        held = {"energy": signals.energy(found), "inputs": found.to_dict()}
+        held["information"] = None if info is None else info.to_dict()
+    else:
+        held = found.to_dict()
+        held["scatter"] = [one.to_dict() for one in scattered]
+    return {"schema": "structsel.inputs/1", **held}
+
+
+def _write(
+    out: Path,
+    found: Recording | InputDesign | InputComparison,
+    told: dict[str, Any],
+    model: LinearModel | None,
+    plots: bool,
+) -> list[str]:
+    """Write everything, or nothing; return the names written."""
+    with output_folder(out) as folder:
+        for one in _inputs_of(found):
+            write_recording(one, folder / f"{one.name.replace(' ', '-')}.csv")
+        (folder / "inputs.json").write_text(json_text(told), encoding="utf-8")
+        if isinstance(found, InputComparison):
+            found.to_frame().to_csv(folder / "comparison.csv", index=False)
+        if plots:
+            from structsel.plotting import draw_inputs  # matplotlib takes a while to load
+
+            draw_inputs(found, model).savefig(folder / "inputs.png", dpi=110)
+        return [p.name for p in sorted(folder.iterdir())]

@@ -1,0 +1,307 @@
+"""``structsel refine``: parameters whose simulated flights come nearest the recorded ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from structsel.cli.crafts import (
+    MODEL_HELP,
+    Craft,
+    Define,
+    FlownAircraft,
+    Recorded,
+    Rho,
+    numbers,
+    open_craft,
+    read_definitions,
+    read_schedules,
+)
+from structsel.cli.flight_tables import print_refinement, print_replay
+from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, hold_out, words
+from structsel.cli.output import output_folder, refuse_existing
+from structsel.cli.pages import page
+from structsel.cli.tables import print_files
+from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
+from structsel.errors import RefinementError
+from structsel.model import AeroModel
+from structsel.recording import Recording
+from structsel.refinement import Refinement, refine
+from structsel.simulation import LinearModel, ReadyAircraft
+from structsel.validation import Replay, replay
+
+EPILOG = page(
+    [
+        (
+            "Pitching moment, on whole manoeuvres; two judge the result",
+            "structsel refine out/model.json --aircraft aircraft.toml --recordings flights/ \\\n"
+            "    --free Cm: --starts w,q,theta --biases az --held-out m05,m06 --out refined/",
+        ),
+        (
+            "Far from the truth: between bounds, evolution first",
+            "structsel refine out/model.json --aircraft aircraft.toml --recordings flights/ \\\n"
+            "    --free Cm:alpha,Cm:q_hat,Cm:de --bounds Cm:alpha=-3,0 \\\n"
+            "    --bounds Cm:q_hat=-60,0 --search global --seed 1",
+        ),
+        (
+            "A linear model with the delay of its input",
+            "structsel refine ready:as355:80kt --recordings heli.csv --references all --delay all",
+        ),
+    ],
+    """[bold]Parameters[/bold] of a model file are called response:term, as Cm:alpha and Cm:1; Cm: alone stands for all
+    of them. Besides, each recording's first states (--starts), biases of outputs, their references and scale factors
+    over all recordings, and a delay of the inputs can be estimated.""",
+    """[bold]std error[/bold] allows for coloured residuals, CRLB is the Cramer-Rao bound of white ones. A search that
+    did not converge says so, and its best is written with that mark. What the flights do not determine is named, the
+    rest is written, and the exit code is 1.""",
+)
+_ESTIMATED, _HOW, _SEARCH = "What is estimated", "What is compared", "The search"
+
+
+def _option(name: str, text: str, panel: str, metavar: str | None = None) -> Any:
+    return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
+
+
+def run(
+    model: Annotated[str, typer.Argument(metavar="MODEL", help=MODEL_HELP)],
+    recordings: Recorded = None,
+    aircraft: FlownAircraft = None,
+    channel_map: Map = None,
+    free: Annotated[
+        str, _option("--free", "Parameters of the model; the others are held.", _ESTIMATED, "NAMES")
+    ] = "all",
+    outputs: Annotated[
+        str, _option("--outputs", "Channels to fit; what all recordings have.", _ESTIMATED, "NAMES")
+    ] = "",
+    starts: Annotated[str, _option("--starts", "States at the first sample, or all.", _ESTIMATED, "NAMES")] = "",
+    drifts: Annotated[
+        str, _option("--drifts", "Constants in a linear model's state equations.", _ESTIMATED, "NAMES")
+    ] = "",
+    biases: Annotated[str, _option("--biases", "Outputs with a bias per recording.", _ESTIMATED, "NAMES")] = "",
+    references: Annotated[
+        str, _option("--references", "Outputs with a constant over all recordings.", _ESTIMATED, "NAMES")
+    ] = "",
+    scales: Annotated[str, _option("--scales", "Outputs with a scale factor.", _ESTIMATED, "NAMES")] = "",
+    delay: Annotated[
+        str, _option("--delay", "Inputs that act late, or all; one delay is estimated.", _ESTIMATED, "NAMES")
+    ] = "",
+    noise: Annotated[
+        Literal["measurement", "process"],
+        _option("--noise", "measurement: output error; process: filter error, for turbulence.", _HOW),
+    ] = "measurement",
+    process: Annotated[str, _option("--process", "States that process noise moves.", _HOW, "NAMES")] = "all",
+    domain: Annotated[
+        Literal["time", "frequency"], _option("--domain", "frequency: of transforms, for linear models.", _HOW)
+    ] = "time",
+    band: Annotated[str, _option("--band", "Of --domain frequency, in Hz.", _HOW, "LOW,HIGH")] = "",
+    guess: Annotated[str, _option("--guess", "Where the search starts.", _SEARCH, "NAME=VALUE,...")] = "",
+    bounds: Annotated[
+        list[str] | None, _option("--bounds", "Cm:alpha=-3,0; may be repeated.", _SEARCH, "NAME=LOW,HIGH")
+    ] = None,
+    stable: Annotated[bool, _option("--stable", "No motion of a linear model may grow.", _SEARCH)] = False,
+    cost: Annotated[
+        Literal["ml", "weighted"], _option("--cost", "ml: noise estimated; weighted: residuals weighted.", _SEARCH)
+    ] = "ml",
+    weights: Annotated[
+        str, _option("--weights", "Standard deviations of outputs, for --cost weighted.", _SEARCH, "NAME=STD,...")
+    ] = "",
+    full_noise: Annotated[bool, _option("--full-noise", "Noise of outputs may be correlated.", _SEARCH)] = False,
+    search: Annotated[
+        Literal["global"] | None, _option("--search", "Evolution between the bounds before the descent.", _SEARCH)
+    ] = None,
+    seed: Annotated[int, _option("--seed", "Of the evolution.", _SEARCH)] = 0,
+    generations: Annotated[int, _option("--generations", "Of the evolution.", _SEARCH)] = 100,
+    iterations: Annotated[int, _option("--iterations", "Of the descent.", _SEARCH)] = 60,
+    define: Define = None,
+    rho: Rho = None,
+    held_out: Annotated[
+        str, typer.Option("--held-out", metavar="NAMES", help="Recordings that judge the result, by replay.")
+    ] = "",
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Folder for model, tables and plots.", rich_help_panel=OUTPUT),
+    ] = None,
+    overwrite: Overwrite = False,
+    plots: Annotated[
+        bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.", rich_help_panel=OUTPUT)
+    ] = True,
+    json: Json = False,
+) -> None:
+    """Refine a model by output error: its flights with the recorded inputs come nearest the recorded ones."""
+    refuse_existing(out, overwrite)
+    limits = read_bounds(bounds)
+    craft = open_craft(model, aircraft, read_definitions(define), rho)
+    if not recordings:
+        raise typer.BadParameter("refine needs --recordings.")
+    flown, judges = hold_out(read_schedules(recordings, channel_map, "--recordings"), held_out)
+    asked: dict[str, Any] = {
+        "free": _free(craft, free),
+        "outputs": words(outputs) or None,
+        "starts": _names(starts),
+        "drifts": _names(drifts),
+        "biases": _names(biases),
+        "references": _names(references),
+        "scales": _names(scales),
+        "delay": delay == "all" or words(delay),
+        "noise": noise,
+        "process": _names(process),
+        "domain": domain,
+        "band": _pair(band, "--band", "0.05,2") if band else None,
+        "guess": numbers(guess, "--guess", "Cm:alpha=-0.6"),
+        "bounds": limits,
+        "constraint": "stable" if stable else None,
+        "cost": cost,
+        "weights": numbers(weights, "--weights", "q=0.001,az=0.05") or None,
+        "full_noise": full_noise,
+        "search": search,
+        "seed": seed,
+        "generations": generations,
+        "iterations": iterations,
+    }
+    failed: RefinementError | None = None
+    try:
+        found = _refine(craft, flown, asked, generations, iterations)
+    except RefinementError as error:
+        if not isinstance(error.partial, Refinement):
+            raise
+        found, failed = error.partial, error
+    if failed is None and not found.converged:
+        say("warning", f"NOT CONVERGED: {found.message}. What follows is the best found.")
+    judged = _judge(craft, found, judges) if failed is None else {}
+    written = _write(out, found, flown, judged, failed, plots) if out is not None else []
+    if json:
+        print_json(_as_dict(found, judged, failed))
+    else:
+        console = stdout()
+        print_refinement(console, found)
+        for name, one in judged.items():
+            print_replay(console, one, f"{name} the refinement, on what was held out")
+        if out is not None:
+            print_files(console, str(out), written)
+    if failed is not None:
+        raise failed
+
+
+def read_bounds(texts: Sequence[str] | None) -> dict[str, tuple[float, float]]:
+    """Bounds by parameter.
+
+    Raises
+    ------
+    BadParameter
+        One is not NAME=LOW,HIGH.
+    """
+    found = {}
+    for text in texts or ():
+        name, _, pair = text.partition("=")
+        found[name.strip()] = _pair(pair, f"--bounds {name}=", "Cm:alpha=-3,0")
+    return found
+
+
+def _pair(text: str, option: str, example: str) -> tuple[float, float]:
+    try:
+        low, high = (float(value) for value in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{option} '{text}' is not LOW,HIGH as {example}.") from None
+    return low, high
+
+
+def _names(text: str) -> list[str] | Literal["all"]:
+    return "all" if text.strip() == "all" else words(text)
+
+
+def _free(craft: Craft, text: str) -> list[str] | Literal["all"]:
+    """Names, those that end in a colon spelled out."""
+    names = _names(text)
+    model = craft.model if isinstance(craft, ReadyAircraft) else None
+    if names == "all" or model is None:
+        return names
+    every = [f"{response}:{term}" for response, held in model.responses.items() for term in held.terms]
+    found: list[str] = []
+    for name in names:
+        found += [one for one in every if one.startswith(name)] if name.endswith(":") else [name]
+    return found or list(names)
+
+
+def _refine(
+    craft: Craft, flown: Sequence[Recording], asked: Mapping[str, Any], generations: int, iterations: int
+) -> Refinement:
+    """The refinement of what can be refined.
+
+    Raises
+    ------
+    BadParameter
+        JSBSim's aircraft have no parameters of ours.
+    """
+    with Waiting("refining") as waiting:
+        limits = {"evolution": generations, "descent": iterations}
+
+        def progress(stage: str, count: int, value: float) -> None:
+            waiting(f"{stage}, cost {value:.5g}" if stage not in limits else stage, count, limits.get(stage, count + 1))
+
+        if isinstance(craft, LinearModel):
+            return refine(craft, None, flown, **asked, progress=progress)
+        if not isinstance(craft, ReadyAircraft):
+            raise typer.BadParameter("JSBSim's aircraft have no parameters to refine; give a model file.")
+        assert craft.model is not None
+        return refine(
+            craft.model, craft.aircraft, flown, **asked, air=craft.air, definitions=craft.definitions, progress=progress
+        )
+
+
+def _judge(craft: Craft, found: Refinement, judges: Sequence[Recording]) -> dict[str, Replay]:
+    """Replays of what was held out, before and after.
+
+    Raises
+    ------
+    BadParameter
+        A linear model, which has no start to be replayed from.
+    """
+    if not judges:
+        return {}
+    if not isinstance(craft, ReadyAircraft) or craft.model is None or craft.aircraft is None:
+        raise typer.BadParameter("--held-out is judged by replay, which flies model files and ready aircraft only.")
+    flies = {"air": craft.air, "definitions": craft.definitions}
+    pair = {"before": craft.model, "after": found.model}
+    return {name: replay(model, craft.aircraft, judges, **flies) for name, model in pair.items()}  # type: ignore[arg-type]
+
+
+def _as_dict(found: Refinement, judged: Mapping[str, Replay], failed: RefinementError | None) -> dict[str, Any]:
+    more: dict[str, Any] = {"held_out": {name: one.to_dict() for name, one in judged.items()}}
+    return {**found.to_dict(), **more, "error": None if failed is None else str(failed)}
+
+
+def _write(
+    out: Path,
+    found: Refinement,
+    recordings: Sequence[Recording],
+    judged: Mapping[str, Replay],
+    failed: RefinementError | None,
+    plots: bool,
+) -> list[str]:
+    """Write everything, or nothing; return the names written."""
+    with output_folder(out) as folder:
+        if isinstance(found.model, AeroModel):
+            mark = "" if found.converged and failed is None else ", NOT CONVERGED" if failed is None else ", FAILED"
+            marked = {name: replace(one, method=one.method + mark) for name, one in found.model.responses.items()}
+            flown = tuple(r.name for r in found.simulated)
+            AeroModel(marked, found.model.name, flown).to_json(folder / "model.json")
+        (folder / "refinement.json").write_text(json_text(_as_dict(found, judged, failed)), encoding="utf-8")
+        found.to_frame().to_csv(folder / "parameters.csv", index=False)
+        found.history().to_csv(folder / "history.csv", index=False)
+        report = [str(found), *(f"{name} the refinement\n{one}" for name, one in judged.items())]
+        (folder / "report.txt").write_text("\n\n".join(report) + "\n", encoding="utf-8")
+        if plots:
+            _draw(folder / "plots", found, recordings)
+        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+
+
+def _draw(folder: Path, found: Refinement, recordings: Sequence[Recording]) -> None:
+    from structsel.plotting import draw_refinement  # matplotlib takes a while to load
+
+    folder.mkdir()
+    for name, figure in draw_refinement(found, recordings):
+        figure.savefig(folder / f"{name}.png", dpi=110)

@@ -1,0 +1,298 @@
+"""``structsel simulate``: a model flown through a schedule of inputs, or with recorded ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from structsel.cli.crafts import (
+    MODEL_HELP,
+    Controls,
+    Craft,
+    Define,
+    FlownAircraft,
+    Free,
+    Recorded,
+    Rho,
+    Trimmed,
+    departures,
+    numbers,
+    open_craft,
+    read_definitions,
+    read_schedules,
+    trim_craft,
+)
+from structsel.cli.flight_tables import print_flight, print_modes, print_trim
+from structsel.cli.flights import OUTPUT, Json, Map, Overwrite
+from structsel.cli.output import output_folder, refuse_existing
+from structsel.cli.pages import page
+from structsel.cli.tables import print_files
+from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
+from structsel.errors import SimulationError
+from structsel.numerics.linear_systems import Modes
+from structsel.recording import Recording, write_recording
+from structsel.simulation import Instruments, LinearModel, ReadyAircraft, Trim, Turbulence
+from structsel.validation import recorded_start
+
+EPILOG = page(
+    [
+        ("Trim and modes of a ready aircraft", "structsel simulate ready:beaver --trim 45,600 --modes"),
+        (
+            "A doublet of the elevator, flown and recorded with noise",
+            "structsel inputs doublet --channel de --amplitude 0.03 --out in/\n"
+            "  structsel simulate ready:beaver --inputs in/doublet.csv \\\n"
+            "    --noise alpha=0.002,q=0.001 --turbulence 3 --out flown/",
+        ),
+        (
+            "Your model with recorded inputs, from the recorded start",
+            "structsel simulate out/model.json --aircraft aircraft.toml \\\n    --recordings flights/ --out flown/",
+        ),
+        (
+            "An aircraft of JSBSim with a light stabiliser",
+            "structsel simulate jsbsim:c172p --trim 55,1000 --inputs in/doublet.csv \\\n    --stabilise --out flown/",
+        ),
+    ],
+    """[bold]--inputs[/bold] are departures from the trim, as structsel inputs writes them; a ready aircraft has a usual
+    trim, a linear model none. [bold]--recordings[/bold] holds the inputs as they were; the states are flown, from the
+    first sample on. Without either, only the trim is found.""",
+    """A flight that blows up is said with the time, its part to there is written, and the exit code is 1.""",
+)
+
+_AIR = "Air and instruments"
+
+
+@dataclass
+class _Flown:
+    """What there is to show and to write."""
+
+    trim: Trim | None = None
+    modes: dict[str, Modes] = field(default_factory=dict)
+    flights: list[Recording] = field(default_factory=list)
+    recorded: dict[str, Recording] = field(default_factory=dict)
+    broken: dict[str, str] = field(default_factory=dict)
+
+
+def run(
+    model: Annotated[str, typer.Argument(metavar="MODEL", help=MODEL_HELP)],
+    aircraft: FlownAircraft = None,
+    inputs: Annotated[
+        list[Path] | None,
+        typer.Option("--inputs", metavar="FILES", help="Schedules, departures from the trim; may be repeated."),
+    ] = None,
+    recordings: Recorded = None,
+    channel_map: Map = None,
+    trim: Trimmed = "",
+    controls: Controls = "",
+    free: Free = "",
+    define: Define = None,
+    modes: Annotated[bool, typer.Option("--modes", help="The modes of small motions about the trim.")] = False,
+    between: Annotated[
+        Literal["linear", "hold"], typer.Option("--between", help="What inputs do between samples.")
+    ] = "linear",
+    stabilise: Annotated[bool, typer.Option("--stabilise", help="JSBSim only: a light stabiliser on.")] = False,
+    noise: Annotated[
+        str,
+        typer.Option(
+            "--noise",
+            metavar="STD",
+            help="stated: instruments at their places with the noise of the aircraft file; or NAME=STD,...",
+            rich_help_panel=_AIR,
+        ),
+    ] = "",
+    turbulence: Annotated[
+        float | None,
+        typer.Option(
+            "--turbulence",
+            metavar="W20",
+            help="Dryden, by the wind at 20 ft in m/s: 7.7 light, 15 moderate, 23 severe.",
+            rich_help_panel=_AIR,
+        ),
+    ] = None,
+    wind: Annotated[
+        str, typer.Option("--wind", metavar="N,E,D", help="Steady wind in m/s, where to.", rich_help_panel=_AIR)
+    ] = "",
+    rho: Rho = None,
+    seed: Annotated[
+        int, typer.Option("--seed", help="Of noise and turbulence; each flight's own after it.", rich_help_panel=_AIR)
+    ] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Folder for flights, table and plots.", rich_help_panel=OUTPUT),
+    ] = None,
+    overwrite: Overwrite = False,
+    plots: Annotated[
+        bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.", rich_help_panel=OUTPUT)
+    ] = True,
+    json: Json = False,
+) -> None:
+    """Fly a model: trim, modes, and the motion that inputs make, as recordings."""
+    refuse_existing(out, overwrite)
+    craft = open_craft(model, aircraft, read_definitions(define), rho)
+    schedules = read_schedules(inputs or (), channel_map, "--inputs")
+    followed = read_schedules(recordings or (), channel_map, "--recordings")
+    air = _Surroundings(noise, turbulence, wind, seed, between, stabilise)
+    flown = _Flown(recorded={r.name: r for r in followed})
+    if isinstance(craft, LinearModel):
+        if trim or controls:
+            raise typer.BadParameter("a linear model flies about its reference; leave --trim and --controls out.")
+    elif trim or schedules or not followed:
+        flown.trim = _trim(craft, trim, controls, free)
+    if modes or (isinstance(craft, LinearModel) and not schedules and not followed):
+        flown.modes = _modes(craft, flown.trim)
+    with Waiting("flying") as waiting:
+        for i, r in enumerate((*schedules, *followed)):
+            _keep(flown, r, lambda: air.fly(craft, r, flown.trim if i < len(schedules) else None, i))  # noqa: B023
+            waiting("flights", i + 1, len(schedules) + len(followed))
+    written = _write(out, flown, _as_dict(craft, flown), plots) if out is not None else []
+    if json:
+        print_json(_as_dict(craft, flown))
+    else:
+        _print(craft, flown)
+        if out is not None:
+            print_files(stdout(), str(out), written)
+    if flown.broken:
+        raise SimulationError("\n".join(flown.broken.values()))
+
+
+def _trim(craft: Any, trim: str, controls: str, free: str) -> Trim:
+    try:
+        found: Trim = trim_craft(craft, trim, controls, free)
+    except SimulationError as error:
+        if isinstance(error.partial, Trim):
+            say("note", f"the nearest to a trim:\n{error.partial}")
+        raise
+    return found
+
+
+def _modes(craft: Craft, trim: Trim | None) -> dict[str, Modes]:
+    """Modes by axis.
+
+    Raises
+    ------
+    BadParameter
+        There is no trim, or JSBSim's aircraft, whose equations are its own.
+    """
+    if isinstance(craft, LinearModel):
+        return {"": craft.modes()}
+    if trim is None or not isinstance(craft, ReadyAircraft) or craft.model is None:
+        raise typer.BadParameter("--modes needs --trim, and a model of ours.")
+    axes = ["longitudinal"] + ["lateral"] * any(name in craft.model for name in ("CY", "Cl", "Cn"))
+    return {axis: craft.linearise(trim, axis=axis).modes() for axis in axes}
+
+
+def _keep(flown: _Flown, recording: Recording, fly: Callable[[], Recording]) -> None:
+    """Fly, and keep what there is of a flight that broke off."""
+    try:
+        flown.flights.append(fly())
+    except SimulationError as error:
+        flown.broken[recording.name] = str(error)
+        if isinstance(error.partial, Recording):
+            flown.flights.append(error.partial)
+
+
+class _Surroundings:
+    """Air, instruments and how inputs are followed."""
+
+    def __init__(
+        self,
+        noise: str,
+        turbulence: float | None,
+        wind: str,
+        seed: int,
+        between: Literal["linear", "hold"],
+        stabilise: bool,
+    ):
+        self.stated = noise == "stated"
+        self.noise = {} if self.stated else numbers(noise, "--noise", "alpha=0.002,q=0.001")
+        self.turbulence, self.seed, self.between, self.stabilise = turbulence, seed, between, stabilise
+        try:
+            self.wind = tuple(float(word) for word in wind.split(",")) if wind else (0.0, 0.0, 0.0)
+        except ValueError:
+            self.wind = ()
+        if len(self.wind) != 3:
+            raise typer.BadParameter(f"--wind '{wind}' is not three numbers, north, east and down.")
+
+    def fly(self, craft: Craft, recording: Recording, trim: Trim | None, place: int) -> Recording:
+        """One flight; of departures from a trim, or with what was recorded."""
+        seed = self.seed + place
+        if isinstance(craft, LinearModel):
+            return craft.simulate(recording, hold=self.between, noise=self.noise, seed=seed)
+        given = recording if trim is None else departures(recording, trim.controls)
+        if not isinstance(craft, ReadyAircraft):
+            self._refuse_air()
+            return craft.fly(given, start=trim, stabilise=self.stabilise)
+        if self.stabilise:
+            raise typer.BadParameter("--stabilise is JSBSim's; fly departures small enough for the aircraft alone.")
+        assert craft.model is not None
+        assert craft.aircraft is not None
+        start: Any = trim if trim is not None else recorded_start(craft.model, craft.aircraft, given, craft.air)
+        rough = None if self.turbulence is None else Turbulence(self.turbulence, seed)
+        air = replace(craft.air, wind=self.wind, turbulence=rough)
+        return craft.simulate(
+            given, start=start, air=air, instruments=self._instruments(craft, seed), between=self.between
+        )
+
+    def _instruments(self, craft: ReadyAircraft, seed: int) -> Instruments | None:
+        if self.stated:
+            assert craft.aircraft is not None
+            return Instruments.of(craft.aircraft, seed=seed)
+        return Instruments(noise=self.noise, seed=seed) if self.noise else None
+
+    def _refuse_air(self) -> None:
+        if self.noise or self.stated or self.turbulence is not None or any(self.wind):
+            raise typer.BadParameter("JSBSim flies in calm air, without instruments: no --noise, --turbulence, --wind.")
+
+
+def _print(craft: Craft, flown: _Flown) -> None:
+    console = stdout()
+    if flown.trim is not None:
+        print_trim(console, flown.trim, craft.name)
+    for axis, modes in flown.modes.items():
+        print_modes(console, modes, f"{craft.name}{axis and ', ' + axis}")
+    for flight in flown.flights:
+        print_flight(console, flight, flown.recorded.get(flight.name), flown.broken.get(flight.name, ""))
+
+
+def _as_dict(craft: Craft, flown: _Flown) -> dict[str, Any]:
+    return {
+        "schema": "structsel.simulation/1",
+        "model": craft.name,
+        "trim": None if flown.trim is None else flown.trim.to_dict(),
+        "modes": {axis or craft.name: _modes_as_dict(modes) for axis, modes in flown.modes.items()},
+        "flights": [flight.to_dict() for flight in flown.flights],
+        "unfinished": flown.broken,
+    }
+
+
+def _modes_as_dict(modes: Modes) -> list[dict[str, Any]]:
+    names = ("frequency", "damping", "time_constant", "time_to_half", "time_to_double", "period")
+    return [
+        {"name": modes.names[i], "re": float(z.real), "im": float(z.imag)}
+        | {name: float(getattr(modes, name)[i]) for name in names}
+        for i, z in enumerate(modes.eigenvalues)
+    ]
+
+
+def _write(out: Path, flown: _Flown, told: Mapping[str, Any], plots: bool) -> list[str]:
+    """Write everything, or nothing; return the names written."""
+    with output_folder(out) as folder:
+        if flown.flights:
+            (folder / "flights").mkdir()
+        for flight in flown.flights:
+            write_recording(flight, folder / "flights" / f"{flight.name}.csv")
+        (folder / "simulation.json").write_text(json_text(told), encoding="utf-8")
+        if plots and flown.flights:
+            _draw(folder / "plots", flown.flights, flown.recorded)
+        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+
+
+def _draw(folder: Path, flights: Sequence[Recording], recorded: Mapping[str, Recording]) -> None:
+    from structsel.plotting import draw_flight  # matplotlib takes a while to load
+
+    folder.mkdir()
+    for flight in flights:
+        draw_flight(flight, recorded.get(flight.name)).savefig(folder / f"{flight.name}.png", dpi=110)

@@ -1,0 +1,223 @@
+"""Derivatives over many manoeuvres against the condition they were flown from: trim incidence, airspeed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from structsel.aircraft import Aircraft
+from structsel.errors import DataError, ModelError, RefinementError, StructselError
+from structsel.model import AeroModel
+from structsel.nomenclature import unit_of
+from structsel.reconstruction import reconstruct
+from structsel.recording import Recording
+from structsel.refinement.comparison import Estimates, estimates_by_name
+from structsel.refinement.equation_error import equation_error
+from structsel.refinement.layout import check_recordings
+from structsel.refinement.result import Refinement
+from structsel.refinement.station import refine
+
+METHODS = ("equation error", "two-step", "output error", "filter error")
+_TRIM = 1.0  # s at the start of a manoeuvre, whose median is its condition
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Estimates by condition, parameter and method.
+
+    Attributes
+    ----------
+    against : str
+        The channel that tells conditions apart.
+    conditions : (g,) array [SI]
+        Its values at the start of the manoeuvres, ascending; the mean of those estimated together.
+    recordings : tuple of tuple of str
+        What was flown at each.
+    parameters, methods : tuple of str
+    values, std : (g, p, m) array
+        NaN where a method has no answer, std infinite where the manoeuvre does not determine it.
+    level : float
+        Of the confidence intervals.
+    notes : mapping of (condition's number, method) to str
+        What went wrong, or is to be doubted.
+    """
+
+    against: str
+    conditions: np.ndarray
+    recordings: tuple[tuple[str, ...], ...]
+    parameters: tuple[str, ...]
+    methods: tuple[str, ...]
+    values: np.ndarray
+    std: np.ndarray
+    level: float
+    notes: Mapping[tuple[int, str], str]
+
+    def __post_init__(self) -> None:
+        for array in (self.conditions, self.values, self.std):
+            array.setflags(write=False)
+        object.__setattr__(self, "notes", MappingProxyType(dict(self.notes)))
+
+    @property
+    def half(self) -> np.ndarray:
+        """(g, p, m) half widths of the confidence intervals, normal."""
+        return stats.norm.ppf(0.5 + self.level / 2.0) * self.std
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each condition, parameter and method, with its interval and what is to be said of it."""
+        rows = [
+            {"recordings": ", ".join(self.recordings[g]), self.against: self.conditions[g], "parameter": name,
+             "method": method, "value": self.values[g, i, j], "std": self.std[g, i, j],
+             "low": self.values[g, i, j] - self.half[g, i, j], "high": self.values[g, i, j] + self.half[g, i, j],
+             "note": self.notes.get((g, method), "")}
+            for g in range(len(self.conditions)) for i, name in enumerate(self.parameters)
+            for j, method in enumerate(self.methods)
+        ]  # fmt: skip
+        return pd.DataFrame(rows)
+
+    def __str__(self) -> str:
+        unit = unit_of(self.against)
+        degrees = unit == "rad"
+        shown = np.rad2deg(self.conditions) if degrees else self.conditions
+        head = f"{self.against} [{'deg' if degrees else unit}]"
+        lines = []
+        for i, name in enumerate(self.parameters):
+            lines += ["", name, f"  {head:>14}" + "".join(f"{method:>26}" for method in self.methods)]
+            for g, at in enumerate(shown):
+                cells = [
+                    "-" if np.isnan(self.values[g, i, j]) else f"{self.values[g, i, j]:.4g} +- {self.half[g, i, j]:.2g}"
+                    for j in range(len(self.methods))
+                ]
+                lines.append(f"  {at:>14.4g}" + "".join(f"{cell:>26}" for cell in cells))
+        notes = [f"  ! {', '.join(self.recordings[g])}, {method}: {text}" for (g, method), text in self.notes.items()]
+        return "\n".join([*lines[1:], f"intervals: {self.level:.0%}", *notes])
+
+
+def derivatives_by_condition(
+    model: AeroModel,
+    aircraft: Aircraft,
+    recordings: Sequence[Recording],
+    *,
+    against: str = "alpha",
+    parameters: Sequence[str] | None = None,
+    methods: Sequence[str] = ("equation error", "two-step", "output error"),
+    edges: Sequence[float] | None = None,
+    level: float = 0.95,
+    **options: Any,
+) -> Derivatives:
+    """Estimate a local model in each manoeuvre, or each range of conditions, by several methods.
+
+    Parameters
+    ----------
+    model : AeroModel
+        Local: normally linear, with a constant in each response. Output error starts from its values.
+    aircraft : Aircraft
+    recordings : sequence of Recording
+        As read; each begins in the steady flight that is its condition.
+    against : str
+        Channel whose median over the first second is a manoeuvre's condition: ``"alpha"``, ``"V"``.
+    parameters : sequence of str, optional
+        Those to tell, ``"Cm:alpha"``; all.
+    methods : sequence of {"equation error", "two-step", "output error", "filter error"}
+        Regression on the channels as read; regression after `reconstruct`; `refine`, and the same with process noise.
+    edges : sequence of float, optional
+        Ascending bounds of the channel [SI]; manoeuvres between two of them are estimated together, those outside are
+        left out. Without, each manoeuvre stands by itself.
+    level : float
+        Of the confidence intervals.
+    options
+        Of `refine`; ``starts="all"`` unless given.
+
+    Returns
+    -------
+    Derivatives
+        A manoeuvre that a method cannot use has a note, and the best that was found, if anything.
+
+    Raises
+    ------
+    ModelError
+        A method or a parameter that there is not.
+    DataError
+        No manoeuvre between the edges, or one without the channel's first readings.
+
+    References
+    ----------
+    [K79], where derivatives of a light aeroplane are set against trim incidence.
+    """
+    flights = list(recordings)
+    check_recordings(flights)
+    names = [f"{response}:{term}" for response, held in model.responses.items() for term in held.terms]
+    told = list(parameters) if parameters is not None else names
+    if unknown := [m for m in methods if m not in METHODS] + [p for p in told if p not in names]:
+        raise ModelError(
+            f"derivatives_by_condition was asked for '{unknown[0]}'. Methods: {', '.join(METHODS)}; parameters: "
+            f"{', '.join(names)}."
+        )
+    at = np.array([_condition(r, against) for r in flights])
+    groups = _groups(at, edges)
+    if not groups:
+        raise DataError(
+            f"derivatives_by_condition has no manoeuvre between its edges of {against}; they begin at "
+            f"{', '.join(f'{value:.4g}' for value in at)}."
+        )
+    values = np.full((len(groups), len(told), len(methods)), np.nan)
+    std, notes = values.copy(), {}
+    for g, members in enumerate(groups):
+        flown = [flights[i] for i in members]
+        for j, method in enumerate(methods):
+            found, note = _estimate(method, model, aircraft, flown, options)
+            if note:
+                notes[g, method] = note
+            for i, name in enumerate(told):
+                values[g, i, j], std[g, i, j] = found.get(name, (np.nan, np.nan))
+    return Derivatives(
+        against, np.array([at[members].mean() for members in groups]),
+        tuple(tuple(flights[i].name for i in members) for members in groups), tuple(told), tuple(methods), values, std,
+        level, notes,
+    )  # fmt: skip
+
+
+def _condition(recording: Recording, against: str) -> float:
+    recording.require(against, by="derivatives_by_condition")
+    first = recording[against][recording.t <= recording.t[0] + _TRIM]
+    if not np.isfinite(first).any():
+        raise DataError(f"'{recording.name}' has no reading of {against} in its first second, which is its condition.")
+    return float(np.nanmedian(first))
+
+
+def _groups(at: np.ndarray, edges: Sequence[float] | None) -> list[list[int]]:
+    """Numbers of the manoeuvres to take together, in ascending condition."""
+    order = np.argsort(at, kind="stable").tolist()
+    if edges is None:
+        return [[i] for i in order]
+    bins = [[i for i in order if low <= at[i] < high] for low, high in pairwise(edges)]
+    return [members for members in bins if members]
+
+
+def _estimate(
+    method: str, model: AeroModel, aircraft: Aircraft, flown: list[Recording], options: Mapping[str, Any]
+) -> tuple[dict[str, tuple[float, float]], str]:
+    """Estimates by name, and what is to be said of them."""
+    try:
+        found: Estimates
+        if method == "equation error":
+            found = equation_error(model, aircraft, flown)
+        elif method == "two-step":
+            found = equation_error(model, aircraft, [reconstruct(r, aircraft).recording for r in flown])
+        else:
+            noise = "process" if method == "filter error" else "measurement"
+            found = refine(model, aircraft, flown, **{"starts": "all", "noise": noise, **options})
+            if not found.converged:
+                return estimates_by_name(found), found.message
+        return estimates_by_name(found), ""
+    except RefinementError as error:
+        best = estimates_by_name(error.partial) if isinstance(error.partial, Refinement) else {}
+        return best, str(error).splitlines()[0]
+    except StructselError as error:
+        return {}, str(error).splitlines()[0]

@@ -1,0 +1,260 @@
+"""Equation error for a structure that is given: a regression for each response, in time or over a band."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from structsel.aircraft import Aircraft
+from structsel.coefficients import compute_all
+from structsel.errors import DataError, ModelError
+from structsel.model import AeroModel
+from structsel.numerics import frequency_domain as fd
+from structsel.numerics.coloured_output import coloured_information
+from structsel.numerics.differentiation import differentiate
+from structsel.recording import Recording
+from structsel.refinement.flying import LinearFlight
+from structsel.refinement.layout import check_recordings
+from structsel.refinement.linear_structure import LinearStructure
+from structsel.simulation.linear import LinearModel
+
+
+@dataclass(frozen=True, eq=False)
+class EquationError:
+    """Parameters by regression of each response on its own terms.
+
+    Attributes
+    ----------
+    names : tuple of str
+        As `refine` has them: "Cm:alpha", or a linear structure's own.
+    values, std : (k,) array
+        In time with the residuals as coloured as they are, over a band for noise that is white there. NaN for what
+        the band does not hold: constants.
+    r2 : mapping of response to float
+        Share of the variance, or of the power over the band.
+    model : AeroModel, LinearStructure or LinearModel
+        With the values found.
+    domain : {"time", "frequency"}
+    band : (low, high) or None [Hz]
+    recordings : tuple of str
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    std: np.ndarray
+    r2: Mapping[str, float]
+    model: Any
+    domain: str
+    band: tuple[float, float] | None
+    recordings: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        self.values.setflags(write=False)
+        self.std.setflags(write=False)
+        object.__setattr__(self, "r2", MappingProxyType(dict(self.r2)))
+
+    def __getitem__(self, name: str) -> tuple[float, float]:
+        """Value and standard deviation.
+
+        Raises
+        ------
+        KeyError
+            It is no parameter's name.
+        """
+        if name not in self.names:
+            raise KeyError(name)
+        i = self.names.index(name)
+        return float(self.values[i]), float(self.std[i])
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each parameter: name, value, std."""
+        return pd.DataFrame({"name": self.names, "value": self.values, "std": self.std})
+
+    def __str__(self) -> str:
+        where = "" if self.band is None else f" from {self.band[0]:g} to {self.band[1]:g} Hz"
+        wide = max(len(name) for name in self.names)
+        lines = [f"Equation error{where}, {', '.join(self.recordings)}"]
+        lines += [f"  {name:<{wide}}{value:>13.5g} +- {s:.2g}" for name, value, s in
+                  zip(self.names, self.values, self.std)]  # fmt: skip
+        return "\n".join([*lines, *(f"  {name}: R2 {r2:.4f}" for name, r2 in self.r2.items())])
+
+
+def equation_error(
+    model: AeroModel | LinearStructure | LinearModel,
+    aircraft: Aircraft | None,
+    recordings: Recording | Sequence[Recording],
+    *,
+    domain: Literal["time", "frequency"] = "time",
+    band: tuple[float, float] | None = None,
+) -> EquationError:
+    """Estimate a structure's parameters by equation error, the quick way that noise in the channels biases.
+
+    Parameters
+    ----------
+    model : AeroModel, LinearStructure or LinearModel
+        An AeroModel's responses are regressed on its terms; of a linear model each state's derivative on states and
+        inputs, a constant in each recording beside them. Its values do not matter.
+    aircraft : Aircraft or None
+        To make coefficients that the recordings lack.
+    recordings : Recording or sequence of Recording
+        Finite throughout. Reconstructed ones make it the two-step method.
+    domain, band
+        ``"frequency"``: transforms over (low, high) [Hz].
+
+    Returns
+    -------
+    EquationError
+
+    Raises
+    ------
+    ModelError
+        A band that is none, no aircraft where coefficients are lacking, or a linear structure that is not linear in
+        its parameters.
+    ChannelError, DataError
+        A channel is missing or not finite, or the terms depend on each other.
+
+    References
+    ----------
+    [K79], [KM16] ch. 5 and frequency-domain methods.
+    """
+    flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    check_recordings(flights)
+    if domain not in ("time", "frequency") or (domain == "frequency") != (band is not None):
+        raise ModelError(
+            f"equation_error takes domain='time', or domain='frequency' with band=(low, high) [Hz]; it was given "
+            f"domain={domain!r}, band={band}."
+        )
+    equations = _aero(model, aircraft, flights) if isinstance(model, AeroModel) else _linear(model, flights)
+    names, values, std, r2 = [], [], [], {}
+    for name, equation in equations.items():
+        found = _over_band(name, equation, flights, band) if band is not None else _in_time(name, equation)
+        names += equation.names
+        values += list(found[0])
+        std += list(found[1])
+        r2[name] = found[2]
+    refined = _with(model, dict(zip(names, values)), dict(zip(names, std)))
+    flown = tuple(r.name for r in flights)
+    return EquationError(tuple(names), np.array(values), np.array(std), r2, refined, domain, band, flown)
+
+
+@dataclass(frozen=True)
+class _Equation:
+    """One response: names of its parameters, and of each recording regressors (n, k) and response (n,)."""
+
+    names: list[str]
+    X: list[np.ndarray]
+    y: list[np.ndarray]
+    constant: bool = False  # a constant of each recording's own beside them
+
+
+def _aero(model: AeroModel, aircraft: Aircraft | None, flights: Sequence[Recording]) -> dict[str, _Equation]:
+    if any(name not in r for r in flights for name in (*model, *model.channels)):
+        if aircraft is None:
+            raise ModelError("equation_error needs the aircraft to compute coefficients; it was given None.")
+        flights = compute_all(flights, aircraft)
+    for r in flights:
+        r.require(*model, finite=True, by="equation_error")
+    return {
+        name: _Equation(
+            [f"{name}:{term}" for term in held.terms],
+            [np.column_stack([term.evaluate(r) for term in held.terms]) for r in flights],
+            [r[name] for r in flights],
+        )
+        for name, held in model.responses.items()
+    }
+
+
+def _linear(model: LinearStructure | LinearModel, flights: Sequence[Recording]) -> dict[str, _Equation]:
+    flight = LinearFlight(model)
+    structure, k = flight.structure, len(flight.parameters)
+    made = structure.matrices(np.vstack([np.zeros(k), np.eye(k), np.linspace(0.5, 1.5, k)]))
+    both = np.concatenate([made.A, made.B], axis=2)
+    parts = both[1:-1] - both[0]
+    if not np.allclose(both[-1], both[0] + np.tensordot(np.linspace(0.5, 1.5, k), parts, 1)):
+        raise ModelError(
+            f"equation_error needs matrices linear in their parameters; those of '{structure.name}' are not."
+        )
+    acts = np.abs(parts).max(axis=2) > 0.0  # (k, s)
+    shared = [name for name, row in zip(flight.parameters, acts) if row.sum() > 1]
+    if shared:
+        raise ModelError(
+            f"equation_error solves each state's equation by itself; {', '.join(shared)} of '{structure.name}' stand "
+            "in several. Use refine()."
+        )
+    equations = {}
+    for i, state in enumerate(structure.states):
+        mine = np.flatnonzero(acts[:, i])
+        if not mine.size:
+            continue
+        X, y = [], []
+        for r in flights:
+            r.require(*structure.states, finite=True, by="equation_error")
+            moved = np.column_stack([*(r[name] for name in structure.states), flight.inputs(r)])
+            X.append(moved @ parts[mine, i].T)
+            rate = r[f"{state}_dot"] if f"{state}_dot" in r else differentiate(r[state], r.dt)
+            y.append(rate - moved @ both[0, i])
+        names = list(flight.parameters)
+        equations[f"{state}_dot"] = _Equation([names[j] for j in mine], X, y, constant=True)
+    return equations
+
+
+def _in_time(name: str, equation: _Equation) -> tuple[np.ndarray, np.ndarray, float]:
+    X, y = equation.X, equation.y
+    k = X[0].shape[1]
+    if equation.constant:
+        own = np.eye(len(X))
+        X = [np.column_stack([x, np.tile(row, (len(x), 1))]) for x, row in zip(X, own)]
+    pooled, response = np.vstack(X), np.concatenate(y)
+    size = np.linalg.norm(pooled, axis=0)
+    theta, _, rank, _ = np.linalg.lstsq(pooled / np.where(size > 0.0, size, 1.0), response, rcond=1e-10)
+    if rank < pooled.shape[1]:
+        lost = [n for n, s in zip(equation.names, size) if s == 0.0]
+        raise DataError(
+            f"equation_error cannot determine the terms of {name} ({', '.join(lost or equation.names)}): they depend "
+            "on each other in these recordings, or are zero. Leave one out, or fly an input that moves them apart."
+        )
+    theta = theta / size
+    residuals = [b - a @ theta for a, b in zip(X, y)]
+    loss = float(sum(v @ v for v in residuals))
+    s = np.sqrt(loss / max(len(response) - len(theta), 1)) or 1.0
+    D = np.linalg.inv((pooled / size).T @ (pooled / size)) * s**2 / np.outer(size, size)
+    meat = sum(coloured_information((a / s).T[:, :, None], (v / s)[:, None]) for a, v in zip(X, residuals))
+    spread = float(np.sum((response - response.mean()) ** 2))
+    return theta[:k], np.sqrt(np.diag(D @ meat @ D))[:k], 1.0 - loss / spread if spread > 0.0 else np.nan
+
+
+def _over_band(
+    name: str, equation: _Equation, flights: Sequence[Recording], band: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, float]:
+    constant = np.array([all(np.ptp(x[:, j]) == 0.0 for x in equation.X) for j in range(len(equation.names))])
+    frequencies = [f[f > 0.0] for f in (fd.choose_frequencies(r.duration, *band) for r in flights)]
+    steps = [r.dt for r in flights]
+    try:
+        fit = fd.equation_error([x[:, ~constant] for x in equation.X], equation.y, steps, frequencies)
+    except DataError as error:
+        raise DataError(f"equation_error, {name}: {error}") from error
+    values, std = np.full(len(constant), np.nan), np.full(len(constant), np.nan)
+    values[~constant], std[~constant] = fit.theta, fit.std
+    return values, std, fit.r2
+
+
+def _with(model: Any, values: Mapping[str, float], std: Mapping[str, float]) -> Any:
+    known = {name: value for name, value in values.items() if np.isfinite(value)}
+    if isinstance(model, LinearModel):
+        return model.with_parameters(known)
+    if isinstance(model, LinearStructure):
+        return model.replace(known)
+    made = {}
+    for response, held in model.responses.items():
+        names = [f"{response}:{term}" for term in held.terms]
+        made[response] = replace(
+            held, values=np.array([known.get(n, v) for n, v in zip(names, held.values)]), covariance=None,
+            standard_errors=np.array([std.get(n, np.nan) for n in names]), method="equation error",
+            residuals="coloured", s2=np.nan, r2=np.nan, n=0,
+        )  # fmt: skip
+    return AeroModel(made, model.name, model.recordings)
