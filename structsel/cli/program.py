@@ -8,7 +8,19 @@ import typer
 from typer.core import TyperGroup
 
 from structsel import __version__
-from structsel.cli import coefficients, demo, describe, inputs, reconstruct, refine, select, simulate, validate
+from structsel.cli import (
+    coefficients,
+    demo,
+    describe,
+    diagnose,
+    inputs,
+    prove,
+    reconstruct,
+    refine,
+    select,
+    simulate,
+    validate,
+)
 from structsel.cli.pages import page
 from structsel.cli.terminal import in_commands, plain_warnings, say
 from structsel.errors import StructselError
@@ -36,6 +48,11 @@ _EPILOG = page(
             "structsel validate out/model.json m07.csv --map map.toml \\\n    --aircraft aircraft.toml --replay\n"
             "  structsel refine out/model.json --recordings flights/ --map map.toml \\\n"
             "    --aircraft aircraft.toml --starts w,q,theta --out refined/",
+        ),
+        (
+            "What does a simulation leave out",
+            "structsel diagnose --aircraft aircraft.toml --recordings recordings/ \\\n"
+            "    --simulation simulated/ --out out/",
         ),
     ],
     """[bold]Results[/bold] go to stdout, everything else to stderr; --json prints JSON and nothing else. Inside, units
@@ -93,6 +110,8 @@ app.command("validate", epilog=validate.EPILOG)(validate.run)
 app.command("inputs", epilog=inputs.EPILOG)(inputs.run)
 app.command("simulate", epilog=simulate.EPILOG)(simulate.run)
 app.command("refine", epilog=refine.EPILOG)(refine.run)
+app.command("diagnose", epilog=diagnose.EPILOG)(diagnose.run)
+app.command("prove", epilog=prove.EPILOG)(prove.run)
 app.command("demo", epilog=demo.EPILOG)(demo.run)
 
 

@@ -89,7 +89,7 @@ class Comparison:
                 line += f"{text + (' *' if missed else '  ' if known else ''):>{cell}}"
             lines.append(line)
         marked = "; * where the truth lies outside" if known else ""
-        return "\n".join([*lines, f"intervals: {self.level:.0%}{marked}"])
+        return "\n".join([*(line.rstrip() for line in lines), f"intervals: {self.level:.0%}{marked}"])
 
 
 Estimates = Refinement | EquationError | AeroModel | Mapping[str, tuple[float, float]]

@@ -1,0 +1,268 @@
+"""From what was ranked to findings: parameters, where each acts, what it brings, what it may be taken for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from structsel.diagnosis import judging
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.ranking import OF_BEST, TEMPERATURE, Ranking, Step
+from structsel.diagnosis.result import Bars, Finding, Physics
+from structsel.diagnosis.scoring import Score
+from structsel.hypotheses.base import Estimate, Found, Variant
+from structsel.mismatch.flight import Flight
+from structsel.mismatch.locating.region import find_region
+from structsel.mismatch.locating.windows import find_intervals
+from structsel.mismatch.responses import COEFFICIENTS
+from structsel.numerics.smoothing.result import Array
+
+_SHOWN = 0.15  # of the largest gain, that a response must have to be named
+_LEAST = 0.01
+_TIE = 3.0  # nats at the stated temperature, within which two effects are one to these recordings
+_NEAR = 0.95  # of the best's nats, above which a rival is as good
+_RIVALS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """Effects taken in that are one finding: the same effect in several places."""
+
+    steps: tuple[Step, ...]
+    places: tuple[int, ...]
+
+    @property
+    def effect(self) -> str:
+        """Its name."""
+        return self.steps[0].score.effect
+
+
+def gather(ranking: Ranking) -> list[Member]:
+    """Effects taken in, each once, in the order found."""
+    groups: dict[str, list[int]] = {}
+    for k, step in enumerate(ranking.steps):
+        groups.setdefault(step.score.effect, []).append(k)
+    return [Member(tuple(ranking.steps[k] for k in each), tuple(each)) for each in groups.values()]
+
+
+def contribution(flight: Flight, variant: Variant, theta: Array) -> dict[str, Array]:
+    """What a variant adds to the differences of one flight, parameters in their units."""
+    return {c: (x if x.ndim == 2 else x[:, None]) @ theta for c, x in variant.columns(flight).items()}
+
+
+def contributions(bench: Bench, places: Sequence[int]) -> list[dict[str, Array]]:
+    """What some of the effects taken in add to the differences, per flight."""
+    made: list[dict[str, Array]] = []
+    for f in bench.flights:
+        total: dict[str, Array] = {}
+        for k in places:
+            variant = bench.accepted[k].variant
+            theta = bench.base.posterior.mean[bench.place(k)] * np.array([p.sd for p in variant.parameters])
+            for c, x in contribution(f, variant, theta).items():
+                total[c] = total.get(c, 0.0) + x
+        made.append({c: np.asarray(x) for c, x in total.items() if c in bench.responses})
+    return made
+
+
+def shares(bench: Bench, members: Sequence[Member]) -> list[float]:
+    """Part of the mismatch as delivered that each finding carries: its mean gain over all orders of taking them in.
+
+    The gain is in the sum of squares of all rows, in units of the noise, with tolerances held at zero.
+    """
+    plain = bench.as_delivered()
+    known: dict[frozenset[int], float] = {}
+
+    def left(taken: frozenset[int]) -> float:
+        if taken not in known:
+            places = [k for i in sorted(taken) for k in members[i].places]
+            known[taken] = plain.keeping(places).base.posterior.chi2
+        return known[taken]
+
+    made = np.zeros(len(members))
+    orders = list(permutations(range(len(members))))
+    for order in orders:
+        taken: frozenset[int] = frozenset()
+        for i in order:
+            made[i] += left(taken) - left(taken | {i})
+            taken = taken | {i}
+    return [max(0.0, float(x)) for x in made / len(orders)]
+
+
+def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
+    """Parameters of the k-th effect taken in, those of its shape from the weights of its forms."""
+    variant = bench.accepted[k].variant
+    part = bench.place(k)
+    mean = bench.base.posterior.mean[part]
+    # Rows are white as far as the noise is known; what they still miss widens what they say.
+    rows = sum(len(y) for y in bench.base.y)
+    wide = np.sqrt(max(1.0, bench.base.posterior.chi2 / rows))
+    std = np.sqrt(np.diag(bench.base.posterior.covariance[part, part])) * wide
+    alike = [
+        (np.log(max(w, 1e-300)), s.variant.shape, t.theta)
+        for w, s, t in zip(score.weights, score.signatures, score.trials)
+        if set(s.variant.shape) == set(variant.shape)
+        and s.variant.about == variant.about
+        and len(t.theta) == len(variant.parameters)
+    ]
+    # No form is quite right: those that are nearly as good count too, and their spread is part of what is not known.
+    logs = np.array([w for w, _, _ in alike]) / max(TEMPERATURE, OF_BEST * score.log_evidence)
+    weights = np.exp(logs - logs.max())
+    weights = weights / weights.sum()
+    forms = np.array([t for _, _, t in alike])
+    std = np.hypot(std, np.sqrt(weights @ (forms - weights @ forms) ** 2))
+    made = {
+        p.name: Estimate(float(m * p.sd), float(s * p.sd), p.unit) for p, m, s in zip(variant.parameters, mean, std)
+    }
+    for name, value in variant.shape.items():
+        values = np.array([float(shape[name]) for _, shape, _ in alike])
+        centre = float(weights @ values)
+        grid = np.unique(values)
+        near = np.abs(grid - float(value))
+        step = float(np.min(near[near > 0.0])) if np.any(near > 0.0) else 0.0
+        known = float(np.sqrt(weights @ (values - centre) ** 2 + step**2 / 12.0))
+        made[name] = Estimate(centre, known, variant.units.get(name, "-"))
+    return made
+
+
+def found_by(score: Score) -> Found:
+    """A rival as it stood when it was tried."""
+    variant, trial = score.signature.variant, score.trial
+    std = np.sqrt(np.diag(trial.covariance))
+    made = {
+        p.name: Estimate(float(m * p.sd), float(s * p.sd), p.unit)
+        for p, m, s in zip(variant.parameters, trial.theta, std)
+    }
+    made |= {n: Estimate(float(v), 0.0, variant.units.get(n, "-")) for n, v in variant.shape.items()}
+    return Found(variant, made, {})
+
+
+def noise_rms(bench: Bench) -> dict[str, float]:
+    """Noise of each response in the compared band, per sample."""
+    made = {}
+    for c in bench.responses:
+        power = sum(float(np.sum(1.0 / r.weight[c][1:] ** 2)) for r in bench.rows)
+        made[c] = float(np.sqrt(power / sum(len(r.flight) for r in bench.rows)))
+    return made
+
+
+def implausible(variant: Variant, told: Mapping[str, Estimate]) -> str:
+    """What is implausible about parameters; empty where nothing is."""
+    said = []
+    for p in variant.parameters:
+        e = told[p.name]
+        if e.value < p.low - 2.0 * e.std or e.value > p.high + 2.0 * e.std:
+            said.append(f"{p.name} {e.value:.3g} lies outside {p.low:g} to {p.high:g} {p.unit}".rstrip(" -"))
+    return "; ".join(said)
+
+
+def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Finding]:
+    """Findings, the largest share of the mismatch first; fits are cumulative in that order."""
+    bench = ranking.bench
+    members = gather(ranking)
+    if not members:
+        return []
+    carried = shares(bench, members)
+    order = np.argsort(carried)[::-1]
+    total = sum(carried)
+    told = [c for c in bench.responses if c in COEFFICIENTS] or list(bench.responses)
+    got = judging.measured(bench)
+    delivered, refitted = judging.as_delivered(bench), judging.held_out(bench.keeping([]))
+    first = judging.fit(got, delivered, told)
+    second = judging.fit(got, refitted, told)
+    kept: list[int] = []
+    plain = bench.as_delivered()
+    before = judging.held_out(plain.keeping([]))
+    made = []
+    for i in order:
+        member = members[i]
+        kept += member.places
+        after = judging.held_out(bench.keeping(kept))
+        third = judging.fit(got, after, told)
+        bars = {c: Bars(first[c], second[c], third[c]) for c in told if c in third}
+        with_it = judging.held_out(plain.keeping(kept))
+        axes = _axes(judging.gains(before, with_it, told), bench, member)
+        parts = contributions(bench, member.places)
+        noise = noise_rms(bench)
+        intervals = find_intervals(bench.flights, parts, noise)
+        region = find_region(bench.flights, parts, noise)
+        physics, ties = _physics(bench, member)
+        hypothesis = member.steps[0].score.hypothesis
+        made.append(
+            Finding(
+                axes,
+                hypothesis.kind,
+                physics,
+                intervals,
+                region,
+                ties,
+                hypothesis.separated_by if ties else "",
+                bars,
+                _mean(explainable, axes),
+                _explained(delivered, after, bench, axes),
+                carried[i] / total if total > 0.0 else 1.0,
+            )
+        )
+        before = with_it
+    return made
+
+
+def _axes(gained: Mapping[str, float], bench: Bench, member: Member) -> tuple[str, ...]:
+    """Responses whose error falls, the clearest first."""
+    touched = {c for k in member.places for c in bench.accepted[k].responses}
+    mine = {c: g for c, g in gained.items() if c in touched}
+    if not mine:
+        return tuple(touched)
+    most = max(mine.values())
+    named = [c for c, g in mine.items() if g >= max(_LEAST, _SHOWN * most)]
+    return tuple(sorted(named, key=lambda c: -mine[c])) or (max(mine, key=lambda c: mine[c]),)
+
+
+def _physics(bench: Bench, member: Member) -> tuple[tuple[Physics, ...], tuple[str, ...]]:
+    step = member.steps[0]
+    hypothesis = step.score.hypothesis
+    told = [estimates(bench, k, s.score) for k, s in zip(member.places, member.steps)]
+    sizes: dict[str, float] = {}
+    says = " ".join(hypothesis.says(Found(bench.accepted[k].variant, e, sizes)) for k, e in zip(member.places, told))
+    chances = dict(step.rivals)
+    merged: dict[str, Estimate] = dict(told[0])
+    for j, more in enumerate(told[1:], 2):
+        merged |= {f"{name} ({j})" if name in merged else name: e for name, e in more.items()}
+    terms = tuple(t for k in member.places for t in bench.accepted[k].variant.terms)
+    doubts = "; ".join(filter(None, (implausible(bench.accepted[k].variant, e) for k, e in zip(member.places, told))))
+    best = Physics(
+        step.score.effect, chances.get(step.score.effect, 1.0), says, merged, terms, doubts, hypothesis.check
+    )
+    rivals = []
+    for score in step.others:
+        p = chances.get(score.effect, 0.0)
+        if score.effect != step.score.effect and p >= 0.005:
+            found = found_by(score)
+            says_too = score.hypothesis.says(found)
+            rivals.append(Physics(score.effect, p, says_too, found.estimates, score.signature.variant.terms))
+    rivals = sorted(rivals, key=lambda p: -p.probability)[: _RIVALS - 1]
+    top = step.ranks[step.score.effect]
+    ties = [
+        e
+        for e, p in step.rivals
+        if e not in (step.score.effect, "nothing")
+        and (top - step.ranks[e] < _TIE * TEMPERATURE or step.ranks[e] > _NEAR * top)
+    ]
+    return (best, *rivals), tuple(ties[:3])
+
+
+def _mean(values: Mapping[str, float], axes: Sequence[str]) -> float:
+    some = [values[c] for c in axes if c in values]
+    return float(np.mean(some)) if some else float("nan")
+
+
+def _explained(delivered: judging.Residuals, after: judging.Residuals, bench: Bench, axes: Sequence[str]) -> float:
+    """Share of the mismatch variance gone on flights not used for fitting, mean over the axes."""
+    shares = []
+    for c in axes:
+        size = judging.rms(delivered, c)
+        if size > 0.0:
+            shares.append(1.0 - (judging.rms(after, c) / size) ** 2)
+    return float(np.clip(np.mean(shares), 0.0, 1.0)) if shares else 0.0

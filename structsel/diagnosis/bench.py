@@ -1,0 +1,189 @@
+"""The bench on which hypotheses are tried: white rows of every flight, and what tolerances allow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from structsel.diagnosis.signatures import Signature
+from structsel.mismatch.flight import Flight
+from structsel.mismatch.noise import Noise, Rows, bins_of, edge_of, estimate_noise
+from structsel.mismatch.tolerances import Nuisance, biases_of, tolerances_of
+from structsel.numerics.evidence import Base, Trial, spectrum
+from structsel.numerics.smoothing.result import Array
+
+Spectra = Mapping[str, Array]
+_MOST_DILUTED = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Flights made ready for trials.
+
+    Attributes
+    ----------
+    flights : tuple of Flight
+    responses : tuple of str
+    nuisances : list of Nuisance
+    allowed : sequence of mapping of response to (bins, k) array
+        Spectra of the nuisances per flight, scaled by their tolerances.
+    own : list of mapping of response to (bins, j) array
+        Of each flight's own biases.
+    accepted : tuple of Signature
+        Effects already taken in, whose parameters stay free.
+    noise : Noise
+    rows : list of Rows
+    base : Base
+    """
+
+    flights: tuple[Flight, ...]
+    responses: tuple[str, ...]
+    nuisances: list[Nuisance]
+    allowed: Sequence[Spectra]
+    own: Sequence[Spectra]
+    accepted: tuple[Signature, ...]
+    noise: Noise
+    rows: list[Rows]
+    base: Base
+
+    @classmethod
+    def set_up(
+        cls,
+        flights: Sequence[Flight],
+        library: Sequence[Signature],
+        groups: Sequence[tuple[int, ...]] | None = None,
+    ) -> Bench:
+        """Bench of flights without any effect taken in.
+
+        Parameters
+        ----------
+        flights : sequence of Flight
+        library : sequence of Signature
+            What may yet turn out to be signal must not count as noise.
+        groups : sequence of tuple of int, optional
+            Flights held out together; by default each in turn.
+        """
+        nuisances = tolerances_of(flights)
+        allowed: list[Spectra] = []
+        own: list[Spectra] = []
+        for i, f in enumerate(flights):
+            allowed.append(_spectra([(n.sd, n.columns[i]) for n in nuisances], f))
+            own.append(_spectra([(sd, columns) for _, sd, columns in biases_of(f)], f))
+        first = cls._build(tuple(flights), nuisances, allowed, own, (), library, groups)
+        allowed = first._diluted()
+        return cls._build(tuple(flights), nuisances, allowed, own, (), library, groups)
+
+    def _diluted(self) -> list[Spectra]:
+        """Tolerances of the simulation's terms, widened by what noise in the states it was asked at takes from them.
+
+        A simulation asked at states with errors answers to the errors too; the measured response does not. Every
+        derivative then looks too large, by up to the noise's share of what is simulated.
+        """
+        made: list[dict[str, Array]] = [dict(a) for a in self.allowed]
+        for c in self.flights[0].simulated:
+            noise = sum(float(np.sum(r.weight[c][1:] ** -2)) for r in self.rows)
+            told = sum(
+                float(np.sum(spectrum(f.simulated[c], r.bins, edge_of(f))[1:] ** 2))
+                for f, r in zip(self.flights, self.rows)
+            )
+            share = min(_MOST_DILUTED, noise / told) if told > 0.0 else 0.0
+            for j, n in enumerate(self.nuisances):
+                if n.unit == "relative" and n.name.startswith(f"{c}: ") and n.sd > 0.0:
+                    for a in made:
+                        a[c][:, j] *= np.hypot(n.sd, share) / n.sd
+        return list(made)
+
+    def taking(self, accepted: Sequence[Signature], library: Sequence[Signature]) -> Bench:
+        """Bench with effects taken in: noise and rows made anew."""
+        return self._build(
+            self.flights, self.nuisances, self.allowed, self.own, tuple(accepted), library, self.base.groups
+        )
+
+    @classmethod
+    def _build(
+        cls,
+        flights: tuple[Flight, ...],
+        nuisances: list[Nuisance],
+        allowed: Sequence[Spectra],
+        own: Sequence[Spectra],
+        accepted: tuple[Signature, ...],
+        library: Sequence[Signature],
+        groups: Sequence[tuple[int, ...]] | None,
+    ) -> Bench:
+        responses = flights[0].responses
+        shared = [
+            join([(a, len(nuisances)), *((s.spectra[i], s.width) for s in accepted)], responses, bins_of(f))
+            for i, (f, a) in enumerate(zip(flights, allowed))
+        ]
+        # What an instrument reads is what the responses are made of: its faults would explain their noise as well.
+        # Resonances would explain any narrow band of it.
+        usable = [s for s in library if s.hypothesis.kind not in ("sensor", "structural")]
+        pool = {}
+        for c in responses:
+            mine = [s for s in usable if c in s.responses]
+            if mine:
+                parts = [[(s.spectra[i], s.width) for s in mine] for i in range(len(flights))]
+                pool[c] = [join(p, (c,), bins_of(f))[c] for p, f in zip(parts, flights)]
+        noise = estimate_noise(flights, shared, responses, pool)
+        rows = [Rows.of(f, responses, noise, mine) for f, mine in zip(flights, own)]
+        B = [r.whiten(mine) for r, mine in zip(rows, shared)]
+        base = Base([r.difference() for r in rows], B, groups)
+        return cls(flights, responses, nuisances, allowed, own, accepted, noise, rows, base)
+
+    def try_signature(self, signature: Signature) -> Trial:
+        """Evidence for one form of an effect beyond what is taken in."""
+        return self.base.try_columns(
+            [r.against(s, signature.width, Z) for r, s, Z in zip(self.rows, signature.spectra, self._twice)]
+        )
+
+    @cached_property
+    def _twice(self) -> list[Array]:
+        """The base's rows, and y beside them, projected once more."""
+        return [r.projector(np.column_stack([B, y])) for r, B, y in zip(self.rows, self.base.B, self.base.y)]
+
+    def beside(self, signature: Signature) -> Bench:
+        """Bench with one more effect, the noise as it is."""
+        B = [
+            np.column_stack([B, r.whiten(s, signature.width)])
+            for r, B, s in zip(self.rows, self.base.B, signature.spectra)
+        ]
+        return replace(self, accepted=(*self.accepted, signature), base=Base(self.base.y, B, self.base.groups))
+
+    def as_delivered(self) -> Bench:
+        """Bench on which only the timing of samples, and effects taken in, are free."""
+        k = len(self.nuisances)
+        held = np.array([float(n.name.endswith((" late", "the rest"))) for n in self.nuisances])
+        B = [np.column_stack([B[:, :k] * held, B[:, k:]]) for B in self.base.B]
+        return replace(self, base=Base(self.base.y, B, self.base.groups))
+
+    def keeping(self, kept: Sequence[int]) -> Bench:
+        """Bench with some of the effects taken in, in this order, the noise as it is."""
+        at = [self.place(k) for k in range(len(self.accepted))]
+        columns = [*range(len(self.nuisances)), *(j for k in kept for j in range(at[k].start, at[k].stop))]
+        base = Base(self.base.y, [B[:, columns] for B in self.base.B], self.base.groups)
+        return replace(self, accepted=tuple(self.accepted[k] for k in kept), base=base)
+
+    def place(self, k: int) -> slice:
+        """Columns of the k-th effect taken in."""
+        start = len(self.nuisances) + sum(s.width for s in self.accepted[:k])
+        return slice(start, start + self.accepted[k].width)
+
+
+def _spectra(columns: Sequence[tuple[float, Mapping[str, Array]]], f: Flight) -> dict[str, Array]:
+    """Spectra of columns scaled by their standard deviations, side by side, by response."""
+    bins, edge = bins_of(f), edge_of(f)
+    zero = np.zeros(len(f))
+    return {
+        c: spectrum(np.column_stack([sd * one.get(c, zero) for sd, one in columns]), bins, edge)
+        if columns
+        else np.zeros((bins + 1, 0))
+        for c in f.responses
+    }
+
+
+def join(parts: Sequence[tuple[Spectra, int]], responses: Sequence[str], bins: int) -> dict[str, Array]:
+    """Spectra side by side; what does not touch a response gives it zeros."""
+    return {c: np.column_stack([p.get(c, np.zeros((bins + 1, k))) for p, k in parts]) for c in responses}

@@ -1,0 +1,99 @@
+"""What is left of the differences on flights not used for fitting: as delivered, refitted, and with the physics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structsel.diagnosis.bench import Bench
+from structsel.mismatch.noise import edge_of
+from structsel.numerics.evidence import spectrum
+from structsel.numerics.smoothing.result import Array
+
+Residuals = list[dict[str, Array]]
+"""Per flight: cosine coefficients in each response's unit; the level, which constant biases move, is left out."""
+
+
+def measured(bench: Bench) -> Residuals:
+    """What was measured, on the flights that are held out."""
+    return [_spectra(bench, m, bench.flights[m].measured) for group in bench.base.groups for m in group]
+
+
+def as_delivered(bench: Bench) -> Residuals:
+    """Differences from the simulation as it came."""
+    return [_spectra(bench, m, bench.flights[m].difference) for group in bench.base.groups for m in group]
+
+
+def held_out(bench: Bench) -> Residuals:
+    """What tolerances and the effects taken in leave, their parameters found on the other flights."""
+    made = []
+    for g, group in enumerate(bench.base.groups):
+        for m in group:
+            r = bench.rows[m]
+            left = bench.base.y[m] - bench.base.B[m] @ bench.base.solved[g + 1]
+            made.append({c: (left[r.part(c)] / r.weight[c])[1:] for c in bench.responses})
+    return made
+
+
+def _spectra(bench: Bench, m: int, signals: Mapping[str, Array]) -> dict[str, Array]:
+    r = bench.rows[m]
+    return {c: spectrum(signals[c], r.bins, edge_of(r.flight))[1:] for c in bench.responses}
+
+
+def rms(parts: Residuals, response: str) -> float:
+    """Root mean square of one response over all flights."""
+    return float(np.sqrt(sum(float(p[response] @ p[response]) for p in parts) / sum(len(p[response]) for p in parts)))
+
+
+def excess(bench: Bench) -> dict[str, float]:
+    """Mean square of what is left of each response on the flights held out, in units of the noise; 1 is noise alone."""
+    total = dict.fromkeys(bench.responses, 0.0)
+    rows = 0
+    for g, group in enumerate(bench.base.groups):
+        for m in group:
+            r = bench.rows[m]
+            left = bench.base.y[m] - bench.base.B[m] @ bench.base.solved[g + 1]
+            rows += r.bins
+            for c in bench.responses:
+                total[c] += float(np.sum(left[r.part(c)][1:] ** 2))
+    return {c: x / rows for c, x in total.items()}
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well one response is foretold.
+
+    Attributes
+    ----------
+    r2, rrmse, tic : float
+        R^2; rms error over rms measured (about its mean); Theil's coefficient.
+    """
+
+    r2: float
+    rrmse: float
+    tic: float
+
+    def to_dict(self) -> dict[str, float]:
+        """For diagnosis.json."""
+        return {"r2": self.r2, "rrmse": self.rrmse, "tic": self.tic}
+
+
+def fit(got: Residuals, left: Residuals, responses: Sequence[str]) -> dict[str, Fit]:
+    """Fit of each response, in the band that is compared."""
+    made = {}
+    for c in responses:
+        y = np.concatenate([g[c] for g in got])
+        e = np.concatenate([g[c] for g in left])
+        size = float(np.sqrt(y @ y))
+        error = float(np.sqrt(e @ e))
+        told = float(np.linalg.norm(y - e))
+        if size > 0.0:
+            made[c] = Fit(1.0 - (error / size) ** 2, error / size, error / (size + told))
+    return made
+
+
+def gains(before: Residuals, after: Residuals, responses: Sequence[str]) -> dict[str, float]:
+    """Share by which the rms of each response falls."""
+    return {c: 1.0 - rms(after, c) / rms(before, c) for c in responses if rms(before, c) > 0.0}

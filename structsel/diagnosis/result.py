@@ -1,0 +1,251 @@
+"""What a diagnosis says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from structsel.diagnosis.judging import Fit
+from structsel.hypotheses.base import Estimate
+from structsel.model import AeroModel
+from structsel.numerics.smoothing.result import Array
+
+Verdict = Literal["mismatch", "consistent", "undecidable"]
+SCHEMA = "structsel.diagnosis/1"
+
+
+@dataclass(frozen=True)
+class Physics:
+    """One explanation of a finding.
+
+    Attributes
+    ----------
+    effect : str
+    probability : float
+    says : str
+        One plain sentence with numbers and units.
+    parameters : mapping of name to Estimate
+    terms : tuple of str
+    plausible : str
+        Empty, or what is implausible about the parameters.
+    check : str
+        What to look at on the aircraft or in the simulation.
+    """
+
+    effect: str
+    probability: float
+    says: str
+    parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    terms: tuple[str, ...] = ()
+    plausible: str = ""
+    check: str = ""
+
+
+@dataclass(frozen=True)
+class Bars:
+    """One response on flights not used for fitting, three times.
+
+    Attributes
+    ----------
+    delivered, refitted, physics : Fit
+        The simulation as it came, refitted within tolerances, and with the physics found.
+    """
+
+    delivered: Fit
+    refitted: Fit
+    physics: Fit
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that the simulation lacks.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Responses it shows in, the clearest first.
+    kind : str
+    physics : tuple of Physics
+        Likeliest first.
+    intervals : mapping of recording to stretches [s]
+        When it acts; empty where it acts all the time.
+    region : mapping of channel to (low, high)
+        Channels that bound it; empty where it acts everywhere flown.
+    ambiguous_with : tuple of str
+        Effects that these recordings cannot tell from the first, likeliest first.
+    to_separate : str
+        What would.
+    bars : mapping of response to Bars
+        After this finding and those before it.
+    explainable, explained : float
+        Shares of the mismatch variance: by any function of the channels; by this physics (and those before).
+    share : float
+        Of the explained mismatch, that this effect carries.
+    """
+
+    axes: tuple[str, ...]
+    kind: str
+    physics: tuple[Physics, ...]
+    intervals: Mapping[str, list[tuple[float, float]]]
+    region: Mapping[str, tuple[float, float]]
+    ambiguous_with: tuple[str, ...]
+    to_separate: str
+    bars: Mapping[str, Bars]
+    explainable: float
+    explained: float
+    share: float
+
+    @property
+    def effect(self) -> str:
+        """Name of the likeliest."""
+        return self.physics[0].effect
+
+    def to_dict(self) -> dict[str, Any]:
+        """For diagnosis.json."""
+        where: dict[str, Any] = {}
+        if self.intervals:
+            where["intervals"] = {name: [list(s) for s in each] for name, each in self.intervals.items()}
+        if self.region:
+            where["region"] = {name: list(limits) for name, limits in self.region.items()}
+        return {
+            "axes": list(self.axes),
+            "kind": self.kind,
+            "where": where,
+            "physics": [
+                {
+                    "effect": p.effect,
+                    "probability": round(p.probability, 4),
+                    "says": p.says,
+                    "parameters": {
+                        n: {"value": e.value, "std": e.std, "unit": e.unit} for n, e in p.parameters.items()
+                    },
+                    "terms": list(p.terms),
+                }
+                for p in self.physics
+            ],
+            "ambiguous_with": list(self.ambiguous_with),
+            "to_separate": self.to_separate,
+            "fit": {
+                "held_out": {
+                    "before": {c: b.delivered.to_dict() for c, b in self.bars.items()},
+                    "refitted": {c: b.refitted.to_dict() for c, b in self.bars.items()},
+                    "after": {c: b.physics.to_dict() for c, b in self.bars.items()},
+                },
+                "explainable": self.explainable,
+                "explained": self.explained,
+            },
+            "share": self.share,
+        }
+
+
+@dataclass(frozen=True)
+class Pull:
+    """How hard one tolerance was pulled.
+
+    Attributes
+    ----------
+    name : str
+    sigmas : float
+        In its stated standard deviations.
+    value, std : float
+    unit : str
+    """
+
+    name: str
+    sigmas: float
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Time histories for the plots of one recording.
+
+    Attributes
+    ----------
+    t : (n,) array [s]
+    measured, simulated, refitted, explained : mapping of response to (n,) array
+        In the compared band: as measured, as delivered, refitted within tolerances, and with the physics.
+    channels : mapping of channel to (n,) array
+        Smoothed.
+    """
+
+    t: Array
+    measured: Mapping[str, Array]
+    simulated: Mapping[str, Array]
+    refitted: Mapping[str, Array]
+    explained: Mapping[str, Array]
+    channels: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What the simulation leaves out, as far as the recordings can say.
+
+    Attributes
+    ----------
+    verdict : {"mismatch", "consistent", "undecidable"}
+    findings : tuple of Finding
+        Largest share of the mismatch first.
+    not_testable : mapping of effect to what it needs
+    remaining : mapping of response to (rrmse, white)
+        What is left after the last finding.
+    pulls : tuple of Pull
+        Tolerances pulled hardest, first.
+    remarks : tuple of str
+        Doubts, and what was noticed.
+    form : str
+        Of the simulation.
+    responses : tuple of str
+    recordings : tuple of str
+    held_out : tuple of str
+        Recordings that were held out by name; empty where each was, in turn.
+    model : AeroModel or None
+        The simulation plus what was missing.
+    traces : mapping of recording to Trace
+    detects : mapping of effect to mapping of str to float
+        The self-test: ``size`` (smallest share of the rms, in its clearest response, at which it would be named) and,
+        per rival, nats that tell them apart at the size found or usual.
+    seconds : float
+    """
+
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    not_testable: Mapping[str, str]
+    remaining: Mapping[str, tuple[float, bool]]
+    pulls: tuple[Pull, ...]
+    remarks: tuple[str, ...]
+    form: str
+    responses: tuple[str, ...]
+    recordings: tuple[str, ...]
+    held_out: tuple[str, ...] = ()
+    model: AeroModel | None = None
+    traces: Mapping[str, Trace] = field(default_factory=dict)
+    detects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of diagnosis.json."""
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "findings": [f.to_dict() for f in self.findings],
+            "not_testable": [{"effect": e, "needs": n} for e, n in self.not_testable.items()],
+            "remaining": {c: {"rrmse": r, "white": w} for c, (r, w) in self.remaining.items()},
+            "tolerances": [
+                {"name": p.name, "sigmas": p.sigmas, "value": p.value, "std": p.std, "unit": p.unit} for p in self.pulls
+            ],
+            "remarks": list(self.remarks),
+            "form": self.form,
+            "responses": list(self.responses),
+            "recordings": list(self.recordings),
+            "held_out": list(self.held_out),
+            "detects": {e: dict(d) for e, d in self.detects.items()},
+        }
+
+    def __str__(self) -> str:
+        from structsel.diagnosis.story import tell  # the story knows the result, not the reverse
+
+        return tell(self)

@@ -1,0 +1,89 @@
+"""What these recordings can tell, before anything is asked of them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.signatures import Library, Signature
+from structsel.mismatch.responses import COEFFICIENTS
+
+_NAMED = 24.0  # nats expected of an effect that would be named
+_CLOSEST = 3
+
+
+def self_test(bench: Bench, library: Library) -> dict[str, dict[str, float]]:
+    """Smallest size at which each effect would be named, and which effects would be taken for it.
+
+    Each hypothesis' clearest form is put into these very manoeuvres, without noise, at the size at which it would bring
+    `_NAMED` nats over what tolerances allow; the rivals are those whose own form could account for most of that.
+
+    Parameters
+    ----------
+    bench : Bench
+        Without any effect taken in.
+    library : Library
+
+    Returns
+    -------
+    mapping of effect to mapping
+        ``size``: rms of the effect over the rms measured, in its clearest coefficient; ``nats against NAME`` for the
+        rivals that come closest.
+    """
+    forms = []
+    for hypothesis in library.hypotheses:
+        tried = [(s, _strength(bench, s)) for s in library.of(hypothesis.effect)]
+        forms.append(max(tried, key=lambda item: item[1]))
+    k = len(bench.nuisances)
+    W = [np.column_stack([B[:, :k], *(r.whiten(s.spectra[i], s.width) for s, _ in forms)])
+         for i, (r, B) in enumerate(zip(bench.rows, bench.base.B))]  # fmt: skip
+    G = np.sum([w.T @ w for w in W], axis=0)
+    inner = np.linalg.solve(np.eye(k) + G[:k, :k], G[:k, k:])
+    S = G[k:, k:] - G[:k, k:].T @ inner
+    at = np.concatenate([[0], np.cumsum([s.width for s, _ in forms])])
+    parts = [slice(a, b) for a, b in pairwise(at)]
+    made: dict[str, dict[str, float]] = {}
+    for (signature, _), mine in zip(forms, parts):
+        power, direction = np.linalg.eigh(S[mine, mine])
+        if power[-1] <= 1e-9:
+            continue
+        scale = np.sqrt(2.0 * (_NAMED + 0.5 * np.log1p(power[-1])) / power[-1])
+        theta = scale * direction[:, -1]
+        told = {"size": _size(bench, signature, theta)}
+        nats = []
+        for (rival, _), other in zip(forms, parts):
+            if rival is not signature:
+                cross = S[other, mine] @ theta
+                left = theta @ S[mine, mine] @ theta - cross @ np.linalg.solve(
+                    np.eye(rival.width) * 1e-2 + S[other, other], cross
+                )
+                nats.append((0.5 * float(left), rival.hypothesis.effect))
+        told |= {f"nats against {name}": value for value, name in sorted(nats)[:_CLOSEST]}
+        made[signature.hypothesis.effect] = told
+    return made
+
+
+def _strength(bench: Bench, signature: Signature) -> float:
+    """Sum of squares of one prior standard deviation of each parameter, in units of the noise."""
+    total = 0.0
+    for r, spectra in zip(bench.rows, signature.spectra):
+        for c, x in spectra.items():
+            total += float(np.sum((x * r.weight[c][:, None]) ** 2))
+    return total
+
+
+def _size(bench: Bench, signature: Signature, theta: np.ndarray) -> float:
+    """Rms of an effect over the rms of what was measured, in the coefficient where that is largest."""
+    best = 0.0
+    for c in bench.responses:
+        if c not in COEFFICIENTS and set(bench.responses) & set(COEFFICIENTS):
+            continue
+        up = down = 0.0
+        for f, spectra in zip(bench.flights, signature.spectra):
+            if c in spectra:
+                up += float(np.sum((spectra[c][1:] @ theta) ** 2))
+            down += float(np.var(f.measured[c]) * len(f))
+        best = max(best, np.sqrt(up / down) if down > 0.0 else 0.0)
+    return float(best)

@@ -1,0 +1,124 @@
+"""Signatures of every form of every hypothesis on the flights at hand, as spectra, worked out once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from structsel.hypotheses.base import Hypothesis, Variant
+from structsel.mismatch.flight import Flight
+from structsel.mismatch.noise import bins_of, edge_of
+from structsel.numerics.evidence import spectrum
+from structsel.numerics.smoothing.result import Array
+
+_FAINT = 1e-6  # of the difference's rms for one prior standard deviation, below which a signature says nothing
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Signature:
+    """One form of one hypothesis on all flights.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    variant : Variant
+    spectra : sequence of mapping of response to (bins, k) array
+        Per flight; scaled by the priors' standard deviations.
+    """
+
+    hypothesis: Hypothesis
+    variant: Variant
+    spectra: Sequence[Mapping[str, Array]]
+
+    @property
+    def width(self) -> int:
+        """Linear parameters."""
+        return len(self.variant.parameters)
+
+    @property
+    def responses(self) -> set[str]:
+        """Responses that it touches in any flight."""
+        return {c for one in self.spectra for c in one}
+
+
+@dataclass(frozen=True)
+class Library:
+    """What can be tried on these flights, and what cannot.
+
+    Attributes
+    ----------
+    signatures : tuple of Signature
+    not_testable : mapping of effect to what it needs
+    """
+
+    signatures: tuple[Signature, ...]
+    not_testable: Mapping[str, str]
+
+    def of(self, effect: str) -> list[Signature]:
+        """Forms of one effect."""
+        return [s for s in self.signatures if s.hypothesis.effect == effect]
+
+    @property
+    def hypotheses(self) -> list[Hypothesis]:
+        """Those with a signature, each once."""
+        return list({s.hypothesis.effect: s.hypothesis for s in self.signatures}.values())
+
+
+def spectra_of(variant: Variant, flight: Flight, responses: Sequence[str]) -> dict[str, Array]:
+    """Spectra of a variant on one flight, scaled by its priors; only what is not zero."""
+    bins, edge = bins_of(flight), edge_of(flight)
+    sd = np.array([p.sd for p in variant.parameters])
+    made = {}
+    for c, x in variant.columns(flight).items():
+        if c in responses and np.any(x):
+            made[c] = spectrum(x if x.ndim == 2 else x[:, None], bins, edge) * sd
+    return made
+
+
+def work_out(
+    hypotheses: Sequence[Hypothesis],
+    flights: Sequence[Flight],
+    responses: Sequence[str],
+    progress: Progress | None = None,
+) -> Library:
+    """Signatures of all hypotheses that these flights can speak of.
+
+    Parameters
+    ----------
+    hypotheses : sequence of Hypothesis
+    flights : sequence of Flight
+    responses : sequence of str
+    progress : callable, optional
+    """
+    refused: dict[str, str] = {}
+    jobs: list[tuple[Hypothesis, Variant]] = []
+    for hypothesis in hypotheses:
+        lacking = hypothesis.needs(flights)
+        variants = [] if lacking else list(hypothesis.variants(flights))
+        if not variants:
+            refused[hypothesis.effect] = lacking or "motion that would show it"
+        jobs += [(hypothesis, v) for v in variants]
+    size = {c: max(float(np.std(f.difference[c])) for f in flights) for c in responses}
+
+    def one(hypothesis: Hypothesis, variant: Variant) -> Signature | None:
+        made = [spectra_of(variant, f, responses) for f in flights]
+        seen = any(float(np.abs(x).max()) > _FAINT * size[c] for part in made for c, x in part.items())
+        return Signature(hypothesis, variant, made) if seen else None
+
+    found: list[Signature] = []
+    tell = progress or (lambda what, done, of: None)
+    for done, made in enumerate(
+        Parallel(n_jobs=2, prefer="threads", return_as="generator")(delayed(one)(*j) for j in jobs)
+    ):
+        if made is not None:
+            found.append(made)
+        if done % 16 == 0 or done == len(jobs) - 1:
+            tell("signatures", done + 1, len(jobs))
+    seen = {s.hypothesis.effect for s in found}
+    refused |= {h.effect: "motion that would show it" for h, _ in jobs if h.effect not in seen}
+    return Library(tuple(found), refused)

@@ -1,0 +1,177 @@
+"""diagnose(): what did the simulation leave out?"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from structsel.aircraft import Aircraft
+from structsel.diagnosis import judging
+from structsel.diagnosis.assembling import make_findings
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.modelling import corrected_model
+from structsel.diagnosis.ranking import Ranking, rank
+from structsel.diagnosis.result import Diagnosis, Pull, Verdict
+from structsel.diagnosis.selftest import self_test
+from structsel.diagnosis.signatures import work_out
+from structsel.diagnosis.tracing import residuals, traces_of
+from structsel.diagnosis.unnamed import find_unknown, turbulent
+from structsel.errors import DataError
+from structsel.hypotheses import HYPOTHESES, Hypothesis
+from structsel.mismatch.flight import Flight
+from structsel.mismatch.locating.ceiling import explainable
+from structsel.mismatch.locating.turbulence import find_turbulence
+from structsel.mismatch.preparing import prepare
+from structsel.mismatch.responses import COEFFICIENTS
+from structsel.recording import Recording
+
+Progress = Callable[[str, int, int], None]
+_PARTS = 3
+_SHORTEST = 5.0  # s, of a part
+_HARDEST = 8  # tolerances listed
+_WHITE = 1.3  # chi-square per row, below which what is left counts as noise
+
+
+@threadpool_limits.wrap(limits=1)  # many small products: threads of the linear algebra only wait for each other
+def diagnose(
+    simulation: Any,
+    recordings: Sequence[Recording],
+    aircraft: Aircraft,
+    *,
+    held_out: Sequence[str] = (),
+    hypotheses: Sequence[Hypothesis] = HYPOTHESES,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Locate what a simulation leaves out, say which physics it is, and show the gain on other recordings.
+
+    Parameters
+    ----------
+    simulation : AeroModel, callable, str, Path or mapping
+        In any of the five forms: see `structsel.mismatch.simulations.open_simulation`.
+    recordings : sequence of Recording
+        One manoeuvre each.
+    aircraft : Aircraft
+        With the tolerances of the simulation and the instruments.
+    held_out : sequence of str
+        Names of recordings to judge by; by default each is held out in turn.
+    hypotheses : sequence of Hypothesis
+        The physics that may be named.
+    progress : callable, optional
+        Called with what is done, how much of it, and of how much.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    DataError
+        Names, clocks or channels that do not match, or nothing to compare.
+    ModelError
+        A simulation that cannot be opened.
+    """
+    begun = time.perf_counter()
+    prepared = prepare(simulation, recordings, aircraft, progress)
+    flights, remarks = list(prepared.flights), list(prepared.remarks)
+    single = len(flights) == 1
+    if single:
+        flights = split_flight(flights[0])
+        remarks.append(
+            f"there is one manoeuvre only: it was judged by its {len(flights)} parts, which share its conditions. What "
+            "is found may hold here alone; a second manoeuvre would show"
+        )
+    groups = _groups([f.name for f in flights], held_out)
+    responses = flights[0].responses
+    library = work_out(hypotheses, flights, responses, progress)
+    bench = Bench.set_up(flights, library.signatures, groups)
+    # Gusts move states that the simulation was not told of; what is said in rough air must be larger.
+    rough = find_turbulence(flights, residuals(bench)) is not None
+    ranking = rank(bench, library, rough, progress)
+    told = [c for c in responses if c in COEFFICIENTS] or [c for c in responses if c in flights[0].simulated]
+    ceiling = explainable(flights, [{c: f.difference[c] for c in told} for f in flights])
+    traces = traces_of(ranking)
+    left = residuals(ranking.bench)
+    findings = make_findings(ranking, ceiling)
+    if not rough:
+        findings += find_unknown(ranking, left, told, ceiling, bool(findings))
+    verdict: Verdict = "mismatch" if findings else "consistent"
+    if single and findings:
+        verdict = "undecidable"
+    turbulence = find_turbulence(flights, left)
+    if turbulence is not None:
+        findings.append(turbulent(turbulence, ranking, told))
+    return Diagnosis(
+        verdict,
+        tuple(findings),
+        dict(library.not_testable),
+        _remaining(ranking, told),
+        _pulls(ranking.bench),
+        tuple(remarks),
+        prepared.simulation.form,
+        tuple(told),
+        tuple(f.name for f in prepared.flights),
+        tuple(held_out),
+        corrected_model(prepared, ranking) if ranking.steps else prepared.simulation.model,
+        traces,
+        self_test(ranking.start, library),
+        time.perf_counter() - begun,
+    )
+
+
+def split_flight(flight: Flight) -> list[Flight]:
+    """Parts of a single flight, so that some of it can be held out.
+
+    Raises
+    ------
+    DataError
+        It is too short for two parts.
+    """
+    n = len(flight)
+    parts = min(_PARTS, int(n * flight.dt / _SHORTEST)) if flight.simulated.keys() & set(COEFFICIENTS) else _PARTS
+    if parts < 2:
+        raise DataError(
+            f"there is one manoeuvre, '{flight.name}', of {n * flight.dt:.1f} s: too short to judge one part by "
+            f"another.\nGive several manoeuvres, or one of at least {2 * _SHORTEST:g} s."
+        )
+    edges = np.linspace(0, n, parts + 1).astype(int)
+    return [flight.between(a, b, f"{flight.name}, part {k}") for k, (a, b) in enumerate(pairwise(edges), 1)]
+
+
+def _groups(names: Sequence[str], held_out: Sequence[str]) -> list[tuple[int, ...]] | None:
+    if not held_out:
+        return None
+    missing = [h for h in held_out if h not in names]
+    if missing:
+        raise DataError(f"held-out recording '{missing[0]}' is not there; there are {', '.join(names)}.")
+    if len(set(held_out)) == len(names):
+        raise DataError("all recordings are held out; leave some to find parameters from.")
+    return [tuple(names.index(h) for h in dict.fromkeys(held_out))]
+
+
+def _pulls(bench: Bench) -> tuple[Pull, ...]:
+    posterior = bench.base.posterior
+    std = np.sqrt(np.diag(posterior.covariance))
+    order = np.argsort(-np.abs(posterior.mean[: len(bench.nuisances)]))[:_HARDEST]
+    return tuple(
+        Pull(n.name, float(posterior.mean[j]), float(posterior.mean[j] * n.sd), float(std[j] * n.sd), n.unit)
+        for j in order
+        for n in (bench.nuisances[j],)
+    )
+
+
+def _remaining(ranking: Ranking, told: Sequence[str]) -> dict[str, tuple[float, bool]]:
+    bench = ranking.bench
+    left = judging.fit(judging.measured(bench), judging.held_out(bench), told)
+    made = {}
+    for c in told:
+        if c not in left:
+            continue
+        residual = [y - B @ bench.base.posterior.mean for y, B in zip(bench.base.y, bench.base.B)]
+        rows = np.concatenate([e[r.part(c)] for e, r in zip(residual, bench.rows)])
+        made[c] = (left[c].rrmse, bool(np.mean(rows**2) < _WHITE))
+    return made

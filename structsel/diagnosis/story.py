@@ -1,0 +1,282 @@
+"""A diagnosis as an engineer would tell it: what was found, where, how sure, what it buys, what stays open."""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+
+from structsel.diagnosis.result import Diagnosis, Finding, Pull
+from structsel.hypotheses.base import Estimate
+from structsel.mismatch.responses import COEFFICIENTS
+from structsel.nomenclature import UNKNOWN, unit_of
+
+WIDTH = 80
+HARD_PULL = 2.0
+"""Standard deviations beyond which a tolerance was pulled hard."""
+_LABEL = 11  # columns that a label stands in
+_STRETCHES, _RIVALS, _PULLS, _UNTESTED, _REMARKS, _RESPONSES = 4, 3, 4, 3, 3, 3
+_LEAST_PULL = 1.0
+_LEAST_RIVAL = 0.005
+_SMALL = 0.05  # share of a response's rms, at which an effect that would be named is a small one
+_TIED = "\N{NO-BREAK SPACE}"
+_FORMS = {
+    "model": "a model",
+    "forced": "its responses along them",
+    "free": "its own flights",
+    "jsbsim": "JSBSim's aircraft",
+    "python": "a function",
+}
+
+
+def tell(diagnosis: Diagnosis) -> str:
+    """Tell a diagnosis in plain words that fit on a screen.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    str
+        Lines of at most 80 columns. Angles in degrees; errors are root mean squares over those of what was measured,
+        on flights not used for fitting.
+    """
+    lines = [*_wrap(headline(diagnosis)), *_wrap(about(diagnosis))]
+    if diagnosis.verdict == "undecidable":
+        lines += [line for remark in diagnosis.remarks for line in _wrap(remark, "- ", "  ")]
+    for number, finding in enumerate(diagnosis.findings, 1):
+        lines += ["", *_tell_finding(number, finding)]
+    return "\n".join([*lines, "", *_tell_rest(diagnosis)])
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """One sentence: the verdict, and the effects named."""
+    chance = [f.effect for f in diagnosis.findings if f.kind == "random"]
+    named = [f for f in diagnosis.findings if f.kind != "random"]
+    known = [_headed(f) for f in named if f.effect != "unknown"]
+    also = f" There was {_and(chance)} besides." if chance else ""
+    if diagnosis.verdict == "consistent":
+        small = f" What stands out: {_and(known)}." if known else ""
+        return f"CONSISTENT: recordings and simulation agree within the stated tolerances.{small}{also}"
+    if diagnosis.verdict == "undecidable":
+        hint = f" What shows most: {_and(known)}." if known else ""
+        return f"UNDECIDABLE: these recordings do not say whether the simulation leaves anything out.{hint}{also}"
+    if not known:
+        return f"MISMATCH: something is left out that none of the effects known explains.{also}"
+    more = " Something else is missing that none of the effects known explains." if len(known) < len(named) else ""
+    return f"MISMATCH: the simulation leaves out {_and(known)}.{more}{also}"
+
+
+def about(diagnosis: Diagnosis) -> str:
+    """One sentence: what was compared, and which recordings judge."""
+    count = len(diagnosis.recordings)
+    form = _FORMS.get(diagnosis.form, diagnosis.form)
+    if diagnosis.held_out:
+        judges = f"{_and(diagnosis.held_out)} held out to judge"
+    elif count > 1:
+        judges = "each is judged by what the others say"
+    else:
+        judges = "a single one leaves none to judge by"
+    return f"{count} recording{'s' * (count != 1)}, the simulation given as {form}; {judges}."
+
+
+def no_model(diagnosis: Diagnosis) -> str:
+    """Why there is no model; empty where there is one."""
+    if diagnosis.model is not None:
+        return ""
+    if other := [c for c in diagnosis.responses if c not in COEFFICIENTS and not c.startswith("k_")]:
+        return f"a model holds aerodynamic coefficients, and {_and(other[:3])} is none"
+    if not diagnosis.findings:
+        return "nothing was found to add, and the simulation was not given as one"
+    return "the simulation with what was found could not be put as the terms of one"
+
+
+def chance(probability: float) -> str:
+    """A probability in percent, never more certain than a sample of flights can be."""
+    if probability > 0.99:
+        return "> 99 %"
+    return "< 1 %" if probability < 0.01 else f"{100.0 * probability:.0f} %"
+
+
+def estimate_text(estimate: Estimate, sign: str = "+-") -> str:
+    """An estimate with as many digits as it is known to, angles in degrees."""
+    factor, unit = displayed(estimate.unit)
+    value, std = factor * estimate.value, factor * estimate.std
+    shown = f" {unit}" if unit else ""
+    if not (math.isfinite(std) and std > 0.0):
+        return f"{value:.3g}{shown}"
+    if not 1e-3 <= max(abs(value), std) < 1e5:
+        return f"{value:.3g} {sign} {std:.1g}{shown}"
+    # One digit of what is uncertain; two where the first is a 1.
+    digits = -math.floor(math.log10(std)) + (f"{std:e}"[0] == "1")
+    return f"{value:.{max(digits, 0)}f} {sign} {std:.{max(digits, 0)}f}{shown}"
+
+
+def displayed(unit: str) -> tuple[float, str]:
+    """Factor to the unit that people read, and its name; nothing for a pure number."""
+    if unit == "rad" or unit.startswith(("rad/", "rad ")):
+        return 180.0 / math.pi, "deg" + unit[3:]
+    if unit == "relative":
+        return 100.0, "%"
+    return 1.0, "" if unit in ("-", UNKNOWN) else unit
+
+
+def range_text(channel: str, limits: Sequence[float]) -> str:
+    """Where on a channel an effect acts, ``alpha 11.5 to 20.1 deg``."""
+    factor, unit = displayed(unit_of(channel))
+    low, high = (factor * x for x in limits)
+    shown = f" {unit}" if unit else ""
+    if not math.isfinite(low):
+        return f"{channel} below {high:.3g}{shown}"
+    return f"{channel} {low:.3g} to {high:.3g}{shown}" if math.isfinite(high) else f"{channel} above {low:.3g}{shown}"
+
+
+def pull_text(pull: Pull) -> str:
+    """How far a tolerance was pulled, in its standard deviations and in its unit."""
+    factor, unit = displayed(pull.unit)
+    return f"{pull.name} {pull.sigmas:+.1f} sigma ({f'{factor * pull.value:+.2g} {unit}'.strip()})"
+
+
+def together(finding: Finding) -> float:
+    """Probability of the first effect and of those that it cannot be told from."""
+    group = {finding.effect, *finding.ambiguous_with}
+    return min(sum(p.probability for p in finding.physics if p.effect in group), 1.0)
+
+
+def _headed(finding: Finding) -> str:
+    if not finding.ambiguous_with:
+        return f"{finding.effect} ({chance(finding.physics[0].probability)})"
+    return f"{_and([finding.effect, *finding.ambiguous_with], 'or')} (together {chance(together(finding))})"
+
+
+def _tell_finding(number: int, finding: Finding) -> Iterator[str]:
+    first, *others = finding.physics
+    share = f"; {100.0 * finding.share:.0f} % of all explained" if math.isfinite(finding.share) else ""
+    head = f"{finding.effect}: {chance(first.probability)}, {finding.kind}, in {_and(finding.axes)}{share}"
+    yield from _wrap(head, f"{number}. ", "   ")
+    yield from _wrap(first.says, "   ", "   ")
+    yield from _labelled("where", _places(finding, _STRETCHES if number == 1 else _STRETCHES // 2))
+    if number == 1:  # of the others the sentence gives them
+        yield from _labelled("values", ", ".join(f"{name} {estimate_text(e)}" for name, e in first.parameters.items()))
+    yield from _labelled("but", first.plausible)
+    yield from _errors(number, finding)
+    if number == 1:
+        yield from _labelled("explains", _explains(finding))
+    rivals = [f"{p.effect} {chance(p.probability)}" for p in others if p.probability > _LEAST_RIVAL]
+    if finding.ambiguous_with:
+        tied = _and(finding.ambiguous_with, "or")
+        yield from _labelled("tie", f"{tied} would do as well (together {chance(together(finding))})")
+    elif rivals:
+        yield from _labelled("or", ", ".join(rivals[:_RIVALS]))
+    yield from _labelled("to tell" if finding.ambiguous_with else "to be sure", finding.to_separate)
+    if number == 1:
+        yield from _labelled("look at", first.check)
+
+
+def _places(finding: Finding, most: int) -> str:
+    """Region and stretches of time; the longest where there are too many."""
+    parts = [range_text(channel, limits) for channel, limits in finding.region.items()]
+    stretches = [(name, a, b) for name, each in finding.intervals.items() for a, b in each]
+    longest = sorted(stretches, key=lambda s: s[1] - s[2])[:most]
+    shown: dict[str, list[str]] = {}
+    for name, a, b in sorted(longest):
+        shown.setdefault(name, []).append(f"{a:.1f}-{b:.1f}")
+    if shown:
+        told = [f"{name} {_and(each)} s" for name, each in shown.items()]
+        left = len(stretches) - len(longest)
+        parts.append(", ".join(told) + (f", and {left} more" if left else ""))
+    return "; ".join(parts) or "everywhere flown, all the time"
+
+
+def _errors(number: int, finding: Finding) -> Iterator[str]:
+    """Three bars as figures: one response a line for the first finding, the clearest for the others."""
+    shown = [c for c in finding.axes if c in finding.bars][:_RESPONSES]
+    if not shown:
+        return
+    if number > 1:
+        b = finding.bars[shown[0]]
+        told = f"{b.delivered.rrmse:.3f} as delivered, {b.refitted.rrmse:.3f} refitted, {b.physics.rrmse:.3f}"
+        yield from _labelled("rms error", f"{shown[0]} {told} with 1-{number} together")
+        return
+    wide = max(map(len, shown))
+    yield from _labelled("rms error", f"{'':{wide}}  as delivered  refitted   with it   of measured", plain=True)
+    for c in shown:
+        b = finding.bars[c]
+        row = f"{c:{wide}}  {b.delivered.rrmse:12.3f}  {b.refitted.rrmse:8.3f}  {b.physics.rrmse:8.3f}"
+        yield from _labelled("", row, plain=True)
+
+
+def _explains(finding: Finding) -> str:
+    if not math.isfinite(finding.explained):
+        return ""
+    told = f"{100.0 * finding.explained:.0f} % of the mismatch in {_and(finding.axes[:_RESPONSES])}"
+    most = f"; a free learner on all channels {100.0 * finding.explainable:.0f} %"
+    return told + most * math.isfinite(finding.explainable)
+
+
+def _tell_rest(diagnosis: Diagnosis) -> Iterator[str]:
+    left = [
+        _TIED.join((c, f"{rrmse:.3f}", "white" if white else "coloured"))
+        for c, (rrmse, white) in diagnosis.remaining.items()
+        if not c.startswith("k_")
+    ]
+    yield from _labelled("left", ", ".join(left), indent="")
+    pulls = [p for p in diagnosis.pulls if abs(p.sigmas) >= _LEAST_PULL][:_PULLS]
+    yield from _labelled("pulled", ", ".join(map(pull_text, pulls)) or "no tolerance beyond one sigma", indent="")
+    yield from _labelled("not tested", _untested(diagnosis), indent="")
+    yield from _labelled("self-test", _self_test(diagnosis), indent="")
+    remarks = diagnosis.remarks if diagnosis.verdict != "undecidable" else ()
+    for remark in remarks[:_REMARKS]:
+        yield from _labelled("note", remark, indent="")
+    if len(remarks) > _REMARKS:
+        yield from _labelled("", f"and {len(remarks) - _REMARKS} more notes", indent="")
+    if why := no_model(diagnosis):
+        yield from _labelled("no model", f"{why}.", indent="")
+
+
+def untested(diagnosis: Diagnosis) -> dict[str, list[str]]:
+    """Effects that could not be tested, by what they need; what bars most of them first."""
+    made: dict[str, list[str]] = {}
+    for effect, needs in diagnosis.not_testable.items():
+        made.setdefault(needs, []).append(effect)
+    return dict(sorted(made.items(), key=lambda item: -len(item[1])))
+
+
+def _untested(diagnosis: Diagnosis) -> str:
+    groups = untested(diagnosis)
+    shown = [f"{', '.join(effects)} (needs {needs})" for needs, effects in list(groups.items())[:_UNTESTED]]
+    more = sum(map(len, list(groups.values())[_UNTESTED:]))
+    return "; ".join(shown) + (f"; and {more} more" if more else "")
+
+
+def _self_test(diagnosis: Diagnosis) -> str:
+    sizes = {e: d["size"] for e, d in diagnosis.detects.items() if "size" in d}
+    if not sizes:
+        return ""
+    small = sum(size <= _SMALL for size in sizes.values())
+    hardest = sorted((e for e in sizes if sizes[e] > _SMALL), key=lambda e: -sizes[e])[:_RIVALS]
+    least = [f"{e} from {100.0 * sizes[e]:.0f} %" if math.isfinite(sizes[e]) else f"{e} not at all" for e in hardest]
+    told = f"{small} of {len(sizes)} effects would be named here at {100.0 * _SMALL:.0f} % of a response's rms"
+    return told + (f"; hardest {', '.join(least)}" if least else "")
+
+
+def _and(words: Iterable[str], last: str = "and") -> str:
+    *head, tail = list(words) or [""]
+    return f"{', '.join(head)} {last} {tail}" if head else tail
+
+
+def _wrap(text: str, first: str = "", then: str = "") -> list[str]:
+    tied = re.sub(r"(?<=\d) (?=[%\w/^]{1,6}(?:[\s,;.)]|$))", _TIED, text)  # a number and its unit
+    tied = tied.replace(" +- ", f"{_TIED}+-{_TIED}")
+    lines = textwrap.wrap(tied, WIDTH, initial_indent=first, subsequent_indent=then, break_on_hyphens=False)
+    return [line.replace(_TIED, " ") for line in lines]
+
+
+def _labelled(label: str, text: str, *, indent: str = "   ", plain: bool = False) -> list[str]:
+    """Lines behind a label; none without text."""
+    if not text:
+        return []
+    head = f"{indent}{label:{_LABEL}}"
+    return [head + text] if plain else _wrap(text, head, " " * len(head))

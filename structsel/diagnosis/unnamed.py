@@ -1,0 +1,73 @@
+"""Findings that no hypothesis carries: physics that is unknown, and air that is rough."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from structsel.diagnosis import judging
+from structsel.diagnosis.ranking import Ranking
+from structsel.diagnosis.result import Bars, Finding, Physics
+from structsel.mismatch.locating.ceiling import explainable
+from structsel.mismatch.locating.turbulence import Turbulence
+from structsel.numerics.smoothing.result import Array
+
+_REPEATABLE = 0.35  # share of what is left that a learner foretells on other flights
+_MATERIAL = 0.10  # share by which that would lower the error
+
+
+def find_unknown(
+    ranking: Ranking,
+    left: Sequence[Mapping[str, Array]],
+    told: Sequence[str],
+    ceiling: Mapping[str, float],
+    others: bool,
+) -> list[Finding]:
+    """A real, repeatable mismatch that no physics of the library explains, where there is one.
+
+    Parameters
+    ----------
+    ranking : Ranking
+    left : sequence of mapping of response to (n,) array
+        What tolerances and the effects found leave, per flight.
+    told : sequence of str
+        Responses that are judged.
+    ceiling : mapping of response to float
+        Share of the whole mismatch that a learner foretells.
+    others : bool
+        Whether something was found beside it.
+    """
+    bench = ranking.bench
+    share = explainable(bench.flights, left, list(told))
+    got, delivered, after = judging.measured(bench), judging.as_delivered(bench), judging.held_out(bench)
+    gain = {c: 1.0 - np.sqrt(1.0 - s) for c, s in share.items()}
+    worth = {
+        c: g * judging.rms(after, c) / judging.rms(delivered, c)
+        for c, g in gain.items()
+        if share[c] > _REPEATABLE and ceiling.get(c, 0.0) > _REPEATABLE and judging.rms(delivered, c) > 0.0
+    }
+    axes = tuple(sorted((c for c, w in worth.items() if w > _MATERIAL), key=lambda c: -worth[c]))
+    if not axes:
+        return []
+    fits = judging.fit(got, delivered, axes), judging.fit(got, after, axes)
+    bars = {c: Bars(fits[0][c], fits[1][c], fits[1][c]) for c in axes}
+    listed = ", ".join(f"{share[c]:.0%} of what is left in {c}" for c in axes)
+    says = (
+        f"Something real that none of the known physics explains{' beside it' if others else ''}: a learner foretells "
+        f"{listed} on recordings it has not seen."
+    )
+    mean = float(np.mean([ceiling.get(c, share[c]) for c in axes]))
+    physics = Physics("unknown", float(np.clip(np.mean([share[c] for c in axes]), 0.0, 1.0)), says)
+    return [Finding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 1.0 if not others else 0.0)]
+
+
+def turbulent(found: Turbulence, ranking: Ranking, told: Sequence[str]) -> Finding:
+    """Turbulence as a finding beside the verdict: nothing was left out, but the air was rough."""
+    bench = ranking.bench
+    axes = tuple(c for c in ("CZ", "CY", "Cm", "Cl", "Cn", "CX") if c in told)
+    got, after = judging.measured(bench), judging.held_out(bench)
+    fits = judging.fit(got, after, axes)
+    bars = {c: Bars(fits[c], fits[c], fits[c]) for c in axes if c in fits}
+    physics = Physics("turbulence", found.probability, found.says)
+    return Finding(axes[:2], "random", (physics,), {}, {}, (), "", bars, 0.0, 0.0, 0.0)

@@ -1,0 +1,186 @@
+"""What figures and reports show of a diagnosis: differences over a channel, and where they come from."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from structsel.diagnosis.result import Diagnosis, Finding, Trace
+from structsel.mismatch.responses import KINEMATIC, KINEMATIC_UNIT
+from structsel.nomenclature import unit_of
+from structsel.numerics.smoothing.result import Array
+
+STAGES = ("delivered", "refitted", "physics")
+"""The simulation as it came, refitted within tolerances, and with the physics found."""
+_BINS = 18
+_INSIDE = 8  # bins within the region where an effect acts, which may hold few of the samples
+_LEAST = 5  # samples in a bin that is shown
+_SURE = 1.96
+_PART = 0.5  # of the range flown, below which where an effect acts is worth a closer look
+_ABOUT = 3.0  # widths of a region that are shown beside it
+
+
+@dataclass(frozen=True, eq=False)
+class Binned:
+    """Means of what is left of the differences, over bins of a channel.
+
+    Attributes
+    ----------
+    at : (k,) array
+        Mean of the channel in each bin.
+    means : mapping of stage to (k,) array
+        Of measured less simulated.
+    half : mapping of stage to (k,) array
+        Half of a 95 % interval, from the spread between recordings; nan where a bin holds only one.
+    counts : (k,) array
+        Samples.
+    """
+
+    at: Array
+    means: Mapping[str, Array]
+    half: Mapping[str, Array]
+    counts: Array
+
+
+def residuals(trace: Trace, response: str) -> dict[str, Array]:
+    """Measured less simulated, by stage."""
+    told = dict(zip(STAGES, (trace.simulated, trace.refitted, trace.explained)))
+    return {stage: np.asarray(trace.measured[response] - one[response]) for stage, one in told.items()}
+
+
+def unit_shown(name: str) -> str:
+    """Unit of a channel or a response, kinematic ones among them."""
+    return KINEMATIC_UNIT.get(name, "rad/s") if name in KINEMATIC else unit_of(name)
+
+
+def moving_channels(diagnosis: Diagnosis) -> list[str]:
+    """Channels that every trace holds and that move in some."""
+    traces = list(diagnosis.traces.values())
+    if not traces:
+        return []
+    shared = [c for c in traces[0].channels if all(c in one.channels for one in traces)]
+    return [c for c in shared if any(np.ptp(one.channels[c]) > 0.0 for one in traces)]
+
+
+def shown_responses(diagnosis: Diagnosis) -> list[str]:
+    """Responses that every trace holds, those of the findings first."""
+    traces = list(diagnosis.traces.values())
+    if not traces:
+        return []
+    first = [c for finding in diagnosis.findings for c in finding.axes]
+    every = list(dict.fromkeys([*first, *diagnosis.responses, *traces[0].measured]))
+    return [c for c in every if all(c in one.measured for one in traces)]
+
+
+def driving_channel(diagnosis: Diagnosis, finding: Finding) -> str:
+    """Channel that an effect follows: what bounds it, what its terms hold, or what its differences vary most with.
+
+    Returns
+    -------
+    str
+        Empty where the traces hold no channel that moves.
+    """
+    moving = moving_channels(diagnosis)
+    words = re.findall(r"[A-Za-z_]\w*", " ".join(t for p in finding.physics[:1] for t in p.terms))
+    for name in (*finding.region, *words):
+        if name in moving:
+            return name
+    seen = [c for c in finding.axes if c in shown_responses(diagnosis)]
+    if not moving or not seen:
+        return ""
+    return max(moving, key=lambda c: _told_by(bin_residuals(diagnosis, seen[0], c)))
+
+
+def acting_range(diagnosis: Diagnosis, finding: Finding, channel: str) -> tuple[float, float] | None:
+    """Where on a channel an effect acts: its region there, else the channel's range in the stretches where it acts.
+
+    Returns
+    -------
+    (low, high) or None
+        None where that is most of the range flown.
+    """
+    if channel in finding.region:
+        return finding.region[channel]
+    inside = [
+        one.channels[channel][(one.t >= start) & (one.t <= end)]
+        for name, one in diagnosis.traces.items()
+        for start, end in finding.intervals.get(name, ())
+    ]
+    if not sum(map(len, inside)):
+        return None
+    low, high = np.quantile(np.concatenate(inside), (0.02, 0.98))
+    flown = np.concatenate([one.channels[channel] for one in diagnosis.traces.values()])
+    return (float(low), float(high)) if high - low < _PART * np.ptp(flown) else None
+
+
+def bin_residuals(
+    diagnosis: Diagnosis, response: str, channel: str, region: tuple[float, float] | None = None
+) -> Binned:
+    """Average the differences of one response over bins of a channel, all recordings together.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    response, channel : str
+        Of its traces.
+    region : (low, high), optional
+        Of the channel, where bins are narrow.
+    """
+    traces = list(diagnosis.traces.values())
+    x = np.concatenate([one.channels[channel] for one in traces])
+    owner = np.repeat(np.arange(len(traces)), [len(one.t) for one in traces])
+    parts = [residuals(one, response) for one in traces]
+    left = {stage: np.concatenate([p[stage] for p in parts]) for stage in STAGES}
+    edges = _edges(x, region)
+    # Sums over each bin (row) and recording (column): recordings are independent, samples of one are not.
+    cell = np.searchsorted(edges, x, side="right") * len(traces) + owner
+    shape = (edges.size + 1, len(traces))
+
+    def sums(weights: Array | None = None) -> Array:
+        return np.bincount(cell, weights, minlength=shape[0] * shape[1]).reshape(shape).astype(float)
+
+    counts = sums()
+    kept = counts.sum(axis=1) >= _LEAST
+    counts = counts[kept]
+    n = counts.sum(axis=1)
+    means, half = {}, {}
+    for stage, e in left.items():
+        each = sums(e)[kept]
+        means[stage] = each.sum(axis=1) / n
+        half[stage] = _half_interval(each - counts * means[stage][:, None], counts)
+    return Binned(sums(x)[kept].sum(axis=1) / n, means, half, n)
+
+
+def worth_showing(x: Array, region: tuple[float, float] | None) -> tuple[float, float]:
+    """Part of a channel's range that is shown first: the region where an effect acts and what lies about it."""
+    least, most = float(x.min()), float(x.max())
+    if region is None:
+        return least, most
+    low, high = np.clip(region, least, most)
+    wide = _ABOUT * (high - low)
+    return (max(least, float(low - wide)), min(most, float(high + wide))) if wide > 0.0 else (least, most)
+
+
+def _edges(x: Array, region: tuple[float, float] | None) -> Array:
+    """Between bins of alike many samples, and between even ones where an effect acts."""
+    inner = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _BINS + 1)[1:-1]))
+    if region is None:
+        return inner
+    low, high = np.clip(region, x.min(), x.max())
+    outside = inner[(inner < low) | (inner > high)]
+    return np.unique(np.concatenate([outside, np.linspace(low, high, _INSIDE + 1)]))
+
+
+def _half_interval(off: Array, counts: Array) -> Array:
+    """Half of a 95 % interval of each row's mean from what each recording's sum is off it; nan with only one."""
+    m = np.count_nonzero(counts, axis=1)
+    spread = np.sqrt(m / np.maximum(m - 1.0, 1.0) * np.sum(off**2, axis=1)) / counts.sum(axis=1)
+    return np.where(m > 1, _SURE * spread, np.nan)
+
+
+def _told_by(binned: Binned) -> float:
+    """Mean square that the bins' means tell of the refitted differences."""
+    return float(binned.counts @ binned.means["refitted"] ** 2 / max(binned.counts.sum(), 1.0))

@@ -1,0 +1,272 @@
+"""Surfaces that do not stand where they were recorded to stand, or an unrecorded hand on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from structsel.hypotheses import plants
+from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.hypotheses.operators import actuate, lag, late, spaced
+from structsel.hypotheses.signals import available, coefficients, gathered, mean_slope, moves
+from structsel.hypotheses.wording import SURFACES, shown
+from structsel.mismatch.flight import Flight
+from structsel.mismatch.responses import COEFFICIENTS
+from structsel.numerics.smoothing.result import Array
+
+Surface = Callable[[Flight], Array]
+
+_CONTROLS = ("de", "da", "dr")
+_SHARE = Parameter("share", "-", 1.0, 0.5, 1.5)
+# Feedbacks that aircraft have: surface, what is fed back, prior deviation of the gain, unit.
+_FEEDBACKS = (
+    ("de", "q", 0.3, "s"), ("de", "alpha", 0.3, "-"), ("de", "theta", 0.3, "-"), ("de", "az", 0.005, "rad s^2/m"),
+    ("da", "p", 0.15, "s"), ("da", "phi", 0.3, "-"), ("da", "r", 0.3, "s"), ("da", "beta", 0.3, "-"),
+    ("dr", "r", 0.3, "s"), ("dr", "beta", 0.3, "-"), ("dr", "p", 0.15, "s"), ("dr", "ay", 0.01, "rad s^2/m"),
+)  # fmt: skip
+_WASHOUTS = (1.0, 3.0)  # s, of a damper that leaves steady turns alone
+
+
+def used_controls(flights: Flights) -> list[str]:
+    """Controls that move and that the simulation answers to."""
+    wanted = coefficients(flights)
+    return [c for c in _CONTROLS if moves(flights, c) and any(mean_slope(flights, r, c) != 0.0 for r in wanted)]
+
+
+def displaced(control: str, extra: Surface) -> Callable[[Flight], Columns]:
+    """Columns of a surface that stands `extra` beyond where it was recorded."""
+
+    def columns(flight: Flight) -> Columns:
+        more = extra(flight)
+        return {r: (flight.slope(r, control) * more)[:, None] for r in flight.measured if r in COEFFICIENTS}
+
+    return columns
+
+
+def followed(control: str, operator: Callable[[Array, Flight], Array], per: float = 1.0) -> Callable[[Flight], Columns]:
+    """Columns of a surface that makes of what was recorded what an operator makes of it, per unit of `per`."""
+    return displaced(control, lambda f: (operator(f[control], f) - f[control]) / per)
+
+
+def _behind(x: Array, flight: Flight, operator: Callable[[Array, float, float], Array], tau: float) -> Array:
+    return operator(x, flight.dt, tau)
+
+
+def _actuated(x: Array, flight: Flight, rate: float = np.inf, backlash: float = 0.0) -> Array:
+    return actuate(flight.t, x, rate=rate, backlash=backlash)
+
+
+def _stopped(x: Array, flight: Flight, low: float, high: float) -> Array:
+    return np.clip(x, low, high)
+
+
+def _needs_control(flights: Flights) -> str:
+    if plants.answers(flights):
+        return ""
+    if not coefficients(flights):
+        return "simulated coefficients"
+    return "" if used_controls(flights) else "a control that moves and that the simulation answers to"
+
+
+# Lag and delay
+
+
+def _lag_variants(flights: Flights) -> list[Variant]:
+    made = []
+    dt = flights[0].dt
+    for control in used_controls(flights):
+        for name, operator in (("lag", lag), ("delay", late)):
+            for tau in spaced(max(0.02, 0.75 * dt), 0.35, 7):
+                made.append(
+                    Variant(
+                        (Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau),),
+                        followed(control, partial(_behind, operator=operator, tau=tau), tau),
+                        about=SURFACES[control],
+                    )
+                )
+    return made + plants.late_answers(flights)
+
+
+def _lag_says(found: Found) -> str:
+    if "lag" in found.estimates:
+        return f"The {found.variant.about} follows its input late, by a first-order lag of {found.text('lag')}."
+    return f"The {found.variant.about} follows its input late, by a delay of {found.text('delay')}."
+
+
+# Rate limit
+
+
+def _rate_variants(flights: Flights) -> list[Variant]:
+    made = []
+    for control in used_controls(flights):
+        fastest = max(float(np.abs(f.rate(f[control])).max()) for f in flights)
+        for limit in spaced(0.12 * fastest, 0.85 * fastest, 10):
+            made.append(
+                Variant(
+                    (_SHARE,),
+                    followed(control, partial(_actuated, rate=limit)),
+                    {"rate": limit}, {"rate": "rad/s"}, SURFACES[control],
+                )
+            )  # fmt: skip
+    return made
+
+
+def _rate_says(found: Found) -> str:
+    return f"The {found.variant.about} moves no faster than {shown(found, 'rate')}, less than was asked of it."
+
+
+# Stops
+
+
+def _stop_variants(flights: Flights) -> list[Variant]:
+    made = []
+    for control in used_controls(flights):
+        values = gathered(flights, control)
+        low, high = float(values.min()), float(values.max())
+        for share in (0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+            # Between what is usual and the extreme: a stop within the usual would have been seen.
+            middle = float(np.median(values))
+            up, down = middle + share * (high - middle), middle + share * (low - middle)
+            both = share * max(abs(low), abs(high))
+            for name, limits in (("upper", (-np.inf, up)), ("lower", (down, np.inf)), ("both", (-both, both))):
+                made.append(
+                    Variant(
+                        (_SHARE,),
+                        followed(control, partial(_stopped, low=limits[0], high=limits[1])),
+                        {"stop": limits[0] if name == "lower" else limits[1]}, {"stop": "rad"},
+                        f"{SURFACES[control]}, {'either way' if name == 'both' else name + ' side'}",
+                    )
+                )  # fmt: skip
+    return made
+
+
+def _stop_says(found: Found) -> str:
+    surface, side = found.variant.about.split(", ")
+    return f"The {surface} stops at {shown(found, 'stop')} ({side}) although more was asked of it."
+
+
+# Play
+
+
+def _play_variants(flights: Flights) -> list[Variant]:
+    made = []
+    for control in used_controls(flights):
+        values = gathered(flights, control)
+        reach = float(values.max() - values.min())
+        for width in spaced(0.02 * reach, 0.5 * reach, 10):
+            made.append(
+                Variant(
+                    (_SHARE,),
+                    followed(control, partial(_actuated, backlash=width)),
+                    {"width": width}, {"width": "rad"}, SURFACES[control],
+                )
+            )  # fmt: skip
+    return made
+
+
+def _play_says(found: Found) -> str:
+    return f"The {found.variant.about} has a dead play of {shown(found, 'width')}: it ignores smaller reversals."
+
+
+# Augmentation
+
+
+def _mode(flight: Flight) -> Array | float:
+    """Where a recorded autopilot mode is on; everywhere if none is recorded."""
+    return (flight["mode"] != 0.0).astype(float) if "mode" in flight.recorded else 1.0
+
+
+def _felt(flight: Flight, signal: str, washout: float | None = None) -> Array:
+    x = flight[signal]
+    return (x if washout is None else x - lag(x, flight.dt, washout)) * _mode(flight)
+
+
+def _feedback_variants(flights: Flights) -> list[Variant]:
+    made = []
+    used = used_controls(flights)
+    for control, signal, sd, unit in _FEEDBACKS:
+        if control not in used or not available(flights, signal):
+            continue
+        gain = Parameter(f"gain of {signal}", unit, sd, -10.0 * sd, 10.0 * sd)
+        made.append(_fed_back(control, (gain,), (partial(_felt, signal=signal),), f"{signal} to"))
+        if signal in ("p", "q", "r"):
+            made += [
+                _fed_back(
+                    control, (gain,), (partial(_felt, signal=signal, washout=tau),),
+                    f"{signal}, washed out over {tau:g} s, to",
+                )
+                for tau in _WASHOUTS
+            ]  # fmt: skip
+    for control, pair in (("de", ("q", "alpha")), ("de", ("q", "theta")), ("dr", ("r", "beta")), ("da", ("p", "phi"))):
+        if control in used and all(available(flights, s) for s in pair):
+            deviations = {s: (sd, unit) for c, s, sd, unit in _FEEDBACKS if c == control}
+            gains = tuple(
+                Parameter(f"gain of {s}", unit, sd, -10.0 * sd, 10.0 * sd)
+                for s, (sd, unit) in ((s, deviations[s]) for s in pair)
+            )
+            made.append(_fed_back(control, gains, [partial(_felt, signal=s) for s in pair], f"{' and '.join(pair)} to"))
+    return made
+
+
+def _fed_back(control: str, gains: tuple[Parameter, ...], signals: Sequence[Surface], about: str) -> Variant:
+    parts = [displaced(control, s) for s in signals]
+
+    def columns(flight: Flight) -> Columns:
+        made = [part(flight) for part in parts]
+        return {r: np.hstack([m[r] for m in made]) for r in made[0]}
+
+    return Variant(gains, columns, about=f"{about} {SURFACES[control]}")
+
+
+def _feedback_says(found: Found) -> str:
+    gains = " and ".join(f"{found.text(name)} ({name.removeprefix('gain of ')})" for name in _names(found))
+    return f"Something unrecorded moves a surface with the motion ({found.variant.about}): gain {gains}."
+
+
+def _names(found: Found) -> list[str]:
+    return [p.name for p in found.variant.parameters]
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "actuator-lag", "actuator", "A surface, or a motor, follows its input late.",
+        _needs_control, _lag_variants, _lag_says,
+        look_alikes=("sensor-delay", "unsteady-lift", "rotor-inflow-lag", "backlash"),
+        separated_by="sharp steps of this control alone, small and large",
+        check="a bench test of the actuator, and where in the linkage the control is recorded",
+    ),
+    Hypothesis(
+        "actuator-rate-limit", "actuator", "A surface moves no faster than its actuator can.",
+        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _rate_variants, _rate_says,
+        look_alikes=("actuator-lag", "backlash", "actuator-saturation"),
+        separated_by="the same input at half and at twice the size: a lag keeps its shape, a rate limit does not",
+        check="the actuator's rate under load",
+    ),
+    Hypothesis(
+        "actuator-saturation", "actuator", "A surface stops short of what is asked of it.",
+        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _stop_variants, _stop_says,
+        look_alikes=("control-nonlinearity", "actuator-rate-limit"),
+        separated_by="inputs just below and well above the stop, held for a second",
+        check="the stops of the surface, and the actuator's stall load",
+    ),
+    Hypothesis(
+        "backlash", "actuator", "A dead play in the linkage: small reversals do not reach the surface.",
+        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _play_variants, _play_says,
+        look_alikes=("actuator-lag", "friction", "actuator-rate-limit"),
+        separated_by="small and large reversals of the same control: the play keeps its size",
+        check="free play of the surface on the ground",
+    ),
+    Hypothesis(
+        "augmentation", "actuator", "An unrecorded autopilot or damper moves a surface with the motion.",
+        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _feedback_variants, _feedback_says,
+        look_alikes=("wrong-derivative", "downwash-lag", "sidewash-lag"),
+        separated_by="the same manoeuvre with the damper off",
+        check="whether the surface is recorded before or after the autopilot's servo",
+    ),
+)  # fmt: skip

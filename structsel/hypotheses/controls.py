@@ -1,0 +1,280 @@
+"""Controls that lose their power: with their own deflection, or as the structure gives way under dynamic pressure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.hypotheses.signals import (
+    CHANNELS_OF,
+    CONTROLS,
+    LATERAL,
+    LONGITUDINAL,
+    Column,
+    beside,
+    coefficients,
+    gathered,
+    held,
+    lacking,
+    lift_line,
+    mean_slope,
+    moves,
+    reach,
+    scaled_slopes,
+    signature,
+)
+from structsel.mismatch.flight import Flight
+from structsel.numerics.smoothing.result import Array
+
+_MOVED = 0.03  # rad, below which no deflection is large
+_LAWS: dict[str, Callable[[Array], Array]] = {
+    "d|d|": lambda d: d * np.abs(d),
+    "d^3": lambda d: d**3,
+    "d^2": lambda d: d**2,
+}
+_THRESHOLDS = (0.3, 0.45, 0.6, 0.75)  # of the largest deflection
+_MAIN = (
+    ("CZ", "alpha"), ("Cm", "alpha"), ("Cm", "de"), ("CY", "beta"), ("Cl", "da"), ("Cl", "p_hat"), ("Cn", "beta"),
+    ("Cn", "dr"),
+)  # fmt: skip
+_CURVATURES = (0.0, 0.4)  # of the loss of power with dynamic pressure: k q / (1 + c q)
+_LOSS = "loss at mean qbar"
+_PRESSURES = 0.2  # least range of dynamic pressure over its mean
+
+
+def _used(flights: Flights) -> list[str]:
+    """Controls that move and that the simulation answers to."""
+    return [
+        c
+        for c, responses in CONTROLS.items()
+        if moves(flights, c) and any(mean_slope(flights, r, c) != 0.0 for r in held(flights, responses))
+    ]
+
+
+# --- effectiveness that depends on the deflection --------------------------------------------------------------------
+
+
+def _largest(flights: Flights, control: str) -> float:
+    return max(abs(x) for x in reach(flights, control))
+
+
+def _bends(flights: Flights) -> list[Variant]:
+    made = []
+    for control in _used(flights):
+        largest = _largest(flights, control)
+        if largest < _MOVED:
+            continue
+        main = held(flights, CONTROLS[control])[:1]
+        for name, law in _LAWS.items():
+            column = _power(control, law, largest)
+            made.append(_bent(flights, control, column, name))
+            made.append(_bent(flights, control, column, name, main))
+            fitted = beside(flights, column, CHANNELS_OF[main[0]])
+            made.append(_bent(flights, control, fitted, f"{name}, linear terms fitted without it"))
+        for share in _THRESHOLDS:
+            column = _beyond(control, share * largest)
+            shape = {"beyond": share * largest}
+            made.append(_bent(flights, control, column, "beyond a deflection", shape=shape))
+            made.append(_bent(flights, control, column, "beyond a deflection", main, shape))
+    return made
+
+
+def _power(control: str, law: Callable[[Array], Array], largest: float) -> Column:
+    """Loss of deflection [rad], such that one is the whole of the largest."""
+    return lambda flight: largest * law(flight[control] / largest)
+
+
+def _beyond(control: str, start: float) -> Column:
+    def column(flight: Flight) -> Array:
+        d = flight[control]
+        return np.sign(d) * np.maximum(np.abs(d) - start, 0.0)
+
+    return column
+
+
+def _bent(
+    flights: Flights,
+    control: str,
+    lost: Column,
+    about: str,
+    only: tuple[str, ...] = (),
+    shape: Mapping[str, float] | None = None,
+) -> Variant:
+    """Deflection lost, and with it the control's part of its coefficients by one ratio."""
+    slopes = {r: mean_slope(flights, r, control) for r in only or held(flights, CONTROLS[control])}
+    where = f" in {only[0]} only" if only else ""
+
+    def columns(flight: Flight) -> Columns:
+        x = lost(flight)
+        return {r: (-s * x)[:, None] for r, s in slopes.items() if s != 0.0 and r in flight.measured}
+
+    parameter = Parameter(f"{control} loss", "-", 0.25, -1.2, 1.2)
+    given = shape or {}
+    return Variant((parameter,), columns, given, dict.fromkeys(given, "rad"), f"{control}: {about}{where}")
+
+
+def _needs_bend(flights: Flights) -> str:
+    gone = lacking(flights)
+    if gone:
+        return gone
+    used = _used(flights)
+    if not used:
+        return "a control (de, da, dr) that moves"
+    if all(_largest(flights, c) < _MOVED for c in used):
+        return f"control deflections above {_MOVED:g} rad"
+    return ""
+
+
+def _says_bend(found: Found) -> str:
+    variant = found.variant
+    name = variant.parameters[0].name
+    control, _, about = variant.about.partition(": ")
+    percent = found.text(name, 100.0, "%")
+    if "beyond" in variant.shape:
+        start = np.rad2deg(variant.shape["beyond"])
+        return f"Beyond {start:.1f} deg the slope of {control} falls by {percent}{about.partition('deflection')[2]}."
+    if about.startswith("d^2"):
+        return (
+            f"The effect of {control} differs between its two sides by {percent} at the largest deflection ({about})."
+        )
+    return f"At its largest deflection {control} has lost {percent} of its effect ({about})."
+
+
+# --- structure that gives way ----------------------------------------------------------------------------------------
+
+
+def _mean_pressure(flights: Flights) -> float:
+    return float(gathered(flights, "qbar").mean())
+
+
+def _falls(flights: Flights) -> list[tuple[Column, str]]:
+    """What slopes lose with dynamic pressure, one being all of them at its mean: from none, and about the mean."""
+    mean = _mean_pressure(flights)
+    made = [(_fall(mean, c), f"rigid at rest{f', levelling off ({c:g})' if c else ''}") for c in _CURVATURES]
+    return [*made, (_fall_about(mean), "right at the mean dynamic pressure")]
+
+
+def _fall(mean: float, curvature: float) -> Column:
+    def column(flight: Flight) -> Array:
+        q = flight["qbar"] / mean
+        return -(1.0 + curvature) * q / (1.0 + curvature * q)
+
+    return column
+
+
+def _fall_about(mean: float) -> Column:
+    def column(flight: Flight) -> Array:
+        return 1.0 - flight["qbar"] / mean
+
+    return column
+
+
+def _stretches(flights: Flights) -> list[Variant]:
+    made = []
+    for control in _used(flights):
+        moved = held(flights, CONTROLS[control])
+        parameter = Parameter(f"{control} {_LOSS}", "-", 0.15, 0.0, 1.0)
+        for fall, about in _falls(flights):
+            made.append(scaled_slopes(flights, moved, (control,), fall, parameter, about))
+            made.append(scaled_slopes(flights, moved[:1], (control,), fall, parameter, f"{about}, in {moved[0]} only"))
+    return [v for v in made if v is not None]
+
+
+def _flexes(flights: Flights) -> list[Variant]:
+    every = coefficients(flights)
+    parameter = Parameter(_LOSS, "-", 0.15, 0.0, 1.0)
+    zero = lift_line(flights)[1]
+    made = []
+    for fall, about in _falls(flights):
+        made += [
+            scaled_slopes(flights, every, None, fall, parameter, f"all slopes; {about}"),
+            scaled_slopes(
+                flights, every, None, fall, parameter, f"all slopes, incidence from that of no lift; {about}", zero
+            ),
+            scaled_slopes(
+                flights, held(flights, LONGITUDINAL), ("alpha",), fall, parameter, f"the slopes with alpha; {about}"
+            ),
+            scaled_slopes(flights, held(flights, LATERAL), None, fall, parameter, f"the lateral slopes; {about}"),
+            _each_its_own(flights, fall, about),
+        ]
+    return [v for v in made if v is not None]
+
+
+def _each_its_own(flights: Flights, fall: Column, about: str) -> Variant | None:
+    """Main derivatives that fall each by its own ratio."""
+    slopes = {
+        (r, c): s
+        for r, c in _MAIN
+        if held(flights, (r,)) and moves(flights, c) and (s := mean_slope(flights, r, c)) != 0.0
+    }
+    if len(slopes) < 2:
+        return None
+    parameters = tuple(Parameter(f"{r}_{c} {_LOSS}", "-", 0.15, -0.02, 1.0) for r, c in slopes)
+
+    def columns(flight: Flight) -> Columns:
+        x = fall(flight)
+        return signature(
+            flight, len(slopes), [(r, j, s * x * flight[c]) for j, ((r, c), s) in enumerate(slopes.items())]
+        )
+
+    return Variant(parameters, columns, about=f"each derivative by its own share; {about}")
+
+
+def _needs_pressure(flights: Flights) -> str:
+    gone = lacking(flights)
+    if gone:
+        return gone
+    low, high = reach(flights, "qbar")
+    if high - low < _PRESSURES * _mean_pressure(flights):
+        return f"dynamic pressure that changes by {100 * _PRESSURES:.0f} % or more"
+    return ""
+
+
+def _needs_stretch(flights: Flights) -> str:
+    return _needs_pressure(flights) or ("" if _used(flights) else "a control (de, da, dr) that moves")
+
+
+def _says_loss(found: Found) -> str:
+    names = [p.name for p in found.variant.parameters]
+    shares = [f"{name.removesuffix(_LOSS)}{found.text(name, 100.0, '%')}" for name in names]
+    who = f"Effectiveness of {names[0].split()[0]} falls" if names[0].split()[0] in CONTROLS else "Slopes fall"
+    return f"{who} with dynamic pressure: lost at its mean {', '.join(shares)} ({found.variant.about})."
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "control-nonlinearity",
+        "static",
+        "The effectiveness of a control falls or grows with its own deflection.",
+        _needs_bend,
+        _bends,
+        _says_bend,
+        look_alikes=("actuator-saturation", "wrong-derivative", "slipstream", "missing-term"),
+        separated_by="The same input at three amplitudes, up to full deflection, with the surface itself measured.",
+        check="Control derivative against deflection in the wind-tunnel data; gaps and separation at the hinge.",
+    ),
+    Hypothesis(
+        "control-stretch",
+        "structural",
+        "The linkage of a control gives way, so that its effectiveness falls with dynamic pressure.",
+        _needs_stretch,
+        _stretches,
+        _says_loss,
+        look_alikes=("compressibility", "flexibility", "wrong-derivative", "control-nonlinearity"),
+        separated_by="The same control input over a sweep of speed, and at one Mach number at two heights.",
+        check="Where the deflection is measured: at the surface or at the stick; stiffness of cables and rods.",
+    ),
+    Hypothesis(
+        "flexibility",
+        "structural",
+        "The structure bends under load: all slopes fall with dynamic pressure.",
+        _needs_pressure,
+        _flexes,
+        _says_loss,
+        look_alikes=("compressibility", "control-stretch", "wrong-derivative"),
+        separated_by="The same manoeuvres at one Mach number at two heights.",
+        check="Flexible-to-rigid ratios of the derivatives against dynamic pressure.",
+    ),
+)

@@ -1,0 +1,301 @@
+"""Mass, its centre and its spread: other than stated, burning away, shifting or swinging.
+
+What is measured rests on the stated mass and inertia. What the true ones add is told by the *simulated* forces and
+moments, never the measured ones: noise must not meet itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+
+import numpy as np
+
+from structsel.hypotheses.base import Flights, Found, Hypothesis, Parameter, Variant
+from structsel.hypotheses.operators import changes, oscillate, peaks, spaced, step_at
+from structsel.hypotheses.signals import coefficients, held, lacking, signature
+from structsel.mismatch.flight import Flight
+from structsel.numerics.rigid_body import angular_acceleration, inertial_moment, thrust_force, thrust_moment
+from structsel.numerics.rigid_body.vectors import cross
+from structsel.numerics.smoothing.result import Array
+
+Parts = Iterable[tuple[str, int, Array]]
+
+_FORCES, _MOMENTS = ("CX", "CY", "CZ"), ("Cl", "Cm", "Cn")
+_SLOSH = (0.25, 2.0)  # Hz
+_SLOSH_DAMPINGS = (0.02, 0.06)
+
+
+def total_forces(flight: Flight) -> list[Array]:
+    """Simulated force coefficients with the thrust's; measured where the simulation does not tell."""
+    qS = flight["qbar"] * flight.craft.S
+    thrust = thrust_force(flight["thrust"], flight.craft.thrust.inclination)
+    zero = np.zeros(len(flight))
+    return [flight.simulated.get(r, flight.measured.get(r, zero)) + T / qS for r, T in zip(_FORCES, thrust)]
+
+
+def _variant(
+    parameters: tuple[Parameter, ...],
+    parts: Callable[[Flight], Parts],
+    about: str,
+    shape: dict[str, float] | None = None,
+    units: dict[str, str] | None = None,
+) -> Variant:
+    return Variant(parameters, lambda f: signature(f, len(parameters), parts(f)), shape or {}, units or {}, about)
+
+
+def _from(where: str, when: float) -> Callable[[Flight], Array | float]:
+    return lambda f: step_at(f.t, when) if f.name == where else 0.0
+
+
+# Mass
+
+
+def _heavier(flight: Flight, j: int, share: Array | float) -> Parts:
+    return [(r, j, -share * C) for r, C in zip(_FORCES, total_forces(flight))]
+
+
+def _burnt(flight: Flight) -> Array:
+    """Minutes since the start, weighted with the thrust where it is known."""
+    thrust = flight["thrust"]
+    mean = float(thrust.mean())
+    rate = thrust / mean if mean > 0.0 else np.ones(len(flight))
+    return np.cumsum(rate) * flight.dt / 60.0
+
+
+def _mass_variants(flights: Flights) -> list[Variant]:
+    share = Parameter("share", "-", 0.06, -0.5, 0.5)
+    made = [_variant((share,), lambda f: _heavier(f, 0, 1.0), "in all manoeuvres")]
+    place = {f.name: i for i, f in enumerate(flights)}
+    if len(flights) > 2:
+        last = len(flights) - 1
+        growth = Parameter("share from first to last", "-", 0.1, -0.5, 0.5)
+        made.append(
+            _variant((growth,), lambda f: _heavier(f, 0, place[f.name] / last), "growing from manoeuvre to manoeuvre")
+        )
+        made.append(
+            _variant(
+                (share, growth), lambda f: [*_heavier(f, 0, 1.0), *_heavier(f, 1, place[f.name] / last)],
+                "off, and growing from manoeuvre to manoeuvre",
+            )
+        )  # fmt: skip
+    if len({float(f.t[0]) for f in flights}) > 1:
+        first = min(float(f.t[0]) for f in flights)
+        rate = Parameter("share per min", "1/min", 0.005, -0.1, 0.1)
+        made.append(_variant((rate,), lambda f: _heavier(f, 0, (f.t - first) / 60.0), "growing with the time of day"))
+    within = Parameter("share per min", "1/min", 0.02, -0.3, 0.3)
+    made.append(_variant((within,), lambda f: _heavier(f, 0, _burnt(f)), "growing within each manoeuvre as fuel burns"))
+    return made
+
+
+def _mass_says(found: Found) -> str:
+    amounts = [
+        found.text(p.name, 100.0, "%" if p.unit == "-" else "% per min")
+        + p.name.removeprefix("share").removesuffix(" per min")
+        for p in found.variant.parameters
+    ]
+    return f"The mass is off by {' and '.join(amounts)} of what is stated ({found.variant.about})."
+
+
+# Centre of gravity
+
+
+def _through(flight: Flight) -> Array:
+    """From 0 at a manoeuvre's start to 1 at its end."""
+    return (flight.t - flight.t[0]) / np.ptp(flight.t)
+
+
+def _off_centre(flight: Flight, j: int, axis: int, on: Callable[[Flight], Array | float] | None = None) -> Parts:
+    """Moments about a centre of gravity that lies 1 m along an axis from the stated one."""
+    arm = cross(np.eye(3)[axis], total_forces(flight))
+    lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
+    much = 1.0 if on is None else on(flight)
+    return [(r, j, -much * m / length) for r, m, length in zip(_MOMENTS, arm, lengths)]
+
+
+def _off_centres(flight: Flight, axes: Sequence[int]) -> Parts:
+    return [part for j, axis in enumerate(axes) for part in _off_centre(flight, j, axis)]
+
+
+def _shift(flights: Flights, axis: int) -> Parameter:
+    craft = flights[0].craft
+    sd = (0.03 * craft.cbar, 0.01 * craft.b, 0.04 * craft.cbar)[axis]
+    return Parameter("xyz"[axis], "m", sd, -8.0 * sd, 8.0 * sd)
+
+
+def _shift_variants(flights: Flights) -> list[Variant]:
+    made = []
+    place = {f.name: i / max(1, len(flights) - 1) for i, f in enumerate(flights)}
+    for axes in ((0,), (1,), (2,), (0, 2), (0, 1)):
+        parameters = tuple(_shift(flights, i) for i in axes)
+        made.append(
+            _variant(
+                parameters, partial(_off_centres, axes=axes),
+                "in all manoeuvres",
+            )
+        )  # fmt: skip
+    for axis, responses in ((0, ("Cm",)), (1, ("Cl", "Cn")), (2, ("Cm",))):
+        for where, when in changes(flights, responses, 3):
+            made.append(
+                _variant(
+                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=_from(where, when)),
+                    f"in '{where}' from {when:.1f} s on", {"time": when}, {"time": "s"},
+                )
+            )  # fmt: skip
+        if len(flights) > 2:
+            made.append(
+                _variant(
+                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=lambda f: place[f.name]),
+                    "growing from the first manoeuvre to the last",
+                )
+            )  # fmt: skip
+        made.append(
+            _variant(
+                (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=_through),
+                "growing over each manoeuvre",
+            )
+        )  # fmt: skip
+    return made
+
+
+def _shift_says(found: Found) -> str:
+    where = ", ".join(f"{found.text(p.name)} along body {p.name}" for p in found.variant.parameters)
+    return f"The centre of gravity lies elsewhere than stated, by {where} ({found.variant.about})."
+
+
+# Moments of inertia
+
+
+def turning(flight: Flight) -> tuple[Array, ...]:
+    """Angular acceleration that the simulated moments would give; measured about axes it does not tell."""
+    craft = flight.craft
+    assert craft.inertia is not None
+    rates = (flight["p"], flight["q"], flight["r"])
+    qS = flight["qbar"] * craft.S
+    read = inertial_moment(
+        rates, tuple(flight[f"{c}_dot"] for c in "pqr"), craft.inertia.tensor, craft.engine.angular_momentum
+    )
+    pull = thrust_moment(flight["thrust"], craft.thrust.offset, craft.thrust.inclination)
+    moment = [
+        flight.simulated[r] * qS * length + T if r in flight.simulated else M
+        for r, length, T, M in zip(_MOMENTS, (craft.b, craft.cbar, craft.b), pull, read)
+    ]
+    return angular_acceleration(rates, moment, craft.inertia.tensor, craft.engine.angular_momentum)
+
+
+def _stiffer_to_turn(flight: Flight, more: list[np.ndarray]) -> Parts:
+    """Moments that more inertia needs for the same motion, which the stated inertia leaves out."""
+    rates = (flight["p"], flight["q"], flight["r"])
+    qS, craft = flight["qbar"] * flight.craft.S, flight.craft
+    faster = turning(flight)
+    made = []
+    for j, change in enumerate(more):
+        moment = inertial_moment(rates, faster, change)
+        made += [(r, j, -m / (qS * length)) for r, m, length in zip(_MOMENTS, moment, (craft.b, craft.cbar, craft.b))]
+    return made
+
+
+def _inertia_variants(flights: Flights) -> list[Variant]:
+    inertia = flights[0].craft.inertia
+    assert inertia is not None
+    sizes = {"Ix": (0, 0, inertia.Ix), "Iy": (1, 1, inertia.Iy), "Iz": (2, 2, inertia.Iz)}
+    units = {}
+    for name, (i, j, size) in sizes.items():
+        units[name] = np.zeros((3, 3))
+        units[name][i, j] = size
+    units["Ixz"] = np.zeros((3, 3))
+    units["Ixz"][0, 2] = units["Ixz"][2, 0] = -inertia.Iz
+    made = []
+    groups = [("Ix",), ("Iy",), ("Iz",), ("Ixz",), ("Ix", "Iz", "Ixz"), ("Ix", "Iy", "Iz")]
+    for group in groups:
+        parameters = tuple(
+            Parameter(n, "of Iz" if n == "Ixz" else "-", 0.03 if n == "Ixz" else 0.12, -0.6, 1.5) for n in group
+        )
+        parts = [units[n] for n in group]
+        made.append(_variant(parameters, partial(_stiffer_to_turn, more=parts), "in all manoeuvres"))
+    return made
+
+
+def _inertia_needs(flights: Flights) -> str:
+    if flights[0].craft.inertia is None:
+        return "moments of inertia"
+    return lacking(flights, _MOMENTS)
+
+
+def _inertia_says(found: Found) -> str:
+    off = [
+        f"{p.name} by {found.text(p.name, 100.0, '% of Iz' if p.name == 'Ixz' else '%')}"
+        for p in found.variant.parameters
+    ]
+    return f"Moments of inertia are larger than stated: {', '.join(off)}."
+
+
+# Fuel or loads that swing
+
+
+def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Parts:
+    force = total_forces(flight)[axis]
+    qS, craft = flight["qbar"] * flight.craft.S, flight.craft
+    # A mass on a pendulum does not go with the aircraft: its share of the force comes late and rings.
+    accel = force * qS / flight["mass"]
+    late = -(oscillate(accel, flight.dt, frequency, damping) - accel) * flight["mass"] / qS
+    if axis == 1:
+        return [("CY", 0, late), ("Cl", 1, late / craft.b), ("Cn", 2, late / craft.b)]
+    return [(_FORCES[axis], 0, late), ("Cm", 1, late / craft.cbar)]
+
+
+def _slosh_variants(flights: Flights) -> list[Variant]:
+    craft = flights[0].craft
+    share = Parameter("share of the mass", "-", 0.05, -0.3, 0.3)
+    side = (share, Parameter("roll arm", "m", 0.03 * craft.b), Parameter("yaw arm", "m", 0.03 * craft.b))
+    pitch = (share, Parameter("pitch arm", "m", 0.05 * craft.cbar))
+    made = []
+    for axis, parameters, name in ((1, side, "sideways"), (0, pitch, "fore and aft")):
+        seen = peaks(flights, (_FORCES[axis],), 3, *_SLOSH)
+        for frequency in [*seen, *(x for x in spaced(*_SLOSH, 9) if all(abs(np.log(x / y)) > 0.1 for y in seen))]:
+            for damping in _SLOSH_DAMPINGS:
+                shape = {"frequency": frequency, "damping": damping}
+                made.append(
+                    _variant(
+                        parameters,
+                        partial(_swinging, axis=axis, frequency=frequency, damping=damping),
+                        name,
+                        shape,
+                        {"frequency": "Hz", "damping": "-"},
+                    )
+                )
+    return made
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "mass-error", "inertial", "The mass is not as stated, or changes as fuel burns.",
+        lambda fs: "" if len(held(fs, _FORCES)) > 1 else "two simulated force coefficients", _mass_variants, _mass_says,
+        look_alikes=("position-error", "wrong-derivative", "sensor-scale", "thrust-scale"),
+        separated_by="throttle steps and moments: both know the dynamic pressure, neither the weight",
+        check="weighing, and the fuel state of each manoeuvre",
+    ),
+    Hypothesis(
+        "cg-shift", "inertial", "The centre of gravity is not where stated, or moves.",
+        lambda fs: lacking(fs, _MOMENTS) or lacking(fs, _FORCES), _shift_variants, _shift_says,
+        look_alikes=("wrong-derivative", "thrust-line"),
+        separated_by="force changes that angle of attack does not cause: flap, throttle, sideslip, stall",
+        check="loading sheet and fuel distribution; weighing on three points",
+    ),
+    Hypothesis(
+        "inertia-error", "inertial", "A moment or product of inertia is not as stated.",
+        _inertia_needs, _inertia_variants, _inertia_says,
+        look_alikes=("wrong-derivative", "sensor-delay", "engine-gyroscopic"),
+        separated_by="a known moment, as of a throttle step, or fast rolling with pitch and yaw rates",
+        check="loading of the wings and a swing test",
+    ),
+    Hypothesis(
+        "slosh", "inertial", "Fuel or a slung load swings, lightly damped.",
+        lambda fs: "" if {"CY", "CX"} & set(coefficients(fs)) else "a simulated CY or CX", _slosh_variants,
+        lambda found: f"A mass swings {found.variant.about} at {found.text('frequency')}, "
+        f"{found.text('share of the mass', 100.0, '%')} of all.",
+        look_alikes=("structural-mode", "wrong-derivative"),
+        separated_by="the same manoeuvre with full and with half-full tanks",
+        check="baffles, and the fill of the tanks",
+    ),
+)  # fmt: skip

@@ -1,0 +1,322 @@
+"""Any plant: an answer that is no aerodynamic coefficient, and the force that its simulation lacks.
+
+A linear plant ``y = G u`` with a force f(y) beside its input obeys ``y = G (u + f)``, so that what is measured less
+what is simulated is G f, with f along the *measured* motion: no iteration, however far they part. G is found from the
+simulation's own input and output. Errors of its stiffness, damping and inertia are forces of the same kind: they go
+along, since whoever fitted a linear plant to a bent one got them wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numba import njit
+from scipy.linalg import lstsq
+from scipy.signal import lfilter
+
+from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.hypotheses.operators import lag, late, spaced
+from structsel.mismatch.flight import Flight
+from structsel.mismatch.responses import COEFFICIENTS, KINEMATIC
+from structsel.numerics.smoothing.result import Array
+
+_SAMPLES = 8000  # of a manoeuvre that are enough to find a linear plant from a simulation without noise
+_ORDERS = (0, 1, 2, 3, 4)
+_LEAST_R2 = 0.8
+_PATHS = (-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0)  # deg of delta over gamma; at 90 the force would be elastic
+
+
+def answers(flights: Flights) -> list[str]:
+    """Simulated responses that are channels, not coefficients."""
+    found = {r for f in flights for r in f.simulated if r not in COEFFICIENTS and r not in KINEMATIC}
+    return sorted(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """Linear plant of one response: its input (empty where none was found, the force is then added to the output).
+
+    Attributes
+    ----------
+    response, source : str
+    b, a : (k,) arrays
+        Of the discrete transfer function.
+    size : float
+        Rms of the input.
+    motion, speed : float
+        Rms of the measured response and of its rate.
+    """
+
+    response: str
+    source: str
+    b: Array
+    a: Array
+    size: float
+    motion: float
+    speed: float
+
+    @property
+    def stiffness(self) -> float:
+        """Input per response, at rest."""
+        gain = abs(float(self.b.sum() / self.a.sum()))
+        return 1.0 / gain if gain > 0.0 else 1.0
+
+    def under(self, force: Array) -> Array:
+        """Response to a force."""
+        return lfilter(self.b, self.a, force - force.mean())
+
+
+def find_plant(flights: Flights, response: str) -> Plant:
+    """Linear plant that a simulation is, as far as one channel of the recordings drives it."""
+    held = [f for f in flights if response in f.simulated]
+    first = held[0]
+    told = first.simulated[response][:_SAMPLES]
+    y = told - told.mean()
+    best: tuple[float, str, Array, Array] = (_LEAST_R2, "", np.ones(1), np.ones(1))
+    for name in sorted(first.recorded - {"t", *first.simulated}):
+        u = first.raw[name][:_SAMPLES]
+        u = u - u.mean()
+        if not u.any():
+            continue
+        for order in _ORDERS:
+            b, a = _transfer(u, y, order)
+            if np.abs(np.roots(a)).max(initial=0.0) >= 1.0:
+                continue
+            left = y - lfilter(b, a, u)
+            r2 = 1.0 - float(left @ left) / float(y @ y) if y.any() else 0.0
+            if r2 > best[0] + 1e-6:
+                best = (r2, name, b, a)
+    _, source, b, a = best
+    u = first.raw[source] if source else told
+    motion = np.concatenate([f.measured[response] - f.measured[response].mean() for f in held])
+    speed = np.concatenate([f.rate(_path(f, response)) for f in held])
+    return Plant(response, source, b, a, _rms(u - u.mean()), _rms(motion), _rms(speed))
+
+
+def _transfer(u: Array, y: Array, order: int) -> tuple[Array, Array]:
+    n = len(y)
+    rows = [-y[order - k : n - k] for k in range(1, order + 1)] + [u[order - k : n - k] for k in range(order + 1)]
+    values = lstsq(np.column_stack(rows), y[order:], lapack_driver="gelsy")[0]
+    return values[order:], np.concatenate([[1.0], values[:order]])
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _path(flight: Flight, response: str) -> Array:
+    return flight.measured[response]
+
+
+Force = Callable[[Array, Array], Array]  # of displacement and speed
+
+
+def _forced(
+    plant: Plant, parameter: Parameter, force: Force, about: str, shape: dict[str, float] | None = None
+) -> Variant:
+    """A missing force, with what stiffness, damping and inertia may be off beside it."""
+    pace = plant.speed / plant.motion
+    stiffness = Parameter("stiffness", "input per response", 0.2 * plant.stiffness)
+    damping = Parameter("damping", "input per rate", 0.05 * plant.stiffness / pace)
+    inertia = Parameter("inertia", "input per second rate", 0.05 * plant.stiffness / pace**2)
+
+    def columns(flight: Flight) -> Columns:
+        if plant.response not in flight.measured:
+            return {}
+        y = _path(flight, plant.response)
+        v = flight.rate(y)
+        forces = (-force(y, v), -y, -v, -flight.rate(v))
+        return {plant.response: np.column_stack([plant.under(f) for f in forces])}
+
+    units = dict.fromkeys(shape or {}, "of the response's rms")
+    return Variant(
+        (parameter, stiffness, damping, inertia), columns, shape or {}, units, f"{about} of {plant.response}"
+    )
+
+
+def _stiffening(flights: Flights) -> list[Variant]:
+    made = []
+    for response in answers(flights):
+        plant = find_plant(flights, response)
+        if plant.speed == 0.0:
+            continue
+        unit = plant.stiffness
+        laws: tuple[tuple[str, int, Force], ...] = (
+            ("cube", 3, lambda y, v: y**3),
+            ("cube about its mean", 3, lambda y, v: (y - y.mean()) ** 3),
+            ("square with sign", 2, lambda y, v: y * np.abs(y)),
+            ("square", 2, lambda y, v: y**2),
+        )
+        for name, power, law in laws:
+            sd = 0.2 * unit / plant.motion ** (power - 1)
+            made.append(_forced(plant, Parameter("restoring", f"input per response^{power}", sd), law, name))
+    return made
+
+
+def _dry(y: Array, v: Array, slow: float) -> Array:
+    return np.tanh(v / slow)
+
+
+def _stribeck(y: Array, v: Array, slow: float) -> Array:
+    return np.tanh(v / (0.1 * slow)) * np.exp(-((v / slow) ** 2))
+
+
+def _friction(flights: Flights) -> list[Variant]:
+    made = []
+    for response in answers(flights):
+        plant = find_plant(flights, response)
+        if plant.speed == 0.0:
+            continue
+        parameter = Parameter("force", "input", 0.3 * plant.size, 0.0)
+        for share in (0.03, 0.1, 0.3):
+            smooth = share * plant.speed
+            made.append(_forced(plant, parameter, partial(_dry, slow=smooth), "dry friction", {"rounding": share}))
+        for share in (0.3, 1.0):
+            law = partial(_stribeck, slow=share * plant.speed)
+            made.append(_forced(plant, parameter, law, "friction that falls with speed", {"speed": share}))
+    return made
+
+
+def _hysteresis(flights: Flights) -> list[Variant]:
+    made = []
+    for response in answers(flights):
+        plant = find_plant(flights, response)
+        if plant.speed == 0.0:
+            continue
+        parameter = Parameter("force", "input per response", 0.5 * plant.stiffness)
+        for share in spaced(0.2, 6.4, 6):
+            for angle in np.radians(_PATHS):
+                gamma, delta = float(np.cos(angle)), float(np.sin(angle))
+                if gamma + delta < 0.0 and share < 1.0:
+                    continue  # it hardens, within bounds only while the motion is small
+                size = share * plant.motion
+
+                def force(y: Array, v: Array, s: float = size, g: float = gamma, d: float = delta) -> Array:
+                    made = np.empty(len(y))
+                    _bouc_wen(np.ascontiguousarray(y), s, g, d, made)
+                    return made
+
+                shape = {"scale": share, "gamma": gamma, "delta": delta}
+                made.append(_forced(plant, parameter, force, "force that depends on the path", shape))
+    return made
+
+
+@njit(cache=True)
+def _bouc_wen(y, scale, gamma, delta, made):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """State ``z' = y' - |z| / scale (gamma |y'| sign(z) + delta y')``: rate independent, in the response's unit."""
+    z = 0.0
+    made[0] = z
+    for k in range(1, y.size):
+        way = y[k] - y[k - 1]
+        parts = 2 + int(4.0 * abs(way) * (abs(gamma) + abs(delta)) / scale)
+        step = way / parts
+        for _ in range(parts):
+            # Midpoint: the law bends at each reversal.
+            half = z + 0.5 * (step - (gamma * abs(step) * z + delta * step * abs(z)) / scale)
+            z += step - (gamma * abs(step) * half + delta * step * abs(half)) / scale
+        made[k] = z
+
+
+def _saturation(flights: Flights) -> list[Variant]:
+    share = Parameter("share", "-", 1.0, 0.5, 1.5)
+    made = []
+    for response in answers(flights):
+        plant = find_plant(flights, response)
+        held = [f for f in flights if response in f.simulated]
+        told = np.concatenate([f.simulated[response] for f in held])
+        read = np.concatenate([f.measured[response] for f in held])
+        for side, extreme in (("upper", np.max), ("lower", np.min)):
+            middle, end = float(np.median(told)), float(extreme(told))
+            levels = [middle + s * (end - middle) for s in (0.4, 0.55, 0.7, 0.8, 0.9)] + [float(extreme(read))]
+            for level in levels:
+                ends = (-np.inf, level) if side == "upper" else (level, np.inf)
+
+                def cut(f: Flight, r: str = response, ends: tuple[float, float] = ends) -> Columns:
+                    return {r: (np.clip(f.simulated[r], *ends) - f.simulated[r])[:, None]} if r in f.simulated else {}
+
+                made.append(Variant((share,), cut, {"limit": level}, {"limit": ""}, f"{response}, {side} side"))
+        if plant.source:
+            largest = float(np.abs(np.concatenate([f.raw[plant.source] for f in held])).max())
+            for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+
+                def stopped(f: Flight, p: Plant = plant, x: float = s * largest) -> Columns:
+                    if p.response not in f.simulated:
+                        return {}
+                    u = f.raw[p.source]
+                    return {p.response: p.under(np.clip(u, -x, x) - u)[:, None]}
+
+                made.append(
+                    Variant(
+                        (share,),
+                        stopped,
+                        {"limit": s * largest},
+                        {"limit": ""},
+                        f"{plant.source}, the input, either way",
+                    )
+                )
+    return made
+
+
+def late_answers(flights: Flights) -> list[Variant]:
+    """Lags and delays of a plant's input; through a linear or quasi-steady plant they are those of its answer."""
+    made = []
+    for response in answers(flights):
+        first = next(f for f in flights if response in f.simulated)
+        low, high = max(0.75 * first.dt, 1e-3), min(0.5, 0.05 * first.dt * len(first))
+        for name, operator in (("lag", lag), ("delay", late)):
+            for tau in spaced(low, high, 14):
+
+                def behind(f: Flight, r: str = response, g: Callable = operator, x: float = tau) -> Columns:
+                    if r not in f.simulated:
+                        return {}
+                    told = f.simulated[r]
+                    return {r: ((g(told, f.dt, x) - told) / x)[:, None]}
+
+                parameter = Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau)
+                made.append(Variant((parameter,), behind, about=f"actuator that drives {response}"))
+    return made
+
+
+def _needs(flights: Flights) -> str:
+    return "" if answers(flights) else "a simulated channel that is no coefficient"
+
+
+def _limit_says(found: Found) -> str:
+    channel, side = found.variant.about.split(", ", 1)
+    return f"{channel} stops at {found.text('limit')} ({side}), beyond which the simulation goes on."
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "stiffening", "static", "A restoring force that grows faster than the displacement.",
+        _needs, _stiffening,
+        lambda found: f"Beyond the linear restoring force there is a {found.variant.about}: {found.text('restoring')}.",
+        look_alikes=("missing-term", "saturation"),
+        separated_by="the same input at two amplitudes", check="the static characteristic of the spring",
+    ),
+    Hypothesis(
+        "friction", "actuator", "A force against the motion that hardly depends on the speed.",
+        _needs, _friction,
+        lambda found: f"There is {found.variant.about}: a force of {found.text('force')} against the motion.",
+        look_alikes=("backlash", "mechanical-hysteresis"),
+        separated_by="slow reversals at small amplitude, where the motion sticks", check="bearings and seals",
+    ),
+    Hypothesis(
+        "mechanical-hysteresis", "memory", "A restoring force that depends on the path, not on the speed.",
+        _needs, _hysteresis,
+        lambda found: f"A {found.variant.about}, with an internal state: {found.text('force')}, "
+        f"within {found.text('scale')}.",
+        look_alikes=("friction", "backlash", "stiffening"),
+        separated_by="the same loop run slowly and fast: it keeps its area",
+        check="joints and materials that slip or yield",
+    ),
+    Hypothesis(
+        "saturation", "static", "An output, or what drives it, stops at a limit.",
+        _needs, _saturation, _limit_says,
+        look_alikes=("control-nonlinearity", "stiffening"),
+        separated_by="inputs just below and well above the limit", check="overflows, end stops and ranges",
+    ),
+)  # fmt: skip

@@ -1,0 +1,354 @@
+"""Faults of instruments: each wrong reading is followed through measured coefficients, kinematics and simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from structsel.hypotheses.base import Flights, Found, Hypothesis, Parameter, Variant
+from structsel.hypotheses.operators import changes, late, spaced, step_at
+from structsel.hypotheses.readings import Errors, cannot_be_shifted, reading, wrong_readings
+from structsel.hypotheses.signals import available, gathered, moves
+from structsel.hypotheses.wording import INSTRUMENTS, percent, shown
+from structsel.mismatch.flight import Flight
+from structsel.numerics.rigid_body import body_velocity
+from structsel.numerics.rigid_body.vectors import cross
+from structsel.numerics.smoothing.result import Array
+
+_AIR, _INERTIAL, _ATTITUDE = ("V", "alpha", "beta"), ("ax", "ay", "az", "p", "q", "r"), ("phi", "theta")
+_BIAS = {**dict.fromkeys(("alpha", "beta", "phi", "theta"), 0.01), **dict.fromkeys(("p", "q", "r"), 0.005),
+         **dict.fromkeys(("ax", "ay", "az"), 0.15)}  # fmt: skip
+_UNIT = {**dict.fromkeys(("alpha", "beta", "phi", "theta"), "rad"), **dict.fromkeys(("p", "q", "r"), "rad/s"),
+         **dict.fromkeys(("ax", "ay", "az"), "m/s^2"), "V": "m/s"}  # fmt: skip
+_AXES = "xyz"
+
+
+def _present(flights: Flights, channels: Sequence[str]) -> list[str]:
+    return [c for c in channels if moves(flights, c)]
+
+
+def _needs(channels: Sequence[str]) -> Callable[[Flights], str]:
+    def needs(flights: Flights) -> str:
+        if missing := cannot_be_shifted(flights):
+            return missing
+        if not _present(flights, channels):
+            return f"any of the channels {', '.join(channels)}, moving"
+        return ""
+
+    return needs
+
+
+# Biases: a constant of each instrument in each manoeuvre goes free, so far as it shifts a response by a constant.
+
+
+def _bias_sd(flights: Flights, channel: str) -> float:
+    return 0.02 * float(gathered(flights, "V").mean()) if channel == "V" else _BIAS[channel]
+
+
+def _bias_variants(flights: Flights) -> list[Variant]:
+    made = []
+    clearest = changes(flights, tuple(f for f in flights[0].responses), 2)
+    for channel in _present(flights, (*_AIR, *_INERTIAL, *_ATTITUDE)):
+        sd, unit = _bias_sd(flights, channel), _UNIT[channel]
+        constant = Parameter("bias", unit, sd, -10.0 * sd, 10.0 * sd)
+        drift = Parameter("drift", f"{unit}/min" if unit.count("/") == 0 else f"{unit} per min", 2.0 * sd)
+        name = INSTRUMENTS[channel]
+        made += [
+            Variant((constant,), wrong_readings(partial(_level, channel=channel)), about=name),
+            Variant(
+                (drift,),
+                wrong_readings(partial(_drift, channel=channel)),
+                about=f"{name}, drifting",
+            ),
+        ]
+        made += [
+            Variant(
+                (constant,),
+                wrong_readings(partial(_jump, channel=channel, where=where, when=when)),
+                {"time": when}, {"time": "s"}, about=f"{name}, in '{where}' from {when:.1f} s on",
+            )
+            for where, when in clearest
+        ]  # fmt: skip
+    return made
+
+
+def _level(flight: Flight, channel: str) -> list[Errors]:
+    return [{channel: 1.0}]
+
+
+def _drift(flight: Flight, channel: str) -> list[Errors]:
+    return [{channel: (flight.t - flight.t[0]) / 60.0}]
+
+
+def _jump(flight: Flight, channel: str, where: str, when: float) -> list[Errors]:
+    return [{channel: step_at(flight.t, when) if flight.name == where else 0.0}]
+
+
+def _bias_says(found: Found) -> str:
+    name, does = ("drift", "drifts by") if "drift" in found.estimates else ("bias", "reads too much by")
+    return f"{_capital(found)} {does} {shown(found, name)}."
+
+
+def _capital(found: Found) -> str:
+    about = found.variant.about
+    return about[:1].upper() + about[1:]
+
+
+# Scales
+
+
+def _scale_variants(flights: Flights) -> list[Variant]:
+    made = []
+    for channel in _present(flights, (*_AIR, *_INERTIAL)):
+        sd = 0.1 if channel in ("alpha", "beta") else 0.04
+        made.append(
+            Variant(
+                (Parameter("scale", "-", sd, -0.5, 0.5),),
+                wrong_readings(partial(_scaled, channel=channel)),
+                about=INSTRUMENTS[channel],
+            )
+        )
+    return made
+
+
+def _scaled(flight: Flight, channel: str) -> list[Errors]:
+    errors: dict[str, Array | float] = {channel: reading(flight, channel)}
+    if channel == "V" and "qbar" in flight.recorded:
+        # The dynamic pressure has an instrument of its own, which stays right.
+        errors["qbar_ratio"] = -2.0 * flight["qbar_ratio"]
+    return [errors]
+
+
+def _scale_says(found: Found) -> str:
+    more = "too much" if found["scale"] >= 0.0 else "too little"
+    # The error is a share of the reading, so the reading is the truth over one less it.
+    return (
+        f"{_capital(found)} reads {more}: {1.0 / (1.0 - found['scale']):.3f} of the truth ({percent(found, 'scale')})."
+    )
+
+
+# Delays
+
+
+def _delay_variants(flights: Flights) -> list[Variant]:
+    single = _present(flights, (*_AIR, *_INERTIAL, *_ATTITUDE, "de", "da", "dr"))
+    groups: list[tuple[tuple[str, ...], str]] = [((c,), INSTRUMENTS[c]) for c in single]
+    air = tuple(c for c in _AIR if c in single)
+    if len(air) > 1:
+        groups.append((air, "the air data"))
+    made = []
+    for channels, name in groups:
+        for tau in spaced(max(0.02, 0.5 * flights[0].dt), 0.25, 4):
+            made.append(
+                Variant(
+                    (Parameter("delay", "s", tau, 0.5 * tau, 1.6 * tau),),
+                    wrong_readings(partial(_late_readings, channels=channels, tau=tau)),
+                    about=name,
+                )
+            )
+    return made
+
+
+def _late_readings(flight: Flight, channels: Sequence[str], tau: float) -> list[Errors]:
+    # What is read now was true `tau` ago, so what is true now will be read then.
+    read = {c: reading(flight, c) for c in channels}
+    return [{c: (x - late(x, flight.dt, -tau)) / tau for c, x in read.items()}]
+
+
+def _delay_says(found: Found) -> str:
+    be = "are" if found.variant.about == "the air data" else "is"
+    return f"{_capital(found)} {be} late by {found.text('delay')}."
+
+
+# Places
+
+
+def _arm_at_accelerometer(flight: Flight, axis: int) -> Errors:
+    d = np.eye(3)[axis]
+    rates = (flight["p"], flight["q"], flight["r"])
+    turning = (flight["p_dot"], flight["q_dot"], flight["r_dot"])
+    added = [a + b for a, b in zip(cross(turning, d), cross(rates, cross(rates, d)))]
+    return dict(zip(("ax", "ay", "az"), added))
+
+
+def _arm_at_vane(flight: Flight, axis: int) -> Errors:
+    V, alpha, beta = flight["V"], flight["alpha"], flight["beta"]
+    du, dv, dw = cross((flight["p"], flight["q"], flight["r"]), np.eye(3)[axis])
+    u, v, w = body_velocity(V, alpha, beta)
+    level = u**2 + w**2
+    dV = (u * du + v * dv + w * dw) / V
+    return {"V": dV, "alpha": (u * dw - w * du) / level, "beta": (dv - v * dV / V) / np.sqrt(level)}
+
+
+def _arms(flight: Flight, arm: Callable[[Flight, int], Errors], axes: Sequence[int]) -> list[Errors]:
+    return [arm(flight, axis) for axis in axes]
+
+
+def _position_variants(flights: Flights) -> list[Variant]:
+    craft = flights[0].craft
+    made = []
+    for name, arm, sd in (
+        ("the accelerometer", _arm_at_accelerometer, 0.15 * craft.cbar),
+        ("the vane", _arm_at_vane, 0.5 * craft.cbar),
+    ):
+        for axis in range(3):
+            made.append(
+                Variant(
+                    (Parameter(_AXES[axis], "m", sd, -10.0 * sd, 10.0 * sd),),
+                    wrong_readings(partial(_arms, arm=arm, axes=(axis,))),
+                    about=f"{name}, along body {_AXES[axis]}",
+                )
+            )
+        made.append(
+            Variant(
+                tuple(Parameter(x, "m", sd, -10.0 * sd, 10.0 * sd) for x in _AXES),
+                wrong_readings(partial(_arms, arm=arm, axes=(0, 1, 2))),
+                about=f"{name}, along all axes",
+            )
+        )
+    return made
+
+
+def _position_says(found: Found) -> str:
+    where = ", ".join(f"{x} {found.text(x)}" for x in _AXES if x in found.estimates)
+    return f"{_capital(found).split(',')[0]} stands elsewhere than stated, by {where} in body axes."
+
+
+# Misalignments
+
+
+def _turned(flight: Flight, channels: Sequence[str], axis: int) -> Errors:
+    """A triad mounted turned by one radian (to first order) about a body axis reads v - e x v."""
+    values = [reading(flight, c) for c in channels]
+    return {c: -x for c, x in zip(channels, cross(np.eye(3)[axis], values))}
+
+
+def _turnings(flight: Flight, triads: Sequence[Sequence[str]], axes: Sequence[int]) -> list[Errors]:
+    return [{c: e for triad in triads for c, e in _turned(flight, triad, axis).items()} for axis in axes]
+
+
+def _rolled_boom(flight: Flight) -> Errors:
+    return {"alpha": flight["beta"], "beta": -flight["alpha"]}
+
+
+def _misalignment_variants(flights: Flights) -> list[Variant]:
+    triads = {
+        "the accelerometers": (_INERTIAL[:3],),
+        "the gyros": (_INERTIAL[3:],),
+        "the inertial unit": (_INERTIAL[:3], _INERTIAL[3:]),
+    }
+    made = []
+    for name, parts in triads.items():
+        if not all(available(flights, c) for part in parts for c in part):
+            continue
+
+        for axes in ((0,), (1,), (2,), (0, 1, 2)):
+            made.append(
+                Variant(
+                    tuple(Parameter(f"about {_AXES[i]}", "rad", 0.02, -0.15, 0.15) for i in axes),
+                    wrong_readings(partial(_turnings, triads=parts, axes=axes)),
+                    about=name,
+                )
+            )
+    if available(flights, "alpha") and available(flights, "beta"):
+        made.append(
+            Variant(
+                (Parameter("about x", "rad", 0.04, -0.3, 0.3),),
+                wrong_readings(lambda f: [_rolled_boom(f)]),
+                about="the boom with its vanes",
+            )
+        )
+    return made
+
+
+def _misalignment_says(found: Found) -> str:
+    by = ", ".join(f"{shown(found, f'about {x}')} about body {x}" for x in _AXES if f"about {x}" in found.estimates)
+    return f"{_capital(found)} are mounted turned by {by}.".replace("unit are", "unit is").replace(
+        "vanes are", "vanes is"
+    )
+
+
+# Pitot and static
+
+
+def _position_error_variants(flights: Flights) -> list[Variant]:
+    factor = Parameter("factor", "-", 0.05, -0.3, 0.3)
+    middle = float(gathered(flights, "alpha").mean())
+    return [
+        Variant(
+            (factor,),
+            wrong_readings(lambda f: [{"V": f["V"]}]),
+            about="airspeed and dynamic pressure",
+        ),
+        Variant(
+            (Parameter("factor", "-", 0.1, -0.5, 0.5),),
+            wrong_readings(lambda f: [{"qbar_ratio": f["qbar_ratio"]}]),
+            about="dynamic pressure alone",
+        ),
+        Variant(
+            (Parameter("factor per rad", "1/rad", 0.3, -3.0, 3.0),),
+            wrong_readings(lambda f: [{"V": f["V"] * (f["alpha"] - middle)}]),
+            about="airspeed and dynamic pressure, with angle of attack",
+        ),
+    ]
+
+
+def _position_error_says(found: Found) -> str:
+    about = found.variant.about
+    if "factor per rad" in found.estimates:
+        return (
+            f"{_capital(found)}: the error grows by {found.text('factor per rad', 100.0 * np.pi / 180.0, '% per deg')}."
+        )
+    which = "the pressures" if "airspeed" in about else "the density or the static pressure"
+    return (
+        f"{_capital(found)} read too much by {percent(found, 'factor')}: "
+        f"{which} are off, and all coefficients with them."
+    )
+
+
+_SCALE_SEPARATED = "manoeuvres in which the channel moves at different speeds and powers, beside attitude and gyros"
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "sensor-bias", "sensor", "An instrument is off by more than a free constant: too far, drifting or jumping.",
+        _needs((*_AIR, *_INERTIAL, *_ATTITUDE)), _bias_variants, _bias_says,
+        look_alikes=("steady-wind", "asymmetry", "sensor-scale"),
+        separated_by="the same manoeuvre flown on opposite headings, and seconds of rest on the ground",
+        check="the instrument's reading at rest before and after flight",
+    ),
+    Hypothesis(
+        "sensor-scale", "sensor", "An instrument reads too much or too little by a factor.",
+        _needs((*_AIR, *_INERTIAL)), _scale_variants, _scale_says,
+        look_alikes=("wrong-derivative", "sensor-position", "position-error", "mass-error"),
+        separated_by=_SCALE_SEPARATED, check="the instrument's calibration, and the upwash at its place",
+    ),
+    Hypothesis(
+        "sensor-delay", "sensor", "An instrument's channel is late.",
+        _needs((*_AIR, *_INERTIAL)), _delay_variants, _delay_says,
+        look_alikes=("actuator-lag", "unsteady-lift", "downwash-lag", "sensor-position"),
+        separated_by="sharp inputs on each control: only what comes from this channel is late",
+        check="filters, tubing and time stamps of the channel",
+    ),
+    Hypothesis(
+        "sensor-position", "sensor", "An instrument stands elsewhere than stated.",
+        _needs(("p", "q", "r")), _position_variants, _position_says,
+        look_alikes=("inertia-error", "sensor-delay", "sensor-scale"),
+        separated_by="fast pitching and rolling at the same angle of attack",
+        check="where the instrument is, from the centre of gravity as it was loaded",
+    ),
+    Hypothesis(
+        "sensor-misalignment", "sensor", "Instruments are mounted turned, so that axes mix.",
+        _needs((*_INERTIAL, "alpha", "beta")), _misalignment_variants, _misalignment_says,
+        look_alikes=("drag-polar", "missing-term", "cross-coupling"),
+        separated_by="level accelerations and pull-ups: a turned triad mixes gravity as well as lift into its axes",
+        check="the mounting of the instruments against the body axes",
+    ),
+    Hypothesis(
+        "position-error", "sensor", "Pitot, static or density are off, so that all coefficients scale alike.",
+        _needs(("V",)), _position_error_variants, _position_error_says,
+        look_alikes=("mass-error", "sensor-scale", "wrong-derivative"),
+        separated_by="level runs at several speeds against ground speed, on opposite headings",
+        check="the pitot-static calibration, and the density used",
+    ),
+)  # fmt: skip

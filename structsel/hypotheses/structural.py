@@ -1,0 +1,81 @@
+"""Structure that swings: lightly damped modes which controls and incidence excite."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from structsel.hypotheses.base import Columns, Flights, Hypothesis, Parameter, Variant
+from structsel.hypotheses.operators import oscillate, peaks
+from structsel.hypotheses.signals import LATERAL, LONGITUDINAL, coefficients, held, moves, signature, variation
+from structsel.mismatch.flight import Flight
+from structsel.mismatch.noise import highest_of
+
+_LOWEST = 0.8  # Hz
+_OF_BAND = 0.85  # a mode at the edge of what is compared is told from nothing by half of it
+_PEAKS = 3
+_SPREAD = (1.5, 3.0)  # Hz, tried whatever the spectrum says
+_DAMPINGS = (0.015, 0.04, 0.1)
+_FAMILIES = ((LONGITUDINAL, ("de", "alpha")), (LATERAL, ("da", "dr", "beta")))
+
+
+def _ringing(responses: Sequence[str], drive: str, frequency: float, damping: float) -> Callable[[Flight], Columns]:
+    def columns(flight: Flight) -> Columns:
+        x = flight[drive]
+        # The quasi-steady share of the mode is in the rigid derivatives already.
+        extra = oscillate(x, flight.dt, frequency, damping) - x
+        return signature(flight, len(responses), ((r, j, extra) for j, r in enumerate(responses)))
+
+    return columns
+
+
+def _variants(flights: Flights) -> list[Variant]:
+    made = []
+    for family, drives in _FAMILIES:
+        responses = held(flights, family)
+        top = _OF_BAND * min(highest_of(f) for f in flights)
+        frequencies = peaks(flights, responses, _PEAKS, _LOWEST, top)
+        frequencies += [x for x in _SPREAD if all(abs(np.log(x / y)) > 0.2 for y in frequencies)]
+        frequencies = [x for x in frequencies if x < top]
+        for drive in drives:
+            if not responses or not moves(flights, drive):
+                continue
+            parameters = tuple(Parameter(f"{r} per {drive}", "1/rad", *_size(flights, r, drive)) for r in responses)
+            for frequency in frequencies:
+                for damping in _DAMPINGS:
+                    made.append(
+                        Variant(
+                            parameters,
+                            _ringing(responses, drive, frequency, damping),
+                            {"frequency": frequency, "damping": damping},
+                            {"frequency": "Hz", "damping": "-"},
+                            drive,
+                        )
+                    )
+    return made
+
+
+def _size(flights: Flights, response: str, drive: str) -> tuple[float]:
+    rms = np.sqrt(np.mean([np.var(f[drive]) for f in flights]))
+    return (0.2 * variation(flights, response) / float(rms),)
+
+
+def _needs(flights: Flights) -> str:
+    if not coefficients(flights):
+        return "simulated coefficients"
+    if _OF_BAND * min(highest_of(f) for f in flights) <= 2.0 * _LOWEST:
+        return f"samples faster than {4.0 * _LOWEST / (0.32 * _OF_BAND):.0f} Hz"
+    return "" if any(moves(flights, d) for _, drives in _FAMILIES for d in drives) else "a control that moves"
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "structural-mode", "structural", "A lightly damped mode of the structure, which controls or incidence excite.",
+        _needs, _variants,
+        lambda found: f"A mode at {found.text('frequency')}, damping {found.text('damping', 100.0, '%')} of critical, "
+        f"is excited by {found.variant.about}.",
+        look_alikes=("turbulence", "slosh", "actuator-lag"),
+        separated_by="a frequency sweep through the mode at two dynamic pressures", check="the ground vibration test",
+    ),
+)  # fmt: skip

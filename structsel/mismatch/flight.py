@@ -1,0 +1,310 @@
+"""One manoeuvre made ready for comparison: smooth channels, responses measured and simulated, and their slopes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.integrate import cumulative_simpson
+
+from structsel.aircraft import Aircraft
+from structsel.errors import DataError, StructselError, StructselWarning
+from structsel.mismatch.responses import COEFFICIENTS, KINEMATIC, Rate, respond, told_rates
+from structsel.numerics import rigid_body as rb
+from structsel.numerics.rigid_body import standard_atmosphere
+from structsel.numerics.smoothing import smooth_spline
+from structsel.numerics.smoothing.result import Array
+from structsel.recording import Recording
+
+if TYPE_CHECKING:
+    from structsel.mismatch.surrogate import Surrogate
+
+AIRFRAME = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az")
+"""Channels that every flight holds; zero where the recording has none."""
+_AS_THEY_ARE = ("gear", "throttle", "mode")
+_SHARP = ("de", "da", "dr", "df", "thrust")
+_ANGLES = ("psi", "phi")
+_LEAST_SAMPLES = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A manoeuvre on an even clock.
+
+    Attributes
+    ----------
+    name : str
+    t : (n,) array [s]
+    dt : float [s]
+    craft : Aircraft
+    channels : mapping of channel to (n,) array [SI]
+        Smoothed, as read; `AIRFRAME` and ``rho``, ``mass``, ``thrust``, ``qbar_ratio`` always there.
+    raw : mapping of channel to (n,) array
+        As recorded.
+    measured, simulated : mapping of response to (n,) array
+        Kinematic responses are simulated as zero.
+    recorded : frozenset of str
+        Channels the recording has.
+    """
+
+    name: str
+    t: Array
+    dt: float
+    craft: Aircraft
+    channels: Mapping[str, Array]
+    raw: Mapping[str, Array]
+    measured: Mapping[str, Array]
+    simulated: Mapping[str, Array]
+    recorded: frozenset[str]
+    surrogate: Surrogate | None = field(default=None, repr=False)
+    noise: Mapping[str, float] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, name: str) -> Array:
+        """Channel smoothed, or derived from those: ``p_hat``, ``alpha_dot``, ``CT``, ``qbar``, ``mach``, ..."""
+        if name in self.channels:
+            return self.channels[name]
+        if name in self._derived:
+            return self._derived[name]
+        if name.endswith("_dot") and name[:-4] in self.channels:
+            self._derived[name] = self.rate(self.channels[name[:-4]])
+            return self._derived[name]
+        raise DataError(f"'{self.name}' has no channel '{name}', and none to make it from.")
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.recorded or name in self._derived or (name.endswith("_dot") and name[:-4] in self.recorded)
+
+    @property
+    def responses(self) -> tuple[str, ...]:
+        """Names of the responses, coefficients first."""
+        return tuple(self.measured)
+
+    @cached_property
+    def difference(self) -> dict[str, Array]:
+        """Measured less simulated, by response."""
+        return {name: self.measured[name] - self.simulated.get(name, 0.0) for name in self.measured}
+
+    @cached_property
+    def rate(self) -> Rate:
+        """Time derivative on this clock."""
+        return Rate(self.dt)
+
+    @cached_property
+    def _derived(self) -> dict[str, Array]:
+        if not set(AIRFRAME) <= set(self.channels):
+            return {}
+        ch, craft = self.channels, self.craft
+        V = ch["V"]
+        qbar = ch["qbar_ratio"] * 0.5 * ch["rho"] * V**2
+        made = {
+            "p_hat": ch["p"] * craft.b / (2.0 * V),
+            "q_hat": ch["q"] * craft.cbar / (2.0 * V),
+            "r_hat": ch["r"] * craft.b / (2.0 * V),
+            "alpha_dot_hat": self.rate(ch["alpha"]) * craft.cbar / (2.0 * V),
+            "beta_dot_hat": self.rate(ch["beta"]) * craft.b / (2.0 * V),
+            "qbar": qbar,
+            "CT": ch["thrust"] / (qbar * craft.S),
+            "abs(beta)": np.abs(ch["beta"]),
+        }
+        if "mach" not in ch and "h" in ch:
+            made["mach"] = V / standard_atmosphere(ch["h"])[3]
+        return made
+
+    @cached_property
+    def expected(self) -> dict[str, Array]:
+        """Accelerations as the simulation would have them.
+
+        What a wrong reading does to the differences is worked out from these: the measured ones would bring the
+        differences' own noise into their explanation.
+        """
+        ch, craft = self.channels, self.craft
+        told = {c: self.simulated.get(c, self.measured.get(c, np.zeros(len(self)))) for c in COEFFICIENTS}
+        qS = self["qbar"] * craft.S
+        rates = (ch["p"], ch["q"], ch["r"])
+        made = {f"{c}_dot": self.rate(ch[c]) for c in "pqr"}
+        if craft.inertia is not None:
+            thrust = rb.thrust_moment(ch["thrust"], craft.thrust.offset, craft.thrust.inclination)
+            moment = [told[c] * qS * x + m for c, x, m in zip(COEFFICIENTS[3:], (craft.b, craft.cbar, craft.b), thrust)]
+            turning = rb.angular_acceleration(rates, tuple(moment), craft.inertia.tensor)
+            made |= {f"{c}_dot": x for c, x, own in zip("pqr", turning, COEFFICIENTS[3:]) if own in self.simulated}
+        push = rb.thrust_force(ch["thrust"], craft.thrust.inclination)
+        fx, fy, fz = ((told[c] * qS + x) / ch["mass"] for c, x in zip(COEFFICIENTS[:3], push))
+        back = tuple(-x for x in craft.position("accelerometer"))
+        turned = (made["p_dot"], made["q_dot"], made["r_dot"])
+        read = rb.acceleration_at_cg(fx, fy, fz, rates, turned, back)
+        return made | {c: x for c, x in zip(("ax", "ay", "az"), read) if c in self.recorded}
+
+    def between(self, first: int, last: int, name: str) -> Flight:
+        """Samples `first` to `last`, the last not among them, as a flight of its own."""
+
+        def cut(held: Mapping[str, Array]) -> dict[str, Array]:
+            return {c: x[first:last] for c, x in held.items()}
+
+        return replace(
+            self, name=name, t=self.t[first:last], channels=cut(self.channels), raw=cut(self.raw),
+            measured=cut(self.measured), simulated=cut(self.simulated),
+        )  # fmt: skip
+
+    def slope(self, response: str, channel: str) -> Array:
+        """What the simulation's response gains per unit of a channel, along the flight; zero where it does not ask."""
+        if self.surrogate is None:
+            return np.zeros(len(self))
+        return self.surrogate.slope(self, response, channel)
+
+    def shift(self, **errors: Array | float) -> dict[str, Array]:
+        """What wrong readings do to the differences.
+
+        Parameters
+        ----------
+        **errors : (n,) array or float
+            By how much each channel reads more than the truth. The simulation is taken to have been driven by what
+            was read.
+        """
+        added = {name: np.broadcast_to(np.asarray(e, dtype=float), self.t.shape) for name, e in errors.items()}
+        wanted = tuple(name for name in self.responses if name in COEFFICIENTS or name in KINEMATIC)
+        spread = dict(added)
+        for rate in ("p", "q", "r"):
+            if rate in added:
+                spread[f"{rate}_dot"] = self.rate(added[rate])
+        clean = {**self.channels, **self.expected}
+        up = {**clean, **{name: clean[name] + 0.5 * e for name, e in spread.items() if name in clean}}
+        down = {**clean, **{name: clean[name] - 0.5 * e for name, e in spread.items() if name in clean}}
+        high, low = (respond(ch, self.craft, self.dt, wanted) for ch in (up, down))
+        change = {name: high[name] - low[name] for name in wanted}
+        for response in wanted:
+            if response in COEFFICIENTS:
+                for channel, e in added.items():
+                    change[response] = change[response] - self.slope(response, channel) * e
+        return change
+
+
+def prepare_flight(recording: Recording, craft: Aircraft, simulated: Mapping[str, Array]) -> Flight:
+    """Smooth the channels of a manoeuvre and work out what it measured of each simulated response.
+
+    Parameters
+    ----------
+    recording : Recording
+    craft : Aircraft
+    simulated : mapping of response to (n,) array
+        Coefficients, or channels of the recording, on its clock.
+
+    Raises
+    ------
+    DataError
+        Too few samples, gaps, samples that are not finite, or a response that the recording cannot give.
+    """
+    n = len(recording)
+    if n < _LEAST_SAMPLES:
+        raise DataError(f"'{recording.name}' has {n} samples; a comparison needs {_LEAST_SAMPLES}.")
+    t = recording.t
+    dt = recording.duration / (n - 1)
+    raw = {name: np.asarray(recording[name], dtype=float) for name in recording.names}
+    for name, x in raw.items():
+        if not np.isfinite(x).all():
+            i = int(np.argmin(np.isfinite(x)))
+            raise DataError(
+                f"'{recording.name}': channel '{name}' is {x[i]} at sample {i} (t = {t[i]:g} s).\n"
+                "A comparison needs finite samples: take a stretch without them, or mend the file."
+            )
+    for name in _ANGLES:
+        if name in raw:
+            raw[name] = np.unwrap(raw[name])
+    aerodynamic = [name for name in simulated if name in COEFFICIENTS]
+    smooth: dict[str, Array] = {}
+    noise: dict[str, float] = {}
+    for name, x in raw.items():
+        smooth[name], noise[name] = _smooth(name, x, t)
+    if {"V", "alpha", "ax", "az"} <= set(raw):
+        _complete(smooth, raw, craft, recording.name)
+        _close(smooth, raw, craft, t)
+    elif aerodynamic:
+        recording.require("V", "alpha", "ax", "az", by="compare")
+    measured: dict[str, Array] = {}
+    wanted = tuple(aerodynamic)
+    if set(AIRFRAME) <= set(smooth):
+        wanted += tuple(name for name, needs in KINEMATIC.items() if set(needs) <= set(raw))
+        # A smoother would take more from some channels than from others. The responses are made of what was read, and
+        # compared in a band; only what multiplies (dynamic pressure) is smooth.
+        plain = {**smooth, **raw}
+        plain |= {f"{rate}_dot": Rate(dt)(plain[rate]) for rate in ("p", "q", "r")}
+        wanted = tuple(c for c in wanted if _can(c, raw, craft))
+        measured = respond(plain, craft, dt, tuple(c for c in wanted if c in KINEMATIC))
+        air = {c: smooth[c] for c in ("V", "alpha", "beta")}
+        measured = respond({**plain, **air}, craft, dt, tuple(c for c in wanted if c in COEFFICIENTS)) | measured
+    for name in simulated:
+        if name not in COEFFICIENTS:
+            measured[name] = recording[name]
+    kept = {name: np.asarray(simulated[name], dtype=float) for name in simulated if name in measured}
+    return Flight(recording.name, t, dt, craft, smooth, raw, measured, kept, frozenset(raw), None, noise)
+
+
+def _can(name: str, raw: Mapping[str, Array], craft: Aircraft) -> bool:
+    """Whether the recording gives a response."""
+    needs = {"CY": ("ay",), "Cl": ("p", "r"), "Cm": ("q",), "Cn": ("p", "r")}.get(name, ())
+    return set(needs) <= set(raw) and (name not in COEFFICIENTS[3:] or craft.inertia is not None)
+
+
+def _smooth(name: str, x: Array, t: Array) -> tuple[Array, float]:
+    if name in _AS_THEY_ARE or np.ptp(x) == 0.0 or len(np.unique(x)) < 0.1 * len(x):
+        return x, 0.0
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructselWarning)  # what it doubts, the comparison's noise will hold
+            made = smooth_spline(x, t, order=2 if name in _SHARP else 3)
+    except StructselError:
+        return x, 0.0
+    return np.array(made.values), made.noise
+
+
+def _close(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, t: Array) -> None:
+    """Air data and attitude as what the accelerometers and gyros foretell, plus what the readings slowly add to it.
+
+    The difference between a reading and the integral of what foretells it is noise and a slow drift: smoothing it
+    keeps the fast motion that smoothing the reading itself would lose.
+    """
+    ch = {**smooth, **raw}
+    rates = (ch["p"], ch["q"], ch["r"])
+    place = craft.position("vane")
+    air = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, tuple(place))
+    calm = rb.air_data_at_cg(smooth["V"], smooth["alpha"], smooth["beta"], *rates, tuple(place))
+    turning = tuple(Rate(float(t[1] - t[0]))(smooth[c]) for c in "pqr")
+    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, tuple(craft.position("accelerometer")))
+    told = told_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
+    read = {**dict(zip(("V", "alpha", "beta"), air)), **{c: ch[c] for c in ("phi", "theta", "psi")}}
+    made = {}
+    for name, x in read.items():
+        needs = KINEMATIC[f"k_{name}"]
+        if name in raw and np.ptp(raw[name]) > 0.0 and set(needs) <= set(raw):
+            ahead = cumulative_simpson(told[name], x=t, initial=0.0)
+            made[name] = ahead + _smooth(name, x - ahead, t)[0]
+        else:
+            made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
+    back = rb.air_data_at_cg(made["V"], made["alpha"], made["beta"], *rates, tuple(-place))
+    smooth.update(zip(("V", "alpha", "beta"), back))
+    smooth.update({c: made[c] for c in ("phi", "theta", "psi")})
+
+
+def _complete(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, name: str) -> None:
+    """Add what the responses need and the recording does not say."""
+    n = len(smooth["V"])
+    for channel in AIRFRAME:
+        smooth.setdefault(channel, np.zeros(n))
+    if "rho" not in smooth:
+        smooth["rho"] = standard_atmosphere(smooth["h"])[2] if "h" in smooth else np.full(n, 1.225)
+    if "qbar" in raw:
+        ratio = raw["qbar"] / (0.5 * smooth["rho"] * raw["V"] ** 2)
+        smooth["qbar_ratio"] = np.full(n, float(np.median(ratio)))
+        smooth["qbar"] = smooth["qbar_ratio"] * 0.5 * smooth["rho"] * smooth["V"] ** 2
+    else:
+        smooth["qbar_ratio"] = np.ones(n)
+    smooth.setdefault("thrust", np.zeros(n))
+    if "mass" not in smooth:
+        if craft.mass is None:
+            raise DataError(f"'{name}' has no channel 'mass' [kg], and aircraft '{craft.name}' none either.")
+        smooth["mass"] = np.full(n, craft.mass)

@@ -1,0 +1,1 @@
+"""Where, when and how what a simulation leaves out acts."""

@@ -1,0 +1,210 @@
+"""What stated tolerances of the simulation and of the instruments allow, as columns with priors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structsel.aircraft import Tolerances
+from structsel.mismatch.flight import Flight
+from structsel.mismatch.responses import COEFFICIENTS
+from structsel.numerics import rigid_body as rb
+from structsel.numerics.smoothing.result import Array
+
+MAIN = {
+    ("CX", "alpha"), ("CZ", "alpha"), ("CY", "beta"), ("Cl", "beta"), ("Cl", "p_hat"), ("Cl", "da"), ("Cm", "alpha"),
+    ("Cm", "q_hat"), ("Cm", "de"), ("Cn", "beta"), ("Cn", "r_hat"), ("Cn", "dr"),
+}  # fmt: skip
+"""Derivatives that a simulation is expected to hold best."""
+
+_SAMPLING = 0.25  # of a sampling interval
+_FREE = 30.0  # times the usual tolerance, where one is stated to be free
+_USUAL = Tolerances()
+_TURNED = ("alpha", "beta", "phi", "theta", "psi", "de", "da", "dr")
+_BIAS = {"p": 0.001, "q": 0.001, "r": 0.001, "ax": 0.05, "ay": 0.05, "az": 0.05}
+_V_BIAS = 0.005  # of V
+_UNSTATED = 0.005  # rad
+_LATE = (
+    ("V",), ("alpha",), ("beta",), ("phi", "theta", "psi"), ("p", "q", "r"), ("ax", "ay", "az"), ("de", "da", "dr"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """One thing that may be off, and by how much.
+
+    Attributes
+    ----------
+    name : str
+    sd : float
+        1 sigma, in `unit`.
+    unit : str
+    columns : mapping of response to (n,) array, one mapping per flight
+        What one `unit` of it adds to measured less simulated.
+    """
+
+    name: str
+    sd: float
+    unit: str
+    columns: Sequence[Mapping[str, Array]]
+
+
+def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
+    """Everything common to all flights that tolerances allow to be off.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+        Of one aircraft, with a stand-in of the simulation.
+    """
+    first = flights[0]
+    stated = first.craft.tolerances
+    made: list[Nuisance] = []
+
+    def add(
+        name: str, key: str, unit: str, columns: Sequence[Mapping[str, Array]], factor: float = 1.0, least: float = 0.0
+    ) -> None:
+        sd = math.hypot(_sd(stated, key) * factor, least)
+        if sd > 0.0 and any(np.any(x) for one in columns for x in one.values()):
+            made.append(Nuisance(name, sd, unit, columns))
+
+    for response in first.simulated:
+        if first.surrogate is None:
+            break
+        if response not in COEFFICIENTS:
+            add(f"{response}: scale", "main", "relative", [{response: f.simulated[response]} for f in flights])
+            continue
+        for term, value in zip(first.surrogate.terms[response], first.surrogate.values[response]):
+            name = "*".join(term)
+            key = "main" if (response, name) in MAIN else "secondary"
+            each = [{response: value * f.surrogate.column(f, term)} for f in flights if f.surrogate is not None]
+            add(f"{response}: {name}", key, "relative", each)
+        rest = [{response: f.simulated[response] - f.surrogate.evaluate(f, response)} for f in flights if f.surrogate]
+        level = float(np.sqrt(np.mean([np.mean(f.simulated[response] ** 2) for f in flights])))
+        add(f"{response}: 1", "secondary", "-", [{response: np.ones(len(f))} for f in flights], level)
+        # What the states as we have them do not give may be the noise of the states it was asked at.
+        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest))
+    if not set(COEFFICIENTS) & set(first.simulated):
+        return made
+    add("mass", "mass", "relative", [mass_columns(f) for f in flights])
+    for axis in ("Ix", "Iy", "Iz"):
+        add(f"inertia {axis}", "inertia", "relative", [inertia_columns(f, axis) for f in flights])
+    for k, axis in enumerate("xyz"):
+        add(f"centre of gravity {axis}", "cg", "chords", [offset_columns(f, k) for f in flights])
+    add("thrust", "thrust", "relative", [thrust_columns(f) for f in flights])
+    for channel in ("alpha", "beta"):
+        add(f"{channel} scale", "vane_scale", "relative", [f.shift(**{channel: f[channel]}) for f in flights])
+    # An airspeed system is held to a tighter scale than a vane in its upwash.
+    add("V scale", "vane_scale", "relative", [f.shift(V=f["V"]) for f in flights], 0.5)
+    for one, other in (("ax", "az"), ("ax", "ay"), ("ay", "az"), ("p", "r"), ("p", "q"), ("q", "r")):
+        each = [f.shift(**{one: f[other], other: -f[one]}) for f in flights]
+        add(f"{one} and {other} turned", "alignment", "rad", each)
+    # Nothing recorded at intervals is registered better than to a fraction of one.
+    timing = _SAMPLING * float(np.median([f.dt for f in flights]))
+    for channels in _LATE:
+        here = [c for c in channels if all(c in f.recorded for f in flights)]
+        if here:
+            each = [f.shift(**{c: -f.rate(f[c]) for c in here}) for f in flights]
+            add(f"{', '.join(here)} late", "delay", "s", each, least=timing)
+    for group in (COEFFICIENTS[:3], COEFFICIENTS[3:]):
+        each = [{c: f.rate(f.simulated[c]) for c in group if c in f.simulated} for f in flights]
+        add(f"simulated {', '.join(group)} late", "delay", "s", each, least=timing)
+    for k, axis in enumerate("xyz"):
+        add(f"accelerometer {axis}", "lever_arm", "m", [accelerometer_moved(f, k) for f in flights])
+        if axis != "y":
+            add(f"vane {axis}", "lever_arm", "m", [vane_moved(f, k) for f in flights])
+    return made
+
+
+def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
+    """Constant errors of one flight's instruments: name, 1 sigma, and what one unit does."""
+    if not set(COEFFICIENTS) & set(flight.simulated):
+        size = {c: float(np.ptp(flight.measured[c])) for c in flight.simulated}
+        return [(f"{c}: offset", size[c], {c: np.ones(len(flight))}) for c in size]
+    turned = _sd(flight.craft.tolerances, "alignment") or _UNSTATED
+    sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS, "V": _V_BIAS * float(flight["V"].mean())}
+    return [(c, sd, flight.shift(**{c: 1.0})) for c, sd in sizes.items() if c in flight.recorded]
+
+
+def _sd(stated: Tolerances, key: str) -> float:
+    value = getattr(stated, key)
+    if value == "exact":
+        return 0.0
+    return _FREE * float(getattr(_USUAL, key)) if value == "free" else float(value)
+
+
+def force_totals(f: Flight) -> tuple[Array, Array, Array]:
+    """Mass times specific force over qbar S, as the simulation has it: aerodynamic force and thrust."""
+    zero = np.zeros(len(f))
+    T = rb.thrust_force(f["CT"], f.craft.thrust.inclination)
+    CX, CY, CZ = (f.simulated.get(c, zero) + t for c, t in zip(("CX", "CY", "CZ"), T))
+    return CX, CY, CZ
+
+
+def mass_columns(f: Flight) -> dict[str, Array]:
+    """A mass assumed too large by one part makes the measured forces too large by one part."""
+    return {c: x for c, x in zip(("CX", "CY", "CZ"), force_totals(f)) if c in f.measured}
+
+
+def inertia_columns(f: Flight, axis: str) -> dict[str, Array]:
+    """A moment of inertia assumed too large by one part."""
+    if f.craft.inertia is None:
+        return {}
+    tensor = np.array(f.craft.inertia.tensor)
+    k = ("Ix", "Iy", "Iz").index(axis)
+    only = np.zeros((3, 3))
+    only[k, k] = tensor[k, k]
+    lengths = (f.craft.b, f.craft.cbar, f.craft.b)
+    rates = (f["p"], f["q"], f["r"])
+    still = (np.zeros(len(f)),) * 3
+    qbar = f["qbar"]
+    coupling = rb.moment_coefficients(rates, still, qbar, only, f.craft.S, f.craft.b, f.craft.cbar)
+    made = dict(zip(("Cl", "Cm", "Cn"), coupling))
+    # Angular acceleration as the simulation would have it: the measured one would bring its noise along.
+    moment = [f.simulated.get(c, 0.0) * qbar * f.craft.S * x for c, x in zip(("Cl", "Cm", "Cn"), lengths)]
+    thrust = rb.thrust_moment(f["thrust"], f.craft.thrust.offset, f.craft.thrust.inclination)
+    turning = rb.angular_acceleration(rates, tuple(m + t for m, t in zip(moment, thrust)), tensor)
+    name = ("Cl", "Cm", "Cn")[k]
+    made[name] = made[name] + tensor[k, k] * turning[k] / (qbar * f.craft.S * lengths[k])
+    return {c: x for c, x in made.items() if c in f.measured}
+
+
+def offset_columns(f: Flight, k: int) -> dict[str, Array]:
+    """The forces acting one chord further along body axis k than assumed."""
+    forces = force_totals(f)
+    arm = [0.0, 0.0, 0.0]
+    arm[k] = f.craft.cbar
+    l, m, n = np.cross(np.array(arm), np.stack(forces, axis=-1)).T
+    made = {"Cl": l / f.craft.b, "Cm": m / f.craft.cbar, "Cn": n / f.craft.b}
+    return {c: x for c, x in made.items() if c in f.measured}
+
+
+def thrust_columns(f: Flight) -> dict[str, Array]:
+    """Thrust one part larger than recorded."""
+    CT = f["CT"]
+    X, _, Z = rb.thrust_force(CT, f.craft.thrust.inclination)
+    l, m, n = rb.thrust_moment(CT, f.craft.thrust.offset, f.craft.thrust.inclination)
+    made = {"CX": X, "CZ": Z, "Cl": l / f.craft.b, "Cm": m / f.craft.cbar, "Cn": n / f.craft.b}
+    return {c: x for c, x in made.items() if c in f.measured and np.any(x)}
+
+
+def accelerometer_moved(f: Flight, k: int) -> dict[str, Array]:
+    """An accelerometer one metre further along body axis k than assumed."""
+    place = [0.0, 0.0, 0.0]
+    place[k] = -1.0  # carrying back over a negative distance carries forth
+    turning = tuple(f[f"{c}_dot"] for c in "pqr")
+    still = np.zeros(len(f))
+    rates = (f["p"], f["q"], f["r"])
+    moved = rb.acceleration_at_cg(still, still, still, rates, turning, tuple(place))
+    return f.shift(ax=moved[0], ay=moved[1], az=moved[2])
+
+
+def vane_moved(f: Flight, k: int) -> dict[str, Array]:
+    """Vanes and pitot one metre further along body axis k than assumed."""
+    place = [0.0, 0.0, 0.0]
+    place[k] = -1.0
+    V, alpha, beta = rb.air_data_at_cg(f["V"], f["alpha"], f["beta"], f["p"], f["q"], f["r"], tuple(place))
+    return f.shift(V=V - f["V"], alpha=alpha - f["alpha"], beta=beta - f["beta"])

@@ -1,0 +1,283 @@
+"""Linear-Gaussian evidence, manoeuvre by manoeuvre.
+
+Each manoeuvre contributes rows ``y = B beta + H theta + e`` with white e of unit variance, beta ~ N(0, 1) (the
+nuisances that tolerances allow) and theta ~ N(0, 1) (the effect under trial); columns are scaled by their prior
+standard deviations beforehand. Everything asked of them afterwards is a sum of small matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.fft import dct
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from structsel.numerics.smoothing.result import Array
+
+
+def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
+    """Level and first cosine coefficients of each column, faded at both ends.
+
+    The orthonormal cosine transform (type II) of a stationary process has nearly independent coefficients whose
+    variances are its two-sided spectrum, and no leakage from a step between its ends; a relation that holds sample by
+    sample holds coefficient by coefficient. Fading matters for what was differentiated: the noise of the first and
+    the last reading would stand in every coefficient. A constant is faded as well, and would leak into them: it is
+    taken out first, and stands by itself.
+
+    Parameters
+    ----------
+    x : (n,) or (n, k) array
+    bins : int
+        Coefficient j stands for the frequency j / (2 n dt).
+    edge : int
+        Samples over which each end is faded.
+
+    Returns
+    -------
+    (1 + bins,) or (1 + bins, k) array
+        The level (times the root of the samples it counts) and coefficients 1 to `bins`.
+    """
+    x = np.asarray(x, dtype=float)
+    fade = fading(len(x), edge)
+    shaped = fade if x.ndim == 1 else fade[:, None]
+    faded = x * shaped
+    level = fade @ faded / (fade @ fade)
+    made = dct(faded - shaped * level, axis=0, norm="ortho")[: bins + 1]
+    made[0] = level * np.sqrt(fade @ fade)
+    return made
+
+
+def fading(n: int, edge: int) -> Array:
+    """(n,) weights that rise from 0 to 1 over `edge` samples and fall again (cosine squared)."""
+    fade = np.ones(n)
+    if edge > 0:
+        rise = np.sin(0.5 * np.pi * (np.arange(edge) + 0.5) / edge) ** 2
+        fade[:edge] = rise
+        fade[n - edge :] = rise[::-1]
+    return fade
+
+
+@dataclass(frozen=True, eq=False)
+class Projector:
+    """Takes out what one manoeuvre's own nuisances may explain, so that what is left is white again.
+
+    ``I + P P'`` is the covariance of the noise with those nuisances; its inverse square root changes only their
+    directions, so it is kept as those (`basis`) and by how much each shrinks.
+    """
+
+    basis: Array
+    shrink: Array
+
+    @classmethod
+    def of(cls, P: Array) -> Projector:
+        """Projector of columns scaled by their prior standard deviations, (rows, k)."""
+        if not P.shape[1]:
+            return cls(np.zeros((P.shape[0], 0)), np.zeros(0))
+        U, s, _ = np.linalg.svd(P, full_matrices=False)
+        return cls(U, 1.0 - 1.0 / np.sqrt(1.0 + s**2))
+
+    def __call__(self, X: Array) -> Array:
+        """Rows without what the nuisances may explain."""
+        inside = self.basis.T @ X
+        return X - self.basis @ (inside * (self.shrink[:, None] if X.ndim == 2 else self.shrink))
+
+    @property
+    def lost(self) -> Array:
+        """Share of the power that each direction of `basis` loses."""
+        return 2.0 * self.shrink - self.shrink**2
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Sums of products of one or several sets of rows; they add.
+
+    Attributes
+    ----------
+    A : (k, k) array
+        Columns with columns.
+    b : (k,) array
+        Columns with y.
+    c : float
+        y with y.
+    n : int
+        Rows.
+    """
+
+    A: Array
+    b: Array
+    c: float
+    n: int
+
+    @classmethod
+    def of(cls, X: Array, y: Array) -> Products:
+        """Products of the rows of columns (n, k) and y (n,)."""
+        return cls(X.T @ X, X.T @ y, float(y @ y), len(y))
+
+    def __add__(self, other: Products) -> Products:
+        return Products(self.A + other.A, self.b + other.b, self.c + other.c, self.n + other.n)
+
+    def __sub__(self, other: Products) -> Products:
+        return Products(self.A - other.A, self.b - other.b, self.c - other.c, self.n - other.n)
+
+    def border(self, more: Further) -> Products:
+        """These columns and further ones."""
+        return Products(
+            np.block([[self.A, more.cross], [more.cross.T, more.own]]),
+            np.concatenate([self.b, more.with_y]),
+            self.c,
+            self.n,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Further:
+    """Products of further columns with those of a base.
+
+    Attributes
+    ----------
+    cross : (k, j) array
+        With the base's columns.
+    own : (j, j) array
+        With each other.
+    with_y : (j,) array
+    """
+
+    cross: Array
+    own: Array
+    with_y: Array
+
+    def __add__(self, other: Further) -> Further:
+        return Further(self.cross + other.cross, self.own + other.own, self.with_y + other.with_y)
+
+    def __sub__(self, other: Further) -> Further:
+        return Further(self.cross - other.cross, self.own - other.own, self.with_y - other.with_y)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Coefficients under a standard normal prior.
+
+    Attributes
+    ----------
+    mean : (k,) array [prior standard deviations]
+    covariance : (k, k) array
+    log_evidence : float
+        Without the constant of 2 pi.
+    chi2 : float
+        Sum of squares that the mean leaves.
+    """
+
+    mean: Array
+    covariance: Array
+    log_evidence: float
+    chi2: float
+
+
+def solve(products: Products) -> Posterior:
+    """Posterior of the coefficients of `products`."""
+    k = len(products.b)
+    factor = cho_factor(np.eye(k) + products.A)
+    mean = cho_solve(factor, products.b)
+    log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum())
+    evidence = -0.5 * (products.c - float(products.b @ mean) + log_determinant)
+    chi2 = products.c - 2.0 * float(products.b @ mean) + float(mean @ products.A @ mean)
+    return Posterior(mean, cho_solve(factor, np.eye(k)), evidence, chi2)
+
+
+def chi2_of(products: Products, coefficients: Array) -> float:
+    """Sum of squares that given coefficients leave on (other) rows."""
+    return products.c - 2.0 * float(products.b @ coefficients) + float(coefficients @ products.A @ coefficients)
+
+
+class Base:
+    """What every trial shares: the rows and nuisances of each manoeuvre, factored once, all and each left out.
+
+    Parameters
+    ----------
+    y : sequence of (rows,) arrays
+        Per manoeuvre, white with unit variance.
+    B : sequence of (rows, k) arrays
+        Nuisances, scaled by their prior standard deviations.
+    groups : sequence of tuple of int, optional
+        Manoeuvres left out together; by default each in turn.
+    """
+
+    def __init__(self, y: Sequence[Array], B: Sequence[Array], groups: Sequence[tuple[int, ...]] | None = None):
+        self.y, self.B = list(y), list(B)
+        self.groups = [(m,) for m in range(len(self.y))] if groups is None else list(groups)
+        each = [Products.of(X, r) for X, r in zip(self.B, self.y)]
+        self.all = _sum(each)
+        k = len(self.all.b)
+        self.sets = [self.all, *(self.all - _sum([each[m] for m in group]) for group in self.groups)]
+        self.factors = [cho_factor(np.eye(k) + s.A, lower=True) for s in self.sets]
+        self.solved = [cho_solve(f, s.b) for f, s in zip(self.factors, self.sets)]
+        self.posterior = solve(self.all)
+
+    def try_columns(self, each: Sequence[Further]) -> Trial:
+        """Evidence for further columns (scaled by their priors), over all and with each manoeuvre left out.
+
+        Parameters
+        ----------
+        each : sequence of Further
+            Per manoeuvre.
+        """
+        cross = np.stack([one.cross for one in each])
+        own = np.stack([one.own for one in each])
+        with_y = np.stack([one.with_y for one in each])
+
+        def all_and_without(x: Array) -> Array:
+            total = x.sum(axis=0)
+            return np.stack([total, *(total - x[list(group)].sum(axis=0) for group in self.groups)])
+
+        V = self._inverse @ all_and_without(cross)
+        S = all_and_without(own) - np.swapaxes(V, 1, 2) @ V
+        s = all_and_without(with_y) - (np.swapaxes(V, 1, 2) @ self._rotated[:, :, None])[:, :, 0]
+        inner = np.eye(S.shape[1]) + S
+        theta = np.linalg.solve(inner, s[:, :, None])[:, :, 0]
+        evidence = 0.5 * np.einsum("ij,ij->i", s, theta) - 0.5 * np.linalg.slogdet(inner)[1]
+        gain = 0.5 * float(s[0] @ theta[0])
+        return Trial(float(evidence[0]), evidence[0] - evidence[1:], theta[0], np.linalg.inv(inner[0]), gain)
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """(1 + m, k, k) inverses of the factors, all flights first, then each left out."""
+        k = len(self.all.b)
+        return np.stack([solve_triangular(f[0], np.eye(k), lower=True) for f in self.factors])
+
+    @cached_property
+    def _rotated(self) -> Array:
+        """(1 + m, k) products with y, in the factors' coordinates."""
+        return np.stack([L @ s.b for L, s in zip(self._inverse, self.sets)])
+
+
+def _sum(parts: Sequence[Products]) -> Products:
+    total = parts[0]
+    for one in parts[1:]:
+        total = total + one
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What columns bring beyond the base.
+
+    Attributes
+    ----------
+    log_bayes : float
+        Log evidence with them less that without.
+    predictive : (m,) array
+        Of each manoeuvre given the others: gain in log predictive density.
+    theta : (j,) array [prior standard deviations]
+    covariance : (j, j) array
+    gain : float
+        Log posterior at its maximum, over that of the base: what they fit better, and what need no longer be pulled.
+    """
+
+    log_bayes: float
+    predictive: Array
+    theta: Array
+    covariance: Array
+    gain: float

@@ -1,0 +1,101 @@
+"""Work done in a process of its own: a case drawn, diagnosed, or named simply.
+
+``python -m structsel.proving.apart TASK ...`` prints one line of JSON. Who diagnoses is told of one folder, its own
+working folder, which holds the case and nothing that says where it came from.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from structsel.aircraft import Aircraft
+from structsel.errors import DataError, StructselError
+from structsel.hypotheses import HYPOTHESES
+from structsel.recording import Recording, read_recordings
+
+
+def draw(request: str, folder: str) -> dict[str, Any]:
+    """Draw a case and write it to ``folder/case/``, its key to ``folder/key/``."""
+    from structsel.proving.cases import write_case
+
+    asked = json.loads(request)
+    chosen = {k: asked[k] for k in ("family", "effect", "severity") if asked[k]}
+    try:
+        case = _drawer(asked["source"])(asked["seed"], **chosen)
+    except (RuntimeError, StructselError) as error:
+        return {"undrawn": str(error)}
+    write_case(replace(case, name=asked["name"]), Path(folder) / "case", Path(folder) / "key")
+    return {}
+
+
+def _drawer(source: str) -> Callable[..., Any]:
+    if source == "own":
+        from structsel.proving.drawing import draw_case
+
+        return draw_case
+    from structsel.proving.jsbsim.drawing import draw_jsbsim_case
+
+    return draw_jsbsim_case
+
+
+def open_case(folder: Path) -> tuple[Any, list[Recording], Aircraft]:
+    """Simulation, recordings and aircraft of a case's folder.
+
+    Raises
+    ------
+    DataError
+        It holds no simulation.
+    """
+    aircraft, recordings = Aircraft.from_toml(folder / "aircraft.toml"), read_recordings(folder / "recordings")
+    if any((folder / "simulated").glob("*.csv")):
+        return folder / "simulated", recordings, aircraft
+    if models := sorted(folder.glob("*.json")):
+        return models[0], recordings, aircraft
+    if crafts := sorted(folder.glob("*.xml")):
+        return f"jsbsim:{crafts[0]}", recordings, aircraft
+    raise DataError(f"'{folder}' holds no simulation: neither simulated/*.csv nor a model nor an aircraft of JSBSim.")
+
+
+def diagnose(folder: str, without: str = "") -> dict[str, Any]:
+    """Diagnose a case; hypotheses named in `without` (separated by commas) are taken out of the library."""
+    from structsel.diagnosis.station import diagnose as find
+
+    simulation, recordings, aircraft = open_case(Path(folder))
+    gone = set(filter(None, without.split(",")))
+    start = time.perf_counter()
+    found = find(simulation, recordings, aircraft, hypotheses=tuple(h for h in HYPOTHESES if h.effect not in gone))
+    seconds = time.perf_counter() - start
+    spans = {r.name: [float(r.t[0]), float(r.t[-1])] for r in recordings}
+    return {"diagnosis": found.to_dict(), "spans": spans, "seconds": seconds}
+
+
+def name(folder: str) -> dict[str, Any]:
+    """What simple ways name in a case."""
+    from structsel.diagnosis.signatures import work_out
+    from structsel.mismatch.preparing import prepare
+    from structsel.proving.baselines import name_simply
+
+    flights = prepare(*open_case(Path(folder))).flights
+    return {"simple": name_simply(flights, work_out(HYPOTHESES, flights, flights[0].responses))}
+
+
+TASKS: dict[str, Callable[..., dict[str, Any]]] = {"draw": draw, "diagnose": diagnose, "name": name}
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run one task and print what came of it."""
+    try:
+        made = TASKS[arguments[0]](*arguments[1:])
+    except StructselError as error:
+        made = {"error": str(error)}
+    sys.stdout.write(json.dumps(made, default=float) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

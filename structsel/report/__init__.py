@@ -1,0 +1,5 @@
+"""Reports: one self-contained HTML page that needs no network."""
+
+from structsel.report.page import render, write_report
+
+__all__ = ["render", "write_report"]

@@ -1,0 +1,167 @@
+"""Two manoeuvres in which something is other than a simulation thinks, and what signatures make of it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from structsel.aircraft import Aircraft
+from structsel.errors import DataError
+from structsel.hypotheses.base import Hypothesis, Variant
+from structsel.mismatch.flight import Flight, prepare_flight
+from structsel.mismatch.responses import COEFFICIENTS
+from structsel.mismatch.simulations import open_simulation
+from structsel.mismatch.surrogate import identify
+from structsel.model import AeroModel, ResponseModel
+from structsel.recording import Recording
+from structsel.simulation import Instruments, Trim, simulate, trim
+
+TERMS = {
+    "CX": {"1": -0.035, "alpha": 0.003, "alpha^2": 4.5},
+    "CY": {"beta": -0.77, "p_hat": -0.124, "r_hat": 0.37, "dr": 0.116},
+    "CZ": {"1": -0.055, "alpha": -5.58, "q_hat": -6.0, "de": -0.4},
+    "Cl": {"beta": -0.062, "p_hat": -0.5, "r_hat": 0.17, "da": -0.1, "dr": 0.007},
+    "Cm": {"1": 0.03, "alpha": -0.9, "q_hat": -31.0, "de": -1.92},
+    "Cn": {"beta": 0.06, "p_hat": -0.06, "r_hat": -0.11, "da": -0.004, "dr": -0.083},
+}
+CRAFT = Aircraft(
+    name="small aeroplane", mass=2288.0, S=23.23, b=14.63, cbar=1.5875,
+    inertia={"Ix": 5368.0, "Iy": 6929.0, "Iz": 11159.0, "Ixz": 118.0},
+    thrust={"offset": (1.8, 0.0, 0.0)}, sensors={"vane": {"position": (2.0, 0.0, 0.0)}},
+)  # fmt: skip
+CHANNELS = (
+    *("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "h", "vn", "ve", "vd"),
+    *("ax", "ay", "az", "de", "da", "dr", "thrust"),
+)
+DT, SECONDS = 0.02, 24.0
+_SCALE = {"k_V": 0.05, "k_h": 0.3, "k_vn": 0.3, "k_ve": 0.3, "k_vd": 0.3}
+_PULSES = (
+    ("de", 1.0, 0.05, (3, -2, 1, -1)), ("dr", 6.0, 0.12, (2, -2, 1, -1)), ("da", 10.0, 0.08, (1, -2, 1)),
+    ("de", 14.0, -0.07, (1, -1, 2, -2)), ("dr", 18.0, -0.08, (1, -2, 1)), ("da", 20.0, -0.06, (1, -2, 1)),
+)  # fmt: skip
+
+
+def aerodynamics(more: Mapping[str, Mapping[str, float]] | None = None) -> AeroModel:
+    """The model, with further terms."""
+    terms = {r: {**t, **((more or {}).get(r, {}))} for r, t in TERMS.items()}
+    return AeroModel({r: ResponseModel(tuple(t), np.array(list(t.values()))) for r, t in terms.items()}, "small")
+
+
+@cache
+def trimmed(k: int) -> Trim:
+    return trim(aerodynamics(), CRAFT, 50.0 + 8.0 * k, 1000.0)
+
+
+def inputs(k: int, size: float = 1.0) -> dict[str, np.ndarray]:
+    """Pulses on elevator, rudder and ailerons, and throttle steps, about a trim."""
+    t = np.arange(0.0, SECONDS, DT)
+    more = {c: np.zeros_like(t) for c in ("de", "da", "dr", "thrust")}
+    unit = (0.35, 0.5)[k]
+    for control, at, amplitude, steps in _PULSES:
+        for step in steps:
+            end = at + abs(step) * unit
+            more[control][(t >= at) & (t < end)] += size * amplitude * np.sign(step) * (1.0, -0.8)[k]
+            at = end
+    for when, force in ((3.0, 1500.0), (9.0, -2000.0), (13.0, 1000.0), (17.0, -500.0)):
+        more["thrust"][t >= when] += force * (1.0, 0.7)[k]
+    # Corners of a pilot's hand: no derivative of the motion jumps between samples.
+    rounding = np.hanning(15) / np.hanning(15).sum()
+    more = {c: np.convolve(np.pad(x, 7, mode="edge"), rounding, mode="valid") for c, x in more.items()}
+    return trimmed(k).inputs(t, **more)
+
+
+def fly(
+    truth: AeroModel | None = None,
+    craft: Aircraft = CRAFT,
+    *,
+    instruments: Instruments | None = None,
+    flown: Mapping[str, Any] | None = None,
+    size: float = 1.0,
+    **more: Any,
+) -> list[Recording]:
+    """Two manoeuvres.
+
+    Parameters
+    ----------
+    truth : AeroModel
+        What flies.
+    instruments : Instruments
+        Faults of what is recorded; by default none, and no noise.
+    flown : mapping of channel to callable
+        What an input really was, of the one that is recorded.
+    """
+    made = []
+    for k in range(2):
+        told = inputs(k, size)
+        true = {c: (flown or {}).get(c, lambda x: x)(x) for c, x in told.items()}
+        flight = simulate(
+            truth or aerodynamics(), craft, true, start=trimmed(k), instruments=instruments or Instruments(), **more
+        )
+        channels = {c: flight[c] for c in CHANNELS}
+        channels |= {c: np.broadcast_to(told[c], flight.t.shape) for c in flown or {}}
+        made.append(Recording(f"m{k}", flight.t, channels))
+    return made
+
+
+def compare(recordings: Sequence[Recording], craft: Aircraft = CRAFT) -> list[Flight]:
+    """Flights against the model, told what was recorded.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    craft : Aircraft
+        As the simulation thinks it is.
+    """
+    simulation = open_simulation(aerodynamics(), recordings, craft)
+    assert simulation.evaluate is not None
+    told = [simulation.evaluate(r) for r in recordings]
+    # Exact recordings have nothing to smooth, and the smoother would take most of the time.
+    with patch("structsel.mismatch.flight.smooth_spline", side_effect=DataError("exact")):
+        flights = [prepare_flight(r, craft, s) for r, s in zip(recordings, told)]
+    stand_in = identify(flights, [f.simulated for f in flights], COEFFICIENTS)
+    return [replace(f, surrogate=stand_in) for f in flights]
+
+
+@dataclass(frozen=True)
+class Fit:
+    variant: Variant
+    values: dict[str, float]
+    explained: float
+
+
+def explain(flights: Sequence[Flight], variant: Variant) -> Fit:
+    """Least-squares parameters of a variant, and the share of all differences that they explain."""
+    rows, target = [], []
+    for f in flights:
+        columns = variant.columns(f)
+        for r, y in f.difference.items():
+            scale = 0.01 * np.std(f.measured[r]) if r in COEFFICIENTS else _SCALE.get(r, 0.002)
+            scale = scale or 1.0
+            x = columns.get(r, np.zeros((len(f), len(variant.parameters))))
+            assert x.shape == (len(f), len(variant.parameters))
+            assert np.isfinite(x).all()
+            rows.append((x - x.mean(axis=0)) / scale)
+            target.append((y - y.mean()) / scale)
+    X, y = np.vstack(rows), np.concatenate(target)
+    sizes = np.linalg.norm(X, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    values = np.linalg.lstsq(X / sizes, y, rcond=None)[0] / sizes
+    left = y - X @ values
+    return Fit(
+        variant, dict(zip((p.name for p in variant.parameters), values)), 1.0 - float(left @ left) / float(y @ y)
+    )
+
+
+def best(flights: Sequence[Flight], hypothesis: Hypothesis) -> Fit:
+    """Variant within its limits that explains most."""
+    assert hypothesis.needs(flights) == ""
+    fits = [explain(flights, v) for v in hypothesis.variants(flights)]
+    within = [f for f in fits if all(p.low <= f.values[p.name] <= p.high for p in f.variant.parameters)]
+    return max(within or fits, key=lambda f: f.explained)
+
+
+def one_of(hypotheses: Sequence[Hypothesis], effect: str) -> Hypothesis:
+    return next(h for h in hypotheses if h.effect == effect)

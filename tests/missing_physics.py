@@ -1,0 +1,138 @@
+"""Flights of an aircraft with physics that its simulation lacks, for tests of hypotheses."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from structsel.aircraft import Aircraft
+from structsel.candidates import Term
+from structsel.coefficients import compute_coefficients
+from structsel.demo.truth import TRUTH, demo_aircraft
+from structsel.hypotheses.base import Estimate, Found
+from structsel.mismatch.flight import prepare_flight
+from structsel.mismatch.responses import COEFFICIENTS
+from structsel.mismatch.surrogate import identify
+from structsel.model import AeroModel, ResponseModel
+from structsel.recording import Recording
+from structsel.simulation import Instruments, simulate, trim
+
+CRAFT = demo_aircraft()
+DT = 0.04
+T = np.arange(0.0, 20.0, DT)
+NOISE = {
+    "V": 0.02, **dict.fromkeys(("alpha", "beta", "phi", "theta", "psi"), 2e-4), **dict.fromkeys("pqr", 2e-5),
+    **dict.fromkeys(("ax", "ay", "az"), 0.01),
+}  # fmt: skip
+
+
+def model_of(truth):
+    """Model of response to term to value."""
+    return AeroModel(
+        {name: ResponseModel(tuple(map(Term, terms)), np.array(list(terms.values()))) for name, terms in truth.items()}
+    )
+
+
+def step_train(t, starts, length, size):
+    """Doublets at given times, by a hand: no derivative taken of samples follows a step of a moment."""
+    made = np.zeros(len(t))
+    for start in starts:
+        made += size * (((t >= start) & (t < start + length)).astype(float))
+        made -= size * (((t >= start + length) & (t < start + 2 * length)).astype(float))
+    return gaussian_filter1d(made, 4.0)
+
+
+def excite(t, k=0, pitch=0.04, roll=0.05, yaw=0.04):
+    """Departures of the controls from trim, another sequence for each k."""
+    return {
+        "de": step_train(t, (1.0 + 0.7 * k, 12.0 - k), 0.9, pitch),
+        "da": step_train(t, (5.0 - 0.5 * k, 16.5 - k), 0.8, roll * (-1.0) ** k),
+        "dr": step_train(t, (8.0 + 0.6 * k, 15.0 + k), 1.0, yaw),
+    }
+
+
+def fly(
+    extra, speeds=(42.0, 50.0), inputs=excite, h=(1000.0, 1000.0), definitions=None, base=TRUTH, craft=CRAFT, **more
+):
+    """Flights, each with the simulation `base` at its exact states, of a truth with `extra` terms by response.
+
+    `more` are further inputs by name, arrays or functions of the number of the flight.
+    """
+    simulation = model_of(base)
+    truth = model_of({r: {**base[r], **extra.get(r, {})} for r in base})
+    seen = Aircraft(**{**craft.model_dump(exclude={"schema_name"}), "sensors": {}})
+    recordings, told = [], []
+    for k, V in enumerate(speeds):
+        start = trim(simulation, craft, V, h[k])
+        moves = start.inputs(T, **inputs(T, k)) | {n: x(k) if callable(x) else x for n, x in more.items()}
+        flown = [
+            simulate(truth, craft, moves, start=start, definitions=definitions, instruments=i, outside="ignore")
+            for i in (Instruments(noise=NOISE, seed=k), None)
+        ]
+        recordings.append(Recording(f"m{k + 1:02d}", flown[0].t, flown[0].channels))
+        told.append(simulation.evaluate(compute_coefficients(flown[1], seen), outside="ignore"))
+    return recordings, told
+
+
+def ready(recordings, told, craft=CRAFT):
+    """Flights to be explained, with a stand-in for the simulation."""
+    flights = [prepare_flight(r, craft, s) for r, s in zip(recordings, told)]
+    stand_in = identify(flights, told, [r for r in COEFFICIENTS if r in told[0]])
+    return [replace(f, surrogate=stand_in) for f in flights]
+
+
+def flights_with(extra, **options):
+    return ready(*fly(extra, **options))
+
+
+def explain(flights, variant, responses=None):
+    """Least-squares parameters by name, and the share of the differences' variance explained by response."""
+    wanted = responses or sorted({r for f in flights for r in variant.columns(f)})
+    rows, y = [], []
+    for r in wanted:
+        scale = np.sqrt(np.mean([f.difference[r].var() for f in flights]))
+        for f in flights:
+            H = variant.columns(f).get(r, np.zeros((len(f), len(variant.parameters))))
+            assert np.isfinite(H).all()
+            rows.append((H - H.mean(axis=0)) / scale)
+            y.append((f.difference[r] - f.difference[r].mean()) / scale)
+    sds = np.array([p.sd for p in variant.parameters])
+    H, Y = np.vstack(rows) * sds, np.concatenate(y)
+    theta = np.linalg.lstsq(H, Y, rcond=None)[0]
+    share = 1.0 - np.mean((Y - H @ theta) ** 2) / np.mean(Y**2)
+    return dict(zip((p.name for p in variant.parameters), theta * sds)), float(share)
+
+
+def best(flights, hypothesis, responses):
+    """Variant with plausible parameters that explains most of some responses, those, and the share."""
+    tried = [(v, *explain(flights, v, responses)) for v in hypothesis.variants(flights)]
+    plausible = [one for one in tried if all(p.low <= one[1][p.name] <= p.high for p in one[0].parameters)]
+    return max(plausible, key=lambda one: one[2])
+
+
+def named(module, effect):
+    return next(h for h in module.HYPOTHESES if h.effect == effect)
+
+
+def found_of(flights, variant, values):
+    """What a hypothesis is told when it is to put into words what was found."""
+    shape = {n: Estimate(x, 0.0, variant.units.get(n, "-")) for n, x in variant.shape.items()}
+    fitted = {p.name: Estimate(values[p.name], 0.1 * abs(values[p.name]), p.unit) for p in variant.parameters}
+    return Found(variant, {**fitted, **shape}, {})
+
+
+def check_all(flights, hypothesis):
+    """Every variant has finite columns of the right shape, sizes and limits that make sense, and words."""
+    variants = hypothesis.variants(flights)
+    assert 0 < len(variants) <= 66
+    for v in variants:
+        for p in v.parameters:
+            assert p.sd > 0.0, (hypothesis.effect, v.about, p.name)
+            assert p.low < p.high, (hypothesis.effect, v.about, p.name)
+        for f in flights:
+            for r, H in v.columns(f).items():
+                assert r in f.measured, (hypothesis.effect, r)
+                assert H.shape == (len(f), len(v.parameters))
+                assert np.isfinite(H).all()
+        text = hypothesis.says(found_of(flights, v, {p.name: p.sd for p in v.parameters}))
+        assert text.endswith("."), text

@@ -1,0 +1,100 @@
+"""diagnose() on concealed cases whose key the tests hold, and on the published examples."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import structsel as ss
+from structsel.diagnosis import diagnose
+from structsel.errors import DataError
+from structsel.proving.drawing import draw_case
+
+EXAMPLES = Path(__file__).parents[2] / "shared" / "data" / "diagnose-examples"
+needs_examples = pytest.mark.skipif(not EXAMPLES.exists(), reason="../shared/data is not here")
+
+
+def run(case, **options):
+    flown = {name: ss.Recording(name, held["t"], {c: x for c, x in held.items() if c != "t"})
+             for name, held in case.simulated.items()}  # fmt: skip
+    return diagnose(flown, case.recordings, case.aircraft, **options)
+
+
+@pytest.fixture(scope="module")
+def ground():
+    case = draw_case(31, effect="ground-effect", severity="easy")
+    return case, run(case)
+
+
+def test_a_concealed_ground_effect_is_named_located_and_brings_a_gain(ground):
+    case, found = ground
+    first = found.findings[0]
+    assert found.verdict == "mismatch"
+    assert first.effect == "ground-effect"
+    assert first.physics[0].probability > 0.8
+    assert set(first.axes) & set(case.key.effects[0].axes)
+    bars = first.bars[first.axes[0]]
+    assert bars.physics.rrmse < 0.8 * bars.refitted.rrmse <= 0.8 * 1.02 * bars.delivered.rrmse
+
+
+def test_what_is_written_follows_the_contract(ground):
+    _, found = ground
+    told = json.loads(json.dumps(found.to_dict()))
+    assert told["schema"] == "structsel.diagnosis/1"
+    assert {"verdict", "findings", "not_testable", "remaining"} <= set(told)
+    finding = told["findings"][0]
+    assert {"axes", "kind", "where", "physics", "ambiguous_with", "to_separate", "fit"} <= set(finding)
+    assert {"effect", "probability", "says", "parameters", "terms"} <= set(finding["physics"][0])
+    assert {"held_out", "explainable", "explained"} <= set(finding["fit"])
+    assert all({"effect", "needs"} <= set(one) for one in told["not_testable"])
+
+
+def test_the_corrected_model_can_be_asked_along_the_flights(ground):
+    case, found = ground
+    assert set(found.model) == set(found.responses)
+    flown = ss.compute_all(case.recordings, case.aircraft)
+    told = np.concatenate([found.model["CZ"].evaluate(r) for r in flown])
+    simulated = np.concatenate([case.simulated[r.name]["CZ"] for r in flown])
+    # A stand-in by few terms of the (noisy) states: near the simulation, not equal to it.
+    assert np.std(told - simulated) < 0.1 * np.std(simulated)
+
+
+def test_recordings_held_out_by_name_judge_alone(ground):
+    case, _ = ground
+    name = case.recordings[-1].name
+    found = run(case, held_out=[name])
+    assert found.held_out == (name,)
+    with pytest.raises(DataError, match="'m99' is not there"):
+        run(case, held_out=["m99"])
+    with pytest.raises(DataError, match="all recordings are held out"):
+        run(case, held_out=[r.name for r in case.recordings])
+
+
+def test_nothing_is_named_where_the_simulation_is_right():
+    case = draw_case(5, family="null")
+    found = run(case)
+    assert found.verdict == "consistent"
+    assert not [f for f in found.findings if f.kind != "random"]
+
+
+def test_one_manoeuvre_alone_is_not_decided(ground):
+    case, _ = ground
+    low = min(case.recordings, key=lambda r: float(np.min(r["h_agl"])))
+    flown = {low.name: ss.Recording(low.name, case.simulated[low.name]["t"],
+                                    {c: x for c, x in case.simulated[low.name].items() if c != "t"})}  # fmt: skip
+    found = diagnose(flown, [low], case.aircraft)
+    assert found.verdict in ("undecidable", "consistent")
+    assert any("one manoeuvre only" in remark for remark in found.remarks)
+
+
+@needs_examples
+@pytest.mark.parametrize(("name", "verdict", "effect"), [("ground-effect", "mismatch", "ground-effect"),
+                                                         ("nothing-wrong", "consistent", None)])  # fmt: skip
+def test_published_examples(name, verdict, effect):
+    folder = EXAMPLES / name
+    found = diagnose(
+        folder / "simulated", ss.read_recordings(folder / "recordings"), ss.Aircraft.from_toml(folder / "aircraft.toml")
+    )
+    assert found.verdict == verdict
+    assert [f.effect for f in found.findings] == ([effect] if effect else [])

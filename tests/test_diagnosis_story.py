@@ -1,0 +1,152 @@
+"""The story: everything an engineer would tell, and no more than fits on a screen."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from structsel.diagnosis.result import Pull
+from structsel.diagnosis.story import chance, estimate_text, no_model, range_text, tell
+from structsel.hypotheses.base import Estimate
+from tests.diagnoses import GROUND, NAMES, TURBULENCE, VANE, diagnosis, fits
+
+
+def flat(text):
+    """The story without its line breaks."""
+    return " ".join(text.split())
+
+
+def test_the_first_line_is_the_verdict_and_names_the_effect_with_its_probability():
+    assert tell(diagnosis()).splitlines()[0] == "MISMATCH: the simulation leaves out ground-effect (94 %)."
+
+
+def test_a_finding_says_what_where_how_much_and_what_it_buys():
+    told = flat(tell(diagnosis()))
+    assert "Within one span of the ground lift grows by 0.10 +- 0.004 at touch-down" in told
+    assert "h_agl 1.5 to 5.4 m" in told
+    assert "m03 12.5-19.0 and 24.0-24.5 s" in told
+    assert "lift -0.100 +- 0.004, height 5.0 +- 0.3 m" in told
+    assert "90 % of the mismatch in CZ and CX; a free learner on all channels 93 %" in told
+    assert "configuration-change 5 %" in told
+
+
+def test_the_three_bars_stand_side_by_side_for_each_response_it_shows_in():
+    rows = [line.split() for line in tell(diagnosis()).splitlines()]
+    assert ["CZ", "0.220", "0.210", "0.080"] in rows
+    assert ["CX", "0.310", "0.300", "0.190"] in rows
+
+
+def test_a_tie_is_told_in_the_first_line_with_what_would_separate():
+    told = flat(tell(diagnosis(GROUND, VANE)))
+    assert "ground-effect (94 %) and sensor-scale or wrong-derivative (together 93 %)" in told
+    # 52 % and 41 % are one finding to these recordings.
+    assert "wrong-derivative would do as well (together 93 %)" in told
+    assert "A second source of flow angle" in told
+    assert "10 % is more than a vane on a boom usually has" in told
+
+
+def test_what_was_not_tested_is_grouped_by_what_it_needs():
+    told = flat(tell(diagnosis()))
+    assert "stall-hysteresis, static-stall (needs angle of attack above 10 deg)" in told
+    assert "engine-gyroscopic (needs channel rpm)" in told
+
+
+def test_only_tolerances_pulled_beyond_one_sigma_are_told():
+    told = flat(tell(diagnosis()))
+    assert "CZ: alpha +2.3 sigma (+12 %)" in told
+    assert "turned" not in told
+    assert "no tolerance beyond one sigma" in flat(tell(diagnosis(pulls=(Pull("mass", 0.4, 0.004, 0.01, "relative"),))))
+
+
+def test_a_consistent_simulation_gets_its_verdict_and_what_would_have_shown():
+    told = flat(tell(diagnosis(verdict="consistent")))
+    assert told.startswith("CONSISTENT: recordings and simulation agree within the stated tolerances.")
+    assert "1 of 2 effects would be named here at 5 %" in told
+    assert "icing from 35 %" in told
+
+
+def test_turbulence_is_told_beside_a_consistent_verdict_and_is_nothing_left_out():
+    first = tell(diagnosis(TURBULENCE, verdict="consistent")).split("\n\n")[0]
+    assert first.startswith("CONSISTENT")
+    assert "There was turbulence besides." in flat(first)
+    assert "leaves out" not in first
+
+
+def test_physics_without_a_name_is_not_given_one():
+    nameless = replace(GROUND, physics=(replace(GROUND.physics[0], effect="unknown"),))
+    assert "none of the effects known explains" in flat(tell(diagnosis(nameless)))
+    beside = flat(tell(diagnosis(VANE, nameless)).split("\n\n")[0])
+    assert "leaves out sensor-scale or wrong-derivative" in beside
+    assert "Something else is missing" in beside
+
+
+def test_an_undecidable_case_says_why_at_once():
+    lines = tell(diagnosis(verdict="undecidable", remarks=("one manoeuvre only",), recordings=("m01",))).splitlines()
+    assert lines[0].startswith("UNDECIDABLE")
+    assert "- one manoeuvre only" in lines[:5]
+    assert sum("one manoeuvre only" in line for line in lines) == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({}, ""),
+        ({"model": None, "responses": ("thrust",)}, "thrust is none"),
+        ({"model": None, "verdict": "consistent", "findings": ()}, "nothing was found to add"),
+        ({"model": None}, "could not be put as the terms"),
+    ],
+)
+def test_a_missing_model_is_explained(changes, says):
+    made = replace(diagnosis(), **changes)
+    assert says in no_model(made)
+    assert bool(no_model(made)) == (made.model is None) == ("no model" in tell(made))
+
+
+def test_the_story_fits_on_a_screen_and_four_findings_with_everything_on_two():
+    many = {f"effect-{k}": f"something of the kind {k} that these recordings do not hold" for k in range(30)}
+    far = {name: [(float(k), k + 0.5) for k in range(12)] for name in NAMES}
+    bars = {c: fits(0.4, 0.3, 0.2) for c in ("CX", "CY", "CZ", "Cl", "Cm", "Cn")}
+    wide = replace(VANE, axes=tuple(bars), bars=bars, intervals=far)
+    told = tell(diagnosis(wide, wide, wide, wide, not_testable=many, remarks=("a remark",) * 9)).splitlines()
+    assert len(told) <= 70
+    assert len(tell(diagnosis(GROUND, VANE)).splitlines()) <= 45
+    assert max(map(len, told)) <= 80
+    assert len(tell(diagnosis()).splitlines()) <= 30
+
+
+def test_figures_that_are_not_known_are_left_out_rather_than_printed():
+    unknown = replace(GROUND, explainable=math.nan, explained=math.nan, share=math.nan)
+    assert "nan" not in tell(diagnosis(unknown))
+    assert "nan" not in estimate_text(Estimate(0.25, math.nan, "s"))
+
+
+@pytest.mark.parametrize(
+    ("estimate", "text"),
+    [
+        (Estimate(0.3114, 0.0412, "s"), "0.31 +- 0.04 s"),
+        (Estimate(0.3114, 0.0123, "s"), "0.311 +- 0.012 s"),
+        (Estimate(math.radians(11.52), math.radians(0.31), "rad"), "11.5 +- 0.3 deg"),
+        (Estimate(0.05, 0.007, "relative"), "5.0 +- 0.7 %"),
+        (Estimate(-812.0, 45.0, "N"), "-812 +- 45 N"),
+        (Estimate(2.0e-5, 3.0e-6, "-"), "2e-05 +- 3e-06"),
+        (Estimate(0.5, 0.0, "m"), "0.5 m"),
+        (Estimate(-4.02, 0.3, "1/rad"), "-4.0 +- 0.3 1/rad"),
+    ],
+)
+def test_an_estimate_has_the_digits_it_is_known_to_and_angles_are_in_degrees(estimate, text):
+    assert estimate_text(estimate) == text
+
+
+def test_a_region_is_in_the_units_people_read_and_may_be_open():
+    assert range_text("alpha", (math.radians(11.0), math.radians(20.0))) == "alpha 11 to 20 deg"
+    assert range_text("h_agl", (-math.inf, 5.4)) == "h_agl below 5.4 m"
+    assert range_text("V", (60.0, math.inf)) == "V above 60 m/s"
+
+
+@pytest.mark.parametrize(("p", "text"), [(0.94, "94 %"), (0.9999, "> 99 %"), (0.003, "< 1 %")])
+def test_no_probability_is_called_certain(p, text):
+    assert chance(p) == text
+
+
+def test_str_of_a_diagnosis_is_its_story():
+    assert str(diagnosis()) == tell(diagnosis())

@@ -1,0 +1,63 @@
+"""Surfaces that stand elsewhere than recorded: flown with an actuator of our simulation, recorded without."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from structsel.hypotheses.actuators import HYPOTHESES
+from structsel.simulation import Actuator
+from tests.injected import aerodynamics, best, compare, fly, one_of
+
+
+def commanded(control, actuator):
+    """Flights in which a control is recorded as it was commanded."""
+    return compare(fly(actuators={control: actuator}, flown={control: lambda x: x}))
+
+
+def test_a_lag_is_found_on_its_surface_with_its_time_constant():
+    found = best(commanded("de", Actuator(lag=0.1)), one_of(HYPOTHESES, "actuator-lag"))
+    assert (found.variant.about, *found.values) == ("elevator", "lag")
+    assert found.explained > 0.98
+    # The grid of shapes is coarse; the parameter makes up for it to first order.
+    assert_allclose(found.values["lag"], 0.1, rtol=0.1)
+
+
+def test_a_pure_delay_is_told_from_a_lag():
+    flights = compare(fly(flown={"da": lambda x: np.concatenate([np.full(5, x[0]), x[:-5]])}))
+    found = best(flights, one_of(HYPOTHESES, "actuator-lag"))
+    assert (found.variant.about, *found.values) == ("aileron", "delay")
+    assert found.explained > 0.98
+    assert_allclose(found.values["delay"], 0.1, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("effect", "control", "actuator", "about", "name", "value"),
+    [
+        ("actuator-rate-limit", "de", Actuator(rate=0.2), "elevator", "rate", 0.2),
+        ("actuator-saturation", "dr", Actuator(high=0.08), "rudder, upper side", "stop", 0.08),
+        ("backlash", "da", Actuator(backlash=0.02), "aileron", "width", 0.02),
+    ],
+)
+def test_limits_and_play_are_found_to_the_next_value_tried(effect, control, actuator, about, name, value):
+    found = best(commanded(control, actuator), one_of(HYPOTHESES, effect))
+    assert found.variant.about == about
+    assert found.explained > 0.95
+    assert_allclose(found.variant.shape[name], value, rtol=0.3)
+    assert 0.5 < found.values["share"] < 1.5
+
+
+def test_a_pitch_damper_nobody_recorded_is_found_with_its_gain():
+    # A surface that moves by 0.2 s times q has the moment and the force of so much elevator.
+    flights = compare(fly(aerodynamics({"CZ": {"q": -0.4 * 0.2}, "Cm": {"q": -1.92 * 0.2}})))
+    variants = one_of(HYPOTHESES, "augmentation").variants(flights)
+    assert {"q to elevator", "r to rudder", "p to aileron"} <= {v.about for v in variants}
+    found = best(flights, one_of(HYPOTHESES, "augmentation"))
+    assert "q" in found.variant.about
+    assert found.explained > 0.99
+    assert_allclose(found.values["gain of q"], 0.2, rtol=0.02)
+
+
+def test_surfaces_that_never_move_cannot_be_late():
+    flights = compare(fly(size=1e-13))
+    for h in HYPOTHESES:
+        assert "control that moves" in h.needs(flights)

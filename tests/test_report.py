@@ -1,0 +1,180 @@
+"""The report: one file that needs nothing else, says the finding first, and trusts no name."""
+
+import base64
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from structsel.report import render, write_report
+from structsel.report.charts import MOST_VALUES, chart_data
+from tests.diagnoses import GROUND, TURBULENCE, VANE, diagnosis, hostile
+
+VOID = {"meta", "br", "img", "input", "link", "hr"}
+
+
+class Page(HTMLParser):
+    """What a browser makes of a page: its tags, whether they close, its text and scripts."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.text, self.scripts, self.crossed = [], [], [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.crossed.append(tag)
+
+    def handle_data(self, data):
+        where = self.open[-1] if self.open else ""
+        if where != "style":
+            (self.scripts if where == "script" else self.text).append(data)
+
+    def words(self):
+        return " ".join(" ".join(self.text).split())
+
+
+@pytest.fixture(scope="module")
+def two():
+    return render(diagnosis(GROUND, VANE))
+
+
+@pytest.fixture(scope="module")
+def page(two):
+    return Page(two)
+
+
+ALL = {
+    "one": lambda: diagnosis(),
+    "two": lambda: diagnosis(GROUND, VANE),
+    "consistent": lambda: diagnosis(verdict="consistent"),
+    "turbulence": lambda: diagnosis(TURBULENCE, verdict="consistent"),
+    "undecidable": lambda: diagnosis(verdict="undecidable", recordings=("m01",), traces={}, model=None),
+    "empty": lambda: diagnosis(verdict="consistent", traces={}, pulls=(), remarks=(), remaining={}, detects={}),
+    "unknown figures": lambda: diagnosis(
+        replace(GROUND, explained=np.nan, explainable=np.nan, share=np.nan), remaining={"CZ": (np.nan, False)}
+    ),
+    "hostile": hostile,
+}
+
+
+@pytest.mark.parametrize("case", ALL)
+def test_every_tag_closes_and_no_figure_is_printed_as_nan(case):
+    made = Page(render(ALL[case]()))
+    assert made.crossed == []
+    assert made.open == []
+    assert not re.search(r"\b(nan|inf|None)\b", made.words())
+
+
+@pytest.mark.parametrize("case", ALL)
+def test_nothing_is_fetched_from_anywhere(case):
+    made = Page(render(ALL[case]()))
+    for tag, attrs in made.tags:
+        assert tag not in ("link", "iframe", "object", "embed", "base")
+        assert not {"src", "href", "action", "background"} & set(attrs)
+        assert not any(name.startswith("on") for name in attrs)
+    policy = next(
+        a["content"] for t, a in made.tags if t == "meta" and a.get("http-equiv") == "Content-Security-Policy"
+    )
+    assert "default-src 'none'" in policy
+    for script in made.scripts:
+        assert not re.search(r"\b(fetch|XMLHttpRequest|WebSocket|import|eval|innerHTML)\b", script)
+
+
+def test_the_finding_comes_first_and_the_rest_after(page):
+    told = page.words()
+    order = ["leaves out ground-effect (94 %)", "1. ground-effect", "2. sensor-scale", "How much of", "Time history"]
+    order += ["What is left", "Tolerances pulled", "What could not be tested", "Notes"]
+    places = [told.find(word) for word in order]
+    assert -1 not in places
+    assert places == sorted(places)
+
+
+def test_the_tables_hold_the_numbers(page):
+    told = page.words()
+    for word in (
+        "-0.100 ± 0.004",
+        "5.0 ± 0.3 m",
+        "h_agl 1.5 to 5.4 m",
+        "12.5 to 19.0, 24.0 to 24.5",
+        "0.220",
+        "+12 ± 2 %",
+    ):
+        assert word in told
+
+
+def test_bars_are_as_long_as_their_errors(two):
+    # The longest, 0.31, fills its track.
+    wide = [float(x) for x in re.findall(r'fill (?:delivered|refitted|physics)" style="width:([\d.]+)%', two)]
+    assert_allclose(wide[1:7], np.round(100.0 * np.array([0.22, 0.21, 0.08, 0.31, 0.30, 0.19]) / 0.31, 1), atol=0.06)
+
+
+def test_every_bar_and_figure_has_words_for_those_who_do_not_see_it(page):
+    bars = [a for t, a in page.tags if a.get("role") == "img"]
+    assert bars
+    assert all(a.get("aria-label") for a in bars)
+    assert sum(t == "figure" for t, _ in page.tags) == sum(t == "figcaption" for t, _ in page.tags) == 4
+    assert ("html", {"lang": "en"}) in page.tags
+    assert "aria-label" in "".join(page.scripts)
+
+
+def test_both_colour_schemes_narrow_screens_and_paper_are_provided_for(two):
+    for rule in ("prefers-color-scheme: dark", "max-width: 44rem", "@media print", "width=device-width"):
+        assert rule in two
+
+
+def test_no_name_from_the_data_becomes_markup_or_ends_the_script():
+    text = render(hostile())
+    assert "<script>alert" not in text
+    made = Page(text)
+    # The data and the program: no third script, and the data are still JSON.
+    assert len(made.scripts) == 2
+    assert '<script>alert("x")</script></script>' in json.loads(made.scripts[0])["recordings"]
+    assert '<script>alert("x")</script>' in made.words()
+
+
+def test_the_figures_hold_the_time_histories_in_the_units_people_read():
+    made = diagnosis()
+    data = chart_data(made)
+
+    def unpack(text):
+        return np.frombuffer(base64.b64decode(text), "<f4")
+
+    one = data["recordings"]["m03"]
+    assert_allclose(unpack(one["t"]), made.traces["m03"].t, rtol=1e-6)
+    assert_allclose(unpack(one["responses"]["CZ"]["physics"]), made.traces["m03"].explained["CZ"], rtol=1e-6)
+    assert_allclose(unpack(one["channels"]["alpha"]), np.rad2deg(made.traces["m03"].channels["alpha"]), rtol=1e-6)
+    assert (data["units"]["alpha"], data["units"]["h_agl"]) == ("deg", "m")
+    assert data["findings"][0]["channel"] == "h_agl"
+    assert json.loads(json.dumps(data, allow_nan=False)) == data
+
+
+def test_long_recordings_are_thinned_to_a_page_that_can_be_mailed():
+    one = diagnosis().traces["m01"]
+    many = 40
+    long = replace(
+        one,
+        t=np.arange(len(one.t) * many) * 0.04,
+        **{
+            name: {c: np.tile(x, many) for c, x in getattr(one, name).items()}
+            for name in ("measured", "simulated", "refitted", "explained", "channels")
+        },
+    )
+    text = render(diagnosis(traces={f"m{k:02d}": long for k in range(1, 9)}))
+    assert 4 * MOST_VALUES < len(text) < 5_000_000
+
+
+def test_a_report_is_written_where_it_was_asked_for(tmp_path):
+    write_report(diagnosis(), tmp_path / "report.html")
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == render(diagnosis())
+    with pytest.raises(OSError, match="nowhere"):
+        write_report(diagnosis(), tmp_path / "nowhere" / "report.html")
