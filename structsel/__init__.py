@@ -1,19 +1,32 @@
 """structsel: flight recordings in, an aerodynamic model out whose structure the data chose.
 
 The journey: `read_recording`, `reconstruct`, `compute_coefficients`, `Candidates`, `select`, `AeroModel`, `validate`.
-What was chosen is flown by `trim`, `simulate`, `refine` and `replay`; `design_inputs` says what to fly.
+What was chosen is flown by `trim`, `simulate`, `refine` and `replay`; `design_inputs` says what to fly. `compare` and
+`diagnose` say where another simulation parts from the recordings, and which physics it leaves out.
 """
 
 from structsel.aircraft import Aircraft
 from structsel.candidates import Candidates, Factor, Term
 from structsel.coefficients import compute_all, compute_coefficients
 from structsel.demo import demo_flights
+from structsel.diagnosis import Diagnosis, diagnose
 from structsel.errors import StructselError, StructselWarning
 from structsel.inputs import InputComparison, InputDesign, compare_inputs, design_inputs
+from structsel.mismatch import Mismatch, compare
 from structsel.model import AeroModel, ResponseModel
 from structsel.reconstruction import Reconstruction, Reconstructions, reconstruct, reconstruct_all
 from structsel.recording import Recording, read_recording, read_recordings, write_recording
-from structsel.refinement import Comparison, LinearStructure, Refinement, compare_estimates, refine
+from structsel.refinement import (
+    Comparison,
+    Derivatives,
+    LinearStructure,
+    Refinement,
+    compare_estimates,
+    derivatives_by_condition,
+    equation_error,
+    refine,
+)
+from structsel.report import write_report
 from structsel.selection import Selection, Selections, select
 from structsel.simulation import (
     Actuator,
@@ -41,6 +54,8 @@ __all__ = [
     "Aircraft",
     "Candidates",
     "Comparison",
+    "Derivatives",
+    "Diagnosis",
     "Ensemble",
     "Factor",
     "Gust",
@@ -50,6 +65,7 @@ __all__ = [
     "JSBSimAircraft",
     "LinearModel",
     "LinearStructure",
+    "Mismatch",
     "ReadyAircraft",
     "Reconstruction",
     "Reconstructions",
@@ -65,13 +81,17 @@ __all__ = [
     "Trim",
     "Turbulence",
     "Validation",
+    "compare",
     "compare_estimates",
     "compare_inputs",
     "compute_all",
     "compute_coefficients",
     "demo_flights",
+    "derivatives_by_condition",
     "design_inputs",
+    "diagnose",
     "ensemble",
+    "equation_error",
     "linearise",
     "open_jsbsim",
     "read_recording",
@@ -86,4 +106,5 @@ __all__ = [
     "trim",
     "validate",
     "write_recording",
+    "write_report",
 ]

@@ -46,6 +46,10 @@ def compare(
     progress : callable, optional
         Told what is being done, how much of it is done, and of how much.
 
+    Returns
+    -------
+    Mismatch
+
     Raises
     ------
     DataError

@@ -6,6 +6,7 @@ put them together, one figure per question, for files.
 """
 
 from structsel.plotting.axes import label
+from structsel.plotting.diagnosis import plot_bars, plot_residual_over, plot_shares, plot_time_history
 from structsel.plotting.flight_path import (
     draw_reconstruction,
     draw_reconstructions,
@@ -27,7 +28,7 @@ from structsel.plotting.models import (
     plot_path,
     plot_residual_against,
 )
-from structsel.plotting.refinement import plot_comparison
+from structsel.plotting.refinement import plot_comparison, plot_derivatives
 
 __all__ = [
     "draw_flight",
@@ -39,10 +40,12 @@ __all__ = [
     "draw_selection",
     "label",
     "plot_autocorrelation",
+    "plot_bars",
     "plot_bounds",
     "plot_collinearity",
     "plot_comparison",
     "plot_constant",
+    "plot_derivatives",
     "plot_estimate",
     "plot_fit",
     "plot_flight",
@@ -55,4 +58,7 @@ __all__ = [
     "plot_readings",
     "plot_replay",
     "plot_residual_against",
+    "plot_residual_over",
+    "plot_shares",
+    "plot_time_history",
 ]

@@ -32,7 +32,7 @@ _PAGE = Environment(
 )
 
 
-def write_report(diagnosis: Diagnosis, path: str | Path) -> None:
+def write_report(diagnosis: Diagnosis, path: str | Path) -> Path:
     """Write a diagnosis as one HTML file that holds all it needs.
 
     Parameters
@@ -40,12 +40,19 @@ def write_report(diagnosis: Diagnosis, path: str | Path) -> None:
     diagnosis : Diagnosis
     path : str or Path
 
+    Returns
+    -------
+    Path
+        Where it stands.
+
     Raises
     ------
     OSError
         The file cannot be written.
     """
-    Path(path).write_text(render(diagnosis), encoding="utf-8")
+    path = Path(path)
+    path.write_text(render(diagnosis), encoding="utf-8")
+    return path
 
 
 def render(diagnosis: Diagnosis) -> str:
