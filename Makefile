@@ -19,7 +19,7 @@ demo: $(VENV)/.installed  ## run the main job on an embedded flight
 	$(BIN)/structsel demo --out out/demo
 
 test: $(VENV)/.installed-dev  ## run the tests
-	$(BIN)/python -m pytest -n 2
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2  # two workers; threads of the linear algebra would only wait for each other
 
 static: $(VENV)/.installed-dev  ## format, lint, import order, types
 	$(BIN)/ruff format --check .
