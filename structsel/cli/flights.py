@@ -54,8 +54,14 @@ Reconstruct = Annotated[
         help="Reconstruct the flight paths first, as structsel reconstruct does by itself. Needs --aircraft.",
     ),
 ]
+Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.", rich_help_panel=OUTPUT)]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.", rich_help_panel=OUTPUT)]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.", rich_help_panel=OUTPUT)]
+
+
+def option(name: str, text: str, panel: str | None = None, metavar: str | None = None) -> Any:
+    """Option of a command, on a panel of its help page."""
+    return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
 
 
 def words(text: str) -> list[str]:

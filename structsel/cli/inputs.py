@@ -22,7 +22,7 @@ from structsel.cli.crafts import (
     trim_craft,
 )
 from structsel.cli.flight_tables import print_information, print_inputs_compared, print_scatter
-from structsel.cli.flights import OUTPUT, Json, Overwrite, words
+from structsel.cli.flights import OUTPUT, Json, Overwrite, option, words
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.tables import figure, print_files
@@ -70,60 +70,54 @@ _PULSES: dict[str, Callable[..., Recording]] = {
 }
 
 
-def _option(name: str, text: str, panel: str | None = None, metavar: str | None = None) -> Any:
-    return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
-
-
 def run(
     kind: Annotated[Kind, typer.Argument(metavar="KIND", help="Kind of input; compare sets them side by side.")],
     channel: Annotated[
-        str, _option("--channel", "Control that moves; of multisine and optimal, controls.", None, "NAMES")
+        str, option("--channel", "Control that moves; of multisine and optimal, controls.", None, "NAMES")
     ] = "",
-    amplitude: Annotated[float | None, _option("--amplitude", "Departure from trim; of an impulse its area.")] = None,
-    width: Annotated[float | None, _option("--width", "Length of one pulse, in s.")] = None,
-    start: Annotated[float | None, _option("--start", "When it begins, in s; 1.")] = None,
-    duration: Annotated[float | None, _option("--duration", "Of the record, in s; 20.")] = None,
-    dt: Annotated[float | None, _option("--dt", "Step of the clock, in s.")] = None,
-    low: Annotated[float | None, _option("--low", "Lowest frequency of multisine and sweep, in Hz.")] = None,
-    high: Annotated[float | None, _option("--high", "Highest frequency, in Hz.")] = None,
-    law: Annotated[Literal["log", "linear"], _option("--law", "How a sweep's frequency rises.")] = "log",
-    period: Annotated[float | None, _option("--period", "Of a multisine, in s; 20.")] = None,
-    seed: Annotated[int, _option("--seed", "Of the searches for phases and shapes.")] = 0,
-    model: Annotated[str, _option("--model", MODEL_HELP, _LINEAR, "MODEL")] = "",
+    amplitude: Annotated[float | None, option("--amplitude", "Departure from trim; of an impulse its area.")] = None,
+    width: Annotated[float | None, option("--width", "Length of one pulse, in s.")] = None,
+    start: Annotated[float | None, option("--start", "When it begins, in s; 1.")] = None,
+    duration: Annotated[float | None, option("--duration", "Of the record, in s; 20.")] = None,
+    dt: Annotated[float | None, option("--dt", "Step of the clock, in s.")] = None,
+    low: Annotated[float | None, option("--low", "Lowest frequency of multisine and sweep, in Hz.")] = None,
+    high: Annotated[float | None, option("--high", "Highest frequency, in Hz.")] = None,
+    law: Annotated[Literal["log", "linear"], option("--law", "How a sweep's frequency rises.")] = "log",
+    period: Annotated[float | None, option("--period", "Of a multisine, in s; 20.")] = None,
+    seed: Annotated[int, option("--seed", "Of the searches for phases and shapes.")] = 0,
+    model: Annotated[str, option("--model", MODEL_HELP, _LINEAR, "MODEL")] = "",
     aircraft: FlownAircraft = None,
     trim: Trimmed = "",
     controls: Controls = "",
     axis: Annotated[
-        Literal["longitudinal", "lateral"], _option("--axis", "Of a nonlinear model's small motions.", _LINEAR)
+        Literal["longitudinal", "lateral"], option("--axis", "Of a nonlinear model's small motions.", _LINEAR)
     ] = "longitudinal",
     define: Define = None,
     rho: Rho = None,
     noise: Annotated[
-        str, _option("--noise", "Outputs measured, and their noise: alpha=0.002,q=0.001", _LINEAR, "NAME=STD,...")
+        str, option("--noise", "Outputs measured, and their noise: alpha=0.002,q=0.001", _LINEAR, "NAME=STD,...")
     ] = "",
     parameters: Annotated[
-        str, _option("--parameters", "Those estimated together; all that are not zero.", _LINEAR, "NAMES")
+        str, option("--parameters", "Those estimated together; all that are not zero.", _LINEAR, "NAMES")
     ] = "",
-    energy: Annotated[float | None, _option("--energy", "Integral of the squared inputs.", _OPTIMAL)] = None,
-    criterion: Annotated[Literal["A", "D", "trace", "E"], _option("--criterion", "Of optimal inputs.", _OPTIMAL)] = "A",
-    to_separate: Annotated[str, _option("--to-separate", "Parameters to tell apart.", _OPTIMAL, "NAMES")] = "",
-    basis: Annotated[Literal["sines", "fourier", "legendre"], _option("--basis", "Functions.", _OPTIMAL)] = "sines",
-    functions: Annotated[int | None, _option("--functions", "Of them, for each control.", _OPTIMAL)] = None,
+    energy: Annotated[float | None, option("--energy", "Integral of the squared inputs.", _OPTIMAL)] = None,
+    criterion: Annotated[Literal["A", "D", "trace", "E"], option("--criterion", "Of optimal inputs.", _OPTIMAL)] = "A",
+    to_separate: Annotated[str, option("--to-separate", "Parameters to tell apart.", _OPTIMAL, "NAMES")] = "",
+    basis: Annotated[Literal["sines", "fourier", "legendre"], option("--basis", "Functions.", _OPTIMAL)] = "sines",
+    functions: Annotated[int | None, option("--functions", "Of them, for each control.", _OPTIMAL)] = None,
     limits: Annotated[
-        str, _option("--limits", "Largest departures: de=0.1,alpha=0.08,V=3", _OPTIMAL, "NAME=MAX,...")
+        str, option("--limits", "Largest departures: de=0.1,alpha=0.08,V=3", _OPTIMAL, "NAME=MAX,...")
     ] = "",
-    rate_limits: Annotated[str, _option("--rate-limits", "Of controls, per s.", _OPTIMAL, "NAME=MAX,...")] = "",
+    rate_limits: Annotated[str, option("--rate-limits", "Of controls, per s.", _OPTIMAL, "NAME=MAX,...")] = "",
     scales: Annotated[
-        str, _option("--scales", "What counts as one in each control's energy.", _OPTIMAL, "NAME=SIZE,...")
+        str, option("--scales", "What counts as one in each control's energy.", _OPTIMAL, "NAME=SIZE,...")
     ] = "",
     runs: Annotated[
-        int, _option("--runs", "compare: flights with fresh noise, whose estimates are to scatter as bound.", _OPTIMAL)
+        int, option("--runs", "compare: flights with fresh noise, whose estimates are to scatter as bound.", _OPTIMAL)
     ] = 0,
-    out: Annotated[
-        Path | None, _option("--out", "Folder for the inputs, a table and a picture.", OUTPUT, "DIR")
-    ] = None,
+    out: Annotated[Path | None, option("--out", "Folder for the inputs, a table and a picture.", OUTPUT, "DIR")] = None,
     overwrite: Overwrite = False,
-    plots: Annotated[bool, _option("--plots/--no-plots", "Whether --out gets a picture.", OUTPUT)] = True,
+    plots: Annotated[bool, option("--plots/--no-plots", "Whether --out gets a picture.", OUTPUT)] = True,
     json: Json = False,
 ) -> None:
     """Make inputs worth flying: classical, multisine, optimal, and compare what they tell."""

@@ -7,13 +7,13 @@ from dataclasses import asdict
 from datetime import date
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
 from structsel import __version__
-from structsel.cli.flights import OUTPUT, Json, words
+from structsel.cli.flights import OUTPUT, Json, option, words
 from structsel.cli.pages import page
 from structsel.cli.tables import print_files
 from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
@@ -46,30 +46,26 @@ _DRAWN = "Which cases"
 _LINES = 20
 
 
-def _option(name: str, text: str, panel: str | None = None, metavar: str | None = None) -> Any:
-    return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
-
-
 def run(
-    out: Annotated[Path, _option("--out", "Folder for cases, keys, answers and the proof.", OUTPUT, "DIR")],
-    cases: Annotated[str, _option("--cases", "How many: 100, or single=300,null=200.", _DRAWN, "N")] = "20",
-    seed: Annotated[int | None, _option("--seed", "Of the first case; 0, or the first that judges.", _DRAWN)] = None,
-    sources: Annotated[str, _option("--sources", "Who flies the truth: own,jsbsim.", _DRAWN, "NAMES")] = "",
+    out: Annotated[Path, option("--out", "Folder for cases, keys, answers and the proof.", OUTPUT, "DIR")],
+    cases: Annotated[str, option("--cases", "How many: 100, or single=300,null=200.", _DRAWN, "N")] = "20",
+    seed: Annotated[int | None, option("--seed", "Of the first case; 0, or the first that judges.", _DRAWN)] = None,
+    sources: Annotated[str, option("--sources", "Who flies the truth: own,jsbsim.", _DRAWN, "NAMES")] = "",
     family: Annotated[
-        str, _option("--family", f"{', '.join(running.FAMILIES[:-1])}; drawn if not given.", _DRAWN, "NAME")
+        str, option("--family", f"{', '.join(running.FAMILIES[:-1])}; drawn if not given.", _DRAWN, "NAME")
     ] = "",
-    effects: Annotated[str, _option("--effects", "Of singles, in turn; drawn if not given.", _DRAWN, "NAMES")] = "",
-    severity: Annotated[str, _option("--severity", "easy, medium or hard.", _DRAWN, "NAME")] = "",
+    effects: Annotated[str, option("--effects", "Of singles, in turn; drawn if not given.", _DRAWN, "NAMES")] = "",
+    severity: Annotated[str, option("--severity", "easy, medium or hard.", _DRAWN, "NAME")] = "",
     without_truth: Annotated[
-        bool, _option("--without-truth", "Singles, the right hypothesis taken out of the library.", _DRAWN)
+        bool, option("--without-truth", "Singles, the right hypothesis taken out of the library.", _DRAWN)
     ] = False,
-    judged: Annotated[bool, _option("--judged", "Cases kept to judge.", _DRAWN)] = False,
-    baselines: Annotated[bool, _option("--baselines", "Ask three simple ways too.")] = False,
+    judged: Annotated[bool, option("--judged", "Cases kept to judge.", _DRAWN)] = False,
+    baselines: Annotated[bool, option("--baselines", "Ask three simple ways too.")] = False,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Cases at a time.")] = 2,
     timeout: Annotated[
         float, typer.Option("--timeout", min=1.0, help="Seconds after which a case counts as not answered.")
     ] = 300.0,
-    again: Annotated[bool, _option("--again", "Diagnose all again; the cases stay.")] = False,
+    again: Annotated[bool, option("--again", "Diagnose all again; the cases stay.")] = False,
     json: Json = False,
 ) -> None:
     """Draw concealed cases, diagnose each apart from its key, and score what was said."""

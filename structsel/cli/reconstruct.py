@@ -16,7 +16,9 @@ from structsel.cli.flights import (
     Json,
     Map,
     Overwrite,
+    Plots,
     load_aircraft,
+    option,
     read_manoeuvres,
     reconstruct_paths,
     words,
@@ -64,17 +66,13 @@ _AIRCRAFT = "Places of the instruments and, if known, their noise."
 _FOUND, _FINE = "What is found", "Fine tuning"
 
 
-def _option(name: str, text: str, panel: str, metavar: str | None = None) -> Any:
-    return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
-
-
 def run(
     files: Files,
     aircraft: Annotated[Path, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)],
     channel_map: Map = None,
     method: Annotated[
         Literal["unscented", "extended", "output-error", "all"],
-        _option(
+        option(
             "--method",
             "unscented or extended: Kalman filter and smoother; output-error: inertial readings free of noise; "
             "all: compared.",
@@ -84,7 +82,7 @@ def run(
     ] = "unscented",
     estimate: Annotated[
         str,
-        _option(
+        option(
             "--estimate",
             "Constants to look for, of: bax bay baz bp bq br wn we wd Cup Calpha0 Csi KV.",
             _FOUND,
@@ -93,27 +91,27 @@ def run(
     ] = "",
     delays: Annotated[
         str,
-        _option("--delays", "report; estimate: find and remove them; or seconds: alpha=0.12,beta=0.1", _FOUND, "HOW"),
+        option("--delays", "report; estimate: find and remove them; or seconds: alpha=0.12,beta=0.1", _FOUND, "HOW"),
     ] = "report",
     gusts: Annotated[
         str,
-        _option("--gusts", "auto: find the turbulence; or its standard deviation in m/s, 0 for none.", _FOUND, "HOW"),
+        option("--gusts", "auto: find the turbulence; or its standard deviation in m/s, 0 for none.", _FOUND, "HOW"),
     ] = "auto",
     find_manoeuvres: Annotated[
-        bool, _option("--find-manoeuvres", "Cut long recordings into the stretches where controls move.", _FOUND)
+        bool, option("--find-manoeuvres", "Cut long recordings into the stretches where controls move.", _FOUND)
     ] = False,
     out: Annotated[
         Path | None,
-        _option("--out", "Folder for the reconstructed flights, tables, report and plots.", OUTPUT, "DIR"),
+        option("--out", "Folder for the reconstructed flights, tables, report and plots.", OUTPUT, "DIR"),
     ] = None,
     file_format: Annotated[
-        Literal["csv", "parquet"], _option("--format", "Kind of the flights' files.", OUTPUT)
+        Literal["csv", "parquet"], option("--format", "Kind of the flights' files.", OUTPUT)
     ] = "csv",
     overwrite: Overwrite = False,
-    plots: Annotated[bool, _option("--plots/--no-plots", "Whether --out gets plots.", OUTPUT)] = True,
+    plots: Plots = True,
     json: Json = False,
-    g: Annotated[float, _option("--g", "Acceleration of gravity, in m/s^2.", _FINE)] = G0,
-    workers: Annotated[int | None, _option("--workers", "Processes; as many as cores.", _FINE, "N")] = None,
+    g: Annotated[float, option("--g", "Acceleration of gravity, in m/s^2.", _FINE)] = G0,
+    workers: Annotated[int | None, option("--workers", "Processes; as many as cores.", _FINE, "N")] = None,
 ) -> None:
     """Reconstruct flight paths: sensor biases, wind and vane errors, and states free of them."""
     asked: dict[str, Any] = {"delays": read_delays(delays), "gusts": read_gusts(gusts), "g": g, "workers": workers}

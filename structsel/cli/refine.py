@@ -22,7 +22,7 @@ from structsel.cli.crafts import (
     read_schedules,
 )
 from structsel.cli.flight_tables import print_refinement, print_replay
-from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, hold_out, words
+from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots, hold_out, option, words
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.tables import print_files
@@ -62,60 +62,56 @@ EPILOG = page(
 _ESTIMATED, _HOW, _SEARCH = "What is estimated", "What is compared", "The search"
 
 
-def _option(name: str, text: str, panel: str, metavar: str | None = None) -> Any:
-    return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
-
-
 def run(
     model: Annotated[str, typer.Argument(metavar="MODEL", help=MODEL_HELP)],
     recordings: Recorded = None,
     aircraft: FlownAircraft = None,
     channel_map: Map = None,
     free: Annotated[
-        str, _option("--free", "Parameters of the model; the others are held.", _ESTIMATED, "NAMES")
+        str, option("--free", "Parameters of the model; the others are held.", _ESTIMATED, "NAMES")
     ] = "all",
     outputs: Annotated[
-        str, _option("--outputs", "Channels to fit; what all recordings have.", _ESTIMATED, "NAMES")
+        str, option("--outputs", "Channels to fit; what all recordings have.", _ESTIMATED, "NAMES")
     ] = "",
-    starts: Annotated[str, _option("--starts", "States at the first sample, or all.", _ESTIMATED, "NAMES")] = "",
+    starts: Annotated[str, option("--starts", "States at the first sample, or all.", _ESTIMATED, "NAMES")] = "",
     drifts: Annotated[
-        str, _option("--drifts", "Constants in a linear model's state equations.", _ESTIMATED, "NAMES")
+        str, option("--drifts", "Constants in a linear model's state equations.", _ESTIMATED, "NAMES")
     ] = "",
-    biases: Annotated[str, _option("--biases", "Outputs with a bias per recording.", _ESTIMATED, "NAMES")] = "",
+    biases: Annotated[str, option("--biases", "Outputs with a bias per recording.", _ESTIMATED, "NAMES")] = "",
     references: Annotated[
-        str, _option("--references", "Outputs with a constant over all recordings.", _ESTIMATED, "NAMES")
+        str, option("--references", "Outputs with a constant over all recordings.", _ESTIMATED, "NAMES")
     ] = "",
-    scales: Annotated[str, _option("--scales", "Outputs with a scale factor.", _ESTIMATED, "NAMES")] = "",
+    scales: Annotated[str, option("--scales", "Outputs with a scale factor.", _ESTIMATED, "NAMES")] = "",
     delay: Annotated[
-        str, _option("--delay", "Inputs that act late, or all; one delay is estimated.", _ESTIMATED, "NAMES")
+        str, option("--delay", "Inputs that act late, or all; one delay is estimated.", _ESTIMATED, "NAMES")
     ] = "",
     noise: Annotated[
         Literal["measurement", "process"],
-        _option("--noise", "measurement: output error; process: filter error, for turbulence.", _HOW),
+        option("--noise", "measurement: output error; process: filter error, for turbulence.", _HOW),
     ] = "measurement",
-    process: Annotated[str, _option("--process", "States that process noise moves.", _HOW, "NAMES")] = "all",
+    process: Annotated[str, option("--process", "States that process noise moves.", _HOW, "NAMES")] = "all",
     domain: Annotated[
-        Literal["time", "frequency"], _option("--domain", "frequency: of transforms, for linear models.", _HOW)
+        Literal["time", "frequency"], option("--domain", "frequency: of transforms, for linear models.", _HOW)
     ] = "time",
-    band: Annotated[str, _option("--band", "Of --domain frequency, in Hz.", _HOW, "LOW,HIGH")] = "",
-    guess: Annotated[str, _option("--guess", "Where the search starts.", _SEARCH, "NAME=VALUE,...")] = "",
+    band: Annotated[str, option("--band", "Of --domain frequency, in Hz.", _HOW, "LOW,HIGH")] = "",
+    guess: Annotated[str, option("--guess", "Where the search starts.", _SEARCH, "NAME=VALUE,...")] = "",
     bounds: Annotated[
-        list[str] | None, _option("--bounds", "Cm:alpha=-3,0; may be repeated.", _SEARCH, "NAME=LOW,HIGH")
+        list[str] | None, option("--bounds", "Cm:alpha=-3,0; may be repeated.", _SEARCH, "NAME=LOW,HIGH")
     ] = None,
-    stable: Annotated[bool, _option("--stable", "No motion of a linear model may grow.", _SEARCH)] = False,
+    stable: Annotated[bool, option("--stable", "No motion of a linear model may grow.", _SEARCH)] = False,
     cost: Annotated[
-        Literal["ml", "weighted"], _option("--cost", "ml: noise estimated; weighted: residuals weighted.", _SEARCH)
+        Literal["ml", "weighted"], option("--cost", "ml: noise estimated; weighted: residuals weighted.", _SEARCH)
     ] = "ml",
     weights: Annotated[
-        str, _option("--weights", "Standard deviations of outputs, for --cost weighted.", _SEARCH, "NAME=STD,...")
+        str, option("--weights", "Standard deviations of outputs, for --cost weighted.", _SEARCH, "NAME=STD,...")
     ] = "",
-    full_noise: Annotated[bool, _option("--full-noise", "Noise of outputs may be correlated.", _SEARCH)] = False,
+    full_noise: Annotated[bool, option("--full-noise", "Noise of outputs may be correlated.", _SEARCH)] = False,
     search: Annotated[
-        Literal["global"] | None, _option("--search", "Evolution between the bounds before the descent.", _SEARCH)
+        Literal["global"] | None, option("--search", "Evolution between the bounds before the descent.", _SEARCH)
     ] = None,
-    seed: Annotated[int, _option("--seed", "Of the evolution.", _SEARCH)] = 0,
-    generations: Annotated[int, _option("--generations", "Of the evolution.", _SEARCH)] = 100,
-    iterations: Annotated[int, _option("--iterations", "Of the descent.", _SEARCH)] = 60,
+    seed: Annotated[int, option("--seed", "Of the evolution.", _SEARCH)] = 0,
+    generations: Annotated[int, option("--generations", "Of the evolution.", _SEARCH)] = 100,
+    iterations: Annotated[int, option("--iterations", "Of the descent.", _SEARCH)] = 60,
     define: Define = None,
     rho: Rho = None,
     held_out: Annotated[
@@ -126,9 +122,7 @@ def run(
         typer.Option("--out", metavar="DIR", help="Folder for model, tables and plots.", rich_help_panel=OUTPUT),
     ] = None,
     overwrite: Overwrite = False,
-    plots: Annotated[
-        bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.", rich_help_panel=OUTPUT)
-    ] = True,
+    plots: Plots = True,
     json: Json = False,
 ) -> None:
     """Refine a model by output error: its flights with the recorded inputs come nearest the recorded ones."""

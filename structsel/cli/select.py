@@ -17,8 +17,10 @@ from structsel.cli.flights import (
     Json,
     Map,
     Overwrite,
+    Plots,
     Reconstruct,
     hold_out,
+    option,
     read_flights,
     words,
 )
@@ -80,10 +82,6 @@ _POOL, _SEARCH, _JUDGE, _OUTPUT, _FINE = (
 METHODS = ("stepwise", "orthogonal", "best_subset")
 
 
-def _option(name: str, text: str, panel: str, metavar: str | None = None) -> Any:
-    return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
-
-
 def run(
     files: Files,
     responses: Annotated[
@@ -94,18 +92,18 @@ def run(
     reconstruct: Reconstruct = False,
     v0: V0 = None,
     candidates: Annotated[
-        str, _option("--candidates", "Channels whose monomials are the pool: alpha,q_hat,de", _POOL, "CHANNELS")
+        str, option("--candidates", "Channels whose monomials are the pool: alpha,q_hat,de", _POOL, "CHANNELS")
     ] = "",
-    degree: Annotated[int, _option("--degree", "Highest degree of the monomials, products included.", _POOL)] = 1,
-    terms: Annotated[str, _option("--terms", "Terms added to the pool: alpha,alpha*de", _POOL, "TERMS")] = "",
+    degree: Annotated[int, option("--degree", "Highest degree of the monomials, products included.", _POOL)] = 1,
+    terms: Annotated[str, option("--terms", "Terms added to the pool: alpha,alpha*de", _POOL, "TERMS")] = "",
     spline: Annotated[
         list[str] | None,
-        _option("--spline", "Spline terms (alpha - knot)+, knots in SI; may be repeated.", _POOL, "CHANNEL:KNOTS"),
+        option("--spline", "Spline terms (alpha - knot)+, knots in SI; may be repeated.", _POOL, "CHANNEL:KNOTS"),
     ] = None,
-    force: Annotated[str, _option("--force", "Terms always in the model; they join the pool.", _POOL, "TERMS")] = "",
+    force: Annotated[str, option("--force", "Terms always in the model; they join the pool.", _POOL, "TERMS")] = "",
     method: Annotated[
         Literal["stepwise", "orthogonal", "best_subset", "all"],
-        _option(
+        option(
             "--method",
             "stepwise: partial F; orthogonal: functions ranked by PSE; best_subset; all: compared.",
             _SEARCH,
@@ -114,64 +112,60 @@ def run(
     ] = "stepwise",
     residuals: Annotated[
         Residuals,
-        _option(
-            "--residuals", "What tests take them for: coloured noise, robust (anything) or white.", _SEARCH, "KIND"
-        ),
+        option("--residuals", "What tests take them for: coloured noise, robust (anything) or white.", _SEARCH, "KIND"),
     ] = "coloured",
     f_in: Annotated[
         str,
-        _option(
-            "--f-in", "Partial F to enter: a number (12 in the sources), auto (by pool size) or fdr.", _SEARCH, "F"
-        ),
+        option("--f-in", "Partial F to enter: a number (12 in the sources), auto (by pool size) or fdr.", _SEARCH, "F"),
     ] = "4",
     f_out: Annotated[
-        float | None, _option("--f-out", "Partial F to stay; that to enter if absent.", _SEARCH, "F")
+        float | None, option("--f-out", "Partial F to stay; that to enter if absent.", _SEARCH, "F")
     ] = None,
     criterion: Annotated[
         Criterion | None,
-        _option(
+        option(
             "--criterion",
             "Choose among the models visited by PSE, BIC, AICc, adj_R2 or manoeuvre instead.",
             _SEARCH,
             "RULE",
         ),
     ] = None,
-    max_terms: Annotated[int | None, _option("--max-terms", "At most this many terms.", _SEARCH, "N")] = None,
-    start: Annotated[Start, _option("--start", "Terms a stepwise search starts from.", _SEARCH)] = "empty",
-    stop: Annotated[Stop, _option("--stop", "What besides F ends a stepwise search.", _SEARCH)] = "F",
+    max_terms: Annotated[int | None, option("--max-terms", "At most this many terms.", _SEARCH, "N")] = None,
+    start: Annotated[Start, option("--start", "Terms a stepwise search starts from.", _SEARCH)] = "empty",
+    stop: Annotated[Stop, option("--stop", "What besides F ends a stepwise search.", _SEARCH)] = "F",
     correlation_limit: Annotated[
         float | None,
-        _option("--correlation-limit", "Drop the weaker of two terms whose parameters correlate above.", _SEARCH, "R"),
+        option("--correlation-limit", "Drop the weaker of two terms whose parameters correlate above.", _SEARCH, "R"),
     ] = None,
     estimate: Annotated[
-        Estimate, _option("--estimate", "least_squares; or, biased, principal_components or ridge.", _SEARCH, "HOW")
+        Estimate, option("--estimate", "least_squares; or, biased, principal_components or ridge.", _SEARCH, "HOW")
     ] = "least_squares",
     components: Annotated[
         str,
-        _option("--components", "Principal components: variance, PSE, manoeuvre or a number.", _SEARCH, "RULE"),
+        option("--components", "Principal components: variance, PSE, manoeuvre or a number.", _SEARCH, "RULE"),
     ] = "variance",
     bootstrap: Annotated[
-        int, _option("--bootstrap", "Selections repeated on resampled manoeuvres or blocks; 0: none.", _JUDGE, "N")
+        int, option("--bootstrap", "Selections repeated on resampled manoeuvres or blocks; 0: none.", _JUDGE, "N")
     ] = 200,
     held_out: Annotated[
-        str, _option("--held-out", "Recordings kept aside, and scored on afterwards.", _JUDGE, "NAMES")
+        str, option("--held-out", "Recordings kept aside, and scored on afterwards.", _JUDGE, "NAMES")
     ] = "",
-    seed: Annotated[int, _option("--seed", "Of the bootstrap.", _JUDGE)] = 0,
+    seed: Annotated[int, option("--seed", "Of the bootstrap.", _JUDGE)] = 0,
     out: Annotated[
-        Path | None, _option("--out", "Folder for model.json, selection.json, tables and plots.", _OUTPUT, "DIR")
+        Path | None, option("--out", "Folder for model.json, selection.json, tables and plots.", _OUTPUT, "DIR")
     ] = None,
     overwrite: Overwrite = False,
-    plots: Annotated[bool, _option("--plots/--no-plots", "Whether --out gets plots.", _OUTPUT)] = True,
+    plots: Plots = True,
     json: Json = False,
-    trace: Annotated[bool, _option("--trace", "Also print every move of the search.", _OUTPUT)] = False,
-    latex: Annotated[bool, _option("--latex", "Print the model as a LaTeX table instead.", _OUTPUT)] = False,
+    trace: Annotated[bool, option("--trace", "Also print every move of the search.", _OUTPUT)] = False,
+    latex: Annotated[bool, option("--latex", "Print the model as a LaTeX table instead.", _OUTPUT)] = False,
     sigma_max: Annotated[
-        str, _option("--sigma-max", "PSE's bound: response, residual, or a number.", _FINE, "RULE")
+        str, option("--sigma-max", "PSE's bound: response, residual, or a number.", _FINE, "RULE")
     ] = "response",
-    order: Annotated[Literal["greedy", "given"], _option("--order", "Of the orthogonal functions.", _FINE)] = "greedy",
-    r2_change: Annotated[float, _option("--r2-change", "Least gain in R2, with --stop R2.", _FINE)] = 0.005,
-    max_order: Annotated[int, _option("--max-order", "Highest AR order of the residuals.", _FINE, "N")] = 24,
-    workers: Annotated[int | None, _option("--workers", "Threads; as many as the work is worth.", _FINE, "N")] = None,
+    order: Annotated[Literal["greedy", "given"], option("--order", "Of the orthogonal functions.", _FINE)] = "greedy",
+    r2_change: Annotated[float, option("--r2-change", "Least gain in R2, with --stop R2.", _FINE)] = 0.005,
+    max_order: Annotated[int, option("--max-order", "Highest AR order of the residuals.", _FINE, "N")] = 24,
+    workers: Annotated[int | None, option("--workers", "Threads; as many as the work is worth.", _FINE, "N")] = None,
 ) -> None:
     """Choose which candidate terms belong in the model of each response, and say how sure that is."""
     if json and latex:

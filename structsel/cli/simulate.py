@@ -27,7 +27,7 @@ from structsel.cli.crafts import (
     trim_craft,
 )
 from structsel.cli.flight_tables import print_flight, print_modes, print_trim
-from structsel.cli.flights import OUTPUT, Json, Map, Overwrite
+from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.tables import print_files
@@ -124,9 +124,7 @@ def run(
         typer.Option("--out", metavar="DIR", help="Folder for flights, table and plots.", rich_help_panel=OUTPUT),
     ] = None,
     overwrite: Overwrite = False,
-    plots: Annotated[
-        bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.", rich_help_panel=OUTPUT)
-    ] = True,
+    plots: Plots = True,
     json: Json = False,
 ) -> None:
     """Fly a model: trim, modes, and the motion that inputs make, as recordings."""

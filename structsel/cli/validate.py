@@ -17,6 +17,7 @@ from structsel.cli.flights import (
     Json,
     Map,
     Overwrite,
+    Plots,
     Reconstruct,
     load_aircraft,
     read_flights,
@@ -77,9 +78,7 @@ def run(
         typer.Option("--out", metavar="DIR", help="With --replay: folder for table and plots.", rich_help_panel=OUTPUT),
     ] = None,
     overwrite: Overwrite = False,
-    plots: Annotated[
-        bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.", rich_help_panel=OUTPUT)
-    ] = True,
+    plots: Plots = True,
     json: Json = False,
 ) -> None:
     """Score a model on recordings: R2, relative rms error, Theil's coefficient, whiteness of the residual."""

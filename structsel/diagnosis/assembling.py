@@ -67,12 +67,17 @@ def contributions(bench: Bench, places: Sequence[int]) -> list[dict[str, Array]]
     return made
 
 
-def shares(bench: Bench, members: Sequence[Member]) -> list[float]:
+def shares(plain: Bench, members: Sequence[Member]) -> list[float]:
     """Part of the mismatch as delivered that each finding carries: its mean gain over all orders of taking them in.
 
     The gain is in the sum of squares of all rows, in units of the noise, with tolerances held at zero.
+
+    Parameters
+    ----------
+    plain : Bench
+        As delivered.
+    members : sequence of Member
     """
-    plain = bench.as_delivered()
     known: dict[frozenset[int], float] = {}
 
     def left(taken: frozenset[int]) -> float:
@@ -164,7 +169,8 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
     members = gather(ranking)
     if not members:
         return []
-    carried = shares(bench, members)
+    plain = bench.as_delivered()
+    carried = shares(plain, members)
     order = np.argsort(carried)[::-1]
     total = sum(carried)
     told = [c for c in bench.responses if c in COEFFICIENTS] or list(bench.responses)
@@ -173,7 +179,6 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
     first = judging.fit(got, delivered, told)
     second = judging.fit(got, refitted, told)
     kept: list[int] = []
-    plain = bench.as_delivered()
     before = judging.held_out(plain.keeping([]))
     made = []
     for i in order:

@@ -10,7 +10,7 @@ import numpy as np
 
 from structsel.diagnosis.signatures import Signature
 from structsel.mismatch.flight import Flight
-from structsel.mismatch.noise import Noise, Rows, bins_of, edge_of, estimate_noise
+from structsel.mismatch.noise import Noise, Rows, as_spectra, bins_of, edge_of, estimate_noise, side_by_side
 from structsel.mismatch.tolerances import Nuisance, biases_of, tolerances_of
 from structsel.numerics.evidence import Base, Trial, spectrum
 from structsel.numerics.smoothing.result import Array
@@ -70,8 +70,8 @@ class Bench:
         allowed: list[Spectra] = []
         own: list[Spectra] = []
         for i, f in enumerate(flights):
-            allowed.append(_spectra([(n.sd, n.columns[i]) for n in nuisances], f))
-            own.append(_spectra([(sd, columns) for _, sd, columns in biases_of(f)], f))
+            allowed.append(as_spectra(side_by_side([(n.sd, n.columns[i]) for n in nuisances], f), f))
+            own.append(as_spectra(side_by_side([(sd, columns) for _, sd, columns in biases_of(f)], f), f))
         first = cls._build(tuple(flights), nuisances, allowed, own, (), library, groups)
         allowed = first._diluted()
         return cls._build(tuple(flights), nuisances, allowed, own, (), library, groups)
@@ -170,18 +170,6 @@ class Bench:
         """Columns of the k-th effect taken in."""
         start = len(self.nuisances) + sum(s.width for s in self.accepted[:k])
         return slice(start, start + self.accepted[k].width)
-
-
-def _spectra(columns: Sequence[tuple[float, Mapping[str, Array]]], f: Flight) -> dict[str, Array]:
-    """Spectra of columns scaled by their standard deviations, side by side, by response."""
-    bins, edge = bins_of(f), edge_of(f)
-    zero = np.zeros(len(f))
-    return {
-        c: spectrum(np.column_stack([sd * one.get(c, zero) for sd, one in columns]), bins, edge)
-        if columns
-        else np.zeros((bins + 1, 0))
-        for c in f.responses
-    }
 
 
 def join(parts: Sequence[tuple[Spectra, int]], responses: Sequence[str], bins: int) -> dict[str, Array]:

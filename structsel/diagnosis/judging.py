@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from structsel.diagnosis.bench import Bench
-from structsel.mismatch.noise import edge_of
+from structsel.mismatch.noise import Rows, edge_of
 from structsel.numerics.evidence import spectrum
 from structsel.numerics.smoothing.result import Array
 
@@ -28,13 +28,14 @@ def as_delivered(bench: Bench) -> Residuals:
 
 def held_out(bench: Bench) -> Residuals:
     """What tolerances and the effects taken in leave, their parameters found on the other flights."""
-    made = []
+    return [{c: (left[r.part(c)] / r.weight[c])[1:] for c in bench.responses} for r, left in _left_out(bench)]
+
+
+def _left_out(bench: Bench) -> Iterator[tuple[Rows, Array]]:
+    """Each flight that is held out, and its white rows less what the other flights foretell of them."""
     for g, group in enumerate(bench.base.groups):
         for m in group:
-            r = bench.rows[m]
-            left = bench.base.y[m] - bench.base.B[m] @ bench.base.solved[g + 1]
-            made.append({c: (left[r.part(c)] / r.weight[c])[1:] for c in bench.responses})
-    return made
+            yield bench.rows[m], bench.base.y[m] - bench.base.B[m] @ bench.base.solved[g + 1]
 
 
 def _spectra(bench: Bench, m: int, signals: Mapping[str, Array]) -> dict[str, Array]:
@@ -51,13 +52,10 @@ def excess(bench: Bench) -> dict[str, float]:
     """Mean square of what is left of each response on the flights held out, in units of the noise; 1 is noise alone."""
     total = dict.fromkeys(bench.responses, 0.0)
     rows = 0
-    for g, group in enumerate(bench.base.groups):
-        for m in group:
-            r = bench.rows[m]
-            left = bench.base.y[m] - bench.base.B[m] @ bench.base.solved[g + 1]
-            rows += r.bins
-            for c in bench.responses:
-                total[c] += float(np.sum(left[r.part(c)][1:] ** 2))
+    for r, left in _left_out(bench):
+        rows += r.bins
+        for c in bench.responses:
+            total[c] += float(np.sum(left[r.part(c)][1:] ** 2))
     return {c: x / rows for c, x in total.items()}
 
 

@@ -144,16 +144,13 @@ def _take_best(
     small: set[str] = set()
     plain = judging.excess(bench)
     for one in able[:_TRIED]:
-        gained = judging.gains(before, judging.held_out(bench.beside(one.signature)), told)
+        beside = bench.beside(one.signature)
+        gained = judging.gains(before, judging.held_out(beside), told)
         in_all = judging.gains(before_delivered, judging.held_out(delivered.beside(one.signature)), told)
         beyond = max(gained.values(), default=0.0)
         small_beyond = beyond < strict * _MATERIAL[later]
         small_in_all = bool(later) or max(in_all.values(), default=0.0) < strict * _DELIVERED
-        if (
-            small_beyond
-            and small_in_all
-            and not _takes_excess(plain, judging.excess(bench.beside(one.signature)), told)
-        ):
+        if small_beyond and small_in_all and not _takes_excess(plain, judging.excess(beside), told):
             refused.append((one.effect, f"{rank_of(one):.0f} nats, but {beyond:.1%} of the error only"))
             small.add(one.effect)
             continue

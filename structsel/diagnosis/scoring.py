@@ -64,12 +64,9 @@ class Score:
         return self.trials[self.best]
 
 
-def score_all(bench: Bench, library: Library, skip: Sequence[str] = ()) -> list[Score]:
-    """Scores of every hypothesis that can be tried, best first."""
-    made = []
-    for hypothesis in library.hypotheses:
-        if hypothesis.effect not in skip:
-            made.append(score(bench, hypothesis, library.of(hypothesis.effect)))
+def score_all(bench: Bench, library: Library) -> list[Score]:
+    """Scores of every hypothesis that can be tried, best evidence first."""
+    made = [score(bench, hypothesis, library.of(hypothesis.effect)) for hypothesis in library.hypotheses]
     return sorted(made, key=lambda s: -s.log_evidence)
 
 

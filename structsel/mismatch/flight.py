@@ -61,7 +61,6 @@ class Flight:
     simulated: Mapping[str, Array]
     recorded: frozenset[str]
     surrogate: Surrogate | None = field(default=None, repr=False)
-    noise: Mapping[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -217,9 +216,8 @@ def prepare_flight(recording: Recording, craft: Aircraft, simulated: Mapping[str
             raw[name] = np.unwrap(raw[name])
     aerodynamic = [name for name in simulated if name in COEFFICIENTS]
     smooth: dict[str, Array] = {}
-    noise: dict[str, float] = {}
     for name, x in raw.items():
-        smooth[name], noise[name] = _smooth(name, x, t)
+        smooth[name] = _smooth(name, x, t)
     if {"V", "alpha", "ax", "az"} <= set(raw):
         _complete(smooth, raw, craft, recording.name)
         _close(smooth, raw, craft, t)
@@ -241,7 +239,7 @@ def prepare_flight(recording: Recording, craft: Aircraft, simulated: Mapping[str
         if name not in COEFFICIENTS:
             measured[name] = recording[name]
     kept = {name: np.asarray(simulated[name], dtype=float) for name in simulated if name in measured}
-    return Flight(recording.name, t, dt, craft, smooth, raw, measured, kept, frozenset(raw), None, noise)
+    return Flight(recording.name, t, dt, craft, smooth, raw, measured, kept, frozenset(raw))
 
 
 def _can(name: str, raw: Mapping[str, Array], craft: Aircraft) -> bool:
@@ -250,16 +248,16 @@ def _can(name: str, raw: Mapping[str, Array], craft: Aircraft) -> bool:
     return set(needs) <= set(raw) and (name not in COEFFICIENTS[3:] or craft.inertia is not None)
 
 
-def _smooth(name: str, x: Array, t: Array) -> tuple[Array, float]:
+def _smooth(name: str, x: Array, t: Array) -> Array:
     if name in _AS_THEY_ARE or np.ptp(x) == 0.0 or len(np.unique(x)) < 0.1 * len(x):
-        return x, 0.0
+        return x
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructselWarning)  # what it doubts, the comparison's noise will hold
             made = smooth_spline(x, t, order=2 if name in _SHARP else 3)
     except StructselError:
-        return x, 0.0
-    return np.array(made.values), made.noise
+        return x
+    return np.array(made.values)
 
 
 def _close(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, t: Array) -> None:
@@ -282,7 +280,7 @@ def _close(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, 
         needs = KINEMATIC[f"k_{name}"]
         if name in raw and np.ptp(raw[name]) > 0.0 and set(needs) <= set(raw):
             ahead = cumulative_simpson(told[name], x=t, initial=0.0)
-            made[name] = ahead + _smooth(name, x - ahead, t)[0]
+            made[name] = ahead + _smooth(name, x - ahead, t)
         else:
             made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
     back = rb.air_data_at_cg(made["V"], made["alpha"], made["beta"], *rates, tuple(-place))

@@ -68,6 +68,22 @@ def highest_of(flight: Flight) -> float:
     return float(min(limit, 0.16 / flight.dt)) if np.isfinite(limit) else 0.3 / flight.dt
 
 
+def side_by_side(columns: Sequence[tuple[float, Mapping[str, Array]]], flight: Flight) -> dict[str, Array]:
+    """Columns (1 sigma, what one unit adds by response) scaled by their sigmas, (n, k) by response."""
+    zero = np.zeros(len(flight))
+    empty = np.zeros((len(flight), 0))
+    return {
+        c: np.column_stack([sd * one.get(c, zero) for sd, one in columns]) if columns else empty
+        for c in flight.responses
+    }
+
+
+def as_spectra(signals: Mapping[str, Array], flight: Flight) -> dict[str, Array]:
+    """Level and compared coefficients of signals (n,) or (n, k) of one flight, by response."""
+    bins, edge = bins_of(flight), edge_of(flight)
+    return {c: spectrum(x, bins, edge) for c, x in signals.items()}
+
+
 def edge_of(flight: Flight) -> int:
     """Samples over which each end of a flight is faded."""
     return int(min(_EDGE / flight.dt, 0.1 * len(flight)))

@@ -57,8 +57,7 @@ def prepare(
         jobs = [delayed(prepare_flight)(r, craft, simulation.along[r.name]) for r in recordings]
     else:
         wanted = _wanted(recordings[0], craft)
-        blank = {c: np.zeros(0) for c in wanted}
-        jobs = [delayed(prepare_flight)(r, craft, {c: np.zeros(len(r)) for c in blank}) for r in recordings]
+        jobs = [delayed(prepare_flight)(r, craft, {c: np.zeros(len(r)) for c in wanted}) for r in recordings]
     flights: list[Flight] = []
     # Threads do: the smoother is compiled, and lets others run meanwhile.
     for made in Parallel(n_jobs=2, prefer="threads", return_as="generator")(jobs):

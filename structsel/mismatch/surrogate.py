@@ -159,7 +159,7 @@ def _moves(flights: Sequence[Flight], channel: str) -> bool:
 
 
 def _choose(X: Array, y: Array, liking: Array) -> list[int]:
-    """Columns that lower the predicted squared error, largest gain first."""
+    """Columns that carry their share of the variance, largest gain first."""
     left = y - y.mean()
     total = float(left @ left)
     if not X.size or total <= 0.0:

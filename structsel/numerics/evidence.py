@@ -122,15 +122,6 @@ class Products:
     def __sub__(self, other: Products) -> Products:
         return Products(self.A - other.A, self.b - other.b, self.c - other.c, self.n - other.n)
 
-    def border(self, more: Further) -> Products:
-        """These columns and further ones."""
-        return Products(
-            np.block([[self.A, more.cross], [more.cross.T, more.own]]),
-            np.concatenate([self.b, more.with_y]),
-            self.c,
-            self.n,
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class Further:
@@ -148,12 +139,6 @@ class Further:
     cross: Array
     own: Array
     with_y: Array
-
-    def __add__(self, other: Further) -> Further:
-        return Further(self.cross + other.cross, self.own + other.own, self.with_y + other.with_y)
-
-    def __sub__(self, other: Further) -> Further:
-        return Further(self.cross - other.cross, self.own - other.own, self.with_y - other.with_y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +168,7 @@ def solve(products: Products) -> Posterior:
     mean = cho_solve(factor, products.b)
     log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum())
     evidence = -0.5 * (products.c - float(products.b @ mean) + log_determinant)
-    chi2 = products.c - 2.0 * float(products.b @ mean) + float(mean @ products.A @ mean)
-    return Posterior(mean, cho_solve(factor, np.eye(k)), evidence, chi2)
+    return Posterior(mean, cho_solve(factor, np.eye(k)), evidence, chi2_of(products, mean))
 
 
 def chi2_of(products: Products, coefficients: Array) -> float:

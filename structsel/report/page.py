@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from structsel.diagnosis.result import Bars, Diagnosis, Finding
@@ -27,9 +26,6 @@ from structsel.report.charts import chart_data
 
 _HERE = Path(__file__).parent
 _STAGES = dict(zip(STAGES, ("as delivered", "refitted", "with the physics")))
-_PAGE = Environment(
-    loader=FileSystemLoader(_HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
-)
 
 
 def write_report(diagnosis: Diagnosis, path: str | Path) -> Path:
@@ -57,8 +53,14 @@ def write_report(diagnosis: Diagnosis, path: str | Path) -> Path:
 
 def render(diagnosis: Diagnosis) -> str:
     """HTML of a diagnosis; whatever comes from its data is escaped."""
+    # Templates take a while to load, and few commands make a page.
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    pages = Environment(
+        loader=FileSystemLoader(_HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
+    )
     data = chart_data(diagnosis)
-    return _PAGE.get_template("page.html").render(
+    return pages.get_template("page.html").render(
         diagnosis=diagnosis,
         headline=headline(diagnosis),
         about=about(diagnosis),

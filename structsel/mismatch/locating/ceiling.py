@@ -10,9 +10,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.fft import idct
-from sklearn.ensemble import HistGradientBoostingRegressor
-from sklearn.linear_model import Ridge
-from sklearn.model_selection import GroupKFold
 
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.locating.windows import Flags
@@ -128,6 +125,11 @@ def _products(f: Flight, channels: Sequence[str]) -> Array:
 
 def _foretell(X: Array, products: Array, Y: Array, group: Array) -> Array:
     """Shares of the variance of each column of Y, on groups held out."""
+    # The learners take a while to load, and few commands need them.
+    from sklearn.ensemble import HistGradientBoostingRegressor
+    from sklearn.linear_model import Ridge
+    from sklearn.model_selection import GroupKFold
+
     scale = products.std(axis=0)
     P = products[:, scale > 0.0] / scale[scale > 0.0]
     folds = list(GroupKFold(min(_FOLDS, len(np.unique(group)))).split(P, groups=group))

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.mismatch.flight import Flight
-from structsel.mismatch.noise import Noise, Rows, bins_of, edge_of, estimate_noise
+from structsel.mismatch.noise import Noise, Rows, as_spectra, estimate_noise, side_by_side
 from structsel.mismatch.tolerances import biases_of, tolerances_of
-from structsel.numerics.evidence import Base, spectrum
+from structsel.numerics.evidence import Base
 from structsel.numerics.smoothing.result import Array
 
 
@@ -48,20 +48,10 @@ def refit(flights: Sequence[Flight]) -> Refitted:
     nuisances = tolerances_of(flights)
     shared_in_time, own_in_time, shared, own = [], [], [], []
     for i, f in enumerate(flights):
-        biases = biases_of(f)
-        both = []
-        for columns in ([(n.sd, n.columns[i]) for n in nuisances], [(sd, one) for _, sd, one in biases]):
-            made = {
-                c: np.column_stack(
-                    [sd * one.get(c, np.zeros(len(f))) for sd, one in columns] or [np.zeros((len(f), 0))]
-                )
-                for c in responses
-            }
-            both.append((made, {c: spectrum(x, bins_of(f), edge_of(f)) for c, x in made.items()}))
-        shared_in_time.append(both[0][0])
-        shared.append(both[0][1])
-        own_in_time.append(both[1][0])
-        own.append(both[1][1])
+        shared_in_time.append(side_by_side([(n.sd, n.columns[i]) for n in nuisances], f))
+        shared.append(as_spectra(shared_in_time[-1], f))
+        own_in_time.append(side_by_side([(sd, one) for _, sd, one in biases_of(f)], f))
+        own.append(as_spectra(own_in_time[-1], f))
     noise = estimate_noise(flights, shared, responses, {})
     rows = [Rows.of(f, responses, noise, mine) for f, mine in zip(flights, own)]
     base = Base([r.difference() for r in rows], [r.whiten(s, len(nuisances)) for r, s in zip(rows, shared)])
@@ -69,8 +59,7 @@ def refit(flights: Sequence[Flight]) -> Refitted:
     residuals, spectra = [], []
     for i, f in enumerate(flights):
         weight = rows[i].weight
-        edge = edge_of(f)
-        told = {c: spectrum(f.difference[c], bins_of(f), edge) - shared[i][c] @ found for c in responses}
+        told = {c: x - shared[i][c] @ found for c, x in as_spectra(f.difference, f).items()}
         P = np.vstack([own[i][c] * weight[c][:, None] for c in responses])
         y = np.concatenate([told[c] * weight[c] for c in responses])
         bias = np.linalg.solve(P.T @ P + np.eye(P.shape[1]), P.T @ y)

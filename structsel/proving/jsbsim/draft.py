@@ -9,6 +9,7 @@ from typing import Literal, cast
 import numpy as np
 
 from structsel.errors import SimulationError
+from structsel.mismatch.responses import COEFFICIENTS
 from structsel.proving.cases import Case
 from structsel.proving.jsbsim import forced, setting
 from structsel.proving.jsbsim.effects import Drawn, choose, effects_of, unknown_effect
@@ -18,8 +19,9 @@ from structsel.proving.jsbsim.free import fly_free
 from structsel.proving.jsbsim.functions import Part, scaled
 from structsel.proving.jsbsim.manoeuvres import plan_flights
 from structsel.proving.jsbsim.plane import Plane
-from structsel.proving.jsbsim.readings import AXES, channels_of, gains, joined, measured, read, restated, told
+from structsel.proving.jsbsim.readings import channels_of, joined, measured_as_stated, read, restated, told
 from structsel.proving.keys import EffectKey, Key
+from structsel.proving.measuring import gains
 from structsel.recording import Recording
 
 Family = Literal["single", "pair", "null", "outside", "clutter"]
@@ -162,7 +164,7 @@ class Draft:
         off = told(flight, clean, faulty, readings, replace(self.chain, stated=stated, blind=blind), k)
         changed = [p for e in effects for p in e.without(self.plane)]
         simulated = forced.coefficients(self.plane, flight, self._wrong_parts(changed), off)
-        return measured(flight.t, readings, stated), simulated, readings
+        return measured_as_stated(flight.t, readings, stated), simulated, readings
 
     # --- the truth and the case -------------------------------------------------------------------
 
@@ -191,7 +193,8 @@ class Draft:
         stated = restated(self.chain.stated, fault)
         names = [f.manoeuvre.name for f in flights]
         simulated = {
-            n: {"t": f.t, **{a: s[:, k] for k, a in enumerate(AXES)}} for n, f, (_, s, _) in zip(names, flights, made)
+            n: {"t": f.t, **{a: s[:, k] for k, a in enumerate(COEFFICIENTS)}}
+            for n, f, (_, s, _) in zip(names, flights, made)
         }
         form: Literal["forced", "free"] = "forced"
         only = self.effects[0] if len(self.effects) == 1 else None
@@ -208,7 +211,9 @@ class Draft:
         keys = tuple(found[1] for found in keyed)
         if self.wind:
             keys = (
-                EffectKey(effect="turbulence", accept=("turbulence",), tie=("unknown",), kinds=("random",), axes=AXES),
+                EffectKey(
+                    effect="turbulence", accept=("turbulence",), tie=("unknown",), kinds=("random",), axes=COEFFICIENTS
+                ),
             )
         key = Key(
             verdicts=("mismatch",) if self.effects else ("consistent",), form=form, severity=severity,
@@ -252,11 +257,13 @@ class Draft:
         missing = [self._perfect(f, k, others) for k, f in enumerate(flights)] if others else \
             [m - s for m, s, _ in (self._one(f, k, self.effects) for k, f in enumerate(flights))]  # fmt: skip
         shares = gains(missing, alone)
-        clear = sorted((a for a in AXES if shares[a] > max(0.03, 0.2 * max(shares.values()))), key=lambda a: -shares[a])
+        clear = sorted(
+            (a for a in COEFFICIENTS if shares[a] > max(0.03, 0.2 * max(shares.values()))), key=lambda a: -shares[a]
+        )
         axes = tuple(clear) or (max(shares, key=lambda a: shares[a]),)
         intervals, region = None, None
         if drawn.local:
-            k = AXES.index(axes[0])
+            k = COEFFICIENTS.index(axes[0])
             shift = [np.abs(b - a)[:, k] for b, a in zip(missing, alone)]
             limit = 0.12 * max(float(s.max()) for s in shift)
             intervals = {f.manoeuvre.name: _stretches(f.t, s > limit) for f, s in zip(flights, shift)}

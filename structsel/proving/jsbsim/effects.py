@@ -15,7 +15,7 @@ from structsel.proving.jsbsim.functions import Part
 from structsel.proving.jsbsim.laws import Law
 from structsel.proving.jsbsim.native import Native, find_native
 from structsel.proving.jsbsim.plane import Plane
-from structsel.proving.jsbsim.readings import Chain, channels_of, measured, restated
+from structsel.proving.jsbsim.readings import Chain, channels_of, measured_as_stated, restated
 from structsel.proving.keys import Kind
 
 _NATIVE_FIRST = 0.7
@@ -161,7 +161,8 @@ class Drawn:
         for held in (clean, bad):
             held["qbar"] = 0.5 * held["rho"] * held["V"] ** 2
         off = {c: bad[c] - clean[c] for c in forced.SEEN if c in clean and np.any(bad[c] != clean[c])}
-        more = measured(flight.t, bad, restated(chain.stated, fault)) - measured(flight.t, clean, chain.stated)
+        stated = measured_as_stated(flight.t, clean, chain.stated)
+        more = measured_as_stated(flight.t, bad, restated(chain.stated, fault)) - stated
         told = forced.coefficients(plane, flight, plane.parts, off) - forced.coefficients(plane, flight, plane.parts)
         return np.asarray(more - told)
 

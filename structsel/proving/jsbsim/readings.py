@@ -6,16 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfiltfilt
 
 from structsel.aircraft import Aircraft
 from structsel.numerics import rigid_body as rb
 from structsel.proving.jsbsim.faults import Fault, apply
 from structsel.proving.jsbsim.flying import Flight
 from structsel.proving.jsbsim.forced import SEEN
+from structsel.proving.measuring import measured, slow
 from structsel.simulation import Instruments
 
-AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 # At the best; a case has these times a factor of 1 to 1.7.
 NOISE = {"V": 0.15, "alpha": 1.0e-3, "beta": 1.0e-3, **dict.fromkeys("pqr", 4e-4), "phi": 9e-4, "theta": 9e-4,
          "psi": 1.2e-3, "h": 0.37, "h_agl": 0.095, "ax": 0.0125, "ay": 0.0125, "az": 0.025,
@@ -24,7 +23,6 @@ BIAS = {"V": 0.2, "alpha": 1.5e-3, "beta": 1.5e-3, **dict.fromkeys("pqr", 6e-4),
         "psi": 2e-3, "h": 1.0, "ax": 0.02, "ay": 0.02, "az": 0.03,
         **dict.fromkeys(("de", "da", "dr"), 4e-4)}  # fmt: skip
 _THRUST_NOISE = 0.003  # of its mean
-_CUTOFF = 4.0  # Hz
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,20 +99,11 @@ def read(flight: Flight, clean: Mapping[str, np.ndarray], chain: Chain, number: 
     return made
 
 
-def measured(t: np.ndarray, held: Mapping[str, np.ndarray], aircraft: Aircraft) -> np.ndarray:
-    """(n, 6) coefficients by what is read; rates are smoothed (zero phase, 4 Hz) before they are differentiated."""
-    filtered = butter(4, _CUTOFF, fs=1.0 / float(t[1] - t[0]), output="sos")
-    smooth = [sosfiltfilt(filtered, held[c]) for c in "pqr"]
-    dots = [np.gradient(x, t, edge_order=2) for x in smooth]
-    seat = tuple(aircraft.position("accelerometer"))
-    force = rb.acceleration_at_cg(held["ax"], held["ay"], held["az"], smooth, dots, seat)
-    qbar, line, inertia = held["qbar"], aircraft.thrust, aircraft.require_inertia("measured").tensor
-    forces = rb.force_coefficients(
-        *force, qbar, float(aircraft.mass or 0.0), aircraft.S, held["thrust"], line.inclination
-    )
-    moments = rb.moment_coefficients(smooth, dots, qbar, inertia, aircraft.S, aircraft.b, aircraft.cbar, held["thrust"],
-                                     line.offset, line.inclination)  # fmt: skip
-    return np.column_stack([*forces, *moments])
+def measured_as_stated(t: np.ndarray, held: Mapping[str, np.ndarray], aircraft: Aircraft) -> np.ndarray:
+    """(n, 6) coefficients by what is read, with the mass and inertia of the aircraft and the thrust recorded."""
+    tensor = aircraft.require_inertia("measured").tensor
+    mass = float(aircraft.mass or 0.0)
+    return measured(t, held, aircraft, mass=mass, inertia=tensor, thrust=held["thrust"])
 
 
 def told(flight: Flight, clean: Mapping[str, np.ndarray], faulty: Mapping[str, np.ndarray],
@@ -162,15 +151,3 @@ def restated(stated: Aircraft, fault: Fault) -> Aircraft:
     inertia = {c: v * fault.inertia.get(c, 1.0) for c, v in inertia.items()}
     kept = stated.model_dump(exclude={"inertia", "mass", "schema_name"})
     return Aircraft(**kept, mass=float(stated.mass or 0.0) * fault.mass, inertia=inertia)
-
-
-def slow(n: int, rng: np.random.Generator, keeps: float) -> np.ndarray:
-    """Unit-variance noise of first order."""
-    made = lfilter([1.0], [1.0, -keeps], rng.standard_normal(n + 200))[200:]
-    return np.asarray(made * np.sqrt(1.0 - keeps**2))
-
-
-def gains(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> dict[str, float]:
-    """Share by which the rms falls, per coefficient, over all manoeuvres."""
-    b, a = (np.sqrt(np.mean(np.vstack(list(x)) ** 2, axis=0)) for x in (before, after))
-    return {axis: float(1.0 - a[k] / b[k]) if b[k] > 0 else 0.0 for k, axis in enumerate(AXES)}

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfiltfilt
 
 from structsel.aircraft import Aircraft
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body.vectors import cross
+from structsel.proving.measuring import slow
 from structsel.proving.own.craft import Term
 from structsel.proving.own.flight import CONTROLS, Flown
-from structsel.proving.own.variables import AXES, INDEX, compile_terms, evaluate
+from structsel.proving.own.variables import INDEX, compile_terms, evaluate
 from structsel.simulation import Instruments
 
 Channels = dict[str, np.ndarray]
@@ -50,7 +50,6 @@ BIAS = {
     "az": 0.03,
     **dict.fromkeys(CONTROLS, 5e-4),
 }
-_CUTOFF = 4.0  # Hz; of the rates before they are differentiated
 RAW, RECONSTRUCTED = "raw", "reconstructed"
 
 
@@ -160,40 +159,6 @@ def read(
     return made
 
 
-def measured(
-    t: np.ndarray,
-    held: Channels,
-    aircraft: Aircraft,
-    *,
-    mass: np.ndarray | float,
-    inertia: np.ndarray,
-    thrust: np.ndarray,
-) -> np.ndarray:
-    """(n, 6) coefficients by what is read; rates are smoothed (zero phase, 4 Hz) before they are differentiated."""
-    sos = butter(4, _CUTOFF, fs=1.0 / (t[1] - t[0]), output="sos")
-    smooth = [sosfiltfilt(sos, held[n]) for n in "pqr"]
-    dots = [np.gradient(x, t, edge_order=2) for x in smooth]
-    force = rb.acceleration_at_cg(
-        held["ax"], held["ay"], held["az"], smooth, dots, tuple(aircraft.position("accelerometer"))
-    )
-    qbar, line = held["qbar"], aircraft.thrust
-    forces = rb.force_coefficients(*force, qbar, mass, aircraft.S, thrust, line.inclination)
-    moments = rb.moment_coefficients(
-        smooth,
-        dots,
-        qbar,
-        inertia,
-        aircraft.S,
-        aircraft.b,
-        aircraft.cbar,
-        thrust,
-        line.offset,
-        line.inclination,
-        aircraft.engine.angular_momentum,
-    )
-    return np.stack([*forces, *moments], axis=1)
-
-
 def simulated(
     terms: Sequence[Term], flown: Flown, aircraft: Aircraft, told: Mapping[str, np.ndarray], V0: float
 ) -> np.ndarray:
@@ -226,7 +191,7 @@ def told_smooth(flown: Flown, clean: Channels, faulty: Channels, calm: bool, rng
     }
     held = {n: x + faulty[n] - clean[n] for n, x in held.items()}
     for name, size in (("V", 0.05), ("alpha", 2e-4), ("beta", 2e-4)):
-        held[name] = held[name] + size * _slow(len(flown.t), rng)
+        held[name] = held[name] + size * slow(len(flown.t), rng, 0.97)
     return {**held, "thrust": faulty["thrust"], "rho": clean["rho"]}
 
 
@@ -240,15 +205,3 @@ def told_raw(readings: Channels, aircraft: Aircraft) -> Channels:
         "alpha": alpha,
         "beta": beta,
     }
-
-
-def _slow(n: int, rng: np.random.Generator) -> np.ndarray:
-    """Unit-variance noise that keeps for about a second."""
-    made = lfilter([1.0], [1.0, -0.97], rng.standard_normal(n + 200))[200:]
-    return made * np.sqrt(1.0 - 0.97**2)
-
-
-def improvement(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> dict[str, float]:
-    """Share by which the rms falls, per coefficient, over all manoeuvres."""
-    b, a = (np.sqrt(np.mean(np.concatenate(list(x)) ** 2, axis=0)) for x in (before, after))
-    return {axis: float(1.0 - a[i] / b[i]) if b[i] > 0 else 0.0 for i, axis in enumerate(AXES)}

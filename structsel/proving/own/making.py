@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.aircraft import Aircraft, Tolerances
+from structsel.proving.measuring import gains, measured
 from structsel.proving.own import instruments as ins
 from structsel.proving.own.craft import Craft, Term
 from structsel.proving.own.effects import Concept, Effect, Entry
@@ -82,7 +83,7 @@ class Outcome:
     @property
     def attainable(self) -> dict[str, float]:
         """Of all coefficients."""
-        return ins.improvement(self.before, self.after)
+        return gains(self.before, self.after)
 
     def _sizes(self, axes: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Rms of what the effect brings, and of what is there without it."""
@@ -240,7 +241,7 @@ def play(scene: Scene, entry: Entry) -> Outcome:
         extras[:, 5] += f.coefs[:, 1] * shift / air.b
         S0 = ins.simulated(scene.sim_terms, f, air, told, V0)
         S1 = ins.simulated(scene.sim_terms, f, air, ideal, V0) + extras
-        M0 = ins.measured(f.t, readings, air, mass=air.mass or 0.0, inertia=tensor, thrust=readings["thrust"])
+        M0 = measured(f.t, readings, air, mass=air.mass or 0.0, inertia=tensor, thrust=readings["thrust"])
         # The perfect account: true mass and inertia as far as the effect changes them, true thrust, sound instruments.
         mass = (air.mass or 0.0) * f.reads["mass"] / (under.mass * (scene.craft.aircraft.mass or 1.0))
         real = tensor.copy()
@@ -249,10 +250,10 @@ def play(scene: Scene, entry: Entry) -> Outcome:
             real[i, j] *= value
             real[j, i] = real[i, j]
         thrust = readings["thrust"] + f.reads["thrust"] - f.reads["thrust_model"]
-        M1 = ins.measured(f.t, better, air, mass=mass, inertia=real, thrust=thrust)
+        M1 = measured(f.t, better, air, mass=mass, inertia=real, thrust=thrust)
         if entry.physics.after != 1.0:
             gone = f.reads["mass"] < 0.999 * f.reads["mass"][0]
-            later = ins.measured(f.t, better, air, mass=mass, inertia=real * entry.physics.after, thrust=thrust)
+            later = measured(f.t, better, air, mass=mass, inertia=real * entry.physics.after, thrust=thrust)
             M1[gone] = later[gone]
         out.clean.append(clean)
         out.faulty.append(faulty)
