@@ -11,6 +11,7 @@ from structsel.coefficients import compute_all, compute_coefficients
 from structsel.demo import demo_flights
 from structsel.diagnosis import Diagnosis, diagnose
 from structsel.errors import StructselError, StructselWarning
+from structsel.exporting import export_model
 from structsel.inputs import InputComparison, InputDesign, compare_inputs, design_inputs
 from structsel.mismatch import Mismatch, compare
 from structsel.model import AeroModel, ResponseModel
@@ -92,6 +93,7 @@ __all__ = [
     "diagnose",
     "ensemble",
     "equation_error",
+    "export_model",
     "linearise",
     "open_jsbsim",
     "read_recording",

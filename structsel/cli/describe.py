@@ -2,24 +2,50 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
 from structsel.cli.flights import Files, Json, Map, read_files
 from structsel.cli.pages import page
-from structsel.cli.tables import print_recording
-from structsel.cli.terminal import print_json, stdout
+from structsel.cli.tables import indented, plain_table, print_recording
+from structsel.cli.terminal import print_json, say, stdout
+from structsel.errors import DataError
+from structsel.readers import read_table
+from structsel.readers.channel_map import FileOptions, load_channel_map
+from structsel.readers.guessing import SURE, UNSURE, GuessedMap, guess_map
 
 EPILOG = page(
     [
-        ("Columns under their own names", "structsel describe flight.csv"),
+        ("Columns under their own names, a log's by its ready map", "structsel describe flight.csv"),
+        ("Guess a map, for you to check and edit", "structsel describe flight.csv --guess-map map.toml"),
         ("As the map makes them, SI and radians", "structsel describe flights/ --map map.toml"),
         ("With every conversion made, under provenance", "structsel describe flight.csv --json"),
     ],
     """[bold]Found[/bold] are gaps, repeated or backward time, samples that are no numbers, channels that never move or
     hang, and magnitudes that betray a wrong unit or sign. Nothing is mended.""",
 )
+GuessMap = Annotated[
+    Path | None,
+    typer.Option(
+        "--guess-map",
+        metavar="MAP.TOML",
+        help="Guess a channel map from names, units and values, say how sure each line is, and write it to this new "
+        "file. --map may give the [file] table to read by.",
+    ),
+]
+_STYLES = {SURE: "green", UNSURE: "yellow"}
+_NAMED = 20  # columns not placed that are named; the map lists them all
 
 
-def run(files: Files, channel_map: Map = None, json: Json = False) -> None:
+def run(files: Files, channel_map: Map = None, guess: GuessMap = None, json: Json = False) -> None:
     """Show the channels of recordings, their units and ranges, and what looks wrong."""
+    if guess is not None:
+        _guess(files, channel_map, guess, json)
+        return
     recordings = read_files(files, channel_map)
     if json:
         print_json({"schema": "structsel.description/1", "recordings": [r.to_dict() for r in recordings]})
@@ -27,3 +53,43 @@ def run(files: Files, channel_map: Map = None, json: Json = False) -> None:
     console = stdout()
     for recording in recordings:
         print_recording(console, recording)
+
+
+def _guess(files: list[Path], channel_map: Path | None, target: Path, json: bool) -> None:
+    if len(files) != 1 or files[0].is_dir():
+        raise typer.BadParameter("--guess-map takes one file, not several and no folder; its map then reads them all.")
+    if target.exists():
+        raise DataError(f"--guess-map '{target}' exists already, and is never overwritten. Choose another name.")
+    options = FileOptions() if channel_map is None else load_channel_map(channel_map).file
+    guessed = guess_map(read_table(files[0], options), options)
+    _write(guessed, target)
+    if json:
+        print_json({"schema": "structsel.guessed_map/1", "map": str(target), **guessed.to_dict()})
+        return
+    _print(stdout(), guessed)
+    say("note", f"written to '{target}'. Check it, then: structsel describe {files[0]} --map {target}")
+
+
+def _write(guessed: GuessedMap, target: Path) -> None:
+    made = False
+    try:
+        with target.open("x", encoding="utf-8") as stream:
+            made = True
+            stream.write(str(guessed))
+    except OSError as error:
+        if made:
+            target.unlink(missing_ok=True)
+        raise DataError(f"--guess-map '{target}' cannot be written: {error.strerror or error}.") from error
+
+
+def _print(console: Console, guessed: GuessedMap) -> None:
+    count = len(guessed.guesses)
+    console.print(Text.assemble((Path(guessed.path).name, "bold"), f"  {count} channels guessed"))
+    table = plain_table("channel", "sure", "column", "why", words=[g.why for g in guessed.guesses], left=4)
+    for g in guessed.guesses:
+        table.add_row(Text(g.channel), Text(g.sure, _STYLES.get(g.sure, "")), Text(" ".join(g.columns)), Text(g.why))
+    console.print(table)
+    if guessed.unplaced:
+        names = list(guessed.unplaced)
+        more = f", ... ({len(names)} in all)" if len(names) > _NAMED else ""
+        indented(console, "-", "dim", f"not placed: {', '.join(names[:_NAMED])}{more}")

@@ -23,7 +23,7 @@ Files = Annotated[
     list[Path],
     typer.Argument(
         metavar="FILES",
-        help="Recordings, one manoeuvre each, or folders of them: CSV and other text, Parquet, MATLAB, NumPy, HDF5.",
+        help="Recordings, one manoeuvre each, or folders of them: text, Parquet, MATLAB, NumPy, HDF5, flight logs.",
     ),
 ]
 Map = Annotated[

@@ -13,6 +13,7 @@ from structsel.cli import (
     demo,
     describe,
     diagnose,
+    export,
     inputs,
     prove,
     reconstruct,
@@ -111,6 +112,7 @@ app.command("inputs", epilog=inputs.EPILOG)(inputs.run)
 app.command("simulate", epilog=simulate.EPILOG)(simulate.run)
 app.command("refine", epilog=refine.EPILOG)(refine.run)
 app.command("diagnose", epilog=diagnose.EPILOG)(diagnose.run)
+app.command("export", epilog=export.EPILOG)(export.run)
 app.command("prove", epilog=prove.EPILOG)(prove.run)
 app.command("demo", epilog=demo.EPILOG)(demo.run)
 

@@ -10,12 +10,17 @@ from pathlib import Path
 
 from structsel.errors import DataError
 from structsel.readers.channel_map import FileOptions
+from structsel.readers.dataflash import read_dataflash
 from structsel.readers.hdf5 import read_hdf5
+from structsel.readers.jsbsim import with_jsbsim_map
 from structsel.readers.matlab import read_matlab
+from structsel.readers.mdf import read_mdf
 from structsel.readers.numpy_files import read_npy, read_npz
 from structsel.readers.parquet import read_parquet
 from structsel.readers.table import Table
 from structsel.readers.text import read_text
+from structsel.readers.ulog import read_ulog
+from structsel.readers.xplane import with_xplane_map
 
 READERS: dict[str, Callable[[Path, FileOptions], Table]] = {
     ".csv": read_text,
@@ -29,6 +34,10 @@ READERS: dict[str, Callable[[Path, FileOptions], Table]] = {
     ".npy": read_npy,
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,
+    ".ulg": read_ulog,
+    ".bin": read_dataflash,
+    ".mf4": read_mdf,
+    ".mdf": read_mdf,
 }
 
 
@@ -70,4 +79,4 @@ def read_table(path: Path, options: FileOptions) -> Table:
     if not table.columns:
         left = "; ".join(f"'{name}': {why}" for name, why in list(table.unusable.items())[:5])
         raise DataError(f"'{path}' holds no columns of numbers." + (f" Left out: {left}." if left else ""))
-    return table
+    return with_xplane_map(with_jsbsim_map(table)) if reader is read_text else table

@@ -8,6 +8,7 @@ A map is a TOML file::
     az    = { column = 11, sign = -1 }
     da    = { columns = { 28 = -0.5, 29 = 0.5 }, unit = "deg" }   # weighted sum of columns
     V     = "TAS"                                            # short for { column = "TAS" }
+    de    = { column = "servo.out", unit = "deg", hold = true }   # a command, in a log of many rates
     [file]
     dt = 0.04                                                # s, if there is no time column
 
@@ -54,6 +55,9 @@ class ChannelEntry(BaseModel):
         Of the column, after `scale` and `offset`. Without it the file's own unit, else ours.
     sign : 1 or -1
     scale, offset : float
+    hold : bool
+        In a log of many rates: a command, which stays until the next one, rather than a signal that passes between
+        its samples in a straight line.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -64,6 +68,7 @@ class ChannelEntry(BaseModel):
     sign: Literal[1, -1] = 1
     scale: FiniteFloat = 1.0
     offset: FiniteFloat = 0.0
+    hold: bool = False
 
     @model_validator(mode="before")
     @classmethod

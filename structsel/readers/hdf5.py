@@ -33,7 +33,7 @@ def read_hdf5(path: Path, options: FileOptions) -> Table:
     table = choose(path, content, options)
     prefix = f"{options.variable}." if options.variable else ""
     stated = {name: units[prefix + name] for name in table.columns if prefix + name in units}
-    return replace(table, units=stated)
+    return replace(table, units=table.units | stated)
 
 
 def _walk(group: h5py.Group, prefix: str, units: dict[str, str]) -> dict[str, Any]:

@@ -3,29 +3,50 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from structsel.errors import DataError, MapError
-from structsel.nomenclature import suggest
-from structsel.readers.units import is_unit
+from structsel.nomenclature import find_channel, is_known, suggest
+from structsel.readers.channel_map import ChannelMap
+from structsel.readers.units import is_convertible, is_unit
 
 _WITH_UNIT = re.compile(r"^\s*(?P<name>.*?\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))\s*$")
 
+TAILS = {
+    "deg": "deg", "rad": "rad", "deg_s": "deg/s", "dps": "deg/s", "degps": "deg/s", "rad_s": "rad/s", "radps": "rad/s",
+    "deg_s2": "deg/s^2", "rad_s2": "rad/s^2", "m": "m", "ft": "ft", "km": "km", "m_s": "m/s", "mps": "m/s",
+    "ft_s": "ft/s", "fps": "ft/s", "kt": "kt", "kts": "kt", "kn": "kt", "knots": "kt", "kmh": "km/h", "kph": "km/h",
+    "mph": "mph", "fpm": "ft/min", "m_s2": "m/s^2", "mps2": "m/s^2", "ft_s2": "ft/s^2", "fps2": "ft/s^2", "g": "g",
+    "s": "s", "sec": "s", "ms": "ms", "us": "us", "Pa": "Pa", "hPa": "hPa", "kPa": "kPa", "mbar": "mbar", "psf": "psf",
+    "psi": "psi", "K": "K", "degC": "degC", "degF": "degF", "kg": "kg", "lb": "lb", "lbs": "lb", "slug": "slug",
+    "slugs": "slug", "N": "N", "kN": "kN", "lbf": "lbf", "rpm": "rpm", "pct": "%", "percent": "%", "kg_m3": "kg/m^3",
+}  # fmt: skip
+"""Units as the tail of a name writes them, ``alpha_deg``; a list, because a tail is more often no unit than one."""
+
 
 def split_header(text: str) -> tuple[str, str | None]:
-    """Name and unit of a header such as ``"alpha [deg]"`` or ``"V (kt)"``.
+    """Name and unit of a header such as ``"alpha [deg]"``, ``"V (kt)"`` or ``"alpha_deg"``.
 
-    What stands in brackets is a unit only if it can be read as one; otherwise the whole text is
-    the name and the unit is None.
+    What stands in brackets is a unit only if it can be read as one, and a tail after an underscore only if what is
+    before it is a channel of the nomenclature that is measured in such a unit (``h_agl`` and ``alpha_left`` stay
+    whole). Otherwise the whole text is the name and the unit is None.
     """
     match = _WITH_UNIT.match(text)
     if match:
         unit = match["square"] if match["square"] is not None else match["round"]
         if not unit.strip().isdigit() and is_unit(unit):  # "acc[1]" is an index
             return match["name"].strip(), unit.strip()
-    return text.strip(), None
+    whole = text.strip()
+    at = whole.find("_")
+    while at > 0 and not is_known(whole):
+        name, tail = whole[:at], TAILS.get(whole[at + 1 :])
+        if tail is not None and is_known(name) and is_convertible(tail, find_channel(name).unit):
+            return name, tail
+        at = whole.find("_", at + 1)
+    return whole, None
 
 
 SCHEMA = "structsel.recording/1"
@@ -60,9 +81,9 @@ class Table:
     ----------
     path : str
         The file, for messages.
-    columns : dict of str to array
-        Numeric columns in the file's order, each (n,); lengths may differ where the format lets
-        them.
+    columns : mapping of str to array
+        Columns of numbers or truth values in the file's order and type, each (n,); lengths may differ where the
+        format lets them.
     units : dict of str to str
         Units the file itself states.
     numbers : dict of int to str
@@ -77,10 +98,18 @@ class Table:
         What was done or left out in reading.
     provenance : tuple of str
         What was done before the file was written, as it says itself; see `require_schema`.
+    clocks : mapping of str to str
+        Name of the column that holds the times of each column, in a log of many rates; empty where one clock serves.
+    ready : ChannelMap or None
+        How columns become channels in a format whose names mean the same in every file; used where no map is given.
+    doubts : mapping of str to str
+        What is taken on trust about a channel that `ready` makes.
+    faults : tuple of str
+        What is wrong with the file itself, though it can be read.
     """
 
     path: str
-    columns: dict[str, np.ndarray]
+    columns: Mapping[str, np.ndarray]
     units: dict[str, str] = field(default_factory=dict)
     numbers: dict[int, str] = field(default_factory=dict)
     named: bool = True
@@ -88,6 +117,10 @@ class Table:
     unusable: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     provenance: tuple[str, ...] = ()
+    clocks: Mapping[str, str] = field(default_factory=dict)
+    ready: ChannelMap | None = None
+    doubts: Mapping[str, str] = field(default_factory=dict)
+    faults: tuple[str, ...] = ()
 
     def describe(self) -> str:
         """What the file has, for messages: its column names, or how many it numbers."""
@@ -177,7 +210,8 @@ def table_from_arrays(path: str, arrays: dict[str, object], notes: tuple[str, ..
                 columns[f"{name}[{j + 1}]"] = as_float(array[:, j])
         else:
             unusable[name] = "one value" if array.size == 1 else f"an array of shape {array.shape}"
-    return Table(path, columns, unusable=unusable, notes=notes)
+    units = {name: unit for name in columns if (unit := split_header(name)[1]) is not None}
+    return Table(path, columns, units=units, unusable=unusable, notes=notes)
 
 
 def is_numeric(array: np.ndarray) -> bool:

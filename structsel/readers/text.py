@@ -142,7 +142,7 @@ def _layout(lines: list[str], options: FileOptions) -> tuple[str, int]:
     First lines of nothing but numbers count, then, for files that hold text columns, lines of
     mostly numbers. A width of 0 says that there are none.
     """
-    candidates = ["\t", ";", ",", r"\s+"]
+    candidates = ["\t", ";", ",", "|", r"\s+"]
     if options.separator is not None:
         candidates = [_SEPARATORS.get(options.separator, options.separator)]
         if len(candidates[0]) != 1 and candidates[0] != r"\s+":

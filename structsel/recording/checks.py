@@ -39,7 +39,8 @@ class Finding:
     ----------
     kind : str
         From the samples: gap, dropped, jitter, not-finite, constant, stuck, implausible, unit, sign.
-        From the file: header, text. From a treatment: spike. Stations add kinds of their own.
+        From the file: header, text, file; of a log: clock (how it was brought to one), silent, assumed. From a
+        treatment: spike. Stations add kinds of their own.
     channel : str
     message : str
     severity : {"note", "warning", "error"}

@@ -11,9 +11,10 @@ import numpy as np
 from structsel.errors import ChannelError, DataError, MapError
 from structsel.nomenclature import find_channel, is_known
 from structsel.readers.channel_map import ChannelEntry, ChannelMap, check_unit
-from structsel.readers.table import Table, split_header
+from structsel.readers.table import Table, as_float, split_header
 from structsel.readers.units import convert, is_convertible, is_unit, si_unit
-from structsel.recording.checks import Finding
+from structsel.recording.checks import Finding, require_clock
+from structsel.recording.clocks import Topic, to_one_clock
 
 
 @dataclass
@@ -30,7 +31,9 @@ class Channels:
     notes : list of str
         One line per conversion made or column left out.
     findings : list of Finding
-        What the header and the map do not agree on.
+        What the header and the map do not agree on, and what was done to bring channels to one clock.
+    clocks : dict of str to (str, bool)
+        In a log of many rates: the column that holds each channel's times, and whether the channel is held.
     """
 
     t: np.ndarray
@@ -38,10 +41,11 @@ class Channels:
     units: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
+    clocks: dict[str, tuple[str, bool]] = field(default_factory=dict)
 
 
 def to_channels(table: Table, channel_map: ChannelMap | None) -> Channels:
-    """Apply a channel map to a table; without a map, names are taken as they are.
+    """Apply a channel map to a table; without a map, names are taken as they are, or as the format's own map says.
 
     Raises
     ------
@@ -53,7 +57,16 @@ def to_channels(table: Table, channel_map: ChannelMap | None) -> Channels:
         When there is no clock, or columns differ in length.
     """
     made = Channels(np.empty(0), {}, notes=list(table.notes))
+    made.findings += [Finding("file", "t", fault) for fault in table.faults]
     used: set[str] = set()
+    ready = table.ready
+    if channel_map is None and ready is not None:
+        channel_map = ready
+        made.notes.append(f"no map given: columns taken as {ready.source} has them")
+        made.findings += _assumed(table)
+    elif channel_map is not None and ready is not None and channel_map.file.dt is None:
+        clock = {"t": ready.channels["t"]} if "t" in ready.channels else {}
+        channel_map = channel_map.model_copy(update={"channels": clock | channel_map.channels})
     if channel_map is not None:
         for name, entry in channel_map.channels.items():
             _add_mapped(made, table, name, entry, channel_map.source, used)
@@ -71,6 +84,17 @@ def to_channels(table: Table, channel_map: ChannelMap | None) -> Channels:
     return made
 
 
+def _assumed(table: Table) -> list[Finding]:
+    """What a ready map takes on trust, each said once of the first channel it holds for."""
+    alike: dict[str, list[str]] = {}
+    for name, why in table.doubts.items():
+        alike.setdefault(why, []).append(name)
+    return [
+        Finding("assumed", first, why + (f"; so of {', '.join(more)}" if more else ""), severity="note")
+        for why, (first, *more) in alike.items()
+    ]
+
+
 def _add_mapped(made: Channels, table: Table, name: str, entry: ChannelEntry, source: str, used: set[str]) -> None:
     weights: list[tuple[str, float]]
     if entry.columns:
@@ -86,11 +110,19 @@ def _add_mapped(made: Channels, table: Table, name: str, entry: ChannelEntry, so
             + ", ".join(f"{column} ({len(table.columns[column])})" for column, _ in weights)
         )
     if entry.columns:
-        values = np.sum([weight * table.columns[column] for column, weight in weights], axis=0)
+        _require_one_clock(table, name, [column for column, _ in weights])
+        values = np.sum([weight * as_float(table.columns[column]) for column, weight in weights], axis=0)
         origin = " ".join(f"{weight:+g}*'{column}'" for column, weight in weights)
     else:
-        values = table.columns[weights[0][0]]
+        values = as_float(table.columns[weights[0][0]])
         origin = f"'{weights[0][0]}'"
+    if weights[0][0] in table.clocks:
+        made.clocks[name] = (table.clocks[weights[0][0]], entry.hold)
+        if not np.isfinite(values).any():
+            raise DataError(
+                f"channel '{name}' of '{table.path}': column {origin} holds no number at all, as when its instrument "
+                f"was not there.\nTake '{name}' out of the map, or name another column."
+            )
     steps = []
     if entry.scale != 1.0:
         values = values * entry.scale
@@ -132,8 +164,9 @@ def _same(unit: str, stated: set[str]) -> bool:
 
 
 def _add_others(made: Channels, table: Table, used: set[str]) -> None:
+    times = set(table.clocks.values()) - {"t"}
     for column in table.columns:
-        if column in used:
+        if column in used or column in times:
             continue
         name = split_header(column)[0] if column in table.units else column
         if name == "dt":
@@ -174,7 +207,9 @@ def _add_named(made: Channels, table: Table, column: str, name: str) -> None:
             )
         )
     origin = f"column '{column}'" if column != name else "own name"
-    _store(made, name, table.columns[column], unit, origin, [], table.path)
+    if column in table.clocks:
+        made.clocks[name] = (table.clocks[column], False)
+    _store(made, name, as_float(table.columns[column]), unit, origin, [], table.path)
 
 
 def _store(
@@ -214,6 +249,8 @@ def _align(made: Channels, table: Table, channel_map: ChannelMap | None) -> None
     clock = made.values.pop("t", None)
     dt = channel_map.file.dt if channel_map is not None else None
     if clock is not None:
+        if table.clocks:
+            clock = _to_one_clock(made, table, clock)
         length = len(clock)
         if dt is not None:
             raise MapError(
@@ -248,6 +285,35 @@ def _align(made: Channels, table: Table, channel_map: ChannelMap | None) -> None
         clock = clock + channel_map.file.time_offset
         made.notes.append(f"t: {channel_map.file.time_offset:+g} s added")
     made.t = clock
+
+
+def _require_one_clock(table: Table, name: str, columns: list[str]) -> None:
+    clocks = {table.clocks[column] for column in columns if column in table.clocks}
+    if len(clocks) > 1:
+        raise DataError(
+            f"channel '{name}' adds columns of '{table.path}' that were not sampled together: "
+            f"{', '.join(sorted(clocks))}.\nMap each to a channel of its own."
+        )
+
+
+def _to_one_clock(made: Channels, table: Table, clock: np.ndarray) -> np.ndarray:
+    """Bring every channel to the clock's samples; return those that are left of the clock."""
+    own = made.clocks.pop("t", ("", False))[0]
+    if not own:
+        raise MapError(f"the clock 't' of '{table.path}' is no column of sample times.\nName one of them.")
+    topics = {
+        column: Topic.of(column, convert(as_float(table.columns[column]), table.units.get(column, "s"), "s"))
+        for column in {own: False, **dict(made.clocks.values())}
+    }
+    for name in [name for name, (column, _) in made.clocks.items() if len(topics[column].times) < 2]:
+        made.notes.append(f"{name} left out: '{made.clocks.pop(name)[0]}' has fewer than two times")
+        del made.values[name]
+    met = {name: (topics[column], hold) for name, (column, hold) in made.clocks.items()}
+    require_clock(topics[own].times, f"{table.path}, {own}")
+    samples, made.values, told, notes = to_one_clock(topics[own], met, made.values)
+    made.findings += told
+    made.notes += notes
+    return clock[samples]
 
 
 def _no_clock(table: Table, channel_map: ChannelMap | None) -> str:

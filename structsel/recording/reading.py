@@ -20,14 +20,19 @@ def read_recording(
     *,
     name: str | None = None,
 ) -> Recording:
-    """Read one file: CSV and other text, Parquet, MATLAB v4 to v7.3, NumPy, HDF5.
+    """Read one file: CSV and other text, Parquet, MATLAB v4 to v7.3, NumPy, HDF5, and logs.
+
+    Logs are those of PX4 (ULog), ArduPilot (DataFlash) and ASAM (MDF), whose many rates are brought to one clock:
+    signals in straight lines between neighbouring samples, commands held, nothing across a silence. The findings say
+    what was done. They need the extras ``ulog``, ``dataflash`` and ``mdf``.
 
     Parameters
     ----------
     path : str or Path
     channel_map : str, Path, mapping or ChannelMap, optional
-        How the file's columns become ours. Without it names are taken as they are: those of the
-        nomenclature are ours, others are kept with the unit their header states, or an unknown one.
+        How the file's columns become ours. Without it a log, and what JSBSim and X-Plane write, is read by the
+        ready map of its format; otherwise names are taken as they are: those of the nomenclature are ours, others
+        are kept with the unit their header states, or an unknown one.
     name : str, optional
         The file's name without its suffix, if not given.
 
@@ -40,8 +45,8 @@ def read_recording(
     Raises
     ------
     DataError
-        The file is missing, empty, unreadable or of an unknown format, has no clock, one sample,
-        or a time that repeats or runs backward.
+        The file is missing, empty, unreadable or of an unknown format, or the package that reads it is not
+        installed; it has no clock, one sample, or a time that repeats or runs backward.
     MapError
         The map does not fit the file, or a unit does not fit its channel.
     ChannelError

@@ -238,7 +238,7 @@ def _load(jsbsim: Any, aircraft: str | Path, root: str | Path | None, flat: bool
     try:
         if path.suffix == ".xml":
             loaded = path.is_file() and fdm.load_model_with_paths(
-                path.stem, str(path.parent), str(base / "engine"), str(base / "systems"), False
+                path.stem, str(path.parent.resolve()), str(base / "engine"), str(base / "systems"), False
             )
         else:
             loaded = fdm.load_model(str(aircraft))

@@ -1,0 +1,102 @@
+"""Ready channel maps: what a format's own names mean, written down once for every file of that format."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Literal
+
+import numpy as np
+
+from structsel.errors import DataError
+from structsel.readers.channel_map import ChannelEntry, ChannelMap, FileOptions
+from structsel.readers.table import Table
+
+
+@dataclass(frozen=True)
+class Usual:
+    """Where a format usually keeps one channel.
+
+    Attributes
+    ----------
+    channel : str
+    columns : sequence of str, or of mappings of str to float
+        Best first; the first the file has, with numbers in it, is taken. A mapping is a weighted sum.
+    unit : str
+        Of the columns.
+    sign : 1 or -1
+    hold : bool
+        A command, see `ChannelEntry`.
+    doubt : str
+        What is taken on trust, said wherever the channel is made.
+    """
+
+    channel: str
+    columns: Sequence[str | Mapping[str, float]]
+    unit: str | None = None
+    sign: Literal[1, -1] = 1
+    hold: bool = False
+    doubt: str = ""
+
+
+def with_ready_map(table: Table, source: str, usual: Sequence[Usual], *, others: str = "leave") -> Table:
+    """Table with the ready map of its format: the usual places of which the file has one.
+
+    Parameters
+    ----------
+    table : Table
+    source : str
+        Whose map it is, for messages: "PX4's usual topics".
+    usual : sequence of Usual
+    others : {"leave", "keep"}
+        What becomes of the columns the map does not list.
+    """
+    channels: dict[str, ChannelEntry] = {}
+    doubts: dict[str, str] = {}
+    for row in usual:
+        there = [
+            column
+            for column in row.columns
+            if all(_has_numbers(table, name) for name in ([column] if isinstance(column, str) else column))
+        ]
+        if not there or row.channel in channels:
+            continue
+        where: dict[str, Any] = {"column": there[0]} if isinstance(there[0], str) else {"columns": dict(there[0])}
+        channels[row.channel] = ChannelEntry(**where, unit=row.unit, sign=row.sign, hold=row.hold)
+        if row.doubt:
+            doubts[row.channel] = row.doubt
+    if not channels.keys() - {"t"} and others == "leave":
+        return table
+    ready = ChannelMap(channels=channels, file=FileOptions(others=others), source=source)  # type: ignore[arg-type]
+    return replace(table, ready=ready, doubts={**table.doubts, **doubts})
+
+
+def _has_numbers(table: Table, column: str) -> bool:
+    return column in table.columns and bool(np.isfinite(table.columns[column]).any())
+
+
+def import_extra(module: str, extra: str, path: Path, kind: str) -> ModuleType:
+    """Import the optional package that reads a format.
+
+    Raises
+    ------
+    DataError
+        When it is not installed; the message says how to.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        raise DataError(
+            f"'{path}' is {kind}, which structsel reads by the package {package}, and that is not installed.\n"
+            f'Install it with: pip install "structsel[{extra}]"'
+        ) from error
+
+
+def longest_clock(clocks: Mapping[str, str], columns: Mapping[str, np.ndarray], among: Collection[str] = ()) -> str:
+    """Clock with the most samples among those of some columns (of all, if none are given)."""
+    found = {clocks[column] for column in (among or clocks)}
+    return max(sorted(found), key=lambda clock: len(columns[clock]))

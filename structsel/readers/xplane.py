@@ -1,0 +1,79 @@
+"""X-Plane's data output to disk (Data.txt): columns such as ``Vtrue,_ktas |``, two words filled up with ``_``.
+
+The second word is mostly the unit. Signs that differ from ours, and that the file cannot tell: loads count up, aft and
+left; sideslip is heading less path, so positive with the nose right; the rudder's trailing edge goes right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from structsel.readers.ready import Usual, with_ready_map
+from structsel.readers.table import Table
+
+_UNITS = {
+    "time": "s", "kias": "kt", "keas": "kt", "ktas": "kt", "ktgs": "kt", "mph": "mph", "mphas": "mph", "mphgs": "mph",
+    "fpm": "ft/min", "deg": "deg", "rad/s": "rad/s", "deg/s": "deg/s", "ftmsl": "ft", "ftMSL": "ft", "ftagl": "ft",
+    "ftAGL": "ft", "lb": "lbf", "ftlb": "lbf*ft", "lb-ft": "lbf*ft", "true": "deg", "mag": "deg", "ratio": "-",
+    "degC": "degC", "inHG": "inHg", "norml": "g", "axial": "g", "side": "g", "engin": "rpm", "prop": "rpm",
+}  # fmt: skip
+_SIGN = "X-Plane's sign, as its descriptions and others' use of it have it, is turned to ours; the file cannot tell"
+
+
+def _key(column: str) -> str:
+    """Words of a header without the filling: ``"   _roll,__deg "`` gives ``"roll,deg"``."""
+    return ",".join(word.strip(" _") for word in column.split(","))
+
+
+_USUAL = (
+    Usual("t", ("totl,time", "missn,time", "real,time"), "s"),
+    Usual("V", ("Vtrue,ktas",), "kt"),
+    Usual("alpha", ("alpha,deg",), "deg"),
+    Usual("beta", ("beta,deg",), "deg", sign=-1, doubt=_SIGN),
+    Usual("mach", ("Mach,ratio",), "-"),
+    Usual("phi", ("roll,deg",), "deg"),
+    Usual("theta", ("pitch,deg",), "deg"),
+    Usual("psi", ("hding,true",), "deg"),
+    *(Usual(name.lower(), (f"{name},rad/s", f"{name},deg/s")) for name in "PQR"),
+    Usual("ax", ("Gload,axial",), "g", sign=-1, doubt=_SIGN),
+    Usual("ay", ("Gload,side",), "g", sign=-1, doubt=_SIGN),
+    Usual("az", ("Gload,norml",), "g", sign=-1),
+    Usual("h", ("alt,ftmsl", "alt,ftMSL", "p-alt,ftMSL"), "ft"),
+    Usual("h_agl", ("alt,ftagl", "alt,ftAGL"), "ft"),
+    Usual("de", ({"elev1,deg": 0.5, "elev2,deg": 0.5}, "elev1,deg"), "deg"),
+    Usual("da", ({"Lailn,1,deg": -0.5, "Railn,1,deg": 0.5},), "deg"),
+    Usual("dr", ("rudr1,deg",), "deg", sign=-1, doubt=_SIGN),
+    Usual("throttle", ("thro1,part",), "-"),
+    Usual("thrust", ("thrst,1,lb",), "lbf"),
+    Usual("rpm", ("rpm_1,prop", "rpm_1,engin"), "rpm"),
+)
+_TELLING = {"real,time", "totl,time", "missn,time", "Vtrue,ktas", "alpha,deg", "pitch,deg", "Vind,kias"}
+
+
+def with_xplane_map(table: Table) -> Table:
+    """Table with units and the ready map of X-Plane's output, if it is one; else the table as it is.
+
+    Of a header that the file repeats none is taken for a surface, since which one it is cannot be told.
+    """
+    keys: dict[str, list[str]] = {}
+    for column in table.columns:
+        keys.setdefault(_key(column.partition(" (column ")[0]), []).append(column)
+    if len(_TELLING & keys.keys()) < 2:
+        return table
+    once = {key: columns[0] for key, columns in keys.items() if len(columns) == 1}
+    stated = {column: _UNITS.get(key.rpartition(",")[2]) for key, columns in keys.items() for column in columns}
+    units = {column: unit for column, unit in stated.items() if unit is not None}
+    table = replace(table, units={**table.units, **units})
+    found = []
+    for row in _USUAL:
+        columns = [
+            once[place] if isinstance(place, str) else {once[key]: weight for key, weight in place.items()}
+            for place in row.columns
+            if all(key in once for key in ([place] if isinstance(place, str) else place))
+        ]
+        found.append(replace(row, columns=columns))
+    twice = [repr(key) for key, columns in keys.items() if len(columns) > 1]
+    if twice:
+        note = f"headers that X-Plane wrote more than once, and that no channel is made of: {', '.join(twice)}"
+        table = replace(table, notes=(*table.notes, note))
+    return with_ready_map(table, "X-Plane's usual columns", found, others="keep")
