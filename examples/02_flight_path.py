@@ -1,9 +1,14 @@
-"""The first of two steps: one flight path that all instruments can have seen, and what is wrong with each of them.
+# %% [markdown]
+# # The first of two steps: one flight path that all instruments can have seen, and what is wrong with each of them
+#
+# Run it whole, or cell by cell. No files are needed, and none are written.
 
-Run it whole, or cell by cell. No files are needed, and none are written.
-"""
+# %% [markdown]
+# ## A flight in wind, seen by instruments with biases, a crooked vane, and noise
+#
+# All of it is known.
 
-# %% A flight in wind, seen by instruments with biases, a crooked vane, and noise. All of it is known.
+# %%
 from structsel import Candidates, select
 from structsel.coefficients import compute_coefficients
 from structsel.demo import TRUTH, demo_instruments
@@ -12,18 +17,27 @@ from structsel.reconstruction import reconstruct
 flight = demo_instruments("all-axes", seed=1)
 print(flight)
 
-# %% Reconstruct: accelerometers and gyros, less biases, drive the kinematics; everything else corrects them
+# %% [markdown]
+# ## Reconstruct: accelerometers and gyros, less biases, drive the kinematics; everything else corrects them
+
+# %%
 found = reconstruct(flight.measured, flight.aircraft)
 print(found)
 
-# %% What was found, beside what was set
+# %% [markdown]
+# ## What was found, beside what was set
+
+# %%
 print(f"{'':8}{'set':>11}{'found':>11}{'std':>10}  off, in std")
 off = {}
 for c in found.constants:
     off[c.name] = (c.value - flight.errors[c.name]) / c.std
     print(f"{c.name:8}{flight.errors[c.name]:11.4g}{c.value:11.4g}{c.std:10.2g}{off[c.name]:9.1f}   {c.unit}")
 
-# %% What it is for: a side-force model of given structure, from the readings and from the reconstructed flight
+# %% [markdown]
+# ## What it is for: a side-force model of given structure, from the readings and from the reconstructed flight
+
+# %%
 terms = ["beta", "p_hat", "r_hat", "da", "dr", "alpha*dr"]
 
 

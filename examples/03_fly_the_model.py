@@ -1,9 +1,12 @@
-"""A chosen structure is believed when it flies: inputs worth flying, output error, and the proof of match.
+# %% [markdown]
+# # A chosen structure is believed when it flies: inputs worth flying, output error, and the proof of match
+#
+# Run it whole, or cell by cell. No files are needed, and none are written.
 
-Run it whole, or cell by cell. No files are needed, and none are written.
-"""
+# %% [markdown]
+# ## An aircraft of which everything is known: its steady flight, and how it answers when disturbed
 
-# %% An aircraft of which everything is known: its steady flight, and how it answers when disturbed
+# %%
 import structsel as ss
 from structsel.inputs import combine, name_derivatives, three_two_one_one
 
@@ -13,14 +16,22 @@ print(steady)
 small = craft.linearise(steady, inputs=["de"])
 print(small.modes())
 
-# %% Which input of equal energy tells most about the derivatives of pitch? Bounds in per cent of each
+# %% [markdown]
+# ## Which input of equal energy tells most about the derivatives of pitch?
+#
+# Bounds in per cent of each
+
+# %%
 vanes = {"alpha": 0.008, "q": 0.004}
 pitch = name_derivatives(small, outputs=list(vanes))
 kinds = ss.compare_inputs(pitch, noise=vanes, parameters=["mw", "mq", "mde"], energy=0.004, duration=16.0)
 print(kinds)
 best = next(u for u in kinds.inputs if u.name == "optimal A")
 
-# %% Fly it, and two classical ones, from trim; instruments have noise
+# %% [markdown]
+# ## Fly it, and two classical ones, from trim; instruments have noise
+
+# %%
 noise = {**vanes, "V": 0.2, "theta": 0.002, "ax": 0.02, "az": 0.1}
 
 
@@ -37,24 +48,40 @@ classical = combine(
 flown = [fly("optimal", best, 1), fly("classical", classical, 2)]
 held_out = fly("held-out", three_two_one_one("de", -0.025, 0.5, duration=16.0, dt=0.05), 3)
 
-# %% Equation error: the moment sample by sample, on measured channels. Their noise biases it.
+# %% [markdown]
+# ## Equation error: the moment sample by sample, on measured channels
+#
+# Their noise biases it.
+
+# %%
 terms = ["alpha", "q_hat", "de"]
 chosen = ss.select(ss.compute_all(flown, craft.aircraft), "Cm", ss.Candidates.parse(terms), force=terms, bootstrap=0)
 first = ss.AeroModel({**craft.model.responses, "Cm": chosen.model["Cm"]}, "Citation")
 
-# %% Output error: the same structure, flown whole; the flights are to come nearest those recorded
+# %% [markdown]
+# ## Output error: the same structure, flown whole; the flights are to come nearest those recorded
+
+# %%
 found = ss.refine(
     first, craft.aircraft, flown, free=["Cm:1", "Cm:alpha", "Cm:q_hat", "Cm:de"], outputs=["alpha", "q", "theta", "az"],
     starts=["u", "w", "q", "theta"],
 )  # fmt: skip
 print(found)
 
-# %% Side by side
+# %% [markdown]
+# ## Side by side
+
+# %%
 truth = {f"Cm:{term}": craft.model["Cm"][term] for term in ("1", *terms)}
 table = ss.compare_estimates({"equation error": chosen.model, "output error": found}, truth=truth)
 print(table)
 
-# %% Does it fly? A manoeuvre that was never used, with the recorded inputs from the recorded start
+# %% [markdown]
+# ## Does it fly?
+#
+# A manoeuvre that was never used, with the recorded inputs from the recorded start
+
+# %%
 after = ss.replay(found.model, craft.aircraft, held_out, outputs=["alpha", "q", "theta", "az"])
 print(after)
 

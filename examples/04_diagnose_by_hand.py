@@ -1,13 +1,18 @@
-"""What did the simulation leave out? One concealed case diagnosed by hand, by looking at residuals; then by `diagnose`.
+# %% [markdown]
+# # What did the simulation leave out? One concealed case diagnosed by hand, by looking at residuals; then by `diagnose`
+#
+# Run it whole, or cell by cell. No files are needed; one figure is written, 04_residuals.png. The case is an easy one,
+# chosen because a reader can see in it what is going on; how often the diagnosis is right is another question
+# (docs/proof.md).
 
-Run it whole, or cell by cell. No files are needed; one figure is written, 04_residuals.png. The case is an easy one,
-chosen because a reader can see in it what is going on; how often the diagnosis is right is another question
-(docs/proof.md).
-"""
+# %% [markdown]
+# ## Eight recorded manoeuvres, and what a simulation says along them
+#
+# Something is missing in it; the key stays shut.
 
-# %% Eight recorded manoeuvres, and what a simulation says along them. Something is missing in it; the key stays shut.
+# %%
+import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
 
 from structsel import Recording, compute_all
 from structsel.diagnosis import diagnose
@@ -19,7 +24,10 @@ aircraft, span = case.aircraft, case.aircraft.b
 print(aircraft)
 print(case.recordings[0])
 
-# %% Forces, not flight paths: coefficients of what was flown, less those the simulation gives for the same states
+# %% [markdown]
+# ## Forces, not flight paths: coefficients of what was flown, less those the simulation gives for the same states
+
+# %%
 AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 flown = {r.name: r for r in compute_all(case.recordings, aircraft)}
 names = list(flown)
@@ -35,12 +43,22 @@ print(f"{'':4}{'measured':>10}{'difference':>12}")
 for c in AXES:
     print(f"{c:4}{rms([r[c] for r in flown.values()]):10.4f}{rms(difference[c].values()):12.4f}")
 
-# %% Which axis stands out from its noise? Second differences leave noise and little else.
+# %% [markdown]
+# ## Which axis stands out from its noise?
+#
+# Second differences leave noise and little else.
+
+# %%
 noise = {c: np.median([np.std(np.diff(x, 2)) for x in difference[c].values()]) / np.sqrt(6.0) for c in AXES}
 times = {c: rms(difference[c].values()) / noise[c] for c in AXES}
 print("difference over noise:", ", ".join(f"{c} {times[c]:.1f}" for c in sorted(times, key=times.get, reverse=True)))
 
-# %% When? CZ's difference from that of the first two seconds, averaged over half a second
+# %% [markdown]
+# ## When?
+#
+# CZ's difference from that of the first two seconds, averaged over half a second
+
+# %%
 width = round(0.5 / case.recordings[0].dt)
 start = {n: x[flown[n].t < 2.0].mean() for n, x in difference["CZ"].items()}
 smooth = {n: np.convolve(x - start[n], np.ones(width) / width, mode="same") for n, x in difference["CZ"].items()}
@@ -51,7 +69,12 @@ for n, x in smooth.items():
         f"{n}  lowest at {lowest:5.1f} spans; " + (f"off from {t[0]:.1f} to {t[-1]:.1f} s" if len(t) else "never off")
     )
 
-# %% Where? Against incidence, height and time: what spread is left about the means of two dozen bins?
+# %% [markdown]
+# ## Where?
+#
+# Against incidence, height and time: what spread is left about the means of two dozen bins?
+
+# %%
 e = np.concatenate(list(smooth.values()))
 channels = {
     "alpha [deg]": np.degrees(np.concatenate([r["alpha"] for r in flown.values()])),
@@ -65,8 +88,7 @@ for name, x in channels.items():
     left[name] = float(np.var(e - means[cells]) / np.var(e))
     print(f"{name:14} explains {1.0 - left[name]:4.0%} of CZ's difference as a function, whatever its form")
 
-figure = Figure(figsize=(9.0, 6.5), layout="constrained")
-grid = figure.subplots(3, 1)
+figure, grid = plt.subplots(3, 1, figsize=(9.0, 6.5), layout="constrained")
 for axes, (name, x) in zip(grid, channels.items()):
     axes.plot(x, e, ".", markersize=1.5)
     axes.set_xlabel(name)
@@ -75,9 +97,14 @@ grid[1].set_xlim(0.0, 1.5)  # the other flights were at two hundred spans and mo
 figure.supylabel("CZ, measured less simulated, from the level of the first two seconds")
 figure.savefig("04_residuals.png", dpi=110)
 
-# %% What could it be? Something that acts near the ground only. Three accounts of it, fitted without one low pass:
-# tuning of what the simulation has; a switch (flap or gear, forgotten); ground effect, which fades with height.
-# That pass was looked at above, so it judges what is fitted, not whether low flight is where to look.
+# %% [markdown]
+# ## What could it be?
+#
+# Something that acts near the ground only. Three accounts of it, fitted without one low pass: tuning of what the
+# simulation has; a switch (flap or gear, forgotten); ground effect, which fades with height. That pass was looked at
+# above, so it judges what is fitted, not whether low flight is where to look.
+
+# %%
 TUNED = ("alpha", "q_hat", "de")
 low = [n for n in names if flown[n]["h_agl"].min() < span]
 held_out = low[-1]
@@ -113,12 +140,20 @@ for c, share in foretold.items():
 lift_gain, moment = -fit("CZ", "ground", decay)[0][-1], fit("Cm", "ground", decay)[0][-1]
 print(f"at the ground: {lift_gain:.0%} more lift, and {moment:.3f} of the lift as pitching moment, nose down")
 
-# %% The same by the tool: every hypothesis it has, all responses at once, tolerances, each recording held out in turn
+# %% [markdown]
+# ## The same by the tool: every hypothesis it has, all responses at once, tolerances, each recording held out in turn
+
+# %%
 simulated = {n: Recording(n, channels["t"], {c: channels[c] for c in AXES}) for n, channels in case.simulated.items()}
 found = diagnose(simulated, case.recordings, aircraft)
 print(found)
 
-# %% And the key. The tool tries a few rates of decay, and takes the gain at the likeliest. Its +- leaves that out.
+# %% [markdown]
+# ## And the key
+#
+# The tool tries a few rates of decay, and takes the gain at the likeliest. Its +- leaves that out.
+
+# %%
 truth = case.key.effects[0]
 print(f"concealed: {truth.effect}, decay {truth.parameters['ground_rate']:.2f},", dict(truth.parameters))
 gain = -truth.parameters["CZ:ground*CL"]

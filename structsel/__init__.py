@@ -11,6 +11,7 @@ from structsel.coefficients import compute_all, compute_coefficients
 from structsel.demo import demo_flights
 from structsel.diagnosis import Diagnosis, diagnose
 from structsel.errors import StructselError, StructselWarning
+from structsel.exploring import explore_residuals
 from structsel.exporting import export_model
 from structsel.inputs import InputComparison, InputDesign, compare_inputs, design_inputs
 from structsel.mismatch import Mismatch, compare
@@ -93,6 +94,7 @@ __all__ = [
     "diagnose",
     "ensemble",
     "equation_error",
+    "explore_residuals",
     "export_model",
     "linearise",
     "open_jsbsim",

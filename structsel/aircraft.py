@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from structsel.errors import AircraftError
 from structsel.readers.channel_map import describe_problems
+from structsel.rich_text import opening, to_html
 
 _TRIANGLE_SLACK = 0.2
 _PART_OF = {"alpha_vane": "vane", "beta_vane": "vane", "pitot": "vane"}
@@ -332,6 +333,9 @@ class Aircraft(_Table):
             lines.append(f"reference airspeed V0 = {self.V0:g} m/s")
         lines += [f"doubtful: {remark}" for remark in self.remarks]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return to_html([], opening(self), str(self).splitlines()[1:])
 
 
 _TABLES: dict[str, type[_Table]] = {

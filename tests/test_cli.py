@@ -231,7 +231,7 @@ def test_out_holds_model_selection_tables_and_plots(files, tmp_path):
     run("select", files, *SELECT, "--held-out", "m03", "--out", tmp_path / "a/b")
     found = {str(p.relative_to(tmp_path / "a/b")) for p in (tmp_path / "a/b").rglob("*") if p.is_file()}
     plots = {f"plots/Cm_{name}.png" for name in ("fit", "choice", "residual")}
-    texts = {"model.json", "selection.json", "validation.json", "terms.csv", "terms.tex", "report.txt"}
+    texts = {"model.json", "selection.json", "validation.json", "terms.csv", "terms.tex", "report.txt", "report.html"}
     assert found == texts | plots
     model = AeroModel.from_json(tmp_path / "a/b/model.json")
     table = pd.read_csv(tmp_path / "a/b/terms.csv")

@@ -182,7 +182,10 @@ def test_out_holds_flights_tables_report_and_plots(folder, common, tmp_path):
     run("reconstruct", folder / "all-axes.csv", *common, "--out", tmp_path / "a/b", "--format", "parquet")
     found = {str(p.relative_to(tmp_path / "a/b")) for p in (tmp_path / "a/b").rglob("*") if p.is_file()}
     plots = {f"plots/all-axes_{name}.png" for name in ("readings", "innovations", "nis", "constants")}
-    assert found == {"flights/all-axes.parquet", "reconstruction.json", "report.txt", "constants.csv"} | plots
+    assert (
+        found
+        == {"flights/all-axes.parquet", "reconstruction.json", "report.txt", "report.html", "constants.csv"} | plots
+    )
 
 
 def test_the_flights_written_are_nearer_the_truth_and_carried_only_once(flights, written):

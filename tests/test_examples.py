@@ -3,6 +3,7 @@
 import runpy
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
@@ -12,6 +13,7 @@ EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
 def test_the_example_runs_to_its_assertions(path, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # an example that writes does so here
     runpy.run_path(str(path), run_name="__main__")
+    plt.close("all")
     assert capsys.readouterr().out
 
 

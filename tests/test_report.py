@@ -11,7 +11,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.report import render, write_report
-from structsel.report.charts import MOST_VALUES, chart_data
+from structsel.report.charts import MOST_VALUES
+from structsel.report.diagnosis import figures_of
 from tests.diagnoses import GROUND, TURBULENCE, VANE, diagnosis, hostile
 
 VOID = {"meta", "br", "img", "input", "link", "hr"}
@@ -144,15 +145,15 @@ def test_no_name_from_the_data_becomes_markup_or_ends_the_script():
 
 def test_the_figures_hold_the_time_histories_in_the_units_people_read():
     made = diagnosis()
-    data = chart_data(made)
+    data = figures_of(made)
 
     def unpack(text):
         return np.frombuffer(base64.b64decode(text), "<f4")
 
     one = data["recordings"]["m03"]
     assert_allclose(unpack(one["t"]), made.traces["m03"].t, rtol=1e-6)
-    assert_allclose(unpack(one["responses"]["CZ"]["physics"]), made.traces["m03"].explained["CZ"], rtol=1e-6)
-    assert_allclose(unpack(one["channels"]["alpha"]), np.rad2deg(made.traces["m03"].channels["alpha"]), rtol=1e-6)
+    assert_allclose(unpack(one["responses"]["CZ"]["y"]["physics"]), made.traces["m03"].explained["CZ"], rtol=1e-6)
+    assert_allclose(unpack(one["channels"]["alpha"]["y"]), np.rad2deg(made.traces["m03"].channels["alpha"]), rtol=1e-6)
     assert (data["units"]["alpha"], data["units"]["h_agl"]) == ("deg", "m")
     assert data["findings"][0]["channel"] == "h_agl"
     assert json.loads(json.dumps(data, allow_nan=False)) == data

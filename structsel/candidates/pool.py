@@ -14,6 +14,7 @@ import numpy as np
 
 from structsel.candidates.terms import Factor, Term, product, samples
 from structsel.errors import TermError
+from structsel.rich_text import to_html
 
 _LARGEST = 100_000
 
@@ -315,6 +316,9 @@ class Candidates:
     def __repr__(self) -> str:
         shown = self.names if len(self) <= 8 else [*self.names[:7], "...", self.names[-1]]
         return f"<Candidates: {len(self)} terms: {', '.join(shown)}>"
+
+    def _repr_html_(self) -> str:
+        return to_html([{"term": str(term), "degree": term.degree} for term in self], f"{len(self)} candidate terms")
 
 
 def _as_term(item: Any) -> Term:

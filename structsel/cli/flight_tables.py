@@ -9,13 +9,14 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from structsel.cli.tables import fact_line, figure, plain_table, print_doubts
+from structsel.cli.tables import fact_line, plain_table, print_doubts
 from structsel.cli.terminal import in_commands
 from structsel.inputs import Information, InputComparison, Scatter
 from structsel.nomenclature import is_known, unit_of
 from structsel.numerics.linear_systems import Modes
 from structsel.recording import Recording
 from structsel.refinement import Estimate, Refinement
+from structsel.report.words import figure
 from structsel.simulation import Trim
 from structsel.validation import Replay
 from structsel.validation.replayed import KINDS, shown

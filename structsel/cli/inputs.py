@@ -25,10 +25,11 @@ from structsel.cli.flight_tables import print_information, print_inputs_compared
 from structsel.cli.flights import OUTPUT, Json, Overwrite, option, words
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
-from structsel.cli.tables import figure, print_files
+from structsel.cli.tables import print_files
 from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.inputs import Information, InputComparison, InputDesign, Scatter
 from structsel.recording import Recording, write_recording
+from structsel.report.words import figure
 from structsel.simulation import LinearModel, ReadyAircraft
 
 EPILOG = page(

@@ -8,9 +8,10 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from structsel.cli.tables import fact_line, figure, indented, plain_table, print_doubts
+from structsel.cli.tables import fact_line, indented, plain_table, print_doubts
 from structsel.cli.terminal import in_commands
 from structsel.reconstruction import CONSTANTS, Reconstruction, Reconstructions
+from structsel.report.words import figure
 
 LEGEND = (
     "std: of the estimate, with allowance for coloured residuals; residual: rms of measured less reconstructed; "

@@ -32,6 +32,7 @@ from structsel.errors import ReconstructionError
 from structsel.numerics.atmosphere import G0
 from structsel.reconstruction import METHODS, Reconstructions
 from structsel.recording import Recording, write_recording
+from structsel.report import write_report
 
 EPILOG = page(
     [
@@ -225,6 +226,7 @@ def _write_one(folder: Path, results: Reconstructions, method: str, file_format:
         write_recording(recording, flights / f"{recording.name}.{file_format}")
     (folder / "reconstruction.json").write_text(json_text(results.to_dict()), encoding="utf-8")
     (folder / "report.txt").write_text(f"{results}\n", encoding="utf-8")
+    write_report(results, folder / "report.html")
     heads = [one.to_frame().assign(manoeuvre=one.name, method=method, trusted=one.trusted) for one in results]
     table = pd.concat(heads, ignore_index=True)
     first = ["manoeuvre", "method", "trusted"]

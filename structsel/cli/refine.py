@@ -31,6 +31,7 @@ from structsel.errors import RefinementError
 from structsel.model import AeroModel
 from structsel.recording import Recording
 from structsel.refinement import Refinement, refine
+from structsel.report import write_report
 from structsel.simulation import LinearModel, ReadyAircraft
 from structsel.validation import Replay, replay
 
@@ -119,7 +120,9 @@ def run(
     ] = "",
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="DIR", help="Folder for model, tables and plots.", rich_help_panel=OUTPUT),
+        typer.Option(
+            "--out", metavar="DIR", help="Folder for model, report.html, tables and plots.", rich_help_panel=OUTPUT
+        ),
     ] = None,
     overwrite: Overwrite = False,
     plots: Plots = True,
@@ -288,6 +291,8 @@ def _write(
         found.history().to_csv(folder / "history.csv", index=False)
         report = [str(found), *(f"{name} the refinement\n{one}" for name, one in judged.items())]
         (folder / "report.txt").write_text("\n\n".join(report) + "\n", encoding="utf-8")
+        reasons = [] if failed is None else [str(failed)]
+        write_report(found, folder / "report.html", recordings=recordings, judged=judged, reasons=reasons)
         if plots:
             _draw(folder / "plots", found, recordings)
         return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -38,6 +39,7 @@ from structsel.cli.tables import (
 from structsel.cli.terminal import Waiting, print_json, say, stdout
 from structsel.errors import SelectionError
 from structsel.recording import Recording
+from structsel.report import write_report
 from structsel.selection import Selections, select
 from structsel.selection.options import Criterion, Estimate, Residuals, Start, Stop
 from structsel.validation import Validation, validate
@@ -152,7 +154,7 @@ def run(
     ] = "",
     seed: Annotated[int, option("--seed", "Of the bootstrap.", _JUDGE)] = 0,
     out: Annotated[
-        Path | None, option("--out", "Folder for model.json, selection.json, tables and plots.", _OUTPUT, "DIR")
+        Path | None, option("--out", "Folder for model.json, report.html, tables and plots.", _OUTPUT, "DIR")
     ] = None,
     overwrite: Overwrite = False,
     plots: Plots = True,
@@ -199,7 +201,8 @@ def run(
     used, held = hold_out(flown, held_out)
     found = _select_by(method, used, wanted, pool, asked)
     scores = {name: validate(s.model, held) for name, s in found.items()} if held else {}
-    written = write_results(out, found, scores, held or used, plots) if out is not None else []
+    reports = partial(_write_reports, found, scores, [*used, *held])
+    written = write_results(out, found, scores, held or used, plots, reports) if out is not None else []
     if json:
         print_json(_as_dict(found, scores))
     elif latex:
@@ -270,6 +273,14 @@ def _select_by(
             white = {**asked, "residuals": "white"}
             found["stepwise, white"] = select(used, responses, pool, method="stepwise", progress=waiting, **white)
     return found
+
+
+def _write_reports(
+    found: dict[str, Selections], scores: dict[str, Validation], recordings: Sequence[Recording], folder: Path
+) -> None:
+    for method, selections in found.items():
+        mark = "" if len(found) == 1 else "_" + method.replace(", ", "_")
+        write_report(selections, folder / f"report{mark}.html", recordings=recordings, judged=scores.get(method))
 
 
 def _as_dict(found: dict[str, Selections], scores: dict[str, Validation]) -> dict[str, Any]:

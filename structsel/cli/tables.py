@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from structsel.recording import Recording
+from structsel.report.words import figure
 from structsel.selection import Selection
 from structsel.validation import Validation
 
@@ -22,15 +23,6 @@ LEGEND = (
     "turn, manoeuvres (parts of a single one) left out of the selection."
 )
 _GOOD, _POOR = 0.8, 0.5  # inclusion above and below which a term is shown as sure and as doubtful
-
-
-def figure(value: float | None, digits: int = 4) -> str:
-    """Return a number in few digits; a dash for one that is not known."""
-    if value is None or not math.isfinite(value):
-        return "-"
-    if abs(value) >= 1e5 or (value != 0 and abs(value) < 1e-4):
-        return f"{value:.{max(digits - 2, 1)}e}".replace("e-0", "e-").replace("e+0", "e")
-    return f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:.0f}"
 
 
 def plain_table(*heads: str, words: Iterable[str], left: int = 1) -> Table:

@@ -10,6 +10,7 @@ from structsel.diagnosis.judging import Fit
 from structsel.hypotheses.base import Estimate
 from structsel.model import AeroModel
 from structsel.numerics.smoothing.result import Array
+from structsel.rich_text import to_html
 
 Verdict = Literal["mismatch", "consistent", "undecidable"]
 SCHEMA = "structsel.diagnosis/1"
@@ -249,3 +250,10 @@ class Diagnosis:
         from structsel.diagnosis.story import tell  # the story knows the result, not the reverse
 
         return tell(self)
+
+    def _repr_html_(self) -> str:
+        from structsel.diagnosis.story import headline
+
+        named = [{"effect": f.effect, "probability": f.physics[0].probability, "axes": ", ".join(f.axes),
+                  "says": f.physics[0].says, "explained": f.explained} for f in self.findings]  # fmt: skip
+        return to_html(named, headline(self), self.remarks, digits=3)

@@ -18,6 +18,7 @@ from structsel.inputs.mehra_schulz import mehra, schulz
 from structsel.inputs.multisine import multisine
 from structsel.inputs.optimal import Basis
 from structsel.recording import Recording
+from structsel.rich_text import opening, to_html
 from structsel.simulation.linear import LinearModel
 
 _WIDTHS = 24  # tried for each kind of pulses
@@ -97,6 +98,13 @@ class InputComparison:
             )
         lines += [f"  ! {u.name}: {line}" for u, i in zip(self.inputs, self.found) for line in i.unseen]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return to_html(
+            self.to_frame(),
+            opening(self),
+            [f"{u.name}: {line}" for u, i in zip(self.inputs, self.found) for line in i.unseen],
+        )
 
 
 def compare_inputs(
@@ -247,6 +255,9 @@ class Scatter:
         head = f"{self.name}: {len(self.estimates)} flights" + (f", {self.lost} without an estimate" * bool(self.lost))
         text = self.to_frame().to_string(index=False, float_format="{:.4g}".format)
         return "\n".join([head, *("  " + line for line in text.splitlines())])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), opening(self))
 
 
 def scatter(

@@ -17,6 +17,7 @@ from structsel.inputs.limits import Reached, limit_rows, reached
 from structsel.inputs.optimal import Basis, optimise, orthonormal_functions, within_limits
 from structsel.inputs.signals import clock
 from structsel.recording import Recording, write_recording
+from structsel.rich_text import opening, to_html
 from structsel.simulation.linear import Hold, LinearModel
 
 _MEANS = {
@@ -120,6 +121,9 @@ class InputDesign:
         if self.limits:
             lines += ["", f"  {'limit':<14} {'allowed':>10} {'reached':>10}", *(f"  {r}" for r in self.limits)]
         return "\n".join([*lines, *(f"  ! {note}" for note in self.notes)])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), opening(self, 3), self.notes)
 
 
 def design_inputs(

@@ -16,6 +16,7 @@ from scipy import linalg
 
 from structsel.errors import ModelError
 from structsel.recording import Recording
+from structsel.rich_text import opening, to_html
 from structsel.simulation.linear import Hold, LinearModel
 
 _LOST = 1e-7
@@ -104,6 +105,9 @@ class Information:
             share = f"{100 * std / abs(value):8.2f}" if value else f"{'-':>8}"
             lines.append(f"  {name:<{wide}} {value:>12.5g} {std:>10.3g} {share}")
         return "\n".join([*lines, *(f"  ! {line}" for line in self.unseen)])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), opening(self), self.unseen)
 
 
 def information(

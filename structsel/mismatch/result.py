@@ -13,6 +13,7 @@ from structsel.mismatch.locating.coherence import Coherence
 from structsel.mismatch.locating.refitted import Refitted
 from structsel.mismatch.locating.region import Bound
 from structsel.mismatch.locating.turbulence import Turbulence
+from structsel.rich_text import opening, to_html
 
 _SHOWN = 4
 _PULLED = 2.5  # standard deviations, beyond which a tolerance is said to be exceeded
@@ -105,6 +106,10 @@ class Mismatch:
             "tolerances": [{"name": n, "sigmas": s} for n, s in self.pulls],
             "remarks": list(self.remarks),
         }
+
+    def _repr_html_(self) -> str:
+        rows = [{"response": c, **asdict(s), "explainable": self.explainable.get(c)} for c, s in self.sizes.items()]
+        return to_html(rows, opening(self), (*self._found(), *self.remarks), digits=3)
 
     def __str__(self) -> str:
         lines = [f"{self.simulation} ({self.form}) against {len(self.recordings)} recordings", ""]

@@ -19,6 +19,7 @@ from structsel.model.region import Excursion, leave
 from structsel.model.response import ResponseModel, response_rows
 from structsel.nomenclature import latex_of
 from structsel.recording import Recording
+from structsel.rich_text import opening, to_html
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,6 +216,9 @@ class AeroModel:
         if self.recordings:
             head += f", identified from {', '.join(self.recordings)}"
         return "\n\n".join([head, *(f"{name}: {model}" for name, model in self.responses.items())])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), opening(self))
 
 
 def _latex_figure(value: float, digits: int) -> str:

@@ -16,6 +16,7 @@ from structsel.candidates.terms import product, samples
 from structsel.errors import ModelError
 from structsel.model.region import Excursion, leave
 from structsel.nomenclature import unit_of
+from structsel.rich_text import opening, to_html
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,6 +225,9 @@ class ResponseModel:
                 known = [f"{'-':>{w}}" for _, w in heads[1:]]
             lines.append("  ".join([f"  {term!s:<{width}}", f"{value:>12.5g}", *known]))
         return lines
+
+    def _repr_html_(self) -> str:
+        return to_html(response_rows("", self), opening(self))
 
 
 def _array(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -33,7 +33,7 @@ def plot_flight(flight: Recording, channel: str, *, recorded: Recording | None =
     recorded : Recording, optional
     ax : Axes, optional
     """
-    ax = new_axes(ax)
+    alone, ax = ax is None, new_axes(ax)
     if recorded is not None and channel in recorded:
         _line(ax, recorded, channel, MEASURED, "recorded")
         _line(ax, flight, channel, MODELLED, "simulated")
@@ -41,7 +41,7 @@ def plot_flight(flight: Recording, channel: str, *, recorded: Recording | None =
     else:
         _line(ax, flight, channel, KEPT, "simulated")
     ax.set_ylabel(label(channel, flight.units))
-    return ax
+    return _explain(ax) if alone else ax
 
 
 def plot_replay(result: Replay, recording: str, output: str, *, ax: Axes | None = None) -> Axes:
@@ -55,7 +55,7 @@ def plot_replay(result: Replay, recording: str, output: str, *, ax: Axes | None 
     output : str
     ax : Axes, optional
     """
-    ax = new_axes(ax)
+    alone, ax = ax is None, new_axes(ax)
     place = [r.name for r in result.recordings].index(recording)
     measured, whole, windows = (part[place] for part in (result.recordings, result.whole, result.windows))
     if output in result.bands:
@@ -72,7 +72,7 @@ def plot_replay(result: Replay, recording: str, output: str, *, ax: Axes | None 
         if one.recording == recording and one.kind == "whole":
             ax.axvline(one.at, color=MODELLED, lw=0.8, ls=":")
     ax.set_ylabel(label(output, measured.units))
-    return ax
+    return _explain(ax) if alone else ax
 
 
 def draw_flight(flight: Recording, recorded: Recording | None = None) -> Figure:
@@ -159,6 +159,13 @@ def draw_refinement(result: Refinement, recordings: Sequence[Recording] = ()) ->
 def _line(ax: Axes, recording: Recording, channel: str, colour: str, text: str, wide: float = 0.9) -> None:
     some = thin(len(recording))
     ax.plot(recording.t[some], recording[channel][some], color=colour, lw=wide, label=text)
+
+
+def _explain(ax: Axes) -> Axes:
+    """Label the time and name the lines of a figure that stands alone; in a grid this is said once."""
+    ax.set_xlabel("t [s]")
+    ax.legend(fontsize="small")
+    return ax
 
 
 def _frame(ax: Axes, measured: np.ndarray) -> None:

@@ -7,11 +7,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, MaxNLocator
+from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullLocator
 from scipy import stats
 
 from structsel.model import AeroModel
-from structsel.plotting.axes import DOUBT, KEPT, MEASURED, MODELLED, OTHER, label, new_axes, symbol, thin, unit_label
+from structsel.plotting.axes import (
+    DOUBT,
+    KEPT,
+    MEASURED,
+    MODELLED,
+    OTHER,
+    draw_cloud,
+    label,
+    new_axes,
+    several,
+    symbol,
+    thin,
+    unit_label,
+)
 from structsel.recording import Recording
 from structsel.selection import Selection, Selections
 from structsel.validation import Score, validate
@@ -42,7 +55,7 @@ def plot_fit(
     -------
     top, bottom : Axes
     """
-    flown = _several(recordings)
+    flown = several(recordings)
     if axes is None:
         import matplotlib.pyplot as plt
 
@@ -103,6 +116,41 @@ def plot_path(selection: Selection, *, ax: Axes | None = None) -> Axes:
         ax.set_xlabel(f"the first {len(shown)} of {len(steps)} moves")
     ax.grid(alpha=0.25, which="both")
     ax.legend(fontsize="small")
+    return ax
+
+
+def plot_criteria(selection: Selection, *, ax: Axes | None = None) -> Axes:
+    """PSE and R2 against the number of terms, the best model the search visited of each size.
+
+    Returns
+    -------
+    Axes
+        PSE on a logarithmic scale; R2 has a scale of its own to the right.
+    """
+    ax = new_axes(ax)
+    ax.set_title(f"{symbol(selection.response)}: how many terms", fontsize="medium")
+    visited = [s for s in selection.trace if s.action != "refuse"]
+    if not visited:
+        ax.text(0.5, 0.5, "every size searched at once:\nno path to show", ha="center", va="center")
+        ax.set_axis_off()
+        return ax
+    best = {s.n_terms: s for s in sorted(visited, key=lambda s: -s.PSE)}
+    sizes = sorted(best)
+    right = ax.twinx()
+    lines = ax.semilogy(sizes, [best[k].PSE for k in sizes], "o-", color=DOUBT, ms=4, lw=1.0, label="PSE")
+    lines += right.plot(sizes, [best[k].R2 for k in sizes], "s-", color=KEPT, ms=4, lw=1.0, label="$R^2$")
+    final = len(selection.terms)
+    lines.append(ax.axvline(final, color=MODELLED, lw=0.8, ls="--", label=f"chosen: {final} terms"))
+    whose = "whitened " if selection.colours else ""
+    ax.set_xlabel("terms beside the constant")
+    ax.set_ylabel(f"PSE over the {whose}response's variance [-]")
+    right.set_ylabel("$R^2$ [-]")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.grid(alpha=0.25)
+    ax.legend(handles=lines, fontsize="small", loc="center right")
     return ax
 
 
@@ -207,22 +255,27 @@ def plot_residual_against(
 ) -> Axes:
     """Residual against a channel, with the mean of each bin; a trend in the means is a term left out.
 
-    Bins hold equal numbers of samples. Bars span two standard errors of the mean, as if samples were
-    independent: neighbours in time are not, so the true ones are wider.
+    Parameters
+    ----------
+    model : AeroModel
+    recordings : Recording or sequence of Recording
+    response : str
+    channel : str
+        Any that the recordings have, in the model or not.
+    bins : int, optional
+        They hold equal numbers of samples.
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+        Bars are 95 % intervals of the means from the spread between recordings, or between stretches of few.
     """
     ax = new_axes(ax)
-    flown = _several(recordings)
+    flown = several(recordings)
     x = np.concatenate([r[channel] for r in flown])
     e = np.concatenate([r[response] - model.evaluate(r, outside="ignore")[response] for r in flown])
-    keep = thin(len(x))
-    ax.plot(x[keep], e[keep], ".", ms=2, color=OTHER, rasterized=True)
-    order = np.argsort(x, kind="stable")
-    parts = [p for p in np.array_split(order, bins) if len(p) > 1]
-    middle = np.array([x[p].mean() for p in parts])
-    mean = np.array([e[p].mean() for p in parts])
-    error = np.array([2.0 * e[p].std(ddof=1) / np.sqrt(len(p)) for p in parts])
-    ax.errorbar(middle, mean, error, fmt="o-", ms=3, lw=1.0, color=MODELLED, label="mean of each bin")
-    ax.axhline(0.0, color=MEASURED, lw=0.8)
+    draw_cloud(ax, x, e, flown, bins)
     ax.set_xlabel(label(channel, flown[0].units))
     ax.set_ylabel(f"residual of {symbol(response)}" + unit_label(response, flown[0].units))
     ax.xaxis.set_major_locator(MaxNLocator(6))
@@ -271,7 +324,3 @@ def draw_selection(selections: Selections, recordings: Sequence[Recording]) -> I
         for spare in places[len(channels) + 1 :]:
             spare.set_axis_off()
         yield f"{stem}_residual", figure
-
-
-def _several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    return [recordings] if isinstance(recordings, Recording) else list(recordings)

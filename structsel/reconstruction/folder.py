@@ -15,6 +15,7 @@ from structsel.errors import DomainError, StructselError
 from structsel.reconstruction.result import Reconstruction
 from structsel.reconstruction.station import reconstruct
 from structsel.recording import Recording
+from structsel.rich_text import to_html
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +84,13 @@ class Reconstructions:
         parts = [str(one) for one in self.done]
         parts += [f"{name}: NOT RECONSTRUCTED\n  {why}" for name, why in self.failed.items()]
         return "\n\n".join(parts)
+
+    def _repr_html_(self) -> str:
+        return to_html(
+            self.to_frame(),
+            f"{len(self)} flight paths",
+            [f"{n}: NOT RECONSTRUCTED. {why}" for n, why in self.failed.items()],
+        )
 
 
 def reconstruct_all(

@@ -14,6 +14,7 @@ from structsel.numerics.reconstructibility import Reconstructibility
 from structsel.reconstruction.consistency import Consistency
 from structsel.reconstruction.lateness import Delay
 from structsel.recording import Finding, Recording
+from structsel.rich_text import opening, to_html
 
 CONSTANTS = {
     **{f"b{c}": (f"bias of {c}", "m/s^2") for c in ("ax", "ay", "az")},
@@ -261,7 +262,7 @@ class Reconstruction:
         )
 
     def _repr_html_(self) -> str:
-        return self.to_frame().to_html(index=False, float_format="{:.4g}".format)
+        return to_html(self.to_frame(), opening(self), (*self.distrust, *self.doubts))
 
 
 _METHODS = {

@@ -21,6 +21,7 @@ from structsel.errors import ChannelError, DataError, StructselWarning
 from structsel.nomenclature import close_names, find_channel, is_known, unit_of
 from structsel.recording import signals
 from structsel.recording.checks import FROM_SAMPLES, GAP, Finding, check_channel, check_recording, require_clock
+from structsel.rich_text import opening, to_html
 
 CARRIED = "carried to the centre of gravity: "
 """Provenance note before the names of channels that are no longer at their instrument's place."""
@@ -399,7 +400,11 @@ class Recording:
         return f"<Recording '{self.name}': {len(self)} samples, {len(self.channels)} channels>"
 
     def _repr_html_(self) -> str:
-        return self.to_frame().describe().T.to_html(float_format="{:.4g}".format)
+        return to_html(
+            [{"channel": name, **facts} for name, facts in self.to_dict()["channels"].items()],
+            opening(self),
+            map(str, self.findings),
+        )
 
 
 def _read_only(values: Any) -> np.ndarray:

@@ -14,6 +14,7 @@ from structsel.errors import ModelError
 from structsel.model import AeroModel
 from structsel.refinement.equation_error import EquationError
 from structsel.refinement.result import Refinement
+from structsel.rich_text import to_html
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +91,9 @@ class Comparison:
             lines.append(line)
         marked = "; * where the truth lies outside" if known else ""
         return "\n".join([*(line.rstrip() for line in lines), f"intervals: {self.level:.0%}{marked}"])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), f"Estimates by method, intervals of {self.level:.0%}")
 
 
 Estimates = Refinement | EquationError | AeroModel | Mapping[str, tuple[float, float]]

@@ -23,6 +23,7 @@ from structsel.refinement.equation_error import equation_error
 from structsel.refinement.layout import check_recordings
 from structsel.refinement.result import Refinement
 from structsel.refinement.station import refine
+from structsel.rich_text import to_html
 
 METHODS = ("equation error", "two-step", "output error", "filter error")
 _TRIM = 1.0  # s at the start of a manoeuvre, whose median is its condition
@@ -97,6 +98,9 @@ class Derivatives:
                 lines.append(f"  {at:>14.4g}" + "".join(f"{cell:>26}" for cell in cells))
         notes = [f"  ! {', '.join(self.recordings[g])}, {method}: {text}" for (g, method), text in self.notes.items()]
         return "\n".join([*lines[1:], f"intervals: {self.level:.0%}", *notes])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), f"Estimates over {self.against}, intervals of {self.level:.0%}")
 
 
 def derivatives_by_condition(

@@ -21,6 +21,7 @@ from structsel.recording import Recording
 from structsel.refinement.flying import LinearFlight
 from structsel.refinement.layout import check_recordings
 from structsel.refinement.linear_structure import LinearStructure
+from structsel.rich_text import opening, to_html
 from structsel.simulation.linear import LinearModel
 
 
@@ -82,6 +83,9 @@ class EquationError:
         lines += [f"  {name:<{wide}}{value:>13.5g} +- {s:.2g}" for name, value, s in
                   zip(self.names, self.values, self.std)]  # fmt: skip
         return "\n".join([*lines, *(f"  {name}: R2 {r2:.4f}" for name, r2 in self.r2.items())])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), opening(self), [f"{name}: R2 {r2:.4f}" for name, r2 in self.r2.items()])
 
 
 def equation_error(

@@ -12,6 +12,7 @@ import pandas as pd
 
 from structsel.numerics.output_error import GlobalSearch
 from structsel.recording import Recording
+from structsel.rich_text import opening, to_html
 
 ALIKE = 0.9  # correlation of two estimates above which they are said to move together
 
@@ -255,7 +256,7 @@ class Refinement:
         return f"<Refinement: {', '.join(self.names)}; {'converged' if self.converged else 'not converged'}>"
 
     def _repr_html_(self) -> str:
-        return self.to_frame().to_html(index=False, float_format="{:.5g}".format)
+        return to_html(self.to_frame(), opening(self), self.doubts)
 
 
 def _remake(plain: dict[str, Any]) -> Refinement:

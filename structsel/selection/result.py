@@ -17,6 +17,7 @@ from structsel.errors import SelectionError
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics.collinearity import Conditioning
 from structsel.numerics.colour import Colour
+from structsel.rich_text import opening, to_html
 from structsel.selection.identifiability import Alias
 from structsel.selection.options import Options
 
@@ -305,6 +306,9 @@ class Selection:
         lines += [f"  ! {doubt}" for doubt in self.doubts]
         return "\n".join(lines)
 
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame().drop(columns="response"), opening(self, 3 if self.biased else 2), self.doubts)
+
 
 @dataclass(frozen=True)
 class Selections(Mapping[str, Selection]):
@@ -315,6 +319,9 @@ class Selections(Mapping[str, Selection]):
     def __post_init__(self) -> None:
         """Make the mapping read-only."""
         object.__setattr__(self, "by_response", MappingProxyType(dict(self.by_response)))
+
+    def __contains__(self, response: object) -> bool:
+        return response in self.by_response
 
     def __getitem__(self, response: str) -> Selection:
         if response not in self.by_response:
@@ -345,4 +352,8 @@ class Selections(Mapping[str, Selection]):
         return "\n\n".join(str(s) for s in self.values())
 
     def _repr_html_(self) -> str:
-        return self.to_frame().to_html(index=False, float_format="{:.5g}".format)
+        return to_html(
+            self.to_frame(),
+            f"Selections of {', '.join(self)}",
+            [f"{r}: {doubt}" for r, one in self.items() for doubt in one.doubts],
+        )

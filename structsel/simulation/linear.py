@@ -24,6 +24,7 @@ from structsel.numerics.linear_systems import (
     simulate_linear,
 )
 from structsel.recording import Recording
+from structsel.rich_text import opening, to_html
 
 Hold = Literal["hold", "linear"]
 
@@ -290,6 +291,9 @@ class LinearModel:
             *(f"  {note}" for note in self.notes),
         ]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), opening(self), self.notes)
 
 
 def _even_step(inputs: Recording) -> float:

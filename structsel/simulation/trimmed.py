@@ -15,6 +15,7 @@ from structsel.errors import ChannelError
 from structsel.nomenclature import unit_of
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.flight_dynamics import STATES
+from structsel.rich_text import opening, to_html
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,3 +115,6 @@ class Trim:
         worst = max(self.unbalance, key=lambda name: abs(self.unbalance[name]))
         lines.append(f"unbalanced at most {abs(self.unbalance[worst]):.2g} in {worst}")
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return to_html([{"name": n, "value": x, "unit": unit_of(n)} for n, x in self.to_dict().items()], opening(self))

@@ -13,6 +13,7 @@ import pandas as pd
 from structsel.candidates import Term
 from structsel.errors import ModelError
 from structsel.model import AeroModel
+from structsel.rich_text import opening, to_html
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,9 @@ class Ensemble:
             shown = "  ".join(f"{v:>11.4g}" if math.isfinite(v) else f"{'-':>11}" for v in values)
             lines.append(f"  {row.response:<8}  {row.term:<{wide}}  {row.count:>5}  {shown}")
         return "\n".join([*lines, "ratio: scatter over manoeuvres / mean estimated standard error."])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), opening(self))
 
 
 def ensemble(models: Sequence[AeroModel]) -> Ensemble:

@@ -13,6 +13,7 @@ import pandas as pd
 
 from structsel.errors import DomainError, ModelError
 from structsel.recording import Recording
+from structsel.rich_text import opening, to_html
 from structsel.validation import metrics
 
 Kind = Literal["windows", "whole"]
@@ -210,6 +211,9 @@ class Replay:
         lines.append(f"in band: within {', '.join(f'{n} {b:.4g}' for n, b in self.bands.items())}")
         lines += [f"  ! {text}" for text in self.partings()]
         return "\n".join([*lines, *(f"  ! {text}" for text in self.doubts)])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), opening(self), (*self.partings(), *self.doubts))
 
 
 def shown(score: ReplayScore) -> tuple[str, str, str, str]:

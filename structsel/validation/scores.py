@@ -14,6 +14,7 @@ from scipy import stats
 from structsel.errors import DataError, DomainError, ModelError
 from structsel.model import AeroModel
 from structsel.recording import Recording
+from structsel.rich_text import opening, to_html
 from structsel.validation import metrics
 
 _FEWEST = 10
@@ -150,6 +151,9 @@ class Validation:
             *(f"Doubt: {doubt}" for doubt in self.doubts),
         ]
         return "\n".join([head, *lines, *notes])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.to_frame(), opening(self), self.doubts)
 
 
 def validate(

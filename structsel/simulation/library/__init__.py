@@ -11,6 +11,7 @@ from structsel.errors import ModelError
 from structsel.model import AeroModel
 from structsel.nomenclature import suggest
 from structsel.recording import Recording
+from structsel.rich_text import opening, to_html
 from structsel.simulation.air import Air
 from structsel.simulation.library.beaver import POWER, SLIPSTREAM, beaver_aircraft, beaver_model
 from structsel.simulation.library.jets import (
@@ -109,6 +110,9 @@ class ReadyAircraft:
         lines += [f"{name} = {text}" for name, text in self.definitions.items()]
         lines += [f"usual {name} = {value:g}" for name, value in {**self.condition, **self.controls}.items()]
         return "\n".join([*lines, *self.notes])
+
+    def _repr_html_(self) -> str:
+        return to_html([], opening(self), str(self).splitlines()[1:])
 
 
 def _beaver() -> ReadyAircraft:

@@ -1,0 +1,80 @@
+"""The widget of explore_residuals(); the only importer of ipywidgets."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import ipywidgets
+import numpy as np
+
+from structsel.candidates import Candidates
+from structsel.exploring.additions import try_additions
+from structsel.model import AeroModel
+from structsel.plotting import draw_addition
+from structsel.recording import Recording
+from structsel.rich_text import to_html
+
+_DPI = 90
+
+
+class ResidualExplorer(ipywidgets.VBox):
+    """Three choices, a figure, and what the term chosen would do; see `explore_residuals`.
+
+    Attributes
+    ----------
+    response, channel, term : ipywidgets.Dropdown
+        What is looked at: set their ``value`` to do so from code.
+    figure : ipywidgets.Image
+    effect : ipywidgets.HTML
+    additions : structsel.exploring.Additions
+        Numbers of all candidates for the response chosen.
+    """
+
+    def __init__(self, model: AeroModel, recordings: Sequence[Recording], candidates: Candidates):
+        self._model, self._recordings, self._candidates = model, list(recordings), candidates
+        self.response = ipywidgets.Dropdown(options=list(model), description="response")
+        self.channel = ipywidgets.Dropdown(options=_moving(self._recordings), description="against")
+        self.term = ipywidgets.Dropdown(description="adding")
+        self.figure = ipywidgets.Image(format="png")
+        self.effect = ipywidgets.HTML()
+        self._offer()
+        first = [name for name in self.additions.terms[0].channels if name in self.channel.options]
+        self.channel.value = next(iter(first), self.channel.value)
+        super().__init__([ipywidgets.HBox([self.response, self.channel, self.term]), self.figure, self.effect])
+        self._show()
+        self.response.observe(self._change_response, "value")
+        for choice in (self.channel, self.term):
+            choice.observe(self._show, "value")
+
+    def _offer(self) -> None:
+        """Try the candidates on the response chosen, and offer them best first."""
+        self.additions = try_additions(self._model, self._recordings, self.response.value, self._candidates)
+        self.term.options = [str(term) for term in self.additions.terms]
+        self.term.value = self.term.options[0]
+
+    def _change_response(self, _: Any) -> None:
+        self.term.unobserve(self._show, "value")  # or each step of the change would be drawn
+        self._offer()
+        self.term.observe(self._show, "value")
+        self._show()
+
+    def _show(self, _: Any = None) -> None:
+        response, channel, term = self.response.value, self.channel.value, self.term.value
+        drawn = io.BytesIO()
+        draw_addition(self._model, self._recordings, response, channel, term).savefig(drawn, format="png", dpi=_DPI)
+        self.figure.value = drawn.getvalue()
+        rows = self.additions.to_frame()
+        self.effect.value = to_html(
+            rows[rows["term"].isin(["(as it is)", term])],
+            f"{response}: adding {term}",
+            ["Held out are whole recordings in turn, or stretches of one: the R2 that counts."],
+        )
+
+
+def _moving(recordings: Sequence[Recording]) -> list[str]:
+    """Channels of every recording that move in some, finite throughout."""
+    shared = [name for name in recordings[0].names if all(name in one for one in recordings)]
+    finite = [name for name in shared if all(np.isfinite(one[name]).all() for one in recordings)]
+    return [name for name in finite if any(np.ptp(one[name]) > 0.0 for one in recordings)]

@@ -1,0 +1,108 @@
+"""Means over bins of a signal, with intervals that allow for neighbours in time being alike. Arrays only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from structsel.errors import DomainError
+from structsel.numerics.smoothing.result import Array
+
+_FEWEST = 3  # stretches in a bin, for an interval; of two, Student's t makes one that says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class BinMeans:
+    """Means of one signal over bins of another, bins in ascending order.
+
+    Attributes
+    ----------
+    at : (m,) array
+        Mean of x in each bin.
+    means : (m,) array
+        Mean of y.
+    half : (m,) array
+        Half of the interval of the mean; nan where fewer than three stretches fill the bin.
+    counts : (m,) array of int
+        Samples.
+    """
+
+    at: Array
+    means: Array
+    half: Array
+    counts: np.ndarray
+
+
+def split_into_stretches(lengths: ArrayLike, least: int = 20) -> np.ndarray:
+    """Number the stretches that recordings end to end are cut into, as many in all as `least`, or one for each.
+
+    Parameters
+    ----------
+    lengths : (k,) array of int
+        Samples of each recording.
+    least : int
+
+    Returns
+    -------
+    (n,) array of int
+        For each sample the number of its stretch.
+    """
+    lengths = np.asarray(lengths, dtype=int)
+    each = -(-least // len(lengths))
+    parts = [i * each + np.arange(n) * each // n for i, n in enumerate(lengths)]
+    return np.concatenate(parts)
+
+
+def bin_means(x: ArrayLike, y: ArrayLike, stretch: ArrayLike, bins: int = 15, level: float = 0.95) -> BinMeans:
+    """Mean of y over bins of x that hold equal numbers of samples.
+
+    Samples of one stretch are alike, so that a bin of a thousand is not known as a thousand draws would be. The
+    interval comes from the spread between stretches: with c_s samples of stretch s in a bin, and S_s the sum of
+    their departures from the bin's mean, over m stretches::
+
+        variance of the mean = m / (m - 1) sum_s S_s^2 / (sum_s c_s)^2
+
+    and Student's t with m - 1 degrees of freedom.
+
+    Parameters
+    ----------
+    x, y : (n,) array
+    stretch : (n,) array of int
+        Which stretch each sample is of, from zero; see `split_into_stretches`.
+    bins : int
+        At least 1; there are fewer where samples are few.
+    level : float
+        Of the interval.
+
+    Returns
+    -------
+    BinMeans
+
+    Raises
+    ------
+    DomainError
+        No samples, lengths that differ, or no bins.
+    """
+    x, y, stretch = np.asarray(x, dtype=float), np.asarray(y, dtype=float), np.asarray(stretch, dtype=int)
+    if not len(x) or not x.shape == y.shape == stretch.shape or x.ndim != 1:
+        raise DomainError(f"bin_means takes three vectors of one length, not {x.shape}, {y.shape}, {stretch.shape}.")
+    if bins < 1:
+        raise DomainError(f"bin_means needs at least one bin, not {bins}.")
+    bins = min(bins, max(len(x) // 2, 1))
+    cell = np.empty(len(x), dtype=int)
+    cell[np.argsort(x, kind="stable")] = np.arange(len(x)) * bins // len(x)
+    counts = np.bincount(cell, minlength=bins)
+    means = np.bincount(cell, y) / counts
+    owners = int(stretch.max()) + 1
+    both = cell * owners + stretch
+    held = np.bincount(both, minlength=bins * owners).reshape(bins, owners) > 0
+    off = np.bincount(both, y - means[cell], minlength=bins * owners).reshape(bins, owners)
+    m = held.sum(axis=1)
+    several = m >= _FEWEST
+    half = np.full(bins, np.nan)
+    spread = np.sqrt(m[several] / (m[several] - 1.0) * (off[several] ** 2).sum(axis=1)) / counts[several]
+    half[several] = stats.t.ppf(0.5 + level / 2.0, m[several] - 1) * spread
+    return BinMeans(np.bincount(cell, x) / counts, means, half, counts)

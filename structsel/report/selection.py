@@ -1,0 +1,208 @@
+"""A selection as a page: the terms that belong in the model, how sure they are, and why they are there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from structsel.diagnosis.story import displayed
+from structsel.nomenclature import unit_of
+from structsel.recording import Recording
+from structsel.report.charts import Flight, chart, chart_data, moving
+from structsel.report.sheet import (
+    Bar,
+    Section,
+    Sheet,
+    Table,
+    columns,
+    conversions,
+    interval_bar,
+    list_sources,
+    merge_remarks,
+)
+from structsel.report.words import counted, explained, figure, fixed, listed, percent
+from structsel.selection import Selection, Selections
+from structsel.validation import Validation
+
+_ALSO = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr", "df", "mach", "h")
+_MOST_CHANNELS = 16
+_RUNNERS_UP, _LEAST_SHARE = 6, 0.05
+_POOR = 0.5
+_LEGEND = (
+    "Standard errors and intervals hold the structure's own uncertainty where it was resampled. F: partial F of the "
+    "term in the model. Kept: share of the resampled selections that kept the term. VIF: variance inflation. PSE: "
+    "predicted squared error, a share of the response's mean square about its mean. Left out: predicting, in turn, "
+    "manoeuvres (parts of a single one) left out of the selection. Values are in SI and radians."
+)
+
+
+def sheet_of(
+    found: Selections, recordings: Sequence[Recording], judged: Validation | None, reasons: Sequence[str]
+) -> Sheet:
+    """The page of a selection; `recordings` are those it was made from and those that judge it."""
+    each = list(found.values())
+    held = [] if judged is None else list(dict.fromkeys(score.recording for score in judged.scores))
+    doubts = merge_remarks((s.response, text) for s in each for text in s.doubts)
+    if judged is not None:
+        doubts += merge_remarks(("held out", text) for text in judged.doubts)
+    headline, told = _headline(each)
+    biased = [s.response for s in each if s.biased]
+    warned = [f"Biased on purpose: {listed(biased)} by {each[0].estimated}."] if biased else []
+    charts = [_path(s, f"path-{k}") for k, s in enumerate(each) if s.trace]
+    sections = [_section(s, f"path-{k}") for k, s in enumerate(each)]
+    if judged is not None:
+        sections.append(_judgement(judged))
+    return Sheet(
+        verdict=counted(len(doubts), "doubt") if doubts else "no doubts",
+        tone="doubt" if doubts or biased else "good",
+        headline=headline,
+        lead=(told,),
+        about=_about(each, held),
+        reasons=(*reasons, *warned),
+        sections=tuple(sections),
+        doubts=doubts,
+        notes=(),
+        done=_done(each[0]),
+        sources=list_sources(recordings, each[0].recordings, held),
+        history=conversions(recordings),
+        data=_figures(found, recordings, charts),
+        legend=_LEGEND,
+    )
+
+
+def _headline(each: Sequence[Selection]) -> tuple[str, str]:
+    if len(each) == 1:
+        s = each[0]
+        terms = listed(map(str, s.terms)) if s.terms else "none but the constant"
+        told = f"Together they explain {explained(s.r2)} of its variance"
+        left = f", and {explained(s.held_out_r2)} in what was left out of the selection"
+        return (
+            f"The model of {s.response} needs {len(s.terms)} of {counted(len(s.pool), 'candidate term')}: {terms}.",
+            told + (left if math.isfinite(s.held_out_r2) else "") + ".",
+        )
+    kept = listed([f"{s.response} needs {len(s.terms)}" for s in each], len(each))
+    worst, best = (f(each, key=lambda s: s.r2) for f in (min, max))
+    return (
+        f"Of {counted(len(each[0].pool), 'candidate term')}, {kept}.",
+        f"They explain from {explained(worst.r2)} of the variance ({worst.response}) to {explained(best.r2)} "
+        f"({best.response}).",
+    )
+
+
+def _about(each: Sequence[Selection], held: Sequence[str]) -> str:
+    judges = f"; {listed(held)} held out to judge" if held else ""
+    return f"From {counted(len(each[0].recordings), 'recording')}, {each[0].n} samples{judges}."
+
+
+def _section(s: Selection, name: str) -> Section:
+    resampled = bool(s.inclusion)
+    head = columns(
+        term="name", value="number", std_error="number", **{"95 % interval": "bar"}, F="number",
+        **({"kept": "number"} if resampled else {}), VIF="number",
+    )  # fmt: skip
+    rows = []
+    for row in s.to_frame().to_dict("records"):
+        bar = interval_bar(row["term"], row["value"], row["low95"], row["high95"])
+        mine = [row["term"], figure(row["value"]), figure(row["std_error"], 2), bar, figure(row["partial_F"], 3)]
+        rows.append((*mine, *([percent(row["inclusion"])] if resampled else []), figure(row["vif"], 2)))
+    note = (
+        "Bars are relative to each value. The line in them is zero: an interval across it (red) is a term that may not "
+        "be there."
+    )
+    tables = [Table(head, tuple(rows), "Terms", note)]
+    if resampled and (near := _runners_up(s)):
+        tables.append(near)
+    if len(s.held_out) > 1:
+        parts = tuple((p.name, str(p.n), fixed(p.r2), figure(p.rms, 3)) for p in s.held_out)
+        heads = columns(predicted="name", samples="number", **{"R²": "number"}, rms_error="number")
+        tables.append(Table(heads, parts, "Each part by a model selected without it"))
+    chips = (f"{len(s.terms)} of {len(s.pool)} candidates", s.residual_description)
+    fit = f"R² {fixed(s.r2)}, adjusted {fixed(s.adjusted_r2)}, rms error {figure(s.rms, 3)}"
+    if math.isfinite(s.held_out_r2):
+        fit += (
+            f"; in what was left out of the selection R² {fixed(s.held_out_r2)}, rms error {figure(s.held_out_rms, 3)}"
+        )
+    warnings = (f"{counted(len(s.doubts), 'doubt')} about {s.response}, below.",) if s.doubts else ()
+    return Section(s.response, chips, warnings, (f"{fit}.",), tuple(tables), (name,) if s.trace else ())
+
+
+def _runners_up(s: Selection) -> Table | None:
+    """Candidates not kept that resampled selections kept, most often first."""
+    kept = set(map(str, s.terms))
+    near = sorted(((x, n) for n, x in s.inclusion.items() if n not in kept and x >= _LEAST_SHARE), reverse=True)
+    if not near:
+        return None
+    rows = tuple(
+        (
+            n,
+            percent(x),
+            Bar(0.0, round(100.0 * x, 1), f"{n} kept in {percent(x)}", "refitted" if x > _POOR else "other"),
+        )
+        for x, n in near[:_RUNNERS_UP]
+    )
+    heads = columns(term="name", kept="number", share="bar")
+    return Table(heads, rows, "Not in the model, but in that of resampled recordings")
+
+
+def _path(s: Selection, name: str) -> dict[str, Any]:
+    """The search: what each move left unexplained, and what it would cost to predict."""
+    moves = [f"{k}. {m.action} {m.term}" + (f" for {m.other}" if m.other else "") for k, m in enumerate(s.trace, 1)]
+    lines = [
+        ("unexplained, 1 − R²", "measured", [1.0 - m.R2 for m in s.trace]),
+        ("PSE", "physics", [m.PSE for m in s.trace]),
+    ]
+    says = f"The search for {s.response}: share left unexplained and PSE after each of {counted(len(moves), 'move')}."
+    return chart(name, range(1, len(moves) + 1), lines, x_label="move of the search", y_label="share of the variance",
+                 says=f"{says} It ended: {s.stopped}", log=True, labels=moves)  # fmt: skip
+
+
+def _judgement(judged: Validation) -> Section:
+    rows = []
+    for pooled in judged.pooled:
+        mine = [s for s in judged.scores if s.response == pooled.response]
+        for s in mine if len(mine) == 1 else [*mine, pooled]:
+            residual = "white" if s.white else "coloured" if math.isfinite(s.ljung_box_p) else "-"
+            rows.append((s.response, s.recording, str(s.n), *(fixed(x) for x in (s.r2, s.rrmse, s.tic)), residual))
+    heads = columns(response="name", recording="word", samples="number", **{"R²": "number"}, RRMSE="number",
+                    TIC="number", residual="word")  # fmt: skip
+    note = "RRMSE: rms error over that of the measured response. TIC: Theil's coefficient, 0 perfect, 1 useless."
+    return Section("On recordings held out", text=("These were never selected from.",),
+                   tables=(Table(heads, tuple(rows), "", note),))  # fmt: skip
+
+
+def _done(s: Selection) -> tuple[str, ...]:
+    o = s.options
+    words = {
+        "stepwise": f"Modified stepwise regression, partial F to enter {o.F_in}"
+        + ("" if o.F_out is None else f", to stay {o.F_out:g}"),
+        "orthogonal": "Orthogonal functions, ranked",
+        "best_subset": "The best subset of all",
+    }[o.method]
+    rule = f", the model chosen by {o.criterion}" if o.criterion else ""
+    again = f"Selected again on {o.bootstrap} resampled sets (seed {o.seed})." if o.bootstrap else "Not resampled."
+    offered = listed([str(t) for t in s.pool], 40)
+    return f"{words}{rule}; {s.residual_description}; values by {s.estimated}. {again}", f"Candidates: {offered}."
+
+
+def _figures(found: Selections, recordings: Sequence[Recording], charts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    flights: dict[str, Flight] = {}
+    shown = [r for r in recordings if all(response in r for response in found)]
+    held: list[dict[str, Any]] = [dict(r.channels) for r in shown]
+    pool = [c for s in found.values() for c in _used_first(s)]
+    wanted = [c for c in dict.fromkeys((*pool, *_ALSO)) if c not in found]
+    channels = [c for c in wanted if moving(c, held)][:_MOST_CHANNELS]
+    for r in shown:
+        modelled = found.model.evaluate(r, outside="ignore")
+        each = {name: {"measured": r[name], "physics": np.asarray(modelled[name])} for name in found}
+        flights[r.name] = Flight(r.t, each, {c: r[c] for c in channels})
+    own = shown[0].units if shown else {}
+    units = {name: displayed(unit_of(name, own)) for name in (*found, *channels)}
+    return chart_data(flights, {"physics": "model"}, units, verb="modelled", charts=charts)
+
+
+def _used_first(s: Selection) -> list[str]:
+    used = {c for term in s.terms for c in term.channels}
+    return sorted(s.pool.channels, key=lambda c: (c not in used, c))

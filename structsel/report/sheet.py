@@ -1,0 +1,202 @@
+"""What a page of results is made of: sections of tables, doubts, and what was done with which data."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from structsel.recording import Recording
+from structsel.report.words import counted, figure, listed
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A stretch of a track, in percent of its length.
+
+    Attributes
+    ----------
+    low, high : float
+    says : str
+        For those who do not see it.
+    ink : str
+    zero : float or None
+        Where zero is.
+    """
+
+    low: float
+    high: float
+    says: str
+    ink: str = "physics"
+    zero: float | None = None
+
+
+@dataclass(frozen=True)
+class Column:
+    """Head of a column, and what stands in it; a word does not wrap, a text does."""
+
+    name: str
+    kind: Literal["name", "word", "text", "number", "bar"] = "number"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of strings, and of bars (or None) where the column says so."""
+
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[str | Bar | None, ...], ...]
+    caption: str = ""
+    note: str = ""
+
+    @property
+    def slim(self) -> bool:
+        """Whether it need not be as wide as the page."""
+        return all(column.kind != "bar" for column in self.columns)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page: its title, sentences, tables, and figures by their name."""
+
+    title: str
+    chips: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    text: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    charts: tuple[str, ...] = ()
+    folded: bool = False
+
+
+@dataclass(frozen=True)
+class Remark:
+    """What is said about something."""
+
+    about: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A page.
+
+    Attributes
+    ----------
+    verdict, tone : str
+        In a word, and whether it is good, bad or a doubt.
+    headline, about : str
+        The finding as a person would say it, and what it rests on.
+    lead : tuple of str
+        What else a person would say at once.
+    reasons : tuple of str
+        Why not to believe it; said first.
+    sections : tuple of Section
+    doubts, notes : tuple of Remark
+    done : tuple of str
+        What was done.
+    sources : Table
+        With which data.
+    history : tuple of Remark
+        What was done to these before.
+    data : dict
+        Of the figures.
+    legend : str
+    """
+
+    verdict: str
+    tone: Literal["good", "bad", "doubt"]
+    headline: str
+    lead: tuple[str, ...]
+    about: str
+    reasons: tuple[str, ...]
+    sections: tuple[Section, ...]
+    doubts: tuple[Remark, ...]
+    notes: tuple[Remark, ...]
+    done: tuple[str, ...]
+    sources: Table
+    history: tuple[Remark, ...]
+    data: dict[str, Any]
+    legend: str = ""
+
+
+def columns(**kinds: str) -> tuple[Column, ...]:
+    """Columns by name; underscores stand for blanks."""
+    return tuple(Column(name.replace("_", " "), kind) for name, kind in kinds.items())  # type: ignore[arg-type]
+
+
+def interval_bar(name: str, value: float, low: float, high: float) -> Bar | None:
+    """An interval about a value, relative to it: zero stands at a quarter of the track, the value at a half."""
+    if not value or not (abs(low) < float("inf") and abs(high) < float("inf")):
+        return None
+    ends = sorted((low / value, high / value))
+    a, b = (round(min(100.0, max(0.0, 25.0 + 25.0 * x)), 1) for x in ends)
+    ink = "physics" if ends[0] > 0.0 else "delivered"
+    says = f"95 % interval of {name}: {figure(low)} to {figure(high)}"
+    # A sure value has an interval too narrow to be seen.
+    return Bar(min(a, 99.0), max(b, min(a, 99.0) + 1.0), says, ink, 25.0)
+
+
+def merge_remarks(said: Iterable[tuple[str, str]]) -> tuple[Remark, ...]:
+    """Remarks from pairs of what they are about and what they say; alike ones together."""
+    about: dict[str, list[str]] = {}
+    for name, text in said:
+        names = about.setdefault(text, [])
+        if name and name not in names:
+            names.append(name)
+    return tuple(Remark(listed(names), text) for text, names in about.items())
+
+
+def list_sources(recordings: Sequence[Recording], names: Sequence[str] = (), held_out: Sequence[str] = ()) -> Table:
+    """Recordings with their files, samples and span.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    names : sequence of str
+        Of recordings that went in, where they are not at hand.
+    held_out : sequence of str
+        Of them, those that only judge.
+    """
+    if not recordings:
+        head = columns(recording="name")
+        return Table(head, tuple((name,) for name in names), "The data")
+    cached: dict[Path, str] = {}
+    rows = []
+    for one in recordings:
+        path = _file_of(one)
+        if path is not None and path not in cached:
+            cached[path] = _digest(path)
+        origin = "-" if path is None else path.name
+        use = "judges" if one.name in held_out else "used"
+        span = f"{figure(float(one.t[0]))} to {figure(float(one.t[-1]))} s"
+        rows.append((one.name, use, origin, cached.get(path, "-") if path else "-", str(len(one)), span,
+                     f"{figure(one.dt, 3)} s"))  # fmt: skip
+    head = columns(
+        recording="name", use="word", file="word", SHA_256="word", samples="number", span="number", every="number"
+    )
+    note = f"{counted(len(rows), 'recording')}, {sum(len(r) for r in recordings)} samples."
+    return Table(head, tuple(rows), "The data", note)
+
+
+def conversions(recordings: Iterable[Recording]) -> tuple[Remark, ...]:
+    """What was done to the recordings before, from their provenance; alike lines together."""
+    return merge_remarks((one.name, note) for one in recordings for note in one.provenance if not _ORIGIN.match(note))
+
+
+_ORIGIN = re.compile(r"read from '(.*?)'(?: through '.*')?$")
+
+
+def _file_of(recording: Recording) -> Path | None:
+    found = [m for note in recording.provenance if (m := _ORIGIN.match(note))]
+    return Path(found[-1][1]) if found else None
+
+
+def _digest(path: Path) -> str:
+    """First digits of a file's hash; a dash where it is no longer there."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()[:16]
+    except OSError:
+        return "-"
