@@ -57,7 +57,7 @@ def test_the_corrected_model_can_be_asked_along_the_flights(ground):
     told = np.concatenate([found.model["CZ"].evaluate(r) for r in flown])
     simulated = np.concatenate([case.simulated[r.name]["CZ"] for r in flown])
     # A stand-in by few terms of the (noisy) states: near the simulation, not equal to it.
-    assert np.std(told - simulated) < 0.1 * np.std(simulated)
+    assert np.std(told - simulated) < 0.15 * np.std(simulated)
 
 
 def test_recordings_held_out_by_name_judge_alone(ground):

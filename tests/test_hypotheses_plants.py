@@ -43,7 +43,7 @@ def linear_fit(u, y, samples=None):
 def ranking(flights):
     """Explained share of each effect, best first."""
     tried = [*plants.HYPOTHESES, one_of(ACTUATORS, "actuator-lag")]
-    found = {h.effect: best(flights, h) for h in tried}
+    found = {h.effect: best(flights, h) for h in tried if h.variants(flights)}
     return sorted(found, key=lambda e: -found[e].explained), found
 
 

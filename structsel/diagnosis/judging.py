@@ -38,6 +38,12 @@ def _left_out(bench: Bench) -> Iterator[tuple[Rows, Array]]:
             yield bench.rows[m], bench.base.y[m] - bench.base.B[m] @ bench.base.solved[g + 1]
 
 
+def _left_in(bench: Bench) -> Iterator[tuple[Rows, Array]]:
+    """Each flight, and its white rows less what all flights together say of them."""
+    for r, y, B in zip(bench.rows, bench.base.y, bench.base.B):
+        yield r, y - B @ bench.base.posterior.mean
+
+
 def _spectra(bench: Bench, m: int, signals: Mapping[str, Array]) -> dict[str, Array]:
     r = bench.rows[m]
     return {c: spectrum(signals[c], r.bins, edge_of(r.flight))[1:] for c in bench.responses}
@@ -48,14 +54,23 @@ def rms(parts: Residuals, response: str) -> float:
     return float(np.sqrt(sum(float(p[response] @ p[response]) for p in parts) / sum(len(p[response]) for p in parts)))
 
 
-def excess(bench: Bench) -> dict[str, float]:
-    """Mean square of what is left of each response on the flights held out, in units of the noise; 1 is noise alone."""
+def excess(bench: Bench, foretold: bool = True) -> dict[str, float]:
+    """Mean square of what is left of each response, in units of the noise; 1 is noise alone.
+
+    Parameters
+    ----------
+    bench : Bench
+    foretold : bool
+        On the flights held out, as the others foretell it, without the level, which constant biases move; else on all
+        flights, with the parameters of all and the level.
+    """
+    left_of, first = (_left_out(bench), 1) if foretold else (_left_in(bench), 0)
     total = dict.fromkeys(bench.responses, 0.0)
     rows = 0
-    for r, left in _left_out(bench):
-        rows += r.bins
+    for r, left in left_of:
+        rows += r.size - first
         for c in bench.responses:
-            total[c] += float(np.sum(left[r.part(c)][1:] ** 2))
+            total[c] += float(np.sum(left[r.part(c)][first:] ** 2))
     return {c: x / rows for c, x in total.items()}
 
 

@@ -20,15 +20,17 @@ TEMPERATURE = 4.0
 """By which log evidence is divided: rows are white only as far as the noise is known."""
 _NOTHING = 12.0
 """Nats on other flights that misfits of the rows bring by themselves."""
-_PULLED = 8.0
-"""Nats by which tolerances need be pulled less, for an effect that one of them may imitate: 4 standard deviations."""
-_MATERIAL = (0.05, 0.08)  # share by which the rms of some response must fall on other flights, beyond a refit; later
-_DELIVERED = 0.10  # the same, beyond the simulation as delivered; of the first effect
-_ROUGH = 4.0  # times as much of both, and of the nats, where gusts move states that the simulation was not told of
+_WIDER = 0.5  # of that, for each further parameter: the more an effect may do, the more misfits it fits
+_IMITATED = 5.0
+"""Nats on all flights, tolerances free to imitate the effect, that each of its parameters must bring."""
+_TAKES, _TAKES_ROUGH = 0.35, 0.5
+"""Share of a response's misfit beyond the noise, simulation as delivered, that an effect must take; in rough air."""
+_LOWERS, _LOWERS_ROUGH = 0.05, 0.15
+"""Share by which the rms of some coefficient must fall on flights not used for it."""
+_SLIGHT = 0.2  # of the noise's power: a misfit that is no larger is not told from the noise's own scatter
 _EVENT = 0.5  # of its evidence that an effect of one flight may count, which no other flight can foretell
 _TRIED = 24
-_EXCESS = 2.0  # mean square in units of the noise, from which a misfit is plain whatever its share of the error
-_OF_EXCESS = 0.4  # of what is beyond the noise, that an effect must then take
+_RIVALS = 4  # behind the best, that are judged as it was
 OF_BEST = 0.02
 """Of the best's nats, that the form of any effect may miss by."""
 _OF_FIRST = 0.03  # of the first effect's nats: a form that is nearly right leaves about that much of itself
@@ -117,7 +119,7 @@ def rank(bench: Bench, library: Library, rough: bool = False, progress: Progress
         scores = sorted(score_all(bench, library), key=rank_of, reverse=True)
         floor = _OF_FIRST * max(steps[0].ranks.values()) if steps else 0.0
         tried = [s for s in scores if rank_of(s) >= floor or not steps]
-        step = _take_best(bench, library, tried, refused, _ROUGH if rough else 1.0)
+        step = _take_best(bench, library, tried, refused, rough)
         if step is None:
             break
         steps.append(step)
@@ -127,61 +129,82 @@ def rank(bench: Bench, library: Library, rough: bool = False, progress: Progress
 
 
 def _take_best(
-    bench: Bench, library: Library, scores: Sequence[Score], refused: list[tuple[str, str]], strict: float
+    bench: Bench, library: Library, scores: Sequence[Score], refused: list[tuple[str, str]], rough: bool
 ) -> Step | None:
     """The best hypothesis that holds on other flights and matters; None where there is none.
 
-    An effect that a tolerance can imitate brings little beyond a refit, however large it is. So an effect matters if it
-    lowers the error either beyond a refit, or beyond the simulation as delivered while sparing the tolerances.
+    An effect that a tolerance can imitate brings little beyond a refit, however large it is. So what it takes is judged
+    by the simulation as delivered: with tolerances held at zero.
     """
-    able = sorted((s for s in scores if worth(s) > strict - 1.0), key=lambda s: -max(rank_of(s), _pulled(s)))
-    if not able:
-        return None
-    delivered = bench.as_delivered()
-    later = min(len(bench.accepted), 1)  # beside another effect, what only spares the tolerances is not trusted
-    before, before_delivered = judging.held_out(bench), judging.held_out(delivered)
-    told = [c for c in bench.responses if c in COEFFICIENTS] or list(bench.responses)
-    small: set[str] = set()
-    plain = judging.excess(bench)
-    for one in able[:_TRIED]:
-        beside = bench.beside(one.signature)
-        gained = judging.gains(before, judging.held_out(beside), told)
-        in_all = judging.gains(before_delivered, judging.held_out(delivered.beside(one.signature)), told)
-        beyond = max(gained.values(), default=0.0)
-        small_beyond = beyond < strict * _MATERIAL[later]
-        small_in_all = bool(later) or max(in_all.values(), default=0.0) < strict * _DELIVERED
-        if small_beyond and small_in_all and not _takes_excess(plain, judging.excess(beside), told):
-            refused.append((one.effect, f"{rank_of(one):.0f} nats, but {beyond:.1%} of the error only"))
-            small.add(one.effect)
+    able = sorted((s for s in scores if worth(s) > 0.0), key=nats, reverse=True)
+    if bench.accepted:  # beside another effect, what only spares the tolerances is not trusted
+        able = [s for s in able if rank_of(s) > _NOTHING]
+    judge = _Judge(bench, rough)
+    failed: set[str] = set()
+    for i, one in enumerate(able[:_TRIED]):
+        if reason := judge.against(one):
+            refused.append((one.effect, f"{nats(one):.0f} nats, but {reason}"))
+            failed.add(one.effect)
             continue
+        failed |= {s.effect for s in able[i + 1 : i + 1 + _RIVALS] if judge.against(s)}
         new = bench.taking([*bench.accepted, one.signature], library.signatures)
-        ranks = {s.effect: max(rank_of(s), _pulled(s)) for s in scores}
-        chances = {s.effect: ranks[s.effect] for s in able if s.effect not in small}
-        return Step(one, probabilities(chances), ranks, new, in_all, tuple(scores[:12]))
+        ranks = {s.effect: nats(s) for s in scores}
+        chances = {s.effect: ranks[s.effect] for s in able if s.effect not in failed}
+        return Step(one, probabilities(chances), ranks, new, judge.lowers(one), tuple(scores[:12]))
     return None
+
+
+def nats(score: Score) -> float:
+    """What a hypothesis brings: on other flights, or on all of them where tolerances imitate it."""
+    return rank_of(score) if score.hypothesis.event else max(rank_of(score), score.log_evidence)
 
 
 def worth(score: Score) -> float:
     """Whether a hypothesis brings more than misfits do by themselves: above zero where it does."""
-    return max(rank_of(score) / _NOTHING, _pulled(score) / _PULLED) - 1.0
+    width = score.signature.width
+    ahead = rank_of(score) / (_NOTHING * (1.0 + _WIDER * (width - 1)))
+    return (ahead if score.hypothesis.event else max(ahead, score.log_evidence / (_IMITATED * width))) - 1.0
 
 
-def _takes_excess(before: Mapping[str, float], after: Mapping[str, float], told: Sequence[str]) -> bool:
-    """Whether most of a plain misfit goes, though noise elsewhere in the band hides it in the error."""
-    return any(before[c] > _EXCESS and before[c] - after[c] > _OF_EXCESS * (before[c] - 1.0) for c in told)
+class _Judge:
+    """Whether what an effect takes of the misfits is what something left out would take.
 
+    Forms that are not quite right, air that is not quite still and stand-ins that are not the simulation leave misfits
+    in which any flexible effect finds something to explain. What was left out explains most of it somewhere.
+    """
 
-def _pulled(score: Score) -> float:
-    """Nats that a hypothesis spares the tolerances (and the fit), one for each further parameter taken off."""
-    if float(score.predictive.sum()) < -_PULLED:
-        return 0.0
-    return score.trial.gain - (score.signature.width - 1.0) + min(0.0, score.within)
+    def __init__(self, bench: Bench, rough: bool):
+        delivered = bench.as_delivered()
+        self._benches = (delivered, bench) if bench.accepted else (delivered,)
+        self._takes, self._lowers = (_TAKES_ROUGH, _LOWERS_ROUGH) if rough else (_TAKES, _LOWERS)
+        self._before = {f: [judging.excess(b, f) for b in self._benches] for f in (True, False)}
+        self._told = [c for c in bench.responses if c in COEFFICIENTS] or list(bench.responses)
+        self._left = judging.held_out(delivered)
+
+    def against(self, score: Score) -> str:
+        """What speaks against an effect; empty where nothing does."""
+        # No other flight can foretell an event of one.
+        foretold = not score.hypothesis.event
+        for bench, before in zip(self._benches, self._before[foretold]):
+            after = judging.excess(bench.beside(score.signature), foretold)
+            takes = max((x - after[c]) / (x - 1.0 + _SLIGHT) if x > 1.0 else 0.0 for c, x in before.items())
+            if takes < self._takes:
+                return f"it takes {max(takes, 0.0):.0%} of the misfit only"
+        lowers = max(self.lowers(score).values(), default=0.0)
+        if foretold and lowers < self._lowers:
+            return f"it lowers the error by {max(lowers, 0.0):.1%} only"
+        return ""
+
+    def lowers(self, score: Score) -> dict[str, float]:
+        """Share by which the rms of each coefficient falls, simulation as delivered."""
+        beside = self._benches[0].beside(score.signature)
+        return judging.gains(self._left, judging.held_out(beside), self._told)
 
 
 def probabilities(ranks: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
     """Probability of each effect in question, and of nothing, likeliest first."""
-    nats = {**ranks, "nothing": _PULLED}
+    each = {**ranks, "nothing": _IMITATED}
     # No form is quite right; with many nats, how nearly right it is decides more than noise does.
-    values = np.array(list(nats.values())) / max(TEMPERATURE, OF_BEST * max(nats.values()))
+    values = np.array(list(each.values())) / max(TEMPERATURE, OF_BEST * max(each.values()))
     p = np.exp(values - logsumexp(values))
-    return tuple(sorted(zip(nats, map(float, p)), key=lambda item: -item[1]))
+    return tuple(sorted(zip(each, map(float, p)), key=lambda item: -item[1]))

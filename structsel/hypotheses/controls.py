@@ -23,7 +23,6 @@ from structsel.hypotheses.signals import (
     moves,
     reach,
     scaled_slopes,
-    signature,
 )
 from structsel.mismatch.flight import Flight
 from structsel.numerics.smoothing.result import Array
@@ -35,10 +34,6 @@ _LAWS: dict[str, Callable[[Array], Array]] = {
     "d^2": lambda d: d**2,
 }
 _THRESHOLDS = (0.3, 0.45, 0.6, 0.75)  # of the largest deflection
-_MAIN = (
-    ("CZ", "alpha"), ("Cm", "alpha"), ("Cm", "de"), ("CY", "beta"), ("Cl", "da"), ("Cl", "p_hat"), ("Cn", "beta"),
-    ("Cn", "dr"),
-)  # fmt: skip
 _CURVATURES = (0.0, 0.4)  # of the loss of power with dynamic pressure: k q / (1 + c q)
 _LOSS = "loss at mean qbar"
 _PRESSURES = 0.2  # least range of dynamic pressure over its mean
@@ -197,29 +192,8 @@ def _flexes(flights: Flights) -> list[Variant]:
                 flights, held(flights, LONGITUDINAL), ("alpha",), fall, parameter, f"the slopes with alpha; {about}"
             ),
             scaled_slopes(flights, held(flights, LATERAL), None, fall, parameter, f"the lateral slopes; {about}"),
-            _each_its_own(flights, fall, about),
         ]
     return [v for v in made if v is not None]
-
-
-def _each_its_own(flights: Flights, fall: Column, about: str) -> Variant | None:
-    """Main derivatives that fall each by its own ratio."""
-    slopes = {
-        (r, c): s
-        for r, c in _MAIN
-        if held(flights, (r,)) and moves(flights, c) and (s := mean_slope(flights, r, c)) != 0.0
-    }
-    if len(slopes) < 2:
-        return None
-    parameters = tuple(Parameter(f"{r}_{c} {_LOSS}", "-", 0.15, -0.02, 1.0) for r, c in slopes)
-
-    def columns(flight: Flight) -> Columns:
-        x = fall(flight)
-        return signature(
-            flight, len(slopes), [(r, j, s * x * flight[c]) for j, ((r, c), s) in enumerate(slopes.items())]
-        )
-
-    return Variant(parameters, columns, about=f"each derivative by its own share; {about}")
 
 
 def _needs_pressure(flights: Flights) -> str:

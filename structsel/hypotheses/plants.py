@@ -26,6 +26,7 @@ from structsel.numerics.smoothing.result import Array
 _SAMPLES = 8000  # of a manoeuvre that are enough to find a linear plant from a simulation without noise
 _ORDERS = (0, 1, 2, 3, 4)
 _LEAST_R2 = 0.8
+_AT_ONCE = 0.2  # share of the answer to an impulse that comes at once, above which a plant has no state of its own
 _PATHS = (-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0)  # deg of delta over gamma; at 90 the force would be elastic
 
 
@@ -63,6 +64,14 @@ class Plant:
         """Input per response, at rest."""
         gain = abs(float(self.b.sum() / self.a.sum()))
         return 1.0 / gain if gain > 0.0 else 1.0
+
+    @property
+    def pushes_back(self) -> bool:
+        """Whether it has a state that a force could act on: a plant that answers at once only passes its input on."""
+        if self.speed == 0.0:
+            return False
+        answer = lfilter(self.b, self.a, np.concatenate([[1.0], np.zeros(_SAMPLES)]))
+        return bool(not self.source or answer[0] ** 2 < _AT_ONCE * float(answer @ answer))
 
     def under(self, force: Array) -> Array:
         """Response to a force."""
@@ -141,7 +150,7 @@ def _stiffening(flights: Flights) -> list[Variant]:
     made = []
     for response in answers(flights):
         plant = find_plant(flights, response)
-        if plant.speed == 0.0:
+        if not plant.pushes_back:
             continue
         unit = plant.stiffness
         laws: tuple[tuple[str, int, Force], ...] = (
@@ -168,7 +177,7 @@ def _friction(flights: Flights) -> list[Variant]:
     made = []
     for response in answers(flights):
         plant = find_plant(flights, response)
-        if plant.speed == 0.0:
+        if not plant.pushes_back:
             continue
         parameter = Parameter("force", "input", 0.3 * plant.size, 0.0)
         for share in (0.03, 0.1, 0.3):
@@ -184,7 +193,7 @@ def _hysteresis(flights: Flights) -> list[Variant]:
     made = []
     for response in answers(flights):
         plant = find_plant(flights, response)
-        if plant.speed == 0.0:
+        if not plant.pushes_back:
             continue
         parameter = Parameter("force", "input per response", 0.5 * plant.stiffness)
         for share in spaced(0.2, 6.4, 6):

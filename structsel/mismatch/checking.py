@@ -20,6 +20,24 @@ _OFF = 5.0  # times the size of what was measured
 _SPAN = ("V", "alpha")
 
 
+def check_recorded(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings whose air data cannot be an aeroplane's in flight.
+
+    Raises
+    ------
+    DataError
+    """
+    for r in recordings:
+        for name in ("alpha", "beta"):
+            if name in r and {"V", "ax", "az"} <= set(r.names) and (beyond := np.abs(r[name]) > _STEEP).any():
+                i = int(np.argmax(beyond))
+                raise DataError(
+                    f"'{r.name}': {name} is {r[name][i]:.4g} rad at sample {i} (t = {r.t[i]:g} s), "
+                    "the air from behind. Its unit, its sign or what it was made of is wrong, or the aircraft stood.\n"
+                    "Check the channel map, or leave those samples out."
+                )
+
+
 def check_flown(flown: Mapping[str, Recording], recordings: Sequence[Recording], where: str) -> None:
     """Refuse free simulations that diverged, or that flew somewhere else.
 

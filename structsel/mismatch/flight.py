@@ -283,7 +283,9 @@ def _close(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, 
             made[name] = ahead + _smooth(name, x - ahead, t)
         else:
             made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
-    back = rb.air_data_at_cg(made["V"], made["alpha"], made["beta"], *rates, tuple(-place))
+    # With the gyros' noise, a long arm would give the angles' rates the noise of the moments.
+    still = (smooth["p"], smooth["q"], smooth["r"])
+    back = rb.air_data_at_cg(made["V"], made["alpha"], made["beta"], *still, tuple(-place))
     smooth.update(zip(("V", "alpha", "beta"), back))
     smooth.update({c: made[c] for c in ("phi", "theta", "psi")})
 

@@ -30,6 +30,11 @@ _SQUARES = (
 )  # fmt: skip
 _LAGS = (0.1, 0.4)  # s
 _LAGGED = ("alpha", "beta", "de", "da", "dr", "q_hat")
+_ITSELF = {
+    "CY": ("beta", "beta_dot_hat"), "CZ": ("alpha", "alpha_dot_hat"), "Cl": ("p_hat",), "Cm": ("q_hat",),
+    "Cn": ("r_hat",),
+}  # fmt: skip
+"""States whose rates and recent past are what a response is measured by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +123,14 @@ def estimate_noise(
     log_std: dict[str, Array] = {}
     level: dict[tuple[str, str], float] = {}
     for response in responses:
-        left = _residual(flights, bins, explained, response, edges, pool.get(response))
-        log_std[response] = _smooth_spectrum(flights, bins, left, edges)
+        left, free = _residual(flights, bins, explained, response, edges, pool.get(response))
+        log_std[response] = _smooth_spectrum(flights, bins, left, free, edges)
         usual = Noise(edges, log_std, {(f.name, response): 1.0 for f in flights})
-        for f, b, e in zip(flights, bins, left):
-            ratio = float(np.mean((e / usual.std(f, response, b)[1:]) ** 2))
+        for f, b, e, each in zip(flights, bins, left, free):
+            n = float(each.sum())
+            ratio = float(np.sum((e / usual.std(f, response, b)[1:]) ** 2) / max(n, 1e-9))
             # Shrunk towards one: half a hundred coefficients tell a level to about a tenth.
-            level[f.name, response] = float(np.sqrt(np.clip((ratio * b / 20.0 + 1.0) / (b / 20.0 + 1.0), 0.25, 25.0)))
+            level[f.name, response] = float(np.sqrt(np.clip((ratio * n / 20.0 + 1.0) / (n / 20.0 + 1.0), 0.25, 25.0)))
     return Noise(edges, log_std, level)
 
 
@@ -133,11 +139,13 @@ def _generic(f: Flight, response: str) -> Array:
 
     What a kinematic response is made of (the rate of incidence, and its recent past) would explain its own noise.
     """
-    usual = _GENERIC if response in COEFFICIENTS else tuple(c for c in _GENERIC if not c.endswith("_dot_hat"))
+    itself = _ITSELF.get(response, ())
+    rates = tuple(c for c in _GENERIC if c.endswith("_dot_hat") and (c in itself or response not in COEFFICIENTS))
+    usual = tuple(c for c in _GENERIC if c not in rates)
     here = {c: f[c] - f[c].mean() for c in usual if c in f or c in f.channels}
     columns = list(here.values())
     columns += [here[a] * here[b] for a, b in _SQUARES if a in here and b in here]
-    for c in _LAGGED if response in COEFFICIENTS else ():
+    for c in (c for c in _LAGGED if response in COEFFICIENTS and c not in itself):
         for lag in _LAGS:
             k = round(lag / f.dt)
             if c in here:
@@ -154,8 +162,12 @@ def _residual(
     response: str,
     edges: Array,
     pool: Sequence[Array] | None,
-) -> list[Array]:
-    """What is left of one response's coefficients; `explained` is held to its priors, usual columns are not."""
+) -> tuple[list[Array], list[Array]]:
+    """What is left of one response's coefficients, and how free each was to be left.
+
+    `explained` is held to its priors, usual columns are not. Where few coefficients meet many columns, what is left
+    says little of the noise: at low frequencies above all.
+    """
     y = np.concatenate([spectrum(f.difference[response], b, edge_of(f))[1:] for f, b in zip(flights, bins)])
     X = np.vstack([spectrum(_generic(f, response), b, edge_of(f))[1:] for f, b in zip(flights, bins)])
     Z = np.vstack([e[response][1:] for e in explained])
@@ -164,21 +176,22 @@ def _residual(
     further = None if pool is None else np.vstack([p[1:] for p in pool])
     cuts = np.cumsum(bins)[:-1]
     weight = np.full(len(y), 1.0 / max(float(y.std()), 1e-300))
-    left = y
+    left, free = y, np.ones(len(y))
     for turn in range(3):
         k = X.shape[1]
         rows = np.column_stack([X, Z]) * weight[:, None]
         held_to = np.concatenate([np.full(k, 1e-3), np.ones(Z.shape[1])])
-        fit = cho_solve(cho_factor(rows.T @ rows + np.diag(held_to)), rows.T @ (y * weight))
+        factor = cho_factor(rows.T @ rows + np.diag(held_to))
+        fit = cho_solve(factor, rows.T @ (y * weight))
         left = y - X @ fit[:k] - Z @ fit[k:]
+        free = 1.0 - np.einsum("ij,ji->i", rows, cho_solve(factor, rows.T))
         if turn < 2 and further is not None:
             X = np.column_stack([X, further[:, _helpful(rows, left * weight, further, weight)]])
-        held = _smooth_spectrum(flights, bins, np.split(left, cuts), edges)
+        held = _smooth_spectrum(flights, bins, np.split(left, cuts), np.split(free, cuts), edges)
         weight = np.concatenate(
             [np.exp(-np.interp(np.log(frequencies(f, b)), np.log(edges), held)) for f, b in zip(flights, bins)]
         )
-    inflate = np.sqrt(len(y) / max(1.0, len(y) - X.shape[1]))
-    return [p * inflate for p in np.split(left, cuts)]
+    return np.split(left, cuts), np.split(free, cuts)
 
 
 def _helpful(rows: Array, left: Array, further: Array, weight: Array) -> list[int]:
@@ -207,20 +220,22 @@ def _helpful(rows: Array, left: Array, further: Array, weight: Array) -> list[in
     return kept
 
 
-def _smooth_spectrum(flights: Sequence[Flight], bins: Sequence[int], left: Sequence[Array], edges: Array) -> Array:
+def _smooth_spectrum(
+    flights: Sequence[Flight], bins: Sequence[int], left: Sequence[Array], free: Sequence[Array], edges: Array
+) -> Array:
     """Logarithm of the standard deviation at each edge, from the power around it over all flights."""
     f = np.concatenate([frequencies(one, b) for one, b in zip(flights, bins)])
-    power = np.concatenate(left) ** 2
+    power, degrees = np.concatenate(left) ** 2, np.concatenate(free)
     width = np.log(edges[1] / edges[0])
     made = np.empty(len(edges))
     for i, edge in enumerate(edges):
         reach = 1.0
         while True:
             near = np.maximum(0.0, 1.0 - np.abs(np.log(f / edge)) / (reach * width))
-            if near.sum() > 8.0 or reach > 20.0:
+            if near @ degrees > 8.0 or reach > 20.0:
                 break
             reach *= 1.5
-        made[i] = 0.5 * np.log(max(float(near @ power / max(near.sum(), 1e-12)), 1e-300))
+        made[i] = 0.5 * np.log(max(float(near @ power / max(near @ degrees, 1e-12)), 1e-300))
     return np.maximum(made, made.max() - 16.0)
 
 

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DataError
-from structsel.mismatch.checking import check_alike, check_flown
+from structsel.mismatch.checking import check_alike, check_flown, check_recorded
 from structsel.mismatch.flight import AIRFRAME, Flight, prepare_flight
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.mismatch.simulations import Simulation, open_simulation
@@ -50,6 +50,7 @@ def prepare(
     names = [r.name for r in recordings]
     if twice := sorted({n for n in names if names.count(n) > 1}):
         raise DataError(f"two recordings are called '{twice[0]}'. Rename one.")
+    check_recorded(recordings)
     simulation = open_simulation(source, recordings, craft)
     remarks: list[str] = []
     tell = progress or (lambda what, done, of: None)

@@ -1,0 +1,40 @@
+"""What a simulation of a real plant leaves out, by name: cases of benchmarks/real_recordings.py that hold."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DATA = ROOT.parent / "shared" / "data"
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings (../shared/data) are not here")
+
+
+@pytest.fixture(scope="module")
+def real():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "benchmarks"))
+        spec = importlib.util.spec_from_file_location("real_recordings", ROOT / "benchmarks" / "real_recordings.py")
+        module = importlib.util.module_from_spec(spec)
+        patch.setitem(sys.modules, "real_recordings", module)  # dataclasses look their module up
+        spec.loader.exec_module(module)
+        yield module
+
+
+@pytest.mark.parametrize(
+    ("name", "effect", "response", "left"),
+    [
+        ("silverbox", "stiffening", "output", 0.1),
+        ("boucwen", "mechanical-hysteresis", "place", 0.5),
+        ("gtm_stall", "static-stall", "CZ", 0.3),
+    ],
+)
+def test_what_a_linear_simulation_leaves_out_is_named_and_most_of_the_error_goes(real, name, effect, response, left):
+    _, found = real.run(name)
+    first, last = found.findings[0], found.findings[-1]
+    assert found.verdict == "mismatch"
+    assert first.effect == effect
+    assert first.physics[0].probability > 0.9
+    bars = (last if response in last.bars else first).bars[response]
+    assert bars.physics.rrmse < left * bars.delivered.rrmse
