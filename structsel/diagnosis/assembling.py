@@ -175,19 +175,19 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
     total = sum(carried)
     told = [c for c in bench.responses if c in COEFFICIENTS] or list(bench.responses)
     got = judging.measured(bench)
-    delivered, refitted = judging.as_delivered(bench), judging.held_out(bench.keeping([]))
+    delivered = judging.as_delivered(bench)
     first = judging.fit(got, delivered, told)
-    second = judging.fit(got, refitted, told)
+    second = judging.fit(got, judging.refitted(delivered, judging.held_out(bench.keeping([]))), told)
     kept: list[int] = []
     before = judging.held_out(plain.keeping([]))
     made = []
     for i in order:
         member = members[i]
         kept += member.places
-        after = judging.held_out(bench.keeping(kept))
+        with_it = judging.held_out(plain.keeping(kept))
+        after = judging.refitted(with_it, judging.held_out(bench.keeping(kept)))
         third = judging.fit(got, after, told)
         bars = {c: Bars(first[c], second[c], third[c]) for c in told if c in third}
-        with_it = judging.held_out(plain.keeping(kept))
         axes = _axes(judging.gains(before, with_it, told), bench, member)
         parts = contributions(bench, member.places)
         noise = noise_rms(bench)

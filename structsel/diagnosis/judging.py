@@ -110,3 +110,15 @@ def fit(got: Residuals, left: Residuals, responses: Sequence[str]) -> dict[str, 
 def gains(before: Residuals, after: Residuals, responses: Sequence[str]) -> dict[str, float]:
     """Share by which the rms of each response falls."""
     return {c: 1.0 - rms(after, c) / rms(before, c) for c in responses if rms(before, c) > 0.0}
+
+
+def refitted(plain: Residuals, fitted: Residuals) -> Residuals:
+    """What is left with tolerances refitted, in those responses that the other flights foretell better by it.
+
+    Parameters
+    ----------
+    plain, fitted : list of mapping of response to (n,) array
+        Tolerances held at zero, and free.
+    """
+    better = {c for c in fitted[0] if rms(fitted, c) < rms(plain, c)}
+    return [{c: (b if c in better else a)[c] for c in b} for a, b in zip(plain, fitted)]

@@ -166,7 +166,8 @@ def _pulls(bench: Bench) -> tuple[Pull, ...]:
 
 def _remaining(ranking: Ranking, told: Sequence[str]) -> dict[str, tuple[float, bool]]:
     bench = ranking.bench
-    left = judging.fit(judging.measured(bench), judging.held_out(bench), told)
+    after = judging.refitted(judging.held_out(bench.as_delivered()), judging.held_out(bench))
+    left = judging.fit(judging.measured(bench), after, told)
     made = {}
     for c in told:
         if c not in left:
