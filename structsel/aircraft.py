@@ -6,7 +6,6 @@ SI units and radians; body axes x forward, y right, z down, from the centre of g
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from structsel.errors import AircraftError
 from structsel.readers.channel_map import describe_problems
+from structsel.readers.toml import load_toml
 from structsel.rich_text import opening, to_html
 
 _TRIANGLE_SLACK = 0.2
@@ -257,12 +257,7 @@ class Aircraft(_Table):
             the file.
         """
         path = Path(path)
-        try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise AircraftError(f"aircraft file '{path}' cannot be read: {error.strerror or error}.") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise AircraftError(f"aircraft file '{path}' is not TOML: {error}.") from error
+        content = load_toml(path, "aircraft file", AircraftError)
         try:
             return cls(**content)
         except AircraftError as error:

@@ -11,6 +11,7 @@ import typer
 
 from structsel.candidates import Candidates
 from structsel.cli.flights import Json
+from structsel.cli.output import claim
 from structsel.cli.pages import page
 from structsel.cli.results import write_results
 from structsel.cli.tables import print_files, print_truth, print_validation
@@ -44,6 +45,8 @@ def run(
 ) -> None:
     """Select six-axis models from six embedded flights, and print them beside the truth."""
     console = stdout()
+    if out is not None:
+        claim(out)
     with Waiting("flying"):
         # All at once costs hardly more than one, and a flight is the same however many are flown.
         all_flown, aircraft, truth = demo_flights(HELD_OUT + 1, seed, turbulence=TURBULENCE)

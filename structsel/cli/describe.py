@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from structsel.atomic import write_text
 from structsel.cli.flights import Files, Json, Map, read_files
 from structsel.cli.pages import page
 from structsel.cli.tables import indented, plain_table, print_recording
@@ -71,14 +72,9 @@ def _guess(files: list[Path], channel_map: Path | None, target: Path, json: bool
 
 
 def _write(guessed: GuessedMap, target: Path) -> None:
-    made = False
     try:
-        with target.open("x", encoding="utf-8") as stream:
-            made = True
-            stream.write(str(guessed))
+        write_text(target, str(guessed))
     except OSError as error:
-        if made:
-            target.unlink(missing_ok=True)
         raise DataError(f"--guess-map '{target}' cannot be written: {error.strerror or error}.") from error
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from errno import EPIPE
 from typing import Annotated, Any
 
 import typer
@@ -22,6 +23,7 @@ from structsel.cli import (
     simulate,
     validate,
 )
+from structsel.cli.output import claims
 from structsel.cli.pages import page
 from structsel.cli.terminal import in_commands, plain_warnings, say
 from structsel.errors import StructselError
@@ -59,7 +61,7 @@ _EPILOG = page(
     """[bold]Results[/bold] go to stdout, everything else to stderr; --json prints JSON and nothing else. Inside, units
     are SI and radians; a channel map brings others in. NO_COLOR=1 turns colours off.""",
     """[bold]Exit code[/bold] 0: done. 1: the data or the request cannot be used; the message says why and what to do.
-    2: the command line cannot be read.""",
+    2: the command line cannot be read. 130: stopped by Ctrl-C; no file is half written.""",
 )
 
 
@@ -67,12 +69,20 @@ class Program(TyperGroup):
     """Says structsel's own errors and warnings plainly, without a traceback."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; exit code 1 for an error of the data or the request."""
-        with plain_warnings():
+        """Run the command; exit code 1 for an error of the data or the request, 130 for Ctrl-C."""
+        with plain_warnings(), claims():
             try:
                 return super().invoke(ctx)
             except StructselError as error:
                 say("error", in_commands(str(error)))
+                raise typer.Exit(1) from error
+            except KeyboardInterrupt as error:
+                say("error", "stopped by Ctrl-C. No file is half written; what was finished before stays.")
+                raise typer.Exit(130) from error
+            except OSError as error:
+                if error.errno == EPIPE:  # whoever read the output has enough of it
+                    raise
+                say("error", f"{error}. Nothing more can be read or written there; free space, or check permissions.")
                 raise typer.Exit(1) from error
 
 

@@ -13,7 +13,9 @@ import typer
 from rich.console import Console
 
 from structsel import __version__
+from structsel.atomic import write_text
 from structsel.cli.flights import OUTPUT, Json, option, words
+from structsel.cli.output import claim
 from structsel.cli.pages import page
 from structsel.cli.tables import print_files
 from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
@@ -76,6 +78,8 @@ def run(
     draws = running.plan(
         counts, first, sources=_sources(sources), effects=words(effects), severity=severity, judged=judged
     )
+    out.mkdir(parents=True, exist_ok=True)  # the lock of a folder that is there lies in it
+    claim(out)
     with Waiting("proving") as waiting:
         running.prove(
             draws, out, jobs=jobs, timeout=timeout, again=again, simple=baselines,
@@ -175,7 +179,7 @@ def _write(out: Path, texts: dict[str, str]) -> list[str]:
     """Write the proof beside the cases; return the names written."""
     try:
         for name, text in texts.items():
-            (out / name).write_text(text, encoding="utf-8")
+            write_text(out / name, text)
     except OSError as error:
         raise DataError(f"--out '{out}' cannot be written: {error.strerror or error}.") from error
     return list(texts)

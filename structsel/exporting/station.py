@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Literal, get_args
 
 from structsel.aircraft import Aircraft
+from structsel.atomic import replacing
 from structsel.errors import DataError, ModelError
 from structsel.exporting.c import write_c
 from structsel.exporting.jsbsim import write_jsbsim
@@ -104,14 +106,9 @@ def export_model(
 
 def _write(written: _Written) -> None:
     """Write all files, or none."""
-    partial = {file: file.with_name(f".{file.name}.{os.getpid()}.partial") for file in written}
     try:
-        for file, text in written.items():
-            partial[file].write_text(text, encoding="utf-8", newline="\n")
-        for file in written:
-            os.replace(partial[file], file)
+        with ExitStack() as whole:  # none takes its name before all are written
+            for file, text in written.items():
+                whole.enter_context(replacing(file)).write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
         raise DataError(f"'{next(iter(written))}' cannot be written: {error.strerror or error}.") from error
-    finally:
-        for file in partial.values():
-            file.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, NoReturn
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from structsel.atomic import write_text
 from structsel.errors import ModelError
 
 SCHEMA = "structsel.model/1"
@@ -86,14 +87,10 @@ def write(path: str | os.PathLike[str], content: dict[str, Any], overwrite: bool
     if path.exists() and not overwrite:
         raise ModelError(f"Model file '{path}' exists. Choose another name, or pass overwrite=True.")
     text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, path)
+        write_text(path, text)
     except OSError as error:
-        raise ModelError(f"Model file '{path}' cannot be written: {error}.") from error
-    finally:
-        partial.unlink(missing_ok=True)
+        raise ModelError(f"Model file '{path}' cannot be written: {error.strerror or error}.") from error
 
 
 def _refuse_constant(name: str) -> NoReturn:

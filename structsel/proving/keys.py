@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from structsel.atomic import write_text
 from structsel.errors import DataError
 
 Kind = Literal[
@@ -96,7 +97,7 @@ class Key(BaseModel):
         """Write the key as JSON; a key that is there is replaced."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        write_text(path, self.model_dump_json(indent=1) + "\n")
         return path
 
     @classmethod
@@ -111,8 +112,8 @@ class Key(BaseModel):
         path = Path(path)
         try:
             return cls.model_validate_json(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise DataError(f"key '{path}' cannot be read: {error.strerror or error}.") from error
+        except (OSError, UnicodeDecodeError) as error:
+            raise DataError(f"key '{path}' cannot be read: {getattr(error, 'strerror', None) or error}.") from error
         except ValidationError as error:
             first: Any = error.errors()[0]
             where = ".".join(map(str, first["loc"])) or "the file"

@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from structsel.atomic import write_text
 from structsel.errors import DataError
 from structsel.proving.keys import Key
 from structsel.proving.scoring import WITHOUT, CaseScore, score_case
@@ -265,9 +266,7 @@ def _made(folder: Path) -> Path:
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON whole or not at all."""
-    partial = _made(path.parent) / f".{path.name}.partial"
-    partial.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    write_text(_made(path.parent) / path.name, json.dumps(content, indent=1) + "\n")
 
 
 def scores_of(draws: Sequence[Draw], out: Path) -> tuple[list[CaseScore], dict[str, str]]:

@@ -17,7 +17,6 @@ A channel is ``sign * (scale * column + offset)`` in `unit`, then brought to SI 
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -37,9 +36,11 @@ from pydantic import (
 
 from structsel.errors import MapError
 from structsel.nomenclature import find_channel, is_known, suggest
+from structsel.readers.toml import load_toml
 from structsel.readers.units import is_convertible, is_unit
 
 _Positive = Annotated[StrictInt, Field(ge=1)]
+_SHOWN = 200  # characters of a wrong value that a message repeats
 
 
 class ChannelEntry(BaseModel):
@@ -163,13 +164,7 @@ def load_channel_map(source: str | Path | Mapping[str, Any] | ChannelMap) -> Cha
     if isinstance(source, Mapping):
         return _validate(dict(source), "channel map")
     path = Path(source)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise MapError(f"channel map '{path}' cannot be read: {error.strerror or error}.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise MapError(f"channel map '{path}' is not TOML: {error}.") from error
-    return _validate(content, str(path))
+    return _validate(load_toml(path, "channel map", MapError), str(path))
 
 
 def describe_problems(error: ValidationError, known: Mapping[str, tuple[str, ...]]) -> str:
@@ -191,14 +186,16 @@ def describe_problems(error: ValidationError, known: Mapping[str, tuple[str, ...
             table = parts[0] if len(parts) > 1 else ""
             allowed = known.get(table, ())
             lines.append(
-                f"{key}: no such key.{suggest(parts[-1], allowed)}"
+                f"{key}: no such key.{suggest(str(problem['loc'][-1]), allowed)}"
                 + (f" Keys here: {', '.join(allowed)}." if allowed else "")
             )
         elif problem["type"] == "missing":
             lines.append(f"{key}: missing.")
         else:
             message = problem["msg"].removeprefix("Value error, ")
-            given = "" if isinstance(problem["input"], dict | BaseModel) else f" (it is {problem['input']!r})"
+            text = repr(problem["input"])
+            shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+            given = "" if isinstance(problem["input"], dict | BaseModel) else f" (it is {shown})"
             lines.append(f"{key}: {message[0].lower()}{message[1:]}{given}.")
     return "\n".join(dict.fromkeys(lines))
 

@@ -28,7 +28,7 @@ def read_hdf5(path: Path, options: FileOptions) -> Table:
     try:
         with h5py.File(path, "r") as stream:
             content = _walk(stream, "", units)
-    except OSError as error:
+    except Exception as error:  # OSError, RuntimeError, KeyError, ... of a broken file; groups that hold themselves
         raise DataError(f"'{path}' is no HDF5 file that can be read: {error}") from error
     table = choose(path, content, options)
     prefix = f"{options.variable}." if options.variable else ""

@@ -48,7 +48,7 @@ def read_parquet(path: Path, options: FileOptions) -> Table:
         else:
             unusable[name] = f"it is of type {kind}"
         metadata = content.schema.field(name).metadata or {}
-        stated = (metadata.get(b"unit") or metadata.get(b"units") or b"").decode()
+        stated = (metadata.get(b"unit") or metadata.get(b"units") or b"").decode(errors="replace")
         header_unit = split_header(name)[1]
         if stated and is_unit(stated):
             units[name] = stated
@@ -72,7 +72,7 @@ def _provenance(path: Path, metadata: dict[bytes, bytes]) -> tuple[str, ...]:
     try:
         held = json.loads(metadata[METADATA])
         schema, notes = str(held["schema"]), tuple(map(str, held["provenance"]))
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise DataError(f"'{path}': its metadata '{METADATA.decode()}' cannot be read.\nWrite it again.") from error
     require_schema(str(path), schema)
     return notes

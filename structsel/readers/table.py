@@ -65,7 +65,7 @@ def require_schema(path: str, schema: str) -> None:
         return
     known, _, ours = SCHEMA.partition("/")
     kind, _, number = schema.partition("/")
-    if kind == known and number.isdigit() and int(number) > int(ours):
+    if kind == known and number.isdecimal() and (len(number) > len(ours) or number > ours):
         raise DataError(
             f"'{path}' was written by a newer structsel, as {schema}; this one reads {SCHEMA}.\n"
             "Update structsel, or write the file again with this one."

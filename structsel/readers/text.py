@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import re
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -70,7 +71,7 @@ def read_text(path: Path, options: FileOptions) -> Table:
             skipinitialspace=True,
             low_memory=False,
         )
-    except (pd.errors.ParserError, UnicodeDecodeError, ValueError) as error:
+    except (pd.errors.ParserError, UnicodeDecodeError, ValueError, OSError, EOFError, zlib.error) as error:
         reason = str(error).removeprefix("Error tokenizing data. C error: ").strip()
         raise DataError(
             f"'{path}' cannot be read as text in {width} columns: {reason}.\n"
@@ -94,8 +95,8 @@ def _head(path: Path, skip: int) -> tuple[str, list[str], list[str]]:
                 own, lines = _parted(line.rstrip("\r\n") for line in islice(stream, skip, None))
         except UnicodeDecodeError:
             continue
-        except OSError as error:
-            raise DataError(f"'{path}' cannot be read: {error.strerror or error}.") from error
+        except (OSError, EOFError, zlib.error) as error:
+            raise DataError(f"'{path}' cannot be read: {getattr(error, 'strerror', None) or error}.") from error
         if any("\0" in line for line in lines):
             raise DataError(f"'{path}' is not text: it holds zero bytes. Is the suffix right?")
         return encoding, own, lines
@@ -122,7 +123,7 @@ def _provenance(path: Path, own: list[str]) -> tuple[str, ...]:
             continue
         try:
             notes.append(str(json.loads(line.removeprefix(PROVENANCE))))
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise DataError(
                 f"'{path}': a line above the table cannot be read: {line!r}.\nIt should hold one note in double "
                 "quotes. Mend it, or write the file again; without it what was done to the recording is lost."

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from structsel.atomic import replacing
 from structsel.errors import DataError
 from structsel.nomenclature import UNKNOWN, is_known
 from structsel.readers.parquet import METADATA
@@ -58,14 +58,11 @@ def write_recording(recording: Recording, path: str | Path, *, overwrite: bool =
         for name in recording.names
         if not is_known(name) and recording.unit(name) not in (UNKNOWN, "-")
     }
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        write(recording.to_frame().rename(columns=own), recording.provenance, partial)
-        os.replace(partial, path)
+        with replacing(path) as partial:
+            write(recording.to_frame().rename(columns=own), recording.provenance, partial)
     except OSError as error:
         raise DataError(f"'{path}' cannot be written: {error.strerror or error}.") from error
-    finally:
-        partial.unlink(missing_ok=True)
     return path
 
 

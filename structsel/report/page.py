@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 from markupsafe import Markup
 
+from structsel.atomic import write_text
 from structsel.diagnosis.result import Diagnosis
 from structsel.errors import DomainError
 from structsel.reconstruction import Reconstruction, Reconstructions
@@ -59,7 +60,7 @@ def write_report(
         The file cannot be written.
     """
     path = Path(path)
-    path.write_text(render(result, recordings=recordings, judged=judged, reasons=reasons), encoding="utf-8")
+    write_text(path, render(result, recordings=recordings, judged=judged, reasons=reasons))
     return path
 
 
