@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from structsel.cli.flights import V0, Files, Json, Map, Overwrite, Reconstruct, read_flights
+from structsel.cli.flights import V0, Files, Json, Map, Overwrite, Reconstruct, option, read_flights
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.tables import print_files, print_recording
@@ -32,7 +32,7 @@ _AIRCRAFT = "Geometry, mass, inertia, thrust line, places of the instruments."
 def run(
     files: Files,
     aircraft: Annotated[Path, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for one file per manoeuvre.")],
+    out: Annotated[Path, option("--out", "Folder for one file per manoeuvre.", metavar="DIR")],
     channel_map: Map = None,
     file_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Kind of file.")] = "csv",
     reconstruct: Reconstruct = False,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from structsel.cli.flights import load_aircraft, read_manoeuvres, words
+from structsel.cli.flights import load_aircraft, option, read_manoeuvres, words
 from structsel.errors import ChannelError, ModelError
 from structsel.model import AeroModel
 from structsel.recording import Recording
@@ -26,10 +26,10 @@ MODEL_HELP = (
 )
 FlownAircraft = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--aircraft",
+        "With a model file: geometry, mass, inertia, thrust line, places of the instruments.",
         metavar="AIRCRAFT.TOML",
-        help="With a model file: geometry, mass, inertia, thrust line, places of the instruments.",
     ),
 ]
 Trimmed = Annotated[
@@ -43,13 +43,11 @@ Trimmed = Annotated[
 ]
 Controls = Annotated[
     str,
-    typer.Option("--controls", metavar="NAME=VALUE,...", help="Controls held in the trim: df=0.1,rpm=1800"),
+    option("--controls", "Controls held in the trim: df=0.1,rpm=1800", metavar="NAME=VALUE,..."),
 ]
 Free = Annotated[
     str,
-    typer.Option(
-        "--free", metavar="NAMES", help="Controls the trim finds; of de da dr throttle thrust those the model flies on."
-    ),
+    option("--free", "Controls the trim finds; of de da dr throttle thrust those the model flies on.", metavar="NAMES"),
 ]
 Define = Annotated[
     list[str] | None,
@@ -64,9 +62,7 @@ Rho = Annotated[
 ]
 Recorded = Annotated[
     list[Path] | None,
-    typer.Option(
-        "--recordings", metavar="FILES", help="Recordings or folders of them, one manoeuvre each; may be repeated."
-    ),
+    option("--recordings", "Recordings or folders of them, one manoeuvre each; may be repeated.", metavar="FILES"),
 ]
 
 _TRIM = ("V", "h", "climb", "turn_rate", "bank", "sideslip")

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from structsel.candidates import Candidates
-from structsel.cli.flights import Json
+from structsel.cli.flights import Json, option
 from structsel.cli.output import claim
 from structsel.cli.pages import page
 from structsel.cli.results import write_results
@@ -35,11 +35,9 @@ TURBULENCE = 0.4  # share of a gust of 0.8 m/s
 
 
 def run(
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder for model, tables and plots.")
-    ] = None,
+    out: Annotated[Path | None, option("--out", "Folder for model, tables and plots.", metavar="DIR")] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of turbulence and instrument noise.")] = 1,
-    bootstrap: Annotated[int, typer.Option("--bootstrap", metavar="N", help="Resampled selections; 0: none.")] = 200,
+    bootstrap: Annotated[int, option("--bootstrap", "Resampled selections; 0: none.", metavar="N")] = 200,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.")] = True,
     json: Json = False,
 ) -> None:

@@ -18,6 +18,7 @@ from structsel.cli.flights import (
     Overwrite,
     hold_out,
     load_aircraft,
+    option,
     read_files,
     read_manoeuvres,
 )
@@ -66,35 +67,31 @@ _WRITTEN = ("diagnosis.json", "report.html", "model.json")
 def run(
     aircraft: Annotated[
         Path,
-        typer.Option(
+        option(
             "--aircraft",
+            "Geometry, mass, inertia, thrust line, places of the instruments, tolerances.",
             metavar="AIRCRAFT.TOML",
-            help="Geometry, mass, inertia, thrust line, places of the instruments, tolerances.",
         ),
     ],
     recordings: Annotated[
         list[Path],
-        typer.Option(
-            "--recordings", metavar="FILES", help="Recordings or folders of them, one manoeuvre each; may be repeated."
-        ),
+        option("--recordings", "Recordings or folders of them, one manoeuvre each; may be repeated.", metavar="FILES"),
     ],
     simulation: Annotated[
         str,
-        typer.Option(
+        option(
             "--simulation",
+            "Simulated files or their folder, a model.json, jsbsim:AIRCRAFT, or python:MODULE:FUNCTION.",
             metavar="WHAT",
-            help="Simulated files or their folder, a model.json, jsbsim:AIRCRAFT, or python:MODULE:FUNCTION.",
         ),
     ],
     channel_map: Map = None,
     held_out: Annotated[
-        str, typer.Option("--held-out", metavar="NAMES", help="Recordings to judge by; each in turn if absent.")
+        str, option("--held-out", "Recordings to judge by; each in turn if absent.", metavar="NAMES")
     ] = "",
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", metavar="DIR", help="Folder for diagnosis.json, report.html, model.json.", rich_help_panel=OUTPUT
-        ),
+        option("--out", "Folder for diagnosis.json, report.html, model.json.", OUTPUT, "DIR"),
     ] = None,
     overwrite: Overwrite = False,
     quiet: Annotated[

@@ -39,7 +39,7 @@ _AIRCRAFT = (
 
 def run(
     model: Annotated[Path, typer.Argument(metavar="MODEL.JSON", help="A model as select writes it.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File to write.")],
+    out: Annotated[Path, option("--out", "File to write.", metavar="FILE")],
     to: Annotated[Target, typer.Option("--to", help="What to write.")] = "jsbsim",
     aircraft: Annotated[Path | None, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)] = None,
     define: Define = None,

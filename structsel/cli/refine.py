@@ -116,13 +116,11 @@ def run(
     define: Define = None,
     rho: Rho = None,
     held_out: Annotated[
-        str, typer.Option("--held-out", metavar="NAMES", help="Recordings that judge the result, by replay.")
+        str, option("--held-out", "Recordings that judge the result, by replay.", metavar="NAMES")
     ] = "",
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", metavar="DIR", help="Folder for model, report.html, tables and plots.", rich_help_panel=OUTPUT
-        ),
+        option("--out", "Folder for model, report.html, tables and plots.", OUTPUT, "DIR"),
     ] = None,
     overwrite: Overwrite = False,
     plots: Plots = True,

@@ -87,7 +87,7 @@ METHODS = ("stepwise", "orthogonal", "best_subset")
 def run(
     files: Files,
     responses: Annotated[
-        str, typer.Option("--responses", metavar="NAMES", help="What to model: CX to Cn, CL, CD, or any channel.")
+        str, option("--responses", "What to model: CX to Cn, CL, CD, or any channel.", metavar="NAMES")
     ],
     channel_map: Map = None,
     aircraft: AircraftFile = None,

@@ -27,7 +27,7 @@ from structsel.cli.crafts import (
     trim_craft,
 )
 from structsel.cli.flight_tables import print_flight, print_modes, print_trim
-from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots
+from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots, option
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.tables import print_files
@@ -81,7 +81,7 @@ def run(
     aircraft: FlownAircraft = None,
     inputs: Annotated[
         list[Path] | None,
-        typer.Option("--inputs", metavar="FILES", help="Schedules, departures from the trim; may be repeated."),
+        option("--inputs", "Schedules, departures from the trim; may be repeated.", metavar="FILES"),
     ] = None,
     recordings: Recorded = None,
     channel_map: Map = None,
@@ -112,16 +112,14 @@ def run(
             rich_help_panel=_AIR,
         ),
     ] = None,
-    wind: Annotated[
-        str, typer.Option("--wind", metavar="N,E,D", help="Steady wind in m/s, where to.", rich_help_panel=_AIR)
-    ] = "",
+    wind: Annotated[str, option("--wind", "Steady wind in m/s, where to.", _AIR, "N,E,D")] = "",
     rho: Rho = None,
     seed: Annotated[
         int, typer.Option("--seed", help="Of noise and turbulence; each flight's own after it.", rich_help_panel=_AIR)
     ] = 0,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="DIR", help="Folder for flights, table and plots.", rich_help_panel=OUTPUT),
+        option("--out", "Folder for flights, table and plots.", OUTPUT, "DIR"),
     ] = None,
     overwrite: Overwrite = False,
     plots: Plots = True,

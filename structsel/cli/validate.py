@@ -20,6 +20,7 @@ from structsel.cli.flights import (
     Plots,
     Reconstruct,
     load_aircraft,
+    option,
     read_flights,
     read_manoeuvres,
     reconstruct_paths,
@@ -67,15 +68,13 @@ def run(
     replayed: Annotated[
         bool, typer.Option("--replay", help="Fly the model with the recorded inputs. Needs --aircraft.")
     ] = False,
-    outputs: Annotated[
-        str, typer.Option("--outputs", metavar="NAMES", help="Channels to compare.", rich_help_panel=_REPLAY)
-    ] = "",
+    outputs: Annotated[str, option("--outputs", "Channels to compare.", _REPLAY, "NAMES")] = "",
     window: Annotated[float, typer.Option("--window", help="Of short flights, in s.", rich_help_panel=_REPLAY)] = 4.0,
     define: Define = None,
     rho: Rho = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="DIR", help="With --replay: folder for table and plots.", rich_help_panel=OUTPUT),
+        option("--out", "With --replay: folder for table and plots.", OUTPUT, "DIR"),
     ] = None,
     overwrite: Overwrite = False,
     plots: Plots = True,

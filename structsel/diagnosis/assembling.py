@@ -17,7 +17,6 @@ from structsel.hypotheses.base import Estimate, Found, Variant
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.locating.region import find_region
 from structsel.mismatch.locating.windows import find_intervals
-from structsel.mismatch.responses import COEFFICIENTS
 from structsel.numerics.smoothing.result import Array
 
 _SHOWN = 0.15  # of the largest gain, that a response must have to be named
@@ -173,7 +172,7 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
     carried = shares(plain, members)
     order = np.argsort(carried)[::-1]
     total = sum(carried)
-    told = [c for c in bench.responses if c in COEFFICIENTS] or list(bench.responses)
+    told = bench.told
     got = judging.measured(bench)
     delivered = judging.as_delivered(bench)
     first = judging.fit(got, delivered, told)

@@ -11,6 +11,7 @@ import numpy as np
 from structsel.diagnosis.signatures import Signature
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.noise import Noise, Rows, as_spectra, bins_of, edge_of, estimate_noise, side_by_side
+from structsel.mismatch.responses import COEFFICIENTS
 from structsel.mismatch.tolerances import Nuisance, biases_of, tolerances_of
 from structsel.numerics.evidence import Base, Trial, spectrum
 from structsel.numerics.smoothing.result import Array
@@ -95,6 +96,11 @@ class Bench:
                     for a in made:
                         a[c][:, j] *= np.hypot(n.sd, share) / n.sd
         return list(made)
+
+    @property
+    def told(self) -> list[str]:
+        """Responses that are judged: coefficients; of a plant that has none, all."""
+        return [c for c in self.responses if c in COEFFICIENTS] or list(self.responses)
 
     def taking(self, accepted: Sequence[Signature], library: Sequence[Signature]) -> Bench:
         """Bench with effects taken in: noise and rows made anew."""

@@ -12,7 +12,6 @@ from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.scoring import Score, score_all
 from structsel.diagnosis.signatures import Library
-from structsel.mismatch.responses import COEFFICIENTS
 
 MOST = 4
 """Effects that are looked for."""
@@ -48,7 +47,7 @@ class Step:
     rivals : tuple of (effect, probability)
         All that were tried, likeliest first, the effect itself among them; "nothing" too.
     ranks : mapping of effect to float
-        Nats on other flights.
+        Nats, see `nats`.
     bench : Bench
         With the effect taken in.
     gained : mapping of response to float
@@ -142,15 +141,16 @@ def _take_best(
     judge = _Judge(bench, rough)
     failed: set[str] = set()
     for i, one in enumerate(able[:_TRIED]):
-        if reason := judge.against(one):
+        reason, gained = judge.hear(one)
+        if reason:
             refused.append((one.effect, f"{nats(one):.0f} nats, but {reason}"))
             failed.add(one.effect)
             continue
-        failed |= {s.effect for s in able[i + 1 : i + 1 + _RIVALS] if judge.against(s)}
+        failed |= {s.effect for s in able[i + 1 : i + 1 + _RIVALS] if judge.hear(s)[0]}
         new = bench.taking([*bench.accepted, one.signature], library.signatures)
         ranks = {s.effect: nats(s) for s in scores}
         chances = {s.effect: ranks[s.effect] for s in able if s.effect not in failed}
-        return Step(one, probabilities(chances), ranks, new, judge.lowers(one), tuple(scores[:12]))
+        return Step(one, probabilities(chances), ranks, new, gained, tuple(scores[:12]))
     return None
 
 
@@ -177,28 +177,26 @@ class _Judge:
         delivered = bench.as_delivered()
         self._benches = (delivered, bench) if bench.accepted else (delivered,)
         self._takes, self._lowers = (_TAKES_ROUGH, _LOWERS_ROUGH) if rough else (_TAKES, _LOWERS)
-        self._before = {f: [judging.excess(b, f) for b in self._benches] for f in (True, False)}
-        self._told = [c for c in bench.responses if c in COEFFICIENTS] or list(bench.responses)
+        self._before: dict[bool, list[dict[str, float]]] = {}
         self._left = judging.held_out(delivered)
 
-    def against(self, score: Score) -> str:
-        """What speaks against an effect; empty where nothing does."""
+    def hear(self, score: Score) -> tuple[str, dict[str, float]]:
+        """What speaks against an effect, empty where nothing does; and by how much it lowers each coefficient's rms."""
         # No other flight can foretell an event of one.
         foretold = not score.hypothesis.event
-        for bench, before in zip(self._benches, self._before[foretold]):
-            after = judging.excess(bench.beside(score.signature), foretold)
+        if foretold not in self._before:
+            self._before[foretold] = [judging.excess(b, foretold) for b in self._benches]
+        delivered = self._benches[0].beside(score.signature)
+        for i, (bench, before) in enumerate(zip(self._benches, self._before[foretold])):
+            after = judging.excess(bench.beside(score.signature) if i else delivered, foretold)
             takes = max((x - after[c]) / (x - 1.0 + _SLIGHT) if x > 1.0 else 0.0 for c, x in before.items())
             if takes < self._takes:
-                return f"it takes {max(takes, 0.0):.0%} of the misfit only"
-        lowers = max(self.lowers(score).values(), default=0.0)
+                return f"it takes {max(takes, 0.0):.0%} of the misfit only", {}
+        gained = judging.gains(self._left, judging.held_out(delivered), delivered.told)
+        lowers = max(gained.values(), default=0.0)
         if foretold and lowers < self._lowers:
-            return f"it lowers the error by {max(lowers, 0.0):.1%} only"
-        return ""
-
-    def lowers(self, score: Score) -> dict[str, float]:
-        """Share by which the rms of each coefficient falls, simulation as delivered."""
-        beside = self._benches[0].beside(score.signature)
-        return judging.gains(self._left, judging.held_out(beside), self._told)
+            return f"it lowers the error by {max(lowers, 0.0):.1%} only", gained
+        return "", gained
 
 
 def probabilities(ranks: Mapping[str, float]) -> tuple[tuple[str, float], ...]:

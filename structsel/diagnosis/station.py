@@ -90,7 +90,8 @@ def diagnose(
     library = work_out(hypotheses, flights, responses, progress)
     bench = Bench.set_up(flights, library.signatures, groups)
     # Gusts move states that the simulation was not told of; what is said in rough air must be larger.
-    rough = find_turbulence(flights, residuals(bench)) is not None
+    turbulence = find_turbulence(flights, residuals(bench))
+    rough = turbulence is not None
     ranking = rank(bench, library, rough, progress)
     told = [c for c in responses if c in COEFFICIENTS] or [c for c in responses if c in flights[0].simulated]
     ceiling = explainable(flights, [{c: f.difference[c] for c in told} for f in flights])
@@ -102,7 +103,8 @@ def diagnose(
     verdict: Verdict = "mismatch" if findings else "consistent"
     if single and findings:
         verdict = "undecidable"
-    turbulence = find_turbulence(flights, left)
+    if ranking.steps:
+        turbulence = find_turbulence(flights, left)
     if turbulence is not None:
         findings.append(turbulent(turbulence, ranking, told))
     return Diagnosis(
