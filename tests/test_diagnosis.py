@@ -90,12 +90,20 @@ def test_one_manoeuvre_alone_is_not_decided(ground):
 
 
 @needs_examples
-@pytest.mark.parametrize(("name", "verdict", "effect"), [("ground-effect", "mismatch", "ground-effect"),
-                                                         ("nothing-wrong", "consistent", None)])  # fmt: skip
-def test_published_examples(name, verdict, effect):
+@pytest.mark.parametrize(
+    ("name", "effect", "tie"),
+    [
+        ("ground-effect", "ground-effect", False),
+        ("nothing-wrong", None, False),
+        ("sensor-scale", "sensor-scale", False),
+        ("drag-polar-free", "drag-polar", True),
+    ],
+)
+def test_published_examples(name, effect, tie):
     folder = EXAMPLES / name
     found = diagnose(
         folder / "simulated", ss.read_recordings(folder / "recordings"), ss.Aircraft.from_toml(folder / "aircraft.toml")
     )
-    assert found.verdict == verdict
+    assert found.verdict == ("mismatch" if effect else "consistent")
     assert [f.effect for f in found.findings] == ([effect] if effect else [])
+    assert any("missing-term" in f.ambiguous_with for f in found.findings) == tie

@@ -59,6 +59,50 @@ def test_parameters_are_those_of_ridge_regression(rows):
     assert_allclose(trial.covariance, np.linalg.inv(X.T @ X + np.eye(6))[4:, 4:], rtol=1e-8)
 
 
+def test_how_far_things_are_off_is_averaged_over(rows):
+    y, B, H = rows
+    scales = np.array([[1.0, 1.0, 1.0, 1.0], [0.1, 0.1, 0.1, 1.0]])
+    base = Base(y, B, scales=scales)
+    trial = base.try_columns([Further(b.T @ h, h.T @ h, h.T @ r) for b, h, r in zip(B, H, y)])
+
+    def mixture(kept):
+        held = [[[B[k] * s for k in kept], [np.hstack([B[k] * s, H[k]]) for k in kept]] for s in scales]
+        plain, both = (np.logaddexp.reduce([log_density([y[k] for k in kept], X[i]) for X in held]) for i in (0, 1))
+        return both - plain
+
+    assert_allclose(trial.log_bayes, mixture(range(3)), rtol=1e-8)
+    for m in range(3):
+        assert_allclose(trial.log_bayes - trial.predictive[m], mixture([k for k in range(3) if k != m]), rtol=1e-7)
+    each = [
+        log_density(y, [np.hstack([b * s, h]) for b, h in zip(B, H)]) - log_density(y, [b * s for b in B])
+        for s in scales
+    ]
+    assert_allclose(trial.at_scales, each, rtol=1e-8)
+
+
+def test_one_column_freed_is_the_evidence_with_that_one_wide(rows):
+    y, B, _ = rows
+    scales = np.array([[1.0, 0.7, 1.0, 1.0], [0.1, 0.1, 0.2, 1.0]])
+    base = Base(y, B, scales=scales)
+    for j in range(4):
+        mixed = np.where(np.arange(4) == j, scales[0], scales[1])
+        gain = log_density(y, [b * mixed for b in B]) - log_density(y, [b * scales[1] for b in B])
+        assert_allclose(base.freed[j], gain, rtol=1e-7, atol=1e-9)
+
+
+def test_the_likeliest_factors_are_chosen_and_kept_with_further_columns(rows):
+    y, B, H = rows
+    small = [r - b @ np.linalg.lstsq(b, r, rcond=None)[0] for b, r in zip(B, y)]
+    base = Base(small, B, scales=np.array([[1.0] * 4, [0.01] * 4]))
+    assert base.chosen == 1
+    assert_allclose(base.B[0], 0.01 * B[0])
+    beside = base.beside(H)
+    assert_allclose(beside.scales[:, 4:], 1.0)
+    assert_allclose(
+        beside.at(0).posterior.mean, Base(small, [np.hstack(x) for x in zip(B, H)]).posterior.mean, rtol=1e-9
+    )
+
+
 def test_flights_held_out_together_are_left_out_together(rows):
     y, B, _ = rows
     base = Base(y, B, groups=[(0, 2)])

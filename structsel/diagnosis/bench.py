@@ -18,6 +18,8 @@ from structsel.numerics.smoothing.result import Array
 
 Spectra = Mapping[str, Array]
 _MOST_DILUTED = 0.3
+_SHARES = (1.0, 0.3, 0.1, 0.03)
+"""Of the stated tolerances, by which things may be off: a tolerance is a bound, and most simulations are better."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +76,17 @@ class Bench:
             allowed.append(as_spectra(side_by_side([(n.sd, n.columns[i]) for n in nuisances], f), f))
             own.append(as_spectra(side_by_side([(sd, columns) for _, sd, columns in biases_of(f)], f), f))
         first = cls._build(tuple(flights), nuisances, allowed, own, (), library, groups)
-        allowed = first._diluted()
+        nuisances, allowed = first._diluted()
         return cls._build(tuple(flights), nuisances, allowed, own, (), library, groups)
 
-    def _diluted(self) -> list[Spectra]:
+    def _diluted(self) -> tuple[list[Nuisance], list[Spectra]]:
         """Tolerances of the simulation's terms, widened by what noise in the states it was asked at takes from them.
 
         A simulation asked at states with errors answers to the errors too; the measured response does not. Every
         derivative then looks too large, by up to the noise's share of what is simulated.
         """
         made: list[dict[str, Array]] = [dict(a) for a in self.allowed]
+        nuisances = list(self.nuisances)
         for c in self.flights[0].simulated:
             noise = sum(float(np.sum(r.weight[c][1:] ** -2)) for r in self.rows)
             told = sum(
@@ -93,14 +96,22 @@ class Bench:
             share = min(_MOST_DILUTED, noise / told) if told > 0.0 else 0.0
             for j, n in enumerate(self.nuisances):
                 if n.unit == "relative" and n.name.startswith(f"{c}: ") and n.sd > 0.0:
+                    nuisances[j] = replace(n, sd=float(np.hypot(n.sd, share)), least=float(np.hypot(n.least, share)))
                     for a in made:
-                        a[c][:, j] *= np.hypot(n.sd, share) / n.sd
-        return list(made)
+                        a[c][:, j] *= nuisances[j].sd / n.sd
+        return nuisances, list(made)
 
     @property
     def told(self) -> list[str]:
         """Responses that are judged: coefficients; of a plant that has none, all."""
         return [c for c in self.responses if c in COEFFICIENTS] or list(self.responses)
+
+    @property
+    def pulled(self) -> tuple[Array, Array]:
+        """How hard each tolerance is pulled and how well that is known, (k,) each [stated standard deviations]."""
+        k = len(self.nuisances)
+        scale, posterior = self.base.scales[self.base.chosen][:k], self.base.posterior
+        return scale * posterior.mean[:k], scale * np.sqrt(np.diag(posterior.covariance)[:k])
 
     def taking(self, accepted: Sequence[Signature], library: Sequence[Signature]) -> Bench:
         """Bench with effects taken in: noise and rows made anew."""
@@ -136,7 +147,9 @@ class Bench:
         noise = estimate_noise(flights, shared, responses, pool)
         rows = [Rows.of(f, responses, noise, mine) for f, mine in zip(flights, own)]
         B = [r.whiten(mine) for r, mine in zip(rows, shared)]
-        base = Base([r.difference() for r in rows], B, groups)
+        free = np.ones(B[0].shape[1] - len(nuisances))
+        scales = np.array([[*(n.scale(share) for n in nuisances), *free] for share in _SHARES])
+        base = Base([r.difference() for r in rows], B, groups, scales)
         return cls(flights, responses, nuisances, allowed, own, accepted, noise, rows, base)
 
     def try_signature(self, signature: Signature) -> Trial:
@@ -148,29 +161,29 @@ class Bench:
     @cached_property
     def _twice(self) -> list[Array]:
         """The base's rows, and y beside them, projected once more."""
-        return [r.projector(np.column_stack([B, y])) for r, B, y in zip(self.rows, self.base.B, self.base.y)]
+        return [r.projector(np.column_stack([B, y])) for r, B, y in zip(self.rows, self.base.given, self.base.y)]
 
     def beside(self, signature: Signature) -> Bench:
         """Bench with one more effect, the noise as it is."""
-        B = [
-            np.column_stack([B, r.whiten(s, signature.width)])
-            for r, B, s in zip(self.rows, self.base.B, signature.spectra)
-        ]
-        return replace(self, accepted=(*self.accepted, signature), base=Base(self.base.y, B, self.base.groups))
+        more = [r.whiten(s, signature.width) for r, s in zip(self.rows, signature.spectra)]
+        return replace(self, accepted=(*self.accepted, signature), base=self.base.beside(more))
+
+    def as_good(self, other: Bench) -> Bench:
+        """Bench whose tolerances are taken to be as good as another's."""
+        return replace(self, base=self.base.at(other.base.chosen))
 
     def as_delivered(self) -> Bench:
         """Bench on which only the timing of samples, and effects taken in, are free."""
         k = len(self.nuisances)
-        held = np.array([float(n.name.endswith((" late", "the rest"))) for n in self.nuisances])
-        B = [np.column_stack([B[:, :k] * held, B[:, k:]]) for B in self.base.B]
+        held = np.array([float(n.name.endswith((" late", "the rest", "over a step"))) for n in self.nuisances])
+        B = [np.column_stack([B[:, :k] * held, B[:, k:]]) for B in self.base.given]
         return replace(self, base=Base(self.base.y, B, self.base.groups))
 
     def keeping(self, kept: Sequence[int]) -> Bench:
         """Bench with some of the effects taken in, in this order, the noise as it is."""
         at = [self.place(k) for k in range(len(self.accepted))]
         columns = [*range(len(self.nuisances)), *(j for k in kept for j in range(at[k].start, at[k].stop))]
-        base = Base(self.base.y, [B[:, columns] for B in self.base.B], self.base.groups)
-        return replace(self, accepted=tuple(self.accepted[k] for k in kept), base=base)
+        return replace(self, accepted=tuple(self.accepted[k] for k in kept), base=self.base.keeping(columns))
 
     def place(self, k: int) -> slice:
         """Columns of the k-th effect taken in."""

@@ -26,9 +26,17 @@ def as_delivered(bench: Bench) -> Residuals:
     return [_spectra(bench, m, bench.flights[m].difference) for group in bench.base.groups for m in group]
 
 
-def held_out(bench: Bench) -> Residuals:
-    """What tolerances and the effects taken in leave, their parameters found on the other flights."""
-    return [{c: (left[r.part(c)] / r.weight[c])[1:] for c in bench.responses} for r, left in _left_out(bench)]
+def held_out(bench: Bench, level: bool = False) -> Residuals:
+    """What tolerances and the effects taken in leave, their parameters found on the other flights.
+
+    Parameters
+    ----------
+    bench : Bench
+    level : bool
+        With the level, as far as constant biases do not account for it.
+    """
+    first = 0 if level else 1
+    return [{c: (left[r.part(c)] / r.weight[c])[first:] for c in bench.responses} for r, left in _left_out(bench)]
 
 
 def _left_out(bench: Bench) -> Iterator[tuple[Rows, Array]]:
@@ -54,24 +62,28 @@ def rms(parts: Residuals, response: str) -> float:
     return float(np.sqrt(sum(float(p[response] @ p[response]) for p in parts) / sum(len(p[response]) for p in parts)))
 
 
-def excess(bench: Bench, foretold: bool = True) -> dict[str, float]:
+def excess(bench: Bench, foretold: bool = True) -> dict[str, tuple[float, float]]:
     """Mean square of what is left of each response, in units of the noise; 1 is noise alone.
 
     Parameters
     ----------
     bench : Bench
     foretold : bool
-        On the flights held out, as the others foretell it, without the level, which constant biases move; else on all
-        flights, with the parameters of all and the level.
+        On the flights held out, as the others foretell it; else on all flights, with the parameters of all.
+
+    Returns
+    -------
+    mapping of response to (motion, level)
+        Of all that moves, and of the level, in units of noise and constant biases.
     """
-    left_of, first = (_left_out(bench), 1) if foretold else (_left_in(bench), 0)
-    total = dict.fromkeys(bench.responses, 0.0)
-    rows = 0
-    for r, left in left_of:
-        rows += r.size - first
-        for c in bench.responses:
-            total[c] += float(np.sum(left[r.part(c)][first:] ** 2))
-    return {c: x / rows for c, x in total.items()}
+    left_of = list(_left_out(bench) if foretold else _left_in(bench))
+    rows = sum(r.size - 1 for r, _ in left_of)
+    made = {}
+    for c in bench.responses:
+        parts = [left[r.part(c)] for r, left in left_of]
+        motion = sum(float(x[1:] @ x[1:]) for x in parts) / rows
+        made[c] = (motion, float(np.mean([x[0] ** 2 for x in parts])))
+    return made
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,11 @@ from structsel.hypotheses.base import Hypothesis
 from structsel.numerics.evidence import Trial
 from structsel.numerics.smoothing.result import Array
 
+_COUNTS, _IN_FULL = 0.6, 0.8
+"""Shares of the tolerances' work from which on what an effect spares counts, and counts in full."""
+_STILL_OFF = 0.01  # nats for each row, that tolerances may still bring beside it
+_BEYOND_ONE = 2.0  # nats that it must bring beyond what one tolerance in full would, all others being exact
+
 
 @dataclass(frozen=True, eq=False)
 class Score:
@@ -33,6 +38,12 @@ class Score:
         Log predictive density of each flight given the others, over the base's.
     within : float
         Log of how much likelier the best form's parameters are within their plausible limits than beforehand.
+    best : int
+        The form to judge: the likeliest, or the one that spares the tolerances most.
+    own : float
+        Log evidence of that form alone, less what its being one of several costs.
+    spared : float
+        What it spares the tolerances, in nats; see `_spared`.
     """
 
     hypothesis: Hypothesis
@@ -42,6 +53,9 @@ class Score:
     log_evidence: float
     predictive: Array
     within: float
+    best: int
+    own: float
+    spared: float
 
     @property
     def effect(self) -> str:
@@ -49,18 +63,13 @@ class Score:
         return self.hypothesis.effect
 
     @property
-    def best(self) -> int:
-        """The likeliest form."""
-        return int(np.argmax(self.weights))
-
-    @property
     def signature(self) -> Signature:
-        """Of the likeliest form."""
+        """Of the form to judge."""
         return self.signatures[self.best]
 
     @property
     def trial(self) -> Trial:
-        """Of the likeliest form."""
+        """Of the form to judge."""
         return self.trials[self.best]
 
 
@@ -83,9 +92,33 @@ def score(bench: Bench, hypothesis: Hypothesis, forms: Sequence[Signature]) -> S
     without = without - logsumexp(without, axis=0)
     predictive = logsumexp(without + ahead, axis=0)
     total = float(logsumexp(evidence) - log_forms)
+    spared = _spared(bench, trials)
+    best = int(np.argmax(evidence + spared))
     return Score(
-        hypothesis, tuple(forms), tuple(trials), weights, total, predictive, float(within[np.argmax(evidence)])
-    )
+        hypothesis, tuple(forms), tuple(trials), weights, total, predictive, float(within[best]), best,
+        float(evidence[best] - log_forms), float(spared[best]),
+    )  # fmt: skip
+
+
+def _spared(bench: Bench, trials: Sequence[Trial]) -> Array:
+    """What each form spares the tolerances, in nats; nothing where that is not most of what they do without it.
+
+    Where one cause, of few parameters, does nearly all that a hundred tolerances would have to do, a simulation that is
+    right but for that cause is likelier than one that is off everywhere in just the way that looks like it. Evidence
+    does not say so by itself: with every tolerance in full, each is wide enough to help imitating a bit.
+    """
+    alone = bench.base.evidence[:, 0]
+    brought = np.stack([t.at_scales for t in trials])
+    work = float(alone[0] - alone[-1])
+    if work <= 0.0:
+        return np.zeros(len(trials))
+    spared = brought[:, -1] - brought[:, 0]
+    shares = np.minimum(1.0, spared / work)
+    # Where much is left for them to do all the same, things are off indeed.
+    off = work - spared > _STILL_OFF * sum(len(y) for y in bench.base.y)
+    # Nor may it be a single tolerance, pulled no further than tolerances are.
+    alike = brought[:, -1] - float(bench.base.freed.max()) < _BEYOND_ONE
+    return work * shares * np.where(off | alike | (shares < _COUNTS), 0.0, np.minimum(1.0, shares / _IN_FULL))
 
 
 def _within(signature: Signature, trial: Trial) -> float:

@@ -156,11 +156,10 @@ def _groups(names: Sequence[str], held_out: Sequence[str]) -> list[tuple[int, ..
 
 
 def _pulls(bench: Bench) -> tuple[Pull, ...]:
-    posterior = bench.base.posterior
-    std = np.sqrt(np.diag(posterior.covariance))
-    order = np.argsort(-np.abs(posterior.mean[: len(bench.nuisances)]))[:_HARDEST]
+    pulled, std = bench.pulled
+    order = np.argsort(-np.abs(pulled))[:_HARDEST]
     return tuple(
-        Pull(n.name, float(posterior.mean[j]), float(posterior.mean[j] * n.sd), float(std[j] * n.sd), n.unit)
+        Pull(n.name, float(pulled[j]), float(pulled[j] * n.sd), float(std[j] * n.sd), n.unit)
         for j in order
         for n in (bench.nuisances[j],)
     )

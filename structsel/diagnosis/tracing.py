@@ -51,8 +51,7 @@ def residuals(bench: Bench) -> list[dict[str, Array]]:
 
 def _moved(bench: Bench) -> list[dict[str, Array]]:
     """What the tolerances, pulled as they are, add to the differences."""
-    k = len(bench.nuisances)
-    pulled = bench.base.posterior.mean[:k]
+    pulled, _ = bench.pulled
     made = []
     for i, f in enumerate(bench.flights):
         total = {c: np.zeros(len(f)) for c in f.difference}

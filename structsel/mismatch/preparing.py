@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy.interpolate import CubicSpline
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DataError
 from structsel.mismatch.checking import check_alike, check_flown, check_recorded
 from structsel.mismatch.flight import AIRFRAME, Flight, prepare_flight
-from structsel.mismatch.responses import COEFFICIENTS
+from structsel.mismatch.responses import COEFFICIENTS, Rate
 from structsel.mismatch.simulations import Simulation, open_simulation
-from structsel.mismatch.surrogate import identify
+from structsel.mismatch.surrogate import Surrogate, identify
 from structsel.numerics.smoothing.result import Array
 from structsel.recording import Recording
 
@@ -117,6 +116,32 @@ def _ask(flight: Flight, simulation: Simulation, recording: Recording) -> Flight
     return replace(flight, simulated=held, measured=measured)
 
 
+def _acted(x: Array, dt: float) -> Array:
+    """Rate of the integral of an input that was held over each sample."""
+    return Rate(dt)(dt * np.concatenate([[0.0], np.cumsum(x[:-1])]))
+
+
+def _told(flights: Sequence[Flight], stand_in: Surrogate, responses: Sequence[str]) -> list[dict[str, Array]]:
+    """What a stand-in says along flights, with inputs as read, or held over each sample: whichever comes nearer.
+
+    Inputs are not smoothed here: what jumps would be rounded, and they are read well beside how far they move.
+    """
+
+    def driven(held: bool) -> list[dict[str, Array]]:
+        made = []
+        for f in flights:
+            inputs = {c: _acted(f.raw[c], f.dt) if held else f.raw[c] for c in _HELD if c in f.raw}
+            plain = replace(f, channels={**f.channels, **inputs})
+            made.append({c: stand_in.evaluate(plain, c) for c in responses})
+        return made
+
+    def off(told: Sequence[Mapping[str, Array]]) -> float:
+        power = [sum(float(np.var(f.measured[c] - t[c])) for f, t in zip(flights, told)) for c in responses]
+        return float(np.sum(np.log(power)))
+
+    return min(driven(False), driven(True), key=off)
+
+
 def _from_flights(
     flights: Sequence[Flight], simulation: Simulation, craft: Aircraft, remarks: list[str]
 ) -> list[Flight]:
@@ -125,9 +150,8 @@ def _from_flights(
     for f in flights:
         flown = simulation.flown[f.name]
         filled = {c: np.asarray(flown[c]) for c in flown.names}
-        # Inputs were held over each sample: what acted is half a sample late.
-        half = np.maximum(flown.t - 0.5 * flown.dt, flown.t[0])
-        filled |= {c: CubicSpline(flown.t, x)(half) for c, x in filled.items() if c in _HELD}
+        # Inputs were held over each sample. Rates are differentiated: what acted is to be averaged in the same way.
+        filled |= {c: _acted(x, flown.dt) for c, x in filled.items() if c in _HELD}
         for c in ("rho", "mass", "thrust", "throttle", "df", "gear", "h_agl", "rpm"):
             if c not in filled and c in f.channels and len(flown) == len(f):
                 filled[c] = f.channels[c]
@@ -142,8 +166,7 @@ def _from_flights(
             f"the simulation's own flights determine its {', '.join(poor)} only in part: they move too little there"
         )
     made = []
-    for f in flights:
-        told = {c: stand_in.evaluate(f, c) for c in responses}
+    for f, told in zip(flights, _told(flights, stand_in, responses)):
         measured: Mapping[str, Array] = {c: x for c, x in f.measured.items() if c in told or c not in COEFFICIENTS}
         made.append(replace(f, simulated=told, measured=measured))
     return made

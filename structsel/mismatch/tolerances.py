@@ -44,12 +44,20 @@ class Nuisance:
     unit : str
     columns : mapping of response to (n,) array, one mapping per flight
         What one `unit` of it adds to measured less simulated.
+    least : float
+        Part of `sd` that does not come of a stated tolerance: sampling, noise in the states.
     """
 
     name: str
     sd: float
     unit: str
     columns: Sequence[Mapping[str, Array]]
+    least: float = 0.0
+
+    def scale(self, share: float) -> float:
+        """Factor on `sd` where things are off by a share of the stated tolerances."""
+        least = min(1.0, self.least / self.sd)
+        return math.sqrt(least**2 + share**2 * (1.0 - least**2))
 
 
 def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
@@ -69,7 +77,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
     ) -> None:
         sd = math.hypot(_sd(stated, key) * factor, least)
         if sd > 0.0 and any(np.any(x) for one in columns for x in one.values()):
-            made.append(Nuisance(name, sd, unit, columns))
+            made.append(Nuisance(name, sd, unit, columns, least))
 
     for response in first.simulated:
         if first.surrogate is None:
@@ -86,7 +94,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         level = float(np.sqrt(np.mean([np.mean(f.simulated[response] ** 2) for f in flights])))
         add(f"{response}: 1", "secondary", "-", [{response: np.ones(len(f))} for f in flights], level)
         # What the states as we have them do not give may be the noise of the states it was asked at.
-        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest))
+        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0))
     if not set(COEFFICIENTS) & set(first.simulated):
         return made
     add("mass", "mass", "relative", [mass_columns(f) for f in flights])
@@ -112,10 +120,20 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
     for group in (COEFFICIENTS[:3], COEFFICIENTS[3:]):
         each = [{c: f.rate(f.simulated[c]) for c in group if c in f.simulated} for f in flights]
         add(f"simulated {', '.join(group)} late", "delay", "s", each, least=timing)
+    made += _held(flights, timing)
     for k, axis in enumerate("xyz"):
         add(f"accelerometer {axis}", "lever_arm", "m", [accelerometer_moved(f, k) for f in flights])
         if axis != "y":
             add(f"vane {axis}", "lever_arm", "m", [vane_moved(f, k) for f in flights])
+    return made
+
+
+def _held(flights: Sequence[Flight], timing: float) -> list[Nuisance]:
+    """What holding inputs over each sample, and averaging over steps in between, does to each response by itself."""
+    made = []
+    for c in (c for c in COEFFICIENTS if c in flights[0].simulated):
+        turns = [{c: f.rate(f.rate(f.simulated[c]))} for f in flights]
+        made.append(Nuisance(f"{c} over a step", 4.0 * timing**2, "s^2", turns, 4.0 * timing**2))
     return made
 
 

@@ -13,7 +13,8 @@ from functools import cached_property
 
 import numpy as np
 from scipy.fft import dct
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import logsumexp
 
 from structsel.numerics.smoothing.result import Array
 
@@ -179,26 +180,87 @@ def chi2_of(products: Products, coefficients: Array) -> float:
 class Base:
     """What every trial shares: the rows and nuisances of each manoeuvre, factored once, all and each left out.
 
+    How far off things are that may be off is itself not known: the nuisances' prior standard deviations are as given
+    times one of several sets of factors, equally likely beforehand.
+
     Parameters
     ----------
     y : sequence of (rows,) arrays
         Per manoeuvre, white with unit variance.
-    B : sequence of (rows, k) arrays
+    given : sequence of (rows, k) arrays
         Nuisances, scaled by their prior standard deviations.
     groups : sequence of tuple of int, optional
         Manoeuvres left out together; by default each in turn.
+    scales : (t, k) array, optional
+        Factors on the prior standard deviations; by default ones.
+
+    Attributes
+    ----------
+    evidence : (t, 1 + m) array
+        Log evidence at each set of factors, of all manoeuvres and without each.
+    chosen : int
+        The likeliest set of factors.
+    solved : (1 + m, k) array
+        Coefficients at that, from all manoeuvres and without each.
+    posterior : Posterior
     """
 
-    def __init__(self, y: Sequence[Array], B: Sequence[Array], groups: Sequence[tuple[int, ...]] | None = None):
-        self.y, self.B = list(y), list(B)
+    def __init__(
+        self,
+        y: Sequence[Array],
+        given: Sequence[Array],
+        groups: Sequence[tuple[int, ...]] | None = None,
+        scales: Array | None = None,
+    ):
+        self.y, self.given = list(y), list(given)
         self.groups = [(m,) for m in range(len(self.y))] if groups is None else list(groups)
-        each = [Products.of(X, r) for X, r in zip(self.B, self.y)]
-        self.all = _sum(each)
-        k = len(self.all.b)
-        self.sets = [self.all, *(self.all - _sum([each[m] for m in group]) for group in self.groups)]
-        self.factors = [cho_factor(np.eye(k) + s.A, lower=True) for s in self.sets]
-        self.solved = [cho_solve(f, s.b) for f, s in zip(self.factors, self.sets)]
-        self.posterior = solve(self.all)
+        each = [Products.of(X, r) for X, r in zip(self.given, self.y)]
+        total = _sum(each)
+        sets = [total, *(total - _sum([each[m] for m in group]) for group in self.groups)]
+        self.scales = np.ones((1, len(total.b))) if scales is None else scales
+        b = self.scales[:, None, :] * np.stack([s.b for s in sets])
+        A = self.scales[:, None, :, None] * np.stack([s.A for s in sets]) * self.scales[:, None, None, :]
+        k = A.shape[-1]
+        factor = np.linalg.cholesky(np.eye(k) + A)
+        self._inverse = np.linalg.inv(factor)
+        self._rotated = (self._inverse @ b[..., None])[..., 0]
+        power = np.stack([s.c for s in sets]) - (self._rotated**2).sum(axis=-1)
+        self.evidence = -0.5 * power - np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+        self.chosen = int(np.argmax(self.evidence[:, 0]))
+        self.solved = (np.swapaxes(self._inverse[self.chosen], -1, -2) @ self._rotated[self.chosen][..., None])[..., 0]
+        self.posterior = solve(Products(A[self.chosen, 0], b[self.chosen, 0], total.c, total.n))
+
+    @cached_property
+    def B(self) -> list[Array]:
+        """(rows, k) nuisances per manoeuvre, scaled by the likeliest factors too."""
+        return [X * self.scales[self.chosen] for X in self.given]
+
+    def at(self, chosen: int) -> Base:
+        """With one of the sets of factors only."""
+        return Base(self.y, self.given, self.groups, self.scales[[chosen]])
+
+    def beside(self, more: Sequence[Array]) -> Base:
+        """With further columns (rows, j), whose priors stay as they are."""
+        given = [np.column_stack(pair) for pair in zip(self.given, more)]
+        ones = np.ones((len(self.scales), given[0].shape[1] - self.scales.shape[1]))
+        return Base(self.y, given, self.groups, np.column_stack([self.scales, ones]))
+
+    def keeping(self, columns: Sequence[int]) -> Base:
+        """With some of the columns, in this order."""
+        at = list(columns)
+        return Base(self.y, [X[:, at] for X in self.given], self.groups, self.scales[:, at])
+
+    @property
+    def freed(self) -> Array:
+        """(k,) log evidence that each column brings at the first set of factors, all others staying at the last."""
+        first, last = self.scales[0], self.scales[-1]
+        inverse = self._inverse[-1, 0]
+        mean = inverse.T @ self._rotated[-1, 0]
+        variance = (inverse**2).sum(axis=0)
+        wider = (first / last) ** 2
+        less = 1.0 / wider - 1.0  # of the prior's precision
+        held = 1.0 + less * variance
+        return -0.5 * (np.log(wider) + np.log(held) + less * mean**2 / held)
 
     def try_columns(self, each: Sequence[Further]) -> Trial:
         """Evidence for further columns (scaled by their priors), over all and with each manoeuvre left out.
@@ -216,25 +278,22 @@ class Base:
             total = x.sum(axis=0)
             return np.stack([total, *(total - x[list(group)].sum(axis=0) for group in self.groups)])
 
-        V = self._inverse @ all_and_without(cross)
-        S = all_and_without(own) - np.swapaxes(V, 1, 2) @ V
-        s = all_and_without(with_y) - (np.swapaxes(V, 1, 2) @ self._rotated[:, :, None])[:, :, 0]
-        inner = np.eye(S.shape[1]) + S
-        theta = np.linalg.solve(inner, s[:, :, None])[:, :, 0]
-        evidence = 0.5 * np.einsum("ij,ij->i", s, theta) - 0.5 * np.linalg.slogdet(inner)[1]
-        gain = 0.5 * float(s[0] @ theta[0])
-        return Trial(float(evidence[0]), evidence[0] - evidence[1:], theta[0], np.linalg.inv(inner[0]), gain)
-
-    @cached_property
-    def _inverse(self) -> Array:
-        """(1 + m, k, k) inverses of the factors, all flights first, then each left out."""
-        k = len(self.all.b)
-        return np.stack([solve_triangular(f[0], np.eye(k), lower=True) for f in self.factors])
-
-    @cached_property
-    def _rotated(self) -> Array:
-        """(1 + m, k) products with y, in the factors' coordinates."""
-        return np.stack([L @ s.b for L, s in zip(self._inverse, self.sets)])
+        V = self._inverse @ (self.scales[:, None, :, None] * all_and_without(cross))
+        turned = np.swapaxes(V, -1, -2)
+        S = all_and_without(own) - turned @ V
+        s = all_and_without(with_y) - (turned @ self._rotated[..., None])[..., 0]
+        inner = np.eye(S.shape[-1]) + S
+        theta = np.linalg.solve(inner, s[..., None])[..., 0]
+        brought = 0.5 * (s * theta).sum(axis=-1) - 0.5 * np.linalg.slogdet(inner)[1]
+        evidence = logsumexp(self.evidence + brought, axis=0) - logsumexp(self.evidence, axis=0)
+        best = int(np.argmax((self.evidence + brought)[:, 0]))
+        return Trial(
+            float(evidence[0]),
+            evidence[0] - evidence[1:],
+            theta[best, 0],
+            np.linalg.inv(inner[best, 0]),
+            brought[:, 0],
+        )
 
 
 def _sum(parts: Sequence[Products]) -> Products:
@@ -256,12 +315,12 @@ class Trial:
         Of each manoeuvre given the others: gain in log predictive density.
     theta : (j,) array [prior standard deviations]
     covariance : (j, j) array
-    gain : float
-        Log posterior at its maximum, over that of the base: what they fit better, and what need no longer be pulled.
+    at_scales : (t,) array
+        Log evidence with them less that without, at each set of factors of the base.
     """
 
     log_bayes: float
     predictive: Array
     theta: Array
     covariance: Array
-    gain: float
+    at_scales: Array

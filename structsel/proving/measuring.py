@@ -11,6 +11,8 @@ from structsel.aircraft import Aircraft
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.numerics import rigid_body as rb
 
+OFF_BY = (0.0, 0.0, 0.3, 1.0)
+"""Of the stated tolerances, by which the parameters of a case's simulation and instruments are off."""
 _CUTOFF = 4.0  # Hz; of the rates before they are differentiated
 
 

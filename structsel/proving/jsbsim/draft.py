@@ -21,7 +21,7 @@ from structsel.proving.jsbsim.manoeuvres import plan_flights
 from structsel.proving.jsbsim.plane import Plane
 from structsel.proving.jsbsim.readings import channels_of, joined, measured_as_stated, read, restated, told
 from structsel.proving.keys import EffectKey, Key
-from structsel.proving.measuring import gains
+from structsel.proving.measuring import OFF_BY, gains
 from structsel.recording import Recording
 
 Family = Literal["single", "pair", "null", "outside", "clutter"]
@@ -75,12 +75,13 @@ class Draft:
         plain = plan_flights(craft, needs[:6], dt, rng, lift, heights)
         self.manoeuvres = [f.manoeuvre for f in plain]
         store = sum(e.store_mass for e in self.effects)
-        self.chain = setting.draw_chain(craft, rng, store=store, null=self.family == "null")
+        share = float(rng.choice(OFF_BY))
+        self.chain = setting.draw_chain(craft, rng, share=share, store=store, null=self.family == "null")
         self.wind: dict[str, np.ndarray] = {}
         if self.family == "null" and self.chain.blind:
             self.wind = setting.draw_turbulence(self.manoeuvres, craft.aircraft.b, rng)
             plain = [fly(craft, m, Truth(wind=self.wind)) for m in self.manoeuvres]
-        self.factors = setting.draw_factors(craft, plain, rng)
+        self.factors = setting.draw_factors(craft, plain, share, rng)
         for k, drawn in enumerate(self.effects):
             band = BANDS[self.severity] if k == 0 or self.family == "pair" else (0.02, 0.05)
             self.effects[k] = self._sized(drawn, plain, float(rng.uniform(*band)))

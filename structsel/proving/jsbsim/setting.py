@@ -19,19 +19,22 @@ _TOLERANCES = {"main": 0.01, "secondary": 0.03, "mass": 0.003, "inertia": 0.01, 
 _MAIN = 0.2  # of its axis' rms; a part above it has the tolerance of a main derivative
 
 
-def draw_chain(plane: Plane, rng: np.random.Generator, *, store: float, null: bool) -> Chain:
+def draw_chain(plane: Plane, rng: np.random.Generator, *, share: float, store: float, null: bool) -> Chain:
     """Instruments, and what aircraft.toml says of the aircraft: all off by its tolerances.
 
     Parameters
     ----------
     plane : Plane
     rng : numpy Generator
+    share : float
+        Of the tolerances, by which things are off.
     store : float [kg]
         Carried at the start.
     null : bool
         Whether the air may be turbulent and the noise coloured.
     """
-    true, t, draw = plane.aircraft, _TOLERANCES, rng.standard_normal
+    true, draw = plane.aircraft, rng.standard_normal
+    t = {name: share * sd for name, sd in _TOLERANCES.items()}
     level = float(rng.uniform(1.0, 1.7))
     seat = np.array([rng.uniform(-0.06, 0.08) * true.b, 0.0, rng.uniform(-0.1, 0.1)])
     boom = np.array([rng.uniform(0.15, 0.35) * true.b, 0.0, 0.0])
@@ -74,14 +77,14 @@ def draw_chain(plane: Plane, rng: np.random.Generator, *, store: float, null: bo
     )
 
 
-def draw_factors(plane: Plane, flights: Sequence[Flight], rng: np.random.Generator) -> dict[str, float]:
-    """Factor of each part of an axis in the simulation: off by the tolerances."""
+def draw_factors(plane: Plane, flights: Sequence[Flight], share: float, rng: np.random.Generator) -> dict[str, float]:
+    """Factor of each part of an axis in the simulation: off by a share of the tolerances."""
     held = [forced.contributions(plane, f, plane.parts) for f in flights[:4]]
     axes = {p.name: p.axis for p in plane.parts if p.axis}
     sizes = {n: float(np.sqrt(np.mean(np.concatenate([h[n] for h in held]) ** 2))) for n in axes}
     total = {axis: sum(sizes[n] for n, a in axes.items() if a == axis) for axis in set(axes.values())}
     kinds = {n: "main" if sizes[n] > _MAIN * total[a] else "secondary" for n, a in axes.items()}
-    return {n: 1.0 + _TOLERANCES[kinds[n]] * float(rng.standard_normal()) for n in axes}
+    return {n: 1.0 + share * _TOLERANCES[kinds[n]] * float(rng.standard_normal()) for n in axes}
 
 
 def draw_turbulence(manoeuvres: Sequence[Manoeuvre], b: float, rng: np.random.Generator) -> dict[str, np.ndarray]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.aircraft import Aircraft, Tolerances
-from structsel.proving.measuring import gains, measured
+from structsel.proving.measuring import OFF_BY, gains, measured
 from structsel.proving.own import instruments as ins
 from structsel.proving.own.craft import Craft, Term
 from structsel.proving.own.effects import Concept, Effect, Entry
@@ -140,29 +140,31 @@ def draw_scene(
     }
     aircraft = Aircraft.from_dict(content)
     level = float(rng.uniform(1.0, 1.7))
-    factor = lambda key: 1.0 + 0.5 * float(getattr(tolerances, key)) * float(rng.standard_normal())  # noqa: E731
+    share = float(rng.choice(OFF_BY))
+    half = 0.5 * share
+    factor = lambda key: 1.0 + half * float(getattr(tolerances, key)) * float(rng.standard_normal())  # noqa: E731
     wrong = {
         "scale": {n: factor("vane_scale") - 1.0 for n in ("alpha", "beta")},
         "delay": {n: abs(factor("delay") - 1.0) for n in ("alpha", "beta", "V")},
     }
-    shift = [0.5 * float(tolerances.lever_arm) * float(z) * 0.5 for z in rng.standard_normal(3)]  # type: ignore[arg-type]
+    shift = [half * float(tolerances.lever_arm) * float(z) * 0.5 for z in rng.standard_normal(3)]  # type: ignore[arg-type]
     entry = (
         Entry(
             Physics(
                 mass=factor("mass"),
                 inertia={k: factor("inertia") for k in ("Ix", "Iy", "Iz")},
-                settings={"arm_x": 0.5 * float(tolerances.cg) * float(rng.standard_normal()) * stated.cbar},  # type: ignore[arg-type]
+                settings={"arm_x": half * float(tolerances.cg) * float(rng.standard_normal()) * stated.cbar},  # type: ignore[arg-type]
             ),
             Faults(
                 place={"accelerometer": (shift[0], 0.0, 0.0)},
-                mix=[("ax", "az", 0.5 * float(tolerances.alignment) * float(rng.standard_normal()))],
+                mix=[("ax", "az", half * float(tolerances.alignment) * float(rng.standard_normal()))],
             ),
         )
         if background
         else Entry()
     )
     biases = [{n: s * float(rng.standard_normal()) for n, s in ins.BIAS.items()} for _ in plans]
-    terms = truth.off(rng, float(tolerances.main), float(tolerances.secondary))  # type: ignore[arg-type]
+    terms = truth.off(rng, share * float(tolerances.main), share * float(tolerances.secondary))  # type: ignore[arg-type]
     extra = {c for e in effects for c in e.channels}
     # Channels that an effect needs are there at other times as well.
     if truth.propeller or rng.random() < 0.3:
