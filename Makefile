@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test static check format clean
+.PHONY: demo test static check bench wheel lowest format clean
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -29,9 +29,30 @@ static: $(VENV)/.installed-dev  ## format, lint, import order, types
 
 check: static test  ## everything a commit must pass
 
+.venv-bench/.installed: pyproject.toml benchmarks/requirements.txt
+	$(PYTHON) -m venv .venv-bench
+	.venv-bench/bin/python -m pip install --quiet --upgrade pip
+	.venv-bench/bin/python -m pip install --quiet -r benchmarks/requirements.txt
+	.venv-bench/bin/python -m pip install --quiet -e ".[dask]"
+	touch $@
+
+bench: .venv-bench/.installed  ## ratios against X.T @ X and the peers, goals S1 to S6; about half an hour
+	OMP_NUM_THREADS=1 .venv-bench/bin/python benchmarks/selection.py --samples 20000,200000 --peer-samples 200000 --parts time,peers,memory,workers --out out/bench.md
+
+wheel: $(VENV)/.installed-dev  ## build the wheel, look what is in it, install it by itself and use it
+	rm -rf build out/wheel
+	$(BIN)/python -m build --quiet --wheel --outdir out/wheel .
+	$(BIN)/python .ci/check_wheel.py out/wheel/*.whl
+
+# Direct dependencies as old as pyproject.toml allows, theirs as new as fits; TESTS=tests/test_cli.py runs these only.
+lowest: $(VENV)/.installed-dev  ## run the tests with the oldest dependencies allowed
+	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python out/lowest
+	$(BIN)/python -m uv pip install --quiet --python out/lowest/bin/python --resolution lowest-direct -e ".[test]"
+	OMP_NUM_THREADS=1 out/lowest/bin/python -m pytest -n 2 $(TESTS)
+
 format: $(VENV)/.installed-dev  ## put the code in order
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf $(VENV) out
+	rm -rf $(VENV) .venv-bench out

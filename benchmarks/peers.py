@@ -209,6 +209,20 @@ def _abess(X: Array, y: Array, _: int) -> Chosen:
     return np.flatnonzero(model.fit(X, y).coef_)
 
 
+def _statsmodels_loop(X: Array, y: Array, _: int) -> Chosen:
+    from statsmodels.regression.linear_model import OLS
+
+    kept: list[int] = []
+    while len(kept) < LONGEST:
+        tried = [j for j in range(X.shape[1]) if j not in kept]
+        t = [OLS(y, X[:, [*kept, j]]).fit(method="qr").tvalues[-1] for j in tried]
+        best = int(np.argmax(np.abs(t)))
+        if t[best] ** 2 < 12.0:
+            break
+        kept.append(tried[best])
+    return np.asarray(kept, dtype=np.intp)
+
+
 PEERS: tuple[Peer, ...] = (
     Peer("scikit-learn OMP, told the count", "scikit-learn", "sklearn", True, _omp_told, "given the count"),
     Peer("scikit-learn OMP, CV", "scikit-learn", "sklearn", False, _omp_cv, "5 folds of samples, up to 20 terms", 3.0),
@@ -223,6 +237,8 @@ PEERS: tuple[Peer, ...] = (
          "no ridge, 20 terms, best BIC along its history", 6.0),
     Peer("PySINDy STLSQ", "pysindy", "pysindy", False, _pysindy_stlsq,
          "15 thresholds from 0.003 to 0.3 standard deviations, best BIC", 4.0),
+    Peer("statsmodels, a forward loop", "statsmodels", "statsmodels", False, _statsmodels_loop,
+         "OLS by QR of every candidate at every step, F to enter 12, none leaves", 2.0),
     Peer("abess", "abess", "abess", False, _abess, "support_size 0 to 20, ebic (its default), covariance_update", 4.0),
 )  # fmt: skip
 

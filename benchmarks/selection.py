@@ -85,10 +85,13 @@ def measure_memory(results: Results, n: int, degree: int, peers: tuple[Peer, ...
     """Peak above the signals of the fits, of X.T @ X and of the peers."""
     size = (n, len(monomials(8, degree)))
     of = results.memory.setdefault(size, {})
-    for what in (w.WHITE, w.GENERIC, w.SELECT, w.BOOTSTRAP):
+    for what in (w.WHITE, w.GENERIC, w.SELECT, w.BOOTSTRAP, w.XTX):
+        if what == w.XTX and not w.room_for(None, n, degree, free_memory()):
+            of[what] = "no room"
+            continue
         of[what] = w.peak(n, degree, what)
         say(f"N={n} p={size[1]}: {what} {of[what]:.1f} MiB")
-    for name, peer in [(w.XTX, None), *((p.name, p) for p in peers if not p.absent())]:
+    for name, peer in [(p.name, p) for p in peers if not p.absent()]:
         if not w.room_for(peer, n, degree, free_memory()):
             of[name] = "no room"
             continue
@@ -214,7 +217,7 @@ def main() -> None:
     parser.add_argument("--samples", default="20000,200000,2000000")
     parser.add_argument("--degrees", default="3,4", help="3: 164 candidates, 4: 494")
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--parts", default="time,peers,memory,workers")
+    parser.add_argument("--parts", default="time,peers,memory,peer-memory,workers")
     parser.add_argument("--peers", default="all", help="semicolon-separated words, 'all' or 'none'")
     parser.add_argument("--peer-samples", default="20000,200000", help="sizes at which peers run")
     parser.add_argument("--worker-samples", type=int, default=200_000)
@@ -232,7 +235,7 @@ def main() -> None:
             if "peers" in parts:
                 time_peers(results, n, degree, here)
             if "memory" in parts:
-                measure_memory(results, n, degree, here)
+                measure_memory(results, n, degree, here if "peer-memory" in parts else ())
     if "workers" in parts:
         time_workers(results, a.worker_samples, max(degrees), a.repeats)
     absent = [f"{p.name}: {p.absent()}" for p in peers if p.absent()]

@@ -171,4 +171,5 @@ def publish(text: str, out: str | None) -> None:
     """Print a report, and write it to a file when one is named."""
     print(text, flush=True)
     if out:
+        Path(out).parent.mkdir(parents=True, exist_ok=True)
         Path(out).write_text(text + "\n", encoding="utf-8")

@@ -17,7 +17,14 @@ from structsel.inputs import InputComparison, InputDesign, compare_inputs, desig
 from structsel.mismatch import Mismatch, compare
 from structsel.model import AeroModel, ResponseModel
 from structsel.reconstruction import Reconstruction, Reconstructions, reconstruct, reconstruct_all
-from structsel.recording import Recording, read_recording, read_recordings, write_recording
+from structsel.recording import (
+    Recording,
+    StoredRecording,
+    read_recording,
+    read_recordings,
+    stream_recordings,
+    write_recording,
+)
 from structsel.refinement import (
     Comparison,
     Derivatives,
@@ -77,6 +84,7 @@ __all__ = [
     "ResponseModel",
     "Selection",
     "Selections",
+    "StoredRecording",
     "StructselError",
     "StructselWarning",
     "Term",
@@ -107,6 +115,7 @@ __all__ = [
     "replay",
     "select",
     "simulate",
+    "stream_recordings",
     "trim",
     "validate",
     "write_recording",

@@ -6,6 +6,7 @@ import pytest
 from structsel.candidates import Candidates, Term
 from structsel.recording import Recording
 from structsel.selection import select
+from structsel.selection.flown import look_over
 from structsel.selection.identifiability import EXCITATION, describe_spread, to_separate
 
 from .flights import fly
@@ -92,19 +93,26 @@ def one(**channels):
     n = 200
     t = np.arange(n)
     held = {c: np.sin((k + 1) * t / 9) for k, c in enumerate(("alpha", "de", "q_hat", "mine"))}
-    return Recording("a", 0.02 * t, held | channels)
+    return Recording("a", 0.02 * t, held | {"CZ": np.cos(t / 7)} | channels)
+
+
+def flown(flight, *terms):
+    """What a selection among these terms knows of the flight."""
+    return look_over([flight], Candidates(terms), ["CZ"])
 
 
 def test_terms_that_differ_by_one_factor_are_told_how_little_it_varies():
     flight = one(V_ratio=np.full(200, 1.5))
-    assert to_separate(Term("alpha"), Term("V_ratio*alpha"), [flight]) == (
+    pair = Term("alpha"), Term("V_ratio*alpha")
+    assert to_separate(*pair, flown(flight, *pair)) == (
         "they differ only by V_ratio = 1.5 +- 0, which hardly varies: fly the same inputs at other speeds"
     )
-    assert describe_spread("V", [one(V=np.linspace(50.0, 70.0, 200))]) == "V = 60 +- 5.8 m/s"
+    assert describe_spread("V", flown(one(V=np.linspace(50.0, 70.0, 200)), Term("V"))) == "V = 60 +- 5.8 m/s"
 
 
 def test_terms_of_different_channels_are_told_to_move_each():
-    said = to_separate(Term("alpha*de"), Term("alpha*mine"), [one()])
+    pair = Term("alpha*de"), Term("alpha*mine")
+    said = to_separate(*pair, flown(one(), *pair))
     assert said == (
         "de and mine move together here: move the elevator independently of the motion (an unaugmented doublet or a "
         "multisine); vary mine by itself"
@@ -112,5 +120,6 @@ def test_terms_of_different_channels_are_told_to_move_each():
 
 
 def test_powers_of_one_channel_are_told_to_widen_its_range():
-    said = to_separate(Term("alpha"), Term("alpha^3"), [one()])
+    pair = Term("alpha"), Term("alpha^3")
+    said = to_separate(*pair, flown(one(), *pair))
     assert said.endswith("fly the same inputs about other trim incidences, or larger pitch inputs")

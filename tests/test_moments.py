@@ -10,10 +10,10 @@ from scipy.signal import lfilter
 
 from structsel.errors import SelectionError, TermError
 from structsel.numerics.colour import Colour
+from structsel.numerics.cutting import split_blocks
 from structsel.numerics.moments import (
     accumulate,
     accumulate_whitened,
-    split_blocks,
     sweep_constant,
 )
 from structsel.numerics.monomials import plan_distinct, words_of

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,6 +27,7 @@ from structsel.cli.flights import (
 from structsel.cli.output import refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.results import write_results
+from structsel.cli.streaming import CheckpointFile, Stream, checkpoint_file, stream_flights, to_show, to_stream
 from structsel.cli.tables import (
     LEGEND,
     print_comparison,
@@ -36,10 +36,9 @@ from structsel.cli.tables import (
     print_trace,
     print_validation,
 )
-from structsel.cli.terminal import Waiting, print_json, say, stdout
+from structsel.cli.terminal import Waiting, explain, print_json, say, stdout
 from structsel.errors import SelectionError
-from structsel.recording import Recording
-from structsel.report import write_report
+from structsel.recording import Recording, StoredRecording
 from structsel.selection import Selections, select
 from structsel.selection.options import Criterion, Estimate, Residuals, Start, Stop
 from structsel.validation import Validation, validate
@@ -168,6 +167,8 @@ def run(
     r2_change: Annotated[float, option("--r2-change", "Least gain in R2, with --stop R2.", _FINE)] = 0.005,
     max_order: Annotated[int, option("--max-order", "Highest AR order of the residuals.", _FINE, "N")] = 24,
     workers: Annotated[int | None, option("--workers", "Threads; as many as the work is worth.", _FINE, "N")] = None,
+    stream: Stream = None,
+    checkpoint: CheckpointFile = None,
 ) -> None:
     """Choose which candidate terms belong in the model of each response, and say how sure that is."""
     if json and latex:
@@ -197,12 +198,20 @@ def run(
         "workers": workers,
     }
     refuse_existing(out, overwrite)
-    flown = read_flights(files, channel_map, aircraft, v0, {*wanted, *pool.channels}, reconstruct)
-    used, held = hold_out(flown, held_out)
-    found = _select_by(method, used, wanted, pool, asked)
+    streamed = to_stream(files, stream, reconstruct)
+    needed = {*wanted, *pool.channels}
+    used: Sequence[Recording | StoredRecording]
+    if streamed:
+        used, kept_aside = hold_out(stream_flights(files, channel_map, aircraft, v0, needed), held_out)
+        held = [flight.read() for flight in kept_aside]
+    else:
+        used, held = hold_out(read_flights(files, channel_map, aircraft, v0, needed, reconstruct), held_out)
+    found = _select_by(method, used, wanted, pool, asked, checkpoint_file(checkpoint, out, streamed))
     scores = {name: validate(s.model, held) for name, s in found.items()} if held else {}
-    reports = partial(_write_reports, found, scores, [*used, *held])
-    written = write_results(out, found, scores, held or used, plots, reports) if out is not None else []
+    written = []
+    if out is not None:
+        shown = to_show(used)
+        written = write_results(out, found, scores, [*shown, *held], held or shown, plots)
     if json:
         print_json(_as_dict(found, scores))
     elif latex:
@@ -255,32 +264,36 @@ def _components(text: str) -> int | str:
 
 
 def _select_by(
-    method: str, used: Sequence[Recording], responses: Sequence[str], pool: Candidates, asked: dict[str, Any]
+    method: str,
+    used: Sequence[Recording | StoredRecording],
+    responses: Sequence[str],
+    pool: Candidates,
+    asked: dict[str, Any],
+    checkpoint: Path | None,
 ) -> dict[str, Selections]:
     """Return the selections by the method asked for, or by all that can be made."""
     found: dict[str, Selections] = {}
     tried = METHODS if method == "all" else (method,)
+
+    def kept(name: str) -> Path | None:
+        if checkpoint is None or method != "all":
+            return checkpoint
+        return checkpoint.with_name(f"{checkpoint.name}.{name}")
+
     for name in tried:
         with Waiting(f"selecting, {name}") as waiting:
             try:
-                found[name] = select(used, responses, pool, method=name, progress=waiting, **asked)  # type: ignore[arg-type]
+                told = {"progress": waiting, "checkpoint": kept(name), **asked}
+                found[name] = select(used, responses, pool, method=name, **told)  # type: ignore[arg-type]
             except SelectionError as error:
                 if method != "all" or name != "best_subset":
                     raise
                 say("warning", f"best_subset is left out of the comparison: {error}")
     if method == "all" and asked["residuals"] == "coloured":
         with Waiting("selecting, white residuals") as waiting:
-            white = {**asked, "residuals": "white"}
-            found["stepwise, white"] = select(used, responses, pool, method="stepwise", progress=waiting, **white)
+            told = {"progress": waiting, "checkpoint": kept("white"), **asked, "residuals": "white"}
+            found["stepwise, white"] = select(used, responses, pool, method="stepwise", **told)
     return found
-
-
-def _write_reports(
-    found: dict[str, Selections], scores: dict[str, Validation], recordings: Sequence[Recording], folder: Path
-) -> None:
-    for method, selections in found.items():
-        mark = "" if len(found) == 1 else "_" + method.replace(", ", "_")
-        write_report(selections, folder / f"report{mark}.html", recordings=recordings, judged=scores.get(method))
 
 
 def _as_dict(found: dict[str, Selections], scores: dict[str, Validation]) -> dict[str, Any]:
@@ -305,7 +318,6 @@ def _print(found: dict[str, Selections], scores: dict[str, Validation], trace: b
             print_selection(console, selection)
             if trace:
                 print_trace(console, selection)
-        console.print(LEGEND, style="dim")
-        console.print()
+        explain(console, LEGEND)
     for name, validation in scores.items():
         print_validation(console, validation, f"Held out, never selected from ({name})")

@@ -7,7 +7,7 @@ again, so neither ``Q`` nor ``Z`` is held.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +16,13 @@ from scipy import linalg
 
 from structsel.errors import SelectionError
 from structsel.numerics.colour import WHITE, Colour, LagMoments, fit_ar, reference_sigma, whiten_rows
+from structsel.numerics.cutting import cut_blocks, whole_manoeuvres
 from structsel.numerics.monomials import plan_rows, words_of
-from structsel.numerics.rows import Array, RowMaker, Signals, base_scale, column_scale
+from structsel.numerics.passes import Part, Passes, Piece, Progress
+from structsel.numerics.rows import Array, RowMaker, Scales, Signals, base_scale, column_scale
 
 SLAB_ROWS = 4096
+BLOCKS = 8  # that a refit of a long manoeuvre is shared out in
 
 
 @dataclass(frozen=True)
@@ -69,18 +72,70 @@ class Fit:
 
 
 def _stretches(
-    manoeuvres: Sequence[Signals], exponents: NDArray[np.integer], reach: Sequence[int], response: int
-) -> Iterator[tuple[int, Array, int]]:
-    """(manoeuvre, scaled rows [1, x, y] with its reach of past samples, reach) in order, chunk by chunk."""
-    scales = base_scale(manoeuvres)
-    words = words_of(exponents)
-    p = len(words)
-    plan = plan_rows(words)
-    for k, signals in enumerate(manoeuvres):
-        maker = RowMaker(plan, p, scales, reach[k])
-        for rows, _, _ in maker.chunks(signals, reach[k], signals.n):
-            rows[1 + p] = rows[1 + p + response]
-            yield k, rows[: p + 2], reach[k]
+    piece: Piece, exponents: NDArray[np.integer], scales: Scales, response: int, reach: int = 0
+) -> Iterator[Array]:
+    """Scaled rows [1, x, y] of a piece, each with its reach of past samples, chunk by chunk."""
+    p = len(exponents)
+    maker = RowMaker(plan_rows(words_of(exponents)), p, scales, reach)
+    for rows, _, _ in maker.chunks(piece.signals, max(piece.start, reach), piece.stop):
+        rows[1 + p] = rows[1 + p + response]
+        yield rows[: p + 2]
+
+
+@dataclass(frozen=True)
+class Factors:
+    """The job of `refit_each`: a triangular factor of whitened [1, x, y] for each response, one after another.
+
+    Attributes
+    ----------
+    exponents : sequence of (k, s) int array
+        The kept terms of each response.
+    responses : sequence of int
+    levels : sequence of float
+        Innovation that each response's rows are weighted to.
+    scales : (s,) array, (m,) array
+    """
+
+    exponents: Sequence[NDArray[np.integer]]
+    responses: Sequence[int]
+    levels: Sequence[float]
+    scales: Scales
+
+    def size(self, part: Part) -> int:
+        """Entries of all factors, zeros below the diagonal included."""
+        return sum((2 + len(kept)) ** 2 for kept in self.exponents)
+
+    def start(self) -> Callable[[Part], Array]:
+        """A slab of rows at a time."""
+
+        def one(part: Part) -> Array:
+            return np.concatenate([self._factor(part, r).ravel() for r in range(len(self.responses))])
+
+        return one
+
+    def _factor(self, part: Part, r: int) -> Array:
+        kept = self.exponents[r]
+        buffer = np.empty((len(kept) + 2, SLAB_ROWS))
+        factor = np.zeros((0, len(kept) + 2))
+        filled = 0
+        for piece in part:
+            colour = piece.colours[r]
+            for rows in _stretches(piece, kept, self.scales, self.responses[r], colour.order):
+                width = rows.shape[1] - colour.order
+                if filled + width > SLAB_ROWS:
+                    factor, filled = stack_factors([factor, buffer[:, :filled].T]), 0
+                into = buffer[:, filled : filled + width]
+                whiten_rows(rows, colour.ar, self.levels[r] / colour.sigma, colour.order, into)
+                filled += width
+        return stack_factors([factor, buffer[:, :filled].T])
+
+
+def stack_factors(parts: Iterable[Array]) -> Array:
+    """The square triangular factor R of these rows, or factors of rows, together."""
+    stacked = np.vstack(list(parts))
+    q = stacked.shape[1]
+    R = np.asarray(np.linalg.qr(stacked, mode="r"))
+    return np.vstack([R, np.zeros((q - R.shape[0], q))])
 
 
 def refit(
@@ -89,50 +144,60 @@ def refit(
     response: int = 0,
     colours: Sequence[Colour] | None = None,
 ) -> Fit:
-    """Fit the constant and these terms by a streamed QR factor.
+    """Fit the constant and these terms by a streamed QR factor; one response of `refit_each`."""
+    return refit_each(manoeuvres, [exponents], [colours], [response])[0]
+
+
+def refit_each(
+    manoeuvres: Sequence[Signals],
+    exponents: Sequence[NDArray[np.integer]],
+    colours: Sequence[Sequence[Colour] | None],
+    responses: Sequence[int],
+    *,
+    scales: Scales | None = None,
+    passes: Passes | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> list[Fit]:
+    """Fit the constant and the kept terms of several responses by streamed QR factors, in one pass.
 
     Parameters
     ----------
     manoeuvres : sequence of Signals
-    exponents : (k, s) int array
-        The kept terms only.
-    response : int
-        Which response.
-    colours : sequence of Colour, optional
-        One per manoeuvre; white where absent.
+    exponents : sequence of (k, s) int array
+        The kept terms only, of each response.
+    colours : sequence of (sequence of Colour, or None)
+        Of each response, one per manoeuvre; white where None.
+    responses : sequence of int
+        Which.
+    scales, passes, workers, progress
+        As for `accumulate`.
 
     Raises
     ------
     SelectionError
         Where there are fewer samples than parameters, or the terms are exactly dependent.
     """
-    p = len(exponents)
-    of = colours if colours is not None else [WHITE] * len(manoeuvres)
-    level = reference_sigma(of, [m.n for m in manoeuvres])
-    buffer = np.empty((p + 2, SLAB_ROWS))
-    factor = np.zeros((0, p + 2))
-    filled = n = 0
-
-    def reduce(filled: int) -> Array:
-        stacked = np.vstack([factor, buffer[:, :filled].T])
-        return np.asarray(np.linalg.qr(stacked, mode="r"))
-
-    for k, rows, reach in _stretches(manoeuvres, exponents, [c.order for c in of], response):
-        width = rows.shape[1] - reach
-        if filled + width > SLAB_ROWS:
-            factor, filled = reduce(filled), 0
-        whiten_rows(rows, of[k].ar, level / of[k].sigma, reach, buffer[:, filled : filled + width])
-        filled += width
-        n += width
-    if n < p + 1:
-        raise SelectionError(
-            f"refit has {n} samples for {p + 1} parameters. Record longer, or ask for fewer terms (max_terms)."
-        )
-    R = reduce(filled)
-    R = np.vstack([R, np.zeros((max(p + 2 - R.shape[0], 0), p + 2))])
-    scale = column_scale(exponents, *base_scale(manoeuvres))
-    scale = np.append(scale[: p + 1], scale[p + 1 + response])
-    return solve_factor(R, scale, n)
+    scales = scales or base_scale(manoeuvres)
+    lengths = [m.n for m in manoeuvres]
+    of = [c if c is not None else [WHITE] * len(manoeuvres) for c in colours]
+    blocks = min(BLOCKS, sum(lengths) // (4 * SLAB_ROWS))  # a block more is a factor more
+    cut = cut_blocks(lengths, blocks, max(len(kept) for kept in exponents))
+    job = Factors(exponents, responses, [reference_sigma(c, lengths) for c in of], scales)
+    made = (passes or Passes()).over(job, cut.parts(manoeuvres, of), workers, progress).table
+    fits, at = [], 0
+    for kept, colour, response in zip(exponents, of, responses, strict=True):
+        p, q = len(kept), len(kept) + 2
+        factors = made[:, at : at + q * q].reshape(-1, q, q)
+        at += q * q
+        n = int(cut.n([c.order for c in colour]).sum())
+        if n < p + 1:
+            raise SelectionError(
+                f"refit has {n} samples for {p + 1} parameters. Record longer, or ask for fewer terms (max_terms)."
+            )
+        scale = column_scale(kept, *scales)
+        fits.append(solve_factor(stack_factors(factors), np.append(scale[: p + 1], scale[p + 1 + response]), n))
+    return fits
 
 
 def solve_factor(R: Array, scale: Array, n: int) -> Fit:
@@ -160,15 +225,77 @@ def solve_factor(R: Array, scale: Array, n: int) -> Fit:
     return Fit(theta * back, covariance, float((R[-1, -1] * scale[-1]) ** 2), n, float(singular[0] / singular[-1]))
 
 
+@dataclass(frozen=True)
+class Residuals:
+    """The residual y - X theta of one response, in its units.
+
+    Attributes
+    ----------
+    exponents : (k, s) int array
+    theta : (1 + k,) array
+    response : int
+    scales : (s,) array, (m,) array
+    """
+
+    exponents: NDArray[np.integer]
+    theta: Array
+    response: int
+    scales: Scales
+
+    def chunks(self, piece: Piece) -> Iterator[Array]:
+        """Residuals of a piece, chunk by chunk."""
+        scale = column_scale(self.exponents, *self.scales)
+        out = scale[len(self.theta) + self.response]
+        weights = self.theta * scale[: len(self.theta)] / out
+        for rows in _stretches(piece, self.exponents, self.scales, self.response):
+            yield out * (rows[-1] - weights @ rows[:-1])
+
+
 def residual_chunks(
     manoeuvres: Sequence[Signals], exponents: NDArray[np.integer], theta: Array, response: int = 0
 ) -> Iterator[tuple[int, Array]]:
     """Residuals y - X theta in the response's units, chunk by chunk, with their manoeuvre's index."""
-    scale = column_scale(exponents, *base_scale(manoeuvres))
-    out = scale[len(theta) + response]
-    weights = theta * scale[: len(theta)] / out
-    for k, rows, _ in _stretches(manoeuvres, exponents, [0] * len(manoeuvres), response):
-        yield k, out * (rows[-1] - weights @ rows[:-1])
+    residuals = Residuals(exponents, theta, response, base_scale(manoeuvres))
+    for k, signals in enumerate(manoeuvres):
+        for chunk in residuals.chunks(Piece(signals, 0, signals.n)):
+            yield k, chunk
+
+
+@dataclass(frozen=True)
+class Colours:
+    """The job of `colours_each`: order, sigma and coefficients, padded, of every response in every manoeuvre.
+
+    Attributes
+    ----------
+    residuals : sequence of Residuals
+    floors : sequence of float
+        Least innovation of each response.
+    max_order : int
+    """
+
+    residuals: Sequence[Residuals]
+    floors: Sequence[float]
+    max_order: int
+
+    def size(self, part: Part) -> int:
+        """A row for each response in each manoeuvre."""
+        return len(part) * len(self.residuals) * (2 + self.max_order)
+
+    def start(self) -> Callable[[Part], Array]:
+        """Manoeuvre by manoeuvre, so that each is read once for all responses."""
+
+        def one(part: Part) -> Array:
+            table = np.zeros((len(part), len(self.residuals), 2 + self.max_order))
+            for rows, piece in zip(table, part, strict=True):
+                for row, residuals, floor in zip(rows, self.residuals, self.floors, strict=True):
+                    moments = LagMoments(max(0, min(self.max_order, piece.signals.n // 12 - 1)))
+                    for chunk in residuals.chunks(piece):
+                        moments.add(chunk)
+                    colour = fit_ar(moments, floor)
+                    row[0], row[1], row[2 : 2 + colour.order] = colour.order, colour.sigma, colour.ar
+            return table.ravel()
+
+        return one
 
 
 def residual_colours(
@@ -179,8 +306,47 @@ def residual_colours(
     max_order: int = 24,
     floor: float = 0.0,
 ) -> list[Colour]:
-    """An AR model of each manoeuvre's residual, order by BIC; shorter manoeuvres are offered lower orders."""
-    moments = [LagMoments(max(0, min(max_order, m.n // 12 - 1))) for m in manoeuvres]
-    for k, residual in residual_chunks(manoeuvres, exponents, theta, response):
-        moments[k].add(residual)
-    return [fit_ar(m, floor) for m in moments]
+    """An AR model of each manoeuvre's residual of one response; see `colours_each`."""
+    return list(colours_each(manoeuvres, [exponents], [theta], [response], max_order, [floor])[0])
+
+
+def colours_each(
+    manoeuvres: Sequence[Signals],
+    exponents: Sequence[NDArray[np.integer]],
+    theta: Sequence[Array],
+    responses: Sequence[int],
+    max_order: int,
+    floors: Sequence[float],
+    *,
+    scales: Scales | None = None,
+    passes: Passes | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> list[tuple[Colour, ...]]:
+    """AR models of each manoeuvre's residuals, order by BIC, in one pass.
+
+    Parameters
+    ----------
+    manoeuvres : sequence of Signals
+    exponents, theta : sequence of (k, s) int array, of (1 + k,) array
+        Terms and parameters of each response.
+    responses : sequence of int
+        Which.
+    max_order : int
+        Highest order offered; shorter manoeuvres are offered lower ones.
+    floors : sequence of float
+        Least innovation of each response.
+    scales, passes, workers, progress
+        As for `accumulate`.
+
+    Returns
+    -------
+    list of tuple of Colour
+        For each response, one per manoeuvre.
+    """
+    scales = scales or base_scale(manoeuvres)
+    residuals = [Residuals(*of, scales) for of in zip(exponents, theta, responses, strict=True)]
+    parts = whole_manoeuvres([m.n for m in manoeuvres]).parts(manoeuvres)
+    made = (passes or Passes()).over(Colours(residuals, floors, max_order), parts, workers, progress)
+    table = made.values.reshape(len(manoeuvres), len(residuals), 2 + max_order)
+    return [tuple(Colour(row[2 : 2 + int(row[0])].copy(), float(row[1])) for row in of) for of in table.swapaxes(0, 1)]

@@ -12,37 +12,28 @@ The algebra is that of the normal equations, [KM16] ch. 5; whitening each manoeu
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
-from itertools import pairwise
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from structsel.errors import SelectionError
 from structsel.numerics.colour import Colour, reference_sigma, whiten_rows
+from structsel.numerics.cutting import cut_blocks
 from structsel.numerics.monomials import plan_distinct, plan_rows, words_of
+from structsel.numerics.passes import Part, Passes, Progress
 from structsel.numerics.rows import (
     CHUNK,
     Array,
     DistinctMaker,
     RowMaker,
+    Scales,
     Signals,
     base_scale,
     column_scale,
     plain_products,
 )
-
-
-@dataclass(frozen=True)
-class Block:
-    """Samples ``start`` to ``stop`` of manoeuvre ``manoeuvre``."""
-
-    manoeuvre: int
-    start: int
-    stop: int
 
 
 @dataclass(frozen=True)
@@ -55,8 +46,8 @@ class MomentSet:
         What each column was divided by.
     n : (B,) int array
         Samples each block contributed.
-    manoeuvre : (B,) int array
-        Which manoeuvre each block belongs to.
+    manoeuvre, last : (B,) int array
+        Which manoeuvre each block belongs to; where it holds several, the first of them, and the last.
     packed : (B, q (q + 1) / 2) array
         Upper triangles, row by row, q = 1 + p + m.
     n_candidates, n_responses : int
@@ -65,6 +56,7 @@ class MomentSet:
     scale: Array
     n: NDArray[np.int64]
     manoeuvre: NDArray[np.int64]
+    last: NDArray[np.int64]
     packed: Array
     n_candidates: int
     n_responses: int
@@ -74,14 +66,14 @@ class MomentSet:
         """Number of blocks."""
         return int(self.n.size)
 
+    def members(self, blocks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Every manoeuvre of which samples are in these blocks."""
+        ranges = zip(self.manoeuvre[blocks], self.last[blocks], strict=True)
+        return np.unique(np.concatenate([np.arange(first, last + 1) for first, last in ranges]))
+
     def unpack(self, packed: Array) -> Array:
         """Full symmetric (q, q) matrix of one packed triangle."""
-        q = self.scale.size
-        full = np.zeros((q, q))
-        upper = np.triu_indices(q)
-        full[upper] = packed
-        full.T[upper] = packed
-        return full
+        return np.asarray(packed)[_places(self.scale.size)]
 
     def total(self, weights: Array | None = None) -> Array:
         """Weighted sum of all blocks' products, (q, q)."""
@@ -100,61 +92,21 @@ class MomentSet:
         return float(self.n.sum() if weights is None else weights @ self.n)
 
 
+@lru_cache(maxsize=8)
+def _places(q: int) -> NDArray[np.int32]:
+    """(q, q) table of where each entry of a symmetric matrix lies in its packed upper triangle."""
+    table = np.zeros((q, q), dtype=np.int32)
+    upper = np.triu_indices(q)
+    table[upper] = np.arange(upper[0].size)
+    table.T[upper] = table[upper]
+    return table
+
+
 def sweep_constant(product: Array) -> Array:
     """Products with the constant (column 0) regressed out, (q - 1, q - 1): the centred second moments."""
     if not product[0, 0] > 0.0:
         return product[1:, 1:].copy()
     return product[1:, 1:] - np.outer(product[1:, 0], product[0, 1:]) / product[0, 0]
-
-
-def split_blocks(lengths: Sequence[int], wanted: int, shortest: int = 64) -> list[Block]:
-    """Cut manoeuvres into about ``wanted`` blocks in all, at least one each and none needlessly short."""
-    total = sum(lengths)
-    blocks = []
-    for k, n in enumerate(lengths):
-        pieces = max(1, min(round(wanted * n / max(total, 1)), n // shortest))
-        edges = np.linspace(0, n, pieces + 1).round().astype(int)
-        blocks += [Block(k, int(a), int(b)) for a, b in pairwise(edges)]
-    return blocks
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    return ThreadpoolController()
-
-
-def _over_blocks(
-    blocks: list[Block],
-    q: int,
-    work: Callable[[], Callable[[Block], list[Array]]],
-    n_results: int,
-    workers: int,
-    progress: Callable[[int, int], None] | None,
-) -> list[Array]:
-    """Run a worker's function on every block; packed triangles, one (B, ...) array per result."""
-    upper = np.ravel_multi_index(np.triu_indices(q), (q, q))
-    packed = [np.zeros((len(blocks), upper.size)) for _ in range(n_results)]
-    waiting = iter(range(len(blocks)))
-    done = 0
-
-    def run() -> None:
-        nonlocal done
-        one = work()
-        for i in waiting:  # shared between workers: each next() is one step of the interpreter
-            for store, result in zip(packed, one(blocks[i]), strict=True):
-                np.take(result.ravel(), upper, out=store[i])
-            done += 1
-            if progress is not None:
-                progress(done, len(blocks))
-
-    with _blas().limit(limits=1, user_api="blas"):
-        if workers == 1:
-            run()
-        else:
-            with ThreadPoolExecutor(workers) as pool:
-                for future in [pool.submit(run) for _ in range(workers)]:
-                    future.result()
-    return packed
 
 
 def choose_workers(workers: int | None, n: int, p: int) -> int:
@@ -166,13 +118,109 @@ def choose_workers(workers: int | None, n: int, p: int) -> int:
     return 2 if n * p * p > 2e9 else 1
 
 
+@dataclass(frozen=True)
+class Products:
+    """The job of `accumulate`: upper triangle of Z'Z.
+
+    Attributes
+    ----------
+    exponents : (p, s) int array
+    scales : (s,) array, (m,) array
+    """
+
+    exponents: NDArray[np.integer]
+    scales: Scales
+
+    def size(self, part: Part) -> int:
+        """Entries of the triangle."""
+        return triangle(1 + len(self.exponents) + self.scales[1].size)
+
+    def start(self) -> Callable[[Part], Array]:
+        """Through distinct sums where that is cheaper."""
+        words = words_of(self.exponents)
+        p, q = len(words), 1 + len(words) + self.scales[1].size
+        upper = np.ravel_multi_index(np.triu_indices(q), (q, q))
+        distinct = plan_distinct(words, self.scales[0].size)
+        if distinct is not None:
+            products = DistinctMaker(distinct, p, self.scales).products
+        else:
+            maker = RowMaker(plan_rows(words), p, self.scales)
+
+            def products(signals: Signals, start: int, stop: int) -> Array:
+                return plain_products(maker, signals, start, stop)
+
+        def one(part: Part) -> Array:
+            total = products(part[0].signals, part[0].start, part[0].stop)
+            for piece in part[1:]:
+                total += products(piece.signals, piece.start, piece.stop)
+            return total.ravel()[upper]
+
+        return one
+
+
+@dataclass(frozen=True)
+class WhitenedProducts:
+    """The job of `accumulate_whitened`: a triangle for each response, one after another.
+
+    Attributes
+    ----------
+    exponents : (p, s) int array
+    scales : (s,) array, (m,) array
+    levels : (m,) sequence of float
+        Innovation that each response's rows are weighted to.
+    """
+
+    exponents: NDArray[np.integer]
+    scales: Scales
+    levels: Sequence[float]
+
+    def size(self, part: Part) -> int:
+        """Entries of all triangles."""
+        return self.scales[1].size * triangle(2 + len(self.exponents))
+
+    def start(self) -> Callable[[Part], Array]:
+        """Rows are made once, and filtered for each response."""
+        words = words_of(self.exponents)
+        p, m = len(words), self.scales[1].size
+        plan = plan_rows(words)
+        makers: dict[int, RowMaker] = {}
+        filtered = np.empty((p + 2, CHUNK))
+        product = np.empty((p + 2, p + 2))
+        upper = np.ravel_multi_index(np.triu_indices(p + 2), (p + 2, p + 2))
+
+        def one(part: Part) -> Array:
+            totals = np.zeros((m, p + 2, p + 2))
+            for piece in part:
+                reach = max(c.order for c in piece.colours)
+                if reach not in makers:
+                    makers[reach] = RowMaker(plan, p, self.scales, reach)
+                for rows, a, b in makers[reach].chunks(piece.signals, max(piece.start, reach), piece.stop):
+                    responses = rows[1 + p :].copy()
+                    for r, colour in enumerate(piece.colours):
+                        rows[1 + p] = responses[r]
+                        into = filtered[:, : b - a]
+                        whiten_rows(rows[: p + 2], colour.ar, self.levels[r] / colour.sigma, reach, into)
+                        np.matmul(into, into.T, out=product)
+                        totals[r] += product
+            return totals.reshape(m, -1)[:, upper].ravel()
+
+        return one
+
+
+def triangle(q: int) -> int:
+    """Entries of the upper triangle of a (q, q) matrix."""
+    return q * (q + 1) // 2
+
+
 def accumulate(
     manoeuvres: Sequence[Signals],
     exponents: NDArray[np.integer],
     *,
     blocks: int = 12,
     workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
+    scales: Scales | None = None,
+    passes: Passes | None = None,
 ) -> MomentSet:
     """Second moments of [1, candidates, responses] of every manoeuvre in one pass.
 
@@ -182,36 +230,28 @@ def accumulate(
     exponents : (p, s) int array
         Each candidate's powers of the base signals; the constant is always added.
     blocks : int
-        About how many blocks to cut the manoeuvres into, at least one each.
+        About how many blocks to cut the manoeuvres into, at least one each; very many manoeuvres share blocks.
     workers : int, optional
         Threads, each with accumulators of its own. By default one where there is little to do, else two.
     progress : callable, optional
         Called with blocks done and blocks in all.
+    scales : (s,) array, (m,) array, optional
+        Of base signals and responses; as `base_scale` finds them where absent.
+    passes : Passes, optional
+        Who goes through the data; this process where absent.
 
     Returns
     -------
     MomentSet
         Memory: one (1 + p + m)^2 / 2 triangle per block and a workspace of 512 samples per worker.
     """
-    scales = base_scale(manoeuvres)
-    words = words_of(exponents)
-    p, m = len(words), scales[1].size
-    cut = split_blocks([s.n for s in manoeuvres], blocks)
-    distinct = plan_distinct(tuple(words), scales[0].size)
-    rows = plan_rows(words)
-
-    def work() -> Callable[[Block], list[Array]]:
-        if distinct is not None:
-            sums = DistinctMaker(distinct, p, scales)
-            return lambda block: [sums.products(manoeuvres[block.manoeuvre], block.start, block.stop)]
-        maker = RowMaker(rows, p, scales)
-        return lambda block: [plain_products(maker, manoeuvres[block.manoeuvre], block.start, block.stop)]
-
-    n = np.array([b.stop - b.start for b in cut])
-    threads = choose_workers(workers, int(n.sum()), p)
-    (packed,) = _over_blocks(cut, 1 + p + m, work, 1, threads, progress)
-    which = np.array([b.manoeuvre for b in cut])
-    return MomentSet(column_scale(exponents, *scales), n, which, packed, p, m)
+    scales = scales or base_scale(manoeuvres)
+    p = len(exponents)
+    cut = cut_blocks([s.n for s in manoeuvres], blocks, p)
+    threads = choose_workers(workers, cut.samples, p)
+    made = (passes or Passes()).over(Products(exponents, scales), cut.parts(manoeuvres), threads, progress)
+    scale = column_scale(exponents, *scales)
+    return MomentSet(scale, cut.n(), cut.first, cut.last, made.table, p, scales[1].size)
 
 
 def accumulate_whitened(
@@ -221,7 +261,9 @@ def accumulate_whitened(
     *,
     blocks: int = 12,
     workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
+    scales: Scales | None = None,
+    passes: Passes | None = None,
 ) -> list[MomentSet]:
     """Second moments after whitening: one MomentSet per response, each through its own filters, in one pass.
 
@@ -230,45 +272,23 @@ def accumulate_whitened(
     colours : sequence over responses of sequences over manoeuvres
         Filter of each response's residual in each manoeuvre. The constant is filtered like every other column; the
         first samples of a manoeuvre, as many as the filter is long, start the filter and do not count.
+    blocks, workers, progress, scales, passes
+        As for `accumulate`.
 
     Returns
     -------
     list of MomentSet
         With one response each, rows weighted by reference_sigma / sigma_k.
     """
-    scales = base_scale(manoeuvres)
-    words = words_of(exponents)
-    p, m = len(words), scales[1].size
+    scales = scales or base_scale(manoeuvres)
+    p, m = len(exponents), scales[1].size
     lengths = [s.n for s in manoeuvres]
-    cut = split_blocks(lengths, blocks)
-    plan = plan_rows(words)
-    reach = [max(colours[r][k].order for r in range(m)) for k in range(len(manoeuvres))]
-    weight = [[reference_sigma(of, lengths) / c.sigma for c in of] for of in colours]
-
-    def work() -> Callable[[Block], list[Array]]:
-        makers = {k: RowMaker(plan, p, scales, k) for k in set(reach)}
-        filtered = np.empty((p + 2, CHUNK))
-        part = np.empty((p + 2, p + 2))
-
-        def one(block: Block) -> list[Array]:
-            k = block.manoeuvre
-            totals = [np.zeros((p + 2, p + 2)) for _ in range(m)]
-            start = max(block.start, reach[k])
-            for rows, a, b in makers[reach[k]].chunks(manoeuvres[k], start, block.stop):
-                responses = rows[1 + p :].copy()
-                for r in range(m):
-                    rows[1 + p] = responses[r]
-                    into = filtered[:, : b - a]
-                    whiten_rows(rows[: p + 2], colours[r][k].ar, weight[r][k], reach[k], into)
-                    np.matmul(into, into.T, out=part)
-                    totals[r] += part
-            return totals
-
-        return one
-
-    n = np.array([max(b.stop - max(b.start, reach[b.manoeuvre]), 0) for b in cut])
+    cut = cut_blocks(lengths, blocks, p)
+    n = cut.n([max(of[k].order for of in colours) for k in range(len(manoeuvres))])
     threads = choose_workers(workers, int(n.sum()), p)
-    packed = _over_blocks(cut, p + 2, work, m, threads, progress)
+    parts = cut.parts(manoeuvres, colours)
+    job = WhitenedProducts(exponents, scales, [reference_sigma(of, lengths) for of in colours])
+    packed = (passes or Passes()).over(job, parts, threads, progress).table.reshape(n.size, m, -1)
     scale = column_scale(exponents, *scales)
-    which = np.array([b.manoeuvre for b in cut])
-    return [MomentSet(np.append(scale[: p + 1], scale[p + 1 + r]), n, which, packed[r], p, 1) for r in range(m)]
+    of_response = [np.append(scale[: p + 1], scale[p + 1 + r]) for r in range(m)]
+    return [MomentSet(of_response[r], n, cut.first, cut.last, packed[:, r], p, 1) for r in range(m)]

@@ -39,7 +39,7 @@ class RowPlan:
     n_rows: int
 
 
-def words_of(exponents: NDArray[np.integer]) -> list[Word]:
+def words_of(exponents: NDArray[np.integer]) -> tuple[Word, ...]:
     """Each row of exponents as a sorted word: alpha^2 de -> (0, 0, 1).
 
     Raises
@@ -50,18 +50,19 @@ def words_of(exponents: NDArray[np.integer]) -> list[Word]:
     table = np.asarray(exponents)
     if table.size and table.min() < 0:
         raise TermError("words_of needs exponents of zero and above; a negative one is no monomial.")
-    words = [tuple(int(v) for v in np.repeat(np.arange(row.size), row)) for row in table]
+    words = tuple(tuple(int(v) for v in np.repeat(np.arange(row.size), row)) for row in table)
     if () in words:
         raise TermError(f"words_of: candidate {words.index(())} is the constant, which every pool already holds.")
     return words
 
 
-def plan_rows(words: list[Word]) -> RowPlan:
+@lru_cache(maxsize=32)
+def plan_rows(words: tuple[Word, ...]) -> RowPlan:
     """The cheapest way to make these monomials, one multiplication each, parents first.
 
     Parameters
     ----------
-    words : list of tuple of int
+    words : tuple of tuple of int
         Sorted, as from `words_of`; row i of the result is ``words[i]``.
     """
     row_of = {word: i for i, word in enumerate(words)}
@@ -171,4 +172,4 @@ def plan_distinct(words: tuple[Word, ...], n_base: int) -> DistinctPlan | None:
         for j in range(i + 1):
             gather[i, j] = gather[j, i] = position[tuple(sorted(left + words[j]))]
     member = np.array([position[w] for w in words], dtype=np.int32)
-    return DistinctPlan(plan_rows(suffixes), plan_rows(prefixes), tuple(groups), gather, member, offset)
+    return DistinctPlan(plan_rows(tuple(suffixes)), plan_rows(tuple(prefixes)), tuple(groups), gather, member, offset)

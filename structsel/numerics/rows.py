@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from structsel.numerics.monomials import DistinctPlan, RowPlan, fill_rows
 
 Array = NDArray[np.float64]
+Scales = tuple[Array, Array]
+"""Of base signals and of responses."""
 
 CHUNK = 512  # samples a workspace holds: its rows stay in the second-level cache
 SLAB = 2048  # samples asked of a manoeuvre at a time
@@ -61,14 +63,24 @@ class ArraySignals:
         return self.response_signals[:, start:stop]
 
 
-def base_scale(manoeuvres: Sequence[Signals]) -> tuple[Array, Array]:
+def base_scale(manoeuvres: Sequence[Signals]) -> Scales:
     """Root mean squares of base signals and responses over a part of each manoeuvre; one where zero."""
-    squares: list[tuple[Array, Array, int]] = []
-    for m in manoeuvres:
-        for start in np.linspace(0, max(m.n - 1024, 0), 4).astype(int):
-            stop = min(int(start) + 1024, m.n)
-            b, y = m.base(int(start), stop), m.responses(int(start), stop)
-            squares.append((np.einsum("ij,ij->i", b, b), np.einsum("ij,ij->i", y, y), stop - int(start)))
+    return scale_of([squares_of(m) for m in manoeuvres])
+
+
+def squares_of(manoeuvre: Signals) -> tuple[Array, Array, int]:
+    """Sums of squares of base signals and responses over a part of a manoeuvre, and its samples."""
+    parts = []
+    for start in np.linspace(0, max(manoeuvre.n - 1024, 0), 4).astype(int).tolist():
+        stop = min(start + 1024, manoeuvre.n)
+        b, y = manoeuvre.base(start, stop), manoeuvre.responses(start, stop)
+        parts.append((np.einsum("ij,ij->i", b, b), np.einsum("ij,ij->i", y, y), stop - start))
+    base, response, count = zip(*parts)
+    return sum(base), sum(response), sum(count)
+
+
+def scale_of(squares: Sequence[tuple[Array, Array, int]]) -> Scales:
+    """Root mean squares from the sums of all manoeuvres; one where zero."""
     count = sum(s[2] for s in squares)
     roots = [np.sqrt(sum(s[i] for s in squares) / max(count, 1)) for i in (0, 1)]
     base, response = (np.where(np.isfinite(r) & (r > 0), r, 1.0) for r in roots)

@@ -7,16 +7,19 @@ manoeuvres with which a whole selection is repeated at the price of algebra.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from structsel.numerics.cutting import whole_manoeuvres
 from structsel.numerics.least_squares import Fit
 from structsel.numerics.moments import MomentSet
 from structsel.numerics.monomials import plan_rows, words_of
-from structsel.numerics.rows import Array, RowMaker, Signals, base_scale, column_scale
+from structsel.numerics.passes import Part, Passes
+from structsel.numerics.rows import Array, RowMaker, Scales, Signals, base_scale, column_scale
 
 PIECE = 1 << 16  # samples correlated at a time; lags across a piece's edge are not counted
 
@@ -28,12 +31,64 @@ def residual_autocorrelation(residual: Array, max_lag: int) -> Array:
     return full[n - 1 : n + max_lag] / n
 
 
+@dataclass(frozen=True)
+class Scatter:
+    """The job of `coloured_covariance`: sum of x(i) R(i - j) x(j)' over a part, in scaled units.
+
+    Attributes
+    ----------
+    exponents : (k, s) int array
+    theta : (1 + k,) array
+    response : int
+    max_lag : int or None
+    scales : (s,) array, (m,) array
+    """
+
+    exponents: NDArray[np.integer]
+    theta: Array
+    response: int
+    max_lag: int | None
+    scales: Scales
+
+    def size(self, part: Part) -> int:
+        """Entries of the matrix."""
+        return int(self.theta.size**2)
+
+    def start(self) -> Callable[[Part], Array]:
+        """A stretch of `PIECE` samples at a time."""
+        p = len(self.exponents)
+        maker = RowMaker(plan_rows(words_of(self.exponents)), p, self.scales)
+        scale = column_scale(self.exponents, *self.scales)
+        weights = self.theta * scale[: 1 + p] / scale[1 + p + self.response]
+
+        def one(part: Part) -> Array:
+            meat = np.zeros((1 + p, 1 + p))
+            for piece in part:
+                for start in range(piece.start, piece.stop, PIECE):
+                    stop = min(start + PIECE, piece.stop)
+                    rows = np.concatenate([r.copy() for r, _, _ in maker.chunks(piece.signals, start, stop)], axis=1)
+                    X = rows[: 1 + p]
+                    e = rows[1 + p + self.response] - weights @ X
+                    lags = min(self.max_lag if self.max_lag is not None else e.size // 5, e.size - 1)
+                    r = residual_autocorrelation(e, lags)
+                    kernel = np.concatenate([r[:0:-1], r])
+                    smooth = signal.fftconvolve(X, kernel[None, :], mode="full", axes=1)[:, lags : lags + e.size]
+                    meat += X @ smooth.T
+            return meat.ravel()
+
+        return one
+
+
 def coloured_covariance(
     manoeuvres: Sequence[Signals],
     exponents: NDArray[np.integer],
     fit: Fit,
     response: int = 0,
     max_lag: int | None = None,
+    *,
+    scales: Scales | None = None,
+    passes: Passes | None = None,
+    workers: int = 1,
 ) -> Array:
     """Covariance of an ordinary least-squares fit whose residuals are coloured.
 
@@ -47,6 +102,8 @@ def coloured_covariance(
         The white fit of these terms to this response.
     max_lag : int, optional
         Longest lag kept; a fifth of each manoeuvre where absent.
+    scales, passes, workers
+        As for `accumulate`.
 
     Returns
     -------
@@ -56,26 +113,13 @@ def coloured_covariance(
     ----------
     [KM16], ch. 5, parameter covariance with coloured residuals.
     """
-    scales = base_scale(manoeuvres)
-    words = words_of(exponents)
-    p = len(words)
-    maker = RowMaker(plan_rows(words), p, scales)
+    scales = scales or base_scale(manoeuvres)
+    parts = whole_manoeuvres([m.n for m in manoeuvres]).parts(manoeuvres)
+    job = Scatter(exponents, fit.theta, response, max_lag, scales)
+    k = fit.theta.size
+    meat = (passes or Passes()).over(job, parts, workers).table.sum(axis=0).reshape(k, k)
     scale = column_scale(exponents, *scales)
-    out = scale[1 + p + response]
-    weights = fit.theta * scale[: 1 + p] / out
-    meat = np.zeros((1 + p, 1 + p))
-    for signals in manoeuvres:
-        for start in range(0, signals.n, PIECE):
-            stop = min(start + PIECE, signals.n)
-            rows = np.concatenate([r.copy() for r, _, _ in maker.chunks(signals, start, stop)], axis=1)
-            X = rows[: 1 + p]
-            e = rows[1 + p + response] - weights @ X
-            lags = min(max_lag if max_lag is not None else e.size // 5, e.size - 1)
-            r = residual_autocorrelation(e, lags)
-            kernel = np.concatenate([r[:0:-1], r])
-            smooth = signal.fftconvolve(X, kernel[None, :], mode="full", axes=1)[:, lags : lags + e.size]
-            meat += X @ smooth.T
-    meat = 0.5 * (meat + meat.T) * np.outer(scale[: 1 + p], scale[: 1 + p]) * out**2
+    meat = 0.5 * (meat + meat.T) * np.outer(scale[:k], scale[:k]) * scale[k + response] ** 2
     bread = fit.unscaled_covariance
     return bread @ meat @ bread * (fit.n / max(fit.dof, 1))
 

@@ -52,8 +52,12 @@ def read_recording(
     ChannelError
         Without a map, the unit in a header does not fit its channel.
     """
-    path = Path(path)
     mapped = None if channel_map is None else load_channel_map(channel_map)
+    return load(Path(path), mapped, name).check()
+
+
+def load(path: Path, mapped: ChannelMap | None, name: str | None = None) -> Recording:
+    """What a file gives, as `read_recording`, but with no check of its samples."""
     table = read_table(path, mapped.file if mapped is not None else FileOptions())
     channels = to_channels(table, mapped)
     require_clock(channels.t, table.path)
@@ -65,7 +69,7 @@ def read_recording(
         channels.units,
         (*table.provenance, origin, *channels.notes),
         tuple(channels.findings),
-    ).check()
+    )
 
 
 def _stem(path: Path) -> str:
@@ -95,19 +99,7 @@ def read_recordings(
     DataError
         No file to read, two recordings of one name, or whatever `read_recording` raises.
     """
-    if isinstance(source, str | Path):
-        folder = Path(source)
-        if folder.is_dir():
-            paths = [p for p in sorted(folder.iterdir()) if p.is_file() and format_of(p) in READERS
-                     and not p.name.startswith(".")]  # fmt: skip
-            if not paths:
-                raise DataError(f"folder '{folder}' holds no recordings.\nFormats read: {', '.join(READERS)}.")
-        else:
-            paths = [folder]
-    else:
-        paths = [Path(path) for path in source]
-        if not paths:
-            raise DataError("read_recordings was given no files.")
+    paths = list_files(source)
     mapped = None if channel_map is None else load_channel_map(channel_map)
     read = [read_recording(path, mapped) for path in paths]
     by_name: dict[str, Path] = {}
@@ -119,3 +111,26 @@ def read_recordings(
             )
         by_name[recording.name] = path
     return sorted(read, key=lambda recording: recording.name)
+
+
+def list_files(source: str | Path | Iterable[str | Path]) -> list[Path]:
+    """Files of a folder that a reader knows, sorted; or the one file, or those given.
+
+    Raises
+    ------
+    DataError
+        There is none.
+    """
+    if isinstance(source, str | Path):
+        folder = Path(source)
+        if folder.is_dir():
+            paths = [p for p in sorted(folder.iterdir()) if p.is_file() and format_of(p) in READERS
+                     and not p.name.startswith(".")]  # fmt: skip
+            if not paths:
+                raise DataError(f"folder '{folder}' holds no recordings.\nFormats read: {', '.join(READERS)}.")
+            return paths
+        return [folder]
+    paths = [Path(path) for path in source]
+    if not paths:
+        raise DataError("read_recordings was given no files.")
+    return paths

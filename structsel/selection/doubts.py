@@ -8,7 +8,6 @@ import numpy as np
 from scipy import stats
 
 from structsel.candidates import Candidates
-from structsel.recording import Recording
 from structsel.selection.engine import Outcome
 from structsel.selection.identifiability import Alias
 from structsel.selection.options import Options
@@ -27,7 +26,6 @@ def listed(names: Sequence[str]) -> str:
 def find_doubts(
     outcome: Outcome,
     candidates: Candidates,
-    flown: Sequence[Recording],
     options: Options,
     aliases: Sequence[Alias],
 ) -> tuple[str, ...]:
@@ -70,7 +68,7 @@ def find_doubts(
         doubts.append(f"Cannot be told apart here: {alias}.")
     if len(aliases) > SEVERAL:
         doubts.append(f"{len(aliases) - SEVERAL} more pairs cannot be told apart (see .aliases).")
-    still = [names[i] for i in found.refused]
+    still = [names[i] for i in outcome.dependent]
     if still:
         doubts.append(
             f"Constant, or exactly dependent on the kept terms, so never tested: {listed(still)}. "

@@ -7,21 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from structsel.numerics.collinearity import Conditioning, condition_indices, vif
 from structsel.numerics.colour import Colour
-from structsel.numerics.least_squares import Fit, refit, residual_colours
-from structsel.numerics.moments import MomentSet, accumulate, accumulate_whitened
-from structsel.numerics.rows import Array, Signals
+from structsel.numerics.least_squares import Fit, colours_each, refit_each
+from structsel.numerics.moments import MomentSet, accumulate, accumulate_whitened, choose_workers
+from structsel.numerics.passes import Passes
+from structsel.numerics.rows import Array, Scales, Signals, base_scale
 from structsel.numerics.uncertainty import coloured_covariance
 from structsel.selection.biased import estimate_biased
 from structsel.selection.options import Options
 from structsel.selection.resampling import Bootstrap, HeldOut, predict_held_out, repeat_selection
 from structsel.selection.rivals import Rival, find_rivals
-from structsel.selection.search import ROUNDING, Found, Pool, centred, prediction_error, solve
+from structsel.selection.search import ROUNDING, Found, Pool, centred, dependent, prediction_error, solve
 from structsel.selection.signals import SomeResponses
 from structsel.selection.way import Way, fold_blocks, without
 
@@ -29,15 +31,17 @@ ROUNDS = 4  # of colour and search; the structure has settled after two almost a
 WORSE = 1.25  # squared error of the fit from which whitening is given up, if unseen manoeuvres agree
 MANY_BLOCKS, FEW_BLOCKS = 32, 12  # kept apart, for resampling and tests by blocks
 MANY_UP_TO = 200  # candidates; above it blocks are dear
+FEW_TERMS = 30  # that a pass over kept terms is reckoned to be worth
 
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Everything found out about one response."""
+    """Everything found out about one response; ``dependent`` candidates are constant, or explained by the kept ones."""
 
     found: Found
+    dependent: tuple[int, ...]
     classical: Found
     colours: tuple[Colour, ...]
     by_blocks: bool
@@ -66,6 +70,9 @@ def select_arrays(
     forced: Sequence[int] = (),
     start: Sequence[int] = (),
     progress: Progress | None = None,
+    *,
+    scales: Scales | None = None,
+    passes: Passes | None = None,
 ) -> list[Outcome]:
     """Select a structure for every response of these manoeuvres.
 
@@ -78,6 +85,10 @@ def select_arrays(
         Candidates always in, and in at the start.
     progress : callable, optional
         Called with a stage's name, steps done and steps in all.
+    scales : (s,) array, (m,) array, optional
+        Of base signals and responses, where they are known.
+    passes : Passes, optional
+        Who goes through the data; this process where absent.
 
     Returns
     -------
@@ -88,9 +99,12 @@ def select_arrays(
     def stage(name: str) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, of: progress(name, done, of)
 
-    pool = Pool(np.asarray(exponents).sum(axis=1), tuple(forced), tuple(start))
-    blocks = MANY_BLOCKS if len(exponents) <= MANY_UP_TO else FEW_BLOCKS
-    white = accumulate(manoeuvres, exponents, blocks=blocks, workers=options.workers, progress=stage("moments"))
+    exponents = np.asarray(exponents)
+    pool = Pool(exponents.sum(axis=1), tuple(forced), tuple(start))
+    data = Data(manoeuvres, exponents, options, scales or base_scale(manoeuvres), passes or Passes(), stage)
+    white = accumulate(
+        manoeuvres, exponents, blocks=data.blocks, workers=options.workers, progress=stage("moments"), **data.given
+    )
     folds = fold_blocks(white)
     plain = [Way(one_response(white, r), options, pool, folds) for r in range(white.n_responses)]
     classical = [way.find() for way in plain]
@@ -99,11 +113,44 @@ def select_arrays(
     elif options.residuals == "robust":
         chosen = [by_blocks(way) for way in plain]
     else:
-        chosen = _settle(manoeuvres, exponents, options, plain, classical, blocks, stage("whitened"))
-    return [
-        _outcome(r, manoeuvres, exponents, plain[r].moments, classical[r], chosen[r], stage("bootstrap"))
-        for r in range(white.n_responses)
-    ]
+        chosen = _settle(data, plain, classical)
+    fits = refit_each(
+        manoeuvres,
+        [exponents[list(c.found.selected)] for c in chosen],
+        [c.colours or None for c in chosen],
+        range(len(chosen)),
+        workers=data.workers,
+        progress=stage("refit"),
+        **data.given,
+    )
+    return [_outcome(r, data, plain[r].moments, classical[r], chosen[r], fits[r]) for r in range(white.n_responses)]
+
+
+@dataclass(frozen=True)
+class Data:
+    """What is gone through, by whom, and who is told."""
+
+    manoeuvres: Sequence[Signals]
+    exponents: NDArray[np.integer]
+    options: Options
+    scales: Scales
+    passes: Passes
+    stage: Callable[[str], Callable[[int, int], None] | None]
+
+    @property
+    def blocks(self) -> int:
+        """How many to keep apart."""
+        return MANY_BLOCKS if len(self.exponents) <= MANY_UP_TO else FEW_BLOCKS
+
+    @property
+    def workers(self) -> int:
+        """Threads for passes over the kept terms."""
+        return choose_workers(self.options.workers, sum(m.n for m in self.manoeuvres), FEW_TERMS)
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """What every pass is given."""
+        return {"scales": self.scales, "passes": self.passes}
 
 
 @dataclass(frozen=True)
@@ -148,23 +195,18 @@ def guard(choice: Choice, plain: Way) -> Choice:
     return replace(other, refused=(float(whitened.sse.sum()), float(robust.sse.sum())))
 
 
-def _outcome(
-    response: int,
-    manoeuvres: Sequence[Signals],
-    exponents: NDArray[np.integer],
-    plain: MomentSet,
-    classical: Found,
-    choice: Choice,
-    progress: Callable[[int, int], None] | None,
-) -> Outcome:
-    """Refit what was kept, and find out how far it can be trusted."""
+def _outcome(response: int, data: Data, plain: MomentSet, classical: Found, choice: Choice, fit: Fit) -> Outcome:
+    """Find out how far what was kept, and refitted, can be trusted."""
     found, colours, moments, options = choice.found, choice.colours, choice.way.moments, choice.way.options
     kept = list(found.selected)
     rows = [0, *(j + 1 for j in kept)]
-    signals = [SomeResponses(m, (response,)) for m in manoeuvres]
-    fit = refit(signals, exponents[kept], colours=colours or None)
     values, label = fit.theta, ""
-    covariance = fit.covariance if colours else coloured_covariance(signals, exponents[kept], fit)
+    if colours:
+        covariance = fit.covariance
+    else:
+        covariance = coloured_covariance(
+            data.manoeuvres, data.exponents[kept], fit, response, workers=data.workers, **data.given
+        )
     total, scale = plain.total(), plain.scale
     if options.estimate != "least_squares" and kept:
         weights = [without(moments, f) for f in choice.way.folds]
@@ -173,8 +215,10 @@ def _outcome(
     sse = prediction_error(values * scale[rows] / scale[-1], kept, total)
     plain_sse = prediction_error(solve(total, kept), kept, total)
     C = centred(total)
+    searched = centred(moments.total())
     return Outcome(
         found=found,
+        dependent=dependent(searched, kept),
         classical=classical,
         colours=colours,
         by_blocks=choice.way.by_blocks,
@@ -191,9 +235,9 @@ def _outcome(
         r2=1.0 - sse / C[-1, -1],
         rms=float(np.sqrt(sse / plain.samples()) * scale[-1]),
         n=int(plain.samples()),
-        rivals=tuple(find_rivals(centred(moments.total()), found.selected, found.effective_dof)),
+        rivals=tuple(find_rivals(searched, found.selected, found.effective_dof)),
         held_out=predict_held_out(choice.way, plain),
-        bootstrap=repeat_selection(choice.way, found, progress),
+        bootstrap=repeat_selection(choice.way, found, data.stage("bootstrap")),
     )
 
 
@@ -206,47 +250,48 @@ def one_response(moments: MomentSet, response: int) -> MomentSet:
     keep = np.append(np.arange(1 + p), 1 + p + response)
     upper = np.array(np.triu_indices(q))
     inside = np.isin(upper, keep).all(axis=0)
-    return MomentSet(moments.scale[keep], moments.n, moments.manoeuvre, moments.packed[:, inside], p, 1)
+    packed = moments.packed[:, inside]
+    return replace(moments, scale=moments.scale[keep], packed=packed, n_responses=1)
 
 
-def _settle(
-    manoeuvres: Sequence[Signals],
-    exponents: NDArray[np.integer],
-    options: Options,
-    plain: list[Way],
-    classical: list[Found],
-    blocks: int,
-    progress: Callable[[int, int], None] | None,
-) -> list[Choice]:
+def _settle(data: Data, plain: list[Way], classical: list[Found]) -> list[Choice]:
     """Estimate each manoeuvre's residual colour, whiten, search; again until the structure settles."""
     results = [Choice(way, found, (), False) for way, found in zip(plain, classical, strict=True)]
     pending = list(range(len(plain)))
     for _ in range(ROUNDS):
-        colours = {}
+        kept, theta, floors = [], [], []
         for r in pending:
-            moments, kept = results[r].way.moments, list(results[r].found.selected)
+            moments, inside = results[r].way.moments, list(results[r].found.selected)
             scale = moments.scale
-            theta = solve(moments.total(), kept) * scale[-1] / scale[[0, *(j + 1 for j in kept)]]
-            signals = [SomeResponses(m, (r,)) for m in manoeuvres]
-            colours[r] = tuple(
-                residual_colours(
-                    signals, exponents[kept], theta, max_order=options.max_order, floor=1e-10 * float(scale[-1])
-                )
-            )
-        some = [SomeResponses(m, tuple(pending)) for m in manoeuvres]
-        whitened = accumulate_whitened(
-            some,
-            exponents,
-            [colours[r] for r in pending],
-            blocks=blocks,
-            workers=options.workers,
-            progress=progress,
+            theta.append(solve(moments.total(), inside) * scale[-1] / scale[[0, *(j + 1 for j in inside)]])
+            kept.append(data.exponents[inside])
+            floors.append(1e-10 * float(scale[-1]))
+        colours = colours_each(
+            data.manoeuvres,
+            kept,
+            theta,
+            pending,
+            data.options.max_order,
+            floors,
+            workers=data.workers,
+            progress=data.stage("residual colours"),
+            **data.given,
         )
-        for r, moments in zip(list(pending), whitened, strict=True):
+        whitened = accumulate_whitened(
+            [SomeResponses(m, tuple(pending)) for m in data.manoeuvres],
+            data.exponents,
+            colours,
+            blocks=data.blocks,
+            workers=data.options.workers,
+            progress=data.stage("whitened"),
+            scales=(data.scales[0], data.scales[1][pending]),
+            passes=data.passes,
+        )
+        for r, own, moments in zip(list(pending), colours, whitened, strict=True):
             way = replace(plain[r], moments=moments)
             found = way.find()
             settled = set(found.selected) == set(results[r].found.selected)
-            results[r] = Choice(way, found, colours[r], settled)
+            results[r] = Choice(way, found, own, settled)
             if settled:
                 pending.remove(r)
         if not pending:

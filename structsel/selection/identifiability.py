@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from structsel.candidates import Term
 from structsel.nomenclature import UNKNOWN
-from structsel.recording import Recording
+from structsel.selection.flown import Flown
 
 EXCITATION = {
     "V_ratio": "fly the same inputs at other speeds",
@@ -63,15 +60,14 @@ class Alias:
         )
 
 
-def describe_spread(name: str, recordings: Sequence[Recording]) -> str:
+def describe_spread(name: str, flown: Flown) -> str:
     """Mean, standard deviation and unit of a channel over recordings, in words."""
-    values = np.concatenate([r[name] for r in recordings])
-    unit = recordings[0].unit(name)
-    unit = "" if unit in ("-", UNKNOWN) else f" {unit}"
-    return f"{name} = {values.mean():.4g} +- {values.std():.2g}{unit}"
+    spread = flown.spread(name)
+    unit = "" if flown.unit(name) in ("-", UNKNOWN) else f" {flown.unit(name)}"
+    return f"{name} = {spread.mean:.4g} +- {spread.std:.2g}{unit}"
 
 
-def to_separate(kept: Term, other: Term, recordings: Sequence[Recording]) -> str:
+def to_separate(kept: Term, other: Term, flown: Flown) -> str:
     """The excitation that would separate two terms: what they differ in must move by itself."""
     only_kept, only_other = _difference(kept, other), _difference(other, kept)
     differing = sorted({c for side in (only_kept, only_other) for f in side for c in f})
@@ -80,7 +76,7 @@ def to_separate(kept: Term, other: Term, recordings: Sequence[Recording]) -> str
     if bool(only_kept) != bool(only_other):
         name = differing[0]
         advice = EXCITATION.get(name, f"vary {name}")
-        return f"they differ only by {describe_spread(name, recordings)}, which hardly varies: {advice}"
+        return f"they differ only by {describe_spread(name, flown)}, which hardly varies: {advice}"
     advice = "; ".join(dict.fromkeys(EXCITATION.get(name, f"vary {name} by itself") for name in differing))
     return f"{' and '.join(differing)} move together here: {advice}"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,8 @@ from structsel.numerics.rows import Array
 from structsel.numerics.uncertainty import bootstrap_units, bootstrap_weights
 from structsel.selection.search import Found, prediction_error, solve
 from structsel.selection.way import Way, without
+
+AT_A_TIME = 8  # resampled totals formed together
 
 
 @dataclass(frozen=True)
@@ -83,16 +85,16 @@ def predict_held_out(way: Way, plain: MomentSet) -> HeldOut | None:
     unit = plain.scale[-1] ** 2
     for held in way.folds:
         weights = without(way.moments, held)
-        found = way.find(weights)
-        theta = solve(way.moments.total(weights), found.selected)
+        product = way.moments.total(weights)
+        found = way.find(weights, product)
+        theta = solve(product, found.selected)
         test = plain.total(1.0 - weights)
         sse.append(prediction_error(theta, found.selected, test) * unit)
         tss.append(float(test[-1, -1] - test[0, -1] ** 2 / test[0, 0]) * unit)
         n.append(test[0, 0])
-    which = plain.manoeuvre
-    within = np.unique(which).size == 1
-    parts = tuple(tuple(int(i) for i in (held if within else np.unique(which[held]))) for held in way.folds)
-    return HeldOut(parts, within, np.array(sse), np.array(tss), np.array(n))
+    within = plain.manoeuvre.min() == plain.last.max()
+    parts = tuple(tuple(map(int, held if within else plain.members(held))) for held in way.folds)
+    return HeldOut(parts, bool(within), np.array(sse), np.array(tss), np.array(n))
 
 
 def repeat_selection(way: Way, found: Found, progress: Callable[[int, int], None] | None) -> Bootstrap | None:
@@ -107,10 +109,10 @@ def repeat_selection(way: Way, found: Found, progress: Callable[[int, int], None
     values = np.full((options.bootstrap, 1 + len(kept)), np.nan)
     place = {j: i + 1 for i, j in enumerate(kept)}
     scale = moments.scale
-    for b, w in enumerate(weights):
-        again = way.find(w)
+    for b, (w, product) in enumerate(_totals(moments, weights)):
+        again = way.find(w, product)
         counts[list(again.selected)] += 1.0
-        theta = solve(moments.total(w), again.selected)
+        theta = solve(product, again.selected)
         values[b, 0] = theta[0] * scale[-1]
         for value, j in zip(theta[1:], again.selected, strict=True):
             if j in place:
@@ -123,3 +125,11 @@ def repeat_selection(way: Way, found: Found, progress: Callable[[int, int], None
     spread[present > 1] = (high - low) / 2.0
     by = "manoeuvre" if np.unique(moments.manoeuvre).size == np.unique(units).size > 1 else "block"
     return Bootstrap(counts / options.bootstrap, spread, options.bootstrap, int(units.max()) + 1, by)
+
+
+def _totals(moments: MomentSet, weights: Array) -> Iterator[tuple[Array, Array]]:
+    """Weights and weighted totals, a few at a time: one product of matrices reads the blocks once for all of them."""
+    for start in range(0, len(weights), AT_A_TIME):
+        some = weights[start : start + AT_A_TIME]
+        for w, packed in zip(some, some @ moments.packed, strict=True):
+            yield w, moments.unpack(packed)

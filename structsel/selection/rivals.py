@@ -52,24 +52,27 @@ def find_rivals(C: Array, selected: Sequence[int], dof: float, among: Sequence[i
     out: list[Rival] = []
     size = np.sqrt(np.diag(C))
     size[size == 0] = 1.0
-    R = C / np.outer(size, size)
-    inside = R[np.ix_(kept, kept)]
-    rss = max(R[p, p] - R[kept, p] @ np.linalg.solve(inside, R[kept, p]), 1e-28)
+    R = C[kept] / np.outer(size[kept], size)  # only these rows, and everybody's with the response, are looked at
+    response = C[p] / (size * size[p])
+    inside = R[:, kept]
+    rss = max(response[p] - R[:, p] @ np.linalg.solve(inside, R[:, p]), 1e-28)
     s2 = rss / max(dof - len(kept), 1.0)
-    outside = np.setdiff1d(np.flatnonzero(np.diag(R)[:p] > 0), kept)
+    outside = np.setdiff1d(np.flatnonzero(np.diag(C)[:p] > 0), kept)
     for j in kept if among is None else among:
-        others = [i for i in kept if i != j]
+        at = kept.index(j)
+        others = [i for i in range(len(kept)) if i != at]
+        # What the others leave of j, of the candidates outside, and of the response.
         columns = [j, *outside.tolist(), p]
-        left = R[np.ix_(columns, columns)]
-        if others:
-            cross = R[np.ix_(others, columns)]
-            left = left - cross.T @ np.linalg.solve(R[np.ix_(others, others)], cross)
-        d, b = np.diag(left)[1:-1], left[1:-1, -1]
-        usable = d > 1e-9
+        cross = R[np.ix_(others, columns)]
+        explained = np.linalg.solve(inside[np.ix_(others, others)], cross) if others else cross
+        d = 1.0 - np.einsum("ij,ij->j", cross, explained)
+        with_j = R[at, columns] - cross[:, 0] @ explained
+        b = response[columns] - cross[:, -1] @ explained
+        usable = d[1:-1] > 1e-9
         loss = np.full(outside.size, np.inf)
-        loss[usable] = (left[-1, -1] - b[usable] ** 2 / d[usable] - rss) / s2
+        loss[usable] = (d[-1] - b[1:-1][usable] ** 2 / d[1:-1][usable] - rss) / s2
         for i in np.flatnonzero(loss < SAME_FIT):
-            alike = float(left[0, 1 + i] / np.sqrt(max(left[0, 0] * d[i], 1e-300)))
+            alike = float(with_j[1 + i] / np.sqrt(max(d[0] * d[1 + i], 1e-300)))
             if abs(alike) >= ALIKE:
                 out.append(Rival(j, int(outside[i]), float(loss[i]), float(np.clip(alike, -1.0, 1.0))))
     return sorted(out, key=lambda a: (kept.index(a.kept), a.loss))

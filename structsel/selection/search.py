@@ -59,8 +59,6 @@ class Found:
     rss, tss : float
         In the (scaled, whitened) units of the moments.
     steps : tuple of Step
-    refused : tuple of int
-        Dependent on the kept ones, or constant.
     stopped : str
     dof : float
         Samples less one.
@@ -72,7 +70,6 @@ class Found:
     rss: float
     tss: float
     steps: tuple[Step, ...]
-    refused: tuple[int, ...]
     stopped: str
     dof: float
     effective_dof: float
@@ -158,9 +155,8 @@ def find(
         selected, rss = visited[int(np.argmin(scores))]
         stopped = f"least {rule.replace('manoeuvre', 'held-out error')} of {len(visited)} models visited"
     worth = inflation(*blocks, selected, dof) if blocks is not None else 1.0
-    found = Found(selected, rss, tss, path.steps, (), stopped, dof, dof / worth)
-    found = _simplest(_uncorrelated(found, C, options, pool.forced), C, pool)
-    return replace(found, refused=dependent(C, found.selected))
+    found = Found(selected, rss, tss, path.steps, stopped, dof, dof / worth)
+    return _simplest(_uncorrelated(found, C, options, pool.forced), C, pool)
 
 
 def _simplest(found: Found, C: Array, pool: Pool) -> Found:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from structsel.candidates import Candidates
-from structsel.errors import DataError, SelectionError
 from structsel.numerics.rows import Signals
-from structsel.recording import Recording
+from structsel.recording import Recording, StoredRecording
 
 
 class _Window:
     """A stretch of a recording that answers like one."""
 
-    def __init__(self, recording: Recording, start: int, stop: int):
+    def __init__(self, recording: Recording | StoredRecording, start: int, stop: int):
         self._recording, self._range = recording, slice(start, stop)
         self.name = recording.name
 
@@ -40,7 +38,7 @@ class _Window:
 class RecordingSignals:
     """One manoeuvre's candidates and responses; nothing is copied until samples are asked for."""
 
-    recording: Recording
+    recording: Recording | StoredRecording
     candidates: Candidates
     responses_wanted: tuple[str, ...]
 
@@ -77,46 +75,3 @@ class SomeResponses:
     def responses(self, start: int, stop: int) -> NDArray[np.float64]:
         """The chosen responses of these samples."""
         return self.signals.responses(start, stop)[list(self.rows)]
-
-
-def as_signals(
-    recordings: Sequence[Recording], candidates: Candidates, responses: Sequence[str]
-) -> list[RecordingSignals]:
-    """Check that every recording has what is needed, finite, and wrap it.
-
-    Raises
-    ------
-    ChannelError
-        Where a channel is missing.
-    DataError
-        Where a sample is not finite, a recording is too short, or a response does not vary at all.
-    SelectionError
-        Where there is no recording, or a response is also a candidate's channel.
-    """
-    if not recordings:
-        raise SelectionError("select needs at least one recording; none was given.")
-    if len(candidates) == 0:
-        raise SelectionError("select needs candidate terms; the pool is empty.")
-    for response in responses:
-        if response in candidates.channels:
-            raise SelectionError(
-                f"select: response {response!r} is also a channel of the candidates, which would explain it by "
-                "itself. Take it out with candidates.without(...)."
-            )
-    for recording in recordings:
-        recording.require(*candidates.channels, *responses, by="select", finite=True)
-        if len(recording) < 4:
-            raise DataError(
-                f"select: recording {recording.name!r} has {len(recording)} sample(s); a regression needs more. "
-                "Leave it out, or record longer."
-            )
-    for response in responses:
-        spread = max(float(r[response].max()) for r in recordings) - min(float(r[response].min()) for r in recordings)
-        size = max(float(np.abs(r[response]).max()) for r in recordings)
-        if spread <= 1e-12 * size:
-            names = ", ".join(r.name for r in recordings)
-            raise DataError(
-                f"select: response {response!r} is constant ({recordings[0][response][0]:.6g}) in {names}; "
-                "there is nothing to explain. Check the channel map, or choose another response."
-            )
-    return [RecordingSignals(r, candidates, tuple(responses)) for r in recordings]

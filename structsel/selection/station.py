@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from structsel.candidates import Candidates, Term
+from structsel.cluster import runner_of
 from structsel.errors import SelectionError
-from structsel.model import flown_region
 from structsel.numerics import criteria
-from structsel.recording import Recording
+from structsel.numerics.passes import Passes
+from structsel.recording import Recording, StoredRecording
+from structsel.selection.checkpoint import Checkpoint
 from structsel.selection.doubts import find_doubts
 from structsel.selection.engine import Outcome, Progress, select_arrays
+from structsel.selection.flown import Flight, Flown, look_over
 from structsel.selection.identifiability import Alias, to_separate
 from structsel.selection.options import (
     Components,
@@ -27,11 +32,12 @@ from structsel.selection.options import (
     Stop,
 )
 from structsel.selection.result import HeldOutPart, Selection, Selections, TraceStep
-from structsel.selection.signals import as_signals
+
+SPELLED_OUT = 12  # recordings of a part held out whose names are all given
 
 
 def select(
-    recordings: Recording | Sequence[Recording],
+    recordings: Flight | Sequence[Flight],
     responses: str | Sequence[str],
     candidates: Candidates,
     *,
@@ -55,6 +61,8 @@ def select(
     seed: int = 0,
     workers: int | None = None,
     progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+    client: Any = None,
 ) -> Selections:
     """Choose which candidate terms belong in the model of each response.
 
@@ -62,7 +70,8 @@ def select(
     ----------
     recordings : Recording or sequence of Recording
         One manoeuvre each, with the candidates' channels and the responses. Never joined: lags do not cross from
-        one to the next, and each has its own residual colour.
+        one to the next, and each has its own residual colour. Those that `stream_recordings` lists are read one at a
+        time, several times over: all of them need not fit in memory.
     responses : str or sequence of str
         ``"CZ"``, or several; all share one pass over the data.
     candidates : Candidates
@@ -112,6 +121,12 @@ def select(
         Of the bootstrap; threads, by default as many as the work is worth.
     progress : callable, optional
         Called with a stage's name, steps done and steps in all.
+    checkpoint : str or Path, optional
+        File in which results are kept as they come, and removed when all are there. A run that was broken off goes
+        on where it was, if data and options are the same.
+    client : distributed.Client, optional
+        Of a Dask cluster, whose workers go through the recordings, one part each at a time; they must be able to
+        read the files of `stream_recordings`. The answer is the one this process would give.
 
     Returns
     -------
@@ -122,8 +137,10 @@ def select(
     ------
     ChannelError, DataError
         A channel is missing, not finite, or a response does not vary.
+        The checkpoint belongs to something else, or cannot be read or written.
     SelectionError
-        An option that cannot be meant, a forced term outside the pool, or more forced terms than samples.
+        An option that cannot be meant, a forced term outside the pool, or more forced terms than samples; a cluster
+        that lost every worker.
 
     References
     ----------
@@ -131,14 +148,35 @@ def select(
     """
     given = locals()
     options = Options(**{f.name: given[f.name] for f in fields(Options)})
-    flown = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    flights = [recordings] if isinstance(recordings, Recording | StoredRecording) else list(recordings)
     wanted = [responses] if isinstance(responses, str) else list(responses)
-    signals = as_signals(flown, candidates, wanted)
+    runner = runner_of(client)
+    stored = any(isinstance(flight, StoredRecording) for flight in flights)
+    told = (lambda done, of: progress("looking over", done, of)) if stored and progress is not None else None
+    flown = look_over(flights, candidates, wanted, runner, (workers or 2) if stored else 1, told)
     forced = _positions(candidates, force)
     began = _start(candidates, start)
-    outcomes = select_arrays(signals, candidates.exponents, options, forced, began, progress)
-    region = flown_region(flown, candidates.channels)
-    return Selections({r: _named(r, o, candidates, flown, options, region) for r, o in zip(wanted, outcomes)})
+    signals = flown.signals(candidates, wanted)
+    with _kept(checkpoint, flown, candidates.names, wanted, forced, replace(options, workers=None)) as memory:
+        passes = Passes(runner, memory)
+        outcomes = select_arrays(
+            signals, candidates.exponents, options, forced, began, progress, scales=flown.scales, passes=passes
+        )
+    return Selections({r: _named(r, o, candidates, flown, options) for r, o in zip(wanted, outcomes)})
+
+
+@contextmanager
+def _kept(path: str | Path | None, flown: Flown, *asked: object) -> Iterator[Checkpoint | None]:
+    """What remembers the passes within; its file is removed at the end, and left where there is an error."""
+    if path is None:
+        yield None
+        return
+    memory = Checkpoint(Path(path), flown.identity(*asked))
+    try:
+        yield memory
+        memory.remove()
+    finally:
+        memory.release()
 
 
 def _positions(candidates: Candidates, terms: Iterable[Term | str]) -> list[int]:
@@ -184,16 +222,18 @@ def _trace(outcome: Outcome, candidates: Candidates) -> tuple[TraceStep, ...]:
     return tuple(steps)
 
 
-def _held_out(outcome: Outcome, flown: Sequence[Recording]) -> dict[str, Any]:
+def _held_out(outcome: Outcome, names: Sequence[str]) -> dict[str, Any]:
     held = outcome.held_out
     if held is None:
         return {"held_out": (), "held_out_r2": np.nan, "held_out_rms": np.nan}
     parts = []
     for i, (members, sse, tss, n) in enumerate(zip(held.parts, held.sse, held.tss, held.n)):
         if held.within:
-            name = f"{flown[0].name}, part {i + 1} of {len(held.parts)}"
+            name = f"{names[0]}, part {i + 1} of {len(held.parts)}"
+        elif len(members) > SPELLED_OUT:
+            name = f"{names[members[0]]} to {names[members[-1]]}, {len(members)} recordings"
         else:
-            name = ", ".join(flown[k].name for k in members)
+            name = ", ".join(names[k] for k in members)
         r2 = 1.0 - sse / tss if tss > 0 else np.nan
         parts.append(HeldOutPart(name, float(r2), float(np.sqrt(sse / n)), int(n)))
     return {"held_out": tuple(parts), "held_out_r2": held.r2, "held_out_rms": held.rms}
@@ -203,9 +243,8 @@ def _named(
     response: str,
     outcome: Outcome,
     candidates: Candidates,
-    flown: Sequence[Recording],
+    flown: Flown,
     options: Options,
-    region: dict[str, tuple[float, float]],
 ) -> Selection:
     kept = list(outcome.found.selected)
     terms = tuple(candidates[i] for i in kept)
@@ -244,20 +283,20 @@ def _named(
         adjusted_r2=1.0 - (1.0 - outcome.r2) * (outcome.n - 1) / dof,
         rms=outcome.rms,
         n=outcome.n,
-        **_held_out(outcome, flown),
+        **_held_out(outcome, flown.names),
         colours=outcome.colours,
         by_blocks=outcome.by_blocks,
         classical=tuple(candidates[i] for i in outcome.classical.selected),
         aliases=aliases,
-        dependent=tuple(candidates[i] for i in outcome.found.refused),
+        dependent=tuple(candidates[i] for i in outcome.dependent),
         trace=_trace(outcome, candidates),
         stopped=outcome.found.stopped,
         biased=bool(outcome.biased),
         estimated=outcome.biased or "least squares",
         pool=candidates,
         options=options,
-        doubts=find_doubts(outcome, candidates, flown, options, aliases),
-        region={c: v for c, v in region.items() if c in used},
-        recordings=tuple(r.name for r in flown),
-        dt=flown[0].dt,
+        doubts=find_doubts(outcome, candidates, options, aliases),
+        region={c: (flown.spread(c).low, flown.spread(c).high) for c in sorted(used)},
+        recordings=flown.names,
+        dt=flown.dt,
     )

@@ -41,8 +41,8 @@ class Way:
     folds: Folds
     by_blocks: bool = False
 
-    def find(self, weights: Array | None = None) -> Found:
-        """Search the weighted sum of blocks; blocks of weight zero are not seen."""
+    def find(self, weights: Array | None = None, product: Array | None = None) -> Found:
+        """Search the weighted sum of blocks, or the ``product`` that it is; blocks of weight zero are not seen."""
         options = self.options
         if self.by_blocks and options.method != "stepwise" and self.folds:
             options = replace(options, criterion="manoeuvre")
@@ -54,7 +54,7 @@ class Way:
                 if w[inside].any():
                     pairs.append((self.moments.total(w * ~inside), self.moments.total(w * inside)))
         return find(
-            self.moments.total(weights),
+            self.moments.total(weights) if product is None else product,
             self.moments.samples(weights),
             options,
             self.pool,
