@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 from mkdocs.structure.files import File, Files
+from pictures import pictures
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -18,6 +19,8 @@ def on_files(files: Files, config: Any) -> Files:
     """Add the pages that stand nowhere as text."""
     for name, text in (("reference.md", reference()), ("commands.md", commands()), ("effects.md", effects())):
         files.append(File.generated(config, name, content=text))
+    for effect, picture in pictures():
+        files.append(File.generated(config, f"effects/{effect}.svg", content=picture))
     return files
 
 
@@ -37,14 +40,22 @@ def commands() -> str:
 
 
 def effects() -> str:
-    """Each hypothesis: what it is, what it is taken for, what separates them."""
-    rows = [
-        "# Effects that can be named\n",
-        "| effect | kind | what it is | may be taken for | told apart by |",
-        "|---|---|---|---|---|",
-    ]
-    rows += [
-        f"| `{h.effect}` | {h.kind} | {h.what} | {', '.join(h.look_alikes)} | {h.separated_by} |"
-        for h in sorted(HYPOTHESES, key=lambda h: h.effect)
-    ]
-    return "\n".join(rows) + "\n"
+    """Each hypothesis: what it is, what it leaves, what it is taken for, what separates them."""
+    parts = [_EFFECTS]
+    known = {h.effect for h in HYPOTHESES}
+    for h in sorted(HYPOTHESES, key=lambda h: h.effect):
+        alike = (f"[{name}](#{name})" if name in known else name for name in h.look_alikes)
+        facts = [("May be taken for", ", ".join(alike))]
+        facts += [("Told apart by", h.separated_by), ("Look at", h.check)]
+        shown = "\n".join(f"- {head}: {text}" for head, text in facts if text)
+        picture = f"![What {h.effect} leaves of measured less simulated](effects/{h.effect}.svg)"
+        parts.append(f"## {h.effect}\n\n{h.what} Kind: {h.kind}.\n\n{picture}\n\n{shown}\n")
+    return "\n".join(parts)
+
+
+_EFFECTS = """# Effects that can be named
+
+Each picture shows what one usual size of the effect, in one of its forms, adds to measured less simulated in the
+coefficient that it shows in most: over time and, where a channel drives it, over that channel (dashed at the left). The
+flights are made for the purpose: doublets of elevator, rudder and ailerons, steps of thrust.
+"""

@@ -10,12 +10,14 @@ import time
 import h5py
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from structsel import AeroModel, Aircraft, read_recording, write_recording
 from structsel.errors import AircraftError, DataError, MapError, ModelError, StructselError
 from structsel.proving.keys import Key
+from structsel.readers import apart, limits
 from structsel.readers.channel_map import load_channel_map
 from structsel.recording import Recording
 
@@ -264,6 +266,21 @@ def _mdf(path):
     logs.make_mdf(path, logs.GROUPS)
 
 
+def _matlab(version):
+    def write(path):
+        nested = {"more": {"x": T, "name": "abc"}} if version == "5" else {}
+        scipy.io.savemat(path, {"t": T, **CHANNELS, **nested}, format=version)
+
+    return write
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    monkeypatch.setattr(apart, "SECONDS", 1.0)
+    monkeypatch.setattr(limits, "SECONDS", 3.0)
+
+
+@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize(
     ("suffix", "make", "examples"),
     [
@@ -273,6 +290,8 @@ def _mdf(path):
         (".npz", _npz, 12),
         (".npy", _npy, 12),
         (".h5", _hdf5, 12),
+        (".mat", _matlab("5"), 24),
+        (".mat", _matlab("4"), 12),
         (".ulg", _ulog, 3),
         (".bin", _dataflash, 3),
         (".mf4", _mdf, 3),

@@ -31,7 +31,7 @@ def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("jsbsim")
     listed = "".join(f"<property>{name}</property>" for name in PROPERTIES)
     (folder / "output.xml").write_text(
-        f'<?xml version="1.0"?><output name="{folder}/flight.csv" type="CSV" rate="100">{listed}'
+        f'<?xml version="1.0"?><output name="flight.csv" type="CSV" rate="100">{listed}'
         "<velocities>ON</velocities><rates>ON</rates></output>"
     )
     flight = jsbsim.FGFDMExec(None)

@@ -73,7 +73,7 @@ def run(
             for recording in [*recordings, another]:
                 write_recording(recording, folder / "flights" / f"{recording.name}.csv")
 
-        written = write_results(out, {"stepwise": found}, {"stepwise": scores}, [held], plots, beside)
+        written = write_results(out, {"stepwise": found}, {"stepwise": scores}, [*used, held], [held], plots, beside)
     if json:
         print_json({**found.to_dict(), "truth": truth, "validation": scores.to_dict()})
         return

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
 from rich.text import Text
 
 from structsel.aircraft import Aircraft
@@ -22,10 +20,11 @@ from structsel.cli.flights import (
     read_files,
     read_manoeuvres,
 )
+from structsel.cli.inputs_read import provenance
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.tables import print_files
-from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
+from structsel.cli.terminal import Waiting, json_text, print_json, quiet, say, stdout
 from structsel.errors import DataError
 from structsel.recording import Recording
 
@@ -94,14 +93,9 @@ def run(
         option("--out", "Folder for diagnosis.json, report.html, model.json.", OUTPUT, "DIR"),
     ] = None,
     overwrite: Overwrite = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", help="No story and no progress; with --out.", rich_help_panel=OUTPUT)
-    ] = False,
     json: Json = False,
 ) -> None:
     """Say what a simulation leaves out: where, which physics, how sure, and what adding it brings."""
-    if quiet and out is None and not json:
-        raise typer.BadParameter("--quiet without --out or --json would leave nothing.")
     refuse_existing(out, overwrite)
     if out is not None:
         _keep_simulation(out, simulation)
@@ -111,11 +105,11 @@ def run(
         read_manoeuvres(recordings, channel_map) if _can_be_asked(simulation) else read_files(recordings, channel_map)
     )
     judges = [r.name for r in hold_out(flown, held_out)[1]] if held_out else []
-    found = _diagnose(simulation, flown, craft, judges, quiet)
+    found = _diagnose(simulation, flown, craft, judges)
     written = _write(out, found) if out is not None else []
     if json:
         print_json(found.to_dict())
-    elif not quiet:
+    else:
         _print_story(found)
         if out is not None:
             print_files(stdout(), str(out), written)
@@ -133,12 +127,10 @@ def _keep_simulation(out: Path, simulation: str) -> None:
             raise DataError(f"--out '{out}' would write over the simulation '{simulation}'. Choose another folder.")
 
 
-def _diagnose(
-    simulation: str, flown: Sequence[Recording], craft: Aircraft, judges: Sequence[str], quiet: bool
-) -> Diagnosis:
+def _diagnose(simulation: str, flown: Sequence[Recording], craft: Aircraft, judges: Sequence[str]) -> Diagnosis:
     from structsel.diagnosis.station import diagnose  # all hypotheses: a while to load, and few commands need them
 
-    with nullcontext() if quiet else Waiting("diagnosing") as waiting:
+    with Waiting("diagnosing") as waiting:
         return diagnose(simulation, flown, craft, held_out=judges, progress=waiting)
 
 
@@ -148,9 +140,9 @@ def _write(out: Path, found: Diagnosis) -> list[str]:
 
     with output_folder(out) as folder:
         (folder / "diagnosis.json").write_text(json_text(found.to_dict()), encoding="utf-8")
-        write_report(found, folder / "report.html")
+        write_report(found, folder / "report.html", provenance=provenance())
         if found.model is not None:
-            found.model.to_json(folder / "model.json")
+            found.model.to_json(folder / "model.json", provenance=provenance())
         written = [p.name for p in sorted(folder.iterdir())]
     if found.model is None and (out / "model.json").exists():
         say("warning", f"'{out / 'model.json'}' stood there before, and is not of this diagnosis.")
@@ -158,7 +150,9 @@ def _write(out: Path, found: Diagnosis) -> list[str]:
 
 
 def _print_story(found: Diagnosis) -> None:
-    text = Text(str(found))
+    from structsel.diagnosis.story import headline
+
+    text = Text(headline(found) if quiet() else str(found))
     text.highlight_regex(r"^(MISMATCH|CONSISTENT|UNDECIDABLE)", "bold")
     text.highlight_regex(r"(?m)^\d+\. [^:]+", "bold")
     stdout().print(text, soft_wrap=True)

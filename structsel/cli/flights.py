@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -14,7 +14,9 @@ from structsel.coefficients import compute_all
 from structsel.errors import DataError, ReconstructionError, SelectionError
 from structsel.readers.channel_map import load_channel_map
 from structsel.reconstruction import METHODS, Reconstructions, reconstruct_all
-from structsel.recording import Recording, read_recordings, split_manoeuvres
+from structsel.recording import Recording, StoredRecording, read_recordings, split_manoeuvres
+
+Flight = TypeVar("Flight", Recording, StoredRecording)
 
 OUTPUT = "Output"
 """Panel of the help pages."""
@@ -174,7 +176,7 @@ def reconstruct_paths(flown: Sequence[Recording], craft: Aircraft, **options: An
     return results
 
 
-def say_findings(recordings: Sequence[Recording], wanted: set[str] | None = None) -> None:
+def say_findings(recordings: Sequence[Recording | StoredRecording], wanted: set[str] | None = None) -> None:
     """Say what was found in the recordings, alike findings once."""
     idle = set() if wanted is None else {"V_ratio", "mach", "CT"} - wanted
     # Samples that are no numbers stop the command where it needs them, and matter to nobody elsewhere.
@@ -192,7 +194,7 @@ def say_findings(recordings: Sequence[Recording], wanted: set[str] | None = None
         say(kind, f"{name}{more}: {text}")
 
 
-def hold_out(recordings: Sequence[Recording], names: str) -> tuple[list[Recording], list[Recording]]:
+def hold_out(recordings: Sequence[Flight], names: str) -> tuple[list[Flight], list[Flight]]:
     """Recordings to select from, and those of these names (or parts of them) to judge by.
 
     Raises
@@ -200,7 +202,7 @@ def hold_out(recordings: Sequence[Recording], names: str) -> tuple[list[Recordin
     SelectionError
         No recording has one of the names, or none would be left.
     """
-    held: list[Recording] = []
+    held: list[Flight] = []
     for name in words(names):
         mine = [r for r in recordings if r.name == name]
         mine = mine or [r for r in recordings if any(note.endswith(f" of '{name}'") for note in r.provenance)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 from collections.abc import Iterator
@@ -12,6 +13,8 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from structsel.errors import DataError
+
+log = logging.getLogger(__name__)
 
 _CLAIMS: ContextVar[ExitStack] = ContextVar("claims")
 
@@ -136,10 +139,12 @@ def output_folder(folder: Path) -> Iterator[Path]:
             shutil.rmtree(partial, ignore_errors=True)  # of a run that was killed
             partial.mkdir()
             yield partial
+            names = ", ".join(p.name for p in sorted(partial.iterdir()))
             if folder.exists():
                 _move(partial, folder)
             else:
                 os.replace(partial, folder)  # all files at once
+            log.info("written '%s': %s", folder, names)
         except OSError as error:
             raise _unwritable(folder, error) from error
         finally:

@@ -23,6 +23,7 @@ from structsel.cli import (
     simulate,
     validate,
 )
+from structsel.cli.manners import mannered
 from structsel.cli.output import claims
 from structsel.cli.pages import page
 from structsel.cli.terminal import in_commands, plain_warnings, say
@@ -59,7 +60,11 @@ _EPILOG = page(
         ),
     ],
     """[bold]Results[/bold] go to stdout, everything else to stderr; --json prints JSON and nothing else. Inside, units
-    are SI and radians; a channel map brings others in. NO_COLOR=1 turns colours off.""",
+    are SI and radians; a channel map brings others in. NO_COLOR=1 turns colours off. Every command takes --quiet and
+    --verbose.""",
+    """[bold]structsel.toml[/bold] in the folder you work in, or a file given with --config, holds options that need not
+    be repeated: a table per command, \\[select] with f-in = "auto" and degree = 3, and above the tables what is for
+    every command that has the option, aircraft = "aircraft.toml". The command line wins.""",
     """[bold]Exit code[/bold] 0: done. 1: the data or the request cannot be used; the message says why and what to do.
     2: the command line cannot be read. 130: stopped by Ctrl-C; no file is half written.""",
 )
@@ -76,6 +81,9 @@ class Program(TyperGroup):
             except StructselError as error:
                 say("error", in_commands(str(error)))
                 raise typer.Exit(1) from error
+            except typer.BadParameter as error:
+                error.message += _origin(error)
+                raise
             except KeyboardInterrupt as error:
                 say("error", "stopped by Ctrl-C. No file is half written; what was finished before stays.")
                 raise typer.Exit(130) from error
@@ -84,6 +92,14 @@ class Program(TyperGroup):
                     raise
                 say("error", f"{error}. Nothing more can be read or written there; free space, or check permissions.")
                 raise typer.Exit(1) from error
+
+
+def _origin(error: Any) -> str:
+    """Where the value at fault came from, if not from the command line."""
+    if error.ctx is None or error.param is None:
+        return ""
+    source = error.ctx.get_parameter_source(error.param.name)
+    return f" (from {error.ctx.params.get('config')})" if source is not None and source.name == "DEFAULT_MAP" else ""
 
 
 app = typer.Typer(
@@ -113,18 +129,21 @@ def _options(
     """Flight recordings in, an aerodynamic model out whose structure the data chose."""
 
 
-app.command("describe", epilog=describe.EPILOG)(describe.run)
-app.command("reconstruct", epilog=reconstruct.EPILOG)(reconstruct.run)
-app.command("coefficients", epilog=coefficients.EPILOG)(coefficients.run)
-app.command("select", epilog=select.EPILOG)(select.run)
-app.command("validate", epilog=validate.EPILOG)(validate.run)
-app.command("inputs", epilog=inputs.EPILOG)(inputs.run)
-app.command("simulate", epilog=simulate.EPILOG)(simulate.run)
-app.command("refine", epilog=refine.EPILOG)(refine.run)
-app.command("diagnose", epilog=diagnose.EPILOG)(diagnose.run)
-app.command("export", epilog=export.EPILOG)(export.run)
-app.command("prove", epilog=prove.EPILOG)(prove.run)
-app.command("demo", epilog=demo.EPILOG)(demo.run)
+for _name, _command in {
+    "describe": describe,
+    "reconstruct": reconstruct,
+    "coefficients": coefficients,
+    "select": select,
+    "validate": validate,
+    "inputs": inputs,
+    "simulate": simulate,
+    "refine": refine,
+    "diagnose": diagnose,
+    "export": export,
+    "prove": prove,
+    "demo": demo,
+}.items():
+    app.command(_name, epilog=_command.EPILOG)(mannered(_command.run))
 
 
 def main() -> None:

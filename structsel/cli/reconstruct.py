@@ -23,11 +23,12 @@ from structsel.cli.flights import (
     reconstruct_paths,
     words,
 )
+from structsel.cli.inputs_read import provenance
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.path_tables import LEGEND, print_constants, print_methods, print_reconstruction
 from structsel.cli.tables import print_files
-from structsel.cli.terminal import Waiting, in_commands, json_text, print_json, say, stdout
+from structsel.cli.terminal import Waiting, explain, in_commands, json_text, print_json, say, stdout
 from structsel.errors import ReconstructionError
 from structsel.numerics.atmosphere import G0
 from structsel.reconstruction import METHODS, Reconstructions
@@ -191,8 +192,7 @@ def _print(found: Mapping[str, Reconstructions], flown: Sequence[Recording]) -> 
     if len(found) == 1:
         for result in next(iter(found.values())):
             print_reconstruction(console, result)
-        console.print(LEGEND, style="dim")
-        console.print()
+        explain(console, LEGEND)
     else:
         for recording in flown:
             mine = {method: one for method, results in found.items() for one in results if one.name == recording.name}
@@ -226,7 +226,7 @@ def _write_one(folder: Path, results: Reconstructions, method: str, file_format:
         write_recording(recording, flights / f"{recording.name}.{file_format}")
     (folder / "reconstruction.json").write_text(json_text(results.to_dict()), encoding="utf-8")
     (folder / "report.txt").write_text(f"{results}\n", encoding="utf-8")
-    write_report(results, folder / "report.html")
+    write_report(results, folder / "report.html", provenance=provenance())
     heads = [one.to_frame().assign(manoeuvre=one.name, method=method, trusted=one.trusted) for one in results]
     table = pd.concat(heads, ignore_index=True)
     first = ["manoeuvre", "method", "trusted"]

@@ -23,6 +23,7 @@ from structsel.cli.crafts import (
 )
 from structsel.cli.flight_tables import print_refinement, print_replay
 from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots, hold_out, option, words
+from structsel.cli.inputs_read import provenance
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.tables import print_files
@@ -283,14 +284,22 @@ def _write(
             mark = "" if found.converged and failed is None else ", NOT CONVERGED" if failed is None else ", FAILED"
             marked = {name: replace(one, method=one.method + mark) for name, one in found.model.responses.items()}
             flown = tuple(r.name for r in found.simulated)
-            AeroModel(marked, found.model.name, flown).to_json(folder / "model.json")
+            refined = AeroModel(marked, found.model.name, flown)
+            refined.to_json(folder / "model.json", provenance=provenance())
         (folder / "refinement.json").write_text(json_text(_as_dict(found, judged, failed)), encoding="utf-8")
         found.to_frame().to_csv(folder / "parameters.csv", index=False)
         found.history().to_csv(folder / "history.csv", index=False)
         report = [str(found), *(f"{name} the refinement\n{one}" for name, one in judged.items())]
         (folder / "report.txt").write_text("\n\n".join(report) + "\n", encoding="utf-8")
         reasons = [] if failed is None else [str(failed)]
-        write_report(found, folder / "report.html", recordings=recordings, judged=judged, reasons=reasons)
+        write_report(
+            found,
+            folder / "report.html",
+            recordings=recordings,
+            judged=judged,
+            reasons=reasons,
+            provenance=provenance(),
+        )
         if plots:
             _draw(folder / "plots", found, recordings)
         return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from structsel.cli.inputs_read import provenance
 from structsel.cli.output import output_folder
 from structsel.cli.terminal import Waiting, json_text
 from structsel.recording import Recording
+from structsel.report import write_comparison, write_report
 from structsel.selection import Selections
 from structsel.validation import Validation
 
@@ -16,6 +19,7 @@ def write_results(
     out: Path,
     found: Mapping[str, Selections],
     scores: Mapping[str, Validation],
+    recordings: Sequence[Recording],
     shown: Sequence[Recording],
     plots: bool,
     beside: Callable[[Path], None] | None = None,
@@ -26,8 +30,10 @@ def write_results(
     ----------
     out : Path
     found : mapping of method to Selections
-        Several methods get a file each, the method in its name.
+        Several methods get a file each, the method in its name, and a page that compares them.
     scores : mapping of method to Validation
+    recordings : sequence of Recording
+        The reports' data: those selected from, and those that judge.
     shown : sequence of Recording
         The plots' time histories.
     plots : bool
@@ -35,18 +41,24 @@ def write_results(
         Writes what else belongs into the folder it is given.
     """
     with output_folder(out) as folder:
+        made: dict[str, Any] = {"recordings": recordings, "provenance": provenance()}
+        marks = {method: "" if len(found) == 1 else "_" + method.replace(", ", "_") for method in found}
         for method, selections in found.items():
-            mark = "" if len(found) == 1 else "_" + method.replace(", ", "_")
+            mark = marks[method]
             _write_one(folder, mark, selections, scores.get(method))
+            write_report(selections, folder / f"report{mark}.html", judged=scores.get(method), **made)
             if plots:
                 _write_plots(folder / f"plots{mark}", selections, shown)
+        if len(found) > 1:
+            pages = {method: f"report{mark}.html" for method, mark in marks.items()}
+            write_comparison(found, folder / "report.html", judged=scores, pages=pages, **made)
         if beside is not None:
             beside(folder)
         return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
 
 
 def _write_one(folder: Path, mark: str, selections: Selections, scores: Validation | None) -> None:
-    selections.model.to_json(folder / f"model{mark}.json")
+    selections.model.to_json(folder / f"model{mark}.json", provenance=provenance())
     (folder / f"selection{mark}.json").write_text(json_text(selections.to_dict()), encoding="utf-8")
     selections.to_frame().to_csv(folder / f"terms{mark}.csv", index=False)
     (folder / f"terms{mark}.tex").write_text(selections.model.latex() + "\n", encoding="utf-8")

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
+
+from structsel.cli.inputs_read import provenance
 
 PATIENCE = 2.0
 """Seconds of work before a progress bar is shown."""
@@ -53,14 +59,81 @@ _OPTIONS = {
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
+log = logging.getLogger("structsel")
+
+
+@dataclass(frozen=True)
+class _Manner:
+    quiet: bool = False
+    verbose: bool = False
+    silent: bool = False
+
+
+_USUAL = _Manner()
+_MANNER: ContextVar[_Manner] = ContextVar("manner", default=_USUAL)
+
+
+@contextmanager
+def speaking(quiet: bool, verbose: bool, *, written: bool) -> Iterator[None]:
+    """Within, so much is said.
+
+    Parameters
+    ----------
+    quiet : bool
+        No progress and no notes; of a result that is also `written` nothing, else no explanations.
+    verbose : bool
+        What the loggers of structsel say goes to stderr, with the time of day.
+    written : bool
+    """
+    before = _MANNER.set(_Manner(quiet, verbose, silent=quiet and written))
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(asctime)s.%(msecs)03d %(message)s", "%H:%M:%S"))
+    level = log.level
+    if verbose:
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+        _MANNER.reset(before)
+
+
+def quiet() -> bool:
+    """Whether explanations are to be left out."""
+    return _MANNER.get().quiet
+
+
+@contextmanager
+def timed(what: str) -> Iterator[None]:
+    """Log the beginning and the end of a piece of work."""
+    start = time.perf_counter()
+    log.info("%s", what)
+    try:
+        yield
+    except BaseException:
+        log.info("%s: stopped after %.2f s", what, time.perf_counter() - start)
+        raise
+    log.info("%s: done in %.2f s", what, time.perf_counter() - start)
+
 
 def stdout() -> Console:
     """Console of results; as wide as the terminal or COLUMNS say, 80 otherwise."""
-    return Console(highlight=False)
+    return Console(highlight=False, quiet=_MANNER.get().silent)
+
+
+def explain(console: Console, text: str) -> None:
+    """Print what the tables above mean, unless little is to be said."""
+    if not quiet():
+        console.print(text, style="dim")
+        console.print()
 
 
 def say(kind: str, message: str) -> None:
     """Print an error, warning or note on stderr."""
+    if kind == "note" and quiet():
+        return
     text = Text.assemble((f"{kind}: ", _STYLES[kind]), message)
     Console(stderr=True, highlight=False).print(text, soft_wrap=True)
 
@@ -89,7 +162,7 @@ def plain_warnings() -> Iterator[None]:
 
 
 class Waiting:
-    """A progress bar on stderr, if that is a terminal and the work takes a while.
+    """A progress bar on stderr, if that is a terminal and the work takes a while; a line per stage if that is wanted.
 
     Called as the library calls its ``progress``: with a stage's name, steps done and steps in all.
     """
@@ -99,9 +172,12 @@ class Waiting:
         self._bar: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
         self._timer: threading.Timer | None = None
+        self._timed = timed(what)
 
     def __enter__(self) -> Waiting:
-        if Console(stderr=True).is_terminal:
+        self._timed.__enter__()
+        manner = _MANNER.get()
+        if Console(stderr=True).is_terminal and not manner.quiet and not manner.verbose:
             self._timer = threading.Timer(PATIENCE, self._show)
             self._timer.daemon = True
             self._timer.start()
@@ -118,6 +194,8 @@ class Waiting:
 
     def __call__(self, stage: str, done: int, of: int) -> None:
         """Show that a stage has come so far."""
+        if done >= of:
+            log.info("%s: %s, %d of %d", self._what, stage, done, of)
         with self._lock:
             if self._bar is None:
                 return
@@ -137,6 +215,7 @@ class Waiting:
             self._timer = None
             if self._bar is not None:
                 self._bar.stop()
+        self._timed.__exit__(kind, error, trace)
 
 
 def print_json(content: Any) -> None:
@@ -145,7 +224,9 @@ def print_json(content: Any) -> None:
 
 
 def json_text(content: Any) -> str:
-    """Return content as JSON, null for what is not a finite number."""
+    """Return a result as JSON, with where it came from; null for what is not a finite number."""
+    if isinstance(content, dict) and "schema" in content:
+        content = {**content, "provenance": provenance()}
     return json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

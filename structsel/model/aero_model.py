@@ -18,6 +18,7 @@ from structsel.model import files
 from structsel.model.region import Excursion, leave
 from structsel.model.response import ResponseModel, response_rows
 from structsel.nomenclature import latex_of
+from structsel.provenance import provenance_of
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
 
@@ -141,7 +142,7 @@ class AeroModel:
     # --- files and tables --------------------------------------------------------------------------
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of model.json."""
+        """Return the content of model.json, without its provenance."""
         return {
             "schema": files.SCHEMA,
             "name": self.name,
@@ -149,15 +150,25 @@ class AeroModel:
             "responses": {name: model.to_dict() for name, model in self.responses.items()},
         }
 
-    def to_json(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    def to_json(
+        self, path: str | os.PathLike[str], *, overwrite: bool = False, provenance: Mapping[str, Any] | None = None
+    ) -> None:
         """Write model.json; numbers read back to the last bit.
+
+        Parameters
+        ----------
+        path : path
+        overwrite : bool
+        provenance : mapping, optional
+            As `structsel.provenance.provenance_of` the files that the model was made of; versions alone if not given.
 
         Raises
         ------
         ModelError
             The file exists and ``overwrite`` is False, or it cannot be written.
         """
-        files.write(path, self.to_dict(), overwrite)
+        made = provenance_of() if provenance is None else dict(provenance)
+        files.write(path, {**self.to_dict(), "provenance": made}, overwrite)
 
     @classmethod
     def from_json(cls, path: str | os.PathLike[str]) -> AeroModel:

@@ -37,6 +37,7 @@ class _Model(_Strict):
     schema_: str = Field(alias="schema")
     name: str = ""
     recordings: list[str] = []
+    provenance: dict[str, Any] = {}
     responses: dict[str, _Response]
 
 

@@ -5,7 +5,10 @@
 
 from __future__ import annotations
 
+import logging
+import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from structsel.errors import DataError
@@ -13,6 +16,7 @@ from structsel.readers.channel_map import FileOptions
 from structsel.readers.dataflash import read_dataflash
 from structsel.readers.hdf5 import read_hdf5
 from structsel.readers.jsbsim import with_jsbsim_map
+from structsel.readers.limits import within_limits
 from structsel.readers.matlab import read_matlab
 from structsel.readers.mdf import read_mdf
 from structsel.readers.numpy_files import read_npy, read_npz
@@ -21,6 +25,8 @@ from structsel.readers.table import Table
 from structsel.readers.text import read_text
 from structsel.readers.ulog import read_ulog
 from structsel.readers.xplane import with_xplane_map
+
+log = logging.getLogger(__name__)
 
 READERS: dict[str, Callable[[Path, FileOptions], Table]] = {
     ".csv": read_text,
@@ -75,7 +81,12 @@ def read_table(path: Path, options: FileOptions) -> Table:
         )
     if path.stat().st_size == 0:
         raise DataError(f"'{path}' is empty (0 bytes).")
-    table = reader(path, options)
+    start = time.perf_counter()
+    table = within_limits(path, partial(reader, path, options))
+    longest = max(map(len, table.columns.values()), default=0)
+    log.info(
+        "read '%s': %d columns, %d rows, in %.2f s", path, len(table.columns), longest, time.perf_counter() - start
+    )
     if not table.columns:
         left = "; ".join(f"'{name}': {why}" for name, why in list(table.unusable.items())[:5])
         raise DataError(f"'{path}' holds no columns of numbers." + (f" Left out: {left}." if left else ""))

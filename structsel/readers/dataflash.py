@@ -105,17 +105,20 @@ def read_dataflash(path: Path, options: FileOptions) -> Table:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _index(reader, path) as log:
             messages = {fmt.name: (fmt, rows) for fmt, rows in _messages(log)}
             faults = _fault(log)
+        columns, units, clocks = _columns(messages)
+        notes = [
+            *_add_true_airspeed(columns, units, clocks),
+            *_add_servos(columns, units, clocks, _parameters(messages)),
+        ]
     except Exception as error:  # struct.error, KeyError, UnicodeDecodeError, ... of a broken file
         raise DataError(
             f"'{path}' is no DataFlash log that can be read: {error}\nFetch it from the vehicle again."
         ) from error
-    columns, units, clocks = _columns(messages)
     if not columns:
         raise DataError(
             f"'{path}' is a DataFlash log without a single sample: it only says what messages would look like.\n"
             "Check LOG_BITMASK and LOG_DISARMED, or fetch the log from the vehicle again."
         )
-    notes = [*_add_true_airspeed(columns, units, clocks), *_add_servos(columns, units, clocks, _parameters(messages))]
     table = Table(str(path), columns, units=units, clocks=clocks, notes=tuple(notes), faults=faults)
     measured = [c for row in _USUAL for c in row.columns if isinstance(c, str) and c in columns]
     usual = (Usual("t", (clocks[measured[0]] if measured else longest_clock(clocks, columns),)), *_USUAL)

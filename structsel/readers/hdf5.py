@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from structsel.errors import DataError
+from structsel.readers.apart import read_apart_first
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.matlab import choose
 from structsel.readers.table import Table
@@ -25,6 +26,7 @@ def read_hdf5(path: Path, options: FileOptions) -> Table:
         When the file is no HDF5 file, or has no such variable.
     """
     units: dict[str, str] = {}
+    read_apart_first(path, "h5")
     try:
         with h5py.File(path, "r") as stream:
             content = _walk(stream, "", units)

@@ -11,6 +11,7 @@ from pymatreader import read_mat
 
 from structsel.errors import DataError
 from structsel.nomenclature import suggest
+from structsel.readers.apart import read_apart_first
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.table import Table, is_numeric, table_from_arrays, table_from_matrix
 
@@ -27,6 +28,7 @@ def read_matlab(path: Path, options: FileOptions) -> Table:
     DataError
         When the file is no MATLAB file, or has no such variable.
     """
+    read_apart_first(path, "mat")
     try:
         content = read_mat(str(path))
     except Exception as error:  # scipy, h5py and pymatreader each raise their own kinds

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from structsel.errors import DataError
 from structsel.readers.channel_map import FileOptions
+from structsel.readers.compressed import require_bounded
 from structsel.readers.matlab import choose
 from structsel.readers.table import Table, table_from_arrays, table_from_matrix
 
@@ -46,6 +48,10 @@ def read_npy(path: Path, options: FileOptions) -> Table:
 
 def _load(path: Path) -> Any:
     try:
+        if zipfile.is_zipfile(path):
+            with zipfile.ZipFile(path) as archive:
+                for one in archive.infolist():
+                    require_bounded(one.filename, one.compress_size, one.file_size)
         content = np.load(path, allow_pickle=False)
         if isinstance(content, np.ndarray):
             return content

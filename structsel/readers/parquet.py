@@ -30,13 +30,14 @@ def read_parquet(path: Path, options: FileOptions) -> Table:
         # One file, by its handle: a path would let folders named key=value add columns.
         with path.open("rb") as stream:
             content = pq.read_table(stream)
-    except (pa.ArrowException, OSError) as error:
+        names = content.column_names
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise DataError(f"'{path}' is no Parquet file: {str(error).splitlines()[0]}") from error
     columns: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     unusable: dict[str, str] = {}
     notes: list[str] = []
-    for name in content.column_names:
+    for name in names:
         kind = content.schema.field(name).type
         values = content.column(name)
         if pa.types.is_timestamp(kind):
@@ -58,7 +59,7 @@ def read_parquet(path: Path, options: FileOptions) -> Table:
         str(path),
         columns,
         units=units,
-        numbers={j + 1: name for j, name in enumerate(content.column_names)},
+        numbers={j + 1: name for j, name in enumerate(names)},
         unusable=unusable,
         notes=tuple(notes),
         provenance=_provenance(path, content.schema.metadata or {}),

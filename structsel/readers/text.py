@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import gzip
+import contextlib
+import csv
+import io
 import json
 import re
 import zlib
@@ -11,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import IO
+from typing import IO, cast
 
 import numpy as np
 import pandas as pd
@@ -19,6 +21,7 @@ import pandas as pd
 from structsel.errors import DataError, MapError
 from structsel.nomenclature import is_known
 from structsel.readers.channel_map import FileOptions
+from structsel.readers.compressed import BoundedGzip
 from structsel.readers.table import Table, as_float, require_schema, split_header
 from structsel.readers.units import is_unit
 
@@ -59,18 +62,19 @@ def read_text(path: Path, options: FileOptions) -> Table:
         )
     names, units, named, notes = _header(lines[:start], separator, width)
     try:
-        frame = pd.read_csv(
-            path,
-            sep=separator,
-            header=None,
-            names=list(range(width)),
-            index_col=False,
-            skiprows=skipped + start,
-            decimal=decimal,
-            encoding=encoding,
-            skipinitialspace=True,
-            low_memory=False,
-        )
+        with _bytes(path) as stream:
+            frame = pd.read_csv(
+                stream,
+                sep=separator,
+                header=None,
+                names=list(range(width)),
+                index_col=False,
+                skiprows=skipped + start,
+                decimal=decimal,
+                encoding=encoding,
+                skipinitialspace=True,
+                low_memory=False,
+            )
     except (pd.errors.ParserError, UnicodeDecodeError, ValueError, OSError, EOFError, zlib.error) as error:
         reason = str(error).removeprefix("Error tokenizing data. C error: ").strip()
         raise DataError(
@@ -81,17 +85,15 @@ def read_text(path: Path, options: FileOptions) -> Table:
     return replace(table, provenance=provenance)
 
 
-def _open(path: Path, encoding: str) -> IO[str]:
-    if path.suffix == ".gz":
-        return gzip.open(path, "rt", encoding=encoding)
-    return path.open(encoding=encoding)
+def _bytes(path: Path) -> IO[bytes]:
+    return cast(IO[bytes], BoundedGzip(path)) if path.suffix == ".gz" else path.open("rb")
 
 
 def _head(path: Path, skip: int) -> tuple[str, list[str], list[str]]:
     """Encoding, the lines `write_recording` put above the table (none in other files), and the next ones."""
     for encoding in ("utf-8-sig", "latin-1"):
         try:
-            with _open(path, encoding) as stream:
+            with _bytes(path) as content, io.TextIOWrapper(content, encoding) as stream:
                 own, lines = _parted(line.rstrip("\r\n") for line in islice(stream, skip, None))
         except UnicodeDecodeError:
             continue
@@ -134,6 +136,9 @@ def _provenance(path: Path, own: list[str]) -> tuple[str, ...]:
 def _fields(line: str, separator: str) -> list[str]:
     if separator == r"\s+":
         return line.split()
+    if '"' in line:  # a name may hold the separator
+        with contextlib.suppress(csv.Error):
+            return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
     return [field.strip().strip('"') for field in line.split(separator)]
 
 

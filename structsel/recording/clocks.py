@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from structsel.errors import DataError
 from structsel.recording.checks import DROPPED, GAP, Finding
 
 FULL_TURN = {"phi": 2.0 * np.pi, "psi": 2.0 * np.pi}
@@ -122,9 +123,19 @@ def to_one_clock(
         What was done, and where a topic says nothing.
     notes : list of str
         The same channel by channel, for the provenance.
+
+    Raises
+    ------
+    DataError
+        No time that all topics have in common.
     """
     span = _common_span([topic for topic, _ in met.values()], clock.times)
     samples, times = np.flatnonzero(clock.kept)[span], clock.times[span]
+    if not len(times):
+        raise DataError(
+            f"'{clock.name}' shares no time with the other topics.\n"
+            "The log is damaged, or the map takes channels of different flights."
+        )
     made = dict(values)
     others = {name: (topic, hold) for name, (topic, hold) in met.items() if topic is not clock}
     for name in met:

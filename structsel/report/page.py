@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import scipy
 from markupsafe import Markup
 
 from structsel.atomic import write_text
 from structsel.diagnosis.result import Diagnosis
 from structsel.errors import DomainError
+from structsel.provenance import file_of, provenance_of
 from structsel.reconstruction import Reconstruction, Reconstructions
 from structsel.recording import Recording
 from structsel.refinement import Refinement
-from structsel.report import diagnosis, flight_path, refinement, selection
+from structsel.report import comparison, diagnosis, flight_path, refinement, selection
+from structsel.report.sheet import Sheet
 from structsel.selection import Selection, Selections
 from structsel.validation import Replay, Validation
 
@@ -32,6 +31,7 @@ def write_report(
     recordings: Sequence[Recording] = (),
     judged: Validation | Mapping[str, Replay] | None = None,
     reasons: Sequence[str] = (),
+    provenance: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write a result as one HTML file that holds all it needs.
 
@@ -46,6 +46,8 @@ def write_report(
         What held-out recordings say of a selection; of a model before and after its refinement.
     reasons : sequence of str
         Why not to believe a selection or a refinement; said first.
+    provenance : mapping, optional
+        As `structsel.provenance.provenance_of` all files that went in; of the recordings' if not given.
 
     Returns
     -------
@@ -60,8 +62,54 @@ def write_report(
         The file cannot be written.
     """
     path = Path(path)
-    write_text(path, render(result, recordings=recordings, judged=judged, reasons=reasons))
+    text = render(result, recordings=recordings, judged=judged, reasons=reasons, provenance=provenance)
+    write_text(path, text)
     return path
+
+
+def write_comparison(
+    found: Mapping[str, Selections],
+    path: str | Path,
+    *,
+    recordings: Sequence[Recording] = (),
+    judged: Mapping[str, Validation] | None = None,
+    pages: Mapping[str, str] | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> Path:
+    """Write selections of the same responses by several methods, side by side, as one HTML file.
+
+    Parameters
+    ----------
+    found : mapping of method to Selections
+        Four at most are drawn.
+    path : str or Path
+    recordings : sequence of Recording
+        Those they were made from, and those that judge them.
+    judged : mapping of method to Validation, optional
+    pages : mapping of method to str, optional
+        File beside this one that tells of the method alone.
+    provenance : mapping, optional
+        As `write_report` takes it.
+
+    Returns
+    -------
+    Path
+        Where it stands.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    path = Path(path)
+    sheet = comparison.sheet_of(found, recordings, judged or {}, pages or {})
+    write_text(path, _fill_sheet(sheet, provenance if provenance is not None else _provenance(recordings)))
+    return path
+
+
+def _provenance(recordings: Sequence[Recording]) -> dict[str, Any]:
+    """Of the recordings' files, as far as they are known."""
+    return provenance_of(path for one in recordings if (path := file_of(one.provenance)) is not None)
 
 
 def render(
@@ -70,10 +118,12 @@ def render(
     recordings: Sequence[Recording] = (),
     judged: Validation | Mapping[str, Replay] | None = None,
     reasons: Sequence[str] = (),
+    provenance: Mapping[str, Any] | None = None,
 ) -> str:
     """HTML of a result, as `write_report` takes it; whatever comes from its data is escaped."""
+    made = provenance if provenance is not None else _provenance(recordings)
     if isinstance(result, Diagnosis):
-        return _fill("diagnosis.html", diagnosis.page_of(result))
+        return _fill("diagnosis.html", diagnosis.page_of(result), made)
     if isinstance(result, Selection):
         result = Selections({result.response: result})
     if isinstance(result, Reconstruction):
@@ -89,24 +139,28 @@ def render(
             f"write_report was given a {type(result).__name__}; it writes what select, reconstruct, reconstruct_all, "
             "refine and diagnose return."
         )
-    return _fill("sheet.html", {"sheet": sheet, "headline": sheet.headline, "data": sheet.data, "shaded": ""})
+    return _fill_sheet(sheet, made)
 
 
-def _fill(template: str, context: Mapping[str, Any]) -> str:
+def _fill_sheet(sheet: Sheet, provenance: Mapping[str, Any]) -> str:
+    context = {"sheet": sheet, "headline": sheet.headline, "data": sheet.data, "shaded": ""}
+    return _fill("sheet.html", context, provenance)
+
+
+def _fill(template: str, context: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
     # Templates take a while to load, and few commands make a page.
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     pages = Environment(
         loader=FileSystemLoader(_HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
     )
+    # A page is sent to others, whom the folders of this machine do not concern.
+    inputs = [{**one, "file": Path(one["file"]).name} for one in provenance["inputs"]]
     style, *scripts = ((_HERE / name).read_text(encoding="utf-8") for name in ("page.css", "charts.js", "flights.js"))
     return pages.get_template(template).render(
-        **context, versions=_versions(), style=Markup(style), script=Markup("\n".join(scripts))
+        **context,
+        versions=provenance["versions"],
+        inputs=inputs,
+        style=Markup(style),
+        script=Markup("\n".join(scripts)),
     )
-
-
-def _versions() -> str:
-    from structsel import __version__  # the package knows its report, not the reverse
-
-    beneath = f"Python {platform.python_version()}, NumPy {np.__version__}, SciPy {scipy.__version__}"
-    return f"structsel {__version__}, {beneath}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -68,7 +68,7 @@ def sheet_of(
         done=_done(each[0]),
         sources=list_sources(recordings, each[0].recordings, held),
         history=conversions(recordings),
-        data=_figures(found, recordings, charts),
+        data=figures_of({"physics": ("model", found)}, recordings, charts),
         legend=_LEGEND,
     )
 
@@ -187,20 +187,40 @@ def _done(s: Selection) -> tuple[str, ...]:
     return f"{words}{rule}; {s.residual_description}; values by {s.estimated}. {again}", f"Candidates: {offered}."
 
 
-def _figures(found: Selections, recordings: Sequence[Recording], charts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def figures_of(
+    found: Mapping[str, tuple[str, Selections]],
+    recordings: Sequence[Recording],
+    charts: Sequence[dict[str, Any]] = (),
+) -> dict[str, Any]:
+    """Data of the figures.
+
+    Parameters
+    ----------
+    found : mapping of ink to (name, Selections)
+        Models of the same responses, each with what its line is called.
+    recordings : sequence of Recording
+    charts : sequence of mapping
+        Figures that stand alone.
+    """
+    responses = list(next(iter(found.values()))[1])
     flights: dict[str, Flight] = {}
-    shown = [r for r in recordings if all(response in r for response in found)]
+    shown = [r for r in recordings if all(response in r for response in responses)]
     held: list[dict[str, Any]] = [dict(r.channels) for r in shown]
-    pool = [c for s in found.values() for c in _used_first(s)]
-    wanted = [c for c in dict.fromkeys((*pool, *_ALSO)) if c not in found]
+    pool = [c for _, each in found.values() for s in each.values() for c in _used_first(s)]
+    wanted = [c for c in dict.fromkeys((*pool, *_ALSO)) if c not in responses]
     channels = [c for c in wanted if moving(c, held)][:_MOST_CHANNELS]
+    models = {ink: each.model for ink, (_, each) in found.items()}
     for r in shown:
-        modelled = found.model.evaluate(r, outside="ignore")
-        each = {name: {"measured": r[name], "physics": np.asarray(modelled[name])} for name in found}
+        modelled = {ink: model.evaluate(r, outside="ignore") for ink, model in models.items()}
+        each = {
+            name: {"measured": r[name], **{ink: np.asarray(values[name]) for ink, values in modelled.items()}}
+            for name in responses
+        }
         flights[r.name] = Flight(r.t, each, {c: r[c] for c in channels})
     own = shown[0].units if shown else {}
-    units = {name: displayed(unit_of(name, own)) for name in (*found, *channels)}
-    return chart_data(flights, {"physics": "model"}, units, verb="modelled", charts=charts)
+    units = {name: displayed(unit_of(name, own)) for name in (*responses, *channels)}
+    stages = {ink: name for ink, (name, _) in found.items()}
+    return chart_data(flights, stages, units, verb="modelled", charts=charts)
 
 
 def _used_first(s: Selection) -> list[str]:

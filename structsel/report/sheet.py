@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from structsel.provenance import file_of, sha256_of
 from structsel.recording import Recording
 from structsel.report.words import counted, figure, listed
 
@@ -35,19 +34,27 @@ class Bar:
 
 
 @dataclass(frozen=True)
+class Link:
+    """A page beside this one."""
+
+    says: str
+    page: str
+
+
+@dataclass(frozen=True)
 class Column:
     """Head of a column, and what stands in it; a word does not wrap, a text does."""
 
     name: str
-    kind: Literal["name", "word", "text", "number", "bar"] = "number"
+    kind: Literal["name", "word", "text", "number", "bar", "link"] = "number"
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of strings, and of bars (or None) where the column says so."""
+    """Rows of strings, and of bars (or None) or links where the column says so."""
 
     columns: tuple[Column, ...]
-    rows: tuple[tuple[str | Bar | None, ...], ...]
+    rows: tuple[tuple[str | Bar | Link | None, ...], ...]
     caption: str = ""
     note: str = ""
 
@@ -165,9 +172,9 @@ def list_sources(recordings: Sequence[Recording], names: Sequence[str] = (), hel
     cached: dict[Path, str] = {}
     rows = []
     for one in recordings:
-        path = _file_of(one)
+        path = file_of(one.provenance)
         if path is not None and path not in cached:
-            cached[path] = _digest(path)
+            cached[path] = (sha256_of(path) or "-")[:16]
         origin = "-" if path is None else path.name
         use = "judges" if one.name in held_out else "used"
         span = f"{figure(float(one.t[0]))} to {figure(float(one.t[-1]))} s"
@@ -182,21 +189,4 @@ def list_sources(recordings: Sequence[Recording], names: Sequence[str] = (), hel
 
 def conversions(recordings: Iterable[Recording]) -> tuple[Remark, ...]:
     """What was done to the recordings before, from their provenance; alike lines together."""
-    return merge_remarks((one.name, note) for one in recordings for note in one.provenance if not _ORIGIN.match(note))
-
-
-_ORIGIN = re.compile(r"read from '(.*?)'(?: through '.*')?$")
-
-
-def _file_of(recording: Recording) -> Path | None:
-    found = [m for note in recording.provenance if (m := _ORIGIN.match(note))]
-    return Path(found[-1][1]) if found else None
-
-
-def _digest(path: Path) -> str:
-    """First digits of a file's hash; a dash where it is no longer there."""
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()[:16]
-    except OSError:
-        return "-"
+    return merge_remarks((one.name, note) for one in recordings for note in one.provenance if file_of([note]) is None)

@@ -1,0 +1,125 @@
+"""Selections by several methods as one page: what they agree on, where they part, and which predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from structsel.recording import Recording
+from structsel.report.selection import figures_of
+from structsel.report.sheet import (
+    Column,
+    Link,
+    Section,
+    Sheet,
+    Table,
+    conversions,
+    list_sources,
+    merge_remarks,
+)
+from structsel.report.words import counted, figure, fixed, listed
+from structsel.selection import Selection, Selections
+from structsel.validation import Validation
+
+_INKS = ("physics", "delivered", "refitted", "other")
+_LEGEND = (
+    "Values are in SI and radians; a dash: not in that model. Left out: predicting, in turn, manoeuvres (parts of a "
+    "single one) left out of the selection. VIF: variance inflation. RRMSE: rms error over that of the measured "
+    "response."
+)
+
+
+def sheet_of(
+    found: Mapping[str, Selections],
+    recordings: Sequence[Recording],
+    judged: Mapping[str, Validation],
+    pages: Mapping[str, str],
+) -> Sheet:
+    """The page of a comparison; `pages` are where each method has its own."""
+    methods = list(found)
+    first = next(iter(found.values()))
+    responses = list(first)
+    by_method = {response: {method: s[response] for method, s in found.items()} for response in responses}
+    agreed = [r for r in responses if len({frozenset(s.terms) for s in by_method[r].values()}) == 1]
+    held = list(dict.fromkeys(score.recording for one in judged.values() for score in one.scores))
+    doubts = merge_remarks(
+        (f"{s.response} by {method}", text)
+        for method, each in found.items()
+        for s in each.values()
+        for text in s.doubts
+    )
+    apart = [r for r in responses if r not in agreed]
+    return Sheet(
+        verdict="all agree" if not apart else "the methods differ" if not agreed else f"{len(agreed)} agree",
+        tone="good" if not apart and not doubts else "doubt",
+        headline=_headline(agreed, apart, methods),
+        lead=tuple(_parting(r, by_method[r]) for r in apart),
+        about=_about(methods, first[responses[0]], held),
+        reasons=(),
+        sections=(*([_contents(pages)] if pages else ()), *(_section(r, by_method[r], judged) for r in responses)),
+        doubts=doubts,
+        notes=(),
+        done=(f"The same data and candidates by {listed(methods, len(methods))}.",),
+        sources=list_sources(recordings, first[responses[0]].recordings, held),
+        history=conversions(recordings),
+        data=figures_of(dict(zip(_INKS, found.items())), recordings),
+        legend=_LEGEND,
+    )
+
+
+def _about(methods: Sequence[str], one: Selection, held: Sequence[str]) -> str:
+    judges = f"; {listed(held)} held out to judge" if held else ""
+    return f"{counted(len(methods), 'way')} of selecting from {counted(len(one.recordings), 'recording')}{judges}."
+
+
+def _headline(agreed: Sequence[str], apart: Sequence[str], methods: Sequence[str]) -> str:
+    count = counted(len(methods), "method")
+    if not apart:
+        return f"All {count} keep the same terms of {listed(agreed)}."
+    if not agreed:
+        return f"The {count} differ about the terms of {listed(apart)}."
+    return f"The {count} keep the same terms of {listed(agreed)}, and differ about {listed(apart)}."
+
+
+def _parting(response: str, by_method: Mapping[str, Selection]) -> str:
+    """Which terms some keep and others do not."""
+    kept = [set(s.terms) for s in by_method.values()]
+    shared, disputed = set.intersection(*kept), set.union(*kept)
+    sure = f"all keep {listed(map(str, sorted(shared)))}" if shared else "no term is kept by all"
+    return f"{response}: {sure}; only some keep {listed(map(str, sorted(disputed - shared)))}."
+
+
+def _contents(pages: Mapping[str, str]) -> Section:
+    rows = tuple((Link(method, page),) for method, page in pages.items())
+    return Section("Each method by itself", tables=(Table((Column("page", "link"),), rows),))
+
+
+def _section(response: str, by_method: Mapping[str, Selection], judged: Mapping[str, Validation]) -> Section:
+    numbers = tuple(Column(method) for method in by_method)
+    values = {m: dict(zip(("1", *map(str, s.terms)), s.values)) for m, s in by_method.items()}
+    terms = ["1", *map(str, sorted({term for s in by_method.values() for term in s.terms}))]
+    rows = tuple(
+        (
+            term,
+            *(figure(v.get(term)) for v in values.values()),
+            f"{sum(term in v for v in values.values())} of {len(values)}",
+        )
+        for term in terms
+    )
+    chosen = list(by_method.values())
+    measures = [
+        ("terms", *(str(len(s.terms)) for s in chosen)),
+        ("R²", *(fixed(s.r2) for s in chosen)),
+        ("R², left out", *(fixed(s.held_out_r2) for s in chosen)),
+        ("rms error, left out", *(figure(s.held_out_rms, 3) for s in chosen)),
+        ("highest VIF", *(figure(float(s.vif.max()), 2) if len(s.vif) else "-" for s in chosen)),
+        ("doubts", *(str(len(s.doubts)) for s in chosen)),
+    ]
+    if judged:
+        scores = [judged[method].score(response) for method in by_method]
+        measures.append(("R², held out", *(fixed(s.r2) for s in scores)))
+        measures.append(("RRMSE, held out", *(fixed(s.rrmse) for s in scores)))
+    tables = (
+        Table((Column("term", "name"), *numbers, Column("kept by")), rows, "Terms and values"),
+        Table((Column("measure", "name"), *numbers), tuple(measures), "How well each explains and predicts"),
+    )
+    return Section(response, tables=tables)

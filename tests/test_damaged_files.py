@@ -1,0 +1,157 @@
+"""Files that would crash a compiled reader, keep it busy for ever or fill the memory: refused in words, in time."""
+
+import gzip
+import os
+import sys
+import time
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from structsel import read_recording
+from structsel.errors import DataError
+from structsel.readers import apart, compressed, limits
+
+T = np.arange(30) * 0.02
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch):
+    monkeypatch.setattr(apart, "SECONDS", 1.0)
+    monkeypatch.setattr(limits, "SECONDS", 1.0)
+
+
+def matlab(path):
+    scipy.io.savemat(path, {"t": T, "alpha": 0.1 + T})
+    return path
+
+
+def hdf5(path):
+    with h5py.File(path, "w") as stream:
+        stream["t"] = T
+        stream.create_dataset("alpha", data=0.1 + T).attrs["unit"] = "rad"
+    return path
+
+
+def damage(path, old, new, at=0):
+    """Replace bytes that follow a mark by others of the same number."""
+    whole = path.read_bytes()
+    place = whole.index(old) + at
+    path.write_bytes(whole[:place] + new + whole[place + len(new) :])
+
+
+# --- compiled readers ------------------------------------------------------------------------------
+
+
+def test_a_matlab_file_with_a_type_there_is_not_is_refused_and_the_next_one_read(tmp_path):
+    broken, whole = matlab(tmp_path / "broken.mat"), matlab(tmp_path / "whole.mat")
+    # The samples of alpha: doubles (9). A type of 0x4009 makes SciPy read where it must not.
+    damage(broken, b"alpha", b"\x09\x40\x00\x00", at=8)
+    with pytest.raises(DataError, match=r"broken\.mat' makes its reader crash: it is damaged"):
+        read_recording(broken)
+    assert np.array_equal(read_recording(whole)["alpha"], 0.1 + T)
+
+
+def test_an_hdf5_file_whose_heap_goes_round_in_circles_is_refused(tmp_path):
+    path = hdf5(tmp_path / "r.h5")
+    assert read_recording(path).unit("alpha") == "rad"
+    # The size of the free space behind the texts: HDF5 1.14 looks for its end for ever.
+    heap = path.read_bytes().index(b"GCOL")
+    at = next(k for k in range(heap + 16, heap + 400, 8) if not any(path.read_bytes()[k : k + 8]) and k > heap + 16)
+    damage(path, b"GCOL", b"\x00" * 8, at=at + 8 - heap)
+    with pytest.raises(DataError, match=r"r\.h5' keeps its reader busy for more than 1 s: it is damaged"):
+        read_recording(path)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limits on memory there")
+def test_a_dataset_of_more_samples_than_any_memory_holds_is_refused(tmp_path):
+    with h5py.File(tmp_path / "r.h5", "w") as stream:
+        stream["t"] = T
+        stream.create_dataset("alpha", shape=(10**12,), dtype="f8", chunks=(1000,))
+    assert (tmp_path / "r.h5").stat().st_size < 100_000
+    with pytest.raises(DataError, match=r"r\.h5' would take more than 2\.0 GiB of memory, for a file of \d+ bytes"):
+        read_recording(tmp_path / "r.h5")
+
+
+def test_one_process_serves_for_many_files_and_none_is_no_hindrance(tmp_path, monkeypatch):
+    read_recording(matlab(tmp_path / "a.mat"))
+    first = apart._running
+    read_recording(hdf5(tmp_path / "b.h5"))
+    assert apart._running is first
+    assert first[0] == os.getpid()
+    monkeypatch.setattr(apart, "_running", None)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "nothing"))
+    assert len(read_recording(tmp_path / "a.mat")) == len(T)
+
+
+# --- readers in Python -----------------------------------------------------------------------------
+
+
+def _spin():
+    while True:
+        try:
+            while True:
+                pass
+        except Exception:
+            pass
+
+
+def _grow():
+    held = []
+    while True:
+        held.append(bytes(1 << 20))
+
+
+def test_a_reader_that_never_ends_is_stopped_through_whatever_it_catches(tmp_path):
+    (tmp_path / "r.log").write_bytes(b"x")
+    start = time.process_time()
+    with pytest.raises(DataError, match=r"r\.log', of 1 bytes, is not read after 1 s"):
+        limits.within_limits(tmp_path / "r.log", _spin)
+    assert time.process_time() - start < 4.0
+    assert limits.within_limits(tmp_path / "r.log", lambda: 5) == 5
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the peak of memory is not told there")
+def test_a_reader_that_fills_the_memory_is_stopped(tmp_path, monkeypatch):
+    (tmp_path / "r.log").write_bytes(b"x")
+    monkeypatch.setattr(limits, "SECONDS", 60.0)
+    # The peak of this process may be above what it has now; a little more than that is enough.
+    monkeypatch.setattr(limits, "MEMORY", 50 << 20)
+    with pytest.raises(DataError, match=r"takes more than 0\.0 GiB of memory: it is damaged, or made to do harm"):
+        limits.within_limits(tmp_path / "r.log", _grow)
+
+
+# --- compressed ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small(monkeypatch):
+    monkeypatch.setattr(compressed, "LARGEST", 1 << 20)
+
+
+def test_a_text_that_grows_a_thousandfold_is_refused(small, tmp_path):
+    text = b"t,alpha\n" + b"\n".join(b"%d,0" % k for k in range(100)) + b"\n" * 8_000_000
+    (tmp_path / "bomb.csv.gz").write_bytes(gzip.compress(text))
+    with pytest.raises(
+        DataError, match=r"bomb\.csv\.gz' cannot be read.*would grow to \d+, more than 100 times as many"
+    ):
+        read_recording(tmp_path / "bomb.csv.gz")
+
+
+def test_arrays_that_grow_a_thousandfold_are_refused(small, tmp_path):
+    np.savez_compressed(tmp_path / "bomb.npz", t=np.arange(10.0), alpha=np.zeros(1_000_000))
+    with pytest.raises(DataError, match=r"bomb\.npz' is no NumPy file that can be read: alpha\.npy takes"):
+        read_recording(tmp_path / "bomb.npz")
+    with zipfile.ZipFile(tmp_path / "bomb.npz") as archive:
+        assert archive.getinfo("alpha.npy").file_size > 100 * archive.getinfo("alpha.npy").compress_size
+
+
+def test_what_is_large_but_no_more_than_recordings_are_is_read(small, tmp_path):
+    t = np.arange(50_000) * 0.01
+    rows = "\n".join(f"{a:.2f},{b:.17g}" for a, b in zip(t, np.sin(t)))
+    (tmp_path / "r.csv.gz").write_bytes(gzip.compress(f"t,alpha\n{rows}\n".encode()))
+    assert len(rows) > compressed.LARGEST
+    assert np.array_equal(read_recording(tmp_path / "r.csv.gz")["alpha"], np.sin(t))
