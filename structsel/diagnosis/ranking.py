@@ -221,6 +221,7 @@ class _Judge:
 
     def __init__(self, bench: Bench, rough: bool):
         self._bench, self._delivered, self._rough = bench, bench.as_delivered(), rough
+        self._left = judging.held_out(self._delivered, True)
         self._takes, self._lowers = (_TAKES_ROUGH, _LOWERS_ROUGH) if rough else (_TAKES, _LOWERS)
 
     def hear(self, score: Score) -> Heard:
@@ -231,20 +232,26 @@ class _Judge:
         foretold = not score.hypothesis.event  # no other flight can foretell an event of one
         made = Heard("", 0.0)
         for without, beside in settings:
-            before, after = judging.excess(without, foretold), judging.excess(beside, foretold)
+            before, after = self._best(judging.excess(without, foretold), foretold), judging.excess(beside, foretold)
             takes = max(_taken(before[c][0], after[c][0], _SLIGHT) for c in before)
             # A constant that biases may be is judged by how unlikely it is as those; in rough air it is not judged.
             constant = foretold and not self._rough
-            level = max(_taken(before[c][1], after[c][1], _CONSTANT) for c in before) if constant else 0.0
+            level = max(_taken(before[c][1], after[c][1], _CONSTANT) for c in beside.told) if constant else 0.0
             takes = max(takes, level, 0.0)
             if takes < self._takes:
                 return Heard(f"it takes {takes:.0%} of the misfit only", takes)
-            gained = judging.gains(judging.held_out(without, True), judging.held_out(beside, True), beside.told)
+            left = judging.refitted(self._left, judging.held_out(without, True))
+            gained = judging.gains(left, judging.held_out(beside, True), beside.told)
             made = Heard("", takes, gained)
             lowers = max(gained.values(), default=0.0)
             if foretold and lowers < self._lowers and level < _TAKES_ROUGH:
                 return Heard(f"it lowers the error by {max(lowers, 0.0):.1%} only", takes, gained)
         return made
+
+    def _best(self, fitted: Mapping[str, tuple[float, float]], foretold: bool) -> dict[str, tuple[float, float]]:
+        """Excess of each response with tolerances refitted or as delivered, whichever foretells it better."""
+        plain = judging.excess(self._delivered, foretold)
+        return {c: min(x, plain[c]) for c, x in fitted.items()}
 
     def hear_again(self, score: Score, library: Library) -> Heard:
         """As `hear`, the noise being what it would be if the effect were there: it may have been taken for noise."""
