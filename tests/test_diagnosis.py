@@ -93,13 +93,12 @@ def test_one_manoeuvre_alone_is_not_decided(ground):
 @pytest.mark.parametrize(
     ("name", "effect", "tie"),
     [
-        ("ground-effect", "ground-effect", False),
         ("nothing-wrong", None, False),
         ("sensor-scale", "sensor-scale", False),
         ("drag-polar-free", "drag-polar", True),
     ],
 )
-def test_published_examples(name, effect, tie):
+def test_published_examples(name, effect, tie):  # the fourth, a ground effect, through the command line
     folder = EXAMPLES / name
     found = diagnose(
         folder / "simulated", ss.read_recordings(folder / "recordings"), ss.Aircraft.from_toml(folder / "aircraft.toml")
