@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from structsel.provenance import provenance_of
-from structsel.readers import READERS, format_of
+from structsel.recording.reading import files_read
 
 _WRITTEN = ("out", "guess", "checkpoint")
 _PERHAPS_FILES = ("model", "simulation")  # texts that may name a file
@@ -44,7 +44,7 @@ def _files(paths: Iterable[Path]) -> list[Path]:
     files: list[Path] = []
     for path in paths:
         if path.is_dir():
-            files += [p for p in sorted(path.iterdir()) if format_of(p) in READERS and not p.name.startswith(".")]
+            files += files_read(path)
         elif path.is_file():
             files.append(path)
     return files

@@ -175,7 +175,7 @@ class Bench:
     def as_delivered(self) -> Bench:
         """Bench on which only the timing of samples, and effects taken in, are free."""
         k = len(self.nuisances)
-        held = np.array([float(n.name.endswith((" late", "the rest", "over a step"))) for n in self.nuisances])
+        held = np.array([float(n.delivered) for n in self.nuisances])
         B = [np.column_stack([B[:, :k] * held, B[:, k:]]) for B in self.base.given]
         return replace(self, base=Base(self.base.y, B, self.base.groups))
 

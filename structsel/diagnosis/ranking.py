@@ -61,8 +61,6 @@ class Step:
         With the effect taken in.
     gained : mapping of response to float
         Share by which the rms falls on other flights.
-    takes : float
-        Share of the misfit beyond the noise that it takes, where it takes most.
     others : tuple of Score
         All that were tried beside it, best first.
     """
@@ -72,7 +70,6 @@ class Step:
     ranks: Mapping[str, float]
     bench: Bench
     gained: Mapping[str, float]
-    takes: float
     others: tuple[Score, ...] = ()
 
 
@@ -85,8 +82,9 @@ class Heard:
     reason : str
         What speaks against it; empty where nothing does.
     takes : float
+        Share of the misfit beyond the noise that it takes, where it takes most.
     gained : mapping of response to float
-        As a `Step` has them.
+        Share by which the rms falls on other flights.
     """
 
     reason: str
@@ -186,7 +184,7 @@ def _take_best(
         chances = {s.effect: ranks[s.effect] for s in able if s.effect not in failed}
         sure = float(np.clip((heard.takes - _NEVER) / (_SURE - _NEVER), 0.0, _AT_MOST))
         rivals = tuple((effect, sure * p) for effect, p in probabilities(chances))
-        return Step(one, rivals, ranks, new, heard.gained, heard.takes, tuple(scores[:12]))
+        return Step(one, rivals, ranks, new, heard.gained, tuple(scores[:12]))
     return None
 
 
@@ -222,6 +220,7 @@ class _Judge:
     def __init__(self, bench: Bench, rough: bool):
         self._bench, self._delivered, self._rough = bench, bench.as_delivered(), rough
         self._left = judging.held_out(self._delivered, True)
+        self._plain: dict[bool, dict[str, tuple[float, float]]] = {}
         self._takes, self._lowers = (_TAKES_ROUGH, _LOWERS_ROUGH) if rough else (_TAKES, _LOWERS)
 
     def hear(self, score: Score) -> Heard:
@@ -250,8 +249,9 @@ class _Judge:
 
     def _best(self, fitted: Mapping[str, tuple[float, float]], foretold: bool) -> dict[str, tuple[float, float]]:
         """Excess of each response with tolerances refitted or as delivered, whichever foretells it better."""
-        plain = judging.excess(self._delivered, foretold)
-        return {c: min(x, plain[c]) for c, x in fitted.items()}
+        if foretold not in self._plain:
+            self._plain[foretold] = judging.excess(self._delivered, foretold)
+        return {c: min(x, self._plain[foretold][c]) for c, x in fitted.items()}
 
     def hear_again(self, score: Score, library: Library) -> Heard:
         """As `hear`, the noise being what it would be if the effect were there: it may have been taken for noise."""

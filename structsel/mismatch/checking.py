@@ -28,9 +28,10 @@ def check_recorded(recordings: Sequence[Recording]) -> None:
     DataError
     """
     for r in recordings:
+        if not {"V", "ax", "az"} <= set(r.names):
+            continue
         for name in ("alpha", "beta"):
-            if name in r and {"V", "ax", "az"} <= set(r.names) and (beyond := np.abs(r[name]) > _STEEP).any():
-                i = int(np.argmax(beyond))
+            if (i := _first_beyond(r, name, _STEEP)) is not None:
                 raise DataError(
                     f"'{r.name}': {name} is {r[name][i]:.4g} rad at sample {i} (t = {r.t[i]:g} s), "
                     "the air from behind. Its unit, its sign or what it was made of is wrong, or the aircraft stood.\n"
@@ -80,13 +81,19 @@ def _check_tame(flight: Recording, recording: Recording, where: str) -> None:
     if "V" in recording:
         limits["V"] = _TIMES * float(np.max(recording["V"]))
     for name, limit in limits.items():
-        if name in flight and (beyond := np.abs(flight[name]) > limit).any():
-            i = int(np.argmax(beyond))
+        if (i := _first_beyond(flight, name, limit)) is not None:
             raise DataError(
                 f"the simulation in '{where}' of '{flight.name}' diverged: {name} is {flight[name][i]:.4g} at sample "
                 f"{i} (t = {flight.t[i]:g} s).\nCut the manoeuvre before it, hold the simulation with a light "
                 "stabilisation, or give its coefficients along the recordings instead."
             )
+
+
+def _first_beyond(recording: Recording, name: str, limit: float) -> int | None:
+    """First sample at which a channel is larger than a limit; None where it never is, or there is no such channel."""
+    if name not in recording or not (beyond := np.abs(recording[name]) > limit).any():
+        return None
+    return int(np.argmax(beyond))
 
 
 def check_alike(flights: Sequence[Flight], where: str) -> None:

@@ -46,6 +46,8 @@ class Nuisance:
         What one `unit` of it adds to measured less simulated.
     least : float
         Part of `sd` that does not come of a stated tolerance: sampling, noise in the states.
+    delivered : bool
+        Whether it is free in a simulation taken as delivered: of how it is sampled and asked, not of what it says.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Nuisance:
     unit: str
     columns: Sequence[Mapping[str, Array]]
     least: float = 0.0
+    delivered: bool = False
 
     def scale(self, share: float) -> float:
         """Factor on `sd` where things are off by a share of the stated tolerances."""
@@ -77,7 +80,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
     ) -> None:
         sd = math.hypot(_sd(stated, key) * factor, least)
         if sd > 0.0 and any(np.any(x) for one in columns for x in one.values()):
-            made.append(Nuisance(name, sd, unit, columns, least))
+            made.append(Nuisance(name, sd, unit, columns, least, least > 0.0))
 
     for response in first.simulated:
         if first.surrogate is None:
@@ -94,7 +97,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         level = float(np.sqrt(np.mean([np.mean(f.simulated[response] ** 2) for f in flights])))
         add(f"{response}: 1", "secondary", "-", [{response: np.ones(len(f))} for f in flights], level)
         # What the states as we have them do not give may be the noise of the states it was asked at.
-        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0))
+        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0, True))
     if not set(COEFFICIENTS) & set(first.simulated):
         return made
     add("mass", "mass", "relative", [mass_columns(f) for f in flights])
@@ -130,11 +133,10 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
 
 def _held(flights: Sequence[Flight], timing: float) -> list[Nuisance]:
     """What holding inputs over each sample, and averaging over steps in between, does to each response by itself."""
-    made = []
-    for c in (c for c in COEFFICIENTS if c in flights[0].simulated):
-        turns = [{c: f.rate(f.rate(f.simulated[c]))} for f in flights]
-        made.append(Nuisance(f"{c} over a step", 4.0 * timing**2, "s^2", turns, 4.0 * timing**2))
-    return made
+    sd = 4.0 * timing**2
+    told = [c for c in COEFFICIENTS if c in flights[0].simulated]
+    turns = {c: [{c: f.rate(f.rate(f.simulated[c]))} for f in flights] for c in told}
+    return [Nuisance(f"{c} over a step", sd, "s^2", turns[c], sd, True) for c in told]
 
 
 def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:

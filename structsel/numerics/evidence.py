@@ -193,6 +193,8 @@ class Base:
         Manoeuvres left out together; by default each in turn.
     scales : (t, k) array, optional
         Factors on the prior standard deviations; by default ones.
+    products : sequence of Products, optional
+        Of `given` and `y`, per manoeuvre, where they are known.
 
     Attributes
     ----------
@@ -211,10 +213,12 @@ class Base:
         given: Sequence[Array],
         groups: Sequence[tuple[int, ...]] | None = None,
         scales: Array | None = None,
+        products: Sequence[Products] | None = None,
     ):
         self.y, self.given = list(y), list(given)
         self.groups = [(m,) for m in range(len(self.y))] if groups is None else list(groups)
-        each = [Products.of(X, r) for X, r in zip(self.given, self.y)]
+        each = [Products.of(X, r) for X, r in zip(self.given, self.y)] if products is None else list(products)
+        self._products = each
         total = _sum(each)
         sets = [total, *(total - _sum([each[m] for m in group]) for group in self.groups)]
         self.scales = np.ones((1, len(total.b))) if scales is None else scales
@@ -237,7 +241,7 @@ class Base:
 
     def at(self, chosen: int) -> Base:
         """With one of the sets of factors only."""
-        return Base(self.y, self.given, self.groups, self.scales[[chosen]])
+        return Base(self.y, self.given, self.groups, self.scales[[chosen]], self._products)
 
     def beside(self, more: Sequence[Array]) -> Base:
         """With further columns (rows, j), whose priors stay as they are."""
@@ -250,7 +254,7 @@ class Base:
         at = list(columns)
         return Base(self.y, [X[:, at] for X in self.given], self.groups, self.scales[:, at])
 
-    @property
+    @cached_property
     def freed(self) -> Array:
         """(k,) log evidence that each column brings at the first set of factors, all others staying at the last."""
         first, last = self.scales[0], self.scales[-1]

@@ -10,8 +10,10 @@ from scipy.signal import csd
 from structsel.errors import DomainError
 from structsel.numerics.smoothing.result import Array
 
-_OVERLAP = 0.5
-_FEWER = 0.75  # independent segments for each overlapping one, Hann window
+OVERLAP = 0.5
+"""Share of a segment that the next one has too."""
+FEWER = 0.75
+"""Independent segments for each overlapping one, Hann window."""
 _FEWEST = 16  # samples of a segment
 
 
@@ -49,8 +51,8 @@ def cross_spectrum(x: Sequence[Array], y: Sequence[Array], dt: float, segment: f
     for one, other in zip(x, y):
         if len(one) < per:
             continue
-        count = (len(one) - per) // (per - int(per * _OVERLAP)) + 1
-        f, density = csd(one, other, 1.0 / dt, nperseg=per, noverlap=int(per * _OVERLAP), detrend="linear")
+        count = (len(one) - per) // (per - int(per * OVERLAP)) + 1
+        f, density = csd(one, other, 1.0 / dt, nperseg=per, noverlap=int(per * OVERLAP), detrend="linear")
         total = total + count * density[1 : per // 2 + 1]
         segments += count
     if not segments:
@@ -93,5 +95,22 @@ def coherence(
     f, cross, segments = cross_spectrum(x, y, dt, segment)
     own, other = (cross_spectrum(each, each, dt, segment)[1].real for each in (x, y))
     squared = np.abs(cross) ** 2 / np.maximum(own * other, np.finfo(float).tiny)
-    free = _FEWER * segments
-    return f, squared, 1.0 - (chance / len(f)) ** (1.0 / (free - 1.0)) if free > 1.0 else 1.0
+    free = FEWER * segments
+    return f, squared, passed_by_chance(free, len(f), chance) if free > 1.0 else 1.0
+
+
+def passed_by_chance(free: float, frequencies: int, chance: float) -> float:
+    """Squared coherence that signals without relation pass, anywhere, with a given probability.
+
+    Parameters
+    ----------
+    free : float
+        Independent segments, more than one.
+    frequencies : int
+    chance : float
+
+    References
+    ----------
+    [CKN73]
+    """
+    return float(1.0 - (chance / frequencies) ** (1.0 / (free - 1.0)))

@@ -113,6 +113,12 @@ def read_recordings(
     return sorted(read, key=lambda recording: recording.name)
 
 
+def files_read(folder: Path) -> list[Path]:
+    """Files of a folder that a reader knows, sorted; hidden ones are not read."""
+    known = (p for p in sorted(folder.iterdir()) if p.is_file() and format_of(p) in READERS)
+    return [p for p in known if not p.name.startswith(".")]
+
+
 def list_files(source: str | Path | Iterable[str | Path]) -> list[Path]:
     """Files of a folder that a reader knows, sorted; or the one file, or those given.
 
@@ -124,8 +130,7 @@ def list_files(source: str | Path | Iterable[str | Path]) -> list[Path]:
     if isinstance(source, str | Path):
         folder = Path(source)
         if folder.is_dir():
-            paths = [p for p in sorted(folder.iterdir()) if p.is_file() and format_of(p) in READERS
-                     and not p.name.startswith(".")]  # fmt: skip
+            paths = files_read(folder)
             if not paths:
                 raise DataError(f"folder '{folder}' holds no recordings.\nFormats read: {', '.join(READERS)}.")
             return paths

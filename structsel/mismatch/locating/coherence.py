@@ -11,14 +11,13 @@ from scipy.signal import stft
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.noise import HIGHEST
 from structsel.numerics.smoothing.result import Array
+from structsel.numerics.spectra import FEWER, OVERLAP, passed_by_chance
 
 CHANNELS = ("de", "da", "dr", "throttle", "df", "alpha", "beta", "V")
 """As read. Gyros and accelerometers are left out: the coefficients are made of them, and share their noise."""
 
 _SEGMENT = 8.0  # s
 _CHANCE = 0.01
-_OVERLAP = 0.5
-_FEWER = 0.75  # independent segments per overlapping one, Hann window
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +77,13 @@ def coherences(
         return []
     names = [c for c in CHANNELS if all(c in f.recorded for f in same)]
     kept = [r for f, r in zip(flights, residuals) if f in same]
-    segments = sum(int((len(f) - per) / (per * (1.0 - _OVERLAP))) + 1 for f in same)
-    free = max(2.0, _FEWER * segments)
+    segments = sum(int((len(f) - per) / (per * (1.0 - OVERLAP))) + 1 for f in same)
+    free = max(2.0, FEWER * segments)
     moving = [c for c in names if any(np.ptp(f.raw[c]) > 0.0 for f in same)]
     told = {c: [r[c] for r in kept] for c in responses} | {f" {c}": [f.raw[c] for f in same] for c in moving}
     dt = flights[0].dt
     f_hz, Z = _transforms(told, dt, per)
+    threshold = passed_by_chance(free, len(f_hz), _CHANCE)
     for c in responses:
         y = Z[c]
         for channel in moving:
@@ -91,7 +91,6 @@ def coherences(
             cross = (np.conj(x) * y).mean(axis=1)
             own, driven = (np.abs(x) ** 2).mean(axis=1), (np.abs(y) ** 2).mean(axis=1)
             squared = np.abs(cross) ** 2 / np.maximum(own * driven, 1e-300)
-            threshold = 1.0 - (_CHANCE / len(f_hz)) ** (1.0 / (free - 1.0))
             fair = np.maximum((squared - 1.0 / free) / (1.0 - 1.0 / free), 0.0)
             share = float(fair @ driven / max(driven.sum(), 1e-300))
             peak = float(f_hz[np.argmax(squared)])
@@ -108,7 +107,7 @@ def _transforms(signals: Mapping[str, Sequence[Array]], dt: float, per: int) -> 
         parts = []
         for x in each:
             f_hz, _, z = stft(
-                x, fs=1.0 / dt, nperseg=per, noverlap=int(per * _OVERLAP), detrend="linear", boundary=None, padded=False
+                x, fs=1.0 / dt, nperseg=per, noverlap=int(per * OVERLAP), detrend="linear", boundary=None, padded=False
             )
             parts.append(z)
         made[name] = np.concatenate(parts, axis=1)
