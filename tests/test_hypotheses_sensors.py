@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from structsel.hypotheses.readings import reading, sensitivity
+from structsel.hypotheses.readings import reading
 from structsel.hypotheses.sensors import HYPOTHESES
 from structsel.mismatch.flight import prepare_flight
+from structsel.mismatch.responses import respond
+from structsel.mismatch.sensitivity import misread
 from structsel.recording import Recording
 from structsel.simulation import Instruments
 from tests.injected import CRAFT, best, compare, explain, fly, one_of
@@ -69,14 +71,20 @@ def test_turned_accelerometers_are_found_about_their_axis():
 
 
 def test_errors_of_a_reading_add_up_as_the_whole_chain_says():
-    # An error that varies in time: level and rate, as two shifts give them, against one shift of it all.
+    # An error that varies in time, by level and rate, against the chain gone through with and without it.
     flight = compare(fly())[0]
     error = 1e-4 * np.sin(1.7 * flight.t)
-    for channel in ("alpha", "p", "ax"):
-        whole = flight.shift(**{channel: error})
-        for response, (A, B) in sensitivity(flight, channel).items():
-            made = A * error + B * flight.rate(error)
-            assert_allclose(made, whole[response], atol=1e-3 * np.abs(whole[response]).max() + 1e-12)
+    clean = {**flight.channels, **flight.expected}
+    for channel in ("V", "alpha", "p", "ax", "theta"):
+        off = {channel: error} | ({"p_dot": flight.rate(error)} if channel == "p" else {})
+        sides = [{**clean, **{c: clean[c] + part * e for c, e in off.items()}} for part in (0.5, -0.5)]
+        high, low = (respond(ch, CRAFT, flight.dt, flight.responses) for ch in sides)
+        told = misread(flight, **{channel: error})
+        for response in flight.responses:
+            whole = high[response] - low[response]
+            if response in flight.simulated:
+                whole = whole - flight.slope(response, channel) * error
+            assert_allclose(told.get(response, 0.0 * error), whole, atol=1e-3 * np.abs(whole).max() + 1e-12)
 
 
 def test_an_accelerometer_is_scaled_by_what_it_should_have_read():

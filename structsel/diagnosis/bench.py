@@ -114,10 +114,14 @@ class Bench:
         return scale * posterior.mean[:k], scale * np.sqrt(np.diag(posterior.covariance)[:k])
 
     def taking(self, accepted: Sequence[Signature], library: Sequence[Signature]) -> Bench:
-        """Bench with effects taken in: noise and rows made anew."""
+        """Bench with effects taken in: noise made anew of the responses that they touch, and all rows."""
+        now = {id(s): s for s in accepted}
+        before = {id(s): s for s in self.accepted}
+        touched = {c for k in now.keys() ^ before.keys() for c in (now | before)[k].responses}
         return self._build(
-            self.flights, self.nuisances, self.allowed, self.own, tuple(accepted), library, self.base.groups
-        )
+            self.flights, self.nuisances, self.allowed, self.own, tuple(accepted), library, self.base.groups,
+            self.noise.but_for(touched),
+        )  # fmt: skip
 
     @classmethod
     def _build(
@@ -129,6 +133,7 @@ class Bench:
         accepted: tuple[Signature, ...],
         library: Sequence[Signature],
         groups: Sequence[tuple[int, ...]] | None,
+        known: Noise | None = None,
     ) -> Bench:
         responses = flights[0].responses
         shared = [
@@ -139,12 +144,12 @@ class Bench:
         # Resonances would explain any narrow band of it.
         usable = [s for s in library if s.hypothesis.kind not in ("sensor", "structural")]
         pool = {}
-        for c in responses:
+        for c in (c for c in responses if known is None or c not in known.log_std):
             mine = [s for s in usable if c in s.responses]
             if mine:
                 parts = [[(s.spectra[i], s.width) for s in mine] for i in range(len(flights))]
                 pool[c] = [join(p, (c,), bins_of(f))[c] for p, f in zip(parts, flights)]
-        noise = estimate_noise(flights, shared, responses, pool)
+        noise = estimate_noise(flights, shared, responses, pool, known)
         rows = [Rows.of(f, responses, noise, mine) for f, mine in zip(flights, own)]
         B = [r.whiten(mine) for r, mine in zip(rows, shared)]
         free = np.ones(B[0].shape[1] - len(nuisances))
@@ -152,10 +157,10 @@ class Bench:
         base = Base([r.difference() for r in rows], B, groups, scales)
         return cls(flights, responses, nuisances, allowed, own, accepted, noise, rows, base)
 
-    def try_signature(self, signature: Signature) -> Trial:
-        """Evidence for one form of an effect beyond what is taken in."""
-        return self.base.try_columns(
-            [r.against(s, signature.width, Z) for r, s, Z in zip(self.rows, signature.spectra, self._twice)]
+    def try_signatures(self, signatures: Sequence[Signature]) -> list[Trial]:
+        """Evidence for each of several forms of effects beyond what is taken in."""
+        return self.base.try_each(
+            [[r.against(x, s.width, Z) for r, x, Z in zip(self.rows, s.spectra, self._twice)] for s in signatures]
         )
 
     @cached_property

@@ -75,13 +75,14 @@ class Score:
 
 def score_all(bench: Bench, library: Library) -> list[Score]:
     """Scores of every hypothesis that can be tried, best evidence first."""
-    made = [score(bench, hypothesis, library.of(hypothesis.effect)) for hypothesis in library.hypotheses]
+    by_effect = [(h, library.of(h.effect)) for h in library.hypotheses]
+    trials = iter(bench.try_signatures([s for _, forms in by_effect for s in forms]))
+    made = [score(bench, h, forms, [next(trials) for _ in forms]) for h, forms in by_effect]
     return sorted(made, key=lambda s: -s.log_evidence)
 
 
-def score(bench: Bench, hypothesis: Hypothesis, forms: Sequence[Signature]) -> Score:
-    """Score of one hypothesis."""
-    trials = [bench.try_signature(s) for s in forms]
+def score(bench: Bench, hypothesis: Hypothesis, forms: Sequence[Signature], trials: Sequence[Trial]) -> Score:
+    """Score of one hypothesis from the trials of its forms."""
     within = np.array([_within(s, t) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within
     log_forms = np.log(len(forms))

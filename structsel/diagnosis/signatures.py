@@ -73,11 +73,11 @@ def spectra_of(variant: Variant, flight: Flight, responses: Sequence[str]) -> di
     """Spectra of a variant on one flight, scaled by its priors; only what is not zero."""
     bins, edge = bins_of(flight), edge_of(flight)
     sd = np.array([p.sd for p in variant.parameters])
-    made = {}
-    for c, x in variant.columns(flight).items():
-        if c in responses and np.any(x):
-            made[c] = spectrum(x if x.ndim == 2 else x[:, None], bins, edge) * sd
-    return made
+    told = {c: x for c, x in variant.columns(flight).items() if c in responses and np.any(x)}
+    if not told:
+        return {}
+    together = spectrum(np.column_stack(list(told.values())), bins, edge)
+    return {c: x * sd for c, x in zip(told, np.split(together, len(told), axis=1))}
 
 
 def work_out(

@@ -1,23 +1,20 @@
-"""What a wrong reading does to every response, worked out once per flight and channel."""
+"""Signatures of wrong readings."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from structsel.hypotheses.base import Columns, Flights
 from structsel.mismatch.flight import AIRFRAME, Flight
 from structsel.mismatch.responses import COEFFICIENTS, KINEMATIC
+from structsel.mismatch.sensitivity import misread
 from structsel.numerics.smoothing.result import Array
 
 Errors = Mapping[str, Array | float]
-Sensitivity = dict[str, tuple[Array, Array]]
 
 _INERTIAL = ("ax", "ay", "az")
-_STEP = 1e-4  # of 1 rad, 1 rad/s or 1 m/s^2, and of 100 m/s: small beside every bend, large beside rounding
-_KNOWN: WeakKeyDictionary[Flight, dict[str, Sensitivity]] = WeakKeyDictionary()
 
 
 def cannot_be_shifted(flights: Flights) -> str:
@@ -26,18 +23,6 @@ def cannot_be_shifted(flights: Flights) -> str:
         if not set(AIRFRAME) <= set(f.channels) or not ({*COEFFICIENTS, *KINEMATIC} & set(f.measured)):
             return "channels V, alpha, ax and az, and simulated coefficients"
     return ""
-
-
-def sensitivity(flight: Flight, channel: str) -> Sensitivity:
-    """By response, what an error e of a channel adds to the difference: A e + B e'."""
-    known = _KNOWN.setdefault(flight, {})
-    if channel not in known:
-        step = 100.0 * _STEP if channel == "V" else _STEP
-        ramp = (flight.t - flight.t.mean()) / np.ptp(flight.t)
-        level = {r: x / step for r, x in flight.shift(**{channel: np.full(len(flight), step)}).items()}
-        tilted = {r: x / step for r, x in flight.shift(**{channel: step * ramp}).items()}
-        known[channel] = {r: (A, (tilted[r] - A * ramp) * np.ptp(flight.t)) for r, A in level.items()}
-    return known[channel]
 
 
 def wrong_readings(errors: Callable[[Flight], Sequence[Errors]]) -> Callable[[Flight], Columns]:
@@ -50,18 +35,9 @@ def wrong_readings(errors: Callable[[Flight], Sequence[Errors]]) -> Callable[[Fl
     """
 
     def columns(flight: Flight) -> Columns:
-        made: dict[str, Array] = {}
-        each = errors(flight)
-        for j, one in enumerate(each):
-            for channel, e in one.items():
-                error = np.broadcast_to(np.asarray(e, dtype=float), flight.t.shape)
-                rate = flight.rate(error)
-                for r, (A, B) in sensitivity(flight, channel).items():
-                    held = made.get(r)
-                    if held is None:
-                        held = made[r] = np.zeros((len(flight), len(each)))
-                    held[:, j] += A * error + B * rate
-        return made
+        each = [misread(flight, **one) for one in errors(flight)]
+        nothing = np.zeros(len(flight))
+        return {r: np.column_stack([one.get(r, nothing) for one in each]) for r in {r: 0 for one in each for r in one}}
 
     return columns
 

@@ -152,35 +152,14 @@ class Flight:
 
     def slope(self, response: str, channel: str) -> Array:
         """What the simulation's response gains per unit of a channel, along the flight; zero where it does not ask."""
-        if self.surrogate is None:
-            return np.zeros(len(self))
-        return self.surrogate.slope(self, response, channel)
+        if (response, channel) not in self._slopes:
+            made = np.zeros(len(self)) if self.surrogate is None else self.surrogate.slope(self, response, channel)
+            self._slopes[response, channel] = made
+        return self._slopes[response, channel]
 
-    def shift(self, **errors: Array | float) -> dict[str, Array]:
-        """What wrong readings do to the differences.
-
-        Parameters
-        ----------
-        **errors : (n,) array or float
-            By how much each channel reads more than the truth. The simulation is taken to have been driven by what
-            was read.
-        """
-        added = {name: np.broadcast_to(np.asarray(e, dtype=float), self.t.shape) for name, e in errors.items()}
-        wanted = tuple(name for name in self.responses if name in COEFFICIENTS or name in KINEMATIC)
-        spread = dict(added)
-        for rate in ("p", "q", "r"):
-            if rate in added:
-                spread[f"{rate}_dot"] = self.rate(added[rate])
-        clean = {**self.channels, **self.expected}
-        up = {**clean, **{name: clean[name] + 0.5 * e for name, e in spread.items() if name in clean}}
-        down = {**clean, **{name: clean[name] - 0.5 * e for name, e in spread.items() if name in clean}}
-        high, low = (respond(ch, self.craft, self.dt, wanted) for ch in (up, down))
-        change = {name: high[name] - low[name] for name in wanted}
-        for response in wanted:
-            if response in COEFFICIENTS:
-                for channel, e in added.items():
-                    change[response] = change[response] - self.slope(response, channel) * e
-        return change
+    @cached_property
+    def _slopes(self) -> dict[tuple[str, str], Array]:
+        return {}
 
 
 def prepare_flight(recording: Recording, craft: Aircraft, simulated: Mapping[str, Array]) -> Flight:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from joblib import Parallel, delayed
+from scipy.linalg import cholesky, solve_triangular
 
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
-from structsel.numerics.evidence import Further, Projector, spectrum
+from structsel.numerics.evidence import Further, Projector, length_of, spectrum
 from structsel.numerics.smoothing.result import Array
 
 HIGHEST = 6.0
@@ -54,6 +55,11 @@ class Noise:
     log_std: Mapping[str, Array]
     level: Mapping[tuple[str, str], float]
 
+    def but_for(self, responses: Collection[str]) -> Noise:
+        """Noise of all other responses."""
+        kept = {c: x for c, x in self.log_std.items() if c not in responses}
+        return Noise(self.edges, kept, {(f, c): x for (f, c), x in self.level.items() if c in kept})
+
     def std(self, flight: Flight, response: str, bins: int) -> Array:
         """(1 + bins,) standard deviations of one flight's level and coefficients."""
         f = frequencies(flight, bins)
@@ -63,7 +69,7 @@ class Noise:
 
 def bins_of(flight: Flight) -> int:
     """Cosine coefficients of one flight that are compared."""
-    return max(8, int(2.0 * len(flight) * flight.dt * highest_of(flight)))
+    return max(8, int(2.0 * length_of(len(flight)) * flight.dt * highest_of(flight)))
 
 
 def highest_of(flight: Flight) -> float:
@@ -96,7 +102,7 @@ def edge_of(flight: Flight) -> int:
 
 def frequencies(flight: Flight, bins: int) -> Array:
     """Frequency [Hz] of each coefficient."""
-    return np.arange(1, bins + 1) / (2.0 * len(flight) * flight.dt)
+    return np.arange(1, bins + 1) / (2.0 * length_of(len(flight)) * flight.dt)
 
 
 def estimate_noise(
@@ -104,6 +110,7 @@ def estimate_noise(
     explained: Sequence[Mapping[str, Array]],
     responses: Sequence[str],
     pool: Mapping[str, Sequence[Array]],
+    known: Noise | None = None,
 ) -> Noise:
     """Spectrum of what neither tolerances nor any usual function of the states, nor any known physics, explains.
 
@@ -115,14 +122,17 @@ def estimate_noise(
     responses : sequence of str
     pool : mapping of response to sequence of (bins, j) array
         Spectra of further columns per flight, of which the few that help most are taken.
+    known : Noise, optional
+        Of some responses, which are left as they are there.
     """
     bins = [bins_of(f) for f in flights]
     lowest = min(float(frequencies(f, b)[0]) for f, b in zip(flights, bins))
     highest = max(float(frequencies(f, b)[-1]) for f, b in zip(flights, bins))
     edges = np.geomspace(max(lowest, highest / 3000.0), highest, _BANDS)
-    log_std: dict[str, Array] = {}
-    level: dict[tuple[str, str], float] = {}
-    for response in responses:
+    log_std = {} if known is None else dict(known.log_std)
+    level = {} if known is None else dict(known.level)
+
+    def listen(response: str) -> None:
         left, free = _residual(flights, bins, explained, response, edges, pool.get(response))
         log_std[response] = _smooth_spectrum(flights, bins, left, free, edges)
         usual = Noise(edges, log_std, {(f.name, response): 1.0 for f in flights})
@@ -131,6 +141,8 @@ def estimate_noise(
             ratio = float(np.sum((e / usual.std(f, response, b)[1:]) ** 2) / max(n, 1e-9))
             # Shrunk towards one: half a hundred coefficients tell a level to about a tenth.
             level[f.name, response] = float(np.sqrt(np.clip((ratio * n / 20.0 + 1.0) / (n / 20.0 + 1.0), 0.25, 25.0)))
+
+    Parallel(n_jobs=2, prefer="threads")(delayed(listen)(c) for c in responses if c not in log_std)
     return Noise(edges, log_std, level)
 
 
@@ -181,10 +193,11 @@ def _residual(
         k = X.shape[1]
         rows = np.column_stack([X, Z]) * weight[:, None]
         held_to = np.concatenate([np.full(k, 1e-3), np.ones(Z.shape[1])])
-        factor = cho_factor(rows.T @ rows + np.diag(held_to))
-        fit = cho_solve(factor, rows.T @ (y * weight))
+        lower = cholesky(rows.T @ rows + np.diag(held_to), lower=True)
+        turned = solve_triangular(lower, rows.T, lower=True)
+        fit = solve_triangular(lower, turned @ (y * weight), lower=True, trans="T")
         left = y - X @ fit[:k] - Z @ fit[k:]
-        free = 1.0 - np.einsum("ij,ji->i", rows, cho_solve(factor, rows.T))
+        free = 1.0 - (turned**2).sum(axis=0)
         if turn < 2 and further is not None:
             X = np.column_stack([X, further[:, _helpful(rows, left * weight, further, weight)]])
         held = _smooth_spectrum(flights, bins, np.split(left, cuts), np.split(free, cuts), edges)

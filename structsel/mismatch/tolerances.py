@@ -11,6 +11,7 @@ import numpy as np
 from structsel.aircraft import Tolerances
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
+from structsel.mismatch.sensitivity import misread
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.smoothing.result import Array
 
@@ -107,18 +108,18 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         add(f"centre of gravity {axis}", "cg", "chords", [offset_columns(f, k) for f in flights])
     add("thrust", "thrust", "relative", [thrust_columns(f) for f in flights])
     for channel in ("alpha", "beta"):
-        add(f"{channel} scale", "vane_scale", "relative", [f.shift(**{channel: f[channel]}) for f in flights])
+        add(f"{channel} scale", "vane_scale", "relative", [misread(f, **{channel: f[channel]}) for f in flights])
     # An airspeed system is held to a tighter scale than a vane in its upwash.
-    add("V scale", "vane_scale", "relative", [f.shift(V=f["V"]) for f in flights], 0.5)
+    add("V scale", "vane_scale", "relative", [misread(f, V=f["V"]) for f in flights], 0.5)
     for one, other in (("ax", "az"), ("ax", "ay"), ("ay", "az"), ("p", "r"), ("p", "q"), ("q", "r")):
-        each = [f.shift(**{one: f[other], other: -f[one]}) for f in flights]
+        each = [misread(f, **{one: f[other], other: -f[one]}) for f in flights]
         add(f"{one} and {other} turned", "alignment", "rad", each)
     # Nothing recorded at intervals is registered better than to a fraction of one.
     timing = _SAMPLING * float(np.median([f.dt for f in flights]))
     for channels in _LATE:
         here = [c for c in channels if all(c in f.recorded for f in flights)]
         if here:
-            each = [f.shift(**{c: -f.rate(f[c]) for c in here}) for f in flights]
+            each = [misread(f, **{c: -f.rate(f[c]) for c in here}) for f in flights]
             add(f"{', '.join(here)} late", "delay", "s", each, least=timing)
     for group in (COEFFICIENTS[:3], COEFFICIENTS[3:]):
         each = [{c: f.rate(f.simulated[c]) for c in group if c in f.simulated} for f in flights]
@@ -146,7 +147,7 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
         return [(f"{c}: offset", size[c], {c: np.ones(len(flight))}) for c in size]
     turned = _sd(flight.craft.tolerances, "alignment") or _UNSTATED
     sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS, "V": _V_BIAS * float(flight["V"].mean())}
-    return [(c, sd, flight.shift(**{c: 1.0})) for c, sd in sizes.items() if c in flight.recorded]
+    return [(c, sd, misread(flight, **{c: 1.0})) for c, sd in sizes.items() if c in flight.recorded]
 
 
 def _sd(stated: Tolerances, key: str) -> float:
@@ -219,7 +220,7 @@ def accelerometer_moved(f: Flight, k: int) -> dict[str, Array]:
     still = np.zeros(len(f))
     rates = (f["p"], f["q"], f["r"])
     moved = rb.acceleration_at_cg(still, still, still, rates, turning, tuple(place))
-    return f.shift(ax=moved[0], ay=moved[1], az=moved[2])
+    return misread(f, ax=moved[0], ay=moved[1], az=moved[2])
 
 
 def vane_moved(f: Flight, k: int) -> dict[str, Array]:
@@ -227,4 +228,4 @@ def vane_moved(f: Flight, k: int) -> dict[str, Array]:
     place = [0.0, 0.0, 0.0]
     place[k] = -1.0
     V, alpha, beta = rb.air_data_at_cg(f["V"], f["alpha"], f["beta"], f["p"], f["q"], f["r"], tuple(place))
-    return f.shift(V=V - f["V"], alpha=alpha - f["alpha"], beta=beta - f["beta"])
+    return misread(f, V=V - f["V"], alpha=alpha - f["alpha"], beta=beta - f["beta"])

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.fft import dct
+from scipy.fft import dct, prev_fast_len
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
 
@@ -32,7 +32,7 @@ def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
     ----------
     x : (n,) or (n, k) array
     bins : int
-        Coefficient j stands for the frequency j / (2 n dt).
+        Coefficient j stands for the frequency j / (2 `length_of(n)` dt).
     edge : int
         Samples over which each end is faded.
 
@@ -41,8 +41,9 @@ def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
     (1 + bins,) or (1 + bins, k) array
         The level (times the root of the samples it counts) and coefficients 1 to `bins`.
     """
-    x = np.asarray(x, dtype=float)
-    fade = fading(len(x), edge)
+    n = length_of(len(x))
+    x = np.asarray(x, dtype=float)[:n]
+    fade = fading(n, edge)
     shaped = fade if x.ndim == 1 else fade[:, None]
     faded = x * shaped
     level = fade @ faded / (fade @ fade)
@@ -51,13 +52,21 @@ def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
     return made
 
 
+@lru_cache(maxsize=256)
+def length_of(n: int) -> int:
+    """Samples of n that a spectrum is made of: a few at the end are left out where that spares much work."""
+    return int(prev_fast_len(n, real=True))
+
+
+@lru_cache(maxsize=256)
 def fading(n: int, edge: int) -> Array:
-    """(n,) weights that rise from 0 to 1 over `edge` samples and fall again (cosine squared)."""
+    """(n,) weights that rise from 0 to 1 over `edge` samples and fall again (cosine squared); not to be written to."""
     fade = np.ones(n)
     if edge > 0:
         rise = np.sin(0.5 * np.pi * (np.arange(edge) + 0.5) / edge) ** 2
         fade[:edge] = rise
         fade[n - edge :] = rise[::-1]
+    fade.setflags(write=False)
     return fade
 
 
@@ -274,30 +283,54 @@ class Base:
         each : sequence of Further
             Per manoeuvre.
         """
-        cross = np.stack([one.cross for one in each])
-        own = np.stack([one.own for one in each])
-        with_y = np.stack([one.with_y for one in each])
+        return self.try_each([each])[0]
 
-        def all_and_without(x: Array) -> Array:
-            total = x.sum(axis=0)
-            return np.stack([total, *(total - x[list(group)].sum(axis=0) for group in self.groups)])
+    def try_each(self, sets: Sequence[Sequence[Further]]) -> list[Trial]:
+        """As `try_columns`, of many sets of columns, each by itself beside the base."""
+        made: list[Trial | None] = [None] * len(sets)
+        widths = [one[0].cross.shape[1] for one in sets]
+        for width in set(widths):
+            same = [i for i, w in enumerate(widths) if w == width]
+            for i, trial in zip(same, self._try_alike([sets[i] for i in same])):
+                made[i] = trial
+        return [trial for trial in made if trial is not None]
 
-        V = self._inverse @ (self.scales[:, None, :, None] * all_and_without(cross))
-        turned = np.swapaxes(V, -1, -2)
-        S = all_and_without(own) - turned @ V
-        s = all_and_without(with_y) - (turned @ self._rotated[..., None])[..., 0]
-        inner = np.eye(S.shape[-1]) + S
-        theta = np.linalg.solve(inner, s[..., None])[..., 0]
-        brought = 0.5 * (s * theta).sum(axis=-1) - 0.5 * np.linalg.slogdet(inner)[1]
-        evidence = logsumexp(self.evidence + brought, axis=0) - logsumexp(self.evidence, axis=0)
-        best = int(np.argmax((self.evidence + brought)[:, 0]))
-        return Trial(
-            float(evidence[0]),
-            evidence[0] - evidence[1:],
-            theta[best, 0],
-            np.linalg.inv(inner[best, 0]),
-            brought[:, 0],
-        )
+    def _try_alike(self, sets: Sequence[Sequence[Further]]) -> list[Trial]:
+        """Trials of sets of equally many columns, all of them turned by the base's factors at once."""
+
+        def all_and_without(parts: Array) -> Array:  # (sets, m, ...) to (1 + m, sets, ...)
+            total = parts.sum(axis=1)
+            return np.stack([total, *(total - parts[:, list(group)].sum(axis=1) for group in self.groups)])
+
+        cross = all_and_without(np.stack([[one.cross for one in each] for each in sets]))
+        own = all_and_without(np.stack([[one.own for one in each] for each in sets]))
+        with_y = all_and_without(np.stack([[one.with_y for one in each] for each in sets]))
+        left, n, k, width = cross.shape
+        side_by_side = cross.transpose(0, 2, 1, 3).reshape(left, k, n * width)
+        brought, first, inner = [], [], []
+        for scale, inverse, rotated in zip(self.scales, self._inverse, self._rotated):
+            V = (inverse @ (scale[:, None] * side_by_side)).reshape(left, k, n, width).transpose(0, 2, 1, 3)
+            turned = np.swapaxes(V, -1, -2)
+            held = np.eye(width) + own - turned @ V
+            s = with_y - (turned @ rotated[:, None, :, None])[..., 0]
+            theta = np.linalg.solve(held, s[..., None])[..., 0]
+            brought.append(0.5 * (s * theta).sum(axis=-1) - 0.5 * np.linalg.slogdet(held)[1])
+            first.append(theta[0])
+            inner.append(held[0])
+        gained = np.stack(brought)  # (scales, 1 + m, sets)
+        beside = self.evidence[..., None] + gained
+        evidence = logsumexp(beside, axis=0) - logsumexp(self.evidence, axis=0)[:, None]
+        best = np.argmax(beside[:, 0], axis=0)
+        return [
+            Trial(
+                float(evidence[0, i]),
+                evidence[0, i] - evidence[1:, i],
+                first[best[i]][i],
+                np.linalg.inv(inner[best[i]][i]),
+                gained[:, 0, i],
+            )
+            for i in range(n)
+        ]
 
 
 def _sum(parts: Sequence[Products]) -> Products:

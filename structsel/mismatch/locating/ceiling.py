@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from joblib import Parallel, delayed
 from scipy.fft import idct
 
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.locating.windows import Flags
 from structsel.mismatch.noise import HIGHEST, bins_of, edge_of
 from structsel.mismatch.responses import COEFFICIENTS
-from structsel.numerics.evidence import spectrum
+from structsel.numerics.evidence import length_of, spectrum
 from structsel.numerics.smoothing.result import Array
 
 _CHANNELS = (
@@ -100,8 +101,10 @@ def _in_band(x: Array, f: Flight) -> Array:
     """Columns in the band that is compared, faded at the ends."""
     made = np.zeros_like(x)
     coefficients = spectrum(x, bins_of(f), edge_of(f))
+    n = length_of(len(x))
     made[1 : len(coefficients)] = coefficients[1:]
-    return np.asarray(idct(made, axis=0, norm="ortho"))
+    made[:n] = idct(made[:n], axis=0, norm="ortho")
+    return made
 
 
 def _delayed(x: Array, k: int) -> Array:
@@ -140,20 +143,17 @@ def _foretell(X: Array, products: Array, Y: Array, group: Array) -> Array:
     ridge = np.array([_shares(Y, told, group) for told in straight])
     best = np.argmax(ridge, axis=0)
     bent = np.empty_like(Y)
-    for train, test in folds:
-        for j in range(Y.shape[1]):
-            line = Ridge(alpha=_HELD_TO[best[j]]).fit(P[train], Y[train, j])
-            first = max(ridge[best[j], j], 0.0) > 0.0
-            base, ahead = (line.predict(P[train]), line.predict(P[test])) if first else (0.0, 0.0)
-            trees = HistGradientBoostingRegressor(
-                max_iter=40,
-                learning_rate=0.12,
-                max_leaf_nodes=8,
-                min_samples_leaf=25,
-                max_bins=48,
-                early_stopping=False,
-            )
-            bent[test, j] = ahead + trees.fit(X[train], Y[train, j] - base).predict(X[test])
+
+    def bend(train: Array, test: Array, j: int) -> None:
+        line = Ridge(alpha=_HELD_TO[best[j]]).fit(P[train], Y[train, j])
+        first = max(ridge[best[j], j], 0.0) > 0.0
+        base, ahead = (line.predict(P[train]), line.predict(P[test])) if first else (0.0, 0.0)
+        trees = HistGradientBoostingRegressor(
+            max_iter=40, learning_rate=0.12, max_leaf_nodes=8, min_samples_leaf=25, max_bins=48, early_stopping=False
+        )
+        bent[test, j] = ahead + trees.fit(X[train], Y[train, j] - base).predict(X[test])
+
+    Parallel(n_jobs=2, prefer="threads")(delayed(bend)(*fold, j) for fold in folds for j in range(Y.shape[1]))
     return np.maximum(ridge.max(axis=0), _shares(Y, bent, group))
 
 

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.locating.windows import Intervals
 from structsel.mismatch.noise import Noise, bins_of, edge_of
-from structsel.numerics.evidence import spectrum
+from structsel.numerics.evidence import length_of, spectrum
 from structsel.numerics.smoothing.result import Array
 
 _WINDOW = 2.0  # s
@@ -83,7 +83,9 @@ def whitened(spectrum: Array, std: Array, n: int) -> Array:
     made = np.zeros(n)
     bins = len(spectrum) - 1
     made[1 : bins + 1] = spectrum[1:] / std[1:] * np.sqrt(n / bins)
-    return np.asarray(idct(made, norm="ortho"))
+    m = length_of(n)
+    made[:m] = idct(made[:m], norm="ortho")
+    return made
 
 
 def standing_out(powers: Array, ceiling: float = 2.0) -> Array:

@@ -1,0 +1,96 @@
+"""What a wrong reading does to every response, to first order, worked out once per flight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from structsel.mismatch.flight import AIRFRAME, Flight
+from structsel.mismatch.responses import COEFFICIENTS, KINEMATIC, respond
+from structsel.numerics.smoothing.result import Array
+
+Sensitivity = Mapping[str, tuple[Array, Array]]
+"""By response, what an error e of a channel adds to the difference: ``A e + B e'``."""
+
+_READ = (*AIRFRAME, "qbar_ratio", "rho", "thrust", "mass", "h", "vn", "ve", "vd")
+_STEP = 1e-4  # of 1 rad, 1 rad/s or 1 m/s^2, and of 100 m/s: small beside every bend, large beside rounding
+_KNOWN: WeakKeyDictionary[Flight, dict[str, Sensitivity]] = WeakKeyDictionary()
+_FULL: WeakKeyDictionary[Flight, dict[str, Sensitivity]] = WeakKeyDictionary()
+
+
+def sensitivity(flight: Flight, channel: str) -> Sensitivity:
+    """Sensitivity of a flight's differences to one channel; the simulation was driven by what was read."""
+    full = _FULL.setdefault(flight, {})
+    if channel not in full:
+        full[channel] = _less_simulated(flight, channel)
+    return full[channel]
+
+
+def _less_simulated(flight: Flight, channel: str) -> Sensitivity:
+    if flight not in _KNOWN:
+        _KNOWN[flight] = _measured(flight)
+    made = dict(_KNOWN[flight].get(channel, {}))
+    nothing = np.zeros(len(flight))
+    for r in flight.responses:
+        if r in COEFFICIENTS and np.any(slope := flight.slope(r, channel)):
+            A, B = made.get(r, (nothing, nothing))
+            made[r] = A - slope, B
+    return made
+
+
+def misread(flight: Flight, **errors: Array | float) -> dict[str, Array]:
+    """What wrong readings do to the differences, to first order.
+
+    Parameters
+    ----------
+    flight : Flight
+    **errors : (n,) array or float
+        By how much each channel reads more than the truth.
+
+    Returns
+    -------
+    dict of response to (n,) array
+    """
+    made: dict[str, Array] = {}
+    for channel, e in errors.items():
+        error = np.broadcast_to(np.asarray(e, dtype=float), flight.t.shape)
+        rate = flight.rate(error)
+        for r, (A, B) in sensitivity(flight, channel).items():
+            added = A * error + B * rate
+            made[r] = made[r] + added if r in made else added
+    return made
+
+
+def _measured(flight: Flight) -> dict[str, Sensitivity]:
+    """What each channel's error does to what was measured: a constant one and a ramp, all channels side by side."""
+    clean = {**flight.channels, **flight.expected}
+    names = [c for c in _READ if c in clean]
+    wanted = tuple(r for r in flight.responses if r in COEFFICIENTS or r in KINEMATIC)
+    if not wanted or not set(AIRFRAME) <= set(clean):
+        return {}
+    n, k = len(flight), len(names)
+    span = float(np.ptp(flight.t))
+    ramp = (flight.t - flight.t.mean()) / span
+    steps = np.array([100.0 * _STEP if c == "V" else _STEP for c in names])
+    plain = {c: np.broadcast_to(x[:, None], (n, 2 * k)) for c, x in clean.items()}
+    sides = []
+    for sign in (0.5, -0.5):
+        ch = dict(plain)
+        for j, c in enumerate(names):
+            off = np.zeros((n, 2 * k))
+            off[:, j], off[:, k + j] = sign * steps[j], sign * steps[j] * ramp
+            ch[c] = ch[c] + off
+            if c in ("p", "q", "r"):
+                ch[f"{c}_dot"] = ch[f"{c}_dot"] + flight.rate(off)
+        sides.append(respond(ch, flight.craft, flight.dt, wanted))
+    change = {r: (sides[0][r] - sides[1][r]) / np.tile(steps, 2) for r in wanted}
+    return {
+        c: {
+            r: (x[:, j].copy(), (x[:, k + j] - x[:, j] * ramp) * span)
+            for r, x in change.items()
+            if np.any(x[:, [j, k + j]])
+        }
+        for j, c in enumerate(names)
+    }
