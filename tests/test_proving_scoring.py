@@ -324,7 +324,7 @@ def a_library(flight, **columns):
     for effect, told in columns.items():
         variant = SimpleNamespace(parameters=(0,) * next(iter(told.values())).shape[1])
         spectra = {c: spectrum(x, bins_of(flight), edge_of(flight)) for c, x in told.items()}
-        made.append(Signature(SimpleNamespace(effect=effect), variant, [spectra]))
+        made.append(Signature(SimpleNamespace(effect=effect), variant, [spectra], frozenset({"m01"})))
     return Library(tuple(made), {})
 
 

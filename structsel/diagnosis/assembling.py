@@ -254,6 +254,8 @@ def _physics(bench: Bench, member: Member) -> tuple[tuple[Physics, ...], tuple[s
         if e not in (step.score.effect, "nothing")
         and (top - step.ranks[e] < _TIE * TEMPERATURE or step.ranks[e] > _NEAR * top)
     ]
+    if step.constant:  # of a constant, only its share in each response tells what it is
+        ties += [e for e in hypothesis.look_alikes if e in step.ranks and e not in ties]
     return (best, *rivals), tuple(ties[:3])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +62,9 @@ def rms(parts: Residuals, response: str) -> float:
     return float(np.sqrt(sum(float(p[response] @ p[response]) for p in parts) / sum(len(p[response]) for p in parts)))
 
 
-def excess(bench: Bench, foretold: bool = True) -> dict[str, tuple[float, float]]:
+def excess(
+    bench: Bench, foretold: bool = True, flights: Collection[str] | None = None
+) -> dict[str, tuple[float, float]]:
     """Mean square of what is left of each response, in units of the noise; 1 is noise alone.
 
     Parameters
@@ -70,6 +72,8 @@ def excess(bench: Bench, foretold: bool = True) -> dict[str, tuple[float, float]
     bench : Bench
     foretold : bool
         On the flights held out, as the others foretell it; else on all flights, with the parameters of all.
+    flights : collection of str, optional
+        Names of those that count.
 
     Returns
     -------
@@ -77,6 +81,8 @@ def excess(bench: Bench, foretold: bool = True) -> dict[str, tuple[float, float]
         Of all that moves, and of the level, in units of noise and constant biases.
     """
     left_of = list(_left_out(bench) if foretold else _left_in(bench))
+    if flights is not None:
+        left_of = [(r, left) for r, left in left_of if r.flight.name in flights]
     rows = sum(r.size - 1 for r, _ in left_of)
     made = {}
     for c in bench.responses:

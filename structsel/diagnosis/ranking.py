@@ -34,9 +34,11 @@ What is named for half of the misfit is right in one development case of three, 
 _SPARED = 10.0  # nats of what tolerances do, that an effect must spare them to stand for them
 _AT_LEAST = -5.0  # nats of evidence, every tolerance free to imitate it, below which it does not
 _AGAIN, _MUCH = 2, 100.0  # effects heard a second time, if they bring so many nats
+_AMONG = 0.2  # of the misfit of all flights, that an event must take
 _SLIGHT = 0.2  # of the noise's power: a misfit that is no larger is not told from the noise's own scatter
 _CONSTANT = 2.0  # of the biases' variance: the same of levels, of which there is one for each flight
 _EVENT = 0.5  # of its evidence that an effect of one flight may count, which no other flight can foretell
+_PART = 1.0 / 3.0  # of the best's nats, that an effect must bring: else something speaks louder, whatever it is
 _TRIED = 24
 _RIVALS = 4  # behind the best, that are judged as it was
 OF_BEST = 0.02
@@ -63,6 +65,8 @@ class Step:
         Share by which the rms falls on other flights.
     others : tuple of Score
         All that were tried beside it, best first.
+    constant : bool
+        Whether it shows in the level of the flights more than in anything that moves.
     """
 
     score: Score
@@ -71,6 +75,7 @@ class Step:
     bench: Bench
     gained: Mapping[str, float]
     others: tuple[Score, ...] = ()
+    constant: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,11 +90,14 @@ class Heard:
         Share of the misfit beyond the noise that it takes, where it takes most.
     gained : mapping of response to float
         Share by which the rms falls on other flights.
+    constant : bool
+        Whether it takes more of the level than of what moves.
     """
 
     reason: str
     takes: float
     gained: Mapping[str, float] = field(default_factory=dict)
+    constant: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,12 +168,13 @@ def _take_best(
 ) -> Step | None:
     """The best hypothesis that holds on other flights and matters; None where there is none.
 
-    An effect that a tolerance can imitate brings little beyond a refit, however large it is. Where it stands for what
-    all tolerances would have to do, it is judged by the simulation as delivered; any other beside the tolerances.
+    An effect that a tolerance can imitate brings little beyond a refit, however large it is. It counts in full where it
+    stands for what all tolerances would have to do.
     """
     able = sorted((s for s in scores if worth(s) > 0.0), key=nats, reverse=True)
     if bench.accepted:  # beside another effect, what only spares the tolerances is not trusted
         able = [s for s in able if rank_of(s) > _NOTHING]
+    able = [s for s in able if nats(s) > _PART * nats(able[0])]
     judge = _Judge(bench, rough)
     failed: set[str] = set()
     again = _AGAIN
@@ -184,7 +193,7 @@ def _take_best(
         chances = {s.effect: ranks[s.effect] for s in able if s.effect not in failed}
         sure = float(np.clip((heard.takes - _NEVER) / (_SURE - _NEVER), 0.0, _AT_MOST))
         rivals = tuple((effect, sure * p) for effect, p in probabilities(chances))
-        return Step(one, rivals, ranks, new, heard.gained, tuple(scores[:12]))
+        return Step(one, rivals, ranks, new, heard.gained, tuple(scores[:12]), heard.constant)
     return None
 
 
@@ -214,59 +223,56 @@ class _Judge:
     """Whether what an effect takes of the misfits is what something left out would take.
 
     Forms that are not quite right, air that is not quite still and stand-ins that are not the simulation leave misfits
-    in which any flexible effect finds something to explain. What was left out explains most of it somewhere.
+    in which any flexible effect finds something to explain. What was left out explains most of it somewhere, of the
+    simulation as delivered: tolerances that may all help would hide what they imitate, and are flexible themselves.
     """
 
     def __init__(self, bench: Bench, rough: bool):
         self._bench, self._delivered, self._rough = bench, bench.as_delivered(), rough
         self._left = judging.held_out(self._delivered, True)
-        self._plain: dict[bool, dict[str, tuple[float, float]]] = {}
         self._takes, self._lowers = (_TAKES_ROUGH, _LOWERS_ROUGH) if rough else (_TAKES, _LOWERS)
 
     def hear(self, score: Score) -> Heard:
         """What speaks against an effect, and what it brings."""
         return self._weigh(score, self._settings(score))
 
+    def hear_again(self, score: Score, library: Library) -> Heard:
+        """As `hear`, the noise being what it would be if the effect were there: it may have been taken for noise."""
+        beside = self._bench.taking([*self._bench.accepted, score.signature], library.signatures)
+        without = beside.keeping(range(len(self._bench.accepted)))
+        return self._weigh(score, [(without.as_delivered(), beside.as_delivered())])
+
+    def _settings(self, score: Score) -> Iterator[tuple[Bench, Bench]]:
+        """Benches without and with an effect: as delivered, in rough air beside the tolerances too."""
+        yield self._delivered, self._delivered.beside(score.signature)
+        if self._rough:
+            beside = self._bench.beside(score.signature)
+            yield self._bench.as_good(beside), beside
+
     def _weigh(self, score: Score, settings: Iterable[tuple[Bench, Bench]]) -> Heard:
         foretold = not score.hypothesis.event  # no other flight can foretell an event of one
+        where = None if foretold else score.signature.flights
         made = Heard("", 0.0)
         for without, beside in settings:
-            before, after = self._best(judging.excess(without, foretold), foretold), judging.excess(beside, foretold)
-            takes = max(_taken(before[c][0], after[c][0], _SLIGHT) for c in before)
+            before, after = (judging.excess(b, foretold, where) for b in (without, beside))
+            moving = max(_taken(before[c][0], after[c][0], _SLIGHT) for c in before)
+            if not foretold:  # nor may it be lost in what all flights show
+                all_before, all_after = (judging.excess(b, False) for b in (without, beside))
+                among = max(_taken(all_before[c][0], all_after[c][0], _SLIGHT) for c in all_before)
+                moving = min(moving, among * self._takes / _AMONG)
             # A constant that biases may be is judged by how unlikely it is as those; in rough air it is not judged.
             constant = foretold and not self._rough
             level = max(_taken(before[c][1], after[c][1], _CONSTANT) for c in beside.told) if constant else 0.0
-            takes = max(takes, level, 0.0)
+            takes = max(moving, level, 0.0)
             if takes < self._takes:
                 return Heard(f"it takes {takes:.0%} of the misfit only", takes)
             left = judging.refitted(self._left, judging.held_out(without, True))
             gained = judging.gains(left, judging.held_out(beside, True), beside.told)
-            made = Heard("", takes, gained)
+            made = Heard("", takes, gained, level > moving)
             lowers = max(gained.values(), default=0.0)
             if foretold and lowers < self._lowers and level < _TAKES_ROUGH:
                 return Heard(f"it lowers the error by {max(lowers, 0.0):.1%} only", takes, gained)
         return made
-
-    def _best(self, fitted: Mapping[str, tuple[float, float]], foretold: bool) -> dict[str, tuple[float, float]]:
-        """Excess of each response with tolerances refitted or as delivered, whichever foretells it better."""
-        if foretold not in self._plain:
-            self._plain[foretold] = judging.excess(self._delivered, foretold)
-        return {c: min(x, self._plain[foretold][c]) for c, x in fitted.items()}
-
-    def hear_again(self, score: Score, library: Library) -> Heard:
-        """As `hear`, the noise being what it would be if the effect were there: it may have been taken for noise."""
-        beside = self._bench.taking([*self._bench.accepted, score.signature], library.signatures)
-        without = beside.keeping(range(len(self._bench.accepted))).as_good(beside)
-        return self._weigh(score, [(without, beside)])
-
-    def _settings(self, score: Score) -> Iterator[tuple[Bench, Bench]]:
-        """Benches without and with an effect: as delivered where it stands for the tolerances, else beside them."""
-        standing = stands_for(score)
-        if standing or self._rough:
-            yield self._delivered, self._delivered.beside(score.signature)
-        if not standing or self._rough:
-            beside = self._bench.beside(score.signature)
-            yield self._bench.as_good(beside), beside
 
 
 def _taken(before: float, after: float, slight: float) -> float:

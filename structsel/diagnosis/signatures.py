@@ -29,11 +29,14 @@ class Signature:
     variant : Variant
     spectra : sequence of mapping of response to (bins, k) array
         Per flight; scaled by the priors' standard deviations.
+    flights : frozenset of str
+        Names of those it touches.
     """
 
     hypothesis: Hypothesis
     variant: Variant
     spectra: Sequence[Mapping[str, Array]]
+    flights: frozenset[str]
 
     @property
     def width(self) -> int:
@@ -108,7 +111,11 @@ def work_out(
     def one(hypothesis: Hypothesis, variant: Variant) -> Signature | None:
         made = [spectra_of(variant, f, responses) for f in flights]
         seen = any(float(np.abs(x).max()) > _FAINT * size[c] for part in made for c, x in part.items())
-        return Signature(hypothesis, variant, made) if seen else None
+        return (
+            Signature(hypothesis, variant, made, frozenset(f.name for f, x in zip(flights, made) if x))
+            if seen
+            else None
+        )
 
     found: list[Signature] = []
     tell = progress or (lambda what, done, of: None)

@@ -14,6 +14,7 @@ from structsel.hypotheses.signals import available, coefficients, gathered, mean
 from structsel.hypotheses.wording import SURFACES, shown
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
+from structsel.mismatch.sensitivity import reading
 from structsel.numerics.smoothing.result import Array
 
 Surface = Callable[[Flight], Array]
@@ -179,7 +180,7 @@ def _mode(flight: Flight) -> Array | float:
 
 
 def _felt(flight: Flight, signal: str, washout: float | None = None) -> Array:
-    x = flight[signal]
+    x = reading(flight, signal)
     return (x if washout is None else x - lag(x, flight.dt, washout)) * _mode(flight)
 
 

@@ -34,6 +34,7 @@ _LAWS: dict[str, Callable[[Array], Array]] = {
     "d^2": lambda d: d**2,
 }
 _THRESHOLDS = (0.3, 0.45, 0.6, 0.75)  # of the largest deflection
+_LAW_TERMS = {"d|d|": "{0}*abs({0})", "d^3": "{0}^3", "d^2": "{0}^2"}
 _CURVATURES = (0.0, 0.4)  # of the loss of power with dynamic pressure: k q / (1 + c q)
 _LOSS = "loss at mean qbar"
 _PRESSURES = 0.2  # least range of dynamic pressure over its mean
@@ -64,15 +65,17 @@ def _bends(flights: Flights) -> list[Variant]:
         main = held(flights, CONTROLS[control])[:1]
         for name, law in _LAWS.items():
             column = _power(control, law, largest)
-            made.append(_bent(flights, control, column, name))
-            made.append(_bent(flights, control, column, name, main))
+            term = _LAW_TERMS[name].format(control)
+            made.append(_bent(flights, control, column, name, term))
+            made.append(_bent(flights, control, column, name, term, main))
             fitted = beside(flights, column, CHANNELS_OF[main[0]])
-            made.append(_bent(flights, control, fitted, f"{name}, linear terms fitted without it"))
+            made.append(_bent(flights, control, fitted, f"{name}, linear terms fitted without it", term))
         for share in _THRESHOLDS:
             column = _beyond(control, share * largest)
             shape = {"beyond": share * largest}
-            made.append(_bent(flights, control, column, "beyond a deflection", shape=shape))
-            made.append(_bent(flights, control, column, "beyond a deflection", main, shape))
+            term = f"sign({control})*(abs({control}) - {share * largest!r})+"
+            made.append(_bent(flights, control, column, "beyond a deflection", term, shape=shape))
+            made.append(_bent(flights, control, column, "beyond a deflection", term, main, shape))
     return made
 
 
@@ -94,6 +97,7 @@ def _bent(
     control: str,
     lost: Column,
     about: str,
+    term: str,
     only: tuple[str, ...] = (),
     shape: Mapping[str, float] | None = None,
 ) -> Variant:
@@ -107,7 +111,7 @@ def _bent(
 
     parameter = Parameter(f"{control} loss", "-", 0.25, -1.2, 1.2)
     given = shape or {}
-    return Variant((parameter,), columns, given, dict.fromkeys(given, "rad"), f"{control}: {about}{where}")
+    return Variant((parameter,), columns, given, dict.fromkeys(given, "rad"), f"{control}: {about}{where}", (term,))
 
 
 def _needs_bend(flights: Flights) -> str:
@@ -144,11 +148,21 @@ def _mean_pressure(flights: Flights) -> float:
     return float(gathered(flights, "qbar").mean())
 
 
-def _falls(flights: Flights) -> list[tuple[Column, str]]:
-    """What slopes lose with dynamic pressure, one being all of them at its mean: from none, and about the mean."""
+def _falls(flights: Flights) -> list[tuple[Column, str, str]]:
+    """What slopes lose with dynamic pressure, one being all of them at its mean, in words and as a model's term.
+
+    From none, and about the mean.
+    """
     mean = _mean_pressure(flights)
-    made = [(_fall(mean, c), f"rigid at rest{f', levelling off ({c:g})' if c else ''}") for c in _CURVATURES]
-    return [*made, (_fall_about(mean), "right at the mean dynamic pressure")]
+    made = [
+        (
+            _fall(mean, c),
+            f"rigid at rest{f', levelling off ({c:g})' if c else ''}",
+            f"(qbar/(1 + {c / mean!r}*qbar))" if c else "qbar",
+        )
+        for c in _CURVATURES
+    ]
+    return [*made, (_fall_about(mean), "right at the mean dynamic pressure", "qbar")]
 
 
 def _fall(mean: float, curvature: float) -> Column:
@@ -171,9 +185,10 @@ def _stretches(flights: Flights) -> list[Variant]:
     for control in _used(flights):
         moved = held(flights, CONTROLS[control])
         parameter = Parameter(f"{control} {_LOSS}", "-", 0.15, 0.0, 1.0)
-        for fall, about in _falls(flights):
-            made.append(scaled_slopes(flights, moved, (control,), fall, parameter, about))
-            made.append(scaled_slopes(flights, moved[:1], (control,), fall, parameter, f"{about}, in {moved[0]} only"))
+        for fall, about, law in _falls(flights):
+            made.append(scaled_slopes(flights, moved, (control,), fall, parameter, about, law=law))
+            only = f"{about}, in {moved[0]} only"
+            made.append(scaled_slopes(flights, moved[:1], (control,), fall, parameter, only, law=law))
     return [v for v in made if v is not None]
 
 
@@ -182,16 +197,15 @@ def _flexes(flights: Flights) -> list[Variant]:
     parameter = Parameter(_LOSS, "-", 0.15, 0.0, 1.0)
     zero = lift_line(flights)[1]
     made = []
-    for fall, about in _falls(flights):
+    for fall, about, law in _falls(flights):
         made += [
-            scaled_slopes(flights, every, None, fall, parameter, f"all slopes; {about}"),
-            scaled_slopes(
-                flights, every, None, fall, parameter, f"all slopes, incidence from that of no lift; {about}", zero
-            ),
-            scaled_slopes(
-                flights, held(flights, LONGITUDINAL), ("alpha",), fall, parameter, f"the slopes with alpha; {about}"
-            ),
-            scaled_slopes(flights, held(flights, LATERAL), None, fall, parameter, f"the lateral slopes; {about}"),
+            scaled_slopes(flights, responses, channels, fall, parameter, f"{which}; {about}", at, law)
+            for responses, channels, which, at in (
+                (every, None, "all slopes", 0.0),
+                (every, None, "all slopes, incidence from that of no lift", zero),
+                (held(flights, LONGITUDINAL), ("alpha",), "the slopes with alpha", 0.0),
+                (held(flights, LATERAL), None, "the lateral slopes", 0.0),
+            )
         ]
     return [v for v in made if v is not None]
 

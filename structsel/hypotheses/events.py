@@ -261,7 +261,7 @@ def _released(along: Column, inertia: float) -> Callable[[Flight], Columns]:
         x = along(flight)
         if not x.any():
             return {}
-        told = {r: flight.simulated.get(r, np.zeros(len(flight))) for r in COEFFICIENTS}
+        told = {r: flight.told(r) if r in flight.simulated else np.zeros(len(flight)) for r in COEFFICIENTS}
         tilt, CT = flight.craft.thrust.inclination, flight["CT"]
         # Weighed as before, the aircraft seems to feel more force, and more moment, than it does.
         parts = [

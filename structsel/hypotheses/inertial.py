@@ -30,8 +30,7 @@ def total_forces(flight: Flight) -> list[Array]:
     """Simulated force coefficients with the thrust's; measured where the simulation does not tell."""
     qS = flight["qbar"] * flight.craft.S
     thrust = thrust_force(flight["thrust"], flight.craft.thrust.inclination)
-    zero = np.zeros(len(flight))
-    return [flight.simulated.get(r, flight.measured.get(r, zero)) + T / qS for r, T in zip(_FORCES, thrust)]
+    return [flight.told(r) + T / qS for r, T in zip(_FORCES, thrust)]
 
 
 def _variant(
@@ -177,7 +176,7 @@ def turning(flight: Flight) -> tuple[Array, ...]:
     )
     pull = thrust_moment(flight["thrust"], craft.thrust.offset, craft.thrust.inclination)
     moment = [
-        flight.simulated[r] * qS * length + T if r in flight.simulated else M
+        flight.told(r) * qS * length + T if r in flight.simulated else M
         for r, length, T, M in zip(_MOMENTS, (craft.b, craft.cbar, craft.b), pull, read)
     ]
     return angular_acceleration(rates, moment, craft.inertia.tensor, craft.engine.angular_momentum)

@@ -197,7 +197,7 @@ def _inflow(flight: Flight, tau: float, controls: list[str]) -> Columns:
         if r in COEFFICIENTS:
             parts += [(r, 0, flight.slope(r, c) * (lag(flight[c], flight.dt, tau) - flight[c]) / tau) for c in controls]
         elif r in flight.simulated:
-            told = flight.simulated[r]
+            told = flight.told(r)
             parts.append((r, 0, (lag(told, flight.dt, tau) - told) / tau))
     return signature(flight, 1, parts)
 

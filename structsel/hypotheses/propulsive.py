@@ -78,19 +78,23 @@ def _slipstream_variants(flights: Flights) -> list[Variant]:
         _variant(tail, lambda f: pitch(f, 0), "at the tailplane", terms=("CT", "CT*alpha")),
         _variant(wing, lambda f: lift(f, 0), "over the wing", terms=("CT", "CT*alpha")),
         _variant(fin, lambda f: yaw(f, 0), "at the fin, turning", terms=("CT", "CT*beta")),
-        _variant(tail + wing, lambda f: pitch(f, 0) + lift(f, 2), "over wing and tailplane"),
+        _variant(tail + wing, lambda f: pitch(f, 0) + lift(f, 2), "over wing and tailplane", ("CT", "CT*alpha")),
     ]
     if any(moves(flights, c) for c in ("de", "dr")):
+        washed = ("CT*de", "CT*dr", "CT", "CT*alpha")
         made += [
             _variant((controls,), _washed_controls, "over the controls", terms=("CT*de", "CT*dr")),
-            _variant((controls, *tail), lambda f: _washed_controls(f) + pitch(f, 1), "over tailplane and controls"),
+            _variant((controls, *tail), lambda f: _washed_controls(f) + pitch(f, 1), "over tailplane and controls",
+                washed,
+            ),
             _variant(
                 (controls, *tail, *wing), lambda f: _washed_controls(f) + pitch(f, 1) + lift(f, 3),
-                "over wing, tailplane and controls",
+                "over wing, tailplane and controls", washed,
             ),
             _variant(
                 (controls, *tail, *wing, *fin),
                 lambda f: _washed_controls(f) + pitch(f, 1) + lift(f, 3) + yaw(f, 5), "over all of the aircraft",
+                (*washed, "CT*beta"),
             ),
         ]  # fmt: skip
     return made
@@ -111,10 +115,10 @@ def _line_variants(flights: Flights) -> list[Variant]:
     toe = Parameter("toe right", "rad", 0.04, -0.2, 0.2)
     x = craft.thrust.offset[0]
     return [
-        _variant((down,), lambda f: [("Cm", 0, f["CT"] / craft.cbar)], "below or above the stated line"),
-        _variant((side,), lambda f: [("Cn", 0, -f["CT"] / craft.b)], "beside the stated line"),
-        _variant((tilt,), lambda f: [("CZ", 0, -f["CT"]), ("Cm", 0, x * f["CT"] / craft.cbar)], "tilted"),
-        _variant((toe,), lambda f: [("CY", 0, f["CT"]), ("Cn", 0, x * f["CT"] / craft.b)], "toed"),
+        _variant((down,), lambda f: [("Cm", 0, f["CT"] / craft.cbar)], "below or above the stated line", ("CT",)),
+        _variant((side,), lambda f: [("Cn", 0, -f["CT"] / craft.b)], "beside the stated line", ("CT",)),
+        _variant((tilt,), lambda f: [("CZ", 0, -f["CT"]), ("Cm", 0, x * f["CT"] / craft.cbar)], "tilted", ("CT",)),
+        _variant((toe,), lambda f: [("CY", 0, f["CT"]), ("Cn", 0, x * f["CT"] / craft.b)], "toed", ("CT",)),
     ]
 
 
@@ -129,8 +133,12 @@ def _scale_variants(flights: Flights) -> list[Variant]:
     V, T = float(gathered(flights, "V").mean()), float(np.abs(gathered(flights, "thrust")).max())
     return [
         _variant((share,), lambda f: _along_thrust(f, 0, f["CT"]), "all of it", terms=("CT",)),
-        _variant((share,), lambda f: _along_thrust(f, 0, f["CT"] * (f["V"] / V - 1.0)), "growing with speed"),
-        _variant((share,), lambda f: _along_thrust(f, 0, f["CT"] * f["thrust"] / T), "growing with thrust"),
+        _variant(
+            (share,), lambda f: _along_thrust(f, 0, f["CT"] * (f["V"] / V - 1.0)), "growing with speed", ("CT*V", "CT")
+        ),
+        _variant(
+            (share,), lambda f: _along_thrust(f, 0, f["CT"] * f["thrust"] / T), "growing with thrust", ("CT*thrust",)
+        ),
     ]
 
 
@@ -167,11 +175,19 @@ def _propeller_variants(flights: Flights) -> list[Variant]:
     def swirling(f: Flight, j: int) -> list[tuple[str, int, Array]]:
         return [("Cn", j, f["CT"]), ("Cl", j + 1, f["CT"])]
 
+    turned = ("CT*alpha", "CT*beta")
     return [
         _variant((normal, arm), across, "force across the shaft", terms=("CT*alpha", "CT*beta")),
         _variant((factor,), lambda f: turning(f, 0), "P-factor", terms=("CT*alpha", "CT*beta")),
-        _variant((factor, *swirl), lambda f: turning(f, 0) + swirling(f, 1), "P-factor and swirl"),
-        _variant((normal, arm, factor), lambda f: across(f) + turning(f, 2), "force across the shaft and P-factor"),
+        _variant(
+            (factor, *swirl),
+            lambda f: turning(f, 0) + swirling(f, 1),
+            "P-factor and swirl",
+            ("CT*alpha", "CT*beta", "CT"),
+        ),
+        _variant(
+            (normal, arm, factor), lambda f: across(f) + turning(f, 2), "force across the shaft and P-factor", turned
+        ),
     ]
 
 
@@ -189,6 +205,7 @@ def _gyroscopic_variants(flights: Flights) -> list[Variant]:
             (Parameter("angular momentum", "kg m^2/s", size),),
             lambda f: _gyroscopic(f, 1.0),
             "at a constant speed of the rotor",
+            ("r/qbar", "q/qbar"),
         )
     ]
     if available(flights, "rpm"):
@@ -198,6 +215,7 @@ def _gyroscopic_variants(flights: Flights) -> list[Variant]:
                 _variant(
                     (Parameter("rotor inertia", "kg m^2", size / fastest),),
                     lambda f: _gyroscopic(f, f["rpm"] * np.pi / 30.0), "with its recorded speed",
+                    ("r*rpm/qbar", "q*rpm/qbar"),
                 )
             )  # fmt: skip
     if moves(flights, "throttle"):
@@ -205,6 +223,7 @@ def _gyroscopic_variants(flights: Flights) -> list[Variant]:
             _variant(
                 (Parameter("angular momentum at full throttle", "kg m^2/s", size),),
                 lambda f: _gyroscopic(f, f["throttle"]), "growing with throttle",
+                ("r*throttle/qbar", "q*throttle/qbar"),
             )
         )  # fmt: skip
     return made
@@ -230,7 +249,7 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
     def from_then_on(f: Flight, where: str, when: float) -> Parts:
         return parts(f, step_at(f.t, when) if f.name == where else 0.0)
 
-    made = [_variant((arm, roll), lambda f: parts(f, 1.0), "all the time")]
+    made = [_variant((arm, roll), lambda f: parts(f, 1.0), "all the time", ("CT",))]
     if {"thrust_left", "thrust_right"} <= flights[0].recorded:
 
         def halves(f: Flight) -> list[tuple[str, int, Array]]:
@@ -300,7 +319,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "asymmetric-thrust", "propulsive", "Left and right thrust differ.",
         _thrust_needs(("Cn", "Cl")), _asymmetric_variants,
         lambda found: f"Thrust acts off the plane of symmetry by {found.text('offset')} ({found.variant.about}).",
-        look_alikes=("asymmetry", "thrust-line", "propeller-normal-force"),
+        look_alikes=("asymmetry", "thrust-line", "propeller-normal-force"), log_prior=1.0,
         separated_by="throttle steps with wings level: an asymmetry of the airframe stays",
         check="both engines' instruments",
     ),

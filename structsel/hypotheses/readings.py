@@ -14,8 +14,6 @@ from structsel.numerics.smoothing.result import Array
 
 Errors = Mapping[str, Array | float]
 
-_INERTIAL = ("ax", "ay", "az")
-
 
 def cannot_be_shifted(flights: Flights) -> str:
     """What is lacking for a reading's error to be followed."""
@@ -40,8 +38,3 @@ def wrong_readings(errors: Callable[[Flight], Sequence[Errors]]) -> Callable[[Fl
         return {r: np.column_stack([one.get(r, nothing) for one in each]) for r in {r: 0 for one in each for r in one}}
 
     return columns
-
-
-def reading(flight: Flight, channel: str) -> Array:
-    """A channel; of an accelerometer what it would read were the simulation right, so that no noise meets itself."""
-    return flight.expected[channel] if channel in _INERTIAL and channel in flight.expected else flight[channel]

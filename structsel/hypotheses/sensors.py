@@ -9,19 +9,23 @@ import numpy as np
 
 from structsel.hypotheses.base import Flights, Found, Hypothesis, Parameter, Variant
 from structsel.hypotheses.operators import changes, late, spaced, step_at
-from structsel.hypotheses.readings import Errors, cannot_be_shifted, reading, wrong_readings
+from structsel.hypotheses.readings import Errors, cannot_be_shifted, wrong_readings
 from structsel.hypotheses.signals import available, gathered, moves
 from structsel.hypotheses.wording import INSTRUMENTS, percent, shown
 from structsel.mismatch.flight import Flight
+from structsel.mismatch.sensitivity import reading
 from structsel.numerics.rigid_body import body_velocity
 from structsel.numerics.rigid_body.vectors import cross
 from structsel.numerics.smoothing.result import Array
 
 _AIR, _INERTIAL, _ATTITUDE = ("V", "alpha", "beta"), ("ax", "ay", "az", "p", "q", "r"), ("phi", "theta")
-_BIAS = {**dict.fromkeys(("alpha", "beta", "phi", "theta"), 0.01), **dict.fromkeys(("p", "q", "r"), 0.005),
-         **dict.fromkeys(("ax", "ay", "az"), 0.15)}  # fmt: skip
-_UNIT = {**dict.fromkeys(("alpha", "beta", "phi", "theta"), "rad"), **dict.fromkeys(("p", "q", "r"), "rad/s"),
-         **dict.fromkeys(("ax", "ay", "az"), "m/s^2"), "V": "m/s"}  # fmt: skip
+_SURFACES = ("de", "da", "dr")
+_ANGLES = ("alpha", "beta", "phi", "theta", *_SURFACES)
+_BIAS = {**dict.fromkeys(_ANGLES, 0.01), **dict.fromkeys("pqr", 0.005), **dict.fromkeys(("ax", "ay", "az"), 0.15)}
+_UNIT = {
+    **dict.fromkeys(_ANGLES, "rad"), **dict.fromkeys("pqr", "rad/s"), **dict.fromkeys(("ax", "ay", "az"), "m/s^2"),
+    "V": "m/s",
+}  # fmt: skip
 _AXES = "xyz"
 
 
@@ -50,7 +54,7 @@ def _bias_sd(flights: Flights, channel: str) -> float:
 def _bias_variants(flights: Flights) -> list[Variant]:
     made = []
     clearest = changes(flights, tuple(f for f in flights[0].responses), 2)
-    for channel in _present(flights, (*_AIR, *_INERTIAL, *_ATTITUDE)):
+    for channel in _present(flights, (*_AIR, *_INERTIAL, *_ATTITUDE, *_SURFACES)):
         sd, unit = _bias_sd(flights, channel), _UNIT[channel]
         constant = Parameter("bias", unit, sd, -10.0 * sd, 10.0 * sd)
         drift = Parameter("drift", f"{unit}/min" if unit.count("/") == 0 else f"{unit} per min", 2.0 * sd)
@@ -152,9 +156,13 @@ def _delay_variants(flights: Flights) -> list[Variant]:
 
 
 def _late_readings(flight: Flight, channels: Sequence[str], tau: float) -> list[Errors]:
-    # What is read now was true `tau` ago, so what is true now will be read then.
-    read = {c: reading(flight, c) for c in channels}
-    return [{c: (x - late(x, flight.dt, -tau)) / tau for c, x in read.items()}]
+    made: dict[str, Array | float] = {}
+    for c in channels:
+        x = reading(flight, c)
+        # Told by others it is true now, and read `tau` later; as read now it was true `tau` ago.
+        told = c in flight.inertial or c in flight.expected
+        made[c] = (late(x, flight.dt, tau) - x if told else x - late(x, flight.dt, -tau)) / tau
+    return [made]
 
 
 def _delay_says(found: Found) -> str:

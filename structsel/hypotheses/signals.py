@@ -125,8 +125,8 @@ def from_lift_and_drag(
 
 def lift(flight: Flight) -> Array:
     """Lift coefficient as simulated; where the simulation does not tell it, as measured."""
-    CZ = flight.simulated.get("CZ", flight.measured.get("CZ", np.zeros(len(flight))))
-    CX = flight.simulated.get("CX", flight.measured.get("CX", np.zeros(len(flight))))
+    CZ = flight.told("CZ")
+    CX = flight.told("CX")
     return CX * np.sin(flight["alpha"]) - CZ * np.cos(flight["alpha"])
 
 
@@ -185,10 +185,12 @@ def scaled_slopes(
     parameter: Parameter,
     about: str,
     zero: float = 0.0,
+    law: str = "",
 ) -> Variant | None:
     """The simulation's slopes times `factor` by one ratio; None where it has none of them.
 
-    `channels` are those of each response's own family where None; incidence counts from `zero`.
+    `channels` are those of each response's own family where None; incidence counts from `zero`; `law` is the factor as
+    a term of a model, but for a constant.
     """
     slopes = {
         (r, c): s
@@ -204,4 +206,5 @@ def scaled_slopes(
         used = {c: x * (flight[c] - zero if c == "alpha" else flight[c]) for _, c in slopes}
         return signature(flight, 1, [(r, 0, s * used[c]) for (r, c), s in slopes.items()])
 
-    return Variant((parameter,), columns, about=about)
+    terms = (*(f"{c}*{law}" for c in dict.fromkeys(c for _, c in slopes)), law) if law else ()
+    return Variant((parameter,), columns, about=about, terms=terms)

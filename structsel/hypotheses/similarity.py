@@ -29,6 +29,7 @@ _LEAST_RANGE = 0.03  # of Mach
 _LEAST_REYNOLDS = 0.15  # range of ln Re
 _RISES = (0.05, 0.25, 0.5, 0.7, 0.85)  # where the drag rise starts, as quantiles of Mach
 _POWERS = (1, 2, 3)
+_GLAUERT = "(1/sqrt(1 - mach^2))"
 
 # --- Mach number -----------------------------------------------------------------------------------------------------
 
@@ -70,15 +71,19 @@ def _machs(flights: Flights) -> list[Variant]:
     wing = held(flights, LONGITUDINAL)
     for growth, about in _growths(flights):
         made += [_wing(flights, growth, about, start) for start in rises[:4]]
-        made.append(scaled_slopes(flights, responses, None, growth, parameter, f"all slopes; {about}"))
-        made.append(scaled_slopes(flights, wing, ("alpha",), growth, parameter, f"slopes with alpha; {about}"))
+        made.append(scaled_slopes(flights, responses, None, growth, parameter, f"all slopes; {about}", law=_GLAUERT))
+        made.append(
+            scaled_slopes(flights, wing, ("alpha",), growth, parameter, f"slopes with alpha; {about}", law=_GLAUERT)
+        )
         made += [
-            scaled_slopes(flights, (r,), None, growth, parameter, f"all slopes of {r}; {about}") for r in responses
+            scaled_slopes(flights, (r,), None, growth, parameter, f"all slopes of {r}; {about}", law=_GLAUERT)
+            for r in responses
         ]
     for control, moved in CONTROLS.items():
         for right in (0.0, mean):
             about = f"effect of {control} in proportion to Mach; right at Mach {right:.2f}"
-            made.append(scaled_slopes(flights, held(flights, moved), (control,), _since(right), parameter, about))
+            moves = held(flights, moved)
+            made.append(scaled_slopes(flights, moves, (control,), _since(right), parameter, about, law="mach"))
     return [v for v in made if v is not None]
 
 
@@ -89,8 +94,9 @@ def _drag_rise(start: float, power: int) -> Variant:
     sd = {1: 0.1, 2: 0.5, 3: 4.0}[power]
     parameter = Parameter("drag rise", "-", sd, 0.0, 20.0 * sd)
     return Variant(
-        (parameter,), columns, {"drag rise from Mach": start}, {"drag rise from Mach": "-"}, f"power {power}"
-    )
+        (parameter,), columns, {"drag rise from Mach": start}, {"drag rise from Mach": "-"}, f"power {power}",
+        (f"(mach - {start!r})+^{power}",),
+    )  # fmt: skip
 
 
 def _wing(flights: Flights, growth: Column, about: str, start: float) -> Variant:
@@ -112,7 +118,9 @@ def _wing(flights: Flights, growth: Column, about: str, start: float) -> Variant
         )
 
     shape = {"drag rise from Mach": start}
-    return Variant(parameters, columns, shape, {"drag rise from Mach": "-"}, f"lift, centre and drag; {about}")
+    terms = (f"alpha*{_GLAUERT}", _GLAUERT, "alpha", f"(mach - {start!r})+^2", "1")
+    about = f"lift, centre and drag; {about}"
+    return Variant(parameters, columns, shape, {"drag rise from Mach": "-"}, about, terms)
 
 
 def _needs_mach(flights: Flights) -> str:

@@ -68,7 +68,9 @@ def _separated(angle: float, sharp: float, slope: float, zero: float) -> Variant
         )
 
     shape = {"stall angle": angle, "sharpness": sharp}
-    return Variant(parameters, columns, shape, {"stall angle": "rad", "sharpness": "1/rad"}, "separation")
+    attached = f"0.5*(1 - tanh({sharp!r}*(alpha - {float(angle)!r})))"
+    terms = (f"(alpha - ({zero!r}))*(1 - (0.5*(1 + sqrt({attached})))^2)", f"(1 - {attached})")
+    return Variant(parameters, columns, shape, {"stall angle": "rad", "sharpness": "1/rad"}, "separation", terms)
 
 
 def _break(angle: float, power: int, slope: float, beyond: float) -> Variant:
@@ -88,7 +90,8 @@ def _break(angle: float, power: int, slope: float, beyond: float) -> Variant:
         )
 
     about = "a break of the slopes" if power == 1 else "slopes that fall off"
-    return Variant(parameters, columns, {"stall angle": angle}, {"stall angle": "rad"}, about)
+    term = f"(alpha - {float(angle)!r})+^{power}"
+    return Variant(parameters, columns, {"stall angle": angle}, {"stall angle": "rad"}, about, (term,))
 
 
 def _kink(flights: Flights, angle: float, response: str) -> Variant:
@@ -99,7 +102,9 @@ def _kink(flights: Flights, angle: float, response: str) -> Variant:
 
     unit = "-" if response == "CZ" else "1/rad"
     parameter = Parameter(f"{response} kink", unit, 0.5, *((0.0, 2.0) if response == "CZ" else (-4.0, 4.0)))
-    return Variant((parameter,), columns, {"stall angle": angle}, {"stall angle": "rad"}, f"a kink in {response} only")
+    term = f"(alpha - {float(angle)!r})+"
+    about = f"a kink in {response} only"
+    return Variant((parameter,), columns, {"stall angle": angle}, {"stall angle": "rad"}, about, (term,))
 
 
 def _needs_stall(flights: Flights) -> str:
@@ -119,10 +124,13 @@ def _says_stall(found: Found) -> str:
 
 
 def _grounds(flights: Flights) -> list[Variant]:
-    laws = [("exponential", {"decay": c}, _fading(c)) for c in _DECAYS]
-    laws.append(("McCormick", {}, lambda x: 1.0 / (1.0 + (16.0 * x) ** 2)))
+    b = flights[0].craft.b
+    laws = [("exponential", {"decay": c}, _fading(c), f"exp(-({c / b!r}*(h_agl)+))") for c in _DECAYS]
+    laws.append(("McCormick", {}, lambda x: 1.0 / (1.0 + (16.0 * x) ** 2), f"(1/(1 + ({16.0 / b!r}*(h_agl)+)^2))"))
     return [
-        _near_ground(flights, about, shape, law, by_lift) for about, shape, law in laws for by_lift in (True, False)
+        _near_ground(flights, about, shape, law, by_lift, (f"{near}*CL", f"{near}*CL^2") if by_lift else (near,))
+        for about, shape, law, near in laws
+        for by_lift in (True, False)
     ]
 
 
@@ -131,7 +139,12 @@ def _fading(decay: float) -> Callable[[Array], Array]:
 
 
 def _near_ground(
-    flights: Flights, about: str, shape: dict[str, float], law: Callable[[Array], Array], by_lift: bool
+    flights: Flights,
+    about: str,
+    shape: dict[str, float],
+    law: Callable[[Array], Array],
+    by_lift: bool,
+    terms: tuple[str, ...],
 ) -> Variant:
     """Increments that fade with height over span; `by_lift` they go with lift and its square, else alone."""
     size = max(float(np.abs(gathered(flights, lift)).mean()), 0.1)
@@ -156,7 +169,7 @@ def _near_ground(
         )
 
     how = "with lift" if by_lift else "whatever the lift"
-    return Variant(parameters, columns, shape, dict.fromkeys(shape, "-"), f"{about}, {how}")
+    return Variant(parameters, columns, shape, dict.fromkeys(shape, "-"), f"{about}, {how}", terms)
 
 
 def _needs_ground(flights: Flights) -> str:
@@ -187,18 +200,20 @@ def _polars(flights: Flights) -> list[Variant]:
         ("alpha^2", None, lambda f: f["alpha"] ** 2),
     ):
         unit, sd = ("1/rad^2", 0.8) if where is None else ("-", 0.03)
+        terms = ("alpha^2",) if where is None else ("CL^2", "CL", "1") if where else ("CL^2",)
         shape = {} if where is None else {"least drag at CL": where}
-        made.append(_polar(law, about, shape, Parameter("drag", unit, sd)))
+        made.append(_polar(law, about, shape, Parameter("drag", unit, sd), terms))
         fitted = beside(flights, law, ("alpha", "V", "de", "q_hat"))
-        made.append(_polar(fitted, f"{about}, linear terms fitted without it", shape, Parameter("drag", unit, sd)))
+        about = f"{about}, linear terms fitted without it"
+        made.append(_polar(fitted, about, shape, Parameter("drag", unit, sd), (*terms, "alpha", "V", "de", "q_hat")))
     return made
 
 
-def _polar(law: Column, about: str, shape: dict[str, float], parameter: Parameter) -> Variant:
+def _polar(law: Column, about: str, shape: dict[str, float], parameter: Parameter, terms: tuple[str, ...]) -> Variant:
     def columns(flight: Flight) -> Columns:
         return signature(flight, 1, from_lift_and_drag(flight, 0, CD=law(flight)))
 
-    return Variant((parameter,), columns, shape, dict.fromkeys(shape, "-"), about, ("alpha^2",))
+    return Variant((parameter,), columns, shape, dict.fromkeys(shape, "-"), about, terms)
 
 
 def _needs_polar(flights: Flights) -> str:
@@ -214,13 +229,13 @@ def _asymmetries(flights: Flights) -> list[Variant]:
         return signature(flight, 3, [(r, j, np.ones(len(flight))) for j, r in enumerate(LATERAL)])
 
     def loaded(flight: Flight) -> Columns:
-        CZ = flight.simulated.get("CZ", flight.measured.get("CZ", np.zeros(len(flight))))
-        CX = flight.simulated.get("CX", flight.measured.get("CX", np.zeros(len(flight))))
+        CZ = flight.told("CZ")
+        CX = flight.told("CX")
         return signature(flight, 1, [("Cl", 0, -CZ), ("Cn", 0, CX)])
 
     sds = (("CY", 0.01), ("Cl", 0.003), ("Cn", 0.003))
     return [
-        Variant(tuple(Parameter(r, "-", sd) for r, sd in sds), bent, about="a constant"),
+        Variant(tuple(Parameter(r, "-", sd) for r, sd in sds), bent, about="a constant", terms=("1",)),
         Variant((Parameter("lateral offset", "of b", 0.005, -0.03, 0.03),), loaded, about="a load to one side"),
     ]
 

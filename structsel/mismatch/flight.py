@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.fft import dct, idct
 from scipy.integrate import cumulative_simpson
 
 from structsel.aircraft import Aircraft
@@ -29,6 +30,7 @@ _AS_THEY_ARE = ("gear", "throttle", "mode")
 _SHARP = ("de", "da", "dr", "df", "thrust")
 _ANGLES = ("psi", "phi")
 _LEAST_SAMPLES = 40
+_SLOW = 0.05  # Hz
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +51,13 @@ class Flight:
         Kinematic responses are simulated as zero.
     recorded : frozenset of str
         Channels the recording has.
+    surrogate : Surrogate, optional
+        The simulation's stand-in.
+    inertial : frozenset of str
+        Air data and attitude that are as accelerometers and gyros foretell them, but for slow drifts: without the noise
+        of their own instruments.
+    air : mapping of channel to (n,) array
+        V, alpha and beta with gusts, as far as they stand out of the noise: what a simulation is asked at.
     """
 
     name: str
@@ -61,6 +70,8 @@ class Flight:
     simulated: Mapping[str, Array]
     recorded: frozenset[str]
     surrogate: Surrogate | None = field(default=None, repr=False)
+    inertial: frozenset[str] = frozenset()
+    air: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -119,11 +130,11 @@ class Flight:
     def expected(self) -> dict[str, Array]:
         """Accelerations as the simulation would have them.
 
-        What a wrong reading does to the differences is worked out from these: the measured ones would bring the
-        differences' own noise into their explanation.
+        What a wrong reading does to the differences is worked out from these: the measured ones, and those of a
+        simulation asked at noisy states, would bring the differences' own noise into their explanation.
         """
         ch, craft = self.channels, self.craft
-        told = {c: self.simulated.get(c, self.measured.get(c, np.zeros(len(self)))) for c in COEFFICIENTS}
+        told = {c: self.told(c) for c in COEFFICIENTS}
         qS = self["qbar"] * craft.S
         rates = (ch["p"], ch["q"], ch["r"])
         made = {f"{c}_dot": self.rate(ch[c]) for c in "pqr"}
@@ -139,6 +150,12 @@ class Flight:
         read = rb.acceleration_at_cg(fx, fy, fz, rates, turned, back)
         return made | {c: x for c, x in zip(("ax", "ay", "az"), read) if c in self.recorded}
 
+    def told(self, name: str) -> Array:
+        """A response as the simulation would have it at states without noise; as measured where it tells none."""
+        if self.surrogate is not None and name in self.surrogate.terms:
+            return self.surrogate.evaluate(self, name)
+        return self.simulated.get(name, self.measured.get(name, np.zeros(len(self))))
+
     def between(self, first: int, last: int, name: str) -> Flight:
         """Samples `first` to `last`, the last not among them, as a flight of its own."""
 
@@ -147,7 +164,7 @@ class Flight:
 
         return replace(
             self, name=name, t=self.t[first:last], channels=cut(self.channels), raw=cut(self.raw),
-            measured=cut(self.measured), simulated=cut(self.simulated),
+            measured=cut(self.measured), simulated=cut(self.simulated), air=cut(self.air),
         )  # fmt: skip
 
     def slope(self, response: str, channel: str) -> Array:
@@ -195,11 +212,13 @@ def prepare_flight(recording: Recording, craft: Aircraft, simulated: Mapping[str
             raw[name] = np.unwrap(raw[name])
     aerodynamic = [name for name in simulated if name in COEFFICIENTS]
     smooth: dict[str, Array] = {}
+    air: dict[str, Array] = {}
+    inertial: frozenset[str] = frozenset()
     for name, x in raw.items():
         smooth[name] = _smooth(name, x, t)
     if {"V", "alpha", "ax", "az"} <= set(raw):
         _complete(smooth, raw, craft, recording.name)
-        _close(smooth, raw, craft, t)
+        air, inertial = _close(smooth, raw, craft, t)
     elif aerodynamic:
         recording.require("V", "alpha", "ax", "az", by="compare")
     measured: dict[str, Array] = {}
@@ -212,13 +231,12 @@ def prepare_flight(recording: Recording, craft: Aircraft, simulated: Mapping[str
         plain |= {f"{rate}_dot": Rate(dt)(plain[rate]) for rate in ("p", "q", "r")}
         wanted = tuple(c for c in wanted if _can(c, raw, craft))
         measured = respond(plain, craft, dt, tuple(c for c in wanted if c in KINEMATIC))
-        air = {c: smooth[c] for c in ("V", "alpha", "beta")}
         measured = respond({**plain, **air}, craft, dt, tuple(c for c in wanted if c in COEFFICIENTS)) | measured
     for name in simulated:
         if name not in COEFFICIENTS:
             measured[name] = recording[name]
     kept = {name: np.asarray(simulated[name], dtype=float) for name in simulated if name in measured}
-    return Flight(recording.name, t, dt, craft, smooth, raw, measured, kept, frozenset(raw))
+    return Flight(recording.name, t, dt, craft, smooth, raw, measured, kept, frozenset(raw), inertial=inertial, air=air)
 
 
 def _can(name: str, raw: Mapping[str, Array], craft: Aircraft) -> bool:
@@ -239,11 +257,21 @@ def _smooth(name: str, x: Array, t: Array) -> Array:
     return np.array(made.values)
 
 
-def _close(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, t: Array) -> None:
+def _close(
+    smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, t: Array
+) -> tuple[dict[str, Array], frozenset[str]]:
     """Air data and attitude as what the accelerometers and gyros foretell, plus what the readings slowly add to it.
 
-    The difference between a reading and the integral of what foretells it is noise and a slow drift: smoothing it
-    keeps the fast motion that smoothing the reading itself would lose.
+    What a reading has beyond the integral of what foretells it is noise, moving air and slow drifts. Only the drifts
+    are kept: noise and gusts would meet themselves in the differences. Where that is most of the motion, what is left
+    of it when smoothed is kept as well.
+
+    Returns
+    -------
+    air : dict of channel to (n,) array
+        V, alpha and beta with all that is left when smoothed: what the aircraft flew in.
+    inertial : frozenset of str
+        Channels of which only drifts were kept.
     """
     ch = {**smooth, **raw}
     rates = (ch["p"], ch["q"], ch["r"])
@@ -254,19 +282,32 @@ def _close(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, 
     force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, tuple(craft.position("accelerometer")))
     told = told_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
     read = {**dict(zip(("V", "alpha", "beta"), air)), **{c: ch[c] for c in ("phi", "theta", "psi")}}
-    made = {}
+    flown, made, inertial = {}, {}, set()
     for name, x in read.items():
-        needs = KINEMATIC[f"k_{name}"]
-        if name in raw and np.ptp(raw[name]) > 0.0 and set(needs) <= set(raw):
-            ahead = cumulative_simpson(told[name], x=t, initial=0.0)
-            made[name] = ahead + _smooth(name, x - ahead, t)
-        else:
-            made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
+        if name not in raw or not np.ptp(raw[name]) or not set(KINEMATIC[f"k_{name}"]) <= set(raw):
+            flown[name] = made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
+            continue
+        ahead = cumulative_simpson(told[name], x=t, initial=0.0)
+        slow, rest = _drift(x - ahead, t), _smooth(name, x - ahead, t)
+        if np.std(rest - slow) < np.std(x - _drift(x, t)):
+            inertial.add(name)
+        flown[name] = ahead + rest
+        made[name] = ahead + (slow if name in inertial else rest)
     # With the gyros' noise, a long arm would give the angles' rates the noise of the moments.
     still = (smooth["p"], smooth["q"], smooth["r"])
-    back = rb.air_data_at_cg(made["V"], made["alpha"], made["beta"], *still, tuple(-place))
-    smooth.update(zip(("V", "alpha", "beta"), back))
+    air_data = ("V", "alpha", "beta")
+    carried = [rb.air_data_at_cg(x["V"], x["alpha"], x["beta"], *still, tuple(-place)) for x in (flown, made)]
+    smooth.update(zip(air_data, carried[1]))
     smooth.update({c: made[c] for c in ("phi", "theta", "psi")})
+    return dict(zip(air_data, carried[0])), frozenset(inertial)
+
+
+def _drift(x: Array, t: Array) -> Array:
+    """The slow part of a signal: a line, and waves below `_SLOW`."""
+    line = np.polynomial.Polynomial.fit(t, x, 1)(t)
+    waves = dct(x - line, norm="ortho")
+    waves[max(1, int(2.0 * (t[-1] - t[0]) * _SLOW)) + 1 :] = 0.0
+    return line + np.asarray(idct(waves, norm="ortho"))
 
 
 def _complete(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, name: str) -> None:

@@ -90,7 +90,8 @@ def _wanted(recording: Recording, craft: Aircraft) -> tuple[str, ...]:
 
 def smoothed_recording(flight: Flight, recording: Recording) -> Recording:
     """The recording with its smooth channels in place of its raw ones."""
-    smooth = {c: flight.channels[c] for c in recording.names if c in flight.channels}
+    known = {**flight.channels, **flight.air}
+    smooth = {c: known[c] for c in recording.names if c in known}
     return Recording(recording.name, recording.t, smooth, recording.units, recording.provenance)
 
 
@@ -131,7 +132,7 @@ def _told(flights: Sequence[Flight], stand_in: Surrogate, responses: Sequence[st
         made = []
         for f in flights:
             inputs = {c: _acted(f.raw[c], f.dt) if held else f.raw[c] for c in _HELD if c in f.raw}
-            plain = replace(f, channels={**f.channels, **inputs})
+            plain = replace(f, channels={**f.channels, **f.air, **inputs})
             made.append({c: stand_in.evaluate(plain, c) for c in responses})
         return made
 

@@ -16,6 +16,7 @@ Sensitivity = Mapping[str, tuple[Array, Array]]
 
 _READ = (*AIRFRAME, "qbar_ratio", "rho", "thrust", "mass", "h", "vn", "ve", "vd")
 _STEP = 1e-4  # of 1 rad, 1 rad/s or 1 m/s^2, and of 100 m/s: small beside every bend, large beside rounding
+_INERTIAL = ("ax", "ay", "az")
 _KNOWN: WeakKeyDictionary[Flight, dict[str, Sensitivity]] = WeakKeyDictionary()
 _FULL: WeakKeyDictionary[Flight, dict[str, Sensitivity]] = WeakKeyDictionary()
 
@@ -61,6 +62,11 @@ def misread(flight: Flight, **errors: Array | float) -> dict[str, Array]:
             added = A * error + B * rate
             made[r] = made[r] + added if r in made else added
     return made
+
+
+def reading(flight: Flight, channel: str) -> Array:
+    """A channel; of an accelerometer what it would read were the simulation right, so that no noise meets itself."""
+    return flight.expected[channel] if channel in _INERTIAL and channel in flight.expected else flight[channel]
 
 
 def _measured(flight: Flight) -> dict[str, Sensitivity]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.mismatch.flight import Flight
+from structsel.mismatch.responses import COEFFICIENTS
 from structsel.numerics.smoothing.result import Array
 
 _LINEAR = (
@@ -39,7 +40,9 @@ _SECOND = (
 )  # fmt: skip
 _HATS = {"p_hat": "p", "q_hat": "q", "r_hat": "r"}
 _TINY = 1e-9
-_RATE_WORTH = 0.05
+_RATE_WORTH, _SPEED_WORTH, _WRONG_SIDE = 0.05, 0.2, 0.05
+_SIDEWAYS = {"beta", "p_hat", "r_hat", "da", "dr"}
+_OF_SIDES = ("CY", "Cl", "Cn")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +137,15 @@ def identify(
     X = np.column_stack([np.prod([units[c] for c in term], axis=0) for term in pool]) if pool else np.empty((0, 0))
     step = max(1, len(X) // 4000)
     X = X[::step]
-    # The rate of incidence is nearly the pitch rate, and noisier: it must be worth much more to be taken beside it.
-    liking = np.array([_RATE_WORTH if "alpha_dot_hat" in term else 1.0 for term in pool])
+    # The rate of incidence is nearly the pitch rate, and noisier; trimmed flight ties airspeed to incidence.
+    liking = np.array([_RATE_WORTH if "alpha_dot_hat" in t else _SPEED_WORTH if "V" in t else 1.0 for t in pool])
     terms, values, constant, r2 = {}, {}, {}, {}
+    # An aircraft is nearly the same on both sides: what is odd in one of its halves is not even in the other.
+    odd = np.array([sum(c in _SIDEWAYS for c in term) % 2 == 1 for term in pool])
     for response in responses:
         y = np.concatenate([s[response] for s in simulated])[::step]
-        kept = _choose(X, y, liking)
+        alike = (odd == (response in _OF_SIDES)) if response in COEFFICIENTS else np.ones(len(pool), dtype=bool)
+        kept = _choose(X, y, np.where(alike, liking, _WRONG_SIDE * liking))
         basis = np.column_stack([np.ones(len(y)), X[:, kept]])
         # A touch of ridge: columns that nearly coincide share their effect instead of cancelling it.
         rows = np.vstack([basis, np.diag([0.0] + [np.sqrt(1e-4 * len(y))] * len(kept))])

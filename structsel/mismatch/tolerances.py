@@ -11,7 +11,7 @@ import numpy as np
 from structsel.aircraft import Tolerances
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
-from structsel.mismatch.sensitivity import misread
+from structsel.mismatch.sensitivity import misread, reading
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.smoothing.result import Array
 
@@ -28,6 +28,10 @@ _TURNED = ("alpha", "beta", "phi", "theta", "psi", "de", "da", "dr")
 _BIAS = {"p": 0.001, "q": 0.001, "r": 0.001, "ax": 0.05, "ay": 0.05, "az": 0.05}
 _V_BIAS = 0.005  # of V
 _UNSTATED = 0.005  # rad
+_JUMPING = ("de", "da", "dr", "df", "throttle")
+_WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
+_JUMP, _ABOVE = 0.08, 3.0  # of a channel's span, and of the changes about it, above which a change is a jump
+_MOST_JUMPS = 12
 _LATE = (
     ("V",), ("alpha",), ("beta",), ("phi", "theta", "psi"), ("p", "q", "r"), ("ax", "ay", "az"), ("de", "da", "dr"),
 )  # fmt: skip
@@ -108,18 +112,23 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         add(f"centre of gravity {axis}", "cg", "chords", [offset_columns(f, k) for f in flights])
     add("thrust", "thrust", "relative", [thrust_columns(f) for f in flights])
     for channel in ("alpha", "beta"):
-        add(f"{channel} scale", "vane_scale", "relative", [misread(f, **{channel: f[channel]}) for f in flights])
+        add(
+            f"{channel} scale",
+            "vane_scale",
+            "relative",
+            [misread(f, **{channel: reading(f, channel)}) for f in flights],
+        )
     # An airspeed system is held to a tighter scale than a vane in its upwash.
     add("V scale", "vane_scale", "relative", [misread(f, V=f["V"]) for f in flights], 0.5)
     for one, other in (("ax", "az"), ("ax", "ay"), ("ay", "az"), ("p", "r"), ("p", "q"), ("q", "r")):
-        each = [misread(f, **{one: f[other], other: -f[one]}) for f in flights]
+        each = [misread(f, **{one: reading(f, other), other: -reading(f, one)}) for f in flights]
         add(f"{one} and {other} turned", "alignment", "rad", each)
     # Nothing recorded at intervals is registered better than to a fraction of one.
     timing = _SAMPLING * float(np.median([f.dt for f in flights]))
     for channels in _LATE:
         here = [c for c in channels if all(c in f.recorded for f in flights)]
         if here:
-            each = [misread(f, **{c: -f.rate(f[c]) for c in here}) for f in flights]
+            each = [misread(f, **{c: -f.rate(reading(f, c)) for c in here}) for f in flights]
             add(f"{', '.join(here)} late", "delay", "s", each, least=timing)
     for group in (COEFFICIENTS[:3], COEFFICIENTS[3:]):
         each = [{c: f.rate(f.simulated[c]) for c in group if c in f.simulated} for f in flights]
@@ -147,7 +156,26 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
         return [(f"{c}: offset", size[c], {c: np.ones(len(flight))}) for c in size]
     turned = _sd(flight.craft.tolerances, "alignment") or _UNSTATED
     sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS, "V": _V_BIAS * float(flight["V"].mean())}
-    return [(c, sd, misread(flight, **{c: 1.0})) for c, sd in sizes.items() if c in flight.recorded]
+    made: list[tuple[str, float, Mapping[str, Array]]] = []
+    made += ((c, sd, misread(flight, **{c: 1.0})) for c, sd in sizes.items() if c in flight.recorded)
+    for c in _JUMPING:
+        made += ((f"when {c} jumps", _WITHIN_SAMPLE, misread(flight, **{c: jump})) for jump in _jumps(flight, c))
+    return made
+
+
+def _jumps(flight: Flight, channel: str) -> list[Array]:
+    """Each jump of an input by itself, at the sample that first shows it: it may have come anywhere since the last.
+
+    Were it later by a part of a sampling interval, the input would have been that part of the jump less there.
+    """
+    if channel not in flight.recorded or not np.ptp(flight.raw[channel]):
+        return []
+    steps = np.diff(flight.raw[channel])
+    size = np.abs(steps)
+    beside = np.maximum(np.concatenate([[0.0, 0.0], size[:-2]]), np.concatenate([size[2:], [0.0, 0.0]]))
+    jumps = np.flatnonzero((size > _JUMP * np.ptp(flight.raw[channel])) & (size > _ABOVE * beside))
+    found = jumps[np.argsort(-size[jumps])][:_MOST_JUMPS]
+    return [np.where(np.arange(len(flight)) == k + 1, steps[k], 0.0) for k in found]
 
 
 def _sd(stated: Tolerances, key: str) -> float:
@@ -161,7 +189,7 @@ def force_totals(f: Flight) -> tuple[Array, Array, Array]:
     """Mass times specific force over qbar S, as the simulation has it: aerodynamic force and thrust."""
     zero = np.zeros(len(f))
     T = rb.thrust_force(f["CT"], f.craft.thrust.inclination)
-    CX, CY, CZ = (f.simulated.get(c, zero) + t for c, t in zip(("CX", "CY", "CZ"), T))
+    CX, CY, CZ = ((f.told(c) if c in f.simulated else zero) + t for c, t in zip(("CX", "CY", "CZ"), T))
     return CX, CY, CZ
 
 
@@ -185,7 +213,9 @@ def inertia_columns(f: Flight, axis: str) -> dict[str, Array]:
     coupling = rb.moment_coefficients(rates, still, qbar, only, f.craft.S, f.craft.b, f.craft.cbar)
     made = dict(zip(("Cl", "Cm", "Cn"), coupling))
     # Angular acceleration as the simulation would have it: the measured one would bring its noise along.
-    moment = [f.simulated.get(c, 0.0) * qbar * f.craft.S * x for c, x in zip(("Cl", "Cm", "Cn"), lengths)]
+    moment = [
+        (f.told(c) if c in f.simulated else 0.0) * qbar * f.craft.S * x for c, x in zip(("Cl", "Cm", "Cn"), lengths)
+    ]
     thrust = rb.thrust_moment(f["thrust"], f.craft.thrust.offset, f.craft.thrust.inclination)
     turning = rb.angular_acceleration(rates, tuple(m + t for m, t in zip(moment, thrust)), tensor)
     name = ("Cl", "Cm", "Cn")[k]
