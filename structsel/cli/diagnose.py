@@ -29,6 +29,7 @@ from structsel.errors import DataError
 from structsel.recording import Recording
 
 if TYPE_CHECKING:
+    from structsel.diagnosis.patching import Patched
     from structsel.diagnosis.result import Diagnosis
 
 EPILOG = page(
@@ -57,7 +58,8 @@ EPILOG = page(
     """\\[tolerances] in the aircraft file say how far off the simulation and the instruments may be before it is
     physics. Without --held-out each recording is judged by what the others say.""",
     """[bold]--out[/bold] gets diagnosis.json, report.html, which opens in any browser without a network, and
-    model.json, the simulation with what was missing. The verdict is mismatch, consistent or undecidable; all three
+    model.json, the simulation with what was missing; of JSBSim's aircraft also the folder AIRCRAFT-corrected, where the
+    physics can be written into it. The verdict is mismatch, consistent or undecidable; all three
     end with exit code 0.""",
 )
 _WRITTEN = ("diagnosis.json", "report.html", "model.json")
@@ -143,10 +145,20 @@ def _write(out: Path, found: Diagnosis) -> list[str]:
         write_report(found, folder / "report.html", provenance=provenance())
         if found.model is not None:
             found.model.to_json(folder / "model.json", provenance=provenance())
-        written = [p.name for p in sorted(folder.iterdir())]
+        if (patched := _patched(found)) is not None:
+            patched.write(folder)
+        written = [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
     if found.model is None and (out / "model.json").exists():
         say("warning", f"'{out / 'model.json'}' stood there before, and is not of this diagnosis.")
     return written
+
+
+def _patched(found: Diagnosis) -> Patched | None:
+    """The simulation itself with the physics, where it is an aircraft of JSBSim that can hold it."""
+    from structsel.diagnosis.modelling import CorrectedModel
+
+    patched = found.model.patched if isinstance(found.model, CorrectedModel) else None
+    return patched if patched is not None and patched.name else None
 
 
 def _print_story(found: Diagnosis) -> None:

@@ -2,65 +2,78 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from structsel.candidates import Term
-from structsel.diagnosis.assembling import contributions
+from structsel.diagnosis.adding import Case, addition_of
+from structsel.diagnosis.assembling import contributions, estimates
+from structsel.diagnosis.extending import Extended, as_models
+from structsel.diagnosis.patching import Patched, patched_aircraft
 from structsel.diagnosis.ranking import Ranking
-from structsel.mismatch.flight import Flight
 from structsel.mismatch.preparing import Prepared
 from structsel.mismatch.responses import COEFFICIENTS
-from structsel.mismatch.surrogate import Surrogate, identify
-from structsel.model import AeroModel, ResponseModel
+from structsel.model import AeroModel
 
 
-def corrected_model(prepared: Prepared, ranking: Ranking) -> AeroModel | None:
+@dataclass(frozen=True, eq=False)
+class CorrectedModel(AeroModel):
+    """A simulation with the physics that it left out.
+
+    Attributes
+    ----------
+    remarks : tuple of str
+        What of it is not in the model as what it is, and why.
+    patched : Patched or None
+        The simulation itself with the physics, where it was an aircraft of JSBSim and the physics can be written so.
+    """
+
+    remarks: tuple[str, ...] = ()
+    patched: Patched | None = None
+
+
+def corrected_model(prepared: Prepared, ranking: Ranking) -> CorrectedModel | None:
     """Model of the simulation with the physics found; None where the responses are no coefficients.
 
-    Responses that the physics changes are stood for by few terms of the states; the others of a simulation that is a
-    model stay as they are. Physics with a memory enters by what it amounts to along the recordings.
+    A simulation that is a model stays as it is, its terms and values with it; of any other, few terms of the states
+    stand for it. To these comes each effect: as terms with the values found, as states with dynamics of their own that
+    terms follow, or, where it has neither, by terms that stand for what it amounts to along the recordings.
     """
-    flights = ranking.bench.flights
+    bench, flights = ranking.bench, ranking.bench.flights
     responses = [c for c in flights[0].simulated if c in COEFFICIENTS]
-    if not responses:
+    own, stand_in = prepared.simulation.model, prepared.flights[0].surrogate
+    if not responses or stand_in is None:
         return None
-    added = contributions(ranking.bench, range(len(ranking.bench.accepted)))
-    told = [{c: f.simulated[c] + a.get(c, 0.0) for c in responses} for f, a in zip(flights, added)]
-    stand_in = identify(flights, told, responses)
-    model = as_model(stand_in, flights, "simulation with the physics it left out")
-    own = prepared.simulation.model
-    if own is None or not set(responses) <= set(own):
-        return model
-    # What a model says already stays as it is; the stand-in serves only the responses that the physics changed.
-    changed = {c for a in added for c, x in a.items() if np.any(x)}
-    kept = {c: (model[c] if c in changed else own[c]) for c in responses}
-    return AeroModel(kept, name=f"{own.name or 'model'} with the physics it left out")
-
-
-def as_model(stand_in: Surrogate, flights: Sequence[Flight], name: str) -> AeroModel:
-    """A stand-in as a model anyone can evaluate."""
-    made = {}
-    for c, terms in stand_in.terms.items():
-        texts, values = ["1"], [stand_in.constant[c]]
-        for term, value in zip(terms, stand_in.values[c]):
-            factors = sorted(set(term))
-            text = "*".join(
-                _centred(f, stand_in.centre[f]) + (f"^{term.count(f)}" if term.count(f) > 1 else "") for f in factors
-            )
-            texts.append(text)
-            values.append(float(value / np.prod([stand_in.scale[f] for f in term])))
-        region = {
-            f: (min(float(x[f].min()) for x in flights), max(float(x[f].max()) for x in flights))
-            for f in sorted({f for t in terms for f in t})
-        }
-        made[c] = ResponseModel(
-            tuple(Term.parse(t) for t in texts), np.array(values), method="stand-in of a simulation", region=region,
-            n=sum(len(f) for f in flights), r2=stand_in.r2[c],
-        )  # fmt: skip
-    return AeroModel(made, name=name)
-
-
-def _centred(channel: str, centre: float) -> str:
-    return f"({channel} - {centre!r})" if centre >= 0.0 else f"({channel} + {-centre!r})"
+    if own is not None:
+        base, name = dict(own.responses), f"{own.name or 'model'} with the physics it left out"
+    else:
+        base = as_models(stand_in, flights)
+        name = "simulation with the physics it left out"
+    made = Extended(base, flights)
+    additions, remarks = [], []
+    for k, (step, signature) in enumerate(zip(ranking.steps, bench.accepted)):
+        told = estimates(bench, k, step.score)
+        names = [p.name for p in signature.variant.parameters]
+        sds = np.array([p.sd for p in signature.variant.parameters])
+        part = bench.place(k)
+        spread = bench.base.posterior.covariance[part, part]
+        # As wide as the parameters are said to be.
+        wide = np.array([told[n].std for n in names]) / np.sqrt(np.diag(spread))
+        one = addition_of(
+            signature.hypothesis,
+            Case(signature.variant, told, flights[0].craft, base, flights),
+            bench.base.posterior.mean[part] * sds,
+            spread * np.outer(wide, wide),
+        )
+        additions.append(one)
+        if one.remark:
+            remarks.append(one.remark)
+        elif not one.is_known or not made.take(one):
+            remarks.append(made.stand_for(one.effect, contributions(bench, [k])))
+    patched = None
+    if prepared.simulation.form == "jsbsim":
+        patched = patched_aircraft(
+            prepared.simulation.name.removeprefix("jsbsim:"), additions, flights[0].craft, flights
+        )
+        remarks += patched.remarks
+    return CorrectedModel(made.responses(), name, tuple(r.name for r in prepared.flights), tuple(remarks), patched)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from structsel.aircraft import Aircraft
 from structsel.candidates import Term
@@ -19,6 +18,7 @@ from structsel.errors import ModelError
 from structsel.exporting.facts import describe_channel, fact_lines, term_notes
 from structsel.exporting.infix import plain
 from structsel.exporting.jsbsim_aircraft import FOOT, POUND, aircraft_around
+from structsel.exporting.jsbsim_pieces import comment, joined, number, op, prop
 from structsel.model import AeroModel, ResponseModel
 from structsel.nomenclature import suggest
 from structsel.simulation.jsbsim.machine import EXTERNAL
@@ -108,9 +108,46 @@ def write_jsbsim(
     said = [*fact_lines(model, aircraft), "", *_REMARKS]
     if aircraft is None:
         said += ["Areas and lengths are those of the aircraft that it is included in, by <aerodynamics file=...>."]
-    root.insert(0, _comment("\n" + "\n".join(f"    {line}".rstrip() for line in said) + "\n  "))
+    root.insert(0, comment("\n" + "\n".join(f"    {line}".rstrip() for line in said) + "\n  "))
     ET.indent(root)
     return {path: '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"}
+
+
+def force_functions(
+    model: AeroModel, definitions: Mapping[str, str], held: Mapping[str, tuple[str, float]], under: str
+) -> tuple[list[ET.Element], dict[str, str]]:
+    """Functions of JSBSim that make a model's forces [lb] and moments [lb ft], to stand in another's aerodynamics.
+
+    Parameters
+    ----------
+    model : AeroModel
+        Coefficients in body axes, of the areas and lengths of the aircraft that the functions go to.
+    definitions : mapping of channel to formula
+    held : mapping of channel to (property, factor)
+        Properties that hold channels, and what makes them SI with our sign, before those known for any aircraft.
+    under : str
+        Where the functions' properties stand.
+
+    Returns
+    -------
+    list of Element
+        In the order in which each needs those before it.
+    mapping of axis to property
+        ``X``, ``Y``, ``Z``, ``ROLL``, ``PITCH``, ``YAW``, as far as the model has them.
+
+    Raises
+    ------
+    ModelError
+        A channel that JSBSim does not have.
+    """
+    made = _Section(model, None, definitions, {}, held, under).element
+    free = [child for child in made if child.tag == "function"]
+    names = {}
+    for axis in made.findall("axis"):
+        for function in axis:
+            free.append(function)
+            names[str(axis.get("name"))] = str(function.get("name"))
+    return free, names
 
 
 _REMARKS = (
@@ -141,34 +178,38 @@ class _Section:
         aircraft: Aircraft | None,
         definitions: Mapping[str, str],
         properties: Mapping[str, str],
+        held: Mapping[str, tuple[str, float]] | None = None,
+        under: str = "aero",
     ):
-        self.model = model
+        self.model, self.under = model, under
         self.own = {c: (name, 1.0) for c, name in properties.items()}
         # An aircraft without engines has the thrust we give it, and no throttle; for others it is the other way round.
         lacks = "throttle" if aircraft is not None else "thrust"
-        self.held = {c: held for c, held in _PROPERTIES.items() if c != lacks} | self.own
+        self.held = {c: held for c, held in _PROPERTIES.items() if c != lacks} | self.own | dict(held or {})
         self.formulas = dict(definitions)
         if aircraft is not None and aircraft.V0 is not None:
             self.formulas.setdefault("V_ratio", f"V/{aircraft.V0!r}")
         self.made: dict[str, str] = {}
         self.element = ET.Element("aerodynamics")
-        for response, held in model.responses.items():
-            self._define(f"aero/coefficient/{response}", self._total(held), describe_channel(response, model, response))
+        for response, one in model.responses.items():
+            self._define(
+                f"{self.under}/coefficient/{response}", self._total(one), describe_channel(response, model, response)
+            )
         for response in self._body_axes():
             axis, lengths = _AXES[response]
-            coefficient = _read(f"aero/coefficient/{response}")
-            force = _op("product", _read(_QBAR), _read(_AREA), *map(_read, lengths), coefficient)
+            coefficient = prop(f"{self.under}/coefficient/{response}")
+            force = op("product", prop(_QBAR), prop(_AREA), *map(prop, lengths), coefficient)
             # At rest reduced rates are not finite, and forces zero all the same.
-            guarded = _op("ifthen", _op("gt", _read(_QBAR), _value(0.0)), force, _value(0.0))
+            guarded = op("ifthen", op("gt", prop(_QBAR), number(0.0)), force, number(0.0))
             holder = ET.SubElement(self.element, "axis", name=axis)
             kind = "moment" if lengths else "force"
-            ET.SubElement(holder, "function", name=f"aero/{kind}/{axis}").append(guarded)
+            ET.SubElement(holder, "function", name=f"{self.under}/{kind}/{axis}").append(guarded)
 
     def _body_axes(self) -> list[str]:
         """Coefficients in body axes, those that the model has in wind axes turned."""
         if not {"CL", "CD"} & set(self.model):
             return [name for name in _AXES if name in self.model]
-        given = {name: (f"aero/coefficient/{name}", 1.0) for name in ("CL", "CD", "CY") if name in self.model}
+        given = {name: (f"{self.under}/coefficient/{name}", 1.0) for name in ("CL", "CD", "CY") if name in self.model}
         self.held |= given
         CL, CD, CY = (name if name in given else "0" for name in ("CL", "CD", "CY"))
         drag = f"({CD} + {CY}*sin(beta))/cos(beta)"
@@ -176,26 +217,26 @@ class _Section:
             "CX": f"{CL}*sin(alpha) - {drag}*cos(alpha)",
             "CZ": f"-{CL}*cos(alpha) - {drag}*sin(alpha)",
         }.items():
-            self._define(f"aero/coefficient/{name}", self.node(read(text)[0], name), "turned from wind axes")
+            self._define(f"{self.under}/coefficient/{name}", self.node(read(text)[0], name), "turned from wind axes")
         return [name for name in _AXES if name in self.model or name in ("CX", "CZ")]
 
     def _total(self, held: ResponseModel) -> ET.Element:
         """Sum of the terms, each below a comment that says what its value is worth."""
         terms = [self._term(term, value) for term, value in zip(held.terms, held.values.tolist())]
-        total = _joined("sum", terms)
+        total = joined("sum", terms)
         if len(terms) > 1:
             for k, note in enumerate(term_notes(held)):
-                total.insert(2 * k, _comment(note))
+                total.insert(2 * k, comment(note))
         return total
 
     def _term(self, term: Term, value: float) -> ET.Element:
-        parts = [_value(value)]
+        parts = [number(value)]
         for factor, power in term.factors:
             if factor.node.kind == "channel" or power == 1:
                 parts += [self.node(factor.node, str(term)) for _ in range(power)]
             else:
-                parts.append(_op("pow", self.node(factor.node, str(term)), _value(float(power))))
-        return _joined("product", parts)
+                parts.append(op("pow", self.node(factor.node, str(term)), number(float(power))))
+        return joined("product", parts)
 
     def _define(self, name: str, content: ET.Element, says: str) -> None:
         function = ET.SubElement(self.element, "function", name=name)
@@ -205,7 +246,7 @@ class _Section:
     def channel(self, name: str, needed_by: str, inside: tuple[str, ...] = ()) -> ET.Element:
         """Property that holds a channel, its function made first where JSBSim has it otherwise."""
         if name in self.made:
-            return _read(self.made[name])
+            return prop(self.made[name])
         if name in inside:
             raise ModelError(f"The definitions go in a circle: {' -> '.join((*inside, name))}.")
         if name in self.formulas and name not in self.own:
@@ -213,23 +254,23 @@ class _Section:
         elif name in self.held:
             found, factor = self.held[name]
             if factor in (1.0, -1.0):
-                return _read(found, factor)
-            content = _op("product", _value(factor), _read(found))
+                return prop(found, factor)
+            content = op("product", number(factor), prop(found))
         elif name in _REDUCED:
             rate, length = _REDUCED[name]
-            above = _op("product", self.channel(rate, needed_by, (*inside, name)), _read(length))
-            content = _op("quotient", above, _op("product", _value(2.0), _read("velocities/vt-fps")))
+            above = op("product", self.channel(rate, needed_by, (*inside, name)), prop(length))
+            content = op("quotient", above, op("product", number(2.0), prop("velocities/vt-fps")))
         elif name == "CT" and "thrust" in self.held | self.formulas:
             content = self.node(read("thrust/qbar")[0], needed_by, (*inside, name))
-            content = _op("quotient", content, _op("product", _value(FOOT**2), _read(_AREA)))
+            content = op("quotient", content, op("product", number(FOOT**2), prop(_AREA)))
         else:
             self._refuse(name, needed_by)
-        path = f"aero/function/{plain(name)}"
+        path = f"{self.under}/function/{plain(name)}"
         while path in self.made.values():
             path += "_"
         self.made[name] = path
         self._define(path, content, describe_channel(name, self.model, name))
-        return _read(path)
+        return prop(path)
 
     def _refuse(self, name: str, needed_by: str) -> None:
         thrust = " Without an aircraft it is not known which property has the thrust." * (name in ("thrust", "CT"))
@@ -248,71 +289,40 @@ class _Section:
 
         match node.kind:
             case "number":
-                return _value(node.value)
+                return number(node.value)
             case "channel":
                 return self.channel(node.name, needed_by, inside)
             case "plus":
-                return _op("max", of(node.children[0]), _value(0.0))
+                return op("max", of(node.children[0]), number(0.0))
             case "power":
-                return _op("pow", of(node.children[0]), _value(node.value))
+                return op("pow", of(node.children[0]), number(node.value))
             case "call" if node.name in _FUNCTIONS:
-                return _op(_FUNCTIONS[node.name], of(node.children[0]))
+                return op(_FUNCTIONS[node.name], of(node.children[0]))
             case "call":
                 return _CALLS[node.name](lambda: of(node.children[0]))
         gathered, parted, nothing = ("sum", "difference", 0.0) if node.kind == "sum" else ("product", "quotient", 1.0)
-        first = [of(n) for s, n in zip(node.signs, node.children) if s > 0] or [_value(nothing)]
+        first = [of(n) for s, n in zip(node.signs, node.children) if s > 0] or [number(nothing)]
         then = [of(n) for s, n in zip(node.signs, node.children) if s < 0]
-        above = _joined(gathered, first)
-        return _op(parted, above, _joined(gathered, then)) if then else above
+        above = joined(gathered, first)
+        return op(parted, above, joined(gathered, then)) if then else above
 
 
-# --- pieces of XML -------------------------------------------------------------------------------------
-
-
-def _op(kind: str, *of: ET.Element) -> ET.Element:
-    element = ET.Element(kind)
-    element.extend(of)
-    return element
-
-
-def _joined(kind: str, parts: Sequence[ET.Element]) -> ET.Element:
-    """Sum or product; JSBSim complains of those of one part."""
-    return _op(kind, *parts) if len(parts) > 1 else parts[0] if parts else _value(0.0)
-
-
-def _value(value: float) -> ET.Element:
-    element = ET.Element("value")
-    element.text = repr(value)
-    return element
-
-
-def _read(name: str, sign: float = 1.0) -> ET.Element:
-    element = ET.Element("property")
-    element.text = f"-{name}" if sign < 0 else name
-    return element
-
-
-def _comment(text: str) -> ET.Element:
-    """A comment of XML, which may not hold two hyphens in a row."""
-    while "--" in text:
-        text = text.replace("--", "- -")
-    made: Any = ET.Comment(f" {text} ")
-    return made
+# --- functions that JSBSim does not have ----------------------------------------------------------------
 
 
 def _tanh(argument: Callable[[], ET.Element]) -> ET.Element:
-    held = _op("min", _op("max", argument(), _value(-_SATURATED)), _value(_SATURATED))
-    below = _op("sum", _op("exp", _op("product", _value(2.0), held)), _value(1.0))
-    return _op("difference", _value(1.0), _op("quotient", _value(2.0), below))
+    held = op("min", op("max", argument(), number(-_SATURATED)), number(_SATURATED))
+    below = op("sum", op("exp", op("product", number(2.0), held)), number(1.0))
+    return op("difference", number(1.0), op("quotient", number(2.0), below))
 
 
 def _sign(argument: Callable[[], ET.Element]) -> ET.Element:
-    above, below = (_op(kind, argument(), _value(0.0)) for kind in ("gt", "lt"))
-    return _op("difference", above, below)
+    above, below = (op(kind, argument(), number(0.0)) for kind in ("gt", "lt"))
+    return op("difference", above, below)
 
 
 _CALLS: dict[str, Callable[[Callable[[], ET.Element]], ET.Element]] = {
     "tanh": _tanh,
     "sign": _sign,
-    "step": lambda argument: _op("ge", argument(), _value(0.0)),
+    "step": lambda argument: op("ge", argument(), number(0.0)),
 }

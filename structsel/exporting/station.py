@@ -77,8 +77,9 @@ def export_model(
     Raises
     ------
     ModelError
-        A target that is not known, definitions or properties for another than JSBSim; for JSBSim also a response that
-        is no coefficient, a channel that it does not have, or a file that does not end in ``.xml``.
+        A target that is not known, a model with states, definitions or properties for another than JSBSim; for JSBSim
+        also a response that is no coefficient, a channel that it does not have, or a file that does not end in
+        ``.xml``.
     TermError
         A definition cannot be read.
     AircraftError
@@ -89,6 +90,11 @@ def export_model(
     path = Path(path)
     if to not in TARGETS:
         raise ModelError(f"There is no export to '{to}'.{suggest(to, TARGETS)} There are {', '.join(TARGETS)}.")
+    if model.states:
+        raise ModelError(
+            f"The model has states of its own ({', '.join(model.states)}), which no export holds. Export "
+            "model.steady(), where nothing is late, or fly it with simulate()."
+        )
     if to == "jsbsim":
         written = write_jsbsim(model, aircraft, path, definitions or {}, properties or {})
     elif definitions or properties:

@@ -17,6 +17,7 @@ from structsel.errors import ModelError, StructselError, StructselWarning
 from structsel.model import files
 from structsel.model.region import Excursion, leave
 from structsel.model.response import ResponseModel, response_rows
+from structsel.model.states import Quantity, State
 from structsel.nomenclature import latex_of
 from structsel.provenance import provenance_of
 from structsel.recording import Recording
@@ -44,6 +45,9 @@ class AeroModel:
             raise ModelError("A model needs at least one response; it was given none.")
         object.__setattr__(self, "responses", MappingProxyType(dict(self.responses)))
         object.__setattr__(self, "recordings", tuple(self.recordings))
+        for name, state in self.states.items():
+            if any(m.states.get(name, state) != state for m in self.responses.values()):
+                raise ModelError(f"The responses mean different things by the state '{name}'. Rename one.")
 
     def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
         return AeroModel, (dict(self.responses), self.name, self.recordings)
@@ -78,6 +82,17 @@ class AeroModel:
     def channels(self) -> tuple[str, ...]:
         """Names of the channels the model needs, sorted."""
         return tuple(sorted({name for model in self.responses.values() for name in model.channels}))
+
+    @property
+    def states(self) -> dict[str, State]:
+        """What the terms name that is no channel, and has dynamics of its own."""
+        return {name: state for model in self.responses.values() for name, state in model.states.items()}
+
+    def steady(self) -> AeroModel:
+        """The model where nothing changes: every state at the value it then has."""
+        if not self.states:
+            return self
+        return AeroModel({name: m.steady() for name, m in self.responses.items()}, self.name, self.recordings)
 
     @property
     def region(self) -> dict[str, tuple[float, float]]:
@@ -143,10 +158,12 @@ class AeroModel:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of model.json, without its provenance."""
+        states = {name: state.to_dict() for name, state in self.states.items()}
         return {
             "schema": files.SCHEMA,
             "name": self.name,
             "recordings": list(self.recordings),
+            **({"states": states} if states else {}),
             "responses": {name: model.to_dict() for name, model in self.responses.items()},
         }
 
@@ -183,6 +200,7 @@ class AeroModel:
             The file is missing or does not fit the schema; names the file and the place in it.
         """
         held = files.read(path)
+        states = {name: _state(path, name, fields) for name, fields in held["states"].items()}
         responses = {}
         for name, fields in held["responses"].items():
             for unknown in ("s2", "r2"):
@@ -190,7 +208,7 @@ class AeroModel:
             if fields["standard_errors"] is not None:
                 fields["standard_errors"] = [math.nan if v is None else v for v in fields["standard_errors"]]
             try:
-                responses[name] = ResponseModel(**fields)
+                responses[name] = ResponseModel(**fields, states=states)
             except (StructselError, ValueError) as error:
                 raise ModelError(f"Model file '{path}', response '{name}': {error}") from error
         try:
@@ -226,10 +244,24 @@ class AeroModel:
         head += f" of {count} response{'s' if count != 1 else ''}"
         if self.recordings:
             head += f", identified from {', '.join(self.recordings)}"
-        return "\n\n".join([head, *(f"{name}: {model}" for name, model in self.responses.items())])
+        told = [head, *(f"{name}: {model}" for name, model in self.responses.items())]
+        if self.states:
+            told.append("\n".join(["States", *(f"  {name}: {state}" for name, state in self.states.items())]))
+        return "\n\n".join(told)
 
     def _repr_html_(self) -> str:
         return to_html(self.to_frame(), opening(self))
+
+
+def _state(path: Any, name: str, fields: Mapping[str, Any]) -> State:
+    try:
+        parts = {
+            p: Quantity(q["value"], math.nan if q["std"] is None else q["std"], q["unit"])
+            for p, q in fields["parameters"].items()
+        }
+        return State(fields["kind"], fields["input"], parts)
+    except ModelError as error:
+        raise ModelError(f"Model file '{path}', state '{name}': {error}") from error
 
 
 def _latex_figure(value: float, digits: int) -> str:

@@ -33,11 +33,24 @@ class _Response(_Strict):
     r2: float | None = None
 
 
+class _Quantity(_Strict):
+    value: float
+    std: float | None = None
+    unit: str = ""
+
+
+class _State(_Strict):
+    kind: str
+    input: str
+    parameters: dict[str, _Quantity] = {}
+
+
 class _Model(_Strict):
     schema_: str = Field(alias="schema")
     name: str = ""
     recordings: list[str] = []
     provenance: dict[str, Any] = {}
+    states: dict[str, _State] = {}
     responses: dict[str, _Response]
 
 

@@ -12,9 +12,10 @@ import numpy as np
 from scipy import stats
 
 from structsel.candidates import Term
-from structsel.candidates.terms import product, samples
+from structsel.candidates.terms import Factor, product, samples
 from structsel.errors import ModelError
 from structsel.model.region import Excursion, leave
+from structsel.model.states import Beside, State, substituted
 from structsel.nomenclature import unit_of
 from structsel.rich_text import opening, to_html
 
@@ -46,6 +47,8 @@ class ResponseModel:
         Residual variance; nan where not known.
     r2 : float
         R^2 over the samples used; nan where not known.
+    states : mapping of name to State
+        What the terms name that is no channel; those that no term names are left out.
 
     Raises
     ------
@@ -64,6 +67,7 @@ class ResponseModel:
     n: int = 0
     s2: float = math.nan
     r2: float = math.nan
+    states: Mapping[str, State] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         terms = tuple(term if isinstance(term, Term) else Term(term) for term in self.terms)
@@ -98,13 +102,18 @@ class ResponseModel:
         object.__setattr__(self, "n", int(self.n))
         object.__setattr__(self, "s2", float(self.s2))
         object.__setattr__(self, "r2", float(self.r2))
+        named = {name for term in terms for name in term.channels}
+        states = {name: state for name, state in self.states.items() if name in named}
+        object.__setattr__(self, "states", MappingProxyType(states))
 
     def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
         parts = [getattr(self, name) for name in self.__dataclass_fields__]
         return ResponseModel, tuple(dict(p) if isinstance(p, MappingProxyType) else p for p in parts)
 
     def __eq__(self, other: object) -> bool:
-        return self.to_dict() == other.to_dict() if isinstance(other, ResponseModel) else NotImplemented
+        if not isinstance(other, ResponseModel):
+            return NotImplemented
+        return self.to_dict() == other.to_dict() and dict(self.states) == dict(other.states)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -126,8 +135,9 @@ class ResponseModel:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels the terms need, sorted."""
-        return tuple(sorted({name for term in self.terms for name in term.channels}))
+        """Names of the channels the terms and their states need, sorted."""
+        named = {name for term in self.terms for name in term.channels} - set(self.states)
+        return tuple(sorted(named.union(*(state.channels for state in self.states.values()))))
 
     @property
     def t_values(self) -> np.ndarray:
@@ -157,7 +167,7 @@ class ResponseModel:
         ----------
         source : Recording or mapping of name to (n,) array [SI]
         known : dict, optional
-            Factors evaluated already, added to; responses that share it evaluate each factor once.
+            Factors and states worked out already, added to; responses that share it evaluate each once.
 
         Raises
         ------
@@ -165,6 +175,8 @@ class ResponseModel:
             As `Term.evaluate`.
         """
         known = {} if known is None else known
+        if self.states:
+            source = Beside(source, self.states, known)
         total: np.ndarray | None = None
         for term, value in zip(self.terms, self.values):
             for factor, _ in term.factors:
@@ -177,6 +189,17 @@ class ResponseModel:
                 part *= value
             total = part if total is None else np.add(total, part, out=total)
         return np.zeros(samples(source)) if total is None else total
+
+    def steady(self) -> ResponseModel:
+        """The response where nothing changes: every state at the value it then has."""
+        if not self.states:
+            return self
+        settled = {name: state.steady() for name, state in self.states.items()}
+        values: dict[Term, float] = {}
+        for term, value in zip(self.terms, self.values.tolist()):
+            still = term.replace(lambda factor: Factor(substituted(factor.node, settled)))
+            values[still] = values.get(still, 0.0) + value
+        return ResponseModel(tuple(values), np.array(list(values.values())), method=self.method, region=self.region)
 
     def leaves_region(self, source: Any) -> tuple[Excursion, ...]:
         """Channels the terms need that a recording takes outside the region flown."""

@@ -151,6 +151,11 @@ class FlightTracker:
 
     def __init__(self, flight: AeroFlight, recording: Recording, outputs: list[int]):
         self.ready = ready = flight.prepare(recording)
+        if ready.following:
+            raise ModelError(
+                f"The state '{ready.following[0].name}' follows the flight itself, which predictions from measurements "
+                "do not advance. Refine by whole flights, or take model.steady()."
+            )
         names = [flight.outputs[i] for i in outputs]
         self.observed = outputs_index(names, instruments=not is_carried(recording))
         self.index = ready.plan.parameter_index(flight.moving)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.errors import ModelError
+from structsel.errors import ModelError, StructselWarning
 from structsel.model import AeroModel
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_dynamics import STATES, outputs_index, slopes
@@ -62,12 +63,25 @@ def linearise(
         An axis, a state or an input that there is not.
     ChannelError
         An output that a flight does not give.
+
+    Warns
+    -----
+    StructselWarning
+        The model has states of its own; they follow at once in the linear model.
     """
     if axis not in _AXES:
         raise ModelError(f"axis={axis!r} is not one of {', '.join(map(repr, _AXES))}.")
     chosen = tuple(states or _AXES[axis])
     if wrong := [name for name in chosen if name not in STATES]:
         raise ModelError(f"A flight has no state '{wrong[0]}'; it has {', '.join(STATES)}.")
+    if model.states:
+        warnings.warn(
+            f"The linear model holds the states of rigid motion alone; {', '.join(model.states)} follow at once in it, "
+            "as they would in slow motion.",
+            StructselWarning,
+            stacklevel=2,
+        )
+        model = model.steady()
     ready = prepare(model, aircraft, trim.inputs(np.array([0.0, 1.0])), start=trim, air=air, definitions=definitions)
     controls = ready.plan.controls
     if inputs is None:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from structsel.aircraft import Aircraft
+from structsel.candidates.formulas import Node, evaluate
 from structsel.errors import AircraftError, ChannelError, DataError, ModelError
 from structsel.model import AeroModel
 from structsel.numerics import flight_path
@@ -26,6 +27,7 @@ from structsel.numerics.flight_dynamics import (
 from structsel.recording import Recording
 from structsel.recording.recording import CARRIED
 from structsel.simulation.air import Air
+from structsel.simulation.beside import Following, fly_beside
 from structsel.simulation.compiling import Formulas, compile_plan, needed_inputs
 from structsel.simulation.instruments import Actuator
 from structsel.simulation.trimmed import Trim
@@ -49,6 +51,8 @@ class Prepared:
     formulas : Formulas
     substeps : int
         Steps of the integration per sample.
+    following : tuple of Following
+        States of the model that follow the flight itself.
     """
 
     name: str
@@ -56,6 +60,7 @@ class Prepared:
     flight: Flight
     formulas: Formulas
     substeps: int
+    following: tuple[Following, ...] = ()
 
     def fly(
         self,
@@ -85,12 +90,21 @@ class Prepared:
         Raises
         ------
         ModelError, ChannelError
-            For a parameter or an output that there is not.
+            For a parameter or an output that there is not; or a delay of the controls where states follow the flight.
         """
         if theta is None:
             theta = np.empty((1, 0))
         index = self.plan.parameter_index(parameters)
         observed = outputs_index(outputs, instruments=instruments)
+        if self.following:
+            if "delay" in parameters:
+                raise ModelError(
+                    f"The state '{self.following[0].name}' follows the flight itself; with it no delay of the controls "
+                    "can be found. Leave the delay out, or give the model a state of kind delay."
+                )
+            full = np.tile(self.plan.parameters(self.flight), (len(theta), 1))
+            full[:, index] = theta
+            return fly_beside(self.plan, self.flight, self.following, full, observed, self.substeps)
         return fly_batch(self.plan, self.flight, theta, index, observed, substeps=self.substeps)
 
 
@@ -141,7 +155,16 @@ def prepare(
             raise ChannelError(f"There is an actuator for '{commanded}', but the model flies on {', '.join(controls)}.")
         j = controls.index(commanded)
         columns[j] = actuator.follow(t, columns[j], hold=between == "hold")
-    plan = compile_plan(model, aircraft, formulas, controls)
+    following = []
+    given_now = dict(zip(controls, columns))
+    for state_name, one in model.states.items():
+        if set(formulas.needs(one.channels)) <= set(given_now):
+            held = {c: evaluate(formulas.expand(Node("channel", name=c)), given_now, state_name) for c in one.channels}
+            columns.append(one.along(t, held, hold=between == "hold"))
+        else:
+            following.append(Following.of(state_name, one, formulas))
+            columns.append(np.zeros(len(t)))
+    plan = compile_plan(model, aircraft, formulas, (*controls, *model.states))
     state = first_state(inputs, start, aircraft, name)
     V = float(np.linalg.norm(state[:3]))
     surroundings = np.empty((len(t), len(SURROUNDINGS)))
@@ -165,7 +188,8 @@ def prepare(
         flank=vane is not None and vane.angle == "flank",
     )
     step = float(np.diff(t).max())
-    return Prepared(name, plan, flight, formulas, substeps or max(1, math.ceil(step / _LONGEST_STEP - 1e-9)))
+    steps = substeps or max(1, math.ceil(step / _LONGEST_STEP - 1e-9))
+    return Prepared(name, plan, flight, formulas, steps, tuple(following))
 
 
 def first_state(inputs: Inputs, start: Start | None, aircraft: Aircraft, name: str) -> np.ndarray:

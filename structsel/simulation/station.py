@@ -131,6 +131,10 @@ def _recording(
     t = ready.flight.t[: len(outputs)]
     channels = dict(zip(names, outputs.T))
     channels |= dict(zip(ready.plan.controls, ready.flight.controls[: len(outputs)].T))
+    for one in ready.following:
+        del channels[one.name]
+        if instruments is None:
+            channels[one.name] = one.state.along(t, one.read(channels), hold=ready.flight.hold)
     notes = [f"simulated: {model.name or 'a model'}, {ready.substeps} steps a sample"]
     if missing := [a for a, b in zip(AXES, ("CD", "CY", "CL", "Cl", "Cm", "Cn")) if a not in model and b not in model]:
         notes.append(f"the model has no {', '.join(missing)}; zero")

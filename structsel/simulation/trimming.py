@@ -60,7 +60,7 @@ def trim(
     Parameters
     ----------
     model, aircraft
-        As `simulate` takes them.
+        As `simulate` takes them; states of the model's own are where they are when nothing changes.
     V : float [m/s]
     h : float [m]
     climb : float or None [rad]
@@ -265,4 +265,4 @@ def _still(
     zero = dict.fromkeys((*_SURFACES, "throttle", "df", "gear", *pushed), 0.0)
     start = {"V": V, "alpha": 0.0, "theta": 0.0, "h": h}
     inputs = {"t": np.array([0.0, 1.0]), **zero, **given}
-    return prepare(model, aircraft, inputs, start=start, air=calm, definitions=definitions)
+    return prepare(model.steady(), aircraft, inputs, start=start, air=calm, definitions=definitions)

@@ -301,6 +301,10 @@ class JSBSimAircraft:
         made: dict[str, Any] = {c: np.array([row[c] for row in rows]) for c in AXES}
         return recording.with_channels(note=f"{', '.join(AXES)} from JSBSim's {self.name} at these states", **made)
 
+    def sense(self, control: str) -> float:
+        """1 where JSBSim's angle of a surface (of ``da``, the left aileron) has our sign, -1 where the other."""
+        return self._machine.senses.get(control, 1.0)
+
     def __repr__(self) -> str:
         return f"JSBSimAircraft({self.name!r}, controls={self.controls})"
 

@@ -1,0 +1,173 @@
+"""Responses of a simulation, and effects added to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from structsel.candidates import Term
+from structsel.candidates.reading import read
+from structsel.candidates.terms import Factor
+from structsel.diagnosis.adding import Addition
+from structsel.mismatch.flight import Flight
+from structsel.mismatch.responses import COEFFICIENTS
+from structsel.mismatch.surrogate import Surrogate, identify
+from structsel.model import ResponseModel, State, flown_region
+from structsel.model.states import substituted
+from structsel.numerics.smoothing.result import Array
+
+
+class Extended:
+    """Responses to which effects are added.
+
+    Parameters
+    ----------
+    base : mapping of response to ResponseModel
+        Of body axes, or with CL and CD.
+    flights : sequence of Flight
+    """
+
+    def __init__(self, base: Mapping[str, ResponseModel], flights: Sequence[Flight]):
+        self._base, self._flights = dict(base), flights
+        self._states: dict[str, State] = {}
+        self._replaced: dict[str, dict[str, str]] = {}
+        self._values: dict[str, dict[Term, float]] = {c: {} for c in base}
+        self._blocks: dict[str, list[tuple[list[Term], Array]]] = {c: [] for c in base}
+
+    def take(self, one: Addition) -> bool:
+        """Add an effect; False, and nothing added, where its states stand in the place of what another's do."""
+        taken = {(c, channel) for c, swaps in self._replaced.items() for channel in swaps}
+        if set(one.states) & set(self._states) or taken & {(c, x) for c, s in one.replaced.items() for x in s}:
+            return False
+        self._states |= one.states
+        for c, swaps in one.replaced.items():
+            self._replaced.setdefault(c, {}).update(swaps)
+        for c, terms in self._turned(one.terms).items():
+            rows = np.array(list(terms.values()))
+            self._add(c, list(terms), rows @ one.theta, rows @ one.covariance @ rows.T)
+        fixed = {c: {t: np.array([v]) for t, v in terms.items()} for c, terms in one.fixed.items()}
+        for c, terms in self._turned(fixed).items():
+            values = np.concatenate(list(terms.values()))
+            self._add(c, list(terms), values, np.zeros((len(values), len(values))))
+        return True
+
+    def stand_for(self, effect: str, added: Sequence[Mapping[str, Array]]) -> str:
+        """Add terms of the states that stand for an effect along the recordings; the remark that says so."""
+        wanted = sorted({c for each in added for c, x in each.items() if c in COEFFICIENTS and np.any(x)})
+        whole = [{c: each.get(c, np.zeros(len(f))) for c in wanted} for f, each in zip(self._flights, added)]
+        stand_in = identify(self._flights, whole, wanted)
+        made = as_models(stand_in, self._flights)
+        terms = {c: {t: np.array([v]) for t, v in zip(m.terms, m.values.tolist())} for c, m in made.items()}
+        for c, mine in self._turned(terms).items():
+            values = np.concatenate(list(mine.values()))
+            self._add(c, list(mine), values, np.full((len(values), len(values)), np.nan))
+        shares = ", ".join(f"{stand_in.r2[c]:.0%} of it in {c}" for c in wanted)
+        return (
+            f"{effect} has here no terms or states of a model: model.json holds what it amounts to along these "
+            f"recordings, by terms of the states ({shares or 'nothing'})"
+        )
+
+    def responses(self) -> dict[str, ResponseModel]:
+        """All of them, those that nothing was added to as they were."""
+        return {c: self._response(c, model) for c, model in self._base.items()}
+
+    def _turned(self, terms: Mapping[str, Mapping[Term, Array]]) -> dict[str, dict[Term, Array]]:
+        """Terms in the axes of the base; of responses that it lacks, none."""
+        ways = _TO_WIND if "CL" in self._base else _TO_BODY
+        made: dict[str, dict[Term, Array]] = {}
+        for c, mine in terms.items():
+            for to, by, sign in ways.get(c, ((c, Term("1"), 1.0),)):
+                if to in self._base:
+                    held = made.setdefault(to, {})
+                    for term, weights in mine.items():
+                        held[term * by] = held.get(term * by, 0.0) + sign * weights
+        return {c: mine for c, mine in made.items() if mine}
+
+    def _add(self, response: str, terms: list[Term], values: Array, covariance: Array) -> None:
+        held = self._values[response]
+        for term, value in zip(terms, values.tolist()):
+            held[term] = held.get(term, 0.0) + value
+        self._blocks[response].append((terms, covariance))
+
+    def _response(self, response: str, own: ResponseModel) -> ResponseModel:
+        added, swaps = self._values[response], self._replaced.get(response, {})
+        nodes = {channel: read(text)[0] for channel, text in swaps.items()}
+        kept = [t.replace(lambda f: Factor(substituted(f.node, nodes))) for t in own.terms]
+        if not added and kept == list(own.terms):
+            return own
+        values = dict(zip(kept, own.values.tolist()))
+        assert own.standard_errors is not None
+        errors = dict(zip(kept, own.standard_errors.tolist()))
+        terms = list(dict.fromkeys([*kept, *added]))
+        place = {t: i for i, t in enumerate(terms)}
+        covariance = np.zeros((len(terms), len(terms)))
+        for mine, block in self._blocks[response]:
+            at = [place[t] for t in mine]
+            covariance[np.ix_(at, at)] += block
+        for t in added:
+            # The difference was found beside the value as it was: what is not known of the sum is the difference's.
+            errors[t] = float(np.sqrt(max(covariance[place[t], place[t]], 0.0)))
+        whole = None
+        if own.covariance is not None and np.isfinite(covariance).all():
+            alone = [i for i, t in enumerate(kept) if t not in added]
+            at = [place[kept[i]] for i in alone]
+            covariance[np.ix_(at, at)] = own.covariance[np.ix_(alone, alone)]
+            whole = covariance
+        named = {c for t in added for c in t.channels} - set(own.region)
+        flown = [c for c in sorted(named) if all(c in f or c in f.channels for f in self._flights)]
+        region = flown_region([{c: f[c] for c in flown} for f in self._flights], flown) if flown else {}
+        return replace(
+            own,
+            terms=tuple(terms),
+            values=np.array([values.get(t, 0.0) + added.get(t, 0.0) for t in terms]),
+            covariance=whole,
+            standard_errors=np.array([errors[t] for t in terms]),
+            method=f"{own.method or 'as given'}, physics added",
+            region={**own.region, **region},
+            s2=np.nan,
+            r2=np.nan,
+            states={**own.states, **self._states},
+        )
+
+
+_RATE = "alpha_dot_hat"
+_SIN, _COS = Term("sin(alpha)"), Term("cos(alpha)")
+_TO_BODY = {
+    "CL": (("CX", _SIN, 1.0), ("CZ", _COS, -1.0)),
+    "CD": (("CX", _COS, -1.0), ("CZ", _SIN, -1.0)),
+}
+_TO_WIND = {
+    "CX": (("CL", _SIN, 1.0), ("CD", _COS, -1.0)),
+    "CZ": (("CL", _COS, -1.0), ("CD", _SIN, -1.0)),
+}
+
+
+def as_models(stand_in: Surrogate, flights: Sequence[Flight]) -> dict[str, ResponseModel]:
+    """A stand-in as responses anyone can evaluate."""
+    made = {}
+    for c, terms in stand_in.terms.items():
+        texts, values = ["1"], [stand_in.constant[c]]
+        for term, value in zip(terms, stand_in.values[c]):
+            size = float(value / np.prod([stand_in.scale[f] for f in term]))
+            if term == (_RATE,):  # a flight takes a rate only as it is, since it depends on the force it helps to make
+                texts.append(_RATE)
+                values[0] -= size * stand_in.centre[_RATE]
+            else:
+                parts = [(_centred(f, stand_in.centre[f]), term.count(f)) for f in sorted(set(term))]
+                texts.append("*".join(part + (f"^{n}" if n > 1 else "") for part, n in parts))
+            values.append(size)
+        region = {
+            f: (min(float(x[f].min()) for x in flights), max(float(x[f].max()) for x in flights))
+            for f in sorted({f for t in terms for f in t})
+        }
+        made[c] = ResponseModel(
+            tuple(Term.parse(t) for t in texts), np.array(values), method="stand-in of a simulation", region=region,
+            n=sum(len(f) for f in flights), r2=stand_in.r2[c],
+        )  # fmt: skip
+    return made
+
+
+def _centred(channel: str, centre: float) -> str:
+    return f"({channel} - {centre!r})" if centre >= 0.0 else f"({channel} + {-centre!r})"

@@ -1,0 +1,89 @@
+"""Which terms of a model an effect's columns are, if they are any."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from structsel.candidates import Term
+from structsel.errors import StructselError
+from structsel.hypotheses.base import Variant
+from structsel.hypotheses.signals import CHANNELS_OF, lift, moves
+from structsel.mismatch.flight import Flight
+from structsel.numerics.smoothing.result import Array
+
+_TURNED = ("sin(alpha)", "cos(alpha)")
+LIFT = "CL"
+"""In terms of an effect, the lift as simulated."""
+_EXACT = 1e-7
+"""Of a column's largest value, that its terms may miss by."""
+_NOTHING = 1e-9  # of it, below which a term is none
+
+
+def exact_terms(variant: Variant, flights: Sequence[Flight]) -> dict[str, dict[Term, Array]] | None:
+    """Terms whose fixed sums the columns of an effect are along all flights.
+
+    The terms that the form names are tried, then the same turned from wind to body axes, then with the linear terms of
+    the response beside them, which some forms are fitted without.
+
+    Parameters
+    ----------
+    variant : Variant
+    flights : sequence of Flight
+
+    Returns
+    -------
+    mapping of response to mapping of Term to (k,) array, or None
+        Value of each term per unit of each parameter; None where some column is no such sum.
+    """
+    columns = [variant.columns(f) for f in flights]
+    responses = sorted({c for each in columns for c in each})
+    named = [Term(f"abs({t.strip('|')})" if t.startswith("|") else t) for t in variant.terms]
+    turned = [t * Term(other) for t in named for other in _TURNED]
+    found: dict[str, dict[Term, Array]] = {}
+    for response in responses:
+        y = np.concatenate([each.get(response, np.zeros((len(f), len(variant.parameters))))
+                            for f, each in zip(flights, columns)])  # fmt: skip
+        beside = [Term("1"), *(Term(c) for c in CHANNELS_OF.get(response, ()) if moves(flights, c))]
+        for tried in (named, [*named, *turned], [*named, *turned, *beside], [Term("1")]):
+            if tried and (weights := _match(list(dict.fromkeys(tried)), flights, y)) is not None:
+                found[response] = weights
+                break
+        else:
+            return None
+    return found
+
+
+class _Lifting:
+    """A flight with the simulated lift as its channel CL."""
+
+    def __init__(self, flight: Flight):
+        self._flight = flight
+
+    def __contains__(self, name: str) -> bool:
+        return name == LIFT or name in self._flight
+
+    def __getitem__(self, name: str) -> Array:
+        return lift(self._flight) if name == LIFT else self._flight[name]
+
+    def __len__(self) -> int:
+        return len(self._flight)
+
+
+def _match(terms: Sequence[Term], flights: Sequence[Flight], y: Array) -> dict[Term, Array] | None:
+    """Weights (k,) of terms whose sums the columns (n, k) are; None where they are not."""
+    try:
+        X = np.concatenate([np.column_stack([t.evaluate(_Lifting(f)) for t in terms]) for f in flights])
+    except StructselError:
+        return None
+    size, most = np.abs(X).max(axis=0), np.abs(y).max(axis=0)
+    if not most.any():
+        return {}
+    scaled = X / np.where(size > 0.0, size, 1.0)
+    weights = np.linalg.lstsq(scaled, y, rcond=1e-13)[0]
+    if (np.abs(y - scaled @ weights).max(axis=0) > _EXACT * most).any():
+        return None
+    kept = (np.abs(weights) > _NOTHING * np.where(most > 0.0, most, 1.0)).any(axis=1) & (size > 0.0)
+    weights = np.linalg.lstsq(scaled[:, kept], y, rcond=1e-13)[0] / size[kept, None]
+    return dict(zip([t for t, k in zip(terms, kept) if k], weights))

@@ -1,0 +1,284 @@
+"""States of a model: what follows a channel late, within limits, or after the flow.
+
+A small closed set of kinds, each started at rest on the first sample::
+
+    lag          tau y' + y = x
+    delay        y(t) = x(t - tau)
+    rate limit   y' = x', no faster than `rate`
+    backlash     y stays until x has moved half of `width` beyond it
+    stops        y = x between `low` and `high`
+    separation   tau1 y' + y = (1 - tanh(sharpness (x - tau2 x' - onset))) / 2
+
+x is the input. A lag or a delay may be of a `way` [m] instead of `tau` [s]: what the air takes to travel it. With a
+`share` other than 1 the state is x + share (y - x). The separation point is that of [GK94], 1 attached to 0 stalled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from structsel.candidates.formulas import Node, add, evaluate, fetch, multiply
+from structsel.candidates.reading import read
+from structsel.errors import ChannelError, ModelError
+from structsel.numerics.flight_dynamics import actuate
+
+Array = np.ndarray
+
+_PARAMETERS: dict[str, tuple[frozenset[str], ...]] = {
+    "lag": (frozenset({"tau"}), frozenset({"way"})),
+    "delay": (frozenset({"tau"}), frozenset({"way"})),
+    "rate limit": (frozenset({"rate"}),),
+    "backlash": (frozenset({"width"}),),
+    "stops": (frozenset({"low"}), frozenset({"high"}), frozenset({"low", "high"})),
+    "separation": (frozenset({"tau1", "tau2", "sharpness", "onset"}),),
+}
+KINDS = tuple(_PARAMETERS)
+"""Kinds of states that there are."""
+_ABOVE_ZERO = ("tau", "way", "rate", "width", "tau1", "sharpness")
+_LINEAR = ("lag", "delay", "separation")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One parameter of a state.
+
+    Attributes
+    ----------
+    value : float
+    std : float
+        Standard deviation; nan where it is not known.
+    unit : str
+    """
+
+    value: float
+    std: float = math.nan
+    unit: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One state: what it follows, and how.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    input : str
+        Channel that it follows.
+    parameters : mapping of name to Quantity
+
+    Raises
+    ------
+    ModelError
+        A kind that there is not, parameters that are not the kind's, or a value that cannot be.
+    """
+
+    kind: str
+    input: str
+    parameters: Mapping[str, Quantity] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.kind not in _PARAMETERS:
+            raise ModelError(f"There is no state of kind '{self.kind}'; there are {', '.join(KINDS)}.")
+        held = {name: q if isinstance(q, Quantity) else Quantity(**q) for name, q in self.parameters.items()}
+        given = set(held) - ({"share"} if self.kind != "separation" else set())
+        if given not in _PARAMETERS[self.kind]:
+            ways = " or ".join(", ".join(sorted(names)) for names in _PARAMETERS[self.kind])
+            raise ModelError(f"A {self.kind} has the parameters {ways}; it was given {', '.join(held) or 'none'}.")
+        for name, q in held.items():
+            if not math.isfinite(q.value) or (name in _ABOVE_ZERO and not q.value > 0.0):
+                need = "above zero" if name in _ABOVE_ZERO else "finite"
+                raise ModelError(f"{name} of a {self.kind} is {q.value:g} {q.unit}; it must be {need}.")
+        if {"low", "high"} <= held.keys() and not held["low"].value < held["high"].value:
+            raise ModelError(f"Stops at {held['low'].value:g} and {held['high'].value:g} leave nothing between them.")
+        object.__setattr__(self, "parameters", MappingProxyType(held))
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
+        return State, (self.kind, self.input, dict(self.parameters))
+
+    def __eq__(self, other: object) -> bool:
+        return self.to_dict() == other.to_dict() if isinstance(other, State) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __getitem__(self, name: str) -> float:
+        return self.parameters[name].value
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels it is worked out from, the input first."""
+        rate = (f"{self.input}_dot",) if self.kind == "separation" else ()
+        return (self.input, *rate, *(("V",) if "way" in self.parameters else ()))
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether it follows a signal linearly, so that it can be advanced step by step in a flight."""
+        return self.kind in _LINEAR
+
+    def along(self, t: Array, held: Mapping[str, Array], *, hold: bool = False) -> Array:
+        """State along a flight.
+
+        Parameters
+        ----------
+        t : (n,) array [s]
+        held : mapping of channel to (n,) array
+            Those of `channels`.
+        hold : bool
+            Input held from sample to sample; otherwise linear between them.
+
+        Returns
+        -------
+        (n,) array
+        """
+        clock, x = self.clock(t, held), self.driving(held)
+        if self.kind == "delay":
+            if hold:
+                y = x[np.maximum(np.searchsorted(clock, clock - self._late + 1e-9, side="right") - 1, 0)]
+            else:
+                y = np.interp(clock - self._late, clock, x)
+        else:
+            y = actuate(clock, x, hold=hold, **self._actuator)
+        return self.blend(x, y)
+
+    def clock(self, t: Array, held: Mapping[str, Array]) -> Array:
+        """What its lag or delay is counted in: time, or the way travelled [m]."""
+        return np.asarray(cumulative_trapezoid(held["V"], t, initial=0.0)) if "way" in self.parameters else t
+
+    def driving(self, held: Mapping[str, Array]) -> Array:
+        """Signal that is followed."""
+        if self.kind != "separation":
+            return np.asarray(held[self.input], dtype=float)
+        return evaluate(read(self._flow(f"{self.input} - {self['tau2']!r}*{self.input}_dot"))[0], held, self.kind)
+
+    def advance(self, clock: Array, x: Array, last: float) -> float:
+        """What follows at the last of the instants, where it was `last` at the one before; share not yet applied.
+
+        Parameters
+        ----------
+        clock, x : (k,) array
+            `clock` and `driving` from the beginning to now, k at least 2.
+        last : float
+        """
+        if self.kind == "delay":
+            return float(np.interp(clock[-1] - self._late, clock, x))
+        rest = actuate(clock[-2:], x[-2:], lag=self._late)[-1]
+        return float(rest + (last - x[-2]) * np.exp(-(clock[-1] - clock[-2]) / self._late))
+
+    def blend(self, x: Any, y: Any) -> Any:
+        """The state of what is followed and what follows."""
+        return x + self["share"] * (y - x) if "share" in self.parameters else y
+
+    def steady(self) -> Node:
+        """Formula of the state where nothing changes."""
+        x = self.input
+        if self.kind == "separation":
+            return read(self._flow(x))[0]
+        if self.kind != "stops":
+            return read(x)[0]
+        low, high = (f"({self[name]!r})" if name in self.parameters else "" for name in ("low", "high"))
+        within = f"{low} + ({x} - {low})+" if low else x
+        within += f" - ({x} - {high})+" if high else ""
+        return read(f"{x} + ({self['share']!r})*({within} - {x})" if "share" in self.parameters else within)[0]
+
+    @property
+    def _late(self) -> float:
+        return next(self[name] for name in ("tau", "way", "tau1") if name in self.parameters)
+
+    @property
+    def _actuator(self) -> dict[str, float]:
+        names = {"rate": "rate", "width": "backlash", "low": "low", "high": "high"}
+        made = {names[n]: q.value for n, q in self.parameters.items() if n in names}
+        return made or {"lag": self._late}
+
+    def _flow(self, angle: str) -> str:
+        return f"0.5*(1 - tanh({self['sharpness']!r}*({angle} - {self['onset']!r})))"
+
+    def to_dict(self) -> dict[str, Any]:
+        """For model.json."""
+        return {
+            "kind": self.kind,
+            "input": self.input,
+            "parameters": {
+                name: {"value": q.value, "std": q.std if math.isfinite(q.std) else None, "unit": q.unit}
+                for name, q in self.parameters.items()
+            },
+        }
+
+    def __str__(self) -> str:
+        told = [
+            f"{name} {q.value:.4g}" + (f" +- {q.std:.1g}" if math.isfinite(q.std) else "") + f" {q.unit}".rstrip(" -")
+            for name, q in self.parameters.items()
+        ]
+        return f"{self.kind} of {self.input}, {', '.join(told)}"
+
+
+def substituted(node: Node, by: Mapping[str, Node]) -> Node:
+    """The formula with some channels replaced by formulas."""
+    if node.kind == "channel":
+        return by.get(node.name, node)
+    children = tuple(substituted(child, by) for child in node.children)
+    if node.kind in ("sum", "product"):
+        return (add if node.kind == "sum" else multiply)(zip(node.signs, children), node.at)
+    return Node(node.kind, children, node.signs, node.name, node.value)
+
+
+class Beside:
+    """A recording, or what serves as one, with the states of a model as channels of its own.
+
+    Parameters
+    ----------
+    source : Recording or mapping of name to (n,) array
+        With the clock ``t``.
+    states : mapping of name to State
+    known : dict
+        States worked out already, added to.
+
+    Raises
+    ------
+    ChannelError, DataError
+        There is no clock, or a channel is missing or not finite.
+    """
+
+    def __init__(self, source: Any, states: Mapping[str, State], known: dict[Any, Array]):
+        self._source, self._made = source, {}
+        for name, state in states.items():
+            if ("state", name) not in known:
+                held = {c: fetch(source, c, name) for c in state.channels}
+                known["state", name] = state.along(_clock_of(source, name), held)
+            self._made[name] = known["state", name]
+
+    @property
+    def name(self) -> Any:
+        """Of the source; None where it has none."""
+        return getattr(self._source, "name", None)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Channels, the states last."""
+        own = self._source if isinstance(self._source, Mapping) else getattr(self._source, "names", ())
+        return (*own, *self._made)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._made or name in self._source
+
+    def __getitem__(self, name: str) -> Array:
+        return self._made[name] if name in self._made else self._source[name]
+
+    def __len__(self) -> int:
+        return len(next(iter(self._made.values())))
+
+
+def _clock_of(source: Any, state: str) -> Array:
+    t = getattr(source, "t", None)
+    if t is None and "t" in source:
+        t = source["t"]
+    if t is None:
+        raise ChannelError(f"The model's state '{state}' needs the clock 't' [s]; the source has none. Add it.")
+    return np.asarray(t, dtype=float)
