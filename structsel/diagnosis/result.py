@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from structsel.diagnosis.judging import Fit
+from structsel.diagnosis.replayed import Replay
 from structsel.hypotheses.base import Estimate
 from structsel.model import AeroModel
 from structsel.numerics.smoothing.result import Array
@@ -210,6 +211,8 @@ class Diagnosis:
         The self-test: ``size`` (smallest share of the rms, in its clearest response, at which it would be named) and,
         per rival, nats that tell them apart at the size found or usual.
     seconds : float
+    replayed : Replay or None
+        The simulation flown again in short windows, on recordings not used for fitting.
     """
 
     verdict: Verdict
@@ -226,6 +229,7 @@ class Diagnosis:
     traces: Mapping[str, Trace] = field(default_factory=dict)
     detects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     seconds: float = 0.0
+    replayed: Replay | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Content of diagnosis.json."""
@@ -244,6 +248,7 @@ class Diagnosis:
             "recordings": list(self.recordings),
             "held_out": list(self.held_out),
             "detects": {e: dict(d) for e, d in self.detects.items()},
+            "replayed": None if self.replayed is None else self.replayed.to_dict(),
         }
 
     def __str__(self) -> str:

@@ -16,6 +16,7 @@ from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.modelling import corrected_model
 from structsel.diagnosis.ranking import Ranking, rank
+from structsel.diagnosis.replaying import replay_windows
 from structsel.diagnosis.result import Diagnosis, Pull, Verdict
 from structsel.diagnosis.selftest import self_test
 from structsel.diagnosis.signatures import work_out
@@ -107,6 +108,9 @@ def diagnose(
         turbulence = find_turbulence(flights, left)
     if turbulence is not None:
         findings.append(turbulent(turbulence, ranking, told))
+    replayed = replay_windows(ranking)
+    corrected = corrected_model(prepared, ranking) if ranking.steps else None
+    remarks += corrected.remarks if corrected is not None else ()
     return Diagnosis(
         verdict,
         tuple(findings),
@@ -118,10 +122,11 @@ def diagnose(
         tuple(told),
         tuple(f.name for f in prepared.flights),
         tuple(held_out),
-        corrected_model(prepared, ranking) if ranking.steps else prepared.simulation.model,
+        prepared.simulation.model if corrected is None else corrected,
         traces,
         self_test(ranking.start, library),
         time.perf_counter() - begun,
+        replayed,
     )
 
 

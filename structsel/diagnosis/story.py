@@ -222,6 +222,7 @@ def _tell_rest(diagnosis: Diagnosis) -> Iterator[str]:
         for c, (rrmse, white) in diagnosis.remaining.items()
         if not c.startswith("k_")
     ]
+    yield from _labelled("re-flown", _flown_again(diagnosis), indent="")
     yield from _labelled("left", ", ".join(left), indent="")
     pulls = [p for p in diagnosis.pulls if abs(p.sigmas) >= _LEAST_PULL][:_PULLS]
     yield from _labelled("pulled", ", ".join(map(pull_text, pulls)) or "no tolerance beyond one sigma", indent="")
@@ -234,6 +235,20 @@ def _tell_rest(diagnosis: Diagnosis) -> Iterator[str]:
         yield from _labelled("", f"and {len(remarks) - _REMARKS} more notes", indent="")
     if why := no_model(diagnosis):
         yield from _labelled("no model", f"{why}.", indent="")
+
+
+def _flown_again(diagnosis: Diagnosis) -> str:
+    """How near the channel that gained most came in short windows."""
+    row = diagnosis.replayed.gained if diagnosis.replayed else None
+    if row is None or diagnosis.replayed is None:
+        return ""
+    factor, unit = displayed(row.unit)
+    names = ("as delivered", "refitted", "with it" if len(diagnosis.findings) == 1 else "with all")
+    rms = [f"{factor * near.rms:.2g}" for near in row.stages.values()]
+    told = ", ".join([f"{rms[0]} {unit} rms {names[0]}", *(f"{x} {name}" for x, name in zip(rms[1:], names[1:]))])
+    inside = ", ".join(f"{100.0 * near.inside:.0f}" for near in row.stages.values())
+    windows = f"{diagnosis.replayed.windows} windows of {diagnosis.replayed.seconds:.1f} s"
+    return f"{row.channel} off by {told}; {inside} % within +-{factor * row.band:.2g} {unit} ({windows})"
 
 
 def untested(diagnosis: Diagnosis) -> dict[str, list[str]]:

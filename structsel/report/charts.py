@@ -109,8 +109,12 @@ def chart(
     says: str,
     log: bool = False,
     labels: Sequence[str] = (),
+    whole: bool = True,
 ) -> dict[str, Any]:
-    """A figure that stands alone; lines are (name, ink, values), on a logarithmic scale to `log` if it is worth one."""
+    """A figure that stands alone; lines are (name, ink, values), on a logarithmic scale to `log` if it is worth one.
+
+    Lines of one name have one key. `whole` numbers along x each have a dot.
+    """
     known = [y for _, _, values in lines for y in values if y > 0.0]
     log = log and bool(known) and max(known) > 10.0 * min(known)
 
@@ -118,7 +122,7 @@ def chart(
         return pack_number(math.log10(y) if y > 0.0 else math.nan) if log else pack_number(y)
 
     return {
-        "id": name, "x": list(x), "xLabel": x_label, "yLabel": y_label, "says": says, "log": log,
+        "id": name, "x": list(x), "xLabel": x_label, "yLabel": y_label, "says": says, "log": log, "whole": whole,
         "lines": [{"name": n, "ink": ink, "y": [value(float(y)) for y in values]} for n, ink, values in lines],
         "labels": list(labels) or None,
     }  # fmt: skip

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from structsel.diagnosis.replayed import Replay, ReplayRow, Stretch
 from structsel.diagnosis.result import Bars, Diagnosis, Finding, Trace
 from structsel.diagnosis.story import (
     HARD_PULL,
@@ -31,8 +32,9 @@ from structsel.diagnosis.views import (
     unit_shown,
     worth_showing,
 )
-from structsel.report.charts import Flight, chart_data, pack_number
-from structsel.report.words import percent, three_digits
+from structsel.nomenclature import unit_of
+from structsel.report.charts import Flight, chart, chart_data, pack_number
+from structsel.report.words import figure, in_unit, percent, three_digits
 
 _STAGES = dict(zip(STAGES, ("as delivered", "refitted", "with the physics")))
 
@@ -52,6 +54,7 @@ def page_of(diagnosis: Diagnosis) -> dict[str, Any]:
         "untested": untested(diagnosis),
         "detects": _detects(diagnosis),
         "no_model": no_model(diagnosis),
+        "replayed": _replayed(diagnosis.replayed),
     }
 
 
@@ -65,7 +68,9 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
         for r in responses
     }
     flights = {name: _flight(one, responses, channels) for name, one in diagnosis.traces.items()}
-    data = chart_data(flights, _STAGES, units, verb="simulated", hidden=["refitted"], binned=binned)
+    stretch = diagnosis.replayed.stretch if diagnosis.replayed else None
+    charts = [_windows(diagnosis.replayed, stretch)] if diagnosis.replayed and stretch else []
+    data = chart_data(flights, _STAGES, units, verb="simulated", hidden=["refitted"], binned=binned, charts=charts)
     return {
         **data,
         "first": {c: _first(diagnosis, c, ranges[c], units[c][0]) for c in channels},
@@ -79,6 +84,55 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for f in diagnosis.findings
         ],
+    }
+
+
+def _windows(replay: Replay, stretch: Stretch) -> dict[str, Any]:
+    """Time history of the channel that gained most, with its band, in windows of the first and the last stage."""
+    band = next(row.band for row in replay.rows if row.channel == stretch.channel)
+    factor, unit = displayed(unit_of(stretch.channel))
+    first, last = (list(stretch.flown)[i] for i in (0, -1))
+    lines = [("band", "other", stretch.smoothed + edge) for edge in (-band, band)]
+    lines += [("measured", "measured", stretch.measured)]
+    lines += [(_STAGES[stage], stage, stretch.flown[stage]) for stage in (first, last)]
+    says = (
+        f"{stretch.channel} of {stretch.recording} in windows that start from the recorded state: measured, with its "
+        f"band of ± {in_unit(band, unit_of(stretch.channel), 2)}, {_STAGES[first]} and {_STAGES[last]}."
+    )
+    return chart(
+        "windows",
+        [pack_number(t) or 0.0 for t in stretch.t],
+        [(name, ink, [factor * float(y) for y in values]) for name, ink, values in lines],
+        x_label="t [s]",
+        y_label=f"{stretch.channel} [{unit}]" if unit else stretch.channel,
+        says=says,
+        whole=False,
+    )
+
+
+def _replayed(replay: Replay | None) -> dict[str, Any] | None:
+    """Table of what was flown again; None where nothing was asked to fly."""
+    if replay is None:
+        return None
+    return {
+        "reason": replay.reason,
+        "seconds": f"{replay.seconds:.1f} s",
+        "windows": replay.windows,
+        "stages": list(replay.rows[0].stages) if replay.rows else [],
+        "rows": [_replay_row(row) for row in replay.rows],
+        "drawn": replay.stretch is not None,
+    }
+
+
+def _replay_row(row: ReplayRow) -> dict[str, Any]:
+    factor, _ = displayed(row.unit)
+    each = row.stages.values()
+    return {
+        "channel": row.channel,
+        "rms": [figure(factor * near.rms, 2) for near in each],
+        "tic": [three_digits(near.tic) for near in each],
+        "inside": [percent(near.inside) for near in each],
+        "band": f"± {in_unit(row.band, row.unit, 2)}",
     }
 
 

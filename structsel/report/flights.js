@@ -90,9 +90,9 @@ function choose(place) {
 
 function alone(chart, range) {
   const x = chart.x, all = [x[0], x[x.length - 1] > x[0] ? x[x.length - 1] : x[0] + 1];
-  const lines = chart.lines.map((l, i) => ({x, y: l.y, kind: `${chart.id}-${i}`, ink: l.ink, name: l.name}));
+  const lines = chart.lines.map(l => ({x, y: l.y, kind: `${chart.id}-${l.name}`, ink: l.ink, name: l.name}));
   const value = y => chart.log ? 10 ** y : y;
-  draw(chart.id, {...chart, lines, high: 240, range: range || all, all, whole: true, zoom: z => alone(chart, z), redraw: () => alone(chart, range),
+  draw(chart.id, {...chart, lines, high: 240, range: range || all, all, zoom: z => alone(chart, z), redraw: () => alone(chart, range),
     read: at => { const k = nearest(x, at); return `${chart.labels ? chart.labels[k] : `${chart.xLabel} ${x[k]}`}: ` + lines.map(l => `${l.name} ${l.y[k] === null ? "–" : short(value(l.y[k]))}`).join(", "); }});
 }
 

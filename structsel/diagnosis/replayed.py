@@ -1,0 +1,158 @@
+"""What flying again in short windows says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import pandas as pd
+
+from structsel.numerics.smoothing.result import Array
+
+_WRITTEN = {"delivered": "before", "refitted": "refitted", "physics": "after"}
+
+
+@dataclass(frozen=True)
+class Near:
+    """How near one channel came at one stage.
+
+    Attributes
+    ----------
+    rms : float [unit of the channel]
+        Error against the smoothed recording, over all samples of all windows but their starts.
+    tic : float
+        Theil's coefficient of the change since each window's start; nan where neither side moves.
+    inside : float
+        Share of the readings that lie within the band about what was flown.
+    """
+
+    rms: float
+    tic: float
+    inside: float
+
+    def to_dict(self) -> dict[str, float | None]:
+        """For diagnosis.json."""
+        return {name: x if math.isfinite(x) else None for name, x in asdict(self).items()}
+
+
+@dataclass(frozen=True)
+class ReplayRow:
+    """One channel.
+
+    Attributes
+    ----------
+    channel, unit : str
+    noise : float [unit]
+        Root mean square of the readings less the smoothed ones.
+    band : float [unit]
+        Half-width.
+    stages : mapping of stage to Near
+        Of ``delivered``, ``refitted`` and, where an effect was found, ``physics``.
+    """
+
+    channel: str
+    unit: str
+    noise: float
+    band: float
+    stages: Mapping[str, Near]
+
+    @property
+    def left(self) -> float:
+        """Error of the last stage over that of the first."""
+        first, last = (list(self.stages.values())[i] for i in (0, -1))
+        return last.rms / first.rms if first.rms > 0.0 else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Windows to draw: those where the channel that gained most gained most.
+
+    Attributes
+    ----------
+    recording, channel : str
+    t : (n,) array [s]
+        Windows one after another; all other arrays hold a NaN between two.
+    measured, smoothed : (n,) array [unit of the channel]
+    flown : mapping of stage to (n,) array
+    """
+
+    recording: str
+    channel: str
+    t: Array
+    measured: Array
+    smoothed: Array
+    flown: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """The simulation flown in short windows on flights not used for fitting, at three stages.
+
+    Attributes
+    ----------
+    rows : tuple of ReplayRow
+        Channels that the recordings have and the simulation moves.
+    seconds : float [s]
+        Length of a window.
+    windows : int
+    stretch : Stretch or None
+    reason : str
+        Why nothing was flown; else empty.
+    """
+
+    rows: tuple[ReplayRow, ...] = ()
+    seconds: float = 0.0
+    windows: int = 0
+    stretch: Stretch | None = None
+    reason: str = ""
+
+    @property
+    def gained(self) -> ReplayRow | None:
+        """Row of the channel whose error falls most; None without rows."""
+        return min(self.rows, key=lambda row: row.left, default=None)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each channel and stage."""
+        return pd.DataFrame(
+            [
+                {"channel": r.channel, "unit": r.unit, "stage": stage, **asdict(near), "band": r.band, "noise": r.noise}
+                for r in self.rows
+                for stage, near in r.stages.items()
+            ]
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """For diagnosis.json."""
+        if self.reason:
+            return {"reason": self.reason}
+        return {
+            "window": {"value": self.seconds, "unit": "s"},
+            "windows": self.windows,
+            "channels": {
+                r.channel: {"unit": r.unit, "band": r.band, "noise": r.noise}
+                | {_WRITTEN[stage]: near.to_dict() for stage, near in r.stages.items()}
+                for r in self.rows
+            },
+        }
+
+    def __str__(self) -> str:
+        from structsel.diagnosis.story import displayed  # the story knows the results, not the reverse
+
+        if self.reason:
+            return f"not flown in windows: {self.reason}"
+        stages = self.rows[0].stages if self.rows else {}
+        n = len(stages)
+        lines = [
+            f"{self.windows} windows of {self.seconds:.1f} s: {', '.join(stages)}",
+            f"  {'':<6}{'rms error':>{9 * n}}  {'':<6}{'TIC':>{7 * n}}{'in the band':>{7 * n}}",
+        ]
+        for r in self.rows:
+            factor, unit = displayed(r.unit)
+            each = r.stages.values()
+            rms = "".join(f"{factor * near.rms:9.2g}" for near in each)
+            tic = "".join(f"{near.tic:7.3f}" for near in each)
+            inside = "".join(f"{100.0 * near.inside:5.0f} %" for near in each)
+            lines.append(f"  {r.channel:<6}{rms}  {unit:<6}{tic}{inside} of +-{factor * r.band:.2g}")
+        return "\n".join(lines)

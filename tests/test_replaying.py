@@ -1,0 +1,300 @@
+"""Flights held out, flown again in short windows: what differences of coefficients do to the motion."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import structsel as ss
+from structsel.demo import demo_flights
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.ranking import rank
+from structsel.diagnosis.replayed import Near, Replay, ReplayRow
+from structsel.diagnosis.replaying import Told, fly_windows, foretold, replay_windows, told_by_stage, window_of
+from structsel.diagnosis.signatures import work_out
+from structsel.hypotheses import HYPOTHESES
+from structsel.inputs import three_two_one_one
+from structsel.mismatch.flight import prepare_flight
+from structsel.mismatch.noise import as_spectra, edge_of
+from structsel.mismatch.preparing import prepare
+from structsel.mismatch.responses import COEFFICIENTS
+from structsel.mismatch.surrogate import Surrogate
+from structsel.numerics.evidence import spectrum
+from structsel.report import render
+from tests.diagnoses import GROUND, diagnosis
+
+EXAMPLES = Path(__file__).parents[2] / "shared" / "data" / "diagnose-examples"
+needs_examples = pytest.mark.skipif(not EXAMPLES.exists(), reason="../shared/data is not here")
+AIR = ("k_V", "k_alpha", "k_beta", "k_phi", "k_theta")
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Two flights in still air, read without noise, and the coefficients of the model that flew them."""
+    recordings, craft, truth = demo_flights(2, noise=0.0, turbulence=0.0, duration=12.0)
+    model = ss.AeroModel({c: ss.ResponseModel(tuple(t), np.array([*t.values()])) for c, t in truth.items()})
+    at_centre = [ss.compute_coefficients(r, craft) for r in recordings]
+    exact = [{c: model[c].evaluate(r) for c in COEFFICIENTS} for r in at_centre]
+    return [prepare_flight(r, craft, one) for r, one in zip(recordings, exact)]
+
+
+def told(flight, *, only=COEFFICIENTS, **more):
+    """Exact coefficients in perfect air first, then with something added."""
+    exact = {c: flight.simulated[c] for c in only} | {k: np.zeros(len(flight)) for k in AIR}
+    return Told(flight, {"delivered": {c: x + more.get(c, 0.0) for c, x in exact.items()}, "refitted": exact})
+
+
+def rows(replay):
+    return {r.channel: r for r in replay.rows}
+
+
+def ramp(rate, seconds, dt):
+    """Root mean square of a straight drift over the samples of a window but its start."""
+    t = dt * np.arange(1, round(seconds / dt) + 1)
+    return rate * np.sqrt(np.mean(t**2))
+
+
+def test_exact_coefficients_fly_what_was_flown(clean):
+    found = rows(fly_windows([told(f) for f in clean], 2.0))
+    assert list(found) == ["V", "alpha", "beta", "p", "q", "r", "phi", "theta"]
+    for channel, row in found.items():
+        moved = max(np.ptp(f.raw[channel]) for f in clean)
+        # Steps of the surfaces fall between samples, where the recording does not say when.
+        assert row.stages["refitted"].rms < 0.005 * moved
+        assert row.stages["refitted"].tic < 0.02
+
+
+def test_a_wrong_moment_drifts_as_mechanics_says(clean):
+    f = clean[0]
+    off = 2e-3
+    found = rows(fly_windows([told(f, Cm=off)], 1.0))
+    rate = float(np.mean(f["qbar"])) * f.craft.S * f.craft.cbar * off / f.craft.inertia.Iy
+    assert_allclose(found["q"].stages["delivered"].rms, ramp(rate, 1.0, f.dt), rtol=0.03)
+    # An angle that grows with t^2 / 2.
+    t = f.dt * np.arange(1, round(1.0 / f.dt) + 1)
+    assert_allclose(found["theta"].stages["delivered"].rms, 0.5 * rate * np.sqrt(np.mean(t**4)), rtol=0.05)
+    assert found["q"].stages["refitted"].rms < 0.05 * found["q"].stages["delivered"].rms
+    assert found["q"].left < 0.05
+
+
+def test_a_wrong_drag_slows_down_as_mechanics_says(clean):
+    f = clean[0]
+    found = rows(fly_windows([told(f, CX=-0.01)], 2.0))
+    rate = 0.01 * float(np.mean(f["qbar"])) * f.craft.S / f.craft.mass
+    assert_allclose(found["V"].stages["delivered"].rms, ramp(rate, 2.0, f.dt), rtol=0.05)
+
+
+def test_a_rate_that_readings_have_by_themselves_moves_the_reading(clean):
+    f = clean[0]
+    found = rows(fly_windows([told(f, k_theta=0.01, k_V=0.1)], 1.0))
+    assert_allclose(found["theta"].stages["delivered"].rms, ramp(0.01, 1.0, f.dt), rtol=0.03)
+    # Gravity along the axis takes off what the false pitch brings.
+    assert_allclose(found["V"].stages["delivered"].rms, ramp(0.1, 1.0, f.dt), rtol=0.6)
+    assert_allclose(found["q"].stages["delivered"].rms, found["q"].stages["refitted"].rms, rtol=0.05)
+
+
+def test_damping_of_the_simulation_holds_the_drift_back(clean):
+    f = clean[0]
+    damping, off = -60.0, 2e-3
+    stand_in = Surrogate({"q_hat": 0.0}, {"q_hat": 1.0}, {"Cm": (("q_hat",),)}, {"Cm": np.array([damping])},
+                         {"Cm": 0.0}, {"Cm": 1.0})  # fmt: skip
+    held = replace(f, surrogate=stand_in)
+    found = rows(fly_windows([told(held, Cm=off)], 3.0))
+    moment = float(np.mean(f["qbar"])) * f.craft.S * f.craft.cbar / f.craft.inertia.Iy
+    a = -damping * moment * f.craft.cbar / (2.0 * float(np.mean(f["V"])))
+    t = f.dt * np.arange(1, round(3.0 / f.dt) + 1)
+    drift = moment * off / a * (1.0 - np.exp(-a * t))
+    assert a > 1.0
+    assert_allclose(found["q"].stages["delivered"].rms, np.sqrt(np.mean(drift**2)), rtol=0.05)
+
+
+def test_windows_agree_with_a_simulator_that_flies_the_wrong_model_itself():
+    craft = ss.ready("citation")
+    trim = craft.trim()
+    held = craft.model["Cm"]
+    off = {"alpha": 0.8, "q_hat": 0.7, "de": 1.15}
+    values = np.array([off.get(str(term), 1.0) * value for term, value in zip(held.terms, held.values)])
+    wrong = ss.AeroModel({**craft.model.responses, "Cm": ss.ResponseModel(held.terms, values)})
+    flights = []
+    for k, (size, step) in enumerate(((0.02, 0.5), (-0.03, 0.8), (0.01, 1.2))):
+        u = three_two_one_one("de", size, step, duration=16.0, dt=0.02)
+        flights.append(craft.simulate(ss.Recording(f"m{k}", u.t, {"de": trim["de"] + u["de"]}), start=trim))
+    made = prepare(wrong, flights, craft.aircraft).flights
+    along = [Told(f, {"delivered": f.simulated}) for f in made]
+    found = rows(fly_windows(along, 2.0))
+    stiff = rows(fly_windows([replace(one, flight=replace(one.flight, surrogate=None)) for one in along], 2.0))
+    flown = ss.replay(wrong, craft.aircraft, flights, outputs=["V", "alpha", "q", "theta"], window=2.0)
+    for channel in ("V", "alpha", "q", "theta"):
+        itself = flown.score(channel, "all", "windows").rms_error
+        assert_allclose(found[channel].stages["delivered"].rms, itself, rtol=0.06)
+    # Without slopes the aircraft has neither stiffness nor damping, and errors grow that are none.
+    assert stiff["theta"].stages["delivered"].rms > 2.0 * found["theta"].stages["delivered"].rms
+
+
+def test_responses_that_the_simulation_does_not_tell_are_taken_as_measured(clean):
+    found = rows(fly_windows([told(f, only=("CX", "CZ", "Cm")) for f in clean], 2.0))
+    assert list(found) == ["V", "alpha", "q", "theta"]
+    whole = rows(fly_windows([told(f) for f in clean], 2.0))
+    for channel, row in found.items():
+        assert row.stages["refitted"].rms < 0.005 * max(np.ptp(f.raw[channel]) for f in clean)
+        assert_allclose(row.band, whole[channel].band)
+
+
+def test_forces_alone_fly_an_aircraft_without_moments_of_inertia(clean):
+    craft = clean[0].craft.model_copy(update={"inertia": None})
+    bare = [replace(f, craft=craft, surrogate=None) for f in clean]
+    found = rows(fly_windows([told(f, only=("CX", "CY", "CZ"), CX=-0.01) for f in bare], 2.0))
+    assert list(found) == ["V", "alpha", "beta"]
+    assert found["alpha"].stages["refitted"].rms < 0.005 * max(np.ptp(f.raw["alpha"]) for f in clean)
+    assert window_of(bare) == 2.0
+
+
+def test_without_coefficients_nothing_flies_and_it_says_so():
+    plant = SimpleNamespace(channels={"level": np.zeros(5)}, simulated={"level": np.zeros(5)})
+    found = replay_windows(SimpleNamespace(bench=SimpleNamespace(flights=(plant,))))
+    assert "no aerodynamic coefficient" in found.reason
+    assert found.to_dict() == {"reason": found.reason}
+    assert str(found) == f"not flown in windows: {found.reason}"
+
+
+def test_a_motion_that_explodes_is_told_and_not_scored(clean):
+    f = clean[0]
+    wild = Surrogate({"q_hat": 0.0}, {"q_hat": 1.0}, {"Cm": (("q_hat",),)}, {"Cm": np.array([1e6])},
+                     {"Cm": 0.0}, {"Cm": 1.0})  # fmt: skip
+    found = fly_windows([told(replace(f, surrogate=wild), Cm=0.1)], 3.0)
+    assert found.rows == ()
+    assert found.reason
+
+
+def test_windows_take_two_short_periods_of_the_simulation(clean):
+    f = clean[0]
+    moment = float(np.median(f["qbar"])) * f.craft.S * f.craft.cbar / f.craft.inertia.Iy
+
+    def length(period):
+        slope = -((2.0 * np.pi / period) ** 2) / moment
+        stand_in = Surrogate({"alpha": 0.0}, {"alpha": 1.0}, {"Cm": (("alpha",),)}, {"Cm": np.array([slope])},
+                             {"Cm": 0.0}, {"Cm": 1.0})  # fmt: skip
+        return window_of([replace(f, surrogate=stand_in)])
+
+    assert_allclose([length(1.1), length(0.2), length(5.0)], [2.2, 1.0, 3.0], rtol=1e-6)
+    assert window_of([f]) == 2.0
+
+
+def ranked(name, *effects):
+    """An example, as a diagnosis that knows only these effects ranks it."""
+    folder = EXAMPLES / name
+    recordings = [ss.read_recording(path) for path in sorted((folder / "recordings").glob("*.csv"))][:5]
+    craft = ss.Aircraft.from_toml(folder / "aircraft.toml")
+    flights = prepare(str(folder / "simulated"), recordings, craft).flights
+    library = work_out([h for h in HYPOTHESES if h.effect in effects], flights, flights[0].responses, None)
+    return rank(Bench.set_up(flights, library.signatures), library, False)
+
+
+@pytest.fixture(scope="module")
+def ground():
+    return ranked("ground-effect", "ground-effect")
+
+
+@needs_examples
+def test_with_the_physics_flights_not_used_for_it_are_flown_nearer(ground):
+    found = rows(replay_windows(ground))
+    theta = found["theta"].stages
+    assert theta["physics"].rms < 0.6 * min(theta["delivered"].rms, theta["refitted"].rms)
+    assert theta["physics"].tic < 0.6 * theta["delivered"].tic
+    assert found["alpha"].stages["physics"].rms < 0.6 * found["alpha"].stages["delivered"].rms
+    # What the instruments' noise alone leaves in a band of two standard deviations.
+    assert theta["delivered"].inside < 0.92 < theta["physics"].inside < 0.97
+    assert {c: r.left for c, r in found.items() if r.left > 1.1} == {}
+
+
+@needs_examples
+def test_what_flies_is_what_the_bars_judge(ground):
+    for bench in (ground.bench, ground.bench.keeping([]), ground.bench.as_delivered()):
+        for m, (r, y, B) in enumerate(zip(bench.rows, bench.base.y, bench.base.B)):
+            added = foretold(bench, m, m)
+            left = {c: x - added.get(c, 0.0) for c, x in r.flight.difference.items()}
+            rows_left = r.whiten({c: x[:, None] for c, x in as_spectra(left, r.flight).items()})[:, 0]
+            judged = y - B @ bench.base.solved[m + 1]
+            assert_allclose(rows_left, judged, atol=1e-6 * np.abs(y).max())
+
+
+@needs_examples
+def test_levels_are_as_measured_and_all_else_is_as_told(ground):
+    for one in told_by_stage(ground):
+        f = one.flight
+        for c in COEFFICIENTS:
+            moved = one.stages["delivered"][c] - f.simulated[c]
+            assert np.ptp(moved) < 1e-12
+            for told in one.stages.values():
+                assert abs(spectrum(f.measured[c] - told[c], 8, edge_of(f))[0]) < 1e-9
+
+
+@needs_examples
+def test_what_is_written_is_plain_and_has_its_units(ground):
+    found = replay_windows(ground)
+    plain = json.loads(json.dumps(found.to_dict()))
+    assert plain["window"]["unit"] == "s"
+    assert 1.0 <= plain["window"]["value"] <= 3.0
+    one = plain["channels"]["theta"]
+    assert one["unit"] == "rad"
+    assert_allclose(one["band"], 2.0 * one["noise"])
+    assert {"rms", "tic", "inside"} == set(one["before"]) == set(one["refitted"]) == set(one["after"])
+    assert len(found.to_frame()) == 24
+    assert "theta" in str(found)
+
+
+@needs_examples
+def test_where_nothing_was_taken_in_there_are_two_stages(ground):
+    bare = replace(ground, steps=())
+    stages = {tuple(one.stages) for one in told_by_stage(bare)}
+    assert stages == {("delivered", "refitted")}
+    assert replay_windows(bare).stretch.flown.keys() == {"delivered", "refitted"}
+
+
+@needs_examples
+def test_only_flights_held_out_are_flown(ground):
+    groups = [(1, 3)]
+    bench = Bench.set_up(ground.bench.flights, (), groups)
+    flown = list(told_by_stage(replace(ground, start=bench, steps=())))
+    assert [one.flight.name for one in flown] == ["m02", "m04"]
+
+
+@needs_examples
+def test_the_stretch_drawn_is_that_of_the_channel_that_gained_most(ground):
+    found = replay_windows(ground)
+    drawn = found.stretch
+    assert drawn.channel == found.gained.channel
+    gap = np.isnan(drawn.measured)
+    assert np.all(np.isnan(drawn.flown["physics"]) == gap)
+    starts = np.flatnonzero(np.r_[True, gap[:-1]])
+    # Every window starts from the recorded state, whatever flies.
+    for flown in drawn.flown.values():
+        assert_allclose(flown[starts], drawn.smoothed[starts], atol=1e-9)
+    off = {stage: np.nanmean((x - drawn.smoothed) ** 2) for stage, x in drawn.flown.items()}
+    assert off["physics"] < off["delivered"]
+
+
+@needs_examples
+def test_the_page_shows_the_table_and_the_windows(ground):
+    page = render(diagnosis(GROUND, replayed=replay_windows(ground)))
+    assert "Flown again in short windows" in page
+    assert '<div id="windows" class="chart">' in page
+    assert "theta of m0" in page or "alpha of m0" in page
+
+
+def test_the_page_says_why_nothing_was_flown_and_leaves_out_what_was_not_asked():
+    assert "Flown again" not in render(diagnosis(GROUND))
+    assert "Not done: no inertia." in render(diagnosis(GROUND, replayed=Replay(reason="no inertia")))
+
+
+def test_channels_gain_by_the_last_stage_over_the_first():
+    def row(channel, *rms):
+        return ReplayRow(channel, "rad", 0.1, 0.2, {str(k): Near(x, 0.1, 0.9) for k, x in enumerate(rms)})
+
+    found = Replay((row("alpha", 2.0, 2.0, 1.0), row("q", 2.0, 0.1, 1.5), row("V", 0.0, 0.0)), 2.0, 3)
+    assert found.gained.channel == "alpha"
+    assert Replay().gained is None
