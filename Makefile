@@ -36,7 +36,7 @@ check: static test  ## everything a commit must pass
 	.venv-bench/bin/python -m pip install --quiet -e ".[dask]"
 	touch $@
 
-bench: .venv-bench/.installed  ## ratios against X.T @ X and the peers, goals S1 to S6; about half an hour
+bench: .venv-bench/.installed  ## ratios against X.T @ X and the peers, goals S1 to S6; about an hour
 	OMP_NUM_THREADS=1 .venv-bench/bin/python benchmarks/selection.py --samples 20000,200000 --peer-samples 200000 --parts time,peers,memory,workers --out out/bench.md
 
 wheel: $(VENV)/.installed-dev  ## build the wheel, look what is in it, install it by itself and use it
