@@ -50,7 +50,7 @@ def test_a_matlab_file_with_a_type_there_is_not_is_refused_and_the_next_one_read
     broken, whole = matlab(tmp_path / "broken.mat"), matlab(tmp_path / "whole.mat")
     # The samples of alpha: doubles (9). A type of 0x4009 makes SciPy read where it must not.
     damage(broken, b"alpha", b"\x09\x40\x00\x00", at=8)
-    with pytest.raises(DataError, match=r"broken\.mat' makes its reader crash: it is damaged"):
+    with pytest.raises(DataError, match=r"broken\.mat' (makes its reader crash|is no MATLAB file)"):
         read_recording(broken)
     assert np.array_equal(read_recording(whole)["alpha"], 0.1 + T)
 

@@ -37,6 +37,7 @@ _AGAIN, _MUCH = 2, 100.0  # effects heard a second time, if they bring so many n
 _AMONG = 0.2  # of the misfit of all flights, that an event must take
 _SLIGHT = 0.2  # of the noise's power: a misfit that is no larger is not told from the noise's own scatter
 _CONSTANT = 2.0  # of the biases' variance: the same of levels, of which there is one for each flight
+_LEVEL = 0.6  # of the misfit of levels, there are few of them, that an effect must take for it to count
 _EVENT = 0.5  # of its evidence that an effect of one flight may count, which no other flight can foretell
 _PART = 1.0 / 3.0  # of the best's nats, that an effect must bring: else something speaks louder, whatever it is
 _TRIED = 24
@@ -263,6 +264,7 @@ class _Judge:
             # A constant that biases may be is judged by how unlikely it is as those; in rough air it is not judged.
             constant = foretold and not self._rough
             level = max(_taken(before[c][1], after[c][1], _CONSTANT) for c in beside.told) if constant else 0.0
+            level = level if level >= _LEVEL else 0.0
             takes = max(moving, level, 0.0)
             if takes < self._takes:
                 return Heard(f"it takes {takes:.0%} of the misfit only", takes)
@@ -270,7 +272,7 @@ class _Judge:
             gained = judging.gains(left, judging.held_out(beside, True), beside.told)
             made = Heard("", takes, gained, level > moving)
             lowers = max(gained.values(), default=0.0)
-            if foretold and lowers < self._lowers and level < _TAKES_ROUGH:
+            if foretold and lowers < self._lowers and not level:
                 return Heard(f"it lowers the error by {max(lowers, 0.0):.1%} only", takes, gained)
         return made
 
