@@ -2,12 +2,13 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import structsel as ss
-from structsel.diagnosis import diagnose
+from structsel.diagnosis import diagnose, ranking
 from structsel.errors import DataError
 from structsel.hypotheses import HYPOTHESES
 from structsel.proving.drawing import draw_case
@@ -77,6 +78,19 @@ def test_nothing_is_named_where_the_simulation_is_right():
     found = run(case)
     assert found.verdict == "consistent"
     assert not [f for f in found.findings if f.kind != "random"]
+
+
+def test_in_rough_air_nothing_is_named_that_gusts_look_like(monkeypatch):
+    by_name = {h.effect: h for h in HYPOTHESES}
+    tried = [SimpleNamespace(hypothesis=by_name["inertia-error"], effect="inertia-error")]
+    monkeypatch.setattr(ranking, "worth", lambda score: 1.0)
+    monkeypatch.setattr(ranking, "nats", lambda score: 100.0)
+    monkeypatch.setattr(
+        ranking, "_Judge", lambda bench, rough: SimpleNamespace(hear=lambda score: pytest.fail("heard"))
+    )
+    refused = []
+    assert ranking._take_best(SimpleNamespace(accepted=()), None, tried, refused, rough=True) is None
+    assert refused == [("inertia-error", "gusts look the same")]
 
 
 def test_one_manoeuvre_alone_is_not_decided(ground):

@@ -175,6 +175,9 @@ def _take_best(
     able = sorted((s for s in scores if worth(s) > 0.0), key=nats, reverse=True)
     if bench.accepted:  # beside another effect, what only spares the tolerances is not trusted
         able = [s for s in able if rank_of(s) > _NOTHING]
+    if rough and able:
+        refused += ((s.effect, "gusts look the same") for s in able if s.hypothesis.diluted)
+        able = [s for s in able if not s.hypothesis.diluted]
     able = [s for s in able if nats(s) > _PART * nats(able[0])]
     judge = _Judge(bench, rough)
     failed: set[str] = set()
