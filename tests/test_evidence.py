@@ -39,7 +39,7 @@ def test_evidence_is_the_density_of_the_rows(rows):
 def test_a_trial_is_the_ratio_of_two_densities_over_all_and_without_each(rows):
     y, B, H = rows
     base = Base(y, B)
-    trial = base.try_columns(further(base, H))
+    trial = base.try_each([further(base, H)])[0]
     both = [np.hstack([b, h]) for b, h in zip(B, H)]
     assert_allclose(trial.log_bayes, log_density(y, both) - log_density(y, B), rtol=1e-8)
     for m in range(3):
@@ -54,7 +54,7 @@ def test_parameters_are_those_of_ridge_regression(rows):
     X, r = np.vstack([np.hstack([b, h]) for b, h in zip(B, H)]), np.concatenate(y)
     ridge = np.linalg.solve(X.T @ X + np.eye(6), X.T @ r)
     base = Base(y, B)
-    trial = base.try_columns(further(base, H))
+    trial = base.try_each([further(base, H)])[0]
     assert_allclose(trial.theta, ridge[4:], rtol=1e-9)
     assert_allclose(trial.covariance, np.linalg.inv(X.T @ X + np.eye(6))[4:, 4:], rtol=1e-8)
 
@@ -63,7 +63,7 @@ def test_how_far_things_are_off_is_averaged_over(rows):
     y, B, H = rows
     scales = np.array([[1.0, 1.0, 1.0, 1.0], [0.1, 0.1, 0.1, 1.0]])
     base = Base(y, B, scales=scales)
-    trial = base.try_columns([Further(b.T @ h, h.T @ h, h.T @ r) for b, h, r in zip(B, H, y)])
+    trial = base.try_each([[Further(b.T @ h, h.T @ h, h.T @ r) for b, h, r in zip(B, H, y)]])[0]
 
     def mixture(kept):
         held = [[[B[k] * s for k in kept], [np.hstack([B[k] * s, H[k]]) for k in kept]] for s in scales]

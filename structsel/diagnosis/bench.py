@@ -168,6 +168,22 @@ class Bench:
         """The base's rows, and y beside them, projected once more."""
         return [r.projector(np.column_stack([B, y])) for r, B, y in zip(self.rows, self.base.given, self.base.y)]
 
+    @cached_property
+    def left_out(self) -> list[tuple[Rows, Array]]:
+        """Each flight that is held out, and its white rows less what the other flights foretell of them."""
+        base = self.base
+        return [
+            (self.rows[m], base.y[m] - base.B[m] @ base.solved[g + 1])
+            for g, group in enumerate(base.groups)
+            for m in group
+        ]
+
+    @cached_property
+    def left_in(self) -> list[tuple[Rows, Array]]:
+        """Each flight, and its white rows less what all flights together say of them."""
+        mean = self.base.posterior.mean
+        return [(r, y - B @ mean) for r, y, B in zip(self.rows, self.base.y, self.base.B)]
+
     def beside(self, signature: Signature) -> Bench:
         """Bench with one more effect, the noise as it is."""
         more = [r.whiten(s, signature.width) for r, s in zip(self.rows, signature.spectra)]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from structsel.diagnosis.bench import Bench
-from structsel.mismatch.noise import Rows, edge_of
+from structsel.mismatch.noise import edge_of
 from structsel.numerics.evidence import spectrum
 from structsel.numerics.smoothing.result import Array
 
@@ -36,20 +36,7 @@ def held_out(bench: Bench, level: bool = False) -> Residuals:
         With the level, as far as constant biases do not account for it.
     """
     first = 0 if level else 1
-    return [{c: (left[r.part(c)] / r.weight[c])[first:] for c in bench.responses} for r, left in _left_out(bench)]
-
-
-def _left_out(bench: Bench) -> Iterator[tuple[Rows, Array]]:
-    """Each flight that is held out, and its white rows less what the other flights foretell of them."""
-    for g, group in enumerate(bench.base.groups):
-        for m in group:
-            yield bench.rows[m], bench.base.y[m] - bench.base.B[m] @ bench.base.solved[g + 1]
-
-
-def _left_in(bench: Bench) -> Iterator[tuple[Rows, Array]]:
-    """Each flight, and its white rows less what all flights together say of them."""
-    for r, y, B in zip(bench.rows, bench.base.y, bench.base.B):
-        yield r, y - B @ bench.base.posterior.mean
+    return [{c: (left[r.part(c)] / r.weight[c])[first:] for c in bench.responses} for r, left in bench.left_out]
 
 
 def _spectra(bench: Bench, m: int, signals: Mapping[str, Array]) -> dict[str, Array]:
@@ -80,7 +67,7 @@ def excess(
     mapping of response to (motion, level)
         Of all that moves, and of the level, in units of noise and constant biases.
     """
-    left_of = list(_left_out(bench) if foretold else _left_in(bench))
+    left_of = bench.left_out if foretold else bench.left_in
     if flights is not None:
         left_of = [(r, left) for r, left in left_of if r.flight.name in flights]
     rows = sum(r.size - 1 for r, _ in left_of)

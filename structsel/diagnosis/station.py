@@ -178,7 +178,6 @@ def _remaining(ranking: Ranking, told: Sequence[str]) -> dict[str, tuple[float, 
     for c in told:
         if c not in left:
             continue
-        residual = [y - B @ bench.base.posterior.mean for y, B in zip(bench.base.y, bench.base.B)]
-        rows = np.concatenate([e[r.part(c)] for e, r in zip(residual, bench.rows)])
+        rows = np.concatenate([e[r.part(c)] for r, e in bench.left_in])
         made[c] = (left[c].rrmse, bool(np.mean(rows**2) < _WHITE))
     return made

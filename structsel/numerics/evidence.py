@@ -275,18 +275,14 @@ class Base:
         held = 1.0 + less * variance
         return -0.5 * (np.log(wider) + np.log(held) + less * mean**2 / held)
 
-    def try_columns(self, each: Sequence[Further]) -> Trial:
-        """Evidence for further columns (scaled by their priors), over all and with each manoeuvre left out.
+    def try_each(self, sets: Sequence[Sequence[Further]]) -> list[Trial]:
+        """Evidence for each set of further columns (scaled by their priors), over all and with each manoeuvre left out.
 
         Parameters
         ----------
-        each : sequence of Further
-            Per manoeuvre.
+        sets : sequence of sequence of Further
+            Each set, by itself beside the base, per manoeuvre.
         """
-        return self.try_each([each])[0]
-
-    def try_each(self, sets: Sequence[Sequence[Further]]) -> list[Trial]:
-        """As `try_columns`, of many sets of columns, each by itself beside the base."""
         made: list[Trial | None] = [None] * len(sets)
         widths = [one[0].cross.shape[1] for one in sets]
         for width in set(widths):
