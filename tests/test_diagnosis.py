@@ -9,6 +9,8 @@ import pytest
 
 import structsel as ss
 from structsel.diagnosis import diagnose, ranking
+from structsel.diagnosis.result import Pull
+from structsel.diagnosis.station import strained
 from structsel.errors import DataError
 from structsel.hypotheses import HYPOTHESES
 from structsel.proving.drawing import draw_case
@@ -81,16 +83,23 @@ def test_nothing_is_named_where_the_simulation_is_right():
 
 
 def test_in_rough_air_nothing_is_named_that_gusts_look_like(monkeypatch):
-    by_name = {h.effect: h for h in HYPOTHESES}
-    tried = [SimpleNamespace(hypothesis=by_name["inertia-error"], effect="inertia-error")]
-    monkeypatch.setattr(ranking, "worth", lambda score: 1.0)
-    monkeypatch.setattr(ranking, "nats", lambda score: 100.0)
-    monkeypatch.setattr(
-        ranking, "_Judge", lambda bench, rough: SimpleNamespace(hear=lambda score: pytest.fail("heard"))
-    )
-    refused = []
-    assert ranking._take_best(SimpleNamespace(accepted=()), None, tried, refused, rough=True) is None
-    assert refused == [("inertia-error", "gusts look the same")]
+    scores = [SimpleNamespace(hypothesis=h) for h in HYPOTHESES]
+    asked = []
+    monkeypatch.setattr(ranking, "score_all", lambda bench, library: scores)
+    monkeypatch.setattr(ranking, "weigh", lambda bench, scores: asked.append(len(scores)) or [])
+    assert not ranking.rank(None, None, rough=True).steps
+    assert not ranking.rank(None, None, rough=False).steps
+    diluted = [h.effect for h in HYPOTHESES if h.diluted]
+    assert diluted == ["inertia-error"]
+    assert asked == [len(HYPOTHESES) - 1, len(HYPOTHESES)]
+
+
+def test_a_tolerance_pulled_beyond_itself_is_pointed_at():
+    pulls = [Pull("V scale", 4.8, 0.036, 0.002, "relative"), Pull("mass", -3.9, -0.01, 0.002, "relative")]
+    said = strained(pulls)
+    assert len(said) == 1
+    assert "'V scale' is pulled +4.8" in said[0]
+    assert strained(pulls[1:]) == []
 
 
 def test_one_manoeuvre_alone_is_not_decided(ground):

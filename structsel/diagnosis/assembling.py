@@ -10,7 +10,7 @@ import numpy as np
 
 from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
-from structsel.diagnosis.ranking import OF_BEST, TEMPERATURE, Ranking, Step
+from structsel.diagnosis.ranking import Ranking, Step
 from structsel.diagnosis.result import Bars, Finding, Physics
 from structsel.diagnosis.scoring import Score
 from structsel.hypotheses.base import Estimate, Found, Variant
@@ -21,8 +21,9 @@ from structsel.numerics.smoothing.result import Array
 
 _SHOWN = 0.15  # of the largest gain, that a response must have to be named
 _LEAST = 0.01
-_TIE = 3.0  # nats at the stated temperature, within which two effects are one to these recordings
-_NEAR = 0.95  # of the best's nats, above which a rival is as good
+_TIE = 1.0 / 3.0  # of the likeliest's probability, from which on these recordings cannot tell two effects apart
+_TEMPERATURE, _OF_BEST = 4.0, 0.02
+"""By which log evidence of forms is divided, as rows are nearly white only; and of the best's, as no form is right."""
 _RIVALS = 4
 
 
@@ -104,6 +105,8 @@ def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
     rows = sum(len(y) for y in bench.base.y)
     wide = np.sqrt(max(1.0, bench.base.posterior.chi2 / rows))
     std = np.sqrt(np.diag(bench.base.posterior.covariance[part, part])) * wide
+    if not score.hypothesis.event:  # nor do flights agree with each other as far as noise alone would have it
+        std = np.maximum(std, jackknifed(bench.base.solved[1:, part]))
     alike = [
         (np.log(max(w, 1e-300)), s.variant.shape, t.theta)
         for w, s, t in zip(score.weights, score.signatures, score.trials)
@@ -112,7 +115,7 @@ def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
         and len(t.theta) == len(variant.parameters)
     ]
     # No form is quite right: those that are nearly as good count too, and their spread is part of what is not known.
-    logs = np.array([w for w, _, _ in alike]) / max(TEMPERATURE, OF_BEST * score.log_evidence)
+    logs = np.array([w for w, _, _ in alike]) / max(_TEMPERATURE, _OF_BEST * score.log_evidence)
     weights = np.exp(logs - logs.max())
     weights = weights / weights.sum()
     forms = np.array([t for _, _, t in alike])
@@ -129,6 +132,12 @@ def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
         known = float(np.sqrt(weights @ (values - centre) ** 2 + step**2 / 12.0))
         made[name] = Estimate(centre, known, variant.units.get(name, "-"))
     return made
+
+
+def jackknifed(without: Array) -> Array:
+    """Standard error of estimates (groups, k) found with each group of flights left out, by how far these disagree."""
+    groups = len(without)
+    return np.sqrt((groups - 1) * without.var(axis=0)) if groups > 1 else np.zeros(without.shape[1])
 
 
 def found_by(score: Score) -> Found:
@@ -247,15 +256,14 @@ def _physics(bench: Bench, member: Member) -> tuple[tuple[Physics, ...], tuple[s
             says_too = score.hypothesis.says(found)
             rivals.append(Physics(score.effect, p, says_too, found.estimates, score.signature.variant.terms))
     rivals = sorted(rivals, key=lambda p: -p.probability)[: _RIVALS - 1]
-    top = step.ranks[step.score.effect]
     ties = [
         e
         for e, p in step.rivals
-        if e not in (step.score.effect, "nothing")
-        and (top - step.ranks[e] < _TIE * TEMPERATURE or step.ranks[e] > _NEAR * top)
+        if e not in (step.score.effect, "nothing") and p > _TIE * chances.get(step.score.effect, 1.0)
     ]
     if step.constant:  # of a constant, only its share in each response tells what it is
-        ties += [e for e in hypothesis.look_alikes if e in step.ranks and e not in ties]
+        tried = {s.effect for s in step.others}
+        ties += [e for e in hypothesis.look_alikes if e in tried and e not in ties]
     return (best, *rivals), tuple(ties[:3])
 
 

@@ -195,10 +195,15 @@ class Bench:
 
     def as_delivered(self) -> Bench:
         """Bench on which only the timing of samples, and effects taken in, are free."""
+        free = [j for j, n in enumerate(self.nuisances) if n.delivered]
         k = len(self.nuisances)
-        held = np.array([float(n.delivered) for n in self.nuisances])
-        B = [np.column_stack([B[:, :k] * held, B[:, k:]]) for B in self.base.given]
-        return replace(self, base=Base(self.base.y, B, self.base.groups))
+        columns = [*free, *range(k, k + sum(s.width for s in self.accepted))]
+        return replace(
+            self,
+            nuisances=[self.nuisances[j] for j in free],
+            allowed=[{c: x[:, free] for c, x in a.items()} for a in self.allowed],
+            base=Base(self.base.y, [B[:, columns] for B in self.base.given], self.base.groups),
+        )
 
     def keeping(self, kept: Sequence[int]) -> Bench:
         """Bench with some of the effects taken in, in this order, the noise as it is."""

@@ -6,12 +6,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import idct
 
 from structsel.diagnosis.bench import Bench
-from structsel.mismatch.noise import edge_of
+from structsel.mismatch.noise import Rows, edge_of
 from structsel.numerics.evidence import spectrum
 from structsel.numerics.smoothing.result import Array
 
+_STILL = 1e-9  # of the noise's power: what moves a response by less does not move it
 Residuals = list[dict[str, Array]]
 """Per flight: cosine coefficients in each response's unit; the level, which constant biases move, is left out."""
 
@@ -67,9 +69,7 @@ def excess(
     mapping of response to (motion, level)
         Of all that moves, and of the level, in units of noise and constant biases.
     """
-    left_of = bench.left_out if foretold else bench.left_in
-    if flights is not None:
-        left_of = [(r, left) for r, left in left_of if r.flight.name in flights]
+    left_of = _left_of(bench, foretold, flights)
     rows = sum(r.size - 1 for r, _ in left_of)
     made = {}
     for c in bench.responses:
@@ -77,6 +77,33 @@ def excess(
         motion = sum(float(x[1:] @ x[1:]) for x in parts) / rows
         made[c] = (motion, float(np.mean([x[0] ** 2 for x in parts])))
     return made
+
+
+def excess_where_moved(
+    without: Bench, beside: Bench, foretold: bool = True, flights: Collection[str] | None = None
+) -> dict[str, tuple[float, float]]:
+    """Mean square of what is left without an effect and beside it, each moment weighed by the square of what it does.
+
+    In units of the noise, of each response that it moves; the cosine coefficients of white rows are turned back into
+    moments, which are white as well. Other parameters as for `excess`.
+    """
+    pairs = list(zip(_left_of(without, foretold, flights), _left_of(beside, foretold, flights)))
+    made = {}
+    for c in without.responses:
+        one, other = (
+            np.concatenate([idct(left[r.part(c)][1:], norm="ortho") for r, left in side]) for side in zip(*pairs)
+        )
+        weight = (one - other) ** 2
+        total = float(weight.sum())
+        if total > _STILL:
+            made[c] = float(weight @ one**2) / total, float(weight @ other**2) / total
+    return made
+
+
+def _left_of(bench: Bench, foretold: bool, flights: Collection[str] | None) -> list[tuple[Rows, Array]]:
+    """White rows that are left of each flight that counts."""
+    left_of = bench.left_out if foretold else bench.left_in
+    return left_of if flights is None else [(r, left) for r, left in left_of if r.flight.name in flights]
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,6 @@ class Score:
         The form to judge: the likeliest, or the one that spares the tolerances most.
     own : float
         Log evidence of that form alone, less what its being one of several costs.
-    spared : float
-        What it spares the tolerances, in nats; see `_spared`.
     """
 
     hypothesis: Hypothesis
@@ -55,7 +53,6 @@ class Score:
     within: float
     best: int
     own: float
-    spared: float
 
     @property
     def effect(self) -> str:
@@ -97,7 +94,7 @@ def score(bench: Bench, hypothesis: Hypothesis, forms: Sequence[Signature], tria
     best = int(np.argmax(evidence + spared))
     return Score(
         hypothesis, tuple(forms), tuple(trials), weights, total, predictive, float(within[best]), best,
-        float(evidence[best] - log_forms), float(spared[best]),
+        float(evidence[best] - log_forms),
     )  # fmt: skip
 
 

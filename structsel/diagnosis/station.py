@@ -19,14 +19,14 @@ from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.replaying import replay_windows
 from structsel.diagnosis.result import Diagnosis, Pull, Verdict
 from structsel.diagnosis.selftest import self_test
-from structsel.diagnosis.signatures import work_out
+from structsel.diagnosis.signatures import Library, work_out
 from structsel.diagnosis.tracing import residuals, traces_of
 from structsel.diagnosis.unnamed import find_unknown, turbulent
 from structsel.errors import DataError
 from structsel.hypotheses import HYPOTHESES, Hypothesis
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.locating.ceiling import explainable
-from structsel.mismatch.locating.turbulence import find_turbulence
+from structsel.mismatch.locating.turbulence import Turbulence, find_turbulence
 from structsel.mismatch.preparing import prepare
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.recording import Recording
@@ -35,6 +35,7 @@ Progress = Callable[[str, int, int], None]
 _PARTS = 3
 _SHORTEST = 5.0  # s, of a part
 _HARDEST = 8  # tolerances listed
+_STRAINED = 4.0  # stated standard deviations, beyond which a tolerance is none
 _WHITE = 1.3  # chi-square per row, below which what is left counts as noise
 
 
@@ -78,21 +79,15 @@ def diagnose(
     """
     begun = time.perf_counter()
     prepared = prepare(simulation, recordings, aircraft, progress)
-    flights, remarks = list(prepared.flights), list(prepared.remarks)
-    single = len(flights) == 1
+    remarks = list(prepared.remarks)
+    bench, library, turbulence = set_up(prepared.flights, hypotheses, held_out, progress)
+    flights, responses, rough = bench.flights, bench.responses, turbulence is not None
+    single = len(prepared.flights) == 1
     if single:
-        flights = split_flight(flights[0])
         remarks.append(
             f"there is one manoeuvre only: it was judged by its {len(flights)} parts, which share its conditions. What "
             "is found may hold here alone; a second manoeuvre would show"
         )
-    groups = _groups([f.name for f in flights], held_out)
-    responses = flights[0].responses
-    library = work_out(hypotheses, flights, responses, progress)
-    bench = Bench.set_up(flights, library.signatures, groups)
-    # Gusts move states that the simulation was not told of; what is said in rough air must be larger.
-    turbulence = find_turbulence(flights, residuals(bench))
-    rough = turbulence is not None
     ranking = rank(bench, library, rough, progress)
     told = [c for c in responses if c in COEFFICIENTS] or [c for c in responses if c in flights[0].simulated]
     ceiling = explainable(flights, [{c: f.difference[c] for c in told} for f in flights])
@@ -111,12 +106,15 @@ def diagnose(
     replayed = replay_windows(ranking)
     corrected = corrected_model(prepared, ranking) if ranking.steps else None
     remarks += corrected.remarks if corrected is not None else ()
+    pulls = _pulls(ranking.bench)
+    if verdict == "consistent":
+        remarks += strained(pulls)
     return Diagnosis(
         verdict,
         tuple(findings),
         dict(library.not_testable),
         _remaining(ranking, told),
-        _pulls(ranking.bench),
+        pulls,
         tuple(remarks),
         prepared.simulation.form,
         tuple(told),
@@ -128,6 +126,23 @@ def diagnose(
         time.perf_counter() - begun,
         replayed,
     )
+
+
+def set_up(
+    flights: Sequence[Flight],
+    hypotheses: Sequence[Hypothesis] = HYPOTHESES,
+    held_out: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> tuple[Bench, Library, Turbulence | None]:
+    """Bench of flights, or of the parts of a single one; what can be tried there; and whether the air was rough.
+
+    Gusts move states that the simulation was not told of; what is said in rough air must be larger.
+    """
+    parts = split_flight(flights[0]) if len(flights) == 1 else list(flights)
+    groups = _groups([f.name for f in parts], held_out)
+    library = work_out(hypotheses, parts, parts[0].responses, progress)
+    bench = Bench.set_up(parts, library.signatures, groups)
+    return bench, library, find_turbulence(parts, residuals(bench))
 
 
 def split_flight(flight: Flight) -> list[Flight]:
@@ -168,6 +183,16 @@ def _pulls(bench: Bench) -> tuple[Pull, ...]:
         for j in order
         for n in (bench.nuisances[j],)
     )
+
+
+def strained(pulls: Sequence[Pull]) -> list[str]:
+    """Remarks on tolerances that are pulled further than any is, where nothing was found that accounts for it."""
+    return [
+        f"'{p.name}' is pulled {p.sigmas:+.1f} of its stated standard deviations, which is more than a tolerance; no "
+        "effect was likely enough to be named for it; look there first"
+        for p in pulls
+        if abs(p.sigmas) > _STRAINED
+    ]
 
 
 def _remaining(ranking: Ranking, told: Sequence[str]) -> dict[str, tuple[float, bool]]:

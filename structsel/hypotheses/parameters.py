@@ -235,6 +235,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         look_alikes=("static-stall", "wrong-derivative", "control-nonlinearity", "drag-polar"),
         separated_by="Slow sweeps over the whole range of the channel, at constant speed and power.",
         check="Whether the simulation's tables hold this dependence at all.",
+        log_prior=-1.0,  # the same term with physics to its name is likelier
     ),
     Hypothesis(
         "cross-coupling",

@@ -1,0 +1,193 @@
+"""How likely each effect in question is, from what it brings, what it takes and what others bring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from structsel.diagnosis import judging
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.scoring import Score
+from structsel.numerics.smoothing.result import Array
+
+_EACH = 5  # effects weighed for what they bring beside tolerances, and for what they bring as delivered
+_EVENT = 0.5  # of its evidence that an effect of one flight may count, which no other flight can foretell
+_SLIGHT = 0.2  # of the noise's power: a misfit that is no larger is not told from the noise's own scatter
+_CONSTANT = 2.0  # of the biases' variance: the same of levels, of which there is one for each flight
+_FEW = 20.0  # nats, below which being ahead by all of them means little
+_NEAR = 0.95  # of an effect's nats, from which on another brings as much
+_CLEAR = 10.0  # nats, to which those as delivered are compared
+_ALONE = 1.0 / 3.0  # of how far an effect is ahead as delivered, that counts beside tolerances where those imitate it
+_OWN = 20.0  # nats, beyond which more say no more
+_LOWERS, _THERE = 0.05, 0.5
+"""Shares: by which some coefficient's rms must fall on other flights, or what it differs by where the effect acts."""
+_SPOILS = 0.5  # share by which the rms of none may rise
+
+FEATURES = (
+    "ahead", "ahead alone", "takes", "takes there", "level", "own", "event", "prior", "later", "ahead later",
+)  # fmt: skip
+"""What is known of an effect when it is weighed.
+
+ahead : its nats beside all tolerances less the best other's, over its own; or a third of the next, where that is more.
+ahead alone : the same as delivered, where that is positive, times log(1 + nats / 10).
+takes, level : share that it takes of what lies beyond the noise, and of the levels beyond the biases, as delivered.
+takes there : the same of the moments at which it acts, each weighed by the square of what it does.
+own : log evidence of its form with every tolerance free to imitate it, over 20 nats.
+event : it is of one flight.
+prior : log of how often simulations lack it, as against other effects.
+later, ahead later : something was found before; `ahead` where that is so, else nothing.
+"""
+NOTHING = -5.807
+WEIGHTS = np.array([2.770, 0.309, 2.362, 2.374, 0.913, 1.248, -0.838, 0.549, -1.137, -2.623])
+"""By `benchmarks/chances.py`, from development cases."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """An effect in question.
+
+    Attributes
+    ----------
+    score : Score
+    features : (f,) array
+        See `FEATURES`.
+    """
+
+    score: Score
+    features: Array
+
+    @property
+    def effect(self) -> str:
+        """Its name."""
+        return self.score.effect
+
+    @property
+    def constant(self) -> bool:
+        """Whether it shows in the level of the flights more than in anything that moves."""
+        takes, level = self.features[[FEATURES.index("takes"), FEATURES.index("level")]]
+        return bool(level > takes)
+
+
+def rank_of(score: Score) -> float:
+    """Nats that a hypothesis brings on flights not used for it."""
+    ahead = float(score.predictive.sum()) + min(0.0, score.within)
+    if score.hypothesis.event:
+        return max(ahead, _EVENT * score.log_evidence) + score.hypothesis.log_prior
+    return ahead + score.hypothesis.log_prior
+
+
+def nats(score: Score) -> float:
+    """What a hypothesis brings beside tolerances: on other flights or on all, but for an event."""
+    return rank_of(score) if score.hypothesis.event else max(rank_of(score), score.log_evidence)
+
+
+def alone(score: Score) -> float:
+    """Nats that a hypothesis brings by itself, the simulation being as delivered but for it."""
+    return float(score.trial.at_scales[-1])
+
+
+def in_question(scores: Sequence[Score]) -> list[Score]:
+    """The best beside tolerances, and the best by themselves."""
+    best = [s for by in (nats, alone) for s in sorted(scores, key=by, reverse=True)[:_EACH]]
+    return [s for s in scores if s in best]
+
+
+def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
+    """Features of the effects in question that matter: that lower the error on flights not used for them.
+
+    With thousands of samples evidence is always overwhelming. What instruments' own equations show, or a few moments,
+    counts as evidence; but where the coefficients are no better for it, it does not say what the simulation lacks.
+
+    Parameters
+    ----------
+    bench : Bench
+    scores : sequence of Score
+        Of all hypotheses.
+    """
+    plain = bench.as_delivered()
+    before = judging.held_out(plain, True)
+    later = bool(bench.accepted)
+    made = []
+    for one in in_question(scores):
+        beside = plain.beside(one.signature)
+        hypothesis = one.hypothesis
+        taken = Taken.by(one, plain, beside)
+        gained = judging.gains(before, judging.held_out(beside, True), beside.told)
+        lowers, spoils = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
+        if (lowers < _LOWERS and taken.told_there < _THERE) or spoils > _SPOILS:
+            continue
+        by_itself = max(0.0, ahead_of(one, scores, alone)) * np.log1p(max(0.0, alone(one)) / _CLEAR)
+        ahead = max(ahead_of(one, scores, nats), _ALONE * by_itself)
+        told = (
+            ahead,
+            by_itself,
+            taken.moving,
+            taken.there,
+            taken.level,
+            float(np.clip(one.own / _OWN, -1.0, 1.0)),
+            hypothesis.event,
+            hypothesis.log_prior,
+            later,
+            ahead * later,
+        )
+        made.append(Weighed(one, np.array(told, dtype=float)))
+    return made
+
+
+def chances(weighed: Sequence[Weighed]) -> Array:
+    """(1 + n,) probabilities: that none of the effects is there, and of each."""
+    X = np.reshape([w.features for w in weighed], (-1, len(FEATURES)))
+    u = np.concatenate([[0.0], NOTHING + X @ WEIGHTS])
+    return np.asarray(np.exp(u - logsumexp(u)))
+
+
+def ahead_of(one: Score, scores: Sequence[Score], brings: Callable[[Score], float]) -> float:
+    """Nats of an effect less those of the best other, over its own; within -1 and 1.
+
+    What brings as much to within 5 % is the same effect to these recordings, and takes nothing from either.
+    """
+    mine = brings(one)
+    others = (brings(s) for s in scores if s is not one)
+    best = max([0.0, *(x for x in others if not _NEAR * mine <= x <= mine / _NEAR)])
+    return float(np.clip((mine - best) / max(mine, _FEW), -1.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Shares that an effect takes of what is beyond noise and biases, in the response in which it takes most.
+
+    Attributes
+    ----------
+    moving, there, level : float
+        Of what moves; of the moments at which it acts; of levels.
+    told_there : float
+        As `there`, of responses that are judged only: readings' own rates do not count.
+    """
+
+    moving: float
+    there: float
+    level: float
+    told_there: float
+
+    @classmethod
+    def by(cls, one: Score, without: Bench, beside: Bench) -> Taken:
+        """Of an effect, from benches without and with it."""
+        foretold = not one.hypothesis.event
+        where = None if foretold else one.signature.flights
+        before, after = (judging.excess(b, foretold, where) for b in (without, beside))
+        acting = judging.excess_where_moved(without, beside, foretold, where)
+        there = {c: _share(b, a, _SLIGHT) for c, (b, a) in acting.items()}
+        return cls(
+            max(_share(before[c][0], after[c][0], _SLIGHT) for c in before),
+            max(there.values(), default=0.0),
+            max(_share(before[c][1], after[c][1], _CONSTANT) for c in beside.told),
+            max((there[c] for c in beside.told if c in there), default=0.0),
+        )
+
+
+def _share(before: float, after: float, slight: float) -> float:
+    """Share of what lies beyond the noise that is gone."""
+    return float(np.clip((before - after) / (before - 1.0 + slight), 0.0, 1.0)) if before > 1.0 else 0.0

@@ -1,0 +1,106 @@
+"""How likely effects are: the formula, what is taken where an effect acts, and the weights' own fit."""
+
+import importlib.util
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.fft import dct
+from scipy.special import softmax
+from statsmodels.discrete.conditional_models import ConditionalLogit
+
+from structsel.diagnosis import judging, weighing
+from structsel.diagnosis.assembling import jackknifed
+
+
+@pytest.fixture(scope="module")
+def learning():
+    path = Path(__file__).parents[1] / "benchmarks" / "chances.py"
+    spec = importlib.util.spec_from_file_location("chances", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_chances_are_a_softmax_with_nothing_among_the_choices():
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(3, len(weighing.FEATURES)))
+    p = weighing.chances([weighing.Weighed(None, row) for row in x])
+    assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING + x @ weighing.WEIGHTS)]))
+    assert weighing.chances([]) == pytest.approx([1.0])
+
+
+def test_what_speaks_for_an_effect_has_a_positive_weight():
+    weights = dict(zip(weighing.FEATURES, weighing.WEIGHTS))
+    assert all(
+        weights[name] > 0.0 for name in ("ahead", "ahead alone", "takes", "takes there", "level", "own", "prior")
+    )
+    assert weights["later"] < 0.0
+
+
+def test_nats_ahead_are_of_the_best_other_and_within_one():
+    scores = [SimpleNamespace(nats=x) for x in (100.0, 40.0, -5.0)]
+    ahead = [weighing.ahead_of(s, scores, lambda one: one.nats) for s in scores]
+    assert ahead == pytest.approx([0.6, -1.0, -1.0])
+    near = [SimpleNamespace(nats=x) for x in (100.0, 97.0, 40.0)]
+    assert weighing.ahead_of(near[1], near, lambda one: one.nats) == pytest.approx(57.0 / 97.0)  # as good as the first
+    alone = [SimpleNamespace(nats=10.0)]
+    assert weighing.ahead_of(alone[0], alone, lambda one: one.nats) == pytest.approx(0.5)  # 10 nats of 20 that count
+
+
+def bench_of(signals):
+    """Benches that hold white rows of one response of several flights: a level, and cosine coefficients."""
+    rows = SimpleNamespace(part=lambda response: slice(None), flight=SimpleNamespace(name="m01"))
+    left = [(rows, np.concatenate([[0.0], dct(x, norm="ortho")])) for x in signals]
+    return SimpleNamespace(left_out=left, left_in=left, responses=("CZ",))
+
+
+def test_a_few_moments_count_by_what_the_effect_does_there():
+    rng = np.random.default_rng(2)
+    noise = [rng.normal(size=400) for _ in range(3)]
+    stop = np.zeros(400)
+    stop[100:104] = 8.0
+    without, beside = bench_of([x + stop for x in noise]), bench_of(noise)
+    before, after = judging.excess_where_moved(without, beside)["CZ"]
+    there = np.concatenate([x[100:104] for x in noise])
+    assert before == pytest.approx(np.mean((there + 8.0) ** 2))
+    assert after == pytest.approx(np.mean(there**2))
+    assert judging.excess_where_moved(without, without) == {}
+
+
+def test_the_jackknife_of_a_mean_is_its_standard_error():
+    x = np.random.default_rng(3).normal(size=9)
+    without = np.array([[np.delete(x, i).mean()] for i in range(9)])
+    assert jackknifed(without) == pytest.approx([x.std(ddof=1) / 3.0])
+    assert jackknifed(without[:1]) == pytest.approx([0.0])
+
+
+def test_weights_are_those_of_statsmodels_conditional_logit(learning):
+    rng = np.random.default_rng(4)
+    truth, count = np.array([-1.0, 2.0, 0.5]), 300
+    rounds, x, y, group = [], [], [], []
+    for i in range(count):
+        features = rng.normal(size=(int(rng.integers(1, 5)), 2))
+        seen = np.column_stack([np.ones(len(features)), features])
+        chosen = int(rng.choice(1 + len(features), p=softmax([0.0, *(seen @ truth)])))
+        rows = [{"right": k + 1 == chosen, "features": list(f)} for k, f in enumerate(features)]
+        rounds.append({"case": str(i), "rows": rows})
+        x += [np.zeros(3), *seen]
+        y += [k == chosen for k in range(1 + len(features))]
+        group += [i] * (1 + len(features))
+    X, there, right = (padded[..., :2] if padded.ndim == 3 else padded for padded in padded_of(learning, rounds))
+    found = learning.fit(X, there, right, mild=0.0)
+    theirs = ConditionalLogit(np.array(y, dtype=float), np.array(x), groups=np.array(group)).fit(disp=0)
+    assert found == pytest.approx(theirs.params, abs=2e-3)
+    assert found == pytest.approx(truth, abs=0.5)
+
+
+def padded_of(learning, rounds):
+    """As the script pads features, of which these have two."""
+    names = learning.weighing.FEATURES
+    wide = [
+        {**r, "rows": [{**row, "features": [*row["features"], *[0.0] * (len(names) - 2)]} for row in r["rows"]]}
+        for r in rounds
+    ]
+    return learning.padded(wide)
