@@ -189,10 +189,6 @@ class Bench:
         more = [r.whiten(s, signature.width) for r, s in zip(self.rows, signature.spectra)]
         return replace(self, accepted=(*self.accepted, signature), base=self.base.beside(more))
 
-    def as_good(self, other: Bench) -> Bench:
-        """Bench whose tolerances are taken to be as good as another's."""
-        return replace(self, base=self.base.at(other.base.chosen))
-
     def as_delivered(self) -> Bench:
         """Bench on which only the timing of samples, and effects taken in, are free."""
         free = [j for j, n in enumerate(self.nuisances) if n.delivered]

@@ -202,8 +202,6 @@ class Base:
         Manoeuvres left out together; by default each in turn.
     scales : (t, k) array, optional
         Factors on the prior standard deviations; by default ones.
-    products : sequence of Products, optional
-        Of `given` and `y`, per manoeuvre, where they are known.
 
     Attributes
     ----------
@@ -222,12 +220,10 @@ class Base:
         given: Sequence[Array],
         groups: Sequence[tuple[int, ...]] | None = None,
         scales: Array | None = None,
-        products: Sequence[Products] | None = None,
     ):
         self.y, self.given = list(y), list(given)
         self.groups = [(m,) for m in range(len(self.y))] if groups is None else list(groups)
-        each = [Products.of(X, r) for X, r in zip(self.given, self.y)] if products is None else list(products)
-        self._products = each
+        each = [Products.of(X, r) for X, r in zip(self.given, self.y)]
         total = _sum(each)
         sets = [total, *(total - _sum([each[m] for m in group]) for group in self.groups)]
         self.scales = np.ones((1, len(total.b))) if scales is None else scales
@@ -247,10 +243,6 @@ class Base:
     def B(self) -> list[Array]:
         """(rows, k) nuisances per manoeuvre, scaled by the likeliest factors too."""
         return [X * self.scales[self.chosen] for X in self.given]
-
-    def at(self, chosen: int) -> Base:
-        """With one of the sets of factors only."""
-        return Base(self.y, self.given, self.groups, self.scales[[chosen]], self._products)
 
     def beside(self, more: Sequence[Array]) -> Base:
         """With further columns (rows, j), whose priors stay as they are."""
