@@ -18,12 +18,11 @@ from pathlib import Path
 import numpy as np
 from joblib import Parallel, delayed
 from scipy.optimize import minimize
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 from sklearn.model_selection import KFold
 
 from structsel.diagnosis import weighing
-from structsel.diagnosis.ranking import NAMED
-from structsel.diagnosis.scoring import score_all
+from structsel.diagnosis.ranking import NAMED, TIED, weigh_all
 from structsel.diagnosis.station import set_up
 from structsel.mismatch.preparing import prepare
 from structsel.proving.apart import open_case
@@ -39,8 +38,7 @@ def collect(folder: Path, name: str) -> list[dict]:
     bench, library, turbulence = set_up(prepare(*open_case(folder / "cases" / name)).flights)
     rough, rounds, missing = turbulence is not None, [], [set(e.accept) for e in key.effects]
     while len(rounds) <= len(key.effects):
-        scores = [s for s in score_all(bench, library) if not (rough and s.hypothesis.diluted)]
-        weighed = weighing.weigh(bench, scores)
+        weighed = weigh_all(bench, library, rough)
         right = [any(w.effect in e for e in missing) for w in weighed]
         rows = [
             {"effect": w.effect, "right": r, "features": [float(x) for x in w.features]} for w, r in zip(weighed, right)
@@ -104,7 +102,7 @@ def fit(X: Array, there: Array, right: Array, mild: float = _MILD) -> Array:
     truth = np.where(right > 0.0, 0.0, -np.inf)
 
     def loss(w: Array) -> tuple[float, Array]:
-        u = np.column_stack([np.zeros(len(X)), w[0] + scaled @ w[1:]]) + there
+        u = log_odds(w, scaled, there)
         among, of_right = logsumexp(u, axis=1), logsumexp(u + truth, axis=1)
         off = (np.exp(u - among[:, None]) - np.exp(u + truth - of_right[:, None]))[:, 1:]
         slope = np.concatenate([[off.sum()], np.einsum("nk,nkf->f", off, scaled) + mild * w[1:]])
@@ -116,8 +114,12 @@ def fit(X: Array, there: Array, right: Array, mild: float = _MILD) -> Array:
 
 def chances(w: Array, X: Array, there: Array) -> Array:
     """(n, 1 + k) probabilities: of nothing, and of each effect."""
-    u = np.column_stack([np.zeros(len(X)), w[0] + X @ w[1:]]) + there
-    return np.exp(u - logsumexp(u, axis=1)[:, None])
+    return softmax(log_odds(w, X, there), axis=1)
+
+
+def log_odds(w: Array, X: Array, there: Array) -> Array:
+    """(n, 1 + k) against nothing, which comes first."""
+    return np.column_stack([np.zeros(len(X)), w[0] + X @ w[1:]]) + there
 
 
 def crossed(rounds: Sequence[dict], folds: int = 8) -> tuple[Array, Array]:
@@ -137,7 +139,7 @@ def report(rounds: Sequence[dict]) -> None:
     p, right = crossed(rounds)
     top = 1 + p[:, 1:].argmax(axis=1)
     named, hit = 1.0 - p[:, 0] > NAMED, right[np.arange(len(right)), top] > 0.0
-    tied = (right * (p >= p[np.arange(len(p)), top][:, None] / 3.0))[:, 1:].any(axis=1)
+    tied = (right * (p > TIED * p[np.arange(len(p)), top][:, None]))[:, 1:].any(axis=1)
     print("\n| round | family | rounds | there | right | tied | wrong | missed | nothing there, named |")
     print("|---|---|---|---|---|---|---|---|---|")
     for key in sorted({(min(r["round"], 1), r["family"]) for r in rounds}):

@@ -10,7 +10,7 @@ import numpy as np
 
 from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
-from structsel.diagnosis.ranking import Ranking, Step
+from structsel.diagnosis.ranking import TIED, Ranking, Step
 from structsel.diagnosis.result import Bars, Finding, Physics
 from structsel.diagnosis.scoring import Score
 from structsel.hypotheses.base import Estimate, Found, Variant
@@ -21,7 +21,6 @@ from structsel.numerics.smoothing.result import Array
 
 _SHOWN = 0.15  # of the largest gain, that a response must have to be named
 _LEAST = 0.01
-_TIE = 1.0 / 3.0  # of the likeliest's probability, from which on these recordings cannot tell two effects apart
 _TEMPERATURE, _OF_BEST = 4.0, 0.02
 """By which log evidence of forms is divided, as rows are nearly white only; and of the best's, as no form is right."""
 _RIVALS = 4
@@ -259,7 +258,7 @@ def _physics(bench: Bench, member: Member) -> tuple[tuple[Physics, ...], tuple[s
     ties = [
         e
         for e, p in step.rivals
-        if e not in (step.score.effect, "nothing") and p > _TIE * chances.get(step.score.effect, 1.0)
+        if e not in (step.score.effect, "nothing") and p > TIED * chances.get(step.score.effect, 1.0)
     ]
     if step.constant:  # of a constant, only its share in each response tells what it is
         tried = {s.effect for s in step.others}

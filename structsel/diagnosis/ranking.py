@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +16,8 @@ MOST = 4
 """Effects that are looked for."""
 NAMED = 0.6
 """Probability that something is there, from which on the likeliest is named."""
+TIED = 1.0 / 3.0
+"""Of the likeliest's probability, from which on recordings cannot tell another effect from it."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -53,13 +55,10 @@ class Ranking:
     start : Bench
         Without any effect.
     steps : tuple of Step
-    last : tuple of (effect, probability)
-        What was in question after the last step, and did not do; "nothing" too.
     """
 
     start: Bench
     steps: tuple[Step, ...]
-    last: tuple[tuple[str, float], ...] = field(default=())
 
     @property
     def bench(self) -> Bench:
@@ -81,21 +80,25 @@ def rank(bench: Bench, library: Library, rough: bool = False, progress: Progress
     tell = progress or (lambda what, done, of: None)
     start = bench
     steps: list[Step] = []
-    last: tuple[tuple[str, float], ...] = ()
     for k in range(MOST):
         tell("ranking", k, MOST)
-        scores = score_all(bench, library)
-        if rough:  # gusts in the states that a simulation was asked at look the same
-            scores = [s for s in scores if not s.hypothesis.diluted]
-        weighed, last = _weighed(weigh(bench, scores))
-        if not weighed or 1.0 - dict(last)["nothing"] < NAMED:
+        weighed, rivals = _weighed(weigh_all(bench, library, rough))
+        if not weighed or 1.0 - dict(rivals)["nothing"] < NAMED:
             break
         best = weighed[0]
         bench = bench.taking([*bench.accepted, best.score.signature], library.signatures)
         others = tuple(w.score for w in weighed)
-        steps.append(Step(best.score, last, bench, others, best.constant))
+        steps.append(Step(best.score, rivals, bench, others, best.constant))
     tell("ranking", MOST, MOST)
-    return Ranking(start, tuple(steps), last)
+    return Ranking(start, tuple(steps))
+
+
+def weigh_all(bench: Bench, library: Library, rough: bool = False) -> list[Weighed]:
+    """All effects in question on a bench; in rough air without those that gusts look like.
+
+    Gusts in the states that a simulation was asked at make what was measured smaller than what was simulated.
+    """
+    return weigh(bench, [s for s in score_all(bench, library) if not (rough and s.hypothesis.diluted)])
 
 
 def _weighed(effects: Sequence[Weighed]) -> tuple[list[Weighed], tuple[tuple[str, float], ...]]:

@@ -134,10 +134,7 @@ def set_up(
     held_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> tuple[Bench, Library, Turbulence | None]:
-    """Bench of flights, or of the parts of a single one; what can be tried there; and whether the air was rough.
-
-    Gusts move states that the simulation was not told of; what is said in rough air must be larger.
-    """
+    """Bench of flights, or of the parts of a single one; what can be tried there; and whether the air was rough."""
     parts = split_flight(flights[0]) if len(flights) == 1 else list(flights)
     groups = _groups([f.name for f in parts], held_out)
     library = work_out(hypotheses, parts, parts[0].responses, progress)

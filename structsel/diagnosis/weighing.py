@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import softmax
 
 from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
@@ -140,8 +140,7 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
 def chances(weighed: Sequence[Weighed]) -> Array:
     """(1 + n,) probabilities: that none of the effects is there, and of each."""
     X = np.reshape([w.features for w in weighed], (-1, len(FEATURES)))
-    u = np.concatenate([[0.0], NOTHING + X @ WEIGHTS])
-    return np.asarray(np.exp(u - logsumexp(u)))
+    return np.asarray(softmax(np.concatenate([[0.0], NOTHING + X @ WEIGHTS])))
 
 
 def ahead_of(one: Score, scores: Sequence[Score], brings: Callable[[Score], float]) -> float:
