@@ -372,22 +372,30 @@ def _remainder(C, scale, k, W, outside):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _best_pair(S, D, B, c1, c2, tol, room):
+def _best_pair(S, D, B, c1, c2, tol):
     """The two that together explain most: (B_i^2 D_j - 2 B_i B_j s + B_j^2 D_i) / (D_i D_j - s^2)."""
     q = D.size
     best, first, second = -1.0, -1, -1
     for i in range(q - 1):
-        Di, Bi, f, g, row = D[i], B[i], c1[i], c2[i], S[i]
+        Di, Bi, f, g = D[i], B[i], c1[i], c2[i]
         if Di <= tol:
             continue
-        for j in range(i + 1, q):
-            s = row[j] + f * c1[j] + g * c2[j]
-            det = Di * D[j] - s * s
-            gain = (Bi * Bi * D[j] - 2.0 * Bi * B[j] * s + B[j] * B[j] * Di) / det
-            room[j] = gain if det > tol * max(Di, D[j]) else -1.0
-        for j in range(i + 1, q):
-            if room[j] > best:
-                best, first, second = room[j], i, j
+        # Views that begin at zero: the compiler takes several at once only where no index can be negative.
+        n = q - 1 - i
+        row, Dj, Bj, fj, gj = S[i, i + 1 :], D[i + 1 :], B[i + 1 :], c1[i + 1 : q], c2[i + 1 : q]
+        # Whether any is better is cheap to ask of several at once; few rows have one.
+        better = 0
+        for j in range(n):
+            s = row[j] + f * fj[j] + g * gj[j]
+            better += (Bi * Bi - best * Di) * Dj[j] + s * (best * s - 2.0 * Bi * Bj[j]) + Bj[j] * Bj[j] * Di > 0.0
+        if better == 0:
+            continue
+        for j in range(n):
+            s = row[j] + f * fj[j] + g * gj[j]
+            det = Di * Dj[j] - s * s
+            gain = (Bi * Bi * Dj[j] - 2.0 * Bi * Bj[j] * s + Bj[j] * Bj[j] * Di) / det
+            if gain > best and det > tol * max(Di, Dj[j]):
+                best, first, second = gain, i, i + 1 + j
     return best, first, second
 
 
@@ -428,7 +436,7 @@ def _weigh(C, scale, k, W, T, d, b, chosen, inside, must, dof, penalty, floor, m
     outside[q] = p
     outside = outside[: q + 1]
     S = _remainder(C, scale, k, W, outside) if most > 1 else np.empty((0, 0))
-    D, B, room = np.empty(q), np.empty(q), np.empty(q)
+    D, B = np.empty(q), np.empty(q)
     g0, g1, g2 = np.zeros(k), np.zeros(k), np.zeros(k)
     c1, c2 = np.zeros(q + 1), np.zeros(q + 1)
     best = dof * np.log(max(d[p], floor)) + penalty * k - MARGIN * dof
@@ -457,7 +465,7 @@ def _weigh(C, scale, k, W, T, d, b, chosen, inside, must, dof, penalty, floor, m
                         if D[a] > tol and B[a] * B[a] / D[a] > gain:
                             gain, i = B[a] * B[a] / D[a], a
                 elif new == 2:
-                    gain, i, j = _best_pair(S, D, B, c1, c2, tol, room)
+                    gain, i, j = _best_pair(S, D, B, c1, c2, tol)
                 if new > 0 and i < 0:
                     continue
                 value = dof * np.log(max(base - gain, floor)) + penalty * left

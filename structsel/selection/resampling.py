@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from structsel.numerics.moments import MomentSet
 from structsel.numerics.rows import Array
@@ -14,6 +15,7 @@ from structsel.selection.search import Found, prediction_error, solve
 from structsel.selection.way import Way, without
 
 AT_A_TIME = 8  # resampled totals formed together
+FEW = 5e7  # candidates squared times replicates, below which a second thread is not worth its start
 
 
 @dataclass(frozen=True)
@@ -109,10 +111,8 @@ def repeat_selection(way: Way, found: Found, progress: Callable[[int, int], None
     values = np.full((options.bootstrap, 1 + len(kept)), np.nan)
     place = {j: i + 1 for i, j in enumerate(kept)}
     scale = moments.scale
-    for b, (w, product) in enumerate(_totals(moments, weights)):
-        again = way.find(w, product)
+    for b, (again, theta) in enumerate(_repeated(way, weights)):
         counts[list(again.selected)] += 1.0
-        theta = solve(product, again.selected)
         values[b, 0] = theta[0] * scale[-1]
         for value, j in zip(theta[1:], again.selected, strict=True):
             if j in place:
@@ -127,9 +127,21 @@ def repeat_selection(way: Way, found: Found, progress: Callable[[int, int], None
     return Bootstrap(counts / options.bootstrap, spread, options.bootstrap, int(units.max()) + 1, by)
 
 
-def _totals(moments: MomentSet, weights: Array) -> Iterator[tuple[Array, Array]]:
-    """Weights and weighted totals, a few at a time: one product of matrices reads the blocks once for all of them."""
-    for start in range(0, len(weights), AT_A_TIME):
-        some = weights[start : start + AT_A_TIME]
-        for w, packed in zip(some, some @ moments.packed, strict=True):
-            yield w, moments.unpack(packed)
+def _repeated(way: Way, weights: Array) -> Iterator[tuple[Found, Array]]:
+    """What is found with each row of weights, and its parameters, in order; searches let go of the interpreter."""
+    moments, asked = way.moments, way.options.workers
+
+    def some(start: int) -> list[tuple[Found, Array]]:
+        # One product of matrices reads the blocks once for a few.
+        few = weights[start : start + AT_A_TIME]
+        made = []
+        for w, packed in zip(few, few @ moments.packed, strict=True):
+            product = moments.unpack(packed)
+            again = way.find(w, product)
+            made.append((again, solve(product, again.selected)))
+        return made
+
+    workers = asked or (2 if len(weights) * moments.n_candidates**2 > FEW else 1)
+    starts = range(0, len(weights), AT_A_TIME)
+    for made in Parallel(n_jobs=workers, prefer="threads", return_as="generator")(delayed(some)(s) for s in starts):
+        yield from made

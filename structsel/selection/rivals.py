@@ -54,25 +54,24 @@ def find_rivals(C: Array, selected: Sequence[int], dof: float, among: Sequence[i
     size[size == 0] = 1.0
     R = C[kept] / np.outer(size[kept], size)  # only these rows, and everybody's with the response, are looked at
     response = C[p] / (size * size[p])
-    inside = R[:, kept]
-    rss = max(response[p] - R[:, p] @ np.linalg.solve(inside, R[:, p]), 1e-28)
-    s2 = rss / max(dof - len(kept), 1.0)
     outside = np.setdiff1d(np.flatnonzero(np.diag(C)[:p] > 0), kept)
+    inverse = np.linalg.inv(R[:, kept])
+    theta, explained = inverse @ R[:, p], inverse @ R[:, outside]
+    rss = max(response[p] - R[:, p] @ theta, 1e-28)
+    s2 = rss / max(dof - len(kept), 1.0)
+    # What all kept terms leave of the candidates outside, and of their products with the response.
+    d = 1.0 - np.einsum("ij,ij->j", R[:, outside], explained)
+    b = response[outside] - R[:, p] @ explained
     for j in kept if among is None else among:
         at = kept.index(j)
-        others = [i for i in range(len(kept)) if i != at]
-        # What the others leave of j, of the candidates outside, and of the response.
-        columns = [j, *outside.tolist(), p]
-        cross = R[np.ix_(others, columns)]
-        explained = np.linalg.solve(inside[np.ix_(others, others)], cross) if others else cross
-        d = 1.0 - np.einsum("ij,ij->j", cross, explained)
-        with_j = R[at, columns] - cross[:, 0] @ explained
-        b = response[columns] - cross[:, -1] @ explained
-        usable = d[1:-1] > 1e-9
+        # The same without j: what it takes from each comes back, by its row of the inverse.
+        back, alone = explained[at], inverse[at, at]
+        free, with_y = d + back**2 / alone, b + back * theta[at] / alone
+        usable = free > 1e-9
         loss = np.full(outside.size, np.inf)
-        loss[usable] = (d[-1] - b[1:-1][usable] ** 2 / d[1:-1][usable] - rss) / s2
+        loss[usable] = (theta[at] ** 2 / alone - with_y[usable] ** 2 / free[usable]) / s2
         for i in np.flatnonzero(loss < SAME_FIT):
-            alike = float(with_j[1 + i] / np.sqrt(max(d[0] * d[1 + i], 1e-300)))
+            alike = float(back[i] / np.sqrt(max(alone * free[i], 1e-300)))
             if abs(alike) >= ALIKE:
                 out.append(Rival(j, int(outside[i]), float(loss[i]), float(np.clip(alike, -1.0, 1.0))))
     return sorted(out, key=lambda a: (kept.index(a.kept), a.loss))
