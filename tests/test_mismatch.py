@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from structsel.aircraft import Simulation
 from structsel.errors import DataError, ModelError
+from structsel.mismatch.preparing import prepare
 from structsel.mismatch.simulations import open_simulation
 from structsel.mismatch.station import compare
+from structsel.mismatch.tolerances import biases_of
 from structsel.recording import Recording
 from tests.missing_physics import CRAFT, TRUTH, T, fly, model_of
 
@@ -115,6 +118,31 @@ def test_a_clock_that_does_not_overlap_is_refused(flown):
     late = {r.name: Recording(r.name, r.t + 100.0, s) for r, s in zip(recordings, told)}
     with pytest.raises(DataError, match=r"'m01' runs from 0 to 19\.96 s, its simulation from 100 to 119\.96 s"):
         compare(late, recordings, CRAFT)
+
+
+def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flown):
+    recordings, told = flown
+    bias = 0.002
+
+    def first(states, alpha):
+        craft = CRAFT.model_copy(update={"simulation": Simulation(states=states)})
+        read = [Recording(r.name, r.t, {**r.channels, "alpha": r["alpha"] + alpha}) for r in recordings[:2]]
+        return prepare(files(recordings, told), read, craft).flights[0]
+
+    flight = first("reconstructed", 0.0)
+    read, asked = (columns for name, _, columns in biases_of(flight) if name == "alpha")
+    # Only the readings are off: what the simulation says stays.
+    off = first("reconstructed", bias)
+    for c in flight.responses:
+        change = np.mean(off.difference[c] - flight.difference[c])
+        assert_allclose(change, bias * np.mean(read.get(c, 0.0)), atol=0.05 * bias)
+    assert np.mean(read["k_h"]) > 30.0
+    assert set(asked) <= {"CX", "CY", "CZ", "Cl", "Cm", "Cn"}
+    assert np.mean(asked["CZ"]) > 3.0
+    # Asked at what was read, it is off by the same.
+    (both,) = (columns for name, _, columns in biases_of(first("raw", 0.0)) if name == "alpha")
+    for c, x in both.items():
+        assert_allclose(x, read.get(c, 0.0) + asked.get(c, 0.0), atol=1e-9)
 
 
 def test_a_forced_simulation_that_diverged_names_file_channel_and_sample(flown):

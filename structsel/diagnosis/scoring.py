@@ -137,4 +137,4 @@ def _log_between(a: float, b: float) -> float:
     if a > 0.0:
         a, b = -b, -a
     upper, lower = log_ndtr(b), log_ndtr(a)
-    return float(max(upper + np.log1p(-np.exp(min(lower - upper, -1e-12))), -1e4))
+    return float(upper + np.log1p(-np.exp(min(lower - upper, -1e-12))))

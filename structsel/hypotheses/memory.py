@@ -123,8 +123,9 @@ def _wake(angle: str, length: str, force: str, moment: str, chords: float | None
 
 def _downwash_variants(flights: Flights) -> list[Variant]:
     parameters = (
-        Parameter("Cm per alpha_dot_hat", "-", 6.0, -40.0, 5.0),
-        Parameter("CZ per alpha_dot_hat", "-", 2.0, -20.0, 5.0),
+        # The tail carries more while the angle grows: up, and nose down. Lift that itself comes late is the other way.
+        Parameter("Cm per alpha_dot_hat", "-", 6.0, -40.0, 1.0),
+        Parameter("CZ per alpha_dot_hat", "-", 2.0, -20.0, 0.5),
     )
     return _wakes(parameters, ("alpha", "cbar", "CZ", "Cm"))
 

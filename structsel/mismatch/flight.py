@@ -58,6 +58,8 @@ class Flight:
         of their own instruments.
     air : mapping of channel to (n,) array
         V, alpha and beta with gusts, as far as they stand out of the noise: what a simulation is asked at.
+    apart : bool
+        Whether the simulation was asked elsewhere, perhaps at reconstructed states, which lack the readings' biases.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Flight:
     surrogate: Surrogate | None = field(default=None, repr=False)
     inertial: frozenset[str] = frozenset()
     air: Mapping[str, Array] = field(default_factory=dict, repr=False)
+    apart: bool = False
 
     def __len__(self) -> int:
         return len(self.t)

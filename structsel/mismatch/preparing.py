@@ -63,7 +63,9 @@ def prepare(
     for made in Parallel(n_jobs=2, prefer="threads", return_as="generator")(jobs):
         flights.append(made)
         tell("smoothing", len(flights), len(recordings))
-    if simulation.form == "free":
+    if simulation.form == "forced" and craft.simulation.states != "raw":
+        flights = [replace(f, apart=True) for f in flights]
+    elif simulation.form == "free":
         check_flown(simulation.flown, recordings, simulation.name)
         flights = _from_flights(flights, simulation, craft, remarks)
     elif simulation.evaluate is not None:

@@ -76,21 +76,21 @@ def _measured(flight: Flight) -> dict[str, Sensitivity]:
     wanted = tuple(r for r in flight.responses if r in COEFFICIENTS or r in KINEMATIC)
     if not wanted or not set(AIRFRAME) <= set(clean):
         return {}
+    # Kinematics does not ask what the simulation says of forces, which may lack a good part of them.
+    felt = {c: flight.channels[c] for c in _INERTIAL}
     n, k = len(flight), len(names)
     span = float(np.ptp(flight.t))
     ramp = (flight.t - flight.t.mean()) / span
     steps = np.array([100.0 * _STEP if c == "V" else _STEP for c in names])
-    plain = {c: np.broadcast_to(x[:, None], (n, 2 * k)) for c, x in clean.items()}
-    sides = []
-    for sign in (0.5, -0.5):
-        ch = dict(plain)
+    sides: tuple[dict[str, Array], ...] = ({}, {})
+    for side, sign in zip(sides, (0.5, -0.5)):
+        off = {c: np.zeros((n, 2 * k)) for c in names}
         for j, c in enumerate(names):
-            off = np.zeros((n, 2 * k))
-            off[:, j], off[:, k + j] = sign * steps[j], sign * steps[j] * ramp
-            ch[c] = ch[c] + off
-            if c in ("p", "q", "r"):
-                ch[f"{c}_dot"] = ch[f"{c}_dot"] + flight.rate(off)
-        sides.append(respond(ch, flight.craft, flight.dt, wanted))
+            off[c][:, j], off[c][:, k + j] = sign * steps[j], sign * steps[j] * ramp
+        off |= {f"{c}_dot": flight.rate(off[c]) for c in ("p", "q", "r")}
+        for told, kind in ((clean, COEFFICIENTS), ({**clean, **felt}, KINEMATIC)):
+            ch = {c: x[:, None] + off.get(c, np.zeros((1, 2 * k))) for c, x in told.items()}
+            side |= respond(ch, flight.craft, flight.dt, tuple(r for r in wanted if r in kind))
     change = {r: (sides[0][r] - sides[1][r]) / np.tile(steps, 2) for r in wanted}
     return {
         c: {

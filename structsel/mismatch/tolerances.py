@@ -25,8 +25,7 @@ _SAMPLING = 0.25  # of a sampling interval
 _FREE = 30.0  # times the usual tolerance, where one is stated to be free
 _USUAL = Tolerances()
 _TURNED = ("alpha", "beta", "phi", "theta", "psi", "de", "da", "dr")
-_BIAS = {"p": 0.001, "q": 0.001, "r": 0.001, "ax": 0.05, "ay": 0.05, "az": 0.05}
-_V_BIAS = 0.005  # of V
+_BIAS = {"V": 0.3, "p": 0.001, "q": 0.001, "r": 0.001, "ax": 0.05, "ay": 0.05, "az": 0.05}
 _UNSTATED = 0.005  # rad
 _JUMPING = ("de", "da", "dr", "df", "throttle")
 _WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
@@ -155,12 +154,21 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
         size = {c: float(np.ptp(flight.measured[c])) for c in flight.simulated}
         return [(f"{c}: offset", size[c], {c: np.ones(len(flight))}) for c in size]
     turned = _sd(flight.craft.tolerances, "alignment") or _UNSTATED
-    sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS, "V": _V_BIAS * float(flight["V"].mean())}
+    sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS}
     made: list[tuple[str, float, Mapping[str, Array]]] = []
-    made += ((c, sd, misread(flight, **{c: 1.0})) for c, sd in sizes.items() if c in flight.recorded)
+    made += ((c, sd, x) for c, sd in sizes.items() if c in flight.recorded for x in _biased(flight, c))
     for c in _JUMPING:
         made += ((f"when {c} jumps", _WITHIN_SAMPLE, misread(flight, **{c: jump})) for jump in _jumps(flight, c))
     return made
+
+
+def _biased(flight: Flight, channel: str) -> list[Mapping[str, Array]]:
+    """What a unit of constant error of a reading does; what it does to a simulation asked elsewhere, by itself."""
+    whole = misread(flight, **{channel: 1.0})
+    asked = {c: -s for c in flight.simulated if c in COEFFICIENTS and np.any(s := flight.slope(c, channel))}
+    if not flight.apart or not asked:
+        return [whole]
+    return [{c: x - asked.get(c, 0.0) for c, x in whole.items()}, asked]
 
 
 def _jumps(flight: Flight, channel: str) -> list[Array]:

@@ -115,7 +115,8 @@ def told(flight: Flight, clean: Mapping[str, np.ndarray], faulty: Mapping[str, n
         boom = tuple(chain.stated.position("vane"))
         air, rates = [readings[c] for c in ("V", "alpha", "beta")], [readings[c] for c in "pqr"]
         V, alpha, beta = rb.air_data_at_cg(air[0], air[1], air[2], rates[0], rates[1], rates[2], boom)
-        seen = {**{c: readings[c] for c in places}, "V": V, "alpha": alpha, "beta": beta}
+        # Near the ground the height above it is what a simulation is asked at; terrain is at zero.
+        seen = {**{c: readings[c] for c in places}, "V": V, "alpha": alpha, "beta": beta, "h": readings["h_agl"]}
         true = {c: flight[c] for c in places}
     else:
         seen, true = {c: faulty[c] for c in places}, {c: clean[c] for c in places}
