@@ -36,6 +36,7 @@ _PARTS = 3
 _SHORTEST = 5.0  # s, of a part
 _HARDEST = 8  # tolerances listed
 _STRAINED = 4.0  # stated standard deviations, beyond which a tolerance is none
+_SAID = 3  # of those, in remarks
 _WHITE = 1.3  # chi-square per row, below which what is left counts as noise
 
 
@@ -107,8 +108,7 @@ def diagnose(
     corrected = corrected_model(prepared, ranking) if ranking.steps else None
     remarks += corrected.remarks if corrected is not None else ()
     pulls = _pulls(ranking.bench)
-    if verdict == "consistent":
-        remarks += strained(pulls)
+    remarks += strained(pulls)
     return Diagnosis(
         verdict,
         tuple(findings),
@@ -183,11 +183,11 @@ def _pulls(bench: Bench) -> tuple[Pull, ...]:
 
 
 def strained(pulls: Sequence[Pull]) -> list[str]:
-    """Remarks on tolerances that are pulled further than any is, where nothing was found that accounts for it."""
+    """Remarks on tolerances pulled further than any is, hardest first: what was found does not account for them."""
     return [
         f"'{p.name}' is pulled {p.sigmas:+.1f} of its stated standard deviations, which is more than a tolerance; no "
         "effect was likely enough to be named for it; look there first"
-        for p in pulls
+        for p in pulls[:_SAID]
         if abs(p.sigmas) > _STRAINED
     ]
 
