@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import Parallel, delayed
 
-from structsel.numerics.moments import MomentSet
+from structsel.numerics.moments import MomentSet, choose_workers
 from structsel.numerics.rows import Array
 from structsel.numerics.uncertainty import bootstrap_units, bootstrap_weights
 from structsel.selection.search import Found, prediction_error, solve
 from structsel.selection.way import Way, without
 
 AT_A_TIME = 8  # resampled totals formed together
-FEW = 5e7  # candidates squared times replicates, below which a second thread is not worth its start
+WORTH = 40  # samples that are gone through in the time of one resampled search
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def repeat_selection(way: Way, found: Found, progress: Callable[[int, int], None
 
 def _repeated(way: Way, weights: Array) -> Iterator[tuple[Found, Array]]:
     """What is found with each row of weights, and its parameters, in order; searches let go of the interpreter."""
-    moments, asked = way.moments, way.options.workers
+    moments = way.moments
 
     def some(start: int) -> list[tuple[Found, Array]]:
         # One product of matrices reads the blocks once for a few.
@@ -141,7 +141,7 @@ def _repeated(way: Way, weights: Array) -> Iterator[tuple[Found, Array]]:
             made.append((again, solve(product, again.selected)))
         return made
 
-    workers = asked or (2 if len(weights) * moments.n_candidates**2 > FEW else 1)
+    workers = choose_workers(way.options.workers, WORTH * len(weights), moments.n_candidates)
     starts = range(0, len(weights), AT_A_TIME)
     for made in Parallel(n_jobs=workers, prefer="threads", return_as="generator")(delayed(some)(s) for s in starts):
         yield from made
