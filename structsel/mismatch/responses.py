@@ -98,7 +98,8 @@ def respond(ch: Mapping[str, Array], craft: Aircraft, dt: float, wanted: tuple[s
                 craft.thrust.offset, craft.thrust.inclination, craft.engine.angular_momentum,
             ),
         )  # fmt: skip
-    made |= _kinematics(ch, d, (V, alpha, beta), force)
+    if any(name in wanted for name in KINEMATIC):
+        made |= _kinematics(ch, d, (V, alpha, beta), force)
     return {name: made[name] for name in wanted}
 
 

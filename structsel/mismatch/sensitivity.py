@@ -34,11 +34,16 @@ def _less_simulated(flight: Flight, channel: str) -> Sensitivity:
         _KNOWN[flight] = _measured(flight)
     made = dict(_KNOWN[flight].get(channel, {}))
     nothing = np.zeros(len(flight))
-    for r in flight.responses:
-        if r in COEFFICIENTS and np.any(slope := flight.slope(r, channel)):
-            A, B = made.get(r, (nothing, nothing))
-            made[r] = A - slope, B
+    for r, answer in asked_wrongly(flight, channel).items():
+        A, B = made.get(r, (nothing, nothing))
+        made[r] = A + answer, B
     return made
+
+
+def asked_wrongly(flight: Flight, channel: str) -> dict[str, Array]:
+    """What a unit of error of a channel adds to the differences through the simulation that was asked at it alone."""
+    slopes = {r: flight.slope(r, channel) for r in flight.responses if r in COEFFICIENTS}
+    return {r: -slope for r, slope in slopes.items() if np.any(slope)}
 
 
 def misread(flight: Flight, **errors: Array | float) -> dict[str, Array]:
@@ -89,7 +94,8 @@ def _measured(flight: Flight) -> dict[str, Sensitivity]:
             off[c][:, j], off[c][:, k + j] = sign * steps[j], sign * steps[j] * ramp
         off |= {f"{c}_dot": flight.rate(off[c]) for c in ("p", "q", "r")}
         for told, kind in ((clean, COEFFICIENTS), ({**clean, **felt}, KINEMATIC)):
-            ch = {c: x[:, None] + off.get(c, np.zeros((1, 2 * k))) for c, x in told.items()}
+            ch = {c: np.broadcast_to(x[:, None], (n, 2 * k)) for c, x in told.items()}
+            ch |= {c: ch[c] + e for c, e in off.items()}
             side |= respond(ch, flight.craft, flight.dt, tuple(r for r in wanted if r in kind))
     change = {r: (sides[0][r] - sides[1][r]) / np.tile(steps, 2) for r in wanted}
     return {

@@ -11,7 +11,7 @@ import numpy as np
 from structsel.aircraft import Tolerances
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
-from structsel.mismatch.sensitivity import misread, reading
+from structsel.mismatch.sensitivity import asked_wrongly, misread, reading
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.smoothing.result import Array
 
@@ -165,10 +165,11 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
 def _biased(flight: Flight, channel: str) -> list[Mapping[str, Array]]:
     """What a unit of constant error of a reading does; what it does to a simulation asked elsewhere, by itself."""
     whole = misread(flight, **{channel: 1.0})
-    asked = {c: -s for c in flight.simulated if c in COEFFICIENTS and np.any(s := flight.slope(c, channel))}
-    if not flight.apart or not asked:
+    if not flight.apart:
         return [whole]
-    return [{c: x - asked.get(c, 0.0) for c, x in whole.items()}, asked]
+    asked = asked_wrongly(flight, channel)
+    read = {c: left for c, x in whole.items() if np.any(left := x - asked.get(c, 0.0))}
+    return [columns for columns in (read, asked) if columns]
 
 
 def _jumps(flight: Flight, channel: str) -> list[Array]:
