@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -27,7 +28,7 @@ from structsel.hypotheses import HYPOTHESES, Hypothesis
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.locating.ceiling import explainable
 from structsel.mismatch.locating.turbulence import Turbulence, find_turbulence
-from structsel.mismatch.preparing import prepare
+from structsel.mismatch.preparing import Prepared, prepare
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.recording import Recording
 
@@ -80,8 +81,21 @@ def diagnose(
     """
     begun = time.perf_counter()
     prepared = prepare(simulation, recordings, aircraft, progress)
+    found = conclude(prepared, set_up(prepared.flights, hypotheses, held_out, progress), held_out, progress)
+    return replace(found, seconds=time.perf_counter() - begun)
+
+
+@threadpool_limits.wrap(limits=1)
+def conclude(
+    prepared: Prepared,
+    ready: tuple[Bench, Library, Turbulence | None],
+    held_out: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Diagnosis of flights that are prepared and set up (see `set_up`)."""
+    begun = time.perf_counter()
+    bench, library, turbulence = ready
     remarks = list(prepared.remarks)
-    bench, library, turbulence = set_up(prepared.flights, hypotheses, held_out, progress)
     flights, responses, rough = bench.flights, bench.responses, turbulence is not None
     single = len(prepared.flights) == 1
     if single:

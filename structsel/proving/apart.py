@@ -1,4 +1,4 @@
-"""Work done in a process of its own: a case drawn, diagnosed, or named simply.
+"""Work done in a process of its own: a case drawn, or diagnosed.
 
 ``python -m structsel.proving.apart TASK ...`` prints one line of JSON. Who diagnoses is told of one folder, its own
 working folder, which holds the case and nothing that says where it came from.
@@ -62,30 +62,31 @@ def open_case(folder: Path) -> tuple[Any, list[Recording], Aircraft]:
     raise DataError(f"'{folder}' holds no simulation: neither simulated/*.csv nor a model nor an aircraft of JSBSim.")
 
 
-def diagnose(folder: str, without: str = "") -> dict[str, Any]:
-    """Diagnose a case; hypotheses named in `without` (separated by commas) are taken out of the library."""
-    from structsel.diagnosis.station import diagnose as find
+def diagnose(folder: str, without: str = "", simple: str = "") -> dict[str, Any]:
+    """Diagnose a case; hypotheses named in `without` (separated by commas) are taken out of the library.
+
+    With `simple`, what simple ways name in it too, of the same differences and signatures.
+    """
+    from structsel.diagnosis.station import conclude, set_up
+    from structsel.mismatch.preparing import prepare
 
     simulation, recordings, aircraft = open_case(Path(folder))
     gone = set(filter(None, without.split(",")))
     start = time.perf_counter()
-    found = find(simulation, recordings, aircraft, hypotheses=tuple(h for h in HYPOTHESES if h.effect not in gone))
+    prepared = prepare(simulation, recordings, aircraft)
+    ready = set_up(prepared.flights, tuple(h for h in HYPOTHESES if h.effect not in gone))
+    found = conclude(prepared, ready)
     seconds = time.perf_counter() - start
     spans = {r.name: [float(r.t[0]), float(r.t[-1])] for r in recordings}
-    return {"diagnosis": found.to_dict(), "spans": spans, "seconds": seconds}
+    made = {"diagnosis": found.to_dict(), "spans": spans, "seconds": seconds}
+    if simple:
+        from structsel.proving.baselines import name_simply
+
+        made["simple"] = name_simply(ready[0].flights, ready[1])
+    return made
 
 
-def name(folder: str) -> dict[str, Any]:
-    """What simple ways name in a case."""
-    from structsel.diagnosis.signatures import work_out
-    from structsel.mismatch.preparing import prepare
-    from structsel.proving.baselines import name_simply
-
-    flights = prepare(*open_case(Path(folder))).flights
-    return {"simple": name_simply(flights, work_out(HYPOTHESES, flights, flights[0].responses))}
-
-
-TASKS: dict[str, Callable[..., dict[str, Any]]] = {"draw": draw, "diagnose": diagnose, "name": name}
+TASKS: dict[str, Callable[..., dict[str, Any]]] = {"draw": draw, "diagnose": diagnose}
 
 
 def main(arguments: Sequence[str]) -> None:

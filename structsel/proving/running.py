@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 from structsel.atomic import write_text
@@ -174,14 +175,39 @@ def prove(
     _check_plan(draws, out)
     tell = progress or (lambda what, done, of: None)
     bench = _Bench(out, timeout, tuple(program or PROGRAM), again, simple)
-    pool = ThreadPoolExecutor(max_workers=jobs)
+    pool = ThreadPoolExecutor(jobs, initializer=_settle_on_a_core, initargs=(_cores(),))
     try:
-        running = [pool.submit(bench.settle, d) for d in draws]
+        running = [pool.submit(bench.settle, d) for d in in_turn(draws)]
         for done, one in enumerate(as_completed(running)):
             one.result()
             tell("cases", done + 1, len(draws))
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def in_turn(draws: Sequence[Draw]) -> list[Draw]:
+    """Families in turn, each by its share, so that what is done of a run broken off is a fair sample of it."""
+    families: dict[tuple[str, bool], list[Draw]] = {}
+    for one in draws:
+        families.setdefault((one.family, one.without_truth), []).append(one)
+    placed = [((k + 0.5) / len(some), one) for some in families.values() for k, one in enumerate(some)]
+    return [one for _, one in sorted(placed, key=lambda item: item[0])]
+
+
+def _cores() -> SimpleQueue[int]:
+    """Cores that this process may use; none where the system does not say."""
+    free: SimpleQueue[int] = SimpleQueue()
+    for core in sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else ():
+        free.put(core)
+    return free
+
+
+def _settle_on_a_core(free: SimpleQueue[int]) -> None:
+    """Keep a thread and the processes it starts to one core: two threads of one case would wait for each other."""
+    if not free.empty():
+        core = free.get()
+        os.sched_setaffinity(0, {core})
+        free.put(core)
 
 
 def _check_plan(draws: Sequence[Draw], out: Path) -> None:
@@ -216,13 +242,10 @@ class _Bench:
         if not case.exists() and (refused := self._draw(asked, case, key)):
             _write(path, refused)
             return
-        if self.again or not {"diagnosis", "error"} & set(answer):
+        simple = self.simple and not asked.without_truth
+        if self.again or not {"diagnosis", "error"} & set(answer) or (simple and not {"simple", "error"} & set(answer)):
             gone = [n for e in Key.read(key).effects for n in e.accept] if asked.without_truth else []
-            answer = self._ask(case, "diagnose", ",".join(gone))
-            _write(path, answer)
-        if self.simple and "simple" not in answer and not asked.without_truth:
-            told = self._ask(case, "name")
-            _write(path, answer | {"simple": told.get("simple", {})})
+            _write(path, self._ask(case, "diagnose", ",".join(gone), *(["simple"] if simple else [])))
 
     def _draw(self, asked: Draw, case: Path, key: Path) -> dict[str, Any]:
         """Draw a case; empty, or why it could not be."""
