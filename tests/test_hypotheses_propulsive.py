@@ -96,7 +96,17 @@ def test_one_engine_that_fails_is_found_at_its_time():
     second.measured["Cn"][:] = second.simulated["Cn"] - failed
     found = best(flights, one_of(HYPOTHESES, "asymmetric-thrust"))
     assert "'m1'" in found.variant.about
-    assert_allclose(found.variant.shape["time"], 12.0, atol=0.2)
+    assert_allclose(found.variant.shape["time in m1"], 12.0, atol=0.2)
+    assert_allclose(found.values["offset"], 0.5, rtol=0.1)
+
+
+def test_an_engine_that_fails_in_two_manoeuvres_is_one_effect():
+    flights = compare(fly())
+    for f, when in zip(flights, (8.0, 12.0)):
+        f.measured["Cn"][:] = f.simulated["Cn"] - np.where(f.t >= when, 0.5 * f["CT"] / CRAFT.b, 0.0)
+    found = best(flights, one_of(HYPOTHESES, "asymmetric-thrust"))
+    times = [found.variant.shape[f"time in {f.name}"] for f in flights[:2]]
+    assert_allclose(times, (8.0, 12.0), atol=0.2)
     assert_allclose(found.values["offset"], 0.5, rtol=0.1)
 
 

@@ -145,6 +145,28 @@ def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flown):
         assert_allclose(x, read.get(c, 0.0) + asked.get(c, 0.0), atol=1e-9)
 
 
+def test_slopes_of_the_stand_in_are_those_of_the_simulation_whatever_readings_are_biased():
+    # Asked at true states at the centre of gravity; incidence and elevator read with another bias in each flight.
+    recordings, told = fly({}, speeds=(42.0, 46.0, 50.0, 54.0), h=(1000.0,) * 4)
+    biases = 0.005 * np.array([1.0, -1.0, 0.8, -0.8])
+    read = [
+        Recording(r.name, r.t, {**r.channels, "alpha": r["alpha"] + b, "de": r["de"] - b})
+        for r, b in zip(recordings, biases)
+    ]
+    arm = CRAFT.position("vane")[0]
+    for f, r in zip(prepare(files(recordings, told), read, CRAFT).flights, recordings):
+        alpha, V = r["alpha"].mean(), r["V"].mean()
+        lift = TRUTH["CZ"]["alpha"] + 3.0 * TRUTH["CZ"]["alpha^3"] * np.mean(r["alpha"] ** 2)
+        stiffness = TRUTH["Cm"]["alpha"] + 2.0 * TRUTH["Cm"]["alpha^2"] * alpha
+        # Of what the vane reads, turning takes its part.
+        damping = (TRUTH["Cm"]["q_hat"] * CRAFT.cbar / 2.0 + stiffness * arm) / V
+        assert_allclose(f.slope("CZ", "alpha").mean(), lift, rtol=0.02)
+        assert_allclose(f.slope("Cm", "alpha").mean(), stiffness, rtol=0.04)
+        assert_allclose(f.slope("Cm", "q").mean(), damping, rtol=0.02)
+        assert_allclose(f.slope("Cm", "de").mean(), TRUTH["Cm"]["de"], rtol=0.02)
+        assert_allclose(f.slope("Cl", "p").mean(), TRUTH["Cl"]["p_hat"] * CRAFT.b / (2.0 * V), rtol=0.01)
+
+
 def test_a_forced_simulation_that_diverged_names_file_channel_and_sample(flown):
     recordings, told = flown
     broken = [dict(s) for s in told]

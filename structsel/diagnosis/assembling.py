@@ -104,7 +104,7 @@ def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
     rows = sum(len(y) for y in bench.base.y)
     wide = np.sqrt(max(1.0, bench.base.posterior.chi2 / rows))
     std = np.sqrt(np.diag(bench.base.posterior.covariance[part, part])) * wide
-    if not score.hypothesis.event:  # nor do flights agree with each other as far as noise alone would have it
+    if not score.event:  # nor do flights agree with each other as far as noise alone would have it
         std = np.maximum(std, jackknifed(bench.base.solved[1:, part]))
     alike = [
         (np.log(max(w, 1e-300)), s.variant.shape, t.theta)

@@ -14,7 +14,7 @@ from structsel.diagnosis.weighing import Weighed, chances, weigh
 
 MOST = 4
 """Effects that are looked for."""
-NAMED = 0.6
+NAMED = 0.5
 """Probability that something is there, from which on the likeliest is named."""
 TIED = 1.0 / 3.0
 """Of the likeliest's probability, from which on recordings cannot tell another effect from it."""
@@ -98,7 +98,7 @@ def weigh_all(bench: Bench, library: Library, rough: bool = False) -> list[Weigh
 
     Gusts in the states that a simulation was asked at make what was measured smaller than what was simulated.
     """
-    return weigh(bench, [s for s in score_all(bench, library) if not (rough and s.hypothesis.diluted)])
+    return weigh(bench, [s for s in score_all(bench, library) if not (rough and s.hypothesis.diluted)], rough)
 
 
 def _weighed(effects: Sequence[Weighed]) -> tuple[list[Weighed], tuple[tuple[str, float], ...]]:

@@ -65,6 +65,11 @@ class Score:
         return self.signatures[self.best]
 
     @property
+    def event(self) -> bool:
+        """Whether no other flight can foretell it: it happens at times of its own, or in one flight only."""
+        return self.hypothesis.event or len(self.signature.flights) == 1 < len(self.predictive)
+
+    @property
     def trial(self) -> Trial:
         """Of the form to judge."""
         return self.trials[self.best]

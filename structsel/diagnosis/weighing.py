@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,8 @@ _LOWERS, _THERE = 0.05, 0.5
 _SPOILS = 0.5  # share by which the rms of none may rise
 
 FEATURES = (
-    "ahead", "ahead alone", "takes", "takes there", "level", "own", "event", "prior", "later", "ahead later",
+    "ahead", "ahead alone", "takes", "takes there", "level", "own", "event", "prior", "takes besides", "rough", "later",
+    "ahead later",
 )  # fmt: skip
 """What is known of an effect when it is weighed.
 
@@ -38,10 +39,12 @@ takes there : the same of the moments at which it acts, each weighed by the squa
 own : log evidence of its form with every tolerance free to imitate it, over 20 nats.
 event : it is of one flight.
 prior : log of how often simulations lack it, as against other effects.
+takes besides : share that it takes of the moments at which it acts, beside tolerances, times log(1 + nats / 10).
+rough : the air was turbulent, and gusts look like much.
 later, ahead later : something was found before; `ahead` where that is so, else nothing.
 """
-NOTHING = -5.719
-WEIGHTS = np.array([3.242, 0.036, 2.526, 2.342, 1.445, 1.179, -0.921, 0.468, -1.335, -2.686])
+NOTHING = -5.791
+WEIGHTS = np.array([2.448, 0.121, 2.946, 1.976, 2.020, 0.357, -2.041, 0.330, 0.533, -2.717, -1.335, -2.686])
 """By `benchmarks/chances.py`, from development cases."""
 
 
@@ -74,14 +77,14 @@ class Weighed:
 def rank_of(score: Score) -> float:
     """Nats that a hypothesis brings on flights not used for it."""
     ahead = float(score.predictive.sum()) + min(0.0, score.within)
-    if score.hypothesis.event:
+    if score.event:
         return max(ahead, _EVENT * score.log_evidence) + score.hypothesis.log_prior
     return ahead + score.hypothesis.log_prior
 
 
 def nats(score: Score) -> float:
     """What a hypothesis brings beside tolerances: on other flights or on all, but for an event."""
-    return rank_of(score) if score.hypothesis.event else max(rank_of(score), score.log_evidence)
+    return rank_of(score) if score.event else max(rank_of(score), score.log_evidence)
 
 
 def alone(score: Score) -> float:
@@ -95,7 +98,7 @@ def in_question(scores: Sequence[Score]) -> list[Score]:
     return [s for s in scores if s in best]
 
 
-def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
+def weigh(bench: Bench, scores: Sequence[Score], rough: bool = False) -> list[Weighed]:
     """Features of the effects in question that matter: that lower the error on flights not used for them.
 
     With thousands of samples evidence is always overwhelming. What instruments' own equations show, or a few moments,
@@ -106,6 +109,8 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
     bench : Bench
     scores : sequence of Score
         Of all hypotheses.
+    rough : bool
+        Whether the air was turbulent.
     """
     plain = bench.as_delivered()
     before = judging.held_out(plain, True)
@@ -128,8 +133,10 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
             taken.there,
             taken.level,
             float(np.clip(one.own / _OWN, -1.0, 1.0)),
-            hypothesis.event,
+            one.event,
             hypothesis.log_prior,
+            most(shares_there(one, bench, bench.beside(one.signature)), bench) * np.log1p(max(0.0, nats(one)) / _CLEAR),
+            rough,
             later,
             ahead * later,
         )
@@ -174,17 +181,31 @@ class Taken:
     @classmethod
     def by(cls, one: Score, without: Bench, beside: Bench) -> Taken:
         """Of an effect, from benches without and with it."""
-        foretold = not one.hypothesis.event
-        where = None if foretold else one.signature.flights
+        foretold, where = _told_by(one)
         before, after = (judging.excess(b, foretold, where) for b in (without, beside))
-        acting = judging.excess_where_moved(without, beside, foretold, where)
-        there = {c: _share(b, a, _SLIGHT) for c, (b, a) in acting.items()}
+        there = shares_there(one, without, beside)
         return cls(
             max(_share(before[c][0], after[c][0], _SLIGHT) for c in before),
             max(there.values(), default=0.0),
             max(_share(before[c][1], after[c][1], _CONSTANT) for c in beside.told),
-            max((there[c] for c in beside.told if c in there), default=0.0),
+            most(there, beside),
         )
+
+
+def _told_by(one: Score) -> tuple[bool, Collection[str] | None]:
+    """Whether other flights are to foretell an effect, and the flights that count."""
+    return (False, one.signature.flights) if one.event else (True, None)
+
+
+def shares_there(one: Score, without: Bench, beside: Bench) -> dict[str, float]:
+    """Of each response that an effect moves, the share it takes of the moments at which it acts."""
+    acting = judging.excess_where_moved(without, beside, *_told_by(one))
+    return {c: _share(b, a, _SLIGHT) for c, (b, a) in acting.items()}
+
+
+def most(shares: Mapping[str, float], bench: Bench) -> float:
+    """The largest of the responses that are judged."""
+    return max((shares[c] for c in bench.told if c in shares), default=0.0)
 
 
 def _share(before: float, after: float, slight: float) -> float:

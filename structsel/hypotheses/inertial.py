@@ -12,10 +12,10 @@ from functools import partial
 import numpy as np
 
 from structsel.hypotheses.base import Flights, Found, Hypothesis, Parameter, Variant
-from structsel.hypotheses.operators import changes, oscillate, peaks, spaced, step_at
+from structsel.hypotheses.operators import onsets, oscillate, peaks, shape_of, since, spaced, told_onsets
 from structsel.hypotheses.signals import coefficients, held, lacking, signature
 from structsel.mismatch.flight import Flight
-from structsel.numerics.rigid_body import angular_acceleration, inertial_moment, thrust_force, thrust_moment
+from structsel.numerics.rigid_body import angular_acceleration, inertial_moment, thrust_moment
 from structsel.numerics.rigid_body.vectors import cross
 from structsel.numerics.smoothing.result import Array
 
@@ -24,13 +24,7 @@ Parts = Iterable[tuple[str, int, Array]]
 _FORCES, _MOMENTS = ("CX", "CY", "CZ"), ("Cl", "Cm", "Cn")
 _SLOSH = (0.25, 2.0)  # Hz
 _SLOSH_DAMPINGS = (0.02, 0.06)
-
-
-def total_forces(flight: Flight) -> list[Array]:
-    """Simulated force coefficients with the thrust's; measured where the simulation does not tell."""
-    qS = flight["qbar"] * flight.craft.S
-    thrust = thrust_force(flight["thrust"], flight.craft.thrust.inclination)
-    return [flight.told(r) + T / qS for r, T in zip(_FORCES, thrust)]
+_ONSETS = 4  # manoeuvres in which the centre of gravity may move
 
 
 def _variant(
@@ -43,15 +37,11 @@ def _variant(
     return Variant(parameters, lambda f: signature(f, len(parameters), parts(f)), shape or {}, units or {}, about)
 
 
-def _from(where: str, when: float) -> Callable[[Flight], Array | float]:
-    return lambda f: step_at(f.t, when) if f.name == where else 0.0
-
-
 # Mass
 
 
 def _heavier(flight: Flight, j: int, share: Array | float) -> Parts:
-    return [(r, j, -share * C) for r, C in zip(_FORCES, total_forces(flight))]
+    return [(r, j, -share * C) for r, C in zip(_FORCES, flight.forces)]
 
 
 def _burnt(flight: Flight) -> Array:
@@ -106,7 +96,7 @@ def _through(flight: Flight) -> Array:
 
 def _off_centre(flight: Flight, j: int, axis: int, on: Callable[[Flight], Array | float] | None = None) -> Parts:
     """Moments about a centre of gravity that lies 1 m along an axis from the stated one."""
-    arm = cross(np.eye(3)[axis], total_forces(flight))
+    arm = cross(np.eye(3)[axis], flight.forces)
     lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
     much = 1.0 if on is None else on(flight)
     return [(r, j, -much * m / length) for r, m, length in zip(_MOMENTS, arm, lengths)]
@@ -134,11 +124,12 @@ def _shift_variants(flights: Flights) -> list[Variant]:
             )
         )  # fmt: skip
     for axis, responses in ((0, ("Cm",)), (1, ("Cl", "Cn")), (2, ("Cm",))):
-        for where, when in changes(flights, responses, 3):
+        for times in onsets(flights, responses, _ONSETS):
+            shape = shape_of(times)
             made.append(
                 _variant(
-                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=_from(where, when)),
-                    f"in '{where}' from {when:.1f} s on", {"time": when}, {"time": "s"},
+                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=partial(since, times=times)),
+                    told_onsets(times), shape, dict.fromkeys(shape, "s"),
                 )
             )  # fmt: skip
         if len(flights) > 2:
@@ -233,7 +224,7 @@ def _inertia_says(found: Found) -> str:
 
 
 def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Parts:
-    force = total_forces(flight)[axis]
+    force = flight.forces[axis]
     qS, craft = flight["qbar"] * flight.craft.S, flight.craft
     # A mass on a pendulum does not go with the aircraft: its share of the force comes late and rings.
     accel = force * qS / flight["mass"]

@@ -5,7 +5,7 @@ Arrays in, arrays out; time runs along the first axis on an even clock. Every op
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numba import njit
@@ -23,13 +23,17 @@ __all__ = [
     "lag",
     "lags",
     "late",
+    "onsets",
     "oscillate",
     "peaks",
     "pulse",
     "pulses",
     "separation",
+    "shape_of",
+    "since",
     "spaced",
     "step_at",
+    "told_onsets",
 ]
 
 _BINS = 256
@@ -134,6 +138,27 @@ def changes(flights: Sequence[Flight], responses: Sequence[str], count: int) -> 
         Of changes returned.
     """
     return _clearest(flights, responses, count, _steps)
+
+
+def onsets(flights: Sequence[Flight], responses: Sequence[str], count: int) -> list[dict[str, float]]:
+    """Times [s] by manoeuvre from which something may act: each of the clearest `changes` alone, then more and more."""
+    clearest = changes(flights, responses, count)
+    return [{where: when} for where, when in clearest] + [dict(clearest[:n]) for n in range(2, len(clearest) + 1)]
+
+
+def since(flight: Flight, times: Mapping[str, float]) -> Array | float:
+    """One from a manoeuvre's own time on, nothing in manoeuvres that have none."""
+    return step_at(flight.t, times[flight.name]) if flight.name in times else 0.0
+
+
+def told_onsets(times: Mapping[str, float]) -> str:
+    """In words."""
+    return ", ".join(f"in '{where}' from {when:.1f} s on" for where, when in times.items())
+
+
+def shape_of(times: Mapping[str, float]) -> dict[str, float]:
+    """As the shape of a variant."""
+    return {f"time in {where}": when for where, when in times.items()}
 
 
 def pulses(flights: Sequence[Flight], responses: Sequence[str], length: float, count: int) -> list[tuple[str, float]]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 
 import numpy as np
 
 from structsel.hypotheses.base import Flights, Found, Hypothesis, Parameter, Variant
-from structsel.hypotheses.operators import changes, lag, spaced, step_at
+from structsel.hypotheses.operators import lag, onsets, shape_of, since, spaced, told_onsets
 from structsel.hypotheses.signals import available, gathered, lacking, moves, signature
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
@@ -16,6 +16,7 @@ from structsel.numerics.smoothing.result import Array
 
 Parts = Iterable[tuple[str, int, Array]]
 _FORCES = ("CX", "CY", "CZ")
+_ONSETS = 5  # manoeuvres in which thrust may become asymmetric
 
 
 def _variant(
@@ -23,9 +24,9 @@ def _variant(
     parts: Callable[[Flight], Parts],
     about: str = "",
     terms: tuple[str, ...] = (),
-    when: float | None = None,
+    times: Mapping[str, float] | None = None,
 ) -> Variant:
-    shape = {} if when is None else {"time": when}
+    shape = shape_of(times or {})
     return Variant(
         parameters, lambda f: signature(f, len(parameters), parts(f)), shape, dict.fromkeys(shape, "s"), about, terms
     )
@@ -246,8 +247,8 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
     def parts(f: Flight, on: Array | float) -> list[tuple[str, int, Array]]:
         return [("Cn", 0, -on * f["CT"] / craft.b), ("Cl", 1, on * f["CT"])]
 
-    def from_then_on(f: Flight, where: str, when: float) -> Parts:
-        return parts(f, step_at(f.t, when) if f.name == where else 0.0)
+    def from_then_on(f: Flight, times: Mapping[str, float]) -> Parts:
+        return parts(f, since(f, times))
 
     made = [_variant((arm, roll), lambda f: parts(f, 1.0), "all the time", ("CT",))]
     if {"thrust_left", "thrust_right"} <= flights[0].recorded:
@@ -257,14 +258,8 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
             return [("Cn", 0, apart / craft.b), ("Cl", 1, apart)]
 
         made.append(_variant((arm, roll), halves, "as recorded left and right"))
-    for where, when in changes(flights, ("Cn", "Cl"), 4):
-        made.append(
-            _variant(
-                (arm, roll),
-                partial(from_then_on, where=where, when=when),
-                f"in '{where}' from {when:.1f} s on", when=when,
-            )
-        )  # fmt: skip
+    for times in onsets(flights, ("Cn", "Cl"), _ONSETS):
+        made.append(_variant((arm, roll), partial(from_then_on, times=times), told_onsets(times), times=times))
     return made
 
 

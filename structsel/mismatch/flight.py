@@ -130,6 +130,14 @@ class Flight:
         return made
 
     @cached_property
+    def at_cg(self) -> dict[str, Array]:
+        """Alpha and beta carried from the vanes to the centre of gravity."""
+        ch = self.channels
+        place = tuple(self.craft.position("vane"))
+        _, alpha, beta = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], ch["p"], ch["q"], ch["r"], place)
+        return {"alpha": alpha, "beta": beta}
+
+    @cached_property
     def expected(self) -> dict[str, Array]:
         """Accelerations as the simulation would have them.
 
@@ -158,6 +166,13 @@ class Flight:
         if self.surrogate is not None and name in self.surrogate.terms:
             return self.surrogate.evaluate(self, name)
         return self.simulated.get(name, self.measured.get(name, np.zeros(len(self))))
+
+    @cached_property
+    def forces(self) -> tuple[Array, Array, Array]:
+        """Mass times specific force over qbar S along the body axes, as told: aerodynamic force and thrust."""
+        push = rb.thrust_force(self["CT"], self.craft.thrust.inclination)
+        CX, CY, CZ = (self.told(c) + T for c, T in zip(COEFFICIENTS[:3], push))
+        return CX, CY, CZ
 
     def between(self, first: int, last: int, name: str) -> Flight:
         """Samples `first` to `last`, the last not among them, as a flight of its own."""

@@ -14,7 +14,7 @@ from structsel.mismatch.checking import check_alike, check_flown, check_recorded
 from structsel.mismatch.flight import AIRFRAME, Flight, prepare_flight
 from structsel.mismatch.responses import COEFFICIENTS, Rate
 from structsel.mismatch.simulations import Simulation, open_simulation
-from structsel.mismatch.surrogate import Surrogate, identify
+from structsel.mismatch.surrogate import Surrogate, find_surrogate, identify
 from structsel.numerics.smoothing.result import Array
 from structsel.recording import Recording
 
@@ -76,7 +76,7 @@ def prepare(
     flights = [replace(f, simulated={c: f.simulated[c] for c in shared}) for f in flights]
     check_alike(flights, simulation.name)
     if set(AIRFRAME) <= set(flights[0].channels) and set(shared) & set(COEFFICIENTS):
-        stand_in = identify(flights, [f.simulated for f in flights], [c for c in shared if c in COEFFICIENTS])
+        stand_in = find_surrogate(flights, [c for c in shared if c in COEFFICIENTS])
         flights = [replace(f, surrogate=stand_in) for f in flights]
     common = set.intersection(*(set(f.measured) for f in flights))
     flights = [replace(f, measured={c: f.measured[c] for c in f.measured if c in common}) for f in flights]

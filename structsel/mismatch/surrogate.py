@@ -8,9 +8,10 @@ tolerances allow, never for the difference itself (but for a free simulation, wh
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
@@ -36,11 +37,20 @@ _SECOND = (
     ("alpha", "alpha"), ("beta", "beta"), ("alpha", "beta"), ("alpha", "p_hat"), ("alpha", "r_hat"),
     ("alpha", "q_hat"), ("alpha", "de"), ("alpha", "da"), ("alpha", "dr"), ("de", "de"), ("alpha", "V"), ("de", "V"),
     ("beta", "V"), ("alpha", "df"), ("alpha", "CT"), ("de", "CT"), ("V", "V"), ("alpha", "alpha", "alpha"),
-    ("beta", "beta", "beta"), ("da", "V"), ("dr", "V"), ("p_hat", "V"), ("dr", "CT"), ("beta", "CT"),
+    ("beta", "beta", "beta"), ("beta", "beta", "de"), ("alpha", "alpha", "CT"), ("CT", "CT"),
+    ("da", "V"), ("dr", "V"), ("p_hat", "V"), ("dr", "CT"), ("beta", "CT"),
 )  # fmt: skip
 _HATS = {"p_hat": "p", "q_hat": "q", "r_hat": "r"}
 _TINY = 1e-9
-_RATE_WORTH, _SPEED_WORTH, _WRONG_SIDE = 0.05, 0.2, 0.05
+_VANES = ("alpha", "beta")
+_STATES, _DRIVEN = ("V", "alpha", "beta", "p", "q", "r"), ("de", "da", "dr", "df", "thrust", "throttle")
+_ENOUGH = 4000  # samples
+_ROUNDS = 3
+_LEAST = 0.02  # of what samples count, that flights' levels count at least
+_RIDGE = 1e-2  # of each column
+_SHARE, _CLEAR = 1e-5, 20.0
+"""What a term must carry: of the variance, and of the mean square that is left."""
+_RATE_WORTH, _SPEED_WORTH, _WRONG_SIDE = 0.002, 0.2, 0.05
 _SIDEWAYS = {"beta", "p_hat", "r_hat", "da", "dr"}
 _OF_SIDES = ("CY", "Cl", "Cn")
 
@@ -59,6 +69,8 @@ class Surrogate:
     constant : mapping of response to float
     r2 : mapping of response to float
         Of the simulation's variance.
+    at_cg : bool
+        alpha and beta are those at the centre of gravity, not as read at the vanes.
     """
 
     centre: Mapping[str, float]
@@ -67,10 +79,12 @@ class Surrogate:
     values: Mapping[str, Array]
     constant: Mapping[str, float]
     r2: Mapping[str, float]
+    at_cg: bool = False
 
     def unit(self, flight: Flight, channel: str) -> Array:
         """Channel, centred and scaled."""
-        return (flight[channel] - self.centre[channel]) / self.scale[channel]
+        x = flight.at_cg[channel] if self.at_cg and channel in _VANES else flight[channel]
+        return (x - self.centre[channel]) / self.scale[channel]
 
     def column(self, flight: Flight, term: Sequence[str]) -> Array:
         """One term along a flight."""
@@ -102,6 +116,8 @@ class Surrogate:
     def _inner(self, flight: Flight, factor: str, channel: str) -> Array | float | None:
         if factor == channel:
             return 1.0
+        if self.at_cg and (arm := _arm(flight, factor, channel)):
+            return arm / flight["V"]
         if factor == "abs(beta)" and channel == "beta":
             return np.sign(flight["beta"])
         length = flight.craft.cbar if factor == "q_hat" else flight.craft.b
@@ -114,8 +130,46 @@ class Surrogate:
         return None
 
 
+def _arm(flight: Flight, factor: str, channel: str) -> float:
+    """Metres by which an angle at the centre of gravity is off the vane's, for a turning rate over the airspeed."""
+    x, y, z = flight.craft.position("vane")
+    return float(
+        {("alpha", "q"): x, ("alpha", "p"): -y, ("beta", "r"): -x, ("beta", "p"): z}.get((factor, channel), 0.0)
+    )
+
+
+def find_surrogate(flights: Sequence[Flight], responses: Sequence[str]) -> Surrogate:
+    """Stand-in for what the flights' simulation says of `responses`, by the states that it was most likely asked at.
+
+    These are the channels smoothed, or with the gusts that stand out of the noise, or as read, at the vanes or carried
+    to the centre of gravity: whichever leave least of what the simulation says.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+        With what the simulation says.
+    responses : sequence of str
+    """
+    told = [f.simulated for f in flights]
+    # Controls jump, and are read well beside how far they move: smoothing would round them.
+    driven = [{c: f.raw[c] for c in _DRIVEN if c in f.raw} for f in flights]
+    gusty = [{**f.air, **m} for f, m in zip(flights, driven)]
+    read = [{**m, **{c: f.raw[c] for c in _STATES if c in f.raw}} for f, m in zip(flights, driven)]
+    tried = []
+    for more in (driven, gusty, read):
+        asked = [replace(f, channels={**f.channels, **m}) for f, m in zip(flights, more)]
+        tried.append(identify(asked, told, responses))
+        if any(np.any(f.craft.position("vane")) for f in flights):
+            tried.append(identify(asked, told, responses, at_cg=True))
+    return min(tried, key=lambda s: sum(np.log(max(1.0 - s.r2[c], _TINY)) for c in responses))
+
+
 def identify(
-    flights: Sequence[Flight], simulated: Sequence[Mapping[str, Array]], responses: Sequence[str]
+    flights: Sequence[Flight],
+    simulated: Sequence[Mapping[str, Array]],
+    responses: Sequence[str],
+    *,
+    at_cg: bool = False,
 ) -> Surrogate:
     """Stand-in for what a simulation says of `responses`.
 
@@ -127,36 +181,79 @@ def identify(
         Whose channels the simulation answers to.
     simulated : sequence of mapping of response to (n,) array
     responses : sequence of str
+    at_cg : bool
+        Of alpha and beta at the centre of gravity, not of those as read.
     """
+    if at_cg:
+        flights = [replace(f, channels={**f.channels, **f.at_cg}) for f in flights]
     linear = [c for c in _LINEAR if all(c in f or c in f.channels for f in flights) and _moves(flights, c)]
     together = {c: np.concatenate([f[c] for f in flights]) for c in linear}
     centre = {c: float(x.mean()) for c, x in together.items()}
     scale = {c: float(x.std()) for c, x in together.items()}
-    units = {c: (together[c] - centre[c]) / scale[c] for c in linear}
     pool = [(c,) for c in linear] + [s for s in _SECOND if set(s) <= set(linear)]
-    X = np.column_stack([np.prod([units[c] for c in term], axis=0) for term in pool]) if pool else np.empty((0, 0))
-    step = max(1, len(X) // 4000)
-    X = X[::step]
-    # The rate of incidence is nearly the pitch rate, and noisier; trimmed flight ties airspeed to incidence.
+    step = max(1, sum(map(len, flights)) // _ENOUGH)
+    ends = np.cumsum([len(range(0, len(f), step)) for f in flights])[:-1]
+    X = np.concatenate([_columns(f, pool, centre, scale)[::step] for f in flights])
+    # The rate of incidence is the pitch rate and what CZ makes of it: with it, anything would fit. Trimmed flight ties
+    # airspeed to incidence.
     liking = np.array([_RATE_WORTH if "alpha_dot_hat" in t else _SPEED_WORTH if "V" in t else 1.0 for t in pool])
     terms, values, constant, r2 = {}, {}, {}, {}
     # An aircraft is nearly the same on both sides: what is odd in one of its halves is not even in the other.
     odd = np.array([sum(c in _SIDEWAYS for c in term) % 2 == 1 for term in pool])
     for response in responses:
-        y = np.concatenate([s[response] for s in simulated])[::step]
+        y = np.concatenate([s[response][::step] for s in simulated])
         alike = (odd == (response in _OF_SIDES)) if response in COEFFICIENTS else np.ones(len(pool), dtype=bool)
-        kept = _choose(X, y, np.where(alike, liking, _WRONG_SIDE * liking))
-        basis = np.column_stack([np.ones(len(y)), X[:, kept]])
-        # A touch of ridge: columns that nearly coincide share their effect instead of cancelling it.
-        rows = np.vstack([basis, np.diag([0.0] + [np.sqrt(1e-4 * len(y))] * len(kept))])
-        fit = np.linalg.lstsq(rows, np.concatenate([y, np.zeros(len(kept) + 1)]), rcond=None)[0]
+        kept, fit = _fit(X, y, ends, np.where(alike, liking, _WRONG_SIDE * liking))
+        left = y - fit[0] - X[:, kept] @ fit[1:]
         total = float(((y - y.mean()) ** 2).sum())
-        left = float(((y - basis @ fit) ** 2).sum())
         terms[response] = tuple(pool[j] for j in kept)
         values[response] = fit[1:]
         constant[response] = float(fit[0])
-        r2[response] = 1.0 - left / total if total > 0.0 else 1.0
-    return Surrogate(centre, scale, terms, values, constant, r2)
+        r2[response] = 1.0 - float(left @ left) / total if total > 0.0 else 1.0
+    return Surrogate(centre, scale, terms, values, constant, r2, at_cg)
+
+
+def _columns(
+    flight: Flight, pool: Sequence[Sequence[str]], centre: Mapping[str, float], scale: Mapping[str, float]
+) -> Array:
+    if not pool:
+        return np.empty((len(flight), 0))
+    units = {c: (flight[c] - centre[c]) / scale[c] for term in pool for c in term}
+    return np.column_stack([np.prod([units[c] for c in term], axis=0) for term in pool])
+
+
+def _fit(X: Array, y: Array, ends: NDArray[np.intp], liking: Array) -> tuple[list[int], Array]:
+    """Columns kept, and the constant with their values, by least squares with levels weighted by what is left of them.
+
+    A simulation asked at states with other biases than those read leaves a level in each flight. Taken for noise of
+    independent samples, levels let columns in that are not there, and share out wrongly between columns that are alike.
+    """
+    kept: list[int] = []
+    fit = np.array([float(y.mean())])
+    level = 1.0
+    for _ in range(_ROUNDS):
+        rows = _weighted(np.column_stack([np.ones(len(y)), X, y]), ends, level)
+        one, A, b = rows[:, :1], rows[:, 1:-1], rows[:, -1]
+        onto = one[:, 0] / float(one[:, 0] @ one[:, 0])
+        kept = _choose(A - one * (onto @ A), b - one[:, 0] * float(onto @ b), liking)
+        basis = np.column_stack([one, A[:, kept]])
+        # A touch of ridge: columns that nearly coincide share their effect instead of cancelling it.
+        ridge = np.diag([0.0, *(_RIDGE * np.linalg.norm(A[:, kept], axis=0))])
+        fit = np.linalg.lstsq(np.vstack([basis, ridge]), np.concatenate([b, np.zeros(len(kept) + 1)]), rcond=None)[0]
+        left = np.split(y - fit[0] - X[:, kept] @ fit[1:], ends)
+        levels = sum(len(x) * x.mean() ** 2 for x in left) / len(left)
+        moving = sum(float(x.var()) * len(x) for x in left) / len(y)
+        level = float(np.clip(moving / levels, _LEAST, 1.0)) if levels > 0.0 else 1.0
+    return kept, fit
+
+
+def _weighted(rows: Array, ends: NDArray[np.intp], level: float) -> Array:
+    """Rows (n, k) of all flights: what moves in each, and its level, which counts `level` times what its samples do."""
+    made = []
+    for part in np.split(rows, ends):
+        mean = part.mean(axis=0)
+        made += [part - mean, np.sqrt(level * len(part)) * mean[None]]
+    return np.concatenate(made)
 
 
 def _moves(flights: Sequence[Flight], channel: str) -> bool:
@@ -166,20 +263,19 @@ def _moves(flights: Sequence[Flight], channel: str) -> bool:
 
 def _choose(X: Array, y: Array, liking: Array) -> list[int]:
     """Columns that carry their share of the variance, largest gain first."""
-    left = y - y.mean()
+    left, Q = y, X
     total = float(left @ left)
     if not X.size or total <= 0.0:
         return []
-    Q = X - X.mean(axis=0)
     size = (Q**2).sum(axis=0)
     kept: list[int] = []
-    # Residuals of a stand-in are what its form misses, not noise: a term must carry its share of the variance.
+    # Much of what a stand-in leaves is what its form misses, not noise: a term must also carry its share.
     while len(kept) < min(X.shape[1], 20):
         norms = (Q**2).sum(axis=0)
         open_ = norms > 1e-6 * size
         gains = np.where(open_, (Q.T @ left) ** 2 / np.where(open_, norms, 1.0), 0.0)
         j = int(np.argmax(gains * liking))
-        if gains[j] * liking[j] < 1e-5 * total:
+        if gains[j] * liking[j] < _SHARE * total or gains[j] < _CLEAR * float(left @ left) / len(y):
             break
         kept.append(j)
         q = Q[:, j] / np.sqrt(norms[j])

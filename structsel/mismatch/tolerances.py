@@ -194,17 +194,9 @@ def _sd(stated: Tolerances, key: str) -> float:
     return _FREE * float(getattr(_USUAL, key)) if value == "free" else float(value)
 
 
-def force_totals(f: Flight) -> tuple[Array, Array, Array]:
-    """Mass times specific force over qbar S, as the simulation has it: aerodynamic force and thrust."""
-    zero = np.zeros(len(f))
-    T = rb.thrust_force(f["CT"], f.craft.thrust.inclination)
-    CX, CY, CZ = ((f.told(c) if c in f.simulated else zero) + t for c, t in zip(("CX", "CY", "CZ"), T))
-    return CX, CY, CZ
-
-
 def mass_columns(f: Flight) -> dict[str, Array]:
     """A mass assumed too large by one part makes the measured forces too large by one part."""
-    return {c: x for c, x in zip(("CX", "CY", "CZ"), force_totals(f)) if c in f.measured}
+    return {c: x for c, x in zip(("CX", "CY", "CZ"), f.forces) if c in f.measured}
 
 
 def inertia_columns(f: Flight, axis: str) -> dict[str, Array]:
@@ -234,10 +226,9 @@ def inertia_columns(f: Flight, axis: str) -> dict[str, Array]:
 
 def offset_columns(f: Flight, k: int) -> dict[str, Array]:
     """The forces acting one chord further along body axis k than assumed."""
-    forces = force_totals(f)
     arm = [0.0, 0.0, 0.0]
     arm[k] = f.craft.cbar
-    l, m, n = np.cross(np.array(arm), np.stack(forces, axis=-1)).T
+    l, m, n = np.cross(np.array(arm), np.stack(f.forces, axis=-1)).T
     made = {"Cl": l / f.craft.b, "Cm": m / f.craft.cbar, "Cn": n / f.craft.b}
     return {c: x for c, x in made.items() if c in f.measured}
 
