@@ -86,7 +86,7 @@ def test_in_rough_air_nothing_is_named_that_gusts_look_like(monkeypatch):
     scores = [SimpleNamespace(hypothesis=h) for h in HYPOTHESES]
     asked = []
     monkeypatch.setattr(ranking, "score_all", lambda bench, library: scores)
-    monkeypatch.setattr(ranking, "weigh", lambda bench, scores, rough: asked.append(len(scores)) or [])
+    monkeypatch.setattr(ranking, "weigh", lambda bench, scores: asked.append(len(scores)) or [])
     assert not ranking.rank(None, None, rough=True).steps
     assert not ranking.rank(None, None, rough=False).steps
     diluted = [h.effect for h in HYPOTHESES if h.diluted]

@@ -98,7 +98,7 @@ def weigh_all(bench: Bench, library: Library, rough: bool = False) -> list[Weigh
 
     Gusts in the states that a simulation was asked at make what was measured smaller than what was simulated.
     """
-    return weigh(bench, [s for s in score_all(bench, library) if not (rough and s.hypothesis.diluted)], rough)
+    return weigh(bench, [s for s in score_all(bench, library) if not (rough and s.hypothesis.diluted)])
 
 
 def _weighed(effects: Sequence[Weighed]) -> tuple[list[Weighed], tuple[tuple[str, float], ...]]:
