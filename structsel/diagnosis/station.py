@@ -93,7 +93,6 @@ def conclude(
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Diagnosis of flights that are prepared and set up (see `set_up`)."""
-    begun = time.perf_counter()
     bench, library, turbulence = ready
     remarks = list(prepared.remarks)
     flights, responses, rough = bench.flights, bench.responses, turbulence is not None
@@ -137,8 +136,7 @@ def conclude(
         prepared.simulation.model if corrected is None else corrected,
         traces,
         self_test(ranking.start, library),
-        time.perf_counter() - begun,
-        replayed,
+        replayed=replayed,
     )
 
 

@@ -44,7 +44,7 @@ later, ahead later : something was found before; `ahead` where that is so, else 
 """
 NOTHING = -6.031
 WEIGHTS = np.array([2.576, 0.059, 3.158, 2.192, 1.923, 0.071, -1.945, 0.362, 0.532, -1.335, -2.686])
-"""By `benchmarks/chances.py`, from development cases."""
+"""From development cases, by the logit of `benchmarks/chances.py` with the weights before as expected (decision 18)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +123,7 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
             continue
         by_itself = max(0.0, ahead_of(one, scores, alone)) * np.log1p(max(0.0, alone(one)) / _CLEAR)
         ahead = max(ahead_of(one, scores, nats), _ALONE * by_itself)
+        besides = most(shares_there(one, bench, bench.beside(one.signature)), bench)
         told = (
             ahead,
             by_itself,
@@ -132,7 +133,7 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
             float(np.clip(one.own / _OWN, -1.0, 1.0)),
             one.event,
             hypothesis.log_prior,
-            most(shares_there(one, bench, bench.beside(one.signature)), bench) * np.log1p(max(0.0, nats(one)) / _CLEAR),
+            besides * np.log1p(max(0.0, nats(one)) / _CLEAR),
             later,
             ahead * later,
         )

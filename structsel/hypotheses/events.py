@@ -8,6 +8,7 @@ import numpy as np
 
 from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
 from structsel.hypotheses.changes import Change, find_changes
+from structsel.hypotheses.operators import shape_of
 from structsel.hypotheses.signals import (
     LONGITUDINAL,
     Column,
@@ -118,8 +119,7 @@ def _sum(changes: Sequence[Change], signs: Array) -> Column:
 
 
 def _times(changes: Sequence[Change]) -> dict[str, float]:
-    shape = {f"time in {c.flight}": c.start for c in changes}
-    return shape | {"duration": changes[0].duration}
+    return shape_of({c.flight: c.start for c in changes}) | {"duration": changes[0].duration}
 
 
 def _seconds(changes: Sequence[Change]) -> dict[str, str]:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from structsel.hypotheses.base import Flights, Found, Hypothesis, Parameter, Variant
-from structsel.hypotheses.operators import changes, late, spaced, step_at
+from structsel.hypotheses.operators import changes, late, since, spaced, told_onsets
 from structsel.hypotheses.readings import Errors, cannot_be_shifted, wrong_readings
 from structsel.hypotheses.signals import available, gathered, moves
 from structsel.hypotheses.wording import INSTRUMENTS, percent, shown
@@ -71,7 +71,7 @@ def _bias_variants(flights: Flights) -> list[Variant]:
             Variant(
                 (constant,),
                 wrong_readings(partial(_jump, channel=channel, where=where, when=when)),
-                {"time": when}, {"time": "s"}, about=f"{name}, in '{where}' from {when:.1f} s on",
+                {"time": when}, {"time": "s"}, about=f"{name}, {told_onsets({where: when})}",
             )
             for where, when in clearest
         ]  # fmt: skip
@@ -87,7 +87,7 @@ def _drift(flight: Flight, channel: str) -> list[Errors]:
 
 
 def _jump(flight: Flight, channel: str, where: str, when: float) -> list[Errors]:
-    return [{channel: step_at(flight.t, when) if flight.name == where else 0.0}]
+    return [{channel: since(flight, {where: when})}]
 
 
 def _bias_says(found: Found) -> str:

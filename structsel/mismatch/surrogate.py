@@ -147,8 +147,12 @@ def find_surrogate(flights: Sequence[Flight], responses: Sequence[str]) -> Surro
     Parameters
     ----------
     flights : sequence of Flight
-        With what the simulation says.
+        Of one aircraft, with what the simulation says.
     responses : sequence of str
+
+    Returns
+    -------
+    Surrogate
     """
     told = [f.simulated for f in flights]
     # Controls jump, and are read well beside how far they move: smoothing would round them.
@@ -159,7 +163,7 @@ def find_surrogate(flights: Sequence[Flight], responses: Sequence[str]) -> Surro
     for more in (driven, gusty, read):
         asked = [replace(f, channels={**f.channels, **m}) for f, m in zip(flights, more)]
         tried.append(identify(asked, told, responses))
-        if any(np.any(f.craft.position("vane")) for f in flights):
+        if np.any(flights[0].craft.position("vane")):
             tried.append(identify(asked, told, responses, at_cg=True))
     return min(tried, key=lambda s: sum(np.log(max(1.0 - s.r2[c], _TINY)) for c in responses))
 
@@ -192,8 +196,11 @@ def identify(
     scale = {c: float(x.std()) for c, x in together.items()}
     pool = [(c,) for c in linear] + [s for s in _SECOND if set(s) <= set(linear)]
     step = max(1, sum(map(len, flights)) // _ENOUGH)
-    ends = np.cumsum([len(range(0, len(f), step)) for f in flights])[:-1]
-    X = np.concatenate([_columns(f, pool, centre, scale)[::step] for f in flights])
+    counts = [len(range(0, len(f), step)) for f in flights]
+    ends = np.cumsum(counts)[:-1]
+    bare = Surrogate(centre, scale, {}, {}, {}, {})
+    columns = [np.concatenate([bare.column(f, term)[::step] for f in flights]) for term in pool]
+    X = np.reshape(columns, (len(pool), sum(counts))).T
     # The rate of incidence is the pitch rate and what CZ makes of it: with it, anything would fit. Trimmed flight ties
     # airspeed to incidence.
     liking = np.array([_RATE_WORTH if "alpha_dot_hat" in t else _SPEED_WORTH if "V" in t else 1.0 for t in pool])
@@ -210,16 +217,7 @@ def identify(
         values[response] = fit[1:]
         constant[response] = float(fit[0])
         r2[response] = 1.0 - float(left @ left) / total if total > 0.0 else 1.0
-    return Surrogate(centre, scale, terms, values, constant, r2, at_cg)
-
-
-def _columns(
-    flight: Flight, pool: Sequence[Sequence[str]], centre: Mapping[str, float], scale: Mapping[str, float]
-) -> Array:
-    if not pool:
-        return np.empty((len(flight), 0))
-    units = {c: (flight[c] - centre[c]) / scale[c] for term in pool for c in term}
-    return np.column_stack([np.prod([units[c] for c in term], axis=0) for term in pool])
+    return replace(bare, terms=terms, values=values, constant=constant, r2=r2, at_cg=at_cg)
 
 
 def _fit(X: Array, y: Array, ends: NDArray[np.intp], liking: Array) -> tuple[list[int], Array]:
@@ -228,8 +226,6 @@ def _fit(X: Array, y: Array, ends: NDArray[np.intp], liking: Array) -> tuple[lis
     A simulation asked at states with other biases than those read leaves a level in each flight. Taken for noise of
     independent samples, levels let columns in that are not there, and share out wrongly between columns that are alike.
     """
-    kept: list[int] = []
-    fit = np.array([float(y.mean())])
     level = 1.0
     for _ in range(_ROUNDS):
         rows = _weighted(np.column_stack([np.ones(len(y)), X, y]), ends, level)
