@@ -36,7 +36,22 @@ def test_what_speaks_for_an_effect_has_a_positive_weight():
     assert all(
         weights[name] > 0.0 for name in ("ahead", "ahead alone", "takes", "takes there", "level", "own", "prior")
     )
-    assert weights["later"] < 0.0
+
+
+def test_what_tolerances_imitate_is_no_evidence_once_something_was_found():
+    def score(effect, beside, delivered, event=False):
+        return SimpleNamespace(
+            effect=effect, event=event, predictive=np.array([beside]), within=0.0, log_evidence=beside,
+            hypothesis=SimpleNamespace(effect=effect, log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
+        )  # fmt: skip
+
+    first = SimpleNamespace(accepted=())
+    gust = SimpleNamespace(accepted=(SimpleNamespace(hypothesis=SimpleNamespace(effect="gust")),))
+    mass, gusts = score("mass-error", 1.0, 400.0), score("gust", 900.0, 900.0, event=True)
+    assert [weighing.evident(b, mass) for b in (first, gust)] == [True, False]
+    assert [weighing.evident(b, gusts) for b in (first, gust)] == [True, False]
+    assert weighing.evident(gust, score("icing", 20.0, 0.0))
+    assert not weighing.evident(first, score("mass-error", 9.0, 60.0))  # what tolerances alone bring by chance
 
 
 def test_nats_ahead_are_of_the_best_other_and_within_one():

@@ -25,10 +25,11 @@ _OWN = 20.0  # nats, beyond which more say no more
 _LOWERS, _THERE = 0.05, 0.5
 """Shares: by which some coefficient's rms must fall on other flights, or what it differs by where the effect acts."""
 _SPOILS = 0.5  # share by which the rms of none may rise
+_EVIDENT, _PLENTY = 10.0, 150.0
+"""Nats that an effect must bring beside tolerances; or, as the first, as delivered where tolerances imitate it."""
 
 FEATURES = (
-    "ahead", "ahead alone", "takes", "takes there", "level", "own", "event", "prior", "takes besides", "later",
-    "ahead later",
+    "ahead", "ahead alone", "takes", "takes there", "level", "own", "event", "prior", "takes besides",
 )  # fmt: skip
 """What is known of an effect when it is weighed.
 
@@ -40,10 +41,9 @@ own : log evidence of its form with every tolerance free to imitate it, over 20 
 event : it is of one flight.
 prior : log of how often simulations lack it, as against other effects.
 takes besides : share that it takes of the moments at which it acts, beside tolerances, times log(1 + nats / 10).
-later, ahead later : something was found before; `ahead` where that is so, else nothing.
 """
 NOTHING = -6.031
-WEIGHTS = np.array([2.576, 0.059, 3.158, 2.192, 1.923, 0.071, -1.945, 0.362, 0.532, -1.335, -2.686])
+WEIGHTS = np.array([2.576, 0.059, 3.158, 2.192, 1.923, 0.071, -1.945, 0.362, 0.532])
 """From development cases, by the logit of `benchmarks/chances.py` with the weights before as expected (decision 18)."""
 
 
@@ -97,6 +97,17 @@ def in_question(scores: Sequence[Score]) -> list[Score]:
     return [s for s in scores if s in best]
 
 
+def evident(bench: Bench, score: Score) -> bool:
+    """Whether an effect brings enough to be weighed; of what happens at some moments, only what was not found before.
+
+    Tolerances that are off in what was found leave more to their own look-alikes than those of a right simulation do.
+    """
+    if not bench.accepted:
+        return nats(score) >= _EVIDENT or alone(score) >= _PLENTY
+    again = score.event and score.effect in {s.hypothesis.effect for s in bench.accepted}
+    return nats(score) >= _EVIDENT and not again
+
+
 def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
     """Features of the effects in question that matter: that lower the error on flights not used for them.
 
@@ -111,11 +122,11 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
     """
     plain = bench.as_delivered()
     before = judging.held_out(plain, True)
-    later = bool(bench.accepted)
     made = []
     for one in in_question(scores):
+        if not evident(bench, one):
+            continue
         beside = plain.beside(one.signature)
-        hypothesis = one.hypothesis
         taken = Taken.by(one, plain, beside)
         gained = judging.gains(before, judging.held_out(beside, True), beside.told)
         lowers, spoils = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
@@ -132,10 +143,8 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
             taken.level,
             float(np.clip(one.own / _OWN, -1.0, 1.0)),
             one.event,
-            hypothesis.log_prior,
+            one.hypothesis.log_prior,
             besides * np.log1p(max(0.0, nats(one)) / _CLEAR),
-            later,
-            ahead * later,
         )
         made.append(Weighed(one, np.array(told, dtype=float)))
     return made
