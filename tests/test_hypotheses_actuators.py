@@ -35,6 +35,7 @@ def test_a_pure_delay_is_told_from_a_lag():
     [
         ("actuator-rate-limit", "de", Actuator(rate=0.2), "elevator", "rate", 0.2),
         ("actuator-saturation", "dr", Actuator(high=0.08), "rudder, upper side", "stop", 0.08),
+        ("actuator-saturation", "dr", Actuator(high=0.03), "rudder, upper side", "stop", 0.03),
         ("backlash", "da", Actuator(backlash=0.02), "aileron", "width", 0.02),
     ],
 )

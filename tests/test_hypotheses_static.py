@@ -129,6 +129,15 @@ def test_drag_that_falls_with_reynolds_number_is_found():
     check_all(flights, REYNOLDS)
 
 
+def test_a_simulation_right_at_another_reynolds_number_is_off_by_a_level_too():
+    flights = flights_with({"CX": {"log(rho*V/20)": 0.005}}, speeds=(45.0, 52.0), h=(500.0, 1500.0), inputs=pull)
+    variant = next(v for v in REYNOLDS.variants(flights) if "another" in v.about)
+    X = np.vstack([variant.columns(f)["CX"] for f in flights])
+    y = np.concatenate([f.difference["CX"] for f in flights])
+    found, *_ = np.linalg.lstsq(X, y, rcond=None)
+    assert_allclose(found, [-0.005, -0.005 * np.log(np.mean([f["rho"] * f["V"] for f in flights]) / 20.0)], rtol=0.1)
+
+
 def test_what_flights_do_not_cover_is_said():
     flights = flights_with({}, speeds=(70.0,), inputs=lambda t, k: excite(t, k, 0.02, 0.03, 0.03))
     assert STALL.needs(flights) == "incidence above 0.1 rad"

@@ -12,7 +12,7 @@ from structsel.errors import DataError, ModelError
 from structsel.mismatch.preparing import prepare
 from structsel.mismatch.simulations import open_simulation
 from structsel.mismatch.station import compare
-from structsel.mismatch.tolerances import biases_of
+from structsel.mismatch.tolerances import biases_of, tolerances_of
 from structsel.recording import Recording
 from tests.missing_physics import CRAFT, TRUTH, T, fly, model_of
 
@@ -165,6 +165,17 @@ def test_slopes_of_the_stand_in_are_those_of_the_simulation_whatever_readings_ar
         assert_allclose(f.slope("Cm", "q").mean(), damping, rtol=0.02)
         assert_allclose(f.slope("Cm", "de").mean(), TRUTH["Cm"]["de"], rtol=0.02)
         assert_allclose(f.slope("Cl", "p").mean(), TRUTH["Cl"]["p_hat"] * CRAFT.b / (2.0 * V), rtol=0.01)
+
+
+def test_a_brake_that_comes_out_is_in_the_stand_in_and_in_what_tolerances_allow(flown):
+    recordings, told = flown
+    out = [np.clip(T - 8.0, 0.0, 1.0) * (k == 1) for k in range(4)]
+    told = [{**s, "CZ": s["CZ"] + 0.08 * x} for s, x in zip(told, out)]
+    recordings = [Recording(r.name, r.t, {**r.channels, "speedbrake": x}) for r, x in zip(recordings, out)]
+    flights = prepare(files(recordings, told), recordings, CRAFT).flights
+    assert_allclose(flights[0].slope("CZ", "speedbrake"), 0.08, rtol=0.03)
+    (allowed,) = (n for n in tolerances_of(flights) if n.name == "CZ: speedbrake")
+    assert np.ptp(allowed.columns[1]["CZ"]) == pytest.approx(0.08, rel=0.03)
 
 
 def test_a_forced_simulation_that_diverged_names_file_channel_and_sample(flown):

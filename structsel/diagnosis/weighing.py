@@ -25,7 +25,7 @@ _OWN = 20.0  # nats, beyond which more say no more
 _LOWERS, _THERE = 0.05, 0.5
 """Shares: by which some coefficient's rms must fall on other flights, or what it differs by where the effect acts."""
 _SPOILS = 0.5  # share by which the rms of none may rise
-_EVIDENT, _PLENTY = 10.0, 150.0
+_EVIDENT, _PLENTY = 10.0, 300.0
 """Nats that an effect must bring beside tolerances; or, as the first, as delivered where tolerances imitate it."""
 
 FEATURES = (

@@ -126,7 +126,7 @@ def _stop_variants(flights: Flights) -> list[Variant]:
     for control in used_controls(flights):
         values = gathered(flights, control)
         low, high = float(values.min()), float(values.max())
-        for share in (0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+        for share in (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
             # Between what is usual and the extreme: a stop within the usual would have been seen.
             middle = float(np.median(values))
             up, down = middle + share * (high - middle), middle + share * (low - middle)

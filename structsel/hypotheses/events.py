@@ -20,9 +20,9 @@ from structsel.hypotheses.signals import (
 )
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
+from structsel.mismatch.surrogate import CONFIGURATION
 from structsel.numerics.smoothing.result import Array
 
-_MOVED = ("df", "gear", "brake", "speedbrake", "speed_brake", "spoiler", "flap", "slat")
 _DURATIONS = (0.0, 1.0, 2.5, 5.0, 8.0)  # s, of a change of configuration
 _SINGLE = 3  # most events of one manoeuvre alone that are tried
 _ALONE = 10  # most manoeuvres of which events alone are tried
@@ -72,7 +72,7 @@ def _recorded(flights: Flights) -> list[Variant]:
 
 
 def _channels(flights: Flights) -> list[str]:
-    return [c for c in _MOVED if moves(flights, c)]
+    return [c for c in CONFIGURATION if moves(flights, c)]
 
 
 def _channel(name: str) -> Column:

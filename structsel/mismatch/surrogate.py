@@ -17,22 +17,12 @@ from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.numerics.smoothing.result import Array
 
+CONFIGURATION = ("df", "gear", "brake", "speedbrake", "speed_brake", "spoiler", "flap", "slat")
+"""Channels of what is let down, or held into the stream, now and then."""
 _LINEAR = (
-    "alpha",
-    "beta",
-    "abs(beta)",
-    "p_hat",
-    "q_hat",
-    "r_hat",
-    "de",
-    "da",
-    "dr",
-    "df",
-    "gear",
-    "CT",
-    "V",
+    "alpha", "beta", "abs(beta)", "p_hat", "q_hat", "r_hat", "de", "da", "dr", *CONFIGURATION, "CT", "V",
     "alpha_dot_hat",
-)
+)  # fmt: skip
 _SECOND = (
     ("alpha", "alpha"), ("beta", "beta"), ("alpha", "beta"), ("alpha", "p_hat"), ("alpha", "r_hat"),
     ("alpha", "q_hat"), ("alpha", "de"), ("alpha", "da"), ("alpha", "dr"), ("de", "de"), ("alpha", "V"), ("de", "V"),
@@ -43,7 +33,7 @@ _SECOND = (
 _HATS = {"p_hat": "p", "q_hat": "q", "r_hat": "r"}
 _TINY = 1e-9
 _VANES = ("alpha", "beta")
-_STATES, _DRIVEN = ("V", "alpha", "beta", "p", "q", "r"), ("de", "da", "dr", "df", "thrust", "throttle")
+_STATES, _DRIVEN = ("V", "alpha", "beta", "p", "q", "r"), ("de", "da", "dr", *CONFIGURATION, "thrust", "throttle")
 _ENOUGH = 4000  # samples
 _ROUNDS = 3
 _LEAST = 0.02  # of what samples count, that flights' levels count at least
