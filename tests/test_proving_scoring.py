@@ -476,6 +476,18 @@ def test_a_process_that_breaks_down_or_takes_too_long_is_no_answer(fake, tmp_pat
     assert bench._ask(tmp_path / "case", "diagnose") == {"error": "no answer within 0.2 s"}
 
 
+def test_a_diagnosis_stands_though_asking_the_baselines_broke_down(fake, tmp_path):
+    draws = running.plan({"": 1}, 0, sources=["own"])
+    running.prove(draws, tmp_path, program=fake())
+    running.prove(draws, tmp_path, program=fake(crash=True), simple=True)
+    assert len(fake.notes()) == 2
+    assert not running.errors_of(draws, tmp_path)
+    running.prove(draws, tmp_path, program=fake(), simple=True)  # and they are asked again
+    assert "largest correlation" in running.scores_of(draws, tmp_path)[0][0].simple
+    running.prove(draws, tmp_path, program=fake(crash=True), again=True)
+    assert running.errors_of(draws, tmp_path)
+
+
 def test_a_folder_whose_cases_were_drawn_otherwise_is_refused(fake, tmp_path):
     running.prove(running.plan({"": 1}, 0, sources=["own"]), tmp_path, program=fake())
     with pytest.raises(DataError, match="own-0000000 drawn otherwise"):
