@@ -12,6 +12,7 @@ from scipy.signal import lfilter, lsim
 
 from structsel.hypotheses import plants
 from structsel.hypotheses.actuators import HYPOTHESES as ACTUATORS
+from structsel.hypotheses.plant import find_plant
 from structsel.mismatch.flight import prepare_flight
 from structsel.recording import Recording
 from tests.injected import CRAFT, best, compare, fly, one_of
@@ -91,19 +92,25 @@ def test_the_motors_of_the_crazyflie_come_late():
 
 def mechanism(force, seed=3):
     """y'' + 0.6 y' + 25 y + force(y, y') = u, measured; the same without the force, simulated."""
-    dt, n = 0.02, 900
-    t = dt * np.arange(n)
-    rng = np.random.default_rng(seed)
-    u = lfilter([0.2], [1.0, -0.8], rng.standard_normal(n)) * 20.0
-
-    def run(law):
-        def move(s, x):
-            return [x[1], np.interp(s, t, u) - 0.6 * x[1] - 25.0 * x[0] - law(x[0], x[1])]
-
-        return solve_ivp(move, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-6, atol=1e-9, max_step=2.0 * dt).y[0]
-
+    t, u = pushed(seed)
     free = lsim(([1.0], [1.0, 0.6, 25.0]), u, t)[1]
-    return u, free if force is None else run(force), free
+    return u, free if force is None else motion(t, u, force)[0], free
+
+
+def pushed(seed):
+    """Times and a rough input."""
+    dt, n = 0.02, 900
+    rng = np.random.default_rng(seed)
+    return dt * np.arange(n), lfilter([0.2], [1.0, -0.8], rng.standard_normal(n)) * 20.0
+
+
+def motion(t, u, force):
+    """Displacement and speed of a mass on a spring and a damper, with a force against it."""
+
+    def move(s, x):
+        return [x[1], np.interp(s, t, u) - 0.6 * x[1] - 25.0 * x[0] - force(x[0], x[1])]
+
+    return solve_ivp(move, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-6, atol=1e-9, max_step=2.0 * t[1]).y
 
 
 @pytest.mark.parametrize(
@@ -115,6 +122,28 @@ def mechanism(force, seed=3):
 )
 def test_a_force_beside_the_input_is_found_in_the_input_s_unit(effect, force, name, value):
     flights = rig([mechanism(force, seed) for seed in (3, 4)], 0.02, "y")
+    order, found = ranking(flights)
+    assert order[0] == effect
+    assert found[effect].explained > 0.97
+    assert_allclose(found[effect].values[name], value, rtol=0.12)
+
+
+@pytest.mark.parametrize(
+    ("effect", "force", "name", "value"),
+    [
+        ("stiffening", lambda y, v: 60.0 * y**3, "restoring", 60.0),
+        ("friction", lambda y, v: 1.5 * np.tanh(v / 0.1), "force", 1.5),
+    ],
+)
+def test_a_force_is_found_in_what_accelerates_a_recorded_motion(effect, force, name, value):
+    flights = []
+    for seed in (3, 4):
+        t, u = pushed(seed)
+        y, v = motion(t, u, force)
+        told = u - 0.6 * v - 25.0 * y
+        channels = {"u": u, "y": y, "v": v, "a": told - force(y, v)}
+        record = Recording(f"m{seed}", t, channels, units=dict.fromkeys(channels, "?"))
+        flights.append(prepare_flight(record, CRAFT, {"a": told}))
     order, found = ranking(flights)
     assert order[0] == effect
     assert found[effect].explained > 0.97
@@ -133,7 +162,7 @@ def test_an_output_that_overflows_is_found_at_its_limit():
 
 def test_the_linear_plant_is_found_from_its_input_and_output():
     u, _, told = mechanism(None)
-    plant = plants.find_plant(rig([(u, told, told)], 0.02, "y"), "y")
+    plant = find_plant(rig([(u, told, told)], 0.02, "y"), "y")
     assert plant.source == "u"
     assert_allclose(plant.stiffness, 25.0, rtol=1e-3)
     poles = np.log(np.roots(plant.a)) / 0.02

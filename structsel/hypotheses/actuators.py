@@ -10,6 +10,7 @@ import numpy as np
 from structsel.hypotheses import plants
 from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
 from structsel.hypotheses.operators import actuate, lag, late, spaced
+from structsel.hypotheses.plant import answers
 from structsel.hypotheses.signals import available, coefficients, gathered, mean_slope, moves
 from structsel.hypotheses.wording import SURFACES, shown
 from structsel.mismatch.flight import Flight
@@ -64,7 +65,7 @@ def _stopped(x: Array, flight: Flight, low: float, high: float) -> Array:
 
 
 def _needs_control(flights: Flights) -> str:
-    if plants.answers(flights):
+    if answers(flights):
         return ""
     if not coefficients(flights):
         return "simulated coefficients"

@@ -4,120 +4,26 @@ A linear plant ``y = G u`` with a force f(y) beside its input obeys ``y = G (u +
 what is simulated is G f, with f along the *measured* motion: no iteration, however far they part. G is found from the
 simulation's own input and output. Errors of its stiffness, damping and inertia are forces of the same kind: they go
 along, since whoever fitted a linear plant to a bent one got them wrong.
+
+A simulation may also say at once what accelerates a motion that is recorded: then y and its rate are channels, and what
+is measured less what is simulated is the force itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numba import njit
-from scipy.linalg import lstsq
-from scipy.signal import lfilter
 
 from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
 from structsel.hypotheses.operators import lag, late, spaced
+from structsel.hypotheses.plant import Plant, answers, find_plant
 from structsel.mismatch.flight import Flight
-from structsel.mismatch.responses import COEFFICIENTS, KINEMATIC
 from structsel.numerics.smoothing.result import Array
 
-_SAMPLES = 8000  # of a manoeuvre that are enough to find a linear plant from a simulation without noise
-_ORDERS = (0, 1, 2, 3, 4)
-_LEAST_R2 = 0.8
-_AT_ONCE = 0.2  # share of the answer to an impulse that comes at once, above which a plant has no state of its own
 _PATHS = (-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0)  # deg of delta over gamma; at 90 the force would be elastic
-
-
-def answers(flights: Flights) -> list[str]:
-    """Simulated responses that are channels, not coefficients."""
-    found = {r for f in flights for r in f.simulated if r not in COEFFICIENTS and r not in KINEMATIC}
-    return sorted(found)
-
-
-@dataclass(frozen=True, eq=False)
-class Plant:
-    """Linear plant of one response: its input (empty where none was found, the force is then added to the output).
-
-    Attributes
-    ----------
-    response, source : str
-    b, a : (k,) arrays
-        Of the discrete transfer function.
-    size : float
-        Rms of the input.
-    motion, speed : float
-        Rms of the measured response and of its rate.
-    """
-
-    response: str
-    source: str
-    b: Array
-    a: Array
-    size: float
-    motion: float
-    speed: float
-
-    @property
-    def stiffness(self) -> float:
-        """Input per response, at rest."""
-        gain = abs(float(self.b.sum() / self.a.sum()))
-        return 1.0 / gain if gain > 0.0 else 1.0
-
-    @property
-    def pushes_back(self) -> bool:
-        """Whether it has a state that a force could act on: a plant that answers at once only passes its input on."""
-        if self.speed == 0.0:
-            return False
-        answer = lfilter(self.b, self.a, np.concatenate([[1.0], np.zeros(_SAMPLES)]))
-        return bool(not self.source or answer[0] ** 2 < _AT_ONCE * float(answer @ answer))
-
-    def under(self, force: Array) -> Array:
-        """Response to a force."""
-        return lfilter(self.b, self.a, force - force.mean())
-
-
-def find_plant(flights: Flights, response: str) -> Plant:
-    """Linear plant that a simulation is, as far as one channel of the recordings drives it."""
-    held = [f for f in flights if response in f.simulated]
-    first = held[0]
-    told = first.simulated[response][:_SAMPLES]
-    y = told - told.mean()
-    best: tuple[float, str, Array, Array] = (_LEAST_R2, "", np.ones(1), np.ones(1))
-    for name in sorted(first.recorded - {"t", *first.simulated}):
-        u = first.raw[name][:_SAMPLES]
-        u = u - u.mean()
-        if not u.any():
-            continue
-        for order in _ORDERS:
-            b, a = _transfer(u, y, order)
-            if np.abs(np.roots(a)).max(initial=0.0) >= 1.0:
-                continue
-            left = y - lfilter(b, a, u)
-            r2 = 1.0 - float(left @ left) / float(y @ y) if y.any() else 0.0
-            if r2 > best[0] + 1e-6:
-                best = (r2, name, b, a)
-    _, source, b, a = best
-    u = first.raw[source] if source else told
-    motion = np.concatenate([f.measured[response] - f.measured[response].mean() for f in held])
-    speed = np.concatenate([f.rate(_path(f, response)) for f in held])
-    return Plant(response, source, b, a, _rms(u - u.mean()), _rms(motion), _rms(speed))
-
-
-def _transfer(u: Array, y: Array, order: int) -> tuple[Array, Array]:
-    n = len(y)
-    rows = [-y[order - k : n - k] for k in range(1, order + 1)] + [u[order - k : n - k] for k in range(order + 1)]
-    values = lstsq(np.column_stack(rows), y[order:], lapack_driver="gelsy")[0]
-    return values[order:], np.concatenate([[1.0], values[:order]])
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2)))
-
-
-def _path(flight: Flight, response: str) -> Array:
-    return flight.measured[response]
 
 
 Force = Callable[[Array, Array], Array]  # of displacement and speed
@@ -131,19 +37,19 @@ def _forced(
     stiffness = Parameter("stiffness", "input per response", 0.2 * plant.stiffness)
     damping = Parameter("damping", "input per rate", 0.05 * plant.stiffness / pace)
     inertia = Parameter("inertia", "input per second rate", 0.05 * plant.stiffness / pace**2)
+    # What accelerates a motion is told apart from its own inertia by nothing but noise.
+    parameters = (parameter, stiffness, damping, inertia)[: 3 if plant.along[0] else 4]
 
     def columns(flight: Flight) -> Columns:
         if plant.response not in flight.measured:
             return {}
-        y = _path(flight, plant.response)
-        v = flight.rate(y)
-        forces = (-force(y, v), -y, -v, -flight.rate(v))
+        y, v = plant.path(flight)
+        forces = (-force(y, v), -y, -v, -flight.rate(v))[: len(parameters)]
         return {plant.response: np.column_stack([plant.under(f) for f in forces])}
 
     units = dict.fromkeys(shape or {}, "of the response's rms")
-    return Variant(
-        (parameter, stiffness, damping, inertia), columns, shape or {}, units, f"{about} of {plant.response}"
-    )
+    of = plant.along[0] or plant.response
+    return Variant(parameters, columns, shape or {}, units, f"{about} of {of}")
 
 
 def _stiffening(flights: Flights) -> list[Variant]:
@@ -255,7 +161,7 @@ def _saturation(flights: Flights) -> list[Variant]:
                     if p.response not in f.simulated:
                         return {}
                     u = f.raw[p.source]
-                    return {p.response: p.under(np.clip(u, -x, x) - u)[:, None]}
+                    return {p.response: p.driven(np.clip(u, -x, x) - u)[:, None]}
 
                 made.append(
                     Variant(
