@@ -234,6 +234,9 @@ def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Pa
     return [(_FORCES[axis], 0, late), ("Cm", 1, late / craft.cbar)]
 
 
+_BESIDE = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
+
+
 def _slosh_variants(flights: Flights) -> list[Variant]:
     craft = flights[0].craft
     share = Parameter("share of the mass", "-", 0.05, -0.3, 0.3)
@@ -242,7 +245,8 @@ def _slosh_variants(flights: Flights) -> list[Variant]:
     made = []
     for axis, parameters, name in ((1, side, "sideways"), (0, pitch, "fore and aft")):
         seen = peaks(flights, (_FORCES[axis],), 3, *_SLOSH)
-        for frequency in [*seen, *(x for x in spaced(*_SLOSH, 9) if all(abs(np.log(x / y)) > 0.1 for y in seen))]:
+        near = [x * by for x in seen for by in _BESIDE]
+        for frequency in [*near, *(x for x in spaced(*_SLOSH, 9) if all(abs(np.log(x / y)) > 0.1 for y in seen))]:
             for damping in _SLOSH_DAMPINGS:
                 shape = {"frequency": frequency, "damping": damping}
                 made.append(

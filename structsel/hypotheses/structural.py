@@ -23,9 +23,13 @@ _FAMILIES = ((LONGITUDINAL, ("de", "alpha")), (LATERAL, ("da", "dr", "beta")))
 def _ringing(responses: Sequence[str], drive: str, frequency: float, damping: float) -> Callable[[Flight], Columns]:
     def columns(flight: Flight) -> Columns:
         x = flight[drive]
-        # The quasi-steady share of the mode is in the rigid derivatives already.
-        extra = oscillate(x, flight.dt, frequency, damping) - x
-        return signature(flight, len(responses), ((r, j, extra) for j, r in enumerate(responses)))
+        swung = oscillate(x, flight.dt, frequency, damping)
+        # The quasi-steady share of the mode is in the rigid derivatives already. Air is moved by the mode's speed,
+        # instruments are by what accelerates it.
+        bent, moving = swung - x, flight.rate(swung) / (2.0 * np.pi * frequency)
+        k = len(responses)
+        parts = [(r, j + at, part) for at, part in ((0, bent), (k, moving)) for j, r in enumerate(responses)]
+        return signature(flight, 2 * k, parts)
 
     return columns
 
@@ -41,7 +45,11 @@ def _variants(flights: Flights) -> list[Variant]:
         for drive in drives:
             if not responses or not moves(flights, drive):
                 continue
-            parameters = tuple(Parameter(f"{r} per {drive}", "1/rad", *_size(flights, r, drive)) for r in responses)
+            parameters = tuple(
+                Parameter(f"{r} per {drive}{how}", "1/rad", _size(flights, r, drive))
+                for how in ("", ", as it moves")
+                for r in responses
+            )
             for frequency in frequencies:
                 for damping in _DAMPINGS:
                     made.append(
@@ -56,9 +64,9 @@ def _variants(flights: Flights) -> list[Variant]:
     return made
 
 
-def _size(flights: Flights, response: str, drive: str) -> tuple[float]:
+def _size(flights: Flights, response: str, drive: str) -> float:
     rms = np.sqrt(np.mean([np.var(f[drive]) for f in flights]))
-    return (0.2 * variation(flights, response) / float(rms),)
+    return 0.2 * variation(flights, response) / float(rms)
 
 
 def _needs(flights: Flights) -> str:
