@@ -1,5 +1,7 @@
 """Surfaces that stand elsewhere than recorded: flown with an actuator of our simulation, recorded without."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -45,6 +47,15 @@ def test_limits_and_play_are_found_to_the_next_value_tried(effect, control, actu
     assert found.explained > 0.95
     assert_allclose(found.variant.shape[name], value, rtol=0.3)
     assert 0.5 < found.values["share"] < 1.5
+
+
+def test_rates_far_below_that_of_a_step_are_tried():
+    flights = [replace(f, channels={**f.channels, "de": 0.1 * (f.t > f.t[0] + 3.0)}) for f in compare(fly())]
+    variants = one_of(HYPOTHESES, "actuator-rate-limit").variants(flights)
+    tried = np.array([v.shape["rate"] for v in variants if v.about == "elevator"])
+    assert tried.max() > 2.0
+    assert np.abs(np.log(tried / 0.2)).min() < 0.5 * np.log(1.3)
+    assert len(tried) < 25
 
 
 def test_a_pitch_damper_nobody_recorded_is_found_with_its_gain():

@@ -28,6 +28,8 @@ _FEEDBACKS = (
     ("da", "p", 0.15, "s"), ("da", "phi", 0.3, "-"), ("da", "r", 0.3, "s"), ("da", "beta", 0.3, "-"),
     ("dr", "r", 0.3, "s"), ("dr", "beta", 0.3, "-"), ("dr", "p", 0.15, "s"), ("dr", "ay", 0.01, "rad s^2/m"),
 )  # fmt: skip
+_LONGEST = 1.5  # s, that a surface takes at most through all it is asked
+_FINE = 1.3  # ratio of one rate tried to the next
 _WASHOUTS = (1.0, 3.0)  # s, of a damper that leaves steady turns alone
 
 
@@ -104,7 +106,10 @@ def _rate_variants(flights: Flights) -> list[Variant]:
     made = []
     for control in used_controls(flights):
         fastest = max(float(np.abs(f.rate(f[control])).max()) for f in flights)
-        for limit in spaced(0.12 * fastest, 0.85 * fastest, 10):
+        # A step within a sample is faster than any limit: what counts there is how long its size takes.
+        slowest = min(0.12 * fastest, float(np.ptp(gathered(flights, control))) / _LONGEST)
+        count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
+        for limit in spaced(slowest, 0.85 * fastest, count):
             made.append(
                 Variant(
                     (_SHARE,),
