@@ -102,10 +102,10 @@ def evident(bench: Bench, score: Score) -> bool:
 
     Tolerances that are off in what was found leave more to their own look-alikes than those of a right simulation do.
     """
-    if not bench.accepted:
-        return nats(score) >= _EVIDENT or alone(score) >= _PLENTY
-    again = score.event and score.effect in {s.hypothesis.effect for s in bench.accepted}
-    return nats(score) >= _EVIDENT and not again
+    found = {s.hypothesis.effect for s in bench.accepted}
+    if nats(score) >= _EVIDENT:
+        return not (score.event and score.effect in found)
+    return not found and alone(score) >= _PLENTY
 
 
 def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:

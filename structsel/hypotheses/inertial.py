@@ -24,6 +24,7 @@ Parts = Iterable[tuple[str, int, Array]]
 _FORCES, _MOMENTS = ("CX", "CY", "CZ"), ("Cl", "Cm", "Cn")
 _SLOSH = (0.25, 2.0)  # Hz
 _SLOSH_DAMPINGS = (0.02, 0.06)
+_BESIDE = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
 _ONSETS = 4  # manoeuvres in which the centre of gravity may move
 
 
@@ -232,9 +233,6 @@ def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Pa
     if axis == 1:
         return [("CY", 0, late), ("Cl", 1, late / craft.b), ("Cn", 2, late / craft.b)]
     return [(_FORCES[axis], 0, late), ("Cm", 1, late / craft.cbar)]
-
-
-_BESIDE = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
 
 
 def _slosh_variants(flights: Flights) -> list[Variant]:

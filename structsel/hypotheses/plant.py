@@ -10,6 +10,7 @@ from scipy.linalg import lstsq
 from scipy.signal import lfilter
 
 from structsel.hypotheses.base import Flights
+from structsel.hypotheses.signals import centred, spread, variation
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS, KINEMATIC
 from structsel.numerics.smoothing.result import Array
@@ -41,8 +42,8 @@ class Plant:
         Rms of the input; of an accelerated motion, of what accelerates it.
     motion, speed : float
         Rms of the displacement and of its rate.
-    along : (str, str)
-        Channels of displacement and its rate where the response is what accelerates them; else empty, and the measured
+    along : (str, str), optional
+        Channels of displacement and its rate where the response is what accelerates them; without, the measured
         response is the displacement.
     """
 
@@ -53,19 +54,20 @@ class Plant:
     size: float
     motion: float
     speed: float
-    along: tuple[str, str] = ("", "")
+    along: tuple[str, str] | None = None
 
     def path(self, flight: Flight) -> tuple[Array, Array]:
         """Displacement and its rate along a flight."""
-        if self.along[0]:
-            return flight.channels[self.along[0]], flight.channels[self.along[1]]
+        if self.along:
+            place, speed = self.along
+            return flight.channels[place], flight.channels[speed]
         y = flight.measured[self.response]
         return y, flight.rate(y)
 
     @property
     def stiffness(self) -> float:
         """Force per displacement, at rest; of an accelerated motion, what accelerates it per displacement."""
-        if self.along[0]:
+        if self.along:
             return self.size / self.motion
         gain = abs(float(self.b.sum() / self.a.sum()))
         return 1.0 / gain if gain > 0.0 else 1.0
@@ -73,14 +75,14 @@ class Plant:
     @property
     def pushes_back(self) -> bool:
         """Whether it has a state that a force could act on: a plant that answers at once only passes its input on."""
-        if self.speed == 0.0 or self.along[0]:
+        if self.speed == 0.0 or self.along:
             return self.speed > 0.0
         answer = lfilter(self.b, self.a, np.concatenate([[1.0], np.zeros(_SAMPLES)]))
         return bool(not self.source or answer[0] ** 2 < _AT_ONCE * float(answer @ answer))
 
     def under(self, force: Array) -> Array:
         """Response to a force beside the input."""
-        return force - force.mean() if self.along[0] else self.driven(force)
+        return force - force.mean() if self.along else self.driven(force)
 
     def driven(self, u: Array) -> Array:
         """Response to an input."""
@@ -110,12 +112,11 @@ def find_plant(flights: Flights, response: str) -> Plant:
                 best = (r2, name, b, a)
     _, source, b, a = best
     u = first.raw[source] if source else told
-    motion = np.concatenate([f.measured[response] - f.measured[response].mean() for f in held])
+    moved = variation(held, response)
     if along:
-        y, v = (np.concatenate([f.channels[c] - f.channels[c].mean() for f in held]) for c in along)
-        return Plant(response, source, b, a, _rms(motion), _rms(y), _rms(v), along)
+        return Plant(response, source, b, a, moved, spread(held, along[0]), spread(held, along[1]), along)
     speed = np.concatenate([f.rate(f.measured[response]) for f in held])
-    return Plant(response, source, b, a, _rms(u - u.mean()), _rms(motion), _rms(speed))
+    return Plant(response, source, b, a, _rms(u - u.mean()), moved, _rms(speed))
 
 
 def _accelerated(flights: Flights, response: str) -> tuple[str, str] | None:
@@ -129,13 +130,12 @@ def _accelerated(flights: Flights, response: str) -> tuple[str, str] | None:
 
 def _rising(flights: Flights, rates: Sequence[Array], least: float) -> str | None:
     """The channel whose rate is most like one given."""
-    told = np.concatenate([x - x.mean() for x in rates])
+    told = centred(rates)
     alike = {}
     for name in sorted(flights[0].recorded - set(flights[0].simulated)):
         if all(name in f.channels for f in flights):
-            each = [f.rate(f.channels[name]) for f in flights]
-            x = np.concatenate([one - one.mean() for one in each])
-            alike[name] = float(x @ told / max(np.sqrt((x @ x) * (told @ told)), 1e-300))
+            x = centred(f.rate(f.channels[name]) for f in flights)
+            alike[name] = float(x @ told) / max(float(np.linalg.norm(x) * np.linalg.norm(told)), 1e-300)
     best = max(alike, key=lambda c: alike[c], default=None)
     return best if best is not None and alike[best] > least else None
 

@@ -38,7 +38,7 @@ def _forced(
     damping = Parameter("damping", "input per rate", 0.05 * plant.stiffness / pace)
     inertia = Parameter("inertia", "input per second rate", 0.05 * plant.stiffness / pace**2)
     # What accelerates a motion is told apart from its own inertia by nothing but noise.
-    parameters = (parameter, stiffness, damping, inertia)[: 3 if plant.along[0] else 4]
+    parameters = (parameter, stiffness, damping, inertia)[: 3 if plant.along else 4]
 
     def columns(flight: Flight) -> Columns:
         if plant.response not in flight.measured:
@@ -48,7 +48,7 @@ def _forced(
         return {plant.response: np.column_stack([plant.under(f) for f in forces])}
 
     units = dict.fromkeys(shape or {}, "of the response's rms")
-    of = plant.along[0] or plant.response
+    of = plant.along[0] if plant.along else plant.response
     return Variant(parameters, columns, shape or {}, units, f"{about} of {of}")
 
 

@@ -53,8 +53,13 @@ def _column(flight: Flight, channel: str | Column) -> Array:
 
 
 def _within(arrays: Iterable[Array]) -> float:
-    held = [x - x.mean() for x in arrays]
-    return float(np.sqrt(np.mean(np.concatenate(held) ** 2))) if held else 0.0
+    held = list(arrays)
+    return float(np.sqrt(np.mean(centred(held) ** 2))) if held else 0.0
+
+
+def centred(arrays: Iterable[Array]) -> Array:
+    """Arrays end to end, each about its own mean."""
+    return np.concatenate([x - x.mean() for x in arrays])
 
 
 def moves(flights: Flights, channel: str) -> bool:
@@ -144,7 +149,7 @@ def beside(flights: Flights, column: Column, channels: Sequence[str]) -> Column:
     if not used:
         return column
     X = np.concatenate([np.column_stack([f[c] - f[c].mean() for c in used]) for f in flights])
-    y = np.concatenate([(x := column(f)) - x.mean() for f in flights])
+    y = centred(column(f) for f in flights)
     scale = X.std(axis=0)
     weights = np.linalg.lstsq(X / scale, y, rcond=None)[0] / scale
     return lambda f: column(f) - sum(w * f[c] for w, c in zip(weights, used))

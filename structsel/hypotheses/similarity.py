@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
@@ -158,34 +160,33 @@ def _reynolds(flights: Flights) -> list[Variant]:
     _, zero = lift_line(flights)
     drag = Parameter("drag per ln Re", "-", 0.006, -0.05, 0.0)
 
-    def variant(about: str, lifts: Column | None, *more: Parameter) -> Variant:
+    def variant(about: str, beside: Callable[[Flight, Array], dict[str, Array]] | None, *more: Parameter) -> Variant:
         def columns(flight: Flight) -> Columns:
             x = log_reynolds(flight) - mean
-            parts = list(from_lift_and_drag(flight, 0, CD=x))
-            if lifts is not None:
-                parts += from_lift_and_drag(flight, 1, CL=x * lifts(flight))
+            parts = from_lift_and_drag(flight, 0, CD=x)
+            if beside is not None:
+                parts += from_lift_and_drag(flight, 1, **beside(flight, x))
             return signature(flight, 1 + len(more), parts)
 
         return Variant((drag, *more), columns, about=about)
 
-    def with_level(flight: Flight) -> Columns:
-        x = log_reynolds(flight) - mean
-        level = from_lift_and_drag(flight, 1, CD=np.ones(len(flight)))
-        return signature(flight, 2, [*from_lift_and_drag(flight, 0, CD=x), *level])
-
-    # A simulation that is right at a Reynolds number not flown, as of a tunnel, is off by a level here.
-    level = Parameter("drag at the mean", "-", 0.003, -0.02, 0.02)
-    elsewhere = Variant((drag, level), with_level, about="drag, right at another Reynolds number")
     return [
         variant("drag", None),
-        elsewhere,
-        variant("drag and lift", lambda f: np.ones(len(f)), Parameter("lift per ln Re", "-", 0.05, 0.0, 1.0)),
+        # A simulation that is right at a Reynolds number not flown, as of a tunnel, is off by a level here.
         variant(
-            "drag and lift slope", lambda f: f["alpha"] - zero, Parameter("slope per ln Re", "1/rad", 0.4, 0.0, 4.0)
+            "drag, right at another Reynolds number",
+            lambda f, x: {"CD": np.ones(len(f))},
+            Parameter("drag at the mean", "-", 0.003, -0.02, 0.02),
+        ),
+        variant("drag and lift", lambda f, x: {"CL": x}, Parameter("lift per ln Re", "-", 0.05, 0.0, 1.0)),
+        variant(
+            "drag and lift slope",
+            lambda f, x: {"CL": x * (f["alpha"] - zero)},
+            Parameter("slope per ln Re", "1/rad", 0.4, 0.0, 4.0),
         ),
         variant(
             "drag and greatest lift",
-            lambda f: np.maximum(f["alpha"] - high, 0.0),
+            lambda f, x: {"CL": x * np.maximum(f["alpha"] - high, 0.0)},
             Parameter("high slope per ln Re", "1/rad", 1.0, 0.0, 8.0),
         ),
     ]
