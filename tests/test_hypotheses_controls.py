@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 from structsel.demo.truth import TRUTH
 from structsel.hypotheses import controls
+from structsel.hypotheses.signals import mean_slope
 from tests.missing_physics import best, check_all, excite, explain, flights_with, named
 
 BENT, STRETCH, FLEXIBLE = (named(controls, e) for e in ("control-nonlinearity", "control-stretch", "flexibility"))
@@ -86,3 +87,20 @@ def test_one_speed_shows_no_loss_with_dynamic_pressure():
     assert FLEXIBLE.needs(flights) == "dynamic pressure that changes by 20 % or more"
     assert STRETCH.needs(flights) == FLEXIBLE.needs(flights)
     assert BENT.needs(flights) == ""
+
+
+def test_slopes_that_fall_each_by_its_own_ratio_are_found_with_all_of_them():
+    # The wing gives way otherwise than the tail; what is lost of stability may as well be won.
+    shares = {("CZ", "alpha"): 1e-4, ("Cm", "alpha"): -1.5e-4, ("Cm", "de"): 2e-4, ("Cl", "da"): 1.5e-4}
+    lost = {}
+    for (r, c), share in shares.items():
+        lost.setdefault(r, {})[f"qbar*{c}"] = -share * TRUTH[r][c]
+    flights = flights_with(lost, speeds=(45.0, 60.0))
+    each = next(v for v in FLEXIBLE.variants(flights) if v.about == "each slope by its own; rigid at rest")
+    theta, share = explain(flights, each, ["CZ", "Cm", "Cl"])
+    mean = np.concatenate([f["qbar"] for f in flights]).mean()
+    assert share > 0.95
+    names = {("CZ", "alpha"): "lift slope", ("Cm", "alpha"): "stability", ("Cm", "de"): "de", ("Cl", "da"): "da"}
+    for place, name in names.items():  # a share of the mean slope, which curvature has a part in
+        found = theta[f"{name} loss at mean qbar"] * mean_slope(flights, *place)
+        assert_allclose(found, mean * shares[place] * TRUTH[place[0]][place[1]], rtol=0.1)

@@ -12,8 +12,9 @@ from scipy.signal import lfilter, lsim
 
 from structsel.hypotheses import plants
 from structsel.hypotheses.actuators import HYPOTHESES as ACTUATORS
-from structsel.hypotheses.plant import find_plant
 from structsel.mismatch.flight import prepare_flight
+from structsel.mismatch.plant import find_plant
+from structsel.mismatch.tolerances import tolerances_of
 from structsel.recording import Recording
 from tests.injected import CRAFT, best, compare, fly, one_of
 
@@ -176,3 +177,46 @@ def test_coefficients_are_no_plants():
     flights = compare(fly())
     for h in plants.HYPOTHESES:
         assert "no coefficient" in h.needs(flights)
+
+
+def test_a_stop_that_a_motion_runs_into_is_found_with_its_place():
+    limit, stiff = 0.55, 250.0
+
+    def stop(y, v):
+        return stiff * np.sign(y) * np.maximum(np.abs(y) - limit, 0.0)
+
+    saturation = one_of(plants.HYPOTHESES, "saturation")
+    flights = rig([mechanism(stop, seed) for seed in (3, 4)], 0.02, "y")
+    assert sum(bool((np.abs(f.measured["y"]) > limit).any()) for f in flights) == 2
+    order, _ = ranking(flights)
+    assert order[0] == "saturation"
+    found = best(flights, saturation)
+    assert "a stop" in found.variant.about
+    assert found.explained > 0.9
+    assert_allclose(found.variant.shape["limit"], limit, rtol=0.15)  # places tried are quantiles of what is reached
+
+
+@pytest.mark.parametrize(("name", "wrong"), [("stiffness", (1.0, 0.6, 25.25)), ("damping", (1.0, 0.606, 25.0))])
+@pytest.mark.parametrize("numerator", [[1.0], [1.0, 0.0]])  # its place, and its speed, which stands still at rest
+def test_tolerances_of_a_plant_are_errors_of_its_stiffness_and_damping(name, wrong, numerator):
+    t, u = pushed(3)
+    told, other = (lsim((numerator, list(a)), u, t)[1] for a in ((1.0, 0.6, 25.0), wrong))
+    flights = rig([(u, told, told)], 0.02, "y")
+    column = find_plant(flights, "y").errors(flights)[name][0]
+    expected = other - told  # of one in a hundred more
+    assert np.corrcoef(column, expected)[0, 1] > 0.995
+    assert_allclose(0.01 * column.std(), expected.std(), rtol=0.05)
+
+
+def test_tolerances_of_what_accelerates_a_motion_are_its_own_terms():
+    t, u = pushed(3)
+    y, v = motion(t, u, lambda y, v: 0.0)
+    channels = {"u": u, "y": y, "v": v, "a": u - 0.6 * v - 25.0 * y}
+    record = Recording("m0", t, channels, units=dict.fromkeys(channels, "?"))
+    flights = [prepare_flight(record, CRAFT, {"a": channels["a"]})]
+    columns = find_plant(flights, "a").errors(flights)
+    assert set(columns) == {"stiffness", "damping"}
+    assert_allclose(columns["stiffness"][0].std(), 25.0 * y.std(), rtol=0.02)
+    assert_allclose(columns["damping"][0].std(), 0.6 * v.std(), rtol=0.1)  # channels are smoothed
+    made = [n.name for n in tolerances_of(flights)]
+    assert made == ["a: scale", "a: stiffness", "a: damping"]

@@ -100,3 +100,18 @@ def test_flights_without_air_data_cannot_say_anything_of_instruments():
     bench = prepare_flight(Recording("bench", t, {"u": u, "y": 2.0 * u}), CRAFT, {"y": 1.9 * u})
     for h in HYPOTHESES:
         assert "channels V, alpha" in h.needs([bench])
+
+
+def test_a_reading_that_jumps_in_several_manoeuvres_is_found_with_its_times():
+    starts, off = {"m0": 7.3, "m1": 15.1}, -0.3
+    jumped = []
+    for recording in fly():
+        channels = {n: recording[n] for n in recording.names if n != "t"}
+        channels["az"] = channels["az"] + off * (recording.t >= starts[recording.name])
+        jumped.append(Recording(recording.name, recording.t, channels))
+    found = best(compare(jumped), one_of(HYPOTHESES, "sensor-bias"))
+    assert found.variant.about == "the normal accelerometer (az), in 'm1' from 15.1 s on, in 'm0' from 7.3 s on"
+    for name, start in starts.items():
+        assert_allclose(found.variant.shape[f"time in {name}"], start, atol=0.021)  # to the sample
+    assert_allclose(found.values["bias"], off, rtol=0.05)
+    assert found.explained > 0.95

@@ -10,10 +10,10 @@ import numpy as np
 from structsel.hypotheses import plants
 from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
 from structsel.hypotheses.operators import actuate, lag, late, spaced
-from structsel.hypotheses.plant import answers
 from structsel.hypotheses.signals import available, coefficients, gathered, mean_slope, moves
 from structsel.hypotheses.wording import SURFACES, shown
 from structsel.mismatch.flight import Flight
+from structsel.mismatch.plant import answers
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.mismatch.sensitivity import reading
 from structsel.numerics.smoothing.result import Array

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from structsel.hypotheses.base import Flights
-from structsel.hypotheses.signals import CHANNELS_OF, held, moves
+from structsel.hypotheses.signals import CHANNELS_OF, Column, held, moves
 from structsel.mismatch.flight import Flight
 from structsel.numerics.smoothing.result import Array
 
@@ -17,6 +17,10 @@ _EDGE = 1.5  # s, at both ends of a manoeuvre, in which no change is sought
 _MEMORY = 1.0  # s between samples that count as independent
 _OWN = 0.05  # of a change's variance, that channels must leave for it to be told from them
 _APART = 3.0  # s between two changes of one manoeuvre
+_SINGLE = 3  # most changes of one manoeuvre alone that are tried
+_ALONE = 10  # most manoeuvres of which changes alone are tried
+_TOGETHER = 6  # most manoeuvres with the same change
+_TOLD = 4.0  # gain in log likelihood from which a manoeuvre joins others in a change
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +71,62 @@ def find_changes(
     for f in flights:
         if not wanted or any(r not in f.measured for r in wanted):
             continue
-        step = max(1, round(_BLOCK / f.dt))
-        n = len(f) // step * step
-        t = _averaged(f.t[:n], step)
-        y = _centred(_averaged(np.column_stack([f.difference[r][:n] for r in wanted]), step))
-        basis = _basis(_centred(_averaged(np.column_stack([f[c][:n] for c in channels] or [np.zeros(n)]), step)))
-        left = y - basis @ (basis.T @ y)
+        coarse, fine = (_Sought.of(f, wanted, channels, step) for step in (max(1, round(_BLOCK / f.dt)), 1))
         for duration in durations:
-            found += _best(f.name, t, left, basis, duration, each)
+            picked = coarse.best(coarse.starts(duration), duration, each)
+            if duration == 0.0:  # what happens at once is known to the sample
+                near = [fine.t[np.abs(fine.t - one.start) <= _BLOCK] for one in picked]
+                picked = [replace(fine.best(t, 0.0, 1)[0], gain=one.gain) for t, one in zip(near, picked)]
+            found += picked
     return sorted(found, key=lambda change: -change.gain)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sought:
+    """Differences of one manoeuvre in which changes are sought, less what its channels could explain."""
+
+    name: str
+    t: Array
+    basis: Array
+    left: Array
+
+    @classmethod
+    def of(cls, flight: Flight, responses: Sequence[str], channels: Sequence[str], step: int) -> _Sought:
+        """Averaged over `step` samples."""
+        n = len(flight) // step * step
+
+        def prepared(each: list[Array]) -> Array:
+            return _centred(_averaged(np.column_stack(each or [np.zeros(n)]), step))
+
+        y = prepared([flight.difference[r][:n] for r in responses])
+        basis = _basis(prepared([flight[c][:n] for c in channels]))
+        return cls(flight.name, _averaged(flight.t[:n], step), basis, y - basis @ (basis.T @ y))
+
+    def starts(self, duration: float) -> Array:
+        """Times at which a change may begin."""
+        return self.t[(self.t > self.t[0] + _EDGE) & (self.t < self.t[-1] - _EDGE - 0.5 * duration)]
+
+    def best(self, starts: Array, duration: float, each: int) -> list[Change]:
+        """The likeliest changes from some of the starts, at most `each`, apart from each other."""
+        if not len(starts):
+            return []
+        t, y = self.t, self.left
+        S = _centred(np.column_stack([ramp(t, s, duration) for s in starts]))
+        whole = (S**2).sum(axis=0)
+        S = S - self.basis @ (self.basis.T @ S)
+        # A change that the channels themselves describe cannot be told from them.
+        norm = np.maximum((S**2).sum(axis=0), _OWN * whole)
+        size = (S.T @ y) / norm[:, None]
+        share = np.clip(size**2 * norm[:, None] / np.maximum((y**2).sum(axis=0), 1e-30), 0.0, 1.0 - 1e-9)
+        gains = -0.5 * (t[-1] - t[0]) / _MEMORY * np.log1p(-share).sum(axis=1)
+        level = np.maximum(np.sqrt((y**2).mean(axis=0)), 1e-30)
+        found: list[Change] = []
+        for i in np.argsort(-gains):
+            if all(abs(starts[i] - one.start) > _APART for one in found):
+                found.append(Change(self.name, float(starts[i]), duration, float(gains[i]), size[i] / level))
+            if len(found) == each:
+                break
+        return found
 
 
 def _basis(x: Array) -> Array:
@@ -93,23 +144,50 @@ def _centred(x: Array) -> Array:
     return x - x.mean(axis=0)
 
 
-def _best(name: str, t: Array, y: Array, basis: Array, duration: float, each: int) -> list[Change]:
-    starts = t[(t > t[0] + _EDGE) & (t < t[-1] - _EDGE - 0.5 * duration)]
-    if not len(starts):
-        return []
-    S = _centred(np.column_stack([ramp(t, s, duration) for s in starts]))
-    whole = (S**2).sum(axis=0)
-    S = S - basis @ (basis.T @ S)
-    # A change that the channels themselves describe cannot be told from them.
-    norm = np.maximum((S**2).sum(axis=0), _OWN * whole)
-    size = (S.T @ y) / norm[:, None]
-    share = np.clip(size**2 * norm[:, None] / np.maximum((y**2).sum(axis=0), 1e-30), 0.0, 1.0 - 1e-9)
-    gains = -0.5 * (t[-1] - t[0]) / _MEMORY * np.log1p(-share).sum(axis=1)
-    level = np.maximum(np.sqrt((y**2).mean(axis=0)), 1e-30)
-    found: list[Change] = []
-    for i in np.argsort(-gains):
-        if all(abs(starts[i] - one.start) > _APART for one in found):
-            found.append(Change(name, float(starts[i]), duration, float(gains[i]), size[i] / level))
-        if len(found) == each:
-            break
-    return found
+Event = tuple[tuple[Change, ...], Array]
+"""Changes that have one cause, and the sign of each."""
+
+
+def alone(changes: Sequence[Change]) -> list[Event]:
+    """Each of the best changes of every manoeuvre by itself."""
+    names = list(dict.fromkeys(change.flight for change in changes))[:_ALONE]
+    return [((change,), np.ones(1)) for name in names for change in [c for c in changes if c.flight == name][:_SINGLE]]
+
+
+def together(changes: Sequence[Change], *, both_ways: bool = True) -> list[Event]:
+    """The best of several manoeuvres, two, three and more, with their signs.
+
+    Parameters
+    ----------
+    changes : sequence of Change
+        Best first.
+    both_ways : bool
+        Whether what comes in one manoeuvre may go in another.
+    """
+    made: list[Event] = []
+    for duration in dict.fromkeys(change.duration for change in changes):
+        best: dict[str, Change] = {}
+        for change in changes:
+            if change.duration == duration and change.gain > _TOLD:
+                best.setdefault(change.flight, change)
+        first = next(iter(best.values()), None)
+        if first is None:
+            continue
+        alike = [(c, float(np.sign(c.size @ first.size))) for c in best.values()]
+        if not both_ways:
+            alike = [(c, sign) for c, sign in alike if sign > 0.0]
+        for n in range(2, min(len(alike), _TOGETHER) + 1):
+            made.append((tuple(c for c, _ in alike[:n]), np.array([sign for _, sign in alike[:n]])))
+    return made
+
+
+def added(changes: Sequence[Change], signs: Array) -> Column:
+    """Sum of changes, each with its sign."""
+
+    def column(flight: Flight) -> Array:
+        made = np.zeros(len(flight))
+        for sign, change in zip(signs, changes):
+            made += sign * change.along(flight)
+        return made
+
+    return column

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
-from structsel.hypotheses.changes import Change, find_changes
+from structsel.hypotheses.changes import Change, added, alone, find_changes, together
 from structsel.hypotheses.operators import shape_of
 from structsel.hypotheses.signals import (
     LONGITUDINAL,
@@ -24,10 +24,6 @@ from structsel.mismatch.surrogate import CONFIGURATION
 from structsel.numerics.smoothing.result import Array
 
 _DURATIONS = (0.0, 1.0, 2.5, 5.0, 8.0)  # s, of a change of configuration
-_SINGLE = 3  # most events of one manoeuvre alone that are tried
-_ALONE = 10  # most manoeuvres of which events alone are tried
-_TOGETHER = 6  # most manoeuvres with the same event
-_TOLD = 4.0  # gain in log likelihood from which a manoeuvre joins others in an event
 _ONSETS = (0.0, 0.2, 0.4, 0.6)  # of a manoeuvre's duration, from which ice grows
 _SPELLS = tuple(
     (begin, end) for begin in (0.0, 0.12, 0.25, 0.4, 0.6) for end in (0.3, 0.5, 0.75, 1.0) if end > begin + 0.1
@@ -81,41 +77,11 @@ def _channel(name: str) -> Column:
 
 def _unrecorded(flights: Flights) -> list[Variant]:
     sizes = _size((0.15, 0.03, 0.04), "-")
+    found = find_changes(flights, LONGITUDINAL, _DURATIONS)
     return [
-        Variant(sizes, _increments(_sum(changes, signs), None, 0.0), _times(changes), _seconds(changes), _when(changes))
-        for changes, signs in _events(find_changes(flights, LONGITUDINAL, _DURATIONS))
+        Variant(sizes, _increments(added(one, signs), None, 0.0), _times(one), _seconds(one), _when(one))
+        for one, signs in [*alone(found), *together(found)]
     ]
-
-
-def _events(changes: Sequence[Change], *, both_ways: bool = True) -> list[tuple[tuple[Change, ...], Array]]:
-    """Each change alone, and the best of several manoeuvres together with their signs."""
-    made: list[tuple[tuple[Change, ...], Array]] = []
-    for name in list(dict.fromkeys(change.flight for change in changes))[:_ALONE]:
-        made += [((change,), np.ones(1)) for change in [c for c in changes if c.flight == name][:_SINGLE]]
-    for duration in dict.fromkeys(change.duration for change in changes):
-        best: dict[str, Change] = {}
-        for change in changes:
-            if change.duration == duration and change.gain > _TOLD:
-                best.setdefault(change.flight, change)
-        first = next(iter(best.values()), None)
-        if first is None:
-            continue
-        alike = [(c, float(np.sign(c.size @ first.size))) for c in best.values()]
-        if not both_ways:
-            alike = [(c, sign) for c, sign in alike if sign > 0.0]
-        for n in range(2, min(len(alike), _TOGETHER) + 1):
-            made.append((tuple(c for c, _ in alike[:n]), np.array([sign for _, sign in alike[:n]])))
-    return made
-
-
-def _sum(changes: Sequence[Change], signs: Array) -> Column:
-    def column(flight: Flight) -> Array:
-        made = np.zeros(len(flight))
-        for sign, change in zip(signs, changes):
-            made += sign * change.along(flight)
-        return made
-
-    return column
 
 
 def _times(changes: Sequence[Change]) -> dict[str, float]:
@@ -246,12 +212,12 @@ def _releases(flights: Flights) -> list[Variant]:
     return [
         Variant(
             _RELEASE,
-            _released(_sum(one, np.ones(len(one))), inertia),
+            _released(added(one, np.ones(len(one))), inertia),
             _times(one),
             _seconds(one),
             f"{_when(one)}, from {place}",
         )
-        for one, _ in _events(changes, both_ways=False)
+        for one, _ in [*alone(changes), *together(changes, both_ways=False)]
         for place, inertia in _WHERE.items()
     ]
 

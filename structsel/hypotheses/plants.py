@@ -19,10 +19,12 @@ from numba import njit
 
 from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
 from structsel.hypotheses.operators import lag, late, spaced
-from structsel.hypotheses.plant import Plant, answers, find_plant
 from structsel.mismatch.flight import Flight
+from structsel.mismatch.plant import Plant, answers, find_plant
 from structsel.numerics.smoothing.result import Array
 
+_REACHED = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.9995)
+"""Quantiles of what a motion reaches, at which there may be a stop."""
 _PATHS = (-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0)  # deg of delta over gamma; at 90 the force would be elastic
 
 
@@ -30,24 +32,35 @@ Force = Callable[[Array, Array], Array]  # of displacement and speed
 
 
 def _forced(
-    plant: Plant, parameter: Parameter, force: Force, about: str, shape: dict[str, float] | None = None
+    plant: Plant,
+    parameter: Parameter,
+    force: Force,
+    about: str,
+    shape: dict[str, float] | None = None,
+    unit: str = "of the response's rms",
+    alone: bool = False,
 ) -> Variant:
-    """A missing force, with what stiffness, damping and inertia may be off beside it."""
-    pace = plant.speed / plant.motion
+    """A missing force, with what stiffness, damping and gain may be off beside it, unless it is to stand alone.
+
+    With inertia as well, forces along the measured motion would give that motion back, and explain anything.
+    """
     stiffness = Parameter("stiffness", "input per response", 0.2 * plant.stiffness)
-    damping = Parameter("damping", "input per rate", 0.05 * plant.stiffness / pace)
-    inertia = Parameter("inertia", "input per second rate", 0.05 * plant.stiffness / pace**2)
-    # What accelerates a motion is told apart from its own inertia by nothing but noise.
-    parameters = (parameter, stiffness, damping, inertia)[: 3 if plant.along else 4]
+    damping = Parameter("damping", "input per rate", 0.05 * plant.stiffness * plant.motion / plant.speed)
+    beside = [stiffness, damping] if plant.swings and not alone else []
+    # What accelerates a motion is told apart from its own gain by nothing but noise.
+    gain = [Parameter("gain", "relative", 0.05)] if beside and not plant.along else []
+    parameters = (parameter, *beside, *gain)
 
     def columns(flight: Flight) -> Columns:
         if plant.response not in flight.measured:
             return {}
         y, v = plant.path(flight)
-        forces = (-force(y, v), -y, -v, -flight.rate(v))[: len(parameters)]
-        return {plant.response: np.column_stack([plant.under(f) for f in forces])}
+        forces = [-force(y, v), *([-y, -v] if beside else [])]
+        made = [plant.under(f) for f in forces]
+        told = flight.simulated[plant.response]
+        return {plant.response: np.column_stack([*made, *([told - told.mean()] if gain else [])])}
 
-    units = dict.fromkeys(shape or {}, "of the response's rms")
+    units = dict.fromkeys(shape or {}, unit)
     of = plant.along[0] if plant.along else plant.response
     return Variant(parameters, columns, shape or {}, units, f"{about} of {of}")
 
@@ -153,6 +166,7 @@ def _saturation(flights: Flights) -> list[Variant]:
                     return {r: (np.clip(f.simulated[r], *ends) - f.simulated[r])[:, None]} if r in f.simulated else {}
 
                 made.append(Variant((share,), cut, {"limit": level}, {"limit": ""}, f"{response}, {side} side"))
+        made += _end_stops(plant, held)
         if plant.source:
             largest = float(np.abs(np.concatenate([f.raw[plant.source] for f in held])).max())
             for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
@@ -173,6 +187,32 @@ def _saturation(flights: Flights) -> list[Variant]:
                     )
                 )
     return made
+
+
+def _end_stops(plant: Plant, flights: Flights) -> list[Variant]:
+    """What moves runs into a stiff spring: at either end, or at one."""
+    if not plant.pushes_back:
+        return []
+    y = np.concatenate([plant.path(f)[0] for f in flights])
+    parameter = Parameter("stop", "input per response", 10.0 * plant.stiffness, 0.0)
+    made = []
+    sides: tuple[tuple[str, Array, Callable[[Array, float], Array]], ...] = (
+        ("at either end", np.abs(y), lambda y, limit: np.sign(y) * np.maximum(np.abs(y) - limit, 0.0)),
+        ("at the upper end", y, lambda y, limit: np.maximum(y - limit, 0.0)),
+        ("at the lower end", -y, lambda y, limit: -np.maximum(-y - limit, 0.0)),
+    )
+    for side, reach, beyond in sides:
+        for limit in sorted({float(x) for x in np.quantile(reach, _REACHED)}):
+            if limit > 0.0:
+                force = partial(_pushed, beyond=beyond, limit=limit)
+                # A stop that one manoeuvre runs into is an event: no other foretells it.
+                once = sum(bool(beyond(plant.path(f)[0], limit).any()) for f in flights) == 1
+                made.append(_forced(plant, parameter, force, f"a stop {side}", {"limit": limit}, "", once))
+    return made
+
+
+def _pushed(y: Array, v: Array, beyond: Callable[[Array, float], Array], limit: float) -> Array:
+    return beyond(y, limit)
 
 
 def late_answers(flights: Flights) -> list[Variant]:
@@ -200,6 +240,8 @@ def _needs(flights: Flights) -> str:
 
 
 def _limit_says(found: Found) -> str:
+    if "stop" in found.estimates:
+        return f"The motion runs into {found.variant.about} at {found.text('limit')}, where the simulation goes on."
     channel, side = found.variant.about.split(", ", 1)
     return f"{channel} stops at {found.text('limit')} ({side}), beyond which the simulation goes on."
 

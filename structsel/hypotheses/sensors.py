@@ -8,9 +8,10 @@ from functools import partial
 import numpy as np
 
 from structsel.hypotheses.base import Flights, Found, Hypothesis, Parameter, Variant
-from structsel.hypotheses.operators import changes, late, since, spaced, told_onsets
+from structsel.hypotheses.changes import added, find_changes, together
+from structsel.hypotheses.operators import changes, late, shape_of, since, spaced, told_onsets
 from structsel.hypotheses.readings import Errors, cannot_be_shifted, wrong_readings
-from structsel.hypotheses.signals import available, gathered, moves
+from structsel.hypotheses.signals import Column, available, gathered, moves
 from structsel.hypotheses.wording import INSTRUMENTS, percent, shown
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.sensitivity import reading
@@ -27,6 +28,11 @@ _UNIT = {
     "V": "m/s",
 }  # fmt: skip
 _AXES = "xyz"
+_SHOWS = {
+    "V": ("CX", "CZ"), "alpha": ("CZ", "Cm", "CX"), "beta": ("CY", "Cl", "Cn"), "ax": ("CX",), "ay": ("CY",),
+    "az": ("CZ",), "de": ("CZ", "Cm"), "da": ("Cl", "Cn"), "dr": ("CY", "Cn"),
+}  # fmt: skip
+"""Responses in which a reading that jumps stands out."""
 
 
 def _present(flights: Flights, channels: Sequence[str]) -> list[str]:
@@ -54,6 +60,7 @@ def _bias_sd(flights: Flights, channel: str) -> float:
 def _bias_variants(flights: Flights) -> list[Variant]:
     made = []
     clearest = changes(flights, tuple(f for f in flights[0].responses), 2)
+    jumps = {shown: find_changes(flights, shown) for shown in set(_SHOWS.values())}
     for channel in _present(flights, (*_AIR, *_INERTIAL, *_ATTITUDE, *_SURFACES)):
         sd, unit = _bias_sd(flights, channel), _UNIT[channel]
         constant = Parameter("bias", unit, sd, -10.0 * sd, 10.0 * sd)
@@ -75,6 +82,14 @@ def _bias_variants(flights: Flights) -> list[Variant]:
             )
             for where, when in clearest
         ]  # fmt: skip
+        made += [
+            Variant(
+                (constant,), wrong_readings(partial(_jumps, channel=channel, along=added(jumped, signs))),
+                shape_of(times), dict.fromkeys(shape_of(times), "s"), f"{name}, {told_onsets(times)}",
+            )
+            for jumped, signs in together(jumps.get(_SHOWS.get(channel, ()), ()), both_ways=False)
+            for times in [{one.flight: one.start for one in jumped}]
+        ]  # fmt: skip
     return made
 
 
@@ -88,6 +103,10 @@ def _drift(flight: Flight, channel: str) -> list[Errors]:
 
 def _jump(flight: Flight, channel: str, where: str, when: float) -> list[Errors]:
     return [{channel: since(flight, {where: when})}]
+
+
+def _jumps(flight: Flight, channel: str, along: Column) -> list[Errors]:
+    return [{channel: along(flight)}]
 
 
 def _bias_says(found: Found) -> str:

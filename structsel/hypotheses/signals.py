@@ -9,6 +9,7 @@ import numpy as np
 from structsel.hypotheses.base import Columns, Flights, Parameter, Variant
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
+from structsel.numerics.centring import centred, rms_within
 from structsel.numerics.smoothing.result import Array
 
 LONGITUDINAL = ("CX", "CZ", "Cm")
@@ -40,26 +41,16 @@ def gathered(flights: Flights, channel: str | Column) -> Array:
 
 def spread(flights: Flights, channel: str | Column) -> float:
     """Rms about the mean of each manoeuvre, over all."""
-    return _within(_column(f, channel) for f in flights)
+    return rms_within(_column(f, channel) for f in flights)
 
 
 def variation(flights: Flights, response: str) -> float:
     """Rms of a measured response about the mean of each manoeuvre, over all that have it."""
-    return _within(f.measured[response] for f in flights if response in f.measured)
+    return rms_within(f.measured[response] for f in flights if response in f.measured)
 
 
 def _column(flight: Flight, channel: str | Column) -> Array:
     return flight[channel] if isinstance(channel, str) else channel(flight)
-
-
-def _within(arrays: Iterable[Array]) -> float:
-    held = list(arrays)
-    return float(np.sqrt(np.mean(centred(held) ** 2))) if held else 0.0
-
-
-def centred(arrays: Iterable[Array]) -> Array:
-    """Arrays end to end, each about its own mean."""
-    return np.concatenate([x - x.mean() for x in arrays])
 
 
 def moves(flights: Flights, channel: str) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -206,7 +206,11 @@ def _polars(flights: Flights) -> list[Variant]:
         fitted = beside(flights, law, ("alpha", "V", "de", "q_hat"))
         about = f"{about}, linear terms fitted without it"
         made.append(_polar(fitted, about, shape, Parameter("drag", unit, sd), (*terms, "alpha", "V", "de", "q_hat")))
-    return made
+    return [
+        *made,
+        _parabola("CL", lift, (0.03, 0.03, 0.01)),
+        _parabola("alpha", lambda f: f["alpha"], (0.8, 0.1, 0.01)),
+    ]
 
 
 def _polar(law: Column, about: str, shape: dict[str, float], parameter: Parameter, terms: tuple[str, ...]) -> Variant:
@@ -214,6 +218,21 @@ def _polar(law: Column, about: str, shape: dict[str, float], parameter: Paramete
         return signature(flight, 1, from_lift_and_drag(flight, 0, CD=law(flight)))
 
     return Variant((parameter,), columns, shape, dict.fromkeys(shape, "-"), about, terms)
+
+
+def _parabola(name: str, along: Column, sds: Sequence[float]) -> Variant:
+    """Drag that bends where the simulation has a chord, or a line through points of its own choice."""
+    unit = {"CL": ("-", "-"), "alpha": ("1/rad^2", "1/rad")}[name]
+    parameters = tuple(Parameter(p, u, sd) for p, u, sd in zip(("drag", "slope", "level"), (*unit, "-"), sds))
+
+    def columns(flight: Flight) -> Columns:
+        x = along(flight)
+        parts = [
+            part for j, law in enumerate((x**2, x, np.ones(len(x)))) for part in from_lift_and_drag(flight, j, CD=law)
+        ]
+        return signature(flight, 3, parts)
+
+    return Variant(parameters, columns, about=f"a parabola in {name}", terms=(f"{name}^2", name, "1"))
 
 
 def _needs_polar(flights: Flights) -> str:

@@ -13,10 +13,10 @@ from structsel.mismatch.flight import Flight
 from structsel.mismatch.noise import highest_of
 
 _LOWEST = 0.8  # Hz
-_OF_BAND = 0.85  # a mode at the edge of what is compared is told from nothing by half of it
+_OF_BAND = 0.97  # a mode at the edge of what is compared is told from nothing by half of it
 _PEAKS = 3
 _SPREAD = (1.5, 3.0)  # Hz, tried whatever the spectrum says
-_DAMPINGS = (0.015, 0.04, 0.1)
+_DAMPINGS = (0.01, 0.025, 0.06)  # of what bends: with more, a mode is any lag of second order
 _FAMILIES = ((LONGITUDINAL, ("de", "alpha")), (LATERAL, ("da", "dr", "beta")))
 
 
