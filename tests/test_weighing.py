@@ -10,8 +10,10 @@ from scipy.fft import dct
 from scipy.special import softmax
 from statsmodels.discrete.conditional_models import ConditionalLogit
 
-from structsel.diagnosis import judging, weighing
+from structsel.diagnosis import judging, scoring, weighing
 from structsel.diagnosis.assembling import jackknifed
+from structsel.hypotheses.base import Parameter
+from structsel.numerics.evidence import Trial
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +64,19 @@ def test_nats_ahead_are_of_the_best_other_and_within_one():
     assert weighing.ahead_of(near[1], near, lambda one: one.nats) == pytest.approx(57.0 / 97.0)  # as good as the first
     alone = [SimpleNamespace(nats=10.0)]
     assert weighing.ahead_of(alone[0], alone, lambda one: one.nats) == pytest.approx(0.5)  # 10 nats of 20 that count
+
+
+def test_an_effect_is_behind_the_best_by_what_it_was_let_in_for():
+    def score(beside, delivered):
+        return SimpleNamespace(
+            event=False, predictive=np.array([beside]), within=0.0, log_evidence=beside,
+            hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
+        )  # fmt: skip
+
+    first, near, far, delivered = score(1000.0, 50.0), score(980.0, 0.0), score(200.0, 0.0), score(2.0, 400.0)
+    kept = [first, near, far, delivered]
+    assert [weighing.behind(s, kept) for s in kept] == pytest.approx([0.0, -1.0, -3.0, 0.0])
+    assert weighing.behind(score(11.0, 0.0), [score(16.0, 0.0)]) == pytest.approx(-0.5)  # ten nats are clear
 
 
 def bench_of(signals):
@@ -119,3 +134,21 @@ def padded_of(learning, rounds):
         for r in rounds
     ]
     return learning.padded(wide)
+
+
+@pytest.mark.parametrize(
+    ("shape", "moments"),
+    [({"time": 3.0}, 1), ({"time in m01": 3.0, "time in m02": 4.0}, 2), ({"time constant": 2.0}, 0)],
+)
+def test_each_moment_that_was_sought_costs_the_log_of_its_places(shape, moments):
+    base = SimpleNamespace(evidence=np.zeros((1, 2)), y=[np.zeros(4)], freed=np.zeros(1))
+    trial = Trial(50.0, np.array([25.0, 25.0]), np.ones(1), np.eye(1), np.array([50.0]))
+
+    def found(given):
+        variant = SimpleNamespace(shape=given, parameters=(Parameter("bias", "-", 1.0),))
+        form = SimpleNamespace(variant=variant, flights={"m01", "m02"})
+        return scoring.score(SimpleNamespace(base=base), SimpleNamespace(event=False), [form], [trial])
+
+    # Half a minute has sixty places half a second apart.
+    cost = found({}).log_evidence - found(shape).log_evidence
+    assert cost == pytest.approx(moments * np.log(60.0), rel=0.05)

@@ -17,6 +17,7 @@ from structsel.numerics.smoothing.result import Array
 _COUNTS, _IN_FULL = 0.6, 0.8
 """Shares of the tolerances' work from which on what an effect spares counts, and counts in full."""
 _STILL_OFF = 0.01  # nats for each row, that tolerances may still bring beside it
+_MOMENT = 4.0  # nats: log of the places, half a second apart, that half a minute has for a moment sought in it
 _BEYOND_ONE = 2.0  # nats that it must bring beyond what one tolerance in full would, all others being exact
 
 
@@ -37,7 +38,8 @@ class Score:
     predictive : (m,) array
         Log predictive density of each flight given the others, over the base's.
     within : float
-        Log of how much likelier the best form's parameters are within their plausible limits than beforehand.
+        Log of how much likelier the best form's parameters are within their plausible limits than beforehand, less what
+        the moments cost that were sought where the differences change.
     best : int
         The form to judge: the likeliest, or the one that spares the tolerances most.
     own : float
@@ -85,7 +87,7 @@ def score_all(bench: Bench, library: Library) -> list[Score]:
 
 def score(bench: Bench, hypothesis: Hypothesis, forms: Sequence[Signature], trials: Sequence[Trial]) -> Score:
     """Score of one hypothesis from the trials of its forms."""
-    within = np.array([_within(s, t) for s, t in zip(forms, trials)])
+    within = np.array([_within(s, t) - _MOMENT * _sought(s) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within
     log_forms = np.log(len(forms))
     weights = np.exp(evidence - logsumexp(evidence))
@@ -135,6 +137,11 @@ def _within(signature: Signature, trial: Trial) -> float:
         now = _log_between((low - mean) / sd, (high - mean) / sd)
         total += now - _log_between(low, high)
     return total
+
+
+def _sought(signature: Signature) -> int:
+    """Moments of a form."""
+    return sum(name == "time" or name.startswith("time in ") for name in signature.variant.shape)
 
 
 def _log_between(a: float, b: float) -> float:

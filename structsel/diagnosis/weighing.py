@@ -22,14 +22,16 @@ _NEAR = 0.95  # of an effect's nats, from which on another brings as much
 _CLEAR = 10.0  # nats, to which those as delivered are compared
 _ALONE = 1.0 / 3.0  # of how far an effect is ahead as delivered, that counts beside tolerances where those imitate it
 _OWN = 20.0  # nats, beyond which more say no more
+_BEHIND, _FURTHEST = 0.02, 3.0  # of the best's nats, by which an effect is behind it; and how far behind counts
 _LOWERS, _THERE = 0.05, 0.5
 """Shares: by which some coefficient's rms must fall on other flights, or what it differs by where the effect acts."""
-_SPOILS = 0.5  # share by which the rms of none may rise
+_SPOILS = 0.5  # share by which the rms of none may rise; what spoils more is no rival either
 _EVIDENT, _PLENTY = 10.0, 300.0
 """Nats that an effect must bring beside tolerances; or, as the first, as delivered where tolerances imitate it."""
 
 FEATURES = (
     "ahead", "ahead alone", "takes", "takes there", "level", "own", "event", "prior", "takes besides",
+    "behind",
 )  # fmt: skip
 """What is known of an effect when it is weighed.
 
@@ -41,9 +43,11 @@ own : log evidence of its form with every tolerance free to imitate it, over 20 
 event : it is of one flight.
 prior : log of how often simulations lack it, as against other effects.
 takes besides : share that it takes of the moments at which it acts, beside tolerances, times log(1 + nats / 10).
+behind : its nats less those of the best in question, over ten or a fiftieth of those, no less than -3; as delivered
+    where it is weighed for what it brings so.
 """
 NOTHING = -6.031
-WEIGHTS = np.array([2.576, 0.059, 3.158, 2.192, 1.923, 0.071, -1.945, 0.362, 0.532])
+WEIGHTS = np.array([2.576, 0.059, 3.158, 2.192, 1.923, 0.071, -1.945, 0.362, 0.532, 0.3])
 """From development cases, by the logit of `benchmarks/chances.py` with the weights before as expected (decision 18)."""
 
 
@@ -92,7 +96,7 @@ def alone(score: Score) -> float:
 
 
 def in_question(scores: Sequence[Score]) -> list[Score]:
-    """The best beside tolerances, and the best by themselves."""
+    """The best beside tolerances, and the best by themselves, in the order given."""
     best = [s for by in (nats, alone) for s in sorted(scores, key=by, reverse=True)[:_EACH]]
     return [s for s in scores if s in best]
 
@@ -122,18 +126,24 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
     """
     plain = bench.as_delivered()
     before = judging.held_out(plain, True)
+    kept: list[tuple[Score, Taken]] = []
+    rivals, judged = list(scores), set()
+    # What spoils other flights makes room for the next.
+    while asked := [s for s in in_question(rivals) if evident(bench, s) and s.effect not in judged]:
+        for one in asked:
+            judged.add(one.effect)
+            beside = plain.beside(one.signature)
+            taken = Taken.by(one, plain, beside)
+            gained = judging.gains(before, judging.held_out(beside, True), beside.told)
+            lowers, spoils = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
+            if spoils > _SPOILS:
+                rivals.remove(one)
+            elif lowers >= _LOWERS or taken.told_there >= _THERE:
+                kept.append((one, taken))
     made = []
-    for one in in_question(scores):
-        if not evident(bench, one):
-            continue
-        beside = plain.beside(one.signature)
-        taken = Taken.by(one, plain, beside)
-        gained = judging.gains(before, judging.held_out(beside, True), beside.told)
-        lowers, spoils = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
-        if (lowers < _LOWERS and taken.told_there < _THERE) or spoils > _SPOILS:
-            continue
-        by_itself = max(0.0, ahead_of(one, scores, alone)) * np.log1p(max(0.0, alone(one)) / _CLEAR)
-        ahead = max(ahead_of(one, scores, nats), _ALONE * by_itself)
+    for one, taken in kept:
+        by_itself = max(0.0, ahead_of(one, rivals, alone)) * np.log1p(max(0.0, alone(one)) / _CLEAR)
+        ahead = max(ahead_of(one, rivals, nats), _ALONE * by_itself)
         besides = most(shares_there(one, bench, bench.beside(one.signature)), bench)
         told = (
             ahead,
@@ -145,6 +155,7 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
             one.event,
             one.hypothesis.log_prior,
             besides * np.log1p(max(0.0, nats(one)) / _CLEAR),
+            behind(one, [other for other, _ in kept]),
         )
         made.append(Weighed(one, np.array(told, dtype=float)))
     return made
@@ -165,6 +176,13 @@ def ahead_of(one: Score, scores: Sequence[Score], brings: Callable[[Score], floa
     others = (brings(s) for s in scores if s is not one)
     best = max([0.0, *(x for x in others if not _NEAR * mine <= x <= mine / _NEAR)])
     return float(np.clip((mine - best) / max(mine, _FEW), -1.0, 1.0))
+
+
+def behind(one: Score, kept: Sequence[Score]) -> float:
+    """How far what an effect brings falls behind the best; see `FEATURES`."""
+    brings = nats if nats(one) >= _EVIDENT else alone
+    best = max(0.0, *map(brings, kept))
+    return max((brings(one) - best) / max(_CLEAR, _BEHIND * best), -_FURTHEST)
 
 
 @dataclass(frozen=True)
