@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,9 @@ from structsel.errors import DataError
 from structsel.numerics import rigid_body as rb
 from structsel.proving import EffectKey, Key, write_case
 from structsel.proving.cases import aircraft_toml
+from structsel.proving.deciding import nats_of
 from structsel.proving.drawing import draw_case
+from structsel.proving.keys import DECIDED
 from structsel.proving.own import instruments
 from structsel.proving.own.craft import CRAFTS, craft
 from structsel.proving.own.effects import Context, Entry
@@ -209,3 +212,25 @@ def test_aircraft_toml_holds_all_that_differs_from_the_defaults(tmp_path):
     read = Aircraft.from_toml(tmp_path / "aircraft.toml")
     assert read.tolerances == aircraft.tolerances
     assert_allclose(read.position("vane"), aircraft.position("vane"), rtol=1e-5)
+
+
+def test_a_case_is_decided_by_what_the_truth_brings_beside_tolerances(tmp_path):
+    case = draw_case(5, effect="ground-effect", severity="easy")
+    folder = write_case(case, tmp_path / "cases", tmp_path / "keys")
+    nats = nats_of(case, folder)
+    assert nats > DECIDED
+    nothing = replace(case, brought=[np.zeros_like(x) for x in case.brought])
+    assert_allclose(nats_of(nothing, folder), 0.0, atol=1e-6)
+    half = replace(case, brought=[0.5 * x for x in case.brought])
+    assert 0.0 < nats_of(half, folder) < nats
+    assert nats_of(replace(case, brought=()), folder) is None
+
+
+def test_where_the_truth_brings_too_little_consistent_is_right_as_well():
+    effect = EffectKey(effect="mass-error", accept=("mass-error",), kinds=("inertial",), axes=("CZ",))
+    key = Key(verdicts=("mismatch",), form="forced", severity="easy", attainable={"CZ": 0.4}, effects=(effect,))
+    assert key.decided  # not known: by its severity
+    assert key.with_nats(None) == key
+    little, much = key.with_nats(DECIDED - 1.0), key.with_nats(DECIDED + 1.0)
+    assert (little.decided, much.decided) == (False, True)
+    assert (little.verdicts, much.verdicts) == (("mismatch", "consistent"), ("mismatch",))

@@ -7,19 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import lstsq
-from scipy.signal import lfilter
+from scipy.signal import freqz, lfilter
 
-from structsel.hypotheses.base import Flights
-from structsel.hypotheses.signals import centred, spread, variation
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS, KINEMATIC
+from structsel.numerics.centring import centred, rms_within
 from structsel.numerics.smoothing.result import Array
+
+Flights = Sequence[Flight]
 
 _SAMPLES = 8000  # of a manoeuvre that are enough to find a linear plant from a simulation without noise
 _ORDERS = (0, 1, 2, 3, 4)
 _LEAST_R2 = 0.8
-_AT_ONCE = 0.2  # share of the answer to an impulse that comes at once, above which a plant has no state of its own
 _ACCELERATES, _MOVES = 0.9, 0.95
+_HIGHEST = 2.0  # rad per sample, above which a discrete gain is no longer that of what it stands for
+_FALLS = 2.9  # by which a gain falls within an octave: inertia makes it four and more, a lag alone two
+_SLIGHTLY = 1e-3  # by which a parameter is changed to see what that does
+_REAL = 1e-6  # of a pole's size, below which its imaginary part is rounding
 """Least correlation of a response with the rate of a speed, and of a speed with the rate of a place."""
 
 
@@ -73,12 +77,24 @@ class Plant:
         return 1.0 / gain if gain > 0.0 else 1.0
 
     @property
+    def swings(self) -> bool:
+        """Whether a force sets its speed in motion, not at once the response itself: whether inertia is in between.
+
+        Its gain then falls with the square of the frequency, above its slowest poles.
+        """
+        if self.along:
+            return True
+        poles = self._slowest(1.0)
+        if len(poles) < 2:
+            return False
+        high = min(4.0 * float(np.abs(poles).max()), _HIGHEST)
+        gains = np.abs(freqz(self.b, self.a, worN=[0.5 * high, high])[1])
+        return bool(gains[0] > _FALLS * gains[1])
+
+    @property
     def pushes_back(self) -> bool:
-        """Whether it has a state that a force could act on: a plant that answers at once only passes its input on."""
-        if self.speed == 0.0 or self.along:
-            return self.speed > 0.0
-        answer = lfilter(self.b, self.a, np.concatenate([[1.0], np.zeros(_SAMPLES)]))
-        return bool(not self.source or answer[0] ** 2 < _AT_ONCE * float(answer @ answer))
+        """Whether a force can act on its motion: a plant without inertia only passes its input on, late or at once."""
+        return self.speed > 0.0 and (not self.source or self.swings)
 
     def under(self, force: Array) -> Array:
         """Response to a force beside the input."""
@@ -87,6 +103,42 @@ class Plant:
     def driven(self, u: Array) -> Array:
         """Response to an input."""
         return lfilter(self.b, self.a, u - u.mean())
+
+    def errors(self, flights: Flights) -> dict[str, list[Array]]:
+        """What an error of its stiffness and damping by all of each adds to the response, per flight.
+
+        To first order, along the simulated motion; empty where neither can be told. That of inertia is one of all.
+        """
+        told = [f.simulated[self.response] for f in flights]
+        if self.along and self.source:
+            place, speed = self.along
+            X = np.column_stack([centred(f.channels[c] for f in flights) for c in (place, speed, self.source)])
+            y = centred(told)
+            values = lstsq(X, y)[0]
+            if float(np.sum((y - X @ values) ** 2)) > (1.0 - _LEAST_R2) * float(y @ y):
+                return {}
+            names = zip(("stiffness", "damping"), (place, speed), values)
+            return {name: [v * (f.channels[c] - f.channels[c].mean()) for f in flights] for name, c, v in names}
+        dt = flights[0].dt
+        was = self._slowest(dt)
+        if self.along or not self.source or not len(was):
+            return {}
+        denominator = np.real(np.poly(was))  # s^2 + c s + k, or s + c, by inertia
+        made = {}
+        for name, at in zip(("damping", "stiffness"), range(1, len(denominator))):
+            other = denominator.copy()
+            other[at] *= 1.0 + _SLIGHTLY
+            over, under = (np.real(np.poly(np.exp(poles * dt))) for poles in (was, np.roots(other)))
+            made[name] = [(lfilter(over, under, y - y.mean()) - (y - y.mean())) / _SLIGHTLY for y in told]
+        return made
+
+    def _slowest(self, dt: float) -> Array:
+        """The slowest pole [rad/s] and its conjugate, or where it is real the slowest two that are; fewer of fewer."""
+        z = np.roots(self.a).astype(complex)
+        poles = np.log(z[np.abs(z) > 0.0]) / dt
+        poles = poles[np.argsort(np.abs(poles))]
+        swinging = np.abs(poles.imag) > _REAL * np.abs(poles)
+        return np.asarray((poles if swinging[:1].any() else poles[~swinging])[:2])
 
 
 def find_plant(flights: Flights, response: str) -> Plant:
@@ -112,9 +164,10 @@ def find_plant(flights: Flights, response: str) -> Plant:
                 best = (r2, name, b, a)
     _, source, b, a = best
     u = first.raw[source] if source else told
-    moved = variation(held, response)
+    moved = rms_within(f.measured[response] for f in held)
     if along:
-        return Plant(response, source, b, a, moved, spread(held, along[0]), spread(held, along[1]), along)
+        moves, paces = (rms_within(f.channels[c] for f in held) for c in along)
+        return Plant(response, source, b, a, moved, moves, paces, along)
     speed = np.concatenate([f.rate(f.measured[response]) for f in held])
     return Plant(response, source, b, a, _rms(u - u.mean()), moved, _rms(speed))
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from structsel.aircraft import Tolerances
 from structsel.mismatch.flight import Flight
+from structsel.mismatch.plant import find_plant
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.mismatch.sensitivity import asked_wrongly, misread, reading
 from structsel.numerics import rigid_body as rb
@@ -87,16 +88,21 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             made.append(Nuisance(name, sd, unit, columns, least, least > 0.0))
 
     for response in first.simulated:
-        if first.surrogate is None:
-            break
         if response not in COEFFICIENTS:
-            add(f"{response}: scale", "main", "relative", [{response: f.simulated[response]} for f in flights])
+            held = [f for f in flights if response in f.simulated]
+            wrong = {"scale": [f.simulated[response] for f in held], **find_plant(flights, response).errors(held)}
+            for what, told in wrong.items():
+                by_flight = dict(zip([f.name for f in held], told))
+                each = [{response: by_flight[f.name]} if f.name in by_flight else {} for f in flights]
+                add(f"{response}: {what}", "main", "relative", each)
+            continue
+        if first.surrogate is None:
             continue
         for term, value in zip(first.surrogate.terms[response], first.surrogate.values[response]):
             name = "*".join(term)
             key = "main" if (response, name) in MAIN else "secondary"
-            each = [{response: value * f.surrogate.column(f, term)} for f in flights if f.surrogate is not None]
-            add(f"{response}: {name}", key, "relative", each)
+            scaled = [{response: value * f.surrogate.column(f, term)} for f in flights if f.surrogate is not None]
+            add(f"{response}: {name}", key, "relative", scaled)
         rest = [{response: f.simulated[response] - f.surrogate.evaluate(f, response)} for f in flights if f.surrogate]
         level = float(np.sqrt(np.mean([np.mean(f.simulated[response] ** 2) for f in flights])))
         add(f"{response}: 1", "secondary", "-", [{response: np.ones(len(f))} for f in flights], level)

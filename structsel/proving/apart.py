@@ -23,6 +23,7 @@ from structsel.recording import Recording, read_recordings
 def draw(request: str, folder: str) -> dict[str, Any]:
     """Draw a case and write it to ``folder/case/``, its key to ``folder/key/``."""
     from structsel.proving.cases import write_case
+    from structsel.proving.deciding import nats_of
 
     asked = json.loads(request)
     chosen = {k: asked[k] for k in ("family", "effect", "severity") if asked[k]}
@@ -30,7 +31,10 @@ def draw(request: str, folder: str) -> dict[str, Any]:
         case = _drawer(asked["source"])(asked["seed"], **chosen)
     except (RuntimeError, StructselError) as error:
         return {"undrawn": str(error)}
-    write_case(replace(case, name=asked["name"]), Path(folder) / "case", Path(folder) / "key")
+    case = replace(case, name=asked["name"])
+    keys = Path(folder) / "key"
+    nats = nats_of(case, write_case(case, Path(folder) / "case", keys))
+    case.key.with_nats(nats).write(keys / f"{case.name}.json")
     return {}
 
 

@@ -34,6 +34,8 @@ class Case:
     key : Key
     files : mapping of relative path to text
         What else lies in the folder: an aircraft in XML, a model in JSON.
+    brought : sequence of (n, 6) arrays
+        What the effects add to measured less simulated, without noise, per recording; empty where that is not known.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Case:
     simulated: Mapping[str, Mapping[str, np.ndarray]]
     key: Key
     files: Mapping[str, str] = field(default_factory=dict)
+    brought: Sequence[np.ndarray] = ()
 
 
 def write_case(case: Case, folder: str | Path, key_folder: str | Path) -> Path:

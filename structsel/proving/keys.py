@@ -27,6 +27,8 @@ Form = Literal["forced", "free", "model", "jsbsim", "python"]
 Severity = Literal["easy", "medium", "hard", "none"]
 Family = Literal["single", "pair", "null", "outside", "clutter"]
 Intervals = dict[str, list[tuple[float, float]]]
+DECIDED = 10.0
+"""Nats beside the stated tolerances, below which an effect cannot be told from what they allow."""
 _FROZEN = ConfigDict(extra="forbid", frozen=True)
 
 
@@ -75,6 +77,9 @@ class Key(BaseModel):
     severity : {"easy", "medium", "hard", "none"}
     attainable : mapping of coefficient (or channel) to float
         Share by which a perfect account lowers the rms of measured less simulated.
+    nats : float, optional
+        Log evidence that a perfect account of the effects brings beside the stated tolerances; None where it is not
+        known.
     effects : tuple of EffectKey
         The largest first; none in a null.
     source : str
@@ -88,10 +93,22 @@ class Key(BaseModel):
     form: Form
     severity: Severity
     attainable: dict[str, float]
+    nats: float | None = None
     effects: tuple[EffectKey, ...] = ()
     source: str = ""
     family: Family = "single"
     seed: int = 0
+
+    def with_nats(self, nats: float | None) -> Key:
+        """The key with what a perfect account brings; where that is too little, that all is consistent is right too."""
+        beyond = nats is None or nats >= DECIDED or "consistent" in self.verdicts
+        verdicts = self.verdicts if beyond else (*self.verdicts, "consistent")
+        return self.model_copy(update={"nats": nats, "verdicts": verdicts})
+
+    @property
+    def decided(self) -> bool:
+        """Whether the data can tell what is there from what stated tolerances allow."""
+        return self.severity in ("easy", "medium") if self.nats is None else self.nats >= DECIDED
 
     def write(self, path: str | Path) -> Path:
         """Write the key as JSON; a key that is there is replaced."""

@@ -71,6 +71,8 @@ class CaseScore:
         First named: an effect, ``nothing`` or ``no answer``.
     verdict : bool
         It is one of those that are right.
+    decided : bool
+        The data can decide it.
     top1, tie, top3 : bool, optional
         The right effect first; or with a tie declared that the key allows; or among the first three names.
     kind, axis : bool, optional
@@ -101,6 +103,7 @@ class CaseScore:
     truth: str
     named: str
     verdict: bool
+    decided: bool = True
     top1: bool | None = None
     tie: bool | None = None
     top3: bool | None = None
@@ -174,7 +177,7 @@ def score_case(
         }
     return CaseScore(
         name, key.source, family, key.severity, key.form, key.effects[0].effect if key.effects else NOTHING, named,
-        said["verdict"] in key.verdicts, seconds=seconds, **told,
+        said["verdict"] in key.verdicts, key.decided, seconds=seconds, **told,
     )  # fmt: skip
 
 

@@ -161,12 +161,13 @@ def _median(
 
 
 def _of_names(named: Sequence[CaseScore], scores: Sequence[CaseScore]) -> list[Figure]:
-    clear = [s for s in named if s.severity in ("easy", "medium")]
+    decided = [s for s in named if s.decided]
     sure = [c for s in scores for c in s.claims if c.probability >= CONFIDENT and c.effect != "unknown"]
     return [
         _share("right effect first", (s.top1 for s in named), 0.88),
         _share("right effect first, or a declared tie", (s.tie for s in named)),
-        _share("the same, easy and medium", (s.tie for s in clear), 0.95),
+        _share("right effect first, where the data decide", (s.top1 for s in decided)),
+        _share("the same or a declared tie, where the data decide", (s.tie for s in decided), 0.95),
         _share("right effect among three", (s.top3 for s in named), 0.98),
         _share("both of a pair", (s.both for s in named), 0.85),
         _share("wrong among confidently named", (not c.right for c in sure), 0.02, "low"),

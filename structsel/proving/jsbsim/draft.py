@@ -221,7 +221,17 @@ class Draft:
             attainable={a: max(0.0, v) for a, v in attainable.items()}, effects=keys,
             source=f"jsbsim/{self.plane.name}", family=self.family, seed=self.seed,
         )  # fmt: skip
-        return Case(f"case-j{self.seed:05d}", stated, recordings, simulated, key)
+        brought = self._brought(flights) if self.effects else ()
+        return Case(f"case-j{self.seed:05d}", stated, recordings, simulated, key, brought=brought)
+
+    def _brought(self, flights: Sequence[Flight]) -> tuple[np.ndarray, ...]:
+        """What the effects add to measured less simulated (n, 6), as instruments without noise would show it."""
+        kept = self.chain
+        self.chain = replace(kept, noise=dict.fromkeys(kept.noise, 0.0), colour=0.0)
+        found = self._residuals(flights, self.effects)
+        perfect = [self._perfect(f, k, self.effects) for k, f in enumerate(flights)]
+        self.chain = kept
+        return tuple(m - p for m, p in zip(found, perfect))
 
     def _recorded(self, readings: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Channels that the file has: a configuration that is unrecorded is left out."""

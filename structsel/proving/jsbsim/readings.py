@@ -22,7 +22,7 @@ NOISE = {"V": 0.15, "alpha": 1.0e-3, "beta": 1.0e-3, **dict.fromkeys("pqr", 4e-4
 BIAS = {"V": 0.2, "alpha": 1.5e-3, "beta": 1.5e-3, **dict.fromkeys("pqr", 6e-4), "phi": 1.5e-3, "theta": 1.5e-3,
         "psi": 2e-3, "h": 1.0, "ax": 0.02, "ay": 0.02, "az": 0.03,
         **dict.fromkeys(("de", "da", "dr"), 4e-4)}  # fmt: skip
-_THRUST_NOISE = 0.003  # of its mean
+THRUST_NOISE = 0.003  # of its mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +36,7 @@ class Chain:
     stated : Aircraft
         As aircraft.toml has it.
     noise, bias : mapping of channel to standard deviation
+        Noise of thrust is a share of its mean.
     scale, delay, tilt : mapping of channel to value
         Errors within the tolerances.
     gust_seen : float
@@ -84,7 +85,7 @@ def read(flight: Flight, clean: Mapping[str, np.ndarray], chain: Chain, number: 
     rng = np.random.default_rng([chain.seed, number, 7])
     bias = {c: s * rng.standard_normal() for c, s in chain.bias.items() if c in clean}
     level = float(np.abs(clean["thrust"]).mean())
-    noise = {c: s for c, s in chain.noise.items() if c in clean} | {"thrust": _THRUST_NOISE * level}
+    noise = {c: s for c, s in chain.noise.items() if c in clean} | {"thrust": chain.noise["thrust"] * level}
     seed = int(rng.integers(2**31))
     keep = lambda held: {c: v for c, v in held.items() if c in clean}  # noqa: E731
     wrong = Instruments(scale=keep(chain.scale) | {"thrust": chain.thrust}, delay=keep(chain.delay), bias=bias,

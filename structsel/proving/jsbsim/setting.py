@@ -12,7 +12,7 @@ from structsel.numerics.turbulence import dryden_gusts, dryden_scales
 from structsel.proving.jsbsim import forced
 from structsel.proving.jsbsim.flying import Flight, Manoeuvre
 from structsel.proving.jsbsim.plane import Plane
-from structsel.proving.jsbsim.readings import BIAS, NOISE, Chain
+from structsel.proving.jsbsim.readings import BIAS, NOISE, THRUST_NOISE, Chain
 
 _TOLERANCES = {"main": 0.01, "secondary": 0.03, "mass": 0.003, "inertia": 0.01, "cg": 0.001, "thrust": 0.01,
                "vane_scale": 0.005, "alignment": 0.002, "delay": 0.002, "lever_arm": 0.05}  # fmt: skip
@@ -65,7 +65,7 @@ def draw_chain(plane: Plane, rng: np.random.Generator, *, share: float, store: f
     return Chain(
         truth=truth,
         stated=make(f"aircraft {int(rng.integers(1, 999)):03d}", mass, moments, seat + off_seat, boom + off_boom),
-        noise={c: level * v for c, v in NOISE.items()},
+        noise={c: level * v for c, v in NOISE.items()} | {"thrust": THRUST_NOISE},
         bias=dict(BIAS),
         scale={c: t["vane_scale"] * float(draw()) for c in ("alpha", "beta")},
         delay={c: max(0.0, t["delay"] * float(draw())) for c in ("alpha", "beta", "V", "de", "da", "dr")},

@@ -14,7 +14,7 @@ from structsel.proving.own.craft import craft
 from structsel.proving.own.effects import Concept, Context, Effect, Entry, name
 from structsel.proving.own.flight import Lost, fly_simulation, fly_truth
 from structsel.proving.own.instruments import Channels, Faults
-from structsel.proving.own.making import SHARES, Outcome, Scene, draw_scene, find_size, play
+from structsel.proving.own.making import SHARES, Outcome, Scene, brought_by, draw_scene, find_size, play
 from structsel.proving.own.variables import AXES
 from structsel.recording import Recording
 
@@ -175,7 +175,14 @@ def assemble(
         family=family,
         seed=scene.seed,
     )  # type: ignore[arg-type]
-    return Case(f"case-{scene.seed:05d}", scene.aircraft, recordings_of(scene, outcome), simulated, key)
+    return Case(
+        f"case-{scene.seed:05d}",
+        scene.aircraft,
+        recordings_of(scene, outcome),
+        simulated,
+        key,
+        brought=brought_by(scene, outcome) if effects else (),
+    )
 
 
 def make_windy(effect: Effect, craft_name: str, severity: str, seed: int, attempt: int = 0) -> Case:
@@ -217,4 +224,6 @@ def make_windy(effect: Effect, craft_name: str, severity: str, seed: int, attemp
         parameters=entry.parameters,
     )
     case = assemble(scene, outcome, "free", [key], severity_of(max(shares.values())), "single")
-    return replace(case, key=case.key.model_copy(update={"attainable": {**dict.fromkeys(AXES, 0.0), **shares}}))
+    # It shows in velocities, not in coefficients.
+    attainable = {**dict.fromkeys(AXES, 0.0), **shares}
+    return replace(case, key=case.key.model_copy(update={"attainable": attainable}), brought=())

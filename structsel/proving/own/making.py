@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from structsel.proving.own.variables import AXES
 SHARES = {"easy": (0.32, 0.65), "medium": (0.16, 0.29), "hard": (0.06, 0.14)}
 """Attainable in the main axis, by severity."""
 _EVENTS = ("configuration-change", "store-release")
+_THRUST_NOISE = 0.003  # of its mean
 _TIGHT = {
     "main": 0.01,
     "secondary": 0.03,
@@ -70,6 +71,7 @@ class Scene:
 class Outcome:
     """A scene flown with what enters."""
 
+    entry: Entry
     flown: list[Flown]
     clean: list[Channels]
     faulty: list[Channels]
@@ -189,7 +191,7 @@ def draw_scene(
         tuple(sorted(extra)),
         terms,
         entry,
-        {n: s * level for n, s in ins.NOISE.items()},
+        {n: s * level for n, s in ins.NOISE.items()} | {"thrust": _THRUST_NOISE},
         biases,
         wrong if background else {},
         seed,
@@ -203,7 +205,7 @@ def play(scene: Scene, entry: Entry) -> Outcome:
     arm = scene.background.physics.settings.get("arm_x", 0.0) + entry.physics.settings.get("arm_x", 0.0)
     physics.settings["arm_x"] = arm
     flown = fly_truth(scene.craft, scene.plans, physics, scene.settings, scene.rate)
-    out = Outcome(flown, [], [], [], [], [], [], [], [])
+    out = Outcome(entry, flown, [], [], [], [], [], [], [], [])
     air, V0 = scene.aircraft, scene.settings["V0"]
     tensor = air.require_inertia("play").tensor
     under = scene.background.physics
@@ -212,10 +214,11 @@ def play(scene: Scene, entry: Entry) -> Outcome:
         clean = ins.channels_of(f, air, scene.ground, scene.channels, quiet, k)
         faulty = ins.channels_of(f, air, scene.ground, scene.channels, faults, k)
         seed = 1000 * scene.seed + k
+        noise = {**scene.noise, "thrust": scene.noise["thrust"] * float(np.mean(faulty["thrust"]))}
         readings = ins.read(
             f.t,
             faulty,
-            {**scene.noise, "thrust": 0.003 * float(np.mean(faulty["thrust"]))},
+            noise,
             scene.biases[k],
             seed,
             scene.wrong,
@@ -223,7 +226,7 @@ def play(scene: Scene, entry: Entry) -> Outcome:
         better = ins.read(
             f.t,
             clean,
-            {**scene.noise, "thrust": 0.003 * float(np.mean(faulty["thrust"]))},
+            noise,
             scene.biases[k],
             seed,
             scene.wrong,
@@ -266,6 +269,11 @@ def play(scene: Scene, entry: Entry) -> Outcome:
         out.after.append(M1 - S1)
         out.delta.append((M0 - S0) - (M1 - S1))
     return out
+
+
+def brought_by(scene: Scene, outcome: Outcome) -> tuple[np.ndarray, ...]:
+    """What an outcome's effects add to measured less simulated (n, 6), as instruments without noise would show it."""
+    return tuple(play(replace(scene, noise=dict.fromkeys(scene.noise, 0.0)), outcome.entry).delta)
 
 
 def find_size(
