@@ -7,12 +7,20 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from structsel.hypotheses.base import Columns, Flights
+from structsel.hypotheses.signals import moves
 from structsel.mismatch.flight import AIRFRAME, Flight
 from structsel.mismatch.responses import COEFFICIENTS, KINEMATIC
 from structsel.mismatch.sensitivity import misread
 from structsel.numerics.smoothing.result import Array
 
 Errors = Mapping[str, Array | float]
+AIR, INERTIAL, ATTITUDE = ("V", "alpha", "beta"), ("ax", "ay", "az", "p", "q", "r"), ("phi", "theta")
+"""Channels of instruments, by kind."""
+
+
+def present(flights: Flights, channels: Sequence[str]) -> list[str]:
+    """Those of some channels that every flight has and that move."""
+    return [c for c in channels if moves(flights, c)]
 
 
 def cannot_be_shifted(flights: Flights) -> str:

@@ -8,115 +8,37 @@ from functools import partial
 import numpy as np
 
 from structsel.hypotheses.base import Flights, Found, Hypothesis, Parameter, Variant
-from structsel.hypotheses.changes import added, find_changes, together
-from structsel.hypotheses.operators import changes, late, shape_of, since, spaced, told_onsets
-from structsel.hypotheses.readings import Errors, cannot_be_shifted, wrong_readings
-from structsel.hypotheses.signals import Column, available, gathered, moves
-from structsel.hypotheses.wording import INSTRUMENTS, percent, shown
+from structsel.hypotheses.biases import bias_says, bias_variants
+from structsel.hypotheses.operators import late, spaced
+from structsel.hypotheses.readings import (
+    AIR,
+    ATTITUDE,
+    INERTIAL,
+    Errors,
+    cannot_be_shifted,
+    present,
+    wrong_readings,
+)
+from structsel.hypotheses.signals import available, gathered
+from structsel.hypotheses.wording import INSTRUMENTS, capital, percent, shown
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.sensitivity import reading
 from structsel.numerics.rigid_body import body_velocity
 from structsel.numerics.rigid_body.vectors import cross
 from structsel.numerics.smoothing.result import Array
 
-_AIR, _INERTIAL, _ATTITUDE = ("V", "alpha", "beta"), ("ax", "ay", "az", "p", "q", "r"), ("phi", "theta")
-_SURFACES = ("de", "da", "dr")
-_ANGLES = ("alpha", "beta", "phi", "theta", *_SURFACES)
-_BIAS = {**dict.fromkeys(_ANGLES, 0.01), **dict.fromkeys("pqr", 0.005), **dict.fromkeys(("ax", "ay", "az"), 0.15)}
-_UNIT = {
-    **dict.fromkeys(_ANGLES, "rad"), **dict.fromkeys("pqr", "rad/s"), **dict.fromkeys(("ax", "ay", "az"), "m/s^2"),
-    "V": "m/s",
-}  # fmt: skip
 _AXES = "xyz"
-_SHOWS = {
-    "V": ("CX", "CZ"), "alpha": ("CZ", "Cm", "CX"), "beta": ("CY", "Cl", "Cn"), "ax": ("CX",), "ay": ("CY",),
-    "az": ("CZ",), "de": ("CZ", "Cm"), "da": ("Cl", "Cn"), "dr": ("CY", "Cn"),
-}  # fmt: skip
-"""Responses in which a reading that jumps stands out."""
-
-
-def _present(flights: Flights, channels: Sequence[str]) -> list[str]:
-    return [c for c in channels if moves(flights, c)]
 
 
 def _needs(channels: Sequence[str]) -> Callable[[Flights], str]:
     def needs(flights: Flights) -> str:
         if missing := cannot_be_shifted(flights):
             return missing
-        if not _present(flights, channels):
+        if not present(flights, channels):
             return f"any of the channels {', '.join(channels)}, moving"
         return ""
 
     return needs
-
-
-# Biases: a constant of each instrument in each manoeuvre goes free, so far as it shifts a response by a constant.
-
-
-def _bias_sd(flights: Flights, channel: str) -> float:
-    return 0.02 * float(gathered(flights, "V").mean()) if channel == "V" else _BIAS[channel]
-
-
-def _bias_variants(flights: Flights) -> list[Variant]:
-    made = []
-    clearest = changes(flights, tuple(f for f in flights[0].responses), 2)
-    jumps = {shown: find_changes(flights, shown) for shown in set(_SHOWS.values())}
-    for channel in _present(flights, (*_AIR, *_INERTIAL, *_ATTITUDE, *_SURFACES)):
-        sd, unit = _bias_sd(flights, channel), _UNIT[channel]
-        constant = Parameter("bias", unit, sd, -10.0 * sd, 10.0 * sd)
-        drift = Parameter("drift", f"{unit}/min" if unit.count("/") == 0 else f"{unit} per min", 2.0 * sd)
-        name = INSTRUMENTS[channel]
-        made += [
-            Variant((constant,), wrong_readings(partial(_level, channel=channel)), about=name),
-            Variant(
-                (drift,),
-                wrong_readings(partial(_drift, channel=channel)),
-                about=f"{name}, drifting",
-            ),
-        ]
-        made += [
-            Variant(
-                (constant,),
-                wrong_readings(partial(_jump, channel=channel, where=where, when=when)),
-                {"time": when}, {"time": "s"}, about=f"{name}, {told_onsets({where: when})}",
-            )
-            for where, when in clearest
-        ]  # fmt: skip
-        made += [
-            Variant(
-                (constant,), wrong_readings(partial(_jumps, channel=channel, along=added(jumped, signs))),
-                shape_of(times), dict.fromkeys(shape_of(times), "s"), f"{name}, {told_onsets(times)}",
-            )
-            for jumped, signs in together(jumps.get(_SHOWS.get(channel, ()), ()), both_ways=False)
-            for times in [{one.flight: one.start for one in jumped}]
-        ]  # fmt: skip
-    return made
-
-
-def _level(flight: Flight, channel: str) -> list[Errors]:
-    return [{channel: 1.0}]
-
-
-def _drift(flight: Flight, channel: str) -> list[Errors]:
-    return [{channel: (flight.t - flight.t[0]) / 60.0}]
-
-
-def _jump(flight: Flight, channel: str, where: str, when: float) -> list[Errors]:
-    return [{channel: since(flight, {where: when})}]
-
-
-def _jumps(flight: Flight, channel: str, along: Column) -> list[Errors]:
-    return [{channel: along(flight)}]
-
-
-def _bias_says(found: Found) -> str:
-    name, does = ("drift", "drifts by") if "drift" in found.estimates else ("bias", "reads too much by")
-    return f"{_capital(found)} {does} {shown(found, name)}."
-
-
-def _capital(found: Found) -> str:
-    about = found.variant.about
-    return about[:1].upper() + about[1:]
 
 
 # Scales
@@ -124,7 +46,7 @@ def _capital(found: Found) -> str:
 
 def _scale_variants(flights: Flights) -> list[Variant]:
     made = []
-    for channel in _present(flights, (*_AIR, *_INERTIAL)):
+    for channel in present(flights, (*AIR, *INERTIAL)):
         sd = 0.1 if channel in ("alpha", "beta") else 0.04
         made.append(
             Variant(
@@ -148,7 +70,7 @@ def _scale_says(found: Found) -> str:
     more = "too much" if found["scale"] >= 0.0 else "too little"
     # The error is a share of the reading, so the reading is the truth over one less it.
     return (
-        f"{_capital(found)} reads {more}: {1.0 / (1.0 - found['scale']):.3f} of the truth ({percent(found, 'scale')})."
+        f"{capital(found)} reads {more}: {1.0 / (1.0 - found['scale']):.3f} of the truth ({percent(found, 'scale')})."
     )
 
 
@@ -156,9 +78,9 @@ def _scale_says(found: Found) -> str:
 
 
 def _delay_variants(flights: Flights) -> list[Variant]:
-    single = _present(flights, (*_AIR, *_INERTIAL, *_ATTITUDE, "de", "da", "dr"))
+    single = present(flights, (*AIR, *INERTIAL, *ATTITUDE, "de", "da", "dr"))
     groups: list[tuple[tuple[str, ...], str]] = [((c,), INSTRUMENTS[c]) for c in single]
-    air = tuple(c for c in _AIR if c in single)
+    air = tuple(c for c in AIR if c in single)
     if len(air) > 1:
         groups.append((air, "the air data"))
     made = []
@@ -186,7 +108,7 @@ def _late_readings(flight: Flight, channels: Sequence[str], tau: float) -> list[
 
 def _delay_says(found: Found) -> str:
     be = "are" if found.variant.about == "the air data" else "is"
-    return f"{_capital(found)} {be} late by {found.text('delay')}."
+    return f"{capital(found)} {be} late by {found.text('delay')}."
 
 
 # Places
@@ -240,7 +162,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
 
 def _position_says(found: Found) -> str:
     where = ", ".join(f"{x} {found.text(x)}" for x in _AXES if x in found.estimates)
-    return f"{_capital(found).split(',')[0]} stands elsewhere than stated, by {where} in body axes."
+    return f"{capital(found).split(',')[0]} stands elsewhere than stated, by {where} in body axes."
 
 
 # Misalignments
@@ -262,9 +184,9 @@ def _rolled_boom(flight: Flight) -> Errors:
 
 def _misalignment_variants(flights: Flights) -> list[Variant]:
     triads = {
-        "the accelerometers": (_INERTIAL[:3],),
-        "the gyros": (_INERTIAL[3:],),
-        "the inertial unit": (_INERTIAL[:3], _INERTIAL[3:]),
+        "the accelerometers": (INERTIAL[:3],),
+        "the gyros": (INERTIAL[3:],),
+        "the inertial unit": (INERTIAL[:3], INERTIAL[3:]),
     }
     made = []
     for name, parts in triads.items():
@@ -292,7 +214,7 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
 
 def _misalignment_says(found: Found) -> str:
     by = ", ".join(f"{shown(found, f'about {x}')} about body {x}" for x in _AXES if f"about {x}" in found.estimates)
-    return f"{_capital(found)} are mounted turned by {by}.".replace("unit are", "unit is").replace(
+    return f"{capital(found)} are mounted turned by {by}.".replace("unit are", "unit is").replace(
         "vanes are", "vanes is"
     )
 
@@ -326,11 +248,11 @@ def _position_error_says(found: Found) -> str:
     about = found.variant.about
     if "factor per rad" in found.estimates:
         return (
-            f"{_capital(found)}: the error grows by {found.text('factor per rad', 100.0 * np.pi / 180.0, '% per deg')}."
+            f"{capital(found)}: the error grows by {found.text('factor per rad', 100.0 * np.pi / 180.0, '% per deg')}."
         )
     which = "the pressures" if "airspeed" in about else "the density or the static pressure"
     return (
-        f"{_capital(found)} read too much by {percent(found, 'factor')}: "
+        f"{capital(found)} read too much by {percent(found, 'factor')}: "
         f"{which} are off, and all coefficients with them."
     )
 
@@ -339,20 +261,20 @@ _SCALE_SEPARATED = "manoeuvres in which the channel moves at different speeds an
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis(
         "sensor-bias", "sensor", "An instrument is off by more than a free constant: too far, drifting or jumping.",
-        _needs((*_AIR, *_INERTIAL, *_ATTITUDE)), _bias_variants, _bias_says,
+        _needs((*AIR, *INERTIAL, *ATTITUDE)), bias_variants, bias_says,
         look_alikes=("steady-wind", "asymmetry", "sensor-scale"),
         separated_by="the same manoeuvre flown on opposite headings, and seconds of rest on the ground",
         check="the instrument's reading at rest before and after flight",
     ),
     Hypothesis(
         "sensor-scale", "sensor", "An instrument reads too much or too little by a factor.",
-        _needs((*_AIR, *_INERTIAL)), _scale_variants, _scale_says,
+        _needs((*AIR, *INERTIAL)), _scale_variants, _scale_says,
         look_alikes=("wrong-derivative", "sensor-position", "position-error", "mass-error"),
         separated_by=_SCALE_SEPARATED, check="the instrument's calibration, and the upwash at its place",
     ),
     Hypothesis(
         "sensor-delay", "sensor", "An instrument's channel is late.",
-        _needs((*_AIR, *_INERTIAL)), _delay_variants, _delay_says,
+        _needs((*AIR, *INERTIAL)), _delay_variants, _delay_says,
         look_alikes=("actuator-lag", "unsteady-lift", "downwash-lag", "sensor-position"),
         separated_by="sharp inputs on each control: only what comes from this channel is late",
         check="filters, tubing and time stamps of the channel",
@@ -366,7 +288,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     ),
     Hypothesis(
         "sensor-misalignment", "sensor", "Instruments are mounted turned, so that axes mix.",
-        _needs((*_INERTIAL, "alpha", "beta")), _misalignment_variants, _misalignment_says,
+        _needs((*INERTIAL, "alpha", "beta")), _misalignment_variants, _misalignment_says,
         look_alikes=("drag-polar", "missing-term", "cross-coupling"),
         separated_by="level accelerations and pull-ups: a turned triad mixes gravity as well as lift into its axes",
         check="the mounting of the instruments against the body axes",

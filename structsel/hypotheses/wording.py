@@ -28,3 +28,9 @@ def shown(found: Found, name: str) -> str:
 def percent(found: Found, name: str) -> str:
     """A share as "12 +- 1 %"."""
     return found.text(name, 100.0, "%")
+
+
+def capital(found: Found) -> str:
+    """What sets a form apart, to begin a sentence with."""
+    about = found.variant.about
+    return about[:1].upper() + about[1:]
