@@ -26,7 +26,7 @@ from structsel.cli.pages import page
 from structsel.cli.tables import print_files
 from structsel.cli.terminal import Waiting, json_text, print_json, quiet, say, stdout
 from structsel.errors import DataError
-from structsel.recording import Recording
+from structsel.recording import Recording, write_recording
 
 if TYPE_CHECKING:
     from structsel.diagnosis.patching import Patched
@@ -59,8 +59,9 @@ EPILOG = page(
     physics. Without --held-out each recording is judged by what the others say.""",
     """[bold]--out[/bold] gets diagnosis.json, report.html, which opens in any browser without a network, and
     model.json, the simulation with what was missing; of JSBSim's aircraft also the folder AIRCRAFT-corrected, where the
-    physics can be written into it. The verdict is mismatch, consistent or undecidable; all three
-    end with exit code 0.""",
+    physics can be written into it. Where effects are tied, to-separate-N.csv has inputs that tell those of finding N
+    apart, as departures from trim. The verdict is mismatch, consistent or undecidable; all three end with exit code
+    0.""",
 )
 _WRITTEN = ("diagnosis.json", "report.html", "model.json")
 
@@ -147,6 +148,9 @@ def _write(out: Path, found: Diagnosis) -> list[str]:
             found.model.to_json(folder / "model.json", provenance=provenance())
         if (patched := _patched(found)) is not None:
             patched.write(folder)
+        for number, finding in enumerate(found.findings, 1):
+            if finding.manoeuvre is not None:
+                write_recording(finding.manoeuvre, folder / f"to-separate-{number}.csv")
         written = [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
     if found.model is None and (out / "model.json").exists():
         say("warning", f"'{out / 'model.json'}' stood there before, and is not of this diagnosis.")

@@ -11,6 +11,7 @@ from structsel.diagnosis.replayed import Replay
 from structsel.hypotheses.base import Estimate
 from structsel.model import AeroModel
 from structsel.numerics.smoothing.result import Array
+from structsel.recording import Recording
 from structsel.rich_text import to_html
 
 Verdict = Literal["mismatch", "consistent", "undecidable"]
@@ -77,7 +78,9 @@ class Finding:
     ambiguous_with : tuple of str
         Effects that these recordings cannot tell from the first, likeliest first.
     to_separate : str
-        What would.
+        What would: in words, and of manoeuvres tried with the simulation the best.
+    manoeuvre : Recording, optional
+        That one's inputs, departures from trim; with a tie only, where one tells the two apart.
     bars : mapping of response to Bars
         After this finding and those before it.
     explainable, explained : float
@@ -97,6 +100,7 @@ class Finding:
     explainable: float
     explained: float
     share: float
+    manoeuvre: Recording | None = None
 
     @property
     def effect(self) -> str:

@@ -20,6 +20,7 @@ from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.replaying import replay_windows
 from structsel.diagnosis.result import Diagnosis, Pull, Verdict
 from structsel.diagnosis.selftest import self_test
+from structsel.diagnosis.separating import with_separation
 from structsel.diagnosis.signatures import Library, work_out
 from structsel.diagnosis.tracing import residuals, traces_of
 from structsel.diagnosis.unnamed import find_unknown, turbulent
@@ -107,7 +108,7 @@ def conclude(
     ceiling = explainable(flights, [{c: f.difference[c] for c in told} for f in flights])
     traces = traces_of(ranking)
     left = residuals(ranking.bench)
-    findings = make_findings(ranking, ceiling)
+    findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling)]
     if not rough:
         findings += find_unknown(ranking, left, told, ceiling, bool(findings))
     verdict: Verdict = "mismatch" if findings else "consistent"

@@ -1,0 +1,67 @@
+"""The manoeuvre that would tell two effects apart: its measure against dense algebra, and what it finds."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.scoring import score_all
+from structsel.diagnosis.separating import find_separation, with_separation
+from structsel.diagnosis.signatures import work_out
+from structsel.hypotheses import HYPOTHESES
+from tests.missing_physics import excite, flights_with
+
+
+@pytest.fixture(scope="module")
+def asked():
+    """Bench of two flights whose elevator barely moves, and the scores of two effects in pitch."""
+    flights = flights_with({"Cm": {"q_hat": -8.0}}, inputs=lambda t, k: excite(t, k, 0.008, 0.05, 0.04))
+    chosen = [h for h in HYPOTHESES if h.effect in ("wrong-derivative", "downwash-lag", "asymmetry", "cg-shift")]
+    library = work_out(chosen, flights, flights[0].responses)
+    bench = Bench.set_up(flights, library.signatures)
+    return bench, {s.effect: s for s in score_all(bench, library)}
+
+
+def test_what_recordings_tell_is_what_the_other_effect_and_tolerances_leave_of_the_first(asked):
+    bench, scores = asked
+    one, other = scores["wrong-derivative"], scores["downwash-lag"]
+    y = np.concatenate(
+        [r.whiten(x, one.signature.width) @ one.trial.theta for r, x in zip(bench.rows, one.signature.spectra)]
+    )
+    B = np.vstack([
+        np.column_stack([given, r.whiten(x, other.signature.width)])
+        for r, given, x in zip(bench.rows, bench.base.given, other.signature.spectra)
+    ])  # fmt: skip
+    expected = 0.5 * y @ np.linalg.solve(np.eye(len(y)) + B @ B.T, y)
+    assert_allclose(find_separation(bench, one, other).flown, expected, rtol=1e-6)
+
+
+def test_a_manoeuvre_on_the_control_that_barely_moved_tells_two_effects_in_pitch_apart(asked):
+    bench, scores = asked
+    one, other = scores["wrong-derivative"], scores["downwash-lag"]
+    found = find_separation(bench, one, other)
+    assert found.nats > found.flown
+    assert "de" in found.inputs.names
+    assert f"wrong-derivative from downwash-lag by {found.nats:.0f} nats" in found.says
+    seconds = found.inputs.t[-1]
+    assert f"in {seconds:.0f} s" in found.says
+    largest = max(np.abs(f["de"] - np.median(np.concatenate([g["de"] for g in bench.flights]))).max()
+                  for f in bench.flights)  # fmt: skip
+    assert np.abs(found.inputs["de"]).max() <= 1.001 * largest  # no more than was flown
+
+
+def test_no_manoeuvre_tells_what_is_the_same(asked):
+    bench, scores = asked
+    one = scores["asymmetry"]
+    found = find_separation(bench, one, one)
+    assert found.inputs is None
+    assert "none tells" in found.says
+
+
+def test_what_is_not_tied_stays_as_it_is():
+    finding = SimpleNamespace(effect="asymmetry", ambiguous_with=())
+    step = SimpleNamespace(score=SimpleNamespace(effect="asymmetry"))
+    assert with_separation(finding, SimpleNamespace(steps=(step,))) is finding
+    assert with_separation(finding, SimpleNamespace(steps=())) is finding
