@@ -38,3 +38,10 @@ def test_what_a_linear_simulation_leaves_out_is_named_and_most_of_the_error_goes
     assert first.physics[0].probability == max(p.probability for p in first.physics) > 0.3
     bars = (last if response in last.bars else first).bars[response]
     assert bars.physics.rrmse < left * bars.delivered.rrmse
+
+
+@pytest.mark.parametrize("name", ["crazyflie_correct", "silverbox_correct", "boucwen_correct"])
+def test_a_plant_with_its_own_model_is_within_tolerances(real, name):
+    _, found = real.run(name)
+    assert found.verdict == "consistent"
+    assert not found.findings
