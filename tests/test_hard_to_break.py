@@ -262,12 +262,17 @@ main()
 """
 
 
+def _heed_interrupts():
+    """Whatever starts the tests in the background has them, and their children, ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent otherwise there")
 def test_ctrl_c_ends_a_command_with_130_and_words(select):
     before = content(select[-1])
     program = subprocess.Popen(
         [sys.executable, "-c", _INTERRUPTED, *map(str, select)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=_heed_interrupts,
     )  # fmt: skip
     assert program.stdout.readline() == "working\n"
     program.send_signal(signal.SIGINT)
