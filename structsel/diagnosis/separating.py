@@ -144,13 +144,12 @@ def find_separation(bench: Bench, one: Score, other: Score) -> Separation | None
     flown = question.flown()
     model = AeroModel(as_models(stand_in, flights), "stand-in")
     speeds = np.quantile(np.concatenate([f["V"] for f in flights]), [0.5, *_SPEEDS])
+    height = float(np.mean([f["h"].mean() for f in flights if "h" in f.channels] or [0.0]))
     best: tuple[float, Recording, float] | None = None
     count = 0
     for V in map(float, speeds):
         try:
-            start = trim(
-                model, craft, V, float(np.mean([f["h"].mean() for f in flights if "h" in f.channels] or [0.0]))
-            )
+            start = trim(model, craft, V, height)
         except StructselError:
             continue
         # Every input at the speed that is flown most, the best of them at others.
@@ -240,18 +239,15 @@ def _designed(
 
 
 def _named(inputs: Recording, name: str) -> Recording:
-    return Recording(name, inputs.t, {c: inputs[c] for c in inputs.names if c != "t"}, inputs.units)
+    return Recording(name, inputs.t, inputs.channels, inputs.units)
 
 
 def _fly(model: AeroModel, start: Trim, inputs: Recording, like: Flight) -> Flight | None:
     """The flight, with the channels that the recordings have; None where it cannot be flown."""
-    departures = {c: inputs[c] for c in inputs.names if c != "t"}
     try:
-        flown = simulate(
-            model, like.craft, start.inputs(inputs.t, **departures), start=start, instruments=Instruments(),
-            outside="ignore",
-        )  # fmt: skip
-        kept = {c: flown[c] for c in flown.names if c in like.recorded and c != "t"}
+        moved = start.inputs(inputs.t, **inputs.channels)
+        flown = simulate(model, like.craft, moved, start=start, instruments=Instruments(), outside="ignore")
+        kept = {c: x for c, x in flown.channels.items() if c in like.recorded}
         still = {
             c: np.full(len(flown), float(np.mean(like[c]))) for c in like.recorded - set(kept) if c in like.channels
         }

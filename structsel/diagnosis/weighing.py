@@ -124,22 +124,7 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
     scores : sequence of Score
         Of all hypotheses.
     """
-    plain = bench.as_delivered()
-    before = judging.held_out(plain, True)
-    kept: list[tuple[Score, Taken]] = []
-    rivals, judged = list(scores), set()
-    # What spoils other flights makes room for the next.
-    while asked := [s for s in in_question(rivals) if evident(bench, s) and s.effect not in judged]:
-        for one in asked:
-            judged.add(one.effect)
-            beside = plain.beside(one.signature)
-            taken = Taken.by(one, plain, beside)
-            gained = judging.gains(before, judging.held_out(beside, True), beside.told)
-            lowers, spoils = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
-            if spoils > _SPOILS:
-                rivals.remove(one)
-            elif lowers >= _LOWERS or taken.told_there >= _THERE:
-                kept.append((one, taken))
+    kept, rivals = _judged(bench, scores)
     made = []
     for one, taken in kept:
         by_itself = max(0.0, ahead_of(one, rivals, alone)) * np.log1p(max(0.0, alone(one)) / _CLEAR)
@@ -159,6 +144,27 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
         )
         made.append(Weighed(one, np.array(told, dtype=float)))
     return made
+
+
+def _judged(bench: Bench, scores: Sequence[Score]) -> tuple[list[tuple[Score, Taken]], list[Score]]:
+    """Effects in question that matter, with what each takes as delivered; and all that do not spoil other flights."""
+    plain = bench.as_delivered()
+    before = judging.held_out(plain, True)
+    kept: list[tuple[Score, Taken]] = []
+    rivals, judged = list(scores), set()
+    # What spoils other flights makes room for the next.
+    while asked := [s for s in in_question(rivals) if evident(bench, s) and s.effect not in judged]:
+        for one in asked:
+            judged.add(one.effect)
+            beside = plain.beside(one.signature)
+            taken = Taken.by(one, plain, beside)
+            gained = judging.gains(before, judging.held_out(beside, True), beside.told)
+            lowers, spoils = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
+            if spoils > _SPOILS:
+                rivals.remove(one)
+            elif lowers >= _LOWERS or taken.told_there >= _THERE:
+                kept.append((one, taken))
+    return kept, rivals
 
 
 def chances(weighed: Sequence[Weighed]) -> Array:

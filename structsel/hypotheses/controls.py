@@ -23,7 +23,7 @@ from structsel.hypotheses.signals import (
     moves,
     reach,
     scaled_slopes,
-    signature,
+    slopes_by_ratios,
 )
 from structsel.mismatch.flight import Flight
 from structsel.numerics.smoothing.result import Array
@@ -217,32 +217,16 @@ def _flexes(flights: Flights) -> list[Variant]:
 
 def _each_slope(flights: Flights, fall: Column, zero: float, about: str, law: str) -> Variant | None:
     """Lift slope, stability and the controls each by a ratio of its own: the wing gives way otherwise than the tail."""
-    groups: dict[str, tuple[str, tuple[str, ...]]] = {
-        "lift slope": ("alpha", ("CZ",)),
-        "stability": ("alpha", ("Cm",)),
-    }
-    groups |= {control: (control, held(flights, CONTROLS[control])) for control in _used(flights)}
-    slopes = {
-        name: (channel, {r: s for r in responses if (s := mean_slope(flights, r, channel)) != 0.0})
-        for name, (channel, responses) in groups.items()
-    }
-    kept = {name: one for name, one in slopes.items() if one[1]}
-    if len(kept) < 2:
-        return None
-
-    def columns(flight: Flight) -> Columns:
-        x = fall(flight)
-        parts = [
-            (r, j, s * x * (flight[channel] - zero if channel == "alpha" else flight[channel]))
-            for j, (channel, mine) in enumerate(kept.values())
-            for r, s in mine.items()
-        ]
-        return signature(flight, len(kept), parts)
-
-    # A wing that gives way may bring its lift forward as well as back.
-    parameters = tuple(Parameter(f"{n} {_LOSS}", "-", 0.15, -1.0 if n == "stability" else 0.0, 1.0) for n in kept)
-    terms = (*(f"{c}*{law}" for c in dict.fromkeys(channel for channel, _ in kept.values())), law)
-    return Variant(parameters, columns, about=about, terms=terms)
+    moved = {c: held(flights, CONTROLS[c]) for c in _used(flights)}
+    named = {"lift slope": ("alpha", ("CZ",)), "stability": ("alpha", ("Cm",)), **{c: (c, moved[c]) for c in moved}}
+    groups = []
+    for name, (channel, responses) in named.items():
+        # A wing that gives way may bring its lift forward as well as back.
+        parameter = Parameter(f"{name} {_LOSS}", "-", 0.15, -1.0 if name == "stability" else 0.0, 1.0)
+        slopes = {(r, channel): s for r in responses if (s := mean_slope(flights, r, channel)) != 0.0}
+        if slopes:
+            groups.append((parameter, slopes))
+    return slopes_by_ratios(groups, fall, about, zero, law) if len(groups) > 1 else None
 
 
 def _needs_pressure(flights: Flights) -> str:

@@ -2,8 +2,8 @@
 
 A linear plant ``y = G u`` with a force f(y) beside its input obeys ``y = G (u + f)``, so that what is measured less
 what is simulated is G f, with f along the *measured* motion: no iteration, however far they part. G is found from the
-simulation's own input and output. Errors of its stiffness, damping and inertia are forces of the same kind: they go
-along, since whoever fitted a linear plant to a bent one got them wrong.
+simulation's own input and output. Errors of its stiffness, damping and gain go along, since whoever fitted a linear
+plant to a bent one got them wrong.
 
 A simulation may also say at once what accelerates a motion that is recorded: then y and its rate are channels, and what
 is measured less what is simulated is the force itself.
@@ -193,26 +193,23 @@ def _end_stops(plant: Plant, flights: Flights) -> list[Variant]:
     """What moves runs into a stiff spring: at either end, or at one."""
     if not plant.pushes_back:
         return []
-    y = np.concatenate([plant.path(f)[0] for f in flights])
+    paths = [plant.path(f)[0] for f in flights]
+    y = np.concatenate(paths)
     parameter = Parameter("stop", "input per response", 10.0 * plant.stiffness, 0.0)
     made = []
-    sides: tuple[tuple[str, Array, Callable[[Array, float], Array]], ...] = (
-        ("at either end", np.abs(y), lambda y, limit: np.sign(y) * np.maximum(np.abs(y) - limit, 0.0)),
-        ("at the upper end", y, lambda y, limit: np.maximum(y - limit, 0.0)),
-        ("at the lower end", -y, lambda y, limit: -np.maximum(-y - limit, 0.0)),
+    sides: tuple[tuple[str, Array, Callable[..., Array]], ...] = (
+        ("at either end", np.abs(y), lambda y, v, limit: np.sign(y) * np.maximum(np.abs(y) - limit, 0.0)),
+        ("at the upper end", y, lambda y, v, limit: np.maximum(y - limit, 0.0)),
+        ("at the lower end", -y, lambda y, v, limit: -np.maximum(-y - limit, 0.0)),
     )
-    for side, reach, beyond in sides:
+    for side, reach, law in sides:
         for limit in sorted({float(x) for x in np.quantile(reach, _REACHED)}):
             if limit > 0.0:
-                force = partial(_pushed, beyond=beyond, limit=limit)
+                force = partial(law, limit=limit)
                 # A stop that one manoeuvre runs into is an event: no other foretells it.
-                once = sum(bool(beyond(plant.path(f)[0], limit).any()) for f in flights) == 1
+                once = sum(bool(force(x, x).any()) for x in paths) == 1
                 made.append(_forced(plant, parameter, force, f"a stop {side}", {"limit": limit}, "", once))
     return made
-
-
-def _pushed(y: Array, v: Array, beyond: Callable[[Array, float], Array], limit: float) -> Array:
-    return beyond(y, limit)
 
 
 def late_answers(flights: Flights) -> list[Variant]:

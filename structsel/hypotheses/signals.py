@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -194,13 +194,24 @@ def scaled_slopes(
         for c in channels or tuple(c for c in CHANNELS_OF[r] if c not in ("V", "df"))
         if moves(flights, c) and (s := mean_slope(flights, r, c)) != 0.0
     }
-    if not slopes:
-        return None
+    return slopes_by_ratios([(parameter, slopes)], factor, about, zero, law) if slopes else None
+
+
+def slopes_by_ratios(
+    groups: Sequence[tuple[Parameter, Mapping[tuple[str, str], float]]],
+    factor: Column,
+    about: str,
+    zero: float = 0.0,
+    law: str = "",
+) -> Variant:
+    """Groups of slopes by (response, channel), each times `factor` by a ratio of its own; others as `scaled_slopes`."""
+    channels = dict.fromkeys(c for _, slopes in groups for _, c in slopes)
 
     def columns(flight: Flight) -> Columns:
         x = factor(flight)
-        used = {c: x * (flight[c] - zero if c == "alpha" else flight[c]) for _, c in slopes}
-        return signature(flight, 1, [(r, 0, s * used[c]) for (r, c), s in slopes.items()])
+        used = {c: x * (flight[c] - zero if c == "alpha" else flight[c]) for c in channels}
+        parts = [(r, j, s * used[c]) for j, (_, slopes) in enumerate(groups) for (r, c), s in slopes.items()]
+        return signature(flight, len(groups), parts)
 
-    terms = (*(f"{c}*{law}" for c in dict.fromkeys(c for _, c in slopes)), law) if law else ()
-    return Variant((parameter,), columns, about=about, terms=terms)
+    terms = (*(f"{c}*{law}" for c in channels), law) if law else ()
+    return Variant(tuple(p for p, _ in groups), columns, about=about, terms=terms)

@@ -20,11 +20,11 @@ _SAMPLES = 8000  # of a manoeuvre that are enough to find a linear plant from a 
 _ORDERS = (0, 1, 2, 3, 4)
 _LEAST_R2 = 0.8
 _ACCELERATES, _MOVES = 0.9, 0.95
+"""Least correlation of a response with the rate of a speed, and of a speed with the rate of a place."""
 _HIGHEST = 2.0  # rad per sample, above which a discrete gain is no longer that of what it stands for
 _FALLS = 2.9  # by which a gain falls within an octave: inertia makes it four and more, a lag alone two
 _SLIGHTLY = 1e-3  # by which a parameter is changed to see what that does
 _REAL = 1e-6  # of a pole's size, below which its imaginary part is rounding
-"""Least correlation of a response with the rate of a speed, and of a speed with the rate of a place."""
 
 
 def answers(flights: Flights) -> list[str]:

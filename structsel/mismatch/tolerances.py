@@ -89,20 +89,17 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
 
     for response in first.simulated:
         if response not in COEFFICIENTS:
-            held = [f for f in flights if response in f.simulated]
-            wrong = {"scale": [f.simulated[response] for f in held], **find_plant(flights, response).errors(held)}
+            wrong = {"scale": [f.simulated[response] for f in flights], **find_plant(flights, response).errors(flights)}
             for what, told in wrong.items():
-                by_flight = dict(zip([f.name for f in held], told))
-                each = [{response: by_flight[f.name]} if f.name in by_flight else {} for f in flights]
-                add(f"{response}: {what}", "main", "relative", each)
+                add(f"{response}: {what}", "main", "relative", [{response: x} for x in told])
             continue
         if first.surrogate is None:
             continue
         for term, value in zip(first.surrogate.terms[response], first.surrogate.values[response]):
             name = "*".join(term)
             key = "main" if (response, name) in MAIN else "secondary"
-            scaled = [{response: value * f.surrogate.column(f, term)} for f in flights if f.surrogate is not None]
-            add(f"{response}: {name}", key, "relative", scaled)
+            each = [{response: value * f.surrogate.column(f, term)} for f in flights if f.surrogate is not None]
+            add(f"{response}: {name}", key, "relative", each)
         rest = [{response: f.simulated[response] - f.surrogate.evaluate(f, response)} for f in flights if f.surrogate]
         level = float(np.sqrt(np.mean([np.mean(f.simulated[response] ** 2) for f in flights])))
         add(f"{response}: 1", "secondary", "-", [{response: np.ones(len(f))} for f in flights], level)

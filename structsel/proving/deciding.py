@@ -10,10 +10,9 @@ from scipy.special import logsumexp
 
 from structsel.diagnosis.bench import Bench
 from structsel.mismatch.flight import Flight
-from structsel.mismatch.noise import edge_of
 from structsel.mismatch.preparing import prepare
 from structsel.mismatch.responses import COEFFICIENTS
-from structsel.numerics.evidence import Base, spectrum
+from structsel.numerics.evidence import Base
 from structsel.proving.apart import open_case
 from structsel.proving.cases import Case
 
@@ -34,21 +33,17 @@ def nats_of(case: Case, folder: Path) -> float | None:
         return None
     prepared = prepare(*open_case(folder))
     adds = {r.name: (r.t, x) for r, x in zip(case.recordings, case.brought)}
-    brought = [_along(f, adds[f.name]) for f in prepared.flights]
-    accounted = [
-        replace(f, measured={c: y - more.get(c, 0.0) for c, y in f.measured.items()})
-        for f, more in zip(prepared.flights, brought)
-    ]
+    accounted = [_without(f, *adds[f.name]) for f in prepared.flights]
     bench = Bench.set_up(accounted, ())
-    with_it = [
-        y + r.whiten({c: spectrum(x, r.bins, edge_of(r.flight))[:, None] for c, x in more.items()}, 1)[:, 0]
-        for y, r, more in zip(bench.base.y, bench.rows, brought)
-    ]
+    with_it = [replace(r, flight=f).difference() for r, f in zip(bench.rows, prepared.flights)]
     concealed = Base(with_it, bench.base.given, bench.base.groups, bench.base.scales)
     return float(logsumexp(bench.base.evidence[:, 0]) - logsumexp(concealed.evidence[:, 0]))
 
 
-def _along(flight: Flight, brought: tuple[np.ndarray, np.ndarray]) -> dict[str, np.ndarray]:
-    """What effects bring to each coefficient along a prepared flight, from times and (n, 6) of its recording."""
-    t, told = brought
-    return {c: np.interp(flight.t, t, told[:, k]) for k, c in enumerate(COEFFICIENTS) if c in flight.measured}
+def _without(flight: Flight, t: np.ndarray, brought: np.ndarray) -> Flight:
+    """A prepared flight less what effects bring to each coefficient, (n, 6) at times t."""
+    adds = dict(zip(COEFFICIENTS, brought.T))
+    return replace(
+        flight,
+        measured={c: y - np.interp(flight.t, t, adds[c]) if c in adds else y for c, y in flight.measured.items()},
+    )

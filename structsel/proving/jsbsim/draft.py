@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Literal, cast
 
@@ -226,12 +227,10 @@ class Draft:
 
     def _brought(self, flights: Sequence[Flight]) -> tuple[np.ndarray, ...]:
         """What the effects add to measured less simulated (n, 6), as instruments without noise would show it."""
-        kept = self.chain
-        self.chain = replace(kept, noise=dict.fromkeys(kept.noise, 0.0), colour=0.0)
-        found = self._residuals(flights, self.effects)
-        perfect = [self._perfect(f, k, self.effects) for k, f in enumerate(flights)]
-        self.chain = kept
-        return tuple(m - p for m, p in zip(found, perfect))
+        quiet = copy(self)
+        quiet.chain = replace(self.chain, noise=dict.fromkeys(self.chain.noise, 0.0), colour=0.0)
+        found = quiet._residuals(flights, self.effects)
+        return tuple(x - quiet._perfect(f, k, self.effects) for k, (x, f) in enumerate(zip(found, flights)))
 
     def _recorded(self, readings: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Channels that the file has: a configuration that is unrecorded is left out."""

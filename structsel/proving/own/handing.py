@@ -181,7 +181,8 @@ def assemble(
         recordings_of(scene, outcome),
         simulated,
         key,
-        brought=brought_by(scene, outcome) if effects else (),
+        # What shows in velocities alone brings nothing to the coefficients.
+        brought=brought_by(scene, outcome) if any(a in AXES for e in effects for a in e.axes) else (),
     )
 
 
@@ -224,6 +225,4 @@ def make_windy(effect: Effect, craft_name: str, severity: str, seed: int, attemp
         parameters=entry.parameters,
     )
     case = assemble(scene, outcome, "free", [key], severity_of(max(shares.values())), "single")
-    # It shows in velocities, not in coefficients.
-    attainable = {**dict.fromkeys(AXES, 0.0), **shares}
-    return replace(case, key=case.key.model_copy(update={"attainable": attainable}), brought=())
+    return replace(case, key=case.key.model_copy(update={"attainable": {**dict.fromkeys(AXES, 0.0), **shares}}))
