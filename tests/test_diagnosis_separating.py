@@ -1,5 +1,6 @@
 """The manoeuvre that would tell two effects apart: its measure against dense algebra, and what it finds."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -58,6 +59,12 @@ def test_no_manoeuvre_tells_what_is_the_same(asked):
     found = find_separation(bench, one, one)
     assert found.inputs is None
     assert "none tells" in found.says
+
+
+def test_none_is_flown_where_a_simulation_tells_something_that_its_stand_in_does_not(asked):
+    bench, scores = asked
+    flights = tuple(replace(f, simulated={**f.simulated, "lift": f.simulated["CZ"]}) for f in bench.flights)
+    assert find_separation(replace(bench, flights=flights), scores["asymmetry"], scores["cg-shift"]) is None
 
 
 def test_what_is_not_tied_stays_as_it_is():

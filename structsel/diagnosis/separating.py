@@ -138,7 +138,8 @@ def find_separation(bench: Bench, one: Score, other: Score) -> Separation | None
     """
     flights = bench.flights
     stand_in, craft = flights[0].surrogate, flights[0].craft
-    if stand_in is None or craft.inertia is None or not set(COEFFICIENTS) <= set(stand_in.terms):
+    all_six = set(flights[0].simulated) == set(COEFFICIENTS)
+    if stand_in is None or craft.inertia is None or not all_six or not set(COEFFICIENTS) <= set(stand_in.terms):
         return None
     question = _Question(bench, one, other)
     flown = question.flown()
