@@ -45,6 +45,12 @@ def test_a_tie_is_told_in_the_first_line_with_what_would_separate():
     assert "10 % is more than a vane on a boom usually has" in told
 
 
+def test_where_none_of_the_names_may_be_right_that_is_said():
+    told = flat(tell(diagnosis(replace(GROUND, ambiguous_with=("unknown",)))))
+    assert "ground-effect or something unknown (together 94 %)" in told
+    assert "something unknown would do as well" in told
+
+
 def test_what_was_not_tested_is_grouped_by_what_it_needs():
     told = flat(tell(diagnosis()))
     assert "stall-hysteresis, static-stall (needs angle of attack above 10 deg)" in told

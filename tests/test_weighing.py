@@ -11,7 +11,7 @@ from scipy.special import softmax
 from statsmodels.discrete.conditional_models import ConditionalLogit
 
 from structsel.diagnosis import judging, scoring, weighing
-from structsel.diagnosis.assembling import jackknifed
+from structsel.diagnosis.assembling import Member, jackknifed, shares
 from structsel.hypotheses.base import Parameter
 from structsel.numerics.evidence import Trial
 
@@ -97,6 +97,19 @@ def test_a_few_moments_count_by_what_the_effect_does_there():
     assert before == pytest.approx(np.mean((there + 8.0) ** 2))
     assert after == pytest.approx(np.mean(there**2))
     assert judging.excess_where_moved(without, without) == {}
+
+
+def test_what_an_effect_carries_is_a_share_of_each_response_however_quiet_that_is():
+    """Two effects, one in each response: as much of either counts the same, whatever its noise."""
+
+    def plain(kept):
+        left = {"CZ": 100.0 * np.ones(4) * (0.5 if 0 in kept else 1.0), "Cm": np.ones(4) * (0.5 if 1 in kept else 1.0)}
+        rows = SimpleNamespace(part=lambda c: slice(0, 4) if c == "CZ" else slice(4, 8))
+        return SimpleNamespace(left_in=[(rows, np.concatenate([left["CZ"], left["Cm"]]))])
+
+    bench = SimpleNamespace(keeping=plain, told=["CZ", "Cm"])
+    both = [Member((), (0,)), Member((), (1,))]
+    assert shares(bench, both) == pytest.approx([0.75, 0.75])
 
 
 def test_the_jackknife_of_a_mean_is_its_standard_error():

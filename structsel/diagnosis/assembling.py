@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
@@ -11,8 +11,9 @@ import numpy as np
 from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.ranking import TIED, Ranking, Step
-from structsel.diagnosis.result import Bars, Finding, Physics
+from structsel.diagnosis.result import UNNAMED, Bars, Finding, Physics
 from structsel.diagnosis.scoring import Score
+from structsel.diagnosis.weighing import SLIGHT, told_by
 from structsel.hypotheses.base import Estimate, Found, Variant
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.locating.region import find_region
@@ -24,6 +25,9 @@ _LEAST = 0.01
 _TEMPERATURE, _OF_BEST = 4.0, 0.02
 """By which log evidence of forms is divided, as rows are nearly white only; and of the best's, as no form is right."""
 _RIVALS = 4
+_TIES = 3
+_DOUBT = 0.08
+"""Share of what is beyond the noise in a finding's responses that may stay before none of the names may be right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +73,8 @@ def contributions(bench: Bench, places: Sequence[int]) -> list[dict[str, Array]]
 def shares(plain: Bench, members: Sequence[Member]) -> list[float]:
     """Part of the mismatch as delivered that each finding carries: its mean gain over all orders of taking them in.
 
-    The gain is in the sum of squares of all rows, in units of the noise, with tolerances held at zero.
+    The gain is in the sum of squares of each response that is judged, as a share of what there is of it as delivered,
+    with tolerances held at zero.
 
     Parameters
     ----------
@@ -77,12 +82,12 @@ def shares(plain: Bench, members: Sequence[Member]) -> list[float]:
         As delivered.
     members : sequence of Member
     """
-    known: dict[frozenset[int], float] = {}
+    known: dict[frozenset[int], Array] = {}
 
-    def left(taken: frozenset[int]) -> float:
+    def left(taken: frozenset[int]) -> Array:
         if taken not in known:
-            places = [k for i in sorted(taken) for k in members[i].places]
-            known[taken] = plain.keeping(places).base.posterior.chi2
+            rest = plain.keeping([k for i in sorted(taken) for k in members[i].places]).left_in
+            known[taken] = np.array([sum(float(np.sum(e[r.part(c)] ** 2)) for r, e in rest) for c in plain.told])
         return known[taken]
 
     made = np.zeros(len(members))
@@ -90,7 +95,7 @@ def shares(plain: Bench, members: Sequence[Member]) -> list[float]:
     for order in orders:
         taken: frozenset[int] = frozenset()
         for i in order:
-            made[i] += left(taken) - left(taken | {i})
+            made[i] += np.sum((left(taken) - left(taken | {i})) / left(frozenset()))
             taken = taken | {i}
     return [max(0.0, float(x)) for x in made / len(orders)]
 
@@ -201,16 +206,21 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
         intervals = find_intervals(bench.flights, parts, noise)
         region = find_region(bench.flights, parts, noise)
         physics, ties = _physics(bench, member)
-        hypothesis = member.steps[0].score.hypothesis
+        told_apart = member.steps[0].score.hypothesis.separated_by if ties else ""
+        stays = _stays(plain, member, axes)
+        if stays > _DOUBT:
+            ties = (*ties[: _TIES - 1], UNNAMED)
+            doubt = f" It leaves {stays:.0%} of what lies beyond the noise in {', '.join(axes)}."
+            physics = (replace(physics[0], says=physics[0].says + doubt), *physics[1:])
         made.append(
             Finding(
                 axes,
-                hypothesis.kind,
+                member.steps[0].score.hypothesis.kind,
                 physics,
                 intervals,
                 region,
                 ties,
-                hypothesis.separated_by if ties else "",
+                told_apart,
                 bars,
                 _mean(explainable, axes),
                 _explained(delivered, after, bench, axes),
@@ -263,7 +273,21 @@ def _physics(bench: Bench, member: Member) -> tuple[tuple[Physics, ...], tuple[s
     if step.constant:  # of a constant, only its share in each response tells what it is
         tried = {s.effect for s in step.others}
         ties += [e for e in hypothesis.look_alikes if e in tried and e not in ties]
-    return (best, *rivals), tuple(ties[:3])
+    return (best, *rivals), tuple(ties[:_TIES])
+
+
+def _stays(plain: Bench, member: Member, axes: Sequence[str]) -> float:
+    """Share of what moves beyond the noise that everything found leaves, tolerances at zero, in some responses.
+
+    What is a mere level has no motion to tell it by.
+    """
+    step = member.steps[0]
+    if step.constant:
+        return 0.0
+    before, after = (judging.excess(b, *told_by(step.score)) for b in (plain.keeping([]), plain))
+    beyond = sum(max(0.0, before[c][0] - 1.0) for c in axes)
+    left = sum(max(0.0, after[c][0] - 1.0 - SLIGHT) for c in axes)
+    return min(left / beyond, 1.0) if beyond > 0.0 else 0.0
 
 
 def _mean(values: Mapping[str, float], axes: Sequence[str]) -> float:

@@ -14,6 +14,8 @@ from structsel.diagnosis.weighing import Weighed, chances, weigh
 
 MOST = 4
 """Effects that are looked for."""
+_PLACES = 8
+"""And how often, of which several may be the same effect in several places."""
 NAMED = 0.5
 """Probability that something is there, from which on the likeliest is named."""
 TIED = 1.0 / 3.0
@@ -80,7 +82,7 @@ def rank(bench: Bench, library: Library, rough: bool = False, progress: Progress
     tell = progress or (lambda what, done, of: None)
     start = bench
     steps: list[Step] = []
-    for k in range(MOST):
+    while (k := len({s.score.effect for s in steps})) < MOST and len(steps) < _PLACES:
         tell("ranking", k, MOST)
         weighed, rivals = _weighed(weigh_all(bench, library, rough))
         if not weighed or 1.0 - dict(rivals)["nothing"] < NAMED:

@@ -16,6 +16,8 @@ from structsel.rich_text import to_html
 
 Verdict = Literal["mismatch", "consistent", "undecidable"]
 SCHEMA = "structsel.diagnosis/1"
+UNNAMED = "unknown"
+"""Name of physics that no hypothesis carries."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ class Finding:
     region : mapping of channel to (low, high)
         Channels that bound it; empty where it acts everywhere flown.
     ambiguous_with : tuple of str
+        Effects that would do as well; "unknown" last, where all that was found leaves too much.
         Effects that these recordings cannot tell from the first, likeliest first.
     to_separate : str
         What would: in words, and of manoeuvres tried with the simulation the best.

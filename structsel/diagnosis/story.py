@@ -7,7 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
-from structsel.diagnosis.result import Diagnosis, Finding, Pull
+from structsel.diagnosis.result import UNNAMED, Diagnosis, Finding, Pull
 from structsel.hypotheses.base import Estimate
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.nomenclature import UNKNOWN, unit_of
@@ -55,7 +55,7 @@ def headline(diagnosis: Diagnosis) -> str:
     """One sentence: the verdict, and the effects named."""
     chance = [f.effect for f in diagnosis.findings if f.kind == "random"]
     named = [f for f in diagnosis.findings if f.kind != "random"]
-    known = [_headed(f) for f in named if f.effect != "unknown"]
+    known = [_headed(f) for f in named if f.effect != UNNAMED]
     also = f" There was {_and(chance)} besides." if chance else ""
     if diagnosis.verdict == "consistent":
         small = f" What stands out: {_and(known)}." if known else ""
@@ -145,10 +145,15 @@ def together(finding: Finding) -> float:
     return min(sum(p.probability for p in finding.physics if p.effect in group), 1.0)
 
 
+def tied(finding: Finding) -> list[str]:
+    """What would do as well as the first effect, in words."""
+    return ["something unknown" if e == UNNAMED else e for e in finding.ambiguous_with]
+
+
 def _headed(finding: Finding) -> str:
     if not finding.ambiguous_with:
         return f"{finding.effect} ({chance(finding.physics[0].probability)})"
-    return f"{_and([finding.effect, *finding.ambiguous_with], 'or')} (together {chance(together(finding))})"
+    return f"{_and([finding.effect, *tied(finding)], 'or')} (together {chance(together(finding))})"
 
 
 def _tell_finding(number: int, finding: Finding) -> Iterator[str]:
@@ -166,8 +171,8 @@ def _tell_finding(number: int, finding: Finding) -> Iterator[str]:
         yield from _labelled("explains", _explains(finding))
     rivals = [f"{p.effect} {chance(p.probability)}" for p in others if p.probability > _LEAST_RIVAL]
     if finding.ambiguous_with:
-        tied = _and(finding.ambiguous_with, "or")
-        yield from _labelled("tie", f"{tied} would do as well (together {chance(together(finding))})")
+        others_too = _and(tied(finding), "or")
+        yield from _labelled("tie", f"{others_too} would do as well (together {chance(together(finding))})")
     elif rivals:
         yield from _labelled("or", ", ".join(rivals[:_RIVALS]))
     yield from _labelled("to tell" if finding.ambiguous_with else "to be sure", finding.to_separate)

@@ -8,7 +8,7 @@ import numpy as np
 
 from structsel.diagnosis import judging
 from structsel.diagnosis.ranking import Ranking
-from structsel.diagnosis.result import Bars, Finding, Physics
+from structsel.diagnosis.result import UNNAMED, Bars, Finding, Physics
 from structsel.mismatch.locating.ceiling import explainable
 from structsel.mismatch.locating.turbulence import Turbulence
 from structsel.numerics.smoothing.result import Array
@@ -58,7 +58,7 @@ def find_unknown(
         f"{listed} on recordings it has not seen."
     )
     mean = float(np.mean([ceiling.get(c, share[c]) for c in axes]))
-    physics = Physics("unknown", float(np.clip(np.mean([share[c] for c in axes]), 0.0, 1.0)), says)
+    physics = Physics(UNNAMED, float(np.clip(np.mean([share[c] for c in axes]), 0.0, 1.0)), says)
     return [Finding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 1.0 if not others else 0.0)]
 
 

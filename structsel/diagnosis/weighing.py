@@ -15,7 +15,7 @@ from structsel.numerics.smoothing.result import Array
 
 _EACH = 5  # effects weighed for what they bring beside tolerances, and for what they bring as delivered
 _EVENT = 0.5  # of its evidence that an effect of one flight may count, which no other flight can foretell
-_SLIGHT = 0.2  # of the noise's power: a misfit that is no larger is not told from the noise's own scatter
+SLIGHT = 0.2  # of the noise's power: a misfit that is no larger is not told from the noise's own scatter
 _CONSTANT = 2.0  # of the biases' variance: the same of levels, of which there is one for each flight
 _FEW = 20.0  # nats, below which being ahead by all of them means little
 _NEAR = 0.95  # of an effect's nats, from which on another brings as much
@@ -211,26 +211,26 @@ class Taken:
     @classmethod
     def by(cls, one: Score, without: Bench, beside: Bench) -> Taken:
         """Of an effect, from benches without and with it."""
-        foretold, where = _told_by(one)
+        foretold, where = told_by(one)
         before, after = (judging.excess(b, foretold, where) for b in (without, beside))
         there = shares_there(one, without, beside)
         return cls(
-            max(_share(before[c][0], after[c][0], _SLIGHT) for c in before),
+            max(_share(before[c][0], after[c][0], SLIGHT) for c in before),
             max(there.values(), default=0.0),
             max(_share(before[c][1], after[c][1], _CONSTANT) for c in beside.told),
             most(there, beside),
         )
 
 
-def _told_by(one: Score) -> tuple[bool, Collection[str] | None]:
+def told_by(one: Score) -> tuple[bool, Collection[str] | None]:
     """Whether other flights are to foretell an effect, and the flights that count."""
     return (False, one.signature.flights) if one.event else (True, None)
 
 
 def shares_there(one: Score, without: Bench, beside: Bench) -> dict[str, float]:
     """Of each response that an effect moves, the share it takes of the moments at which it acts."""
-    acting = judging.excess_where_moved(without, beside, *_told_by(one))
-    return {c: _share(b, a, _SLIGHT) for c, (b, a) in acting.items()}
+    acting = judging.excess_where_moved(without, beside, *told_by(one))
+    return {c: _share(b, a, SLIGHT) for c, (b, a) in acting.items()}
 
 
 def most(shares: Mapping[str, float], bench: Bench) -> float:

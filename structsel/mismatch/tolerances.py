@@ -120,8 +120,11 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             "relative",
             [misread(f, **{channel: reading(f, channel)}) for f in flights],
         )
-    # An airspeed system is held to a tighter scale than a vane in its upwash.
-    add("V scale", "vane_scale", "relative", [misread(f, V=f["V"]) for f in flights], 0.5)
+    # An airspeed system and a gyro that holds attitude are held to a tighter scale than a vane in its upwash.
+    for channel in ("V", "phi", "theta", "psi"):
+        if all(channel in f.recorded for f in flights):
+            each = [misread(f, **{channel: f[channel]}) for f in flights]
+            add(f"{channel} scale", "vane_scale", "relative", each, 0.5)
     for one, other in (("ax", "az"), ("ax", "ay"), ("ay", "az"), ("p", "r"), ("p", "q"), ("q", "r")):
         each = [misread(f, **{one: reading(f, other), other: -reading(f, one)}) for f in flights]
         add(f"{one} and {other} turned", "alignment", "rad", each)

@@ -18,6 +18,7 @@ from structsel.diagnosis.story import (
     headline,
     no_model,
     range_text,
+    tied,
     together,
     untested,
 )
@@ -182,7 +183,7 @@ def _finding(place: int, finding: Finding) -> dict[str, Any]:
         ],
         "parameters": [(name, estimate_text(e, "±")) for name, e in first.parameters.items()],
         "rivals": [(p.effect, chance(p.probability), percent(p.probability), p.says) for p in finding.physics],
-        "ties": list(finding.ambiguous_with),
+        "ties": tied(finding),
         "together": chance(together(finding)),
         "to_separate": finding.to_separate,
         "bars": _bars(finding),

@@ -1,0 +1,72 @@
+"""Which effects are taken in, what is no effect at all, and when none of the names may be right."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from numpy.testing import assert_allclose
+
+from structsel.diagnosis import ranking
+from structsel.diagnosis.assembling import make_findings
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.ranking import rank
+from structsel.diagnosis.scoring import score_all
+from structsel.diagnosis.signatures import Library, work_out
+from structsel.diagnosis.weighing import FEATURES, Weighed
+from structsel.hypotheses import HYPOTHESES
+from structsel.recording import Recording
+from tests.missing_physics import flights_with, fly, ready
+
+
+def tried(flights, *effects):
+    """Bench and library of some effects."""
+    library = work_out([h for h in HYPOTHESES if h.effect in effects], flights, flights[0].responses)
+    return Bench.set_up(flights, library.signatures), library
+
+
+def test_the_same_effect_in_several_places_is_one_of_those_looked_for(monkeypatch):
+    def taken(effects):
+        left = iter(effects)
+        monkeypatch.setattr(ranking, "weigh_all", lambda *_: [likely(next(left))])
+        bench = SimpleNamespace(accepted=(), taking=lambda *_: bench)
+        return len(rank(bench, Library((), {})).steps)
+
+    assert taken("abcde") == 4
+    assert taken("aaabcde") == 6
+    assert taken("a" * 20) == 8
+
+
+def likely(effect):
+    """An effect that is certain."""
+    return Weighed(SimpleNamespace(effect=effect, signature=None), np.where(np.array(FEATURES) == "event", 0.0, 10.0))
+
+
+def test_what_leaves_much_of_its_own_responses_is_doubted_and_what_explains_them_is_not():
+    flights = flights_with({"Cl": {"da^3": -20.0}})
+
+    def found(*effects):
+        return make_findings(rank(*tried(flights, *effects)), {})[0]
+
+    alone = found("wrong-derivative")
+    assert alone.ambiguous_with == ("unknown",)
+    assert "of what lies beyond the noise in Cl." in alone.physics[0].says
+    right = found("wrong-derivative", "control-nonlinearity")
+    assert (right.effect, right.ambiguous_with) == ("control-nonlinearity", ())
+
+
+def test_an_attitude_a_little_out_of_scale_is_within_tolerances_and_accuses_no_gyro():
+    recordings, told = fly({})
+
+    def read_as(channel, factor):
+        read = [Recording(r.name, r.t, {**r.channels, channel: factor * r[channel]}, r.units) for r in recordings]
+        bench, library = tried(ready(read, told), "sensor-scale")
+        k = [n.name for n in bench.nuisances].index("phi scale")
+        return bench.pulled[0][k] * bench.nuisances[k].sd, score_all(bench, library)[0]
+
+    scale, accused = read_as("phi", 1.02)
+    assert_allclose(scale, 0.02, rtol=0.1)
+    assert accused.log_evidence < 10.0
+    # A gyro that is off by 5 % is found all the same: by moments, and by more than an attitude is ever off.
+    _, found = read_as("p", 1.05)
+    assert found.signature.variant.about == "the roll gyro (p)"
+    assert found.log_evidence > 100.0
+    assert_allclose(found.trial.theta[0] * found.signature.variant.parameters[0].sd, 0.05, rtol=0.1)
