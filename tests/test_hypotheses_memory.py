@@ -94,18 +94,20 @@ def test_a_wake_that_comes_late_is_found_in_force_and_moment(effect, terms, valu
         assert_allclose(found.values[name], value, rtol=0.08)
 
 
-def test_lift_that_builds_up_is_told_by_its_kind():
+@pytest.mark.parametrize("axial", [1.0, 0.0])
+def test_lift_that_builds_up_is_told_by_its_kind_whatever_the_axial_force_does(axial):
     # Jones's indicial lift at aspect ratio 3: each change of incidence lacks 0.283 exp(-0.540 s) of its lift.
     made = []
     for f in compare(fly()):
         decay = 0.540 * 2.0 * f["V"].mean() / CRAFT.cbar
         missing = -lsim(([0.283], [1.0, decay]), np.gradient(f["alpha"], f.dt), f.t - f.t[0])[1]
-        less = {"CZ": -5.58 * missing, "CX": (0.003 + 9.0 * f["alpha"]) * missing, "Cm": -0.9 * missing}
+        less = {"CZ": -5.58 * missing, "CX": axial * (0.003 + 9.0 * f["alpha"]) * missing, "Cm": -0.9 * missing}
         made.append(replace(f, measured={**f.measured, **{r: f.simulated[r] + x for r, x in less.items()}}))
     variants = {v.about: v for v in one_of(HYPOTHESES, "unsteady-lift").variants(made)}
     found = explain(made, variants["indicial lift of aspect ratio 3"])
     assert found.explained > 0.95
     assert_allclose(found.values["share"], 1.0, rtol=0.08)
+    assert_allclose(found.values["share of the axial force"], axial, atol=0.1)
 
 
 def test_a_rotor_that_follows_all_controls_late_is_found_with_its_lag():

@@ -237,7 +237,8 @@ def _building(case: Case) -> Parts | None:
     states: dict[str, State] = {}
     replaced: dict[str, dict[str, str]] = {}
     for name, what, responses in (
-        ("share", "lift", ("CX", "CZ", "CL", "CD")), ("share of the moment", "moment", ("Cm",)),
+        ("share", "lift", ("CZ", "CL")), ("share of the axial force", "axial", ("CX", "CD")),
+        ("share of the moment", "moment", ("Cm",)),
     ):  # fmt: skip
         share, mine = case.quantity(name), []
         for k, (A, way) in enumerate(parts, 1):

@@ -15,6 +15,7 @@ from structsel.hypotheses.signals import (
     Column,
     beside,
     coefficients,
+    each_slope,
     gathered,
     held,
     lacking,
@@ -23,7 +24,6 @@ from structsel.hypotheses.signals import (
     moves,
     reach,
     scaled_slopes,
-    slopes_by_ratios,
 )
 from structsel.mismatch.flight import Flight
 from structsel.numerics.smoothing.result import Array
@@ -208,25 +208,16 @@ def _flexes(flights: Flights) -> list[Variant]:
                 (held(flights, LATERAL), None, "the lateral slopes", 0.0),
             )
         ]
+        # The wing gives way otherwise than the tail, and may bring its lift forward as well as back.
         made += [
-            _each_slope(flights, fall, 0.0, f"each slope by its own; {about}", law),
-            _each_slope(flights, fall, zero, f"each slope by its own, incidence from that of no lift; {about}", law),
+            each_slope(flights, fall, _own_loss, f"each slope by its own{which}; {about}", at, law)
+            for which, at in (("", 0.0), (", incidence from that of no lift", zero))
         ]
     return [v for v in made if v is not None]
 
 
-def _each_slope(flights: Flights, fall: Column, zero: float, about: str, law: str) -> Variant | None:
-    """Lift slope, stability and the controls each by a ratio of its own: the wing gives way otherwise than the tail."""
-    moved = {c: held(flights, CONTROLS[c]) for c in _used(flights)}
-    named = {"lift slope": ("alpha", ("CZ",)), "stability": ("alpha", ("Cm",)), **{c: (c, moved[c]) for c in moved}}
-    groups = []
-    for name, (channel, responses) in named.items():
-        # A wing that gives way may bring its lift forward as well as back.
-        parameter = Parameter(f"{name} {_LOSS}", "-", 0.15, -1.0 if name == "stability" else 0.0, 1.0)
-        slopes = {(r, channel): s for r in responses if (s := mean_slope(flights, r, channel)) != 0.0}
-        if slopes:
-            groups.append((parameter, slopes))
-    return slopes_by_ratios(groups, fall, about, zero, law) if len(groups) > 1 else None
+def _own_loss(what: str) -> Parameter:
+    return Parameter(f"{what} {_LOSS}", "-", 0.15, -1.0 if what == "stability" else 0.0, 1.0)
 
 
 def _needs_pressure(flights: Flights) -> str:

@@ -159,12 +159,15 @@ def _building(flight: Flight, parts: tuple[tuple[float, float], ...]) -> Columns
     rate = flight["alpha_dot"]
     speed = 2.0 * flight["V"] / flight.craft.cbar  # half chords per second
     missing = -sum(A * lags(rate, flight.dt, b * speed) for A, b in parts)
-    made = [(r, 0, flight.slope(r, "alpha") * missing) for r in ("CX", "CZ")]
-    return signature(flight, 2, [*made, ("Cm", 1, flight.slope("Cm", "alpha") * missing)])
+    return signature(flight, 3, [(r, k, flight.slope(r, "alpha") * missing) for k, r in enumerate(("CZ", "CX", "Cm"))])
 
 
 def _lift_variants(flights: Flights) -> list[Variant]:
-    parameters = (Parameter("share", "-", 0.7, 0.2, 2.0), Parameter("share of the moment", "-", 0.7, -1.0, 2.0))
+    # Suction at the leading edge and the tail's moment build up otherwise than the lift, or not at all.
+    parameters = (
+        Parameter("share", "-", 0.7, 0.2, 2.0),
+        *(Parameter(f"share of the {what}", "-", 0.7, -1.0, 2.0) for what in ("axial force", "moment")),
+    )
     made = [
         Variant(parameters, partial(_building, parts=parts), about=f"indicial lift of {name}")
         for name, parts in _INDICIAL.items()

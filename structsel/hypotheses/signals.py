@@ -215,3 +215,30 @@ def slopes_by_ratios(
 
     terms = (*(f"{c}*{law}" for c in channels), law) if law else ()
     return Variant(tuple(p for p, _ in groups), columns, about=about, terms=terms)
+
+
+def each_slope(
+    flights: Flights, factor: Column, ratio: Callable[[str], Parameter], about: str, zero: float = 0.0, law: str = ""
+) -> Variant | None:
+    """Lift slope, stability and the controls each times `factor` by a ratio of its own; None where there is but one.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    factor : Column
+    ratio : callable
+        Parameter of the slopes of a name: "lift slope", "stability", or that of a control.
+    about : str
+    zero : float [rad]
+        Incidence from which that of the aircraft counts.
+    law : str
+        The factor as a term.
+    """
+    used = {c: held(flights, responses) for c, responses in CONTROLS.items() if moves(flights, c)}
+    named = {"lift slope": ("alpha", ("CZ",)), "stability": ("alpha", ("Cm",)), **{c: (c, used[c]) for c in used}}
+    groups = []
+    for name, (channel, responses) in named.items():
+        slopes = {(r, channel): s for r in responses if (s := mean_slope(flights, r, channel)) != 0.0}
+        if slopes:
+            groups.append((ratio(name), slopes))
+    return slopes_by_ratios(groups, factor, about, zero, law) if len(groups) > 1 else None

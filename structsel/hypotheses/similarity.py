@@ -13,6 +13,7 @@ from structsel.hypotheses.signals import (
     Column,
     available,
     coefficients,
+    each_slope,
     from_lift_and_drag,
     gathered,
     held,
@@ -81,12 +82,20 @@ def _machs(flights: Flights) -> list[Variant]:
             scaled_slopes(flights, (r,), None, growth, parameter, f"all slopes of {r}; {about}", law=_GLAUERT)
             for r in responses
         ]
+        made.append(each_slope(flights, growth, _own_growth, f"each slope by its own; {about}", law=_GLAUERT))
+    for right in (0.0, mean):
+        about = f"each slope by its own, in proportion to Mach; right at Mach {right:.2f}"
+        made.append(each_slope(flights, _since(right), _own_growth, about, law="mach"))
     for control, moved in CONTROLS.items():
         for right in (0.0, mean):
             about = f"effect of {control} in proportion to Mach; right at Mach {right:.2f}"
             moves = held(flights, moved)
             made.append(scaled_slopes(flights, moves, (control,), _since(right), parameter, about, law="mach"))
     return [v for v in made if v is not None]
+
+
+def _own_growth(what: str) -> Parameter:
+    return Parameter(f"{what} growth", "-", 0.6, -2.0, 2.0)
 
 
 def _drag_rise(start: float, power: int) -> Variant:
