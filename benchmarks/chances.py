@@ -22,8 +22,9 @@ from scipy.special import logsumexp, softmax
 from sklearn.model_selection import KFold
 
 from structsel.diagnosis import weighing
-from structsel.diagnosis.ranking import NAMED, TIED, weigh_all
+from structsel.diagnosis.ranking import NAMED, TIED, score_likely
 from structsel.diagnosis.station import set_up
+from structsel.diagnosis.weighing import weigh
 from structsel.mismatch.preparing import prepare
 from structsel.proving.apart import open_case
 from structsel.proving.keys import Key
@@ -38,7 +39,7 @@ def collect(folder: Path, name: str) -> list[dict]:
     bench, library, turbulence = set_up(prepare(*open_case(folder / "cases" / name)).flights)
     rough, rounds, missing = turbulence is not None, [], [set(e.accept) for e in key.effects]
     while len(rounds) <= len(key.effects):
-        weighed = weigh_all(bench, library, rough)
+        weighed = weigh(bench, score_likely(bench, library, rough))
         right = [any(w.effect in e for e in missing) for w in weighed]
         rows = [
             {"effect": w.effect, "right": r, "features": [float(x) for x in w.features]} for w, r in zip(weighed, right)

@@ -1,16 +1,19 @@
 """Which effects are taken in, what is no effect at all, and when none of the names may be right."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 from numpy.testing import assert_allclose
 
 from structsel.diagnosis import ranking
+from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.bench import Bench
-from structsel.diagnosis.ranking import rank
+from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.signatures import Library, work_out
+from structsel.diagnosis.station import drowned
 from structsel.diagnosis.weighing import FEATURES, Weighed
 from structsel.hypotheses import HYPOTHESES
 from structsel.recording import Recording
@@ -26,7 +29,8 @@ def tried(flights, *effects):
 def test_the_same_effect_in_several_places_is_one_of_those_looked_for(monkeypatch):
     def taken(effects):
         left = iter(effects)
-        monkeypatch.setattr(ranking, "weigh_all", lambda *_: [likely(next(left))])
+        monkeypatch.setattr(ranking, "score_all", lambda *_: [])
+        monkeypatch.setattr(ranking, "weigh", lambda *_: [likely(next(left))])
         bench = SimpleNamespace(accepted=(), taking=lambda *_: bench)
         return len(rank(bench, Library((), {})).steps)
 
@@ -70,3 +74,26 @@ def test_an_attitude_a_little_out_of_scale_is_within_tolerances_and_accuses_no_g
     assert found.signature.variant.about == "the roll gyro (p)"
     assert found.log_evidence > 100.0
     assert_allclose(found.trial.theta[0] * found.signature.variant.parameters[0].sd, 0.05, rtol=0.1)
+
+
+def test_what_only_kinematics_shows_is_a_word_beside_the_verdict():
+    recordings, told = fly({})
+
+    def said(north, east):
+        windy = [
+            Recording(r.name, r.t, {**r.channels, "vn": r["vn"] + north, "ve": r["ve"] + east}) for r in recordings
+        ]
+        bench, library = tried(ready(windy, told), "steady-wind", "sensor-scale")
+        return asides(Ranking(bench, (), tuple(score_all(bench, library))))
+
+    (wind,) = said(3.0, -1.0)
+    assert "no coefficient is the better for it: A steady wind of" in wind
+    north, east = (float(x) for x in re.findall(r"(-?[0-9.]+) \+- [0-9.]+ m/s", wind))
+    assert_allclose((north, east), (3.0, -1.0), atol=0.1)
+    assert said(0.0, 0.0) == []
+
+
+def test_responses_of_which_little_is_foretold_are_pointed_at():
+    (said,) = drowned({"CZ": (0.2, True), "Cl": (0.94, True)})
+    assert "of its rms Cl 0.94 is left" in said
+    assert drowned({"CZ": (0.2, True)}) == []

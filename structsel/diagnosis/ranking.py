@@ -57,10 +57,13 @@ class Ranking:
     start : Bench
         Without any effect.
     steps : tuple of Step
+    scores : tuple of Score
+        Of all hypotheses, when they were last tried.
     """
 
     start: Bench
     steps: tuple[Step, ...]
+    scores: tuple[Score, ...] = ()
 
     @property
     def bench(self) -> Bench:
@@ -82,9 +85,11 @@ def rank(bench: Bench, library: Library, rough: bool = False, progress: Progress
     tell = progress or (lambda what, done, of: None)
     start = bench
     steps: list[Step] = []
+    scores: list[Score] = []
     while (k := len({s.score.effect for s in steps})) < MOST and len(steps) < _PLACES:
         tell("ranking", k, MOST)
-        weighed, rivals = _weighed(weigh_all(bench, library, rough))
+        scores = score_likely(bench, library, rough)
+        weighed, rivals = _weighed(weigh(bench, scores))
         if not weighed or 1.0 - dict(rivals)["nothing"] < NAMED:
             break
         best = weighed[0]
@@ -92,15 +97,15 @@ def rank(bench: Bench, library: Library, rough: bool = False, progress: Progress
         others = tuple(w.score for w in weighed)
         steps.append(Step(best.score, rivals, bench, others, best.constant))
     tell("ranking", MOST, MOST)
-    return Ranking(start, tuple(steps))
+    return Ranking(start, tuple(steps), tuple(scores))
 
 
-def weigh_all(bench: Bench, library: Library, rough: bool = False) -> list[Weighed]:
-    """All effects in question on a bench; in rough air without those that gusts look like.
+def score_likely(bench: Bench, library: Library, rough: bool = False) -> list[Score]:
+    """Scores of all hypotheses on a bench; in rough air without those that gusts look like.
 
     Gusts in the states that a simulation was asked at make what was measured smaller than what was simulated.
     """
-    return weigh(bench, [s for s in score_all(bench, library) if not (rough and s.hypothesis.diluted)])
+    return [s for s in score_all(bench, library) if not (rough and s.hypothesis.diluted)]
 
 
 def _weighed(effects: Sequence[Weighed]) -> tuple[list[Weighed], tuple[tuple[str, float], ...]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from structsel.aircraft import Aircraft
 from structsel.diagnosis import judging
+from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.modelling import corrected_model
@@ -39,6 +40,7 @@ _SHORTEST = 5.0  # s, of a part
 _HARDEST = 8  # tolerances listed
 _STRAINED = 4.0  # stated standard deviations, beyond which a tolerance is none
 _SAID = 3  # of those, in remarks
+_DROWNED = 0.7  # of the rms measured, that is left: what a simulation lacks would have to be large to show
 _WHITE = 1.3  # chi-square per row, below which what is left counts as noise
 
 
@@ -122,12 +124,13 @@ def conclude(
     corrected = corrected_model(prepared, ranking) if ranking.steps else None
     remarks += corrected.remarks if corrected is not None else ()
     pulls = _pulls(ranking.bench)
-    remarks += strained(pulls)
+    remaining = _remaining(ranking, told)
+    remarks += [*strained(pulls), *asides(ranking), *drowned(remaining)]
     return Diagnosis(
         verdict,
         tuple(findings),
         dict(library.not_testable),
-        _remaining(ranking, told),
+        remaining,
         pulls,
         tuple(remarks),
         prepared.simulation.form,
@@ -202,6 +205,17 @@ def strained(pulls: Sequence[Pull]) -> list[str]:
         "effect was likely enough to be named for it; look there first"
         for p in pulls[:_SAID]
         if abs(p.sigmas) > _STRAINED
+    ]
+
+
+def drowned(remaining: Mapping[str, tuple[float, bool]]) -> list[str]:
+    """A remark on responses of which little was foretold: in them hardly anything could be seen to be missing."""
+    much = [f"{c} {left:.2f}" for c, (left, _) in remaining.items() if left > _DROWNED]
+    if not much:
+        return []
+    return [
+        f"most of what was measured is not foretold, of its rms {', '.join(much)} is left: noise, or what does not "
+        "come back on other recordings. What the simulation lacks there would have to be as large to show"
     ]
 
 

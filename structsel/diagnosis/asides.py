@@ -1,0 +1,43 @@
+"""What instruments or the air do that kinematics shows and no coefficient minds: no finding, but worth a word."""
+
+from __future__ import annotations
+
+from structsel.diagnosis import judging
+from structsel.diagnosis.assembling import found_by
+from structsel.diagnosis.ranking import Ranking
+from structsel.diagnosis.scoring import Score
+from structsel.diagnosis.weighing import nats
+from structsel.mismatch.responses import KINEMATIC
+
+_PLAIN = 100.0  # nats
+_TAKES = 0.5  # of what lies beyond the noise, or beyond the biases, in some kinematic response
+
+
+def asides(ranking: Ranking) -> list[str]:
+    """The plainest of what was not found but closes the kinematics, in a sentence.
+
+    Parameters
+    ----------
+    ranking : Ranking
+    """
+    found = {s.score.effect for s in ranking.steps}
+    asked = [
+        s
+        for s in ranking.scores
+        if s.hypothesis.kind in ("sensor", "atmospheric") and not s.event and s.effect not in found and nats(s) > _PLAIN
+    ]
+    closing = [s for s in asked if _closes(ranking, s)]
+    if not closing:
+        return []
+    one = max(closing, key=nats)
+    says = one.hypothesis.says(found_by(one))
+    return [f"kinematics alone shows it ({nats(one):.0f} nats), and no coefficient is the better for it: {says}"]
+
+
+def _closes(ranking: Ranking, one: Score) -> bool:
+    """Whether an effect takes most of what some kinematic response misses beyond noise, or beyond biases."""
+    bench = ranking.bench
+    before, after = (judging.excess(b) for b in (bench, bench.beside(one.signature)))
+    return any(
+        b > 2.0 and (b - a) > _TAKES * (b - 1.0) for c in KINEMATIC if c in before for b, a in zip(before[c], after[c])
+    )
