@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 
 from structsel.hypotheses.actuators import HYPOTHESES
 from structsel.simulation import Actuator
-from tests.injected import aerodynamics, best, compare, fly, one_of
+from tests.injected import aerodynamics, best, compare, explain, fly, one_of
+from tests.missing_physics import found_of
 
 
 def commanded(control, actuator):
@@ -67,6 +68,21 @@ def test_a_pitch_damper_nobody_recorded_is_found_with_its_gain():
     assert "q" in found.variant.about
     assert found.explained > 0.99
     assert_allclose(found.values["gain of q"], 0.2, rtol=0.02)
+
+
+def test_a_damper_that_was_on_in_some_manoeuvres_only_is_confined_to_those():
+    damped = compare(fly(aerodynamics({"CZ": {"q": -0.4 * 0.2}, "Cm": {"q": -1.92 * 0.2}})))
+    flights = [replace(f, name=f"{f.name} {k}") for k, flown in enumerate((damped, compare(fly()))) for f in flown]
+    variants = [v for v in one_of(HYPOTHESES, "augmentation").variants(flights) if v.about == "q to elevator"]
+    (always,), (some,) = ([v for v in variants if bool(v.only_in) is chosen] for chosen in (False, True))
+    assert some.only_in == ("m0 0", "m1 0")
+    assert [bool(some.columns(f)) for f in flights] == [True, True, False, False]
+    assert explain(flights, some).explained > 0.99 > explain(flights, always).explained
+    assert_allclose(explain(flights, some).values["gain of q"], 0.2, rtol=0.02)
+    hypothesis = one_of(HYPOTHESES, "augmentation")
+    assert "(q to elevator), in m0 0, m1 0 only: gain" in hypothesis.says(found_of(flights, some, {"gain of q": 0.2}))
+    # On in all, there is nothing to confine.
+    assert not any(v.only_in for v in hypothesis.variants(damped) if v.about == "q to elevator")
 
 
 def test_surfaces_that_never_move_cannot_be_late():

@@ -150,18 +150,23 @@ def padded_of(learning, rounds):
 
 
 @pytest.mark.parametrize(
-    ("shape", "moments"),
-    [({"time": 3.0}, 1), ({"time in m01": 3.0, "time in m02": 4.0}, 2), ({"time constant": 2.0}, 0)],
-)
-def test_each_moment_that_was_sought_costs_the_log_of_its_places(shape, moments):
+    ("shape", "only_in", "choices"),
+    [
+        ({"time": 3.0}, (), 60.0), ({"time in m01": 3.0, "time in m02": 4.0}, (), 60.0**2),
+        ({"time constant": 2.0}, (), 1.0), ({}, ("m01",), 2.0**2),
+    ],
+)  # fmt: skip
+def test_each_moment_that_was_sought_and_manoeuvres_that_were_chosen_cost_the_log_of_the_choices(
+    shape, only_in, choices
+):
     base = SimpleNamespace(evidence=np.zeros((1, 2)), y=[np.zeros(4)], freed=np.zeros(1))
     trial = Trial(50.0, np.array([25.0, 25.0]), np.ones(1), np.eye(1), np.array([50.0]))
 
-    def found(given):
-        variant = SimpleNamespace(shape=given, parameters=(Parameter("bias", "-", 1.0),))
+    def found(given, where):
+        variant = SimpleNamespace(shape=given, only_in=where, parameters=(Parameter("bias", "-", 1.0),))
         form = SimpleNamespace(variant=variant, flights={"m01", "m02"})
         return scoring.score(SimpleNamespace(base=base), SimpleNamespace(event=False), [form], [trial])
 
     # Half a minute has sixty places half a second apart.
-    cost = found({}).log_evidence - found(shape).log_evidence
-    assert cost == pytest.approx(moments * np.log(60.0), rel=0.05)
+    cost = found({}, ()).log_evidence - found(shape, only_in).log_evidence
+    assert cost == pytest.approx(np.log(choices), rel=0.05)

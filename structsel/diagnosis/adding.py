@@ -158,7 +158,7 @@ def _fed_back(case: Case) -> Parts | None:
     """A surface that moves with the motion: its own terms once more, by what moves it."""
     how, _, surface = case.variant.about.rpartition(" to ")
     control = _CONTROLS.get(surface)
-    if control is None or any("mode" in f.recorded for f in case.flights):
+    if control is None or case.variant.only_in or any("mode" in f.recorded for f in case.flights):
         return None
     states: dict[str, State] = {}
     moved: list[Term] = []

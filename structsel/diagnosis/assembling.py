@@ -115,7 +115,7 @@ def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
         (np.log(max(w, 1e-300)), s.variant.shape, t.theta)
         for w, s, t in zip(score.weights, score.signatures, score.trials)
         if set(s.variant.shape) == set(variant.shape)
-        and s.variant.about == variant.about
+        and (s.variant.about, s.variant.only_in) == (variant.about, variant.only_in)
         and len(t.theta) == len(variant.parameters)
     ]
     # No form is quite right: those that are nearly as good count too, and their spread is part of what is not known.

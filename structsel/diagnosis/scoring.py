@@ -39,7 +39,7 @@ class Score:
         Log predictive density of each flight given the others, over the base's.
     within : float
         Log of how much likelier the best form's parameters are within their plausible limits than beforehand, less what
-        the moments cost that were sought where the differences change.
+        the moments cost that were sought where the differences change, and the manoeuvres it is confined to.
     best : int
         The form to judge: the likeliest, or the one that spares the tolerances most.
     own : float
@@ -87,7 +87,7 @@ def score_all(bench: Bench, library: Library) -> list[Score]:
 
 def score(bench: Bench, hypothesis: Hypothesis, forms: Sequence[Signature], trials: Sequence[Trial]) -> Score:
     """Score of one hypothesis from the trials of its forms."""
-    within = np.array([_within(s, t) - _MOMENT * _sought(s) for s, t in zip(forms, trials)])
+    within = np.array([_within(s, t) - _sought(s, len(t.predictive)) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within
     log_forms = np.log(len(forms))
     weights = np.exp(evidence - logsumexp(evidence))
@@ -139,9 +139,10 @@ def _within(signature: Signature, trial: Trial) -> float:
     return total
 
 
-def _sought(signature: Signature) -> int:
-    """Moments of a form."""
-    return sum(name == "time" or name.startswith("time in ") for name in signature.variant.shape)
+def _sought(signature: Signature, manoeuvres: int) -> float:
+    """What the choice of a form's moments costs, and that of the manoeuvres it is confined to [nats]."""
+    moments = sum(name == "time" or name.startswith("time in ") for name in signature.variant.shape)
+    return _MOMENT * moments + (manoeuvres * np.log(2.0) if signature.variant.only_in else 0.0)
 
 
 def _log_between(a: float, b: float) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from structsel.hypotheses import plants
 from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.hypotheses.changes import confined
 from structsel.hypotheses.operators import actuate, lag, late, spaced
 from structsel.hypotheses.signals import available, coefficients, gathered, mean_slope, moves
 from structsel.hypotheses.wording import SURFACES, shown
@@ -214,7 +215,9 @@ def _feedback_variants(flights: Flights) -> list[Variant]:
                 for s, (sd, unit) in ((s, deviations[s]) for s in pair)
             )
             made.append(_fed_back(control, gains, [partial(_felt, signal=s) for s in pair], f"{' and '.join(pair)} to"))
-    return made
+    # A damper may be on in some manoeuvres and off in others, and nobody wrote down which.
+    some = [confined(flights, v) for v in made if len(v.parameters) == 1]
+    return [*made, *(v for v in some if v is not None)]
 
 
 def _fed_back(control: str, gains: tuple[Parameter, ...], signals: Sequence[Surface], about: str) -> Variant:
@@ -229,7 +232,8 @@ def _fed_back(control: str, gains: tuple[Parameter, ...], signals: Sequence[Surf
 
 def _feedback_says(found: Found) -> str:
     gains = " and ".join(f"{found.text(name)} ({name.removeprefix('gain of ')})" for name in _names(found))
-    return f"Something unrecorded moves a surface with the motion ({found.variant.about}): gain {gains}."
+    where = f", in {', '.join(found.variant.only_in)} only" if found.variant.only_in else ""
+    return f"Something unrecorded moves a surface with the motion ({found.variant.about}){where}: gain {gains}."
 
 
 def _names(found: Found) -> list[str]:

@@ -56,6 +56,8 @@ class Variant:
         What sets this form apart, for a reader: the term, the channel, the control.
     terms : tuple of str
         The same as terms of a model, where it has such.
+    only_in : tuple of str
+        Manoeuvres it is confined to, where these were chosen by the differences; empty for all.
     """
 
     parameters: tuple[Parameter, ...]
@@ -64,6 +66,7 @@ class Variant:
     units: Mapping[str, str] = field(default_factory=dict)
     about: str = ""
     terms: tuple[str, ...] = ()
+    only_in: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

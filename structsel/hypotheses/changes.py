@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structsel.hypotheses.base import Flights
+from structsel.hypotheses.base import Flights, Variant
 from structsel.hypotheses.signals import CHANNELS_OF, Column, held, moves
 from structsel.mismatch.flight import Flight
 from structsel.numerics.smoothing.result import Array
@@ -191,3 +191,36 @@ def added(changes: Sequence[Change], signs: Array) -> Column:
         return made
 
     return column
+
+
+def confined(flights: Flights, variant: Variant) -> Variant | None:
+    """The same, in those manoeuvres only in which the differences have it; None where that is all of them, or one.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    variant : Variant
+        Of one parameter.
+    """
+    with_difference, with_itself = np.array([_products(flights, variant, f) for f in flights]).T
+    sizes = with_difference / np.maximum(with_itself, 1e-30)
+    best: tuple[float, tuple[str, ...]] = (0.0, ())
+    for sign in (1.0, -1.0):
+        order = np.argsort(-sign * sizes)
+        explained = np.cumsum(sign * with_difference[order])
+        explained = np.maximum(explained, 0.0) ** 2 / np.maximum(np.cumsum(with_itself[order]), 1e-30)
+        most = int(np.argmax(explained))
+        best = max(best, (float(explained[most]), tuple(sorted(flights[i].name for i in order[: most + 1]))))
+    on = best[1]
+    if not 1 < len(on) < len(flights):
+        return None
+    return replace(variant, columns=lambda flight: variant.columns(flight) if flight.name in on else {}, only_in=on)
+
+
+def _products(flights: Flights, variant: Variant, flight: Flight) -> tuple[float, float]:
+    """Sums over responses of a form's column with the difference, and with itself, in units of the differences."""
+    total = np.zeros(2)
+    for response, column in variant.columns(flight).items():
+        x, y = _centred(column[:, 0]), _centred(flight.difference[response])
+        total += np.array([x @ y, x @ x]) / max(sum(float(f.difference[response].var()) for f in flights), 1e-30)
+    return float(total[0]), float(total[1])

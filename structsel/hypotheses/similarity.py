@@ -82,10 +82,9 @@ def _machs(flights: Flights) -> list[Variant]:
             scaled_slopes(flights, (r,), None, growth, parameter, f"all slopes of {r}; {about}", law=_GLAUERT)
             for r in responses
         ]
-        made.append(each_slope(flights, growth, _own_growth, f"each slope by its own; {about}", law=_GLAUERT))
-    for right in (0.0, mean):
-        about = f"each slope by its own, in proportion to Mach; right at Mach {right:.2f}"
-        made.append(each_slope(flights, _since(right), _own_growth, about, law="mach"))
+    # Right at rest, each slope by its own would be any wrong value of each.
+    about = f"each slope by its own, in proportion to Mach; right at Mach {mean:.2f}"
+    made.append(each_slope(flights, _since(mean), _own_growth, about, law="mach"))
     for control, moved in CONTROLS.items():
         for right in (0.0, mean):
             about = f"effect of {control} in proportion to Mach; right at Mach {right:.2f}"
