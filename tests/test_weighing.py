@@ -104,10 +104,10 @@ def test_what_an_effect_carries_is_a_share_of_each_response_however_quiet_that_i
 
     def plain(kept):
         left = {"CZ": 100.0 * np.ones(4) * (0.5 if 0 in kept else 1.0), "Cm": np.ones(4) * (0.5 if 1 in kept else 1.0)}
-        rows = SimpleNamespace(part=lambda c: slice(0, 4) if c == "CZ" else slice(4, 8))
-        return SimpleNamespace(left_in=[(rows, np.concatenate([left["CZ"], left["Cm"]]))])
+        rows = SimpleNamespace(part=lambda c: slice(*{"CZ": (0, 4), "Cm": (4, 8), "CY": (8, 12)}[c]))
+        return SimpleNamespace(left_in=[(rows, np.concatenate([left["CZ"], left["Cm"], np.zeros(4)]))])
 
-    bench = SimpleNamespace(keeping=plain, told=["CZ", "Cm"])
+    bench = SimpleNamespace(keeping=plain, told=["CZ", "Cm", "CY"])  # nothing is amiss in CY
     both = [Member((), (0,)), Member((), (1,))]
     assert shares(bench, both) == pytest.approx([0.75, 0.75])
 

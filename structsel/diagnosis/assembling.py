@@ -91,11 +91,12 @@ def shares(plain: Bench, members: Sequence[Member]) -> list[float]:
         return known[taken]
 
     made = np.zeros(len(members))
+    whole = np.maximum(left(frozenset()), np.finfo(float).tiny)
     orders = list(permutations(range(len(members))))
     for order in orders:
         taken: frozenset[int] = frozenset()
         for i in order:
-            made[i] += np.sum((left(taken) - left(taken | {i})) / left(frozenset()))
+            made[i] += np.sum((left(taken) - left(taken | {i})) / whole)
             taken = taken | {i}
     return [max(0.0, float(x)) for x in made / len(orders)]
 
