@@ -9,6 +9,9 @@ from structsel.aircraft import Aircraft
 from structsel.candidates import Term
 from structsel.coefficients import compute_coefficients
 from structsel.demo.truth import TRUTH, demo_aircraft
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.signatures import work_out
+from structsel.hypotheses import HYPOTHESES
 from structsel.hypotheses.base import Estimate, Found
 from structsel.mismatch.flight import prepare_flight
 from structsel.mismatch.responses import COEFFICIENTS
@@ -83,6 +86,12 @@ def ready(recordings, told, craft=CRAFT):
 
 def flights_with(extra, **options):
     return ready(*fly(extra, **options))
+
+
+def tried(flights, *effects):
+    """Bench of flights on which some effects may be tried, and the library of those."""
+    library = work_out([h for h in HYPOTHESES if h.effect in effects], flights, flights[0].responses)
+    return Bench.set_up(flights, library.signatures), library
 
 
 def explain(flights, variant, responses=None):

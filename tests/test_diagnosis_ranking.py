@@ -9,21 +9,13 @@ from numpy.testing import assert_allclose
 from structsel.diagnosis import ranking
 from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.scoring import score_all
-from structsel.diagnosis.signatures import Library, work_out
+from structsel.diagnosis.signatures import Library
 from structsel.diagnosis.station import drowned
 from structsel.diagnosis.weighing import FEATURES, Weighed
-from structsel.hypotheses import HYPOTHESES
 from structsel.recording import Recording
-from tests.missing_physics import flights_with, fly, ready
-
-
-def tried(flights, *effects):
-    """Bench and library of some effects."""
-    library = work_out([h for h in HYPOTHESES if h.effect in effects], flights, flights[0].responses)
-    return Bench.set_up(flights, library.signatures), library
+from tests.missing_physics import flights_with, fly, ready, tried
 
 
 def test_the_same_effect_in_several_places_is_one_of_those_looked_for(monkeypatch):

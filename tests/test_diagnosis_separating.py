@@ -7,21 +7,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.separating import find_separation, with_separation
-from structsel.diagnosis.signatures import work_out
-from structsel.hypotheses import HYPOTHESES
-from tests.missing_physics import excite, flights_with
+from tests.missing_physics import excite, flights_with, tried
 
 
 @pytest.fixture(scope="module")
 def asked():
     """Bench of two flights whose elevator barely moves, and the scores of two effects in pitch."""
     flights = flights_with({"Cm": {"q_hat": -8.0}}, inputs=lambda t, k: excite(t, k, 0.008, 0.05, 0.04))
-    chosen = [h for h in HYPOTHESES if h.effect in ("wrong-derivative", "downwash-lag", "asymmetry", "cg-shift")]
-    library = work_out(chosen, flights, flights[0].responses)
-    bench = Bench.set_up(flights, library.signatures)
+    bench, library = tried(flights, "wrong-derivative", "downwash-lag", "asymmetry", "cg-shift")
     return bench, {s.effect: s for s in score_all(bench, library)}
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import found_by
 from structsel.diagnosis.ranking import Ranking
-from structsel.diagnosis.scoring import Score
 from structsel.diagnosis.weighing import nats
 from structsel.mismatch.responses import KINEMATIC
 
@@ -26,7 +27,10 @@ def asides(ranking: Ranking) -> list[str]:
         for s in ranking.scores
         if s.hypothesis.kind in ("sensor", "atmospheric") and not s.event and s.effect not in found and nats(s) > _PLAIN
     ]
-    closing = [s for s in asked if _closes(ranking, s)]
+    if not asked:
+        return []
+    before = judging.excess(ranking.bench)
+    closing = [s for s in asked if _closes(before, judging.excess(ranking.bench.beside(s.signature)))]
     if not closing:
         return []
     one = max(closing, key=nats)
@@ -34,10 +38,8 @@ def asides(ranking: Ranking) -> list[str]:
     return [f"kinematics alone shows it ({nats(one):.0f} nats), and no coefficient is the better for it: {says}"]
 
 
-def _closes(ranking: Ranking, one: Score) -> bool:
-    """Whether an effect takes most of what some kinematic response misses beyond noise, or beyond biases."""
-    bench = ranking.bench
-    before, after = (judging.excess(b) for b in (bench, bench.beside(one.signature)))
+def _closes(before: Mapping[str, tuple[float, float]], after: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether most is gone of what some kinematic response misses beyond noise, or beyond biases."""
     return any(
         b > 2.0 and (b - a) > _TAKES * (b - 1.0) for c in KINEMATIC if c in before for b, a in zip(before[c], after[c])
     )

@@ -192,7 +192,8 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
     first = judging.fit(got, delivered, told)
     second = judging.fit(got, judging.refitted(delivered, judging.held_out(bench.keeping([]))), told)
     kept: list[int] = []
-    before = judging.held_out(plain.keeping([]))
+    bare = plain.keeping([])
+    before = judging.held_out(bare)
     made = []
     for i in order:
         member = members[i]
@@ -207,8 +208,9 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
         intervals = find_intervals(bench.flights, parts, noise)
         region = find_region(bench.flights, parts, noise)
         physics, ties = _physics(bench, member)
-        told_apart = member.steps[0].score.hypothesis.separated_by if ties else ""
-        stays = _stays(plain, member, axes)
+        hypothesis = member.steps[0].score.hypothesis
+        told_apart = hypothesis.separated_by if ties else ""
+        stays = _stays(bare, plain, member, axes)
         if stays > _DOUBT:
             ties = (*ties[: _TIES - 1], UNNAMED)
             doubt = f" It leaves {stays:.0%} of what lies beyond the noise in {', '.join(axes)}."
@@ -216,7 +218,7 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
         made.append(
             Finding(
                 axes,
-                member.steps[0].score.hypothesis.kind,
+                hypothesis.kind,
                 physics,
                 intervals,
                 region,
@@ -277,15 +279,15 @@ def _physics(bench: Bench, member: Member) -> tuple[tuple[Physics, ...], tuple[s
     return (best, *rivals), tuple(ties[:_TIES])
 
 
-def _stays(plain: Bench, member: Member, axes: Sequence[str]) -> float:
-    """Share of what moves beyond the noise that everything found leaves, tolerances at zero, in some responses.
+def _stays(bare: Bench, plain: Bench, member: Member, axes: Sequence[str]) -> float:
+    """Share of what moves beyond the noise that everything found leaves in some responses, as delivered.
 
     What is a mere level has no motion to tell it by.
     """
     step = member.steps[0]
     if step.constant:
         return 0.0
-    before, after = (judging.excess(b, *told_by(step.score)) for b in (plain.keeping([]), plain))
+    before, after = (judging.excess(b, *told_by(step.score)) for b in (bare, plain))
     beyond = sum(max(0.0, before[c][0] - 1.0) for c in axes)
     left = sum(max(0.0, after[c][0] - 1.0 - SLIGHT) for c in axes)
     return min(left / beyond, 1.0) if beyond > 0.0 else 0.0

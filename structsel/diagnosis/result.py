@@ -78,8 +78,8 @@ class Finding:
     region : mapping of channel to (low, high)
         Channels that bound it; empty where it acts everywhere flown.
     ambiguous_with : tuple of str
-        Effects that would do as well; "unknown" last, where all that was found leaves too much.
-        Effects that these recordings cannot tell from the first, likeliest first.
+        Effects that these recordings cannot tell from the first, likeliest first; "unknown" last, where all that was
+        found leaves too much.
     to_separate : str
         What would: in words, and of manoeuvres tried with the simulation the best.
     manoeuvre : Recording, optional

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -202,7 +202,8 @@ def confined(flights: Flights, variant: Variant) -> Variant | None:
     variant : Variant
         Of one parameter.
     """
-    with_difference, with_itself = np.array([_products(flights, variant, f) for f in flights]).T
+    power = {r: sum(float(f.difference[r].var()) for f in flights) for r in flights[0].difference}
+    with_difference, with_itself = np.array([_products(variant, f, power) for f in flights]).T
     sizes = with_difference / np.maximum(with_itself, 1e-30)
     best: tuple[float, tuple[str, ...]] = (0.0, ())
     for sign in (1.0, -1.0):
@@ -217,10 +218,10 @@ def confined(flights: Flights, variant: Variant) -> Variant | None:
     return replace(variant, columns=lambda flight: variant.columns(flight) if flight.name in on else {}, only_in=on)
 
 
-def _products(flights: Flights, variant: Variant, flight: Flight) -> tuple[float, float]:
-    """Sums over responses of a form's column with the difference, and with itself, in units of the differences."""
+def _products(variant: Variant, flight: Flight, power: Mapping[str, float]) -> tuple[float, float]:
+    """Sums over responses of a form's column with the difference, and with itself, each over the response's power."""
     total = np.zeros(2)
     for response, column in variant.columns(flight).items():
         x, y = _centred(column[:, 0]), _centred(flight.difference[response])
-        total += np.array([x @ y, x @ x]) / max(sum(float(f.difference[response].var()) for f in flights), 1e-30)
+        total += np.array([x @ y, x @ x]) / max(power[response], 1e-30)
     return float(total[0]), float(total[1])
