@@ -251,7 +251,9 @@ _STATES = (
 def test_an_effect_in_the_model_is_the_effect_that_was_found(effect, within, flights):
     # Terms are the found signature to the last digits, but for the lift, which the signature has from a stand-in of
     # the simulation; states are the physics that a signature is the slope of.
-    for variant in named(effect).variants(flights)[:2]:
+    variants = named(effect).variants(flights)
+    told = variants[:2] if effect != "stall-hysteresis" else {v.about: v for v in variants}.values()
+    for variant in told:
         one, theta = as_added(named(effect), variant, flights)
         assert one.is_known
         made = Extended(OWN.responses, flights)

@@ -11,6 +11,8 @@ from structsel.aircraft import Aircraft
 from structsel.candidates import Term
 from structsel.diagnosis.matching import LIFT, exact_terms
 from structsel.hypotheses.base import Estimate, Hypothesis, Variant
+from structsel.hypotheses.memory import WHATEVER_THE_LIFT
+from structsel.hypotheses.propulsive import AXIAL
 from structsel.hypotheses.wording import SURFACES
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
@@ -203,9 +205,12 @@ def _late_thrust(case: Case) -> Parts | None:
     if case.estimates["lag"].value <= 0.0:
         return None
     line, craft = case.craft.thrust, case.craft
+    axial = case.variant.about == AXIAL
     term = Term("(thrust_late - thrust)/qbar")
     sizes = [*line.direction, *(a / length for a, length in zip(line.arm, (craft.b, craft.cbar, craft.b)))]
-    fixed = {c: {term: float(s) / craft.S} for c, s in zip(COEFFICIENTS, sizes) if s != 0.0}
+    fixed = {
+        c: {term: float(s) / craft.S} for c, s in zip(COEFFICIENTS, sizes) if s != 0.0 and (c == "CX" or not axial)
+    }
     return {"states": {"thrust_late": State("lag", "thrust", {"tau": case.quantity("lag")})}, "fixed": fixed}
 
 
@@ -256,6 +261,9 @@ def _stalled(case: Case) -> Parts | None:
     names = {"onset": "onset", "sharpness": "sharpness", "tau1": "tau1", "tau2": "tau2"}
     state = State("separation", "alpha", {mine: case.quantity(theirs) for mine, theirs in names.items()})
     lost, drag = Term("(0.25*(1 + sqrt(x_sep))^2 - 1)"), Term("(1 - x_sep)")
+    if case.variant.about == WHATEVER_THE_LIFT:
+        sides = enumerate((("CZ", 1.0), ("CX", -1.0), ("Cm", -1.0)))
+        return {"states": {"x_sep": state}, "terms": {c: {drag: s * _unit(j, 3)} for j, (c, s) in sides}}
     if case.variant.about == "beyond a steady stall":
         steady = f"0.5*(1 - tanh({state['sharpness']!r}*(alpha - {state['onset']!r})))"
         lost = Term(f"((1 + sqrt(x_sep))^2/(1 + sqrt({steady}))^2 - 1)")

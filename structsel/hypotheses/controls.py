@@ -24,6 +24,7 @@ from structsel.hypotheses.signals import (
     moves,
     reach,
     scaled_slopes,
+    scaled_whole,
 )
 from structsel.mismatch.flight import Flight
 from structsel.numerics.smoothing.result import Array
@@ -208,6 +209,7 @@ def _flexes(flights: Flights) -> list[Variant]:
                 (held(flights, LATERAL), None, "the lateral slopes", 0.0),
             )
         ]
+        made.append(scaled_whole(flights, every, fall, parameter, f"all coefficients but CX; {about}"))
         # The wing gives way otherwise than the tail, and may bring its lift forward as well as back.
         made += [
             each_slope(flights, fall, _own_loss, f"each slope by its own{which}; {about}", at, law)

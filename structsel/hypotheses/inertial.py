@@ -6,43 +6,31 @@ moments, never the measured ones: noise must not meet itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
 from structsel.hypotheses.base import Flights, Found, Hypothesis, Parameter, Variant
 from structsel.hypotheses.operators import onsets, oscillate, peaks, shape_of, since, spaced, told_onsets
-from structsel.hypotheses.signals import coefficients, held, lacking, signature
+from structsel.hypotheses.signals import FORCES, Parts, coefficients, held, lacking, of_parts
 from structsel.mismatch.flight import Flight
 from structsel.numerics.rigid_body import angular_acceleration, inertial_moment, thrust_moment
 from structsel.numerics.rigid_body.vectors import cross
 from structsel.numerics.smoothing.result import Array
 
-Parts = Iterable[tuple[str, int, Array]]
-
-_FORCES, _MOMENTS = ("CX", "CY", "CZ"), ("Cl", "Cm", "Cn")
+_MOMENTS = ("Cl", "Cm", "Cn")
 _SLOSH = (0.25, 2.0)  # Hz
 _SLOSH_DAMPINGS = (0.02, 0.06)
 _BESIDE = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
 _ONSETS = 4  # manoeuvres in which the centre of gravity may move
 
 
-def _variant(
-    parameters: tuple[Parameter, ...],
-    parts: Callable[[Flight], Parts],
-    about: str,
-    shape: dict[str, float] | None = None,
-    units: dict[str, str] | None = None,
-) -> Variant:
-    return Variant(parameters, lambda f: signature(f, len(parameters), parts(f)), shape or {}, units or {}, about)
-
-
 # Mass
 
 
 def _heavier(flight: Flight, j: int, share: Array | float) -> Parts:
-    return [(r, j, -share * C) for r, C in zip(_FORCES, flight.forces)]
+    return [(r, j, -share * C) for r, C in zip(FORCES, flight.forces)]
 
 
 def _burnt(flight: Flight) -> Array:
@@ -55,16 +43,16 @@ def _burnt(flight: Flight) -> Array:
 
 def _mass_variants(flights: Flights) -> list[Variant]:
     share = Parameter("share", "-", 0.06, -0.5, 0.5)
-    made = [_variant((share,), lambda f: _heavier(f, 0, 1.0), "in all manoeuvres")]
+    made = [of_parts((share,), lambda f: _heavier(f, 0, 1.0), "in all manoeuvres")]
     place = {f.name: i for i, f in enumerate(flights)}
     if len(flights) > 2:
         last = len(flights) - 1
         growth = Parameter("share from first to last", "-", 0.1, -0.5, 0.5)
         made.append(
-            _variant((growth,), lambda f: _heavier(f, 0, place[f.name] / last), "growing from manoeuvre to manoeuvre")
+            of_parts((growth,), lambda f: _heavier(f, 0, place[f.name] / last), "growing from manoeuvre to manoeuvre")
         )
         made.append(
-            _variant(
+            of_parts(
                 (share, growth), lambda f: [*_heavier(f, 0, 1.0), *_heavier(f, 1, place[f.name] / last)],
                 "off, and growing from manoeuvre to manoeuvre",
             )
@@ -72,9 +60,9 @@ def _mass_variants(flights: Flights) -> list[Variant]:
     if len({float(f.t[0]) for f in flights}) > 1:
         first = min(float(f.t[0]) for f in flights)
         rate = Parameter("share per min", "1/min", 0.005, -0.1, 0.1)
-        made.append(_variant((rate,), lambda f: _heavier(f, 0, (f.t - first) / 60.0), "growing with the time of day"))
+        made.append(of_parts((rate,), lambda f: _heavier(f, 0, (f.t - first) / 60.0), "growing with the time of day"))
     within = Parameter("share per min", "1/min", 0.02, -0.3, 0.3)
-    made.append(_variant((within,), lambda f: _heavier(f, 0, _burnt(f)), "growing within each manoeuvre as fuel burns"))
+    made.append(of_parts((within,), lambda f: _heavier(f, 0, _burnt(f)), "growing within each manoeuvre as fuel burns"))
     return made
 
 
@@ -95,16 +83,26 @@ def _through(flight: Flight) -> Array:
     return (flight.t - flight.t[0]) / np.ptp(flight.t)
 
 
-def _off_centre(flight: Flight, j: int, axis: int, on: Callable[[Flight], Array | float] | None = None) -> Parts:
-    """Moments about a centre of gravity that lies 1 m along an axis from the stated one."""
-    arm = cross(np.eye(3)[axis], flight.forces)
+def _off_centre(
+    flight: Flight, j: int, axis: int, on: Callable[[Flight], Array | float] | None = None, pushed: bool = True
+) -> Parts:
+    """Moments about a centre of gravity that lies 1 m along an axis from the stated one.
+
+    Thrust takes part where its line stays; where that is stated from the centre of gravity, it moves as well.
+    """
+    arm = cross(np.eye(3)[axis], flight.forces if pushed else [flight.told(c) for c in FORCES])
     lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
     much = 1.0 if on is None else on(flight)
     return [(r, j, -much * m / length) for r, m, length in zip(_MOMENTS, arm, lengths)]
 
 
-def _off_centres(flight: Flight, axes: Sequence[int]) -> Parts:
-    return [part for j, axis in enumerate(axes) for part in _off_centre(flight, j, axis)]
+def _off_centres(flight: Flight, axes: Sequence[int], pushed: bool) -> Parts:
+    return [part for j, axis in enumerate(axes) for part in _off_centre(flight, j, axis, pushed=pushed)]
+
+
+def _off_centre_in(flight: Flight, axis: int, moment: str) -> Parts:
+    """One moment of the air's forces alone, where a simulation's own is told for that axis only."""
+    return [part for part in _off_centre(flight, 0, axis, pushed=False) if part[0] == moment]
 
 
 def _shift(flights: Flights, axis: int) -> Parameter:
@@ -116,32 +114,35 @@ def _shift(flights: Flights, axis: int) -> Parameter:
 def _shift_variants(flights: Flights) -> list[Variant]:
     made = []
     place = {f.name: i / max(1, len(flights) - 1) for i, f in enumerate(flights)}
+    lines = {True: "in all manoeuvres"}
+    if any(np.any(f["CT"]) for f in flights):
+        lines[False] = "in all manoeuvres, the line of thrust with it"
     for axes in ((0,), (1,), (2,), (0, 2), (0, 1)):
         parameters = tuple(_shift(flights, i) for i in axes)
-        made.append(
-            _variant(
-                parameters, partial(_off_centres, axes=axes),
-                "in all manoeuvres",
-            )
-        )  # fmt: skip
+        for pushed, about in lines.items():
+            if pushed or axes != (0,):
+                made.append(of_parts(parameters, partial(_off_centres, axes=axes, pushed=pushed), about))
+    for axis, moment in ((0, "Cm"), (1, "Cl"), (2, "Cm")):
+        columns = partial(_off_centre_in, axis=axis, moment=moment)
+        made.append(of_parts((_shift(flights, axis),), columns, f"in all manoeuvres, in {moment} alone"))
     for axis, responses in ((0, ("Cm",)), (1, ("Cl", "Cn")), (2, ("Cm",))):
         for times in onsets(flights, responses, _ONSETS):
             shape = shape_of(times)
             made.append(
-                _variant(
+                of_parts(
                     (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=partial(since, times=times)),
-                    told_onsets(times), shape, dict.fromkeys(shape, "s"),
+                    told_onsets(times), (), shape, dict.fromkeys(shape, "s"),
                 )
             )  # fmt: skip
         if len(flights) > 2:
             made.append(
-                _variant(
+                of_parts(
                     (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=lambda f: place[f.name]),
                     "growing from the first manoeuvre to the last",
                 )
             )  # fmt: skip
         made.append(
-            _variant(
+            of_parts(
                 (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=_through),
                 "growing over each manoeuvre",
             )
@@ -203,7 +204,7 @@ def _inertia_variants(flights: Flights) -> list[Variant]:
             Parameter(n, "of Iz" if n == "Ixz" else "-", 0.03 if n == "Ixz" else 0.12, -0.6, 1.5) for n in group
         )
         parts = [units[n] for n in group]
-        made.append(_variant(parameters, partial(_stiffer_to_turn, more=parts), "in all manoeuvres"))
+        made.append(of_parts(parameters, partial(_stiffer_to_turn, more=parts), "in all manoeuvres"))
     return made
 
 
@@ -232,7 +233,7 @@ def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Pa
     late = -(oscillate(accel, flight.dt, frequency, damping) - accel) * flight["mass"] / qS
     if axis == 1:
         return [("CY", 0, late), ("Cl", 1, late / craft.b), ("Cn", 2, late / craft.b)]
-    return [(_FORCES[axis], 0, late), ("Cm", 1, late / craft.cbar)]
+    return [(FORCES[axis], 0, late), ("Cm", 1, late / craft.cbar)]
 
 
 def _slosh_variants(flights: Flights) -> list[Variant]:
@@ -242,16 +243,17 @@ def _slosh_variants(flights: Flights) -> list[Variant]:
     pitch = (share, Parameter("pitch arm", "m", 0.05 * craft.cbar))
     made = []
     for axis, parameters, name in ((1, side, "sideways"), (0, pitch, "fore and aft")):
-        seen = peaks(flights, (_FORCES[axis],), 3, *_SLOSH)
+        seen = peaks(flights, (FORCES[axis],), 3, *_SLOSH)
         near = [x * by for x in seen for by in _BESIDE]
         for frequency in [*near, *(x for x in spaced(*_SLOSH, 9) if all(abs(np.log(x / y)) > 0.1 for y in seen))]:
             for damping in _SLOSH_DAMPINGS:
                 shape = {"frequency": frequency, "damping": damping}
                 made.append(
-                    _variant(
+                    of_parts(
                         parameters,
                         partial(_swinging, axis=axis, frequency=frequency, damping=damping),
                         name,
+                        (),
                         shape,
                         {"frequency": "Hz", "damping": "-"},
                     )
@@ -262,14 +264,14 @@ def _slosh_variants(flights: Flights) -> list[Variant]:
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis(
         "mass-error", "inertial", "The mass is not as stated, or changes as fuel burns.",
-        lambda fs: "" if len(held(fs, _FORCES)) > 1 else "two simulated force coefficients", _mass_variants, _mass_says,
+        lambda fs: "" if len(held(fs, FORCES)) > 1 else "two simulated force coefficients", _mass_variants, _mass_says,
         look_alikes=("position-error", "wrong-derivative", "sensor-scale", "thrust-scale"),
         separated_by="throttle steps and moments: both know the dynamic pressure, neither the weight",
         check="weighing, and the fuel state of each manoeuvre",
     ),
     Hypothesis(
         "cg-shift", "inertial", "The centre of gravity is not where stated, or moves.",
-        lambda fs: lacking(fs, _MOMENTS) or lacking(fs, _FORCES), _shift_variants, _shift_says,
+        lambda fs: lacking(fs, _MOMENTS) or lacking(fs, FORCES), _shift_variants, _shift_says,
         look_alikes=("wrong-derivative", "thrust-line"),
         separated_by="force changes that angle of attack does not cause: flap, throttle, sideslip, stall",
         check="loading sheet and fuel distribution; weighing on three points",

@@ -32,6 +32,8 @@ _INDICIAL = {
     "aspect ratio 3": ((0.283, 0.540),),
 }
 _LIFT_CHORDS = (2.0, 4.0, 8.0, 16.0, 32.0)
+WHATEVER_THE_LIFT = "beyond attached flow, whatever the lift"
+_SHARP = 25.0  # 1/rad, of separation that acts on each coefficient by itself
 _TAIL_CHORDS = (2.5, 4.0, 6.0)
 _ROTOR_CHANNELS = ("collective", "dcol", "d0", "theta0", "dlon", "dlat", "rotor_rpm", "nr")
 
@@ -53,6 +55,13 @@ def _stalling(flight: Flight, where: float, sharp: float, tau1: float, tau2: flo
     return signature(flight, 3, [*parts, ("Cm", 2, -drag)])
 
 
+def _separated(flight: Flight, where: float, tau1: float, tau2: float) -> Columns:
+    """Each coefficient by what is separated, whatever the lift."""
+    chord = flight.craft.cbar / float(flight["V"].mean())
+    X = separation(flight["alpha"], flight["alpha_dot"], flight.dt, tau1 * chord, tau2 * chord, _SHARP, where)
+    return signature(flight, 3, [("CZ", 0, 1.0 - X), ("CX", 1, X - 1.0), ("Cm", 2, X - 1.0)])
+
+
 def _stall_variants(flights: Flights) -> list[Variant]:
     alpha = gathered(flights, "alpha")
     top = float(np.quantile(alpha, 0.998))
@@ -65,8 +74,13 @@ def _stall_variants(flights: Flights) -> list[Variant]:
     )
     units = {"onset": "rad", "sharpness": "1/rad", "tau1": "s", "tau2": "s"}
     chord = flights[0].craft.cbar / float(gathered(flights, "V").mean())
+    lost = Parameter("normal force lost", "-", 0.3, 0.0, 3.0)
     made = []
     for onset in onsets:
+        for tau1, tau2 in _CHORDS[:3]:
+            shape = {"onset": float(onset), "sharpness": _SHARP, "tau1": tau1 * chord, "tau2": tau2 * chord}
+            columns = partial(_separated, where=float(onset), tau1=tau1, tau2=tau2)
+            made.append(Variant((lost, *parameters[1:]), columns, shape, units, WHATEVER_THE_LIFT))
         for sharp, beyond_steady in ((18.0, False), (40.0, False), (25.0, True)):
             for tau1, tau2 in _CHORDS:
                 shape = {"onset": float(onset), "sharpness": sharp, "tau1": tau1 * chord, "tau2": tau2 * chord}
@@ -107,7 +121,7 @@ def _stall_says(found: Found) -> str:
 # Wakes at the tail
 
 
-def _wake(angle: str, length: str, force: str, moment: str, chords: float | None) -> Callable[[Flight], Columns]:
+def _wake(angle: str, length: str, moved: tuple[str, ...], chords: float | None) -> Callable[[Flight], Columns]:
     def columns(flight: Flight) -> Columns:
         x = flight[angle]
         if chords is None:
@@ -116,7 +130,7 @@ def _wake(angle: str, length: str, force: str, moment: str, chords: float | None
             # The wake of the wing reaches the tail after it has travelled there; per hat like the derivative.
             way = chords * flight.craft.cbar / float(flight["V"].mean())
             hat = (x - late(x, flight.dt, way)) / way * getattr(flight.craft, length) / (2.0 * flight["V"])
-        return signature(flight, 2, [(moment, 0, hat), (force, 1, hat)])
+        return signature(flight, len(moved), [(r, j, hat) for j, r in enumerate(moved)])
 
     return columns
 
@@ -127,7 +141,7 @@ def _downwash_variants(flights: Flights) -> list[Variant]:
         Parameter("Cm per alpha_dot_hat", "-", 6.0, -40.0, 1.0),
         Parameter("CZ per alpha_dot_hat", "-", 2.0, -20.0, 0.5),
     )
-    return _wakes(parameters, ("alpha", "cbar", "CZ", "Cm"))
+    return _wakes(parameters, "alpha", "cbar", ("Cm", "CZ"))
 
 
 def _sidewash_variants(flights: Flights) -> list[Variant]:
@@ -135,19 +149,26 @@ def _sidewash_variants(flights: Flights) -> list[Variant]:
         Parameter("Cn per beta_dot_hat", "-", 0.05, -0.5, 0.5),
         Parameter("CY per beta_dot_hat", "-", 0.1, -1.0, 1.0),
     )
-    return _wakes(parameters, ("beta", "b", "CY", "Cn"))
+    # A fin stands above the axis.
+    rolling = Parameter("Cl per beta_dot_hat", "-", 0.03, -0.3, 0.3)
+    fin = ("Cn", "CY", "Cl")
+    return [
+        *_wakes(parameters, "beta", "b", fin[:2]),
+        Variant((*parameters, rolling), _wake("beta", "b", fin, None), about="by its rate", terms=("beta_dot_hat",)),
+    ]
 
 
-def _wakes(parameters: tuple[Parameter, ...], of: tuple[str, str, str, str]) -> list[Variant]:
-    term = (f"{of[0]}_dot_hat",)
-    made = [Variant(parameters, _wake(*of, None), about="by its rate", terms=term)]
+def _wakes(parameters: tuple[Parameter, ...], angle: str, length: str, moved: tuple[str, ...]) -> list[Variant]:
+    term = (f"{angle}_dot_hat",)
+    made = [Variant(parameters, _wake(angle, length, moved, None), about="by its rate", terms=term)]
     for chords in _TAIL_CHORDS:
-        made.append(Variant(parameters, _wake(*of, chords), {"way": chords}, {"way": "chords"}, "as a delay", term))
+        columns = _wake(angle, length, moved, chords)
+        made.append(Variant(parameters, columns, {"way": chords}, {"way": "chords"}, "as a delay", term))
     return made
 
 
 def _wake_says(found: Found) -> str:
-    moment, force = (p.name for p in found.variant.parameters)
+    moment, force = (p.name for p in found.variant.parameters[:2])
     side = "sidewash" if moment.startswith("Cn") else "downwash"
     return f"The tail feels the {side} late: {found.text(moment)} in {moment}, {found.text(force)} in {force}."
 

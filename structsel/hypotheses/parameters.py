@@ -31,8 +31,9 @@ from structsel.numerics.smoothing.result import Array
 
 _KNOWN_SHARE = 0.01  # of a response's variation, that a linear term of the simulation carries at least
 _POWERS = (("alpha", "alpha"), ("alpha", "alpha", "alpha"))
-_LONGITUDINAL_PRODUCTS = (("alpha", "q_hat"), ("alpha", "de"))
+_LONGITUDINAL_PRODUCTS = (("alpha", "q_hat"), ("alpha", "de"), ("de", "de"), ("alpha", "alpha", "de"))
 _SIDE_POWERS = (("beta", "beta", "beta"),)
+_SIDE_PRODUCTS = (("p_hat", "p_hat", "p_hat"), ("r_hat", "r_hat", "r_hat"), ("beta", "beta", "r_hat"))
 _EVEN = (
     ("beta", "beta"), ("|beta|",), ("p_hat", "r_hat"), ("beta", "p_hat"), ("beta", "r_hat"), ("p_hat", "p_hat"),
     ("beta",), ("p_hat",), ("r_hat",), ("beta", "beta", "de"),
@@ -164,7 +165,9 @@ def _says_value(found: Found) -> str:
 def _missing_terms(flights: Flights) -> list[Variant]:
     made = []
     for response in coefficients(flights):
-        powers, products = (_POWERS, _LONGITUDINAL_PRODUCTS) if response in LONGITUDINAL else (_SIDE_POWERS, ())
+        powers, products = (
+            (_POWERS, _LONGITUDINAL_PRODUCTS) if response in LONGITUDINAL else (_SIDE_POWERS, _SIDE_PRODUCTS)
+        )
         for channels in (*powers, *products):
             if _tried(flights, channels):
                 made.append(_term(flights, response, channels))

@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
 
 from structsel.hypotheses.base import Flights, Found, Hypothesis, Parameter, Variant
 from structsel.hypotheses.operators import lag, onsets, shape_of, since, spaced, told_onsets
-from structsel.hypotheses.signals import available, gathered, lacking, moves, signature
+from structsel.hypotheses.propeller import propeller_variants, slipstream_variants
+from structsel.hypotheses.signals import FORCES, Parts, available, gathered, lacking, moves, of_parts
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.numerics.smoothing.result import Array
 
-Parts = Iterable[tuple[str, int, Array]]
-_FORCES = ("CX", "CY", "CZ")
+AXIAL = "along the axis alone"
 _ONSETS = 5  # manoeuvres in which thrust may become asymmetric
-
-
-def _variant(
-    parameters: tuple[Parameter, ...],
-    parts: Callable[[Flight], Parts],
-    about: str = "",
-    terms: tuple[str, ...] = (),
-    times: Mapping[str, float] | None = None,
-) -> Variant:
-    shape = shape_of(times or {})
-    return Variant(
-        parameters, lambda f: signature(f, len(parameters), parts(f)), shape, dict.fromkeys(shape, "s"), about, terms
-    )
 
 
 def _thrust_needs(responses: tuple[str, ...]) -> Callable[[Flights], str]:
@@ -40,69 +27,8 @@ def _along_thrust(flight: Flight, j: int, CT: Array) -> list[tuple[str, int, Arr
     """A force along the declared thrust line, of coefficient CT, with its moments."""
     direction, arm = flight.craft.thrust.direction, flight.craft.thrust.arm
     lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
-    made = [(r, j, CT * d) for r, d in zip(_FORCES, direction)]
+    made = [(r, j, CT * d) for r, d in zip(FORCES, direction)]
     return made + [(r, j, CT * a / length) for r, a, length in zip(("Cl", "Cm", "Cn"), arm, lengths)]
-
-
-# Slipstream
-
-
-def _washed_controls(f: Flight) -> list[tuple[str, int, Array]]:
-    """More dynamic pressure at the tail: the elevator's and the rudder's share of all coefficients grow with CT."""
-    return [
-        (r, 0, f["CT"] * sum(f.slope(r, c) * f[c] for c in ("de", "dr") if c in f.recorded))
-        for r in COEFFICIENTS
-        if r in f.measured
-    ]
-
-
-def _slipstream_variants(flights: Flights) -> list[Variant]:
-    controls = Parameter("control power per CT", "-", 1.0, -1.0, 6.0)
-    tail = (Parameter("Cm per CT", "-", 0.1), Parameter("Cm per CT*alpha", "1/rad", 0.6))
-    wing = (Parameter("CZ per CT", "-", 0.3), Parameter("CZ per CT*alpha", "1/rad", 2.0))
-    fin = (
-        Parameter("Cn per CT", "-", 0.02),
-        Parameter("Cl per CT", "-", 0.02),
-        Parameter("Cn per CT*beta", "1/rad", 0.1),
-    )
-
-    def pitch(f: Flight, j: int) -> list[tuple[str, int, Array]]:
-        return [("Cm", j, f["CT"]), ("Cm", j + 1, f["CT"] * f["alpha"])]
-
-    def lift(f: Flight, j: int) -> list[tuple[str, int, Array]]:
-        return [("CZ", j, f["CT"]), ("CZ", j + 1, f["CT"] * f["alpha"])]
-
-    def yaw(f: Flight, j: int) -> list[tuple[str, int, Array]]:
-        return [("Cn", j, f["CT"]), ("Cl", j + 1, f["CT"]), ("Cn", j + 2, f["CT"] * f["beta"])]
-
-    made = [
-        _variant(tail, lambda f: pitch(f, 0), "at the tailplane", terms=("CT", "CT*alpha")),
-        _variant(wing, lambda f: lift(f, 0), "over the wing", terms=("CT", "CT*alpha")),
-        _variant(fin, lambda f: yaw(f, 0), "at the fin, turning", terms=("CT", "CT*beta")),
-        _variant(tail + wing, lambda f: pitch(f, 0) + lift(f, 2), "over wing and tailplane", ("CT", "CT*alpha")),
-    ]
-    if any(moves(flights, c) for c in ("de", "dr")):
-        washed = ("CT*de", "CT*dr", "CT", "CT*alpha")
-        made += [
-            _variant((controls,), _washed_controls, "over the controls", terms=("CT*de", "CT*dr")),
-            _variant((controls, *tail), lambda f: _washed_controls(f) + pitch(f, 1), "over tailplane and controls",
-                washed,
-            ),
-            _variant(
-                (controls, *tail, *wing), lambda f: _washed_controls(f) + pitch(f, 1) + lift(f, 3),
-                "over wing, tailplane and controls", washed,
-            ),
-            _variant(
-                (controls, *tail, *wing, *fin),
-                lambda f: _washed_controls(f) + pitch(f, 1) + lift(f, 3) + yaw(f, 5), "over all of the aircraft",
-                (*washed, "CT*beta"),
-            ),
-        ]  # fmt: skip
-    return made
-
-
-def _all_parameters(found: Found) -> str:
-    return ", ".join(f"{p.name} {found.text(p.name)}" for p in found.variant.parameters)
 
 
 # Line and size of the thrust
@@ -116,10 +42,10 @@ def _line_variants(flights: Flights) -> list[Variant]:
     toe = Parameter("toe right", "rad", 0.04, -0.2, 0.2)
     x = craft.thrust.offset[0]
     return [
-        _variant((down,), lambda f: [("Cm", 0, f["CT"] / craft.cbar)], "below or above the stated line", ("CT",)),
-        _variant((side,), lambda f: [("Cn", 0, -f["CT"] / craft.b)], "beside the stated line", ("CT",)),
-        _variant((tilt,), lambda f: [("CZ", 0, -f["CT"]), ("Cm", 0, x * f["CT"] / craft.cbar)], "tilted", ("CT",)),
-        _variant((toe,), lambda f: [("CY", 0, f["CT"]), ("Cn", 0, x * f["CT"] / craft.b)], "toed", ("CT",)),
+        of_parts((down,), lambda f: [("Cm", 0, f["CT"] / craft.cbar)], "below or above the stated line", ("CT",)),
+        of_parts((side,), lambda f: [("Cn", 0, -f["CT"] / craft.b)], "beside the stated line", ("CT",)),
+        of_parts((tilt,), lambda f: [("CZ", 0, -f["CT"]), ("Cm", 0, x * f["CT"] / craft.cbar)], "tilted", ("CT",)),
+        of_parts((toe,), lambda f: [("CY", 0, f["CT"]), ("Cn", 0, x * f["CT"] / craft.b)], "toed", ("CT",)),
     ]
 
 
@@ -133,11 +59,17 @@ def _scale_variants(flights: Flights) -> list[Variant]:
     share = Parameter("share", "-", 0.15, -0.8, 0.8)
     V, T = float(gathered(flights, "V").mean()), float(np.abs(gathered(flights, "thrust")).max())
     return [
-        _variant((share,), lambda f: _along_thrust(f, 0, f["CT"]), "all of it", terms=("CT",)),
-        _variant(
+        of_parts((share,), lambda f: _along_thrust(f, 0, f["CT"]), "all of it", terms=("CT",)),
+        # A line of thrust that is stated for a moment only, or not through what the simulation takes it to be.
+        *(
+            [of_parts((share,), lambda f: [("CX", 0, f["CT"])], f"all of it, {AXIAL}", terms=("CT",))]
+            if any(flights[0].craft.thrust.arm)
+            else []
+        ),
+        of_parts(
             (share,), lambda f: _along_thrust(f, 0, f["CT"] * (f["V"] / V - 1.0)), "growing with speed", ("CT*V", "CT")
         ),
-        _variant(
+        of_parts(
             (share,), lambda f: _along_thrust(f, 0, f["CT"] * f["thrust"] / T), "growing with thrust", ("CT*thrust",)
         ),
     ]
@@ -149,47 +81,20 @@ def _lag_variants(flights: Flights) -> list[Variant]:
             f, 0, (lag(f["thrust"], f.dt, tau) - f["thrust"]) / (f["qbar"] * f.craft.S * tau)
         )
 
+    def axial(tau: float) -> Callable[[Flight], Parts]:
+        return lambda f: [part for part in behind(tau)(f) if part[0] == "CX"]
+
+    ways = [("", behind)]
+    if any(flights[0].craft.thrust.arm):
+        ways.append((AXIAL, axial))
     return [
-        _variant((Parameter("lag", "s", tau, 0.4 * tau, 1.7 * tau),), behind(tau))
+        of_parts((Parameter("lag", "s", tau, 0.4 * tau, 1.7 * tau),), way(tau), about)
+        for about, way in ways
         for tau in spaced(0.1, 6.0, 11)
-    ]  # fmt: skip
-
-
-# Propeller and rotor
-
-
-def _propeller_variants(flights: Flights) -> list[Variant]:
-    craft = flights[0].craft
-    normal = Parameter("force per CT", "1/rad", 1.0, -1.0, 6.0)
-    arm = Parameter("moment per CT", "m/rad", 1.0 * craft.cbar)
-    factor = Parameter("P-factor", "m/rad", 0.2 * craft.b)
-    swirl = (Parameter("Cn per CT", "-", 0.01), Parameter("Cl per CT", "-", 0.01))
-
-    def across(f: Flight) -> list[tuple[str, int, Array]]:
-        a, b = f["CT"] * f["alpha"], f["CT"] * f["beta"]
-        return [("CZ", 0, -a), ("CY", 0, -b), ("Cm", 1, a / craft.cbar), ("Cn", 1, -b / craft.b)]
-
-    def turning(f: Flight, j: int) -> list[tuple[str, int, Array]]:
-        # The blade going down meets more air: the line of thrust moves to its side with alpha, and likewise with beta.
-        return [("Cn", j, -f["CT"] * f["alpha"] / craft.b), ("Cm", j, -f["CT"] * f["beta"] / craft.cbar)]
-
-    def swirling(f: Flight, j: int) -> list[tuple[str, int, Array]]:
-        return [("Cn", j, f["CT"]), ("Cl", j + 1, f["CT"])]
-
-    turned = ("CT*alpha", "CT*beta")
-    return [
-        _variant((normal, arm), across, "force across the shaft", terms=("CT*alpha", "CT*beta")),
-        _variant((factor,), lambda f: turning(f, 0), "P-factor", terms=("CT*alpha", "CT*beta")),
-        _variant(
-            (factor, *swirl),
-            lambda f: turning(f, 0) + swirling(f, 1),
-            "P-factor and swirl",
-            ("CT*alpha", "CT*beta", "CT"),
-        ),
-        _variant(
-            (normal, arm, factor), lambda f: across(f) + turning(f, 2), "force across the shaft and P-factor", turned
-        ),
     ]
+
+
+# Rotor
 
 
 def _gyroscopic(f: Flight, momentum: Array | float) -> Parts:
@@ -202,7 +107,7 @@ def _gyroscopic_variants(flights: Flights) -> list[Variant]:
     inertia = flights[0].craft.inertia
     size = 0.15 * inertia.Ix if inertia is not None else 1.0
     made = [
-        _variant(
+        of_parts(
             (Parameter("angular momentum", "kg m^2/s", size),),
             lambda f: _gyroscopic(f, 1.0),
             "at a constant speed of the rotor",
@@ -213,7 +118,7 @@ def _gyroscopic_variants(flights: Flights) -> list[Variant]:
         fastest = float(np.abs(gathered(flights, "rpm")).max()) * np.pi / 30.0
         if fastest > 0.0:
             made.append(
-                _variant(
+                of_parts(
                     (Parameter("rotor inertia", "kg m^2", size / fastest),),
                     lambda f: _gyroscopic(f, f["rpm"] * np.pi / 30.0), "with its recorded speed",
                     ("r*rpm/qbar", "q*rpm/qbar"),
@@ -221,7 +126,7 @@ def _gyroscopic_variants(flights: Flights) -> list[Variant]:
             )  # fmt: skip
     if moves(flights, "throttle"):
         made.append(
-            _variant(
+            of_parts(
                 (Parameter("angular momentum at full throttle", "kg m^2/s", size),),
                 lambda f: _gyroscopic(f, f["throttle"]), "growing with throttle",
                 ("r*throttle/qbar", "q*throttle/qbar"),
@@ -250,23 +155,28 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
     def from_then_on(f: Flight, times: Mapping[str, float]) -> Parts:
         return parts(f, since(f, times))
 
-    made = [_variant((arm, roll), lambda f: parts(f, 1.0), "all the time", ("CT",))]
+    made = [of_parts((arm, roll), lambda f: parts(f, 1.0), "all the time", ("CT",))]
     if {"thrust_left", "thrust_right"} <= flights[0].recorded:
 
         def halves(f: Flight) -> list[tuple[str, int, Array]]:
             apart = (f["thrust_left"] - f["thrust_right"]) / (f["qbar"] * f.craft.S)
             return [("Cn", 0, apart / craft.b), ("Cl", 1, apart)]
 
-        made.append(_variant((arm, roll), halves, "as recorded left and right"))
+        made.append(of_parts((arm, roll), halves, "as recorded left and right"))
     for times in onsets(flights, ("Cn", "Cl"), _ONSETS):
-        made.append(_variant((arm, roll), partial(from_then_on, times=times), told_onsets(times), times=times))
+        shape, columns = shape_of(times), partial(from_then_on, times=times)
+        made.append(of_parts((arm, roll), columns, told_onsets(times), (), shape, dict.fromkeys(shape, "s")))
     return made
+
+
+def _all_parameters(found: Found) -> str:
+    return ", ".join(f"{p.name} {found.text(p.name)}" for p in found.variant.parameters)
 
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis(
         "slipstream", "propulsive", "The propeller's wash raises the dynamic pressure at wing, tail and controls.",
-        _thrust_needs(COEFFICIENTS), _slipstream_variants,
+        _thrust_needs(COEFFICIENTS), slipstream_variants,
         lambda found: f"The slipstream acts {found.variant.about}: {_all_parameters(found)}.",
         look_alikes=("thrust-line", "wrong-derivative", "propeller-normal-force"),
         separated_by="throttle steps while the elevator moves: a thrust line does not care for the elevator",
@@ -296,7 +206,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     ),
     Hypothesis(
         "propeller-normal-force", "propulsive", "A propeller in flow across its shaft: force across it, and P-factor.",
-        _thrust_needs(("CZ", "CY", "Cm", "Cn")), _propeller_variants,
+        _thrust_needs(("CZ", "CY", "Cm", "Cn")), propeller_variants,
         lambda found: f"The propeller feels flow across its shaft ({found.variant.about}): {_all_parameters(found)}.",
         look_alikes=("slipstream", "wrong-derivative", "cross-coupling"),
         separated_by="angle of attack and sideslip at idle and at full power",

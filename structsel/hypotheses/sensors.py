@@ -28,6 +28,8 @@ from structsel.numerics.rigid_body.vectors import cross
 from structsel.numerics.smoothing.result import Array
 
 _AXES = "xyz"
+_MIXED = (("ax", "az"), ("ay", "az"), ("r", "p"), ("p", "r"))
+"""Channels that take a share of another, without that one taking any of theirs."""
 
 
 def _needs(channels: Sequence[str]) -> Callable[[Flights], str]:
@@ -81,8 +83,10 @@ def _delay_variants(flights: Flights) -> list[Variant]:
     single = present(flights, (*AIR, *INERTIAL, *ATTITUDE, "de", "da", "dr"))
     groups: list[tuple[tuple[str, ...], str]] = [((c,), INSTRUMENTS[c]) for c in single]
     air = tuple(c for c in AIR if c in single)
-    if len(air) > 1:
-        groups.append((air, "the air data"))
+    # Gyros that are late together are a tolerance; what is left of them beside that is their noise.
+    for channels, name in ((air, "the air data"), (INERTIAL[:3], "the accelerometers")):
+        if len(channels) > 1 and set(channels) <= {*single}:
+            groups.append((channels, name))
     made = []
     for channels, name in groups:
         for tau in spaced(max(0.02, 0.5 * flights[0].dt), 0.25, 4):
@@ -107,7 +111,7 @@ def _late_readings(flight: Flight, channels: Sequence[str], tau: float) -> list[
 
 
 def _delay_says(found: Found) -> str:
-    be = "are" if found.variant.about == "the air data" else "is"
+    be = "are" if found.variant.about in ("the air data", "the accelerometers") else "is"
     return f"{capital(found)} {be} late by {found.text('delay')}."
 
 
@@ -131,6 +135,10 @@ def _arm_at_vane(flight: Flight, axis: int) -> Errors:
     return {"V": dV, "alpha": (u * dw - w * du) / level, "beta": (dv - v * dV / V) / np.sqrt(level)}
 
 
+def _arm_of_one(flight: Flight, channel: str) -> list[Errors]:
+    return [{channel: _arm_at_vane(flight, 0)[channel]}]
+
+
 def _arms(flight: Flight, arm: Callable[[Flight, int], Errors], axes: Sequence[int]) -> list[Errors]:
     return [arm(flight, axis) for axis in axes]
 
@@ -150,6 +158,16 @@ def _position_variants(flights: Flights) -> list[Variant]:
                     about=f"{name}, along body {_AXES[axis]}",
                 )
             )
+        if arm is _arm_at_vane:
+            # Each vane may stand on a boom of its own.
+            made += [
+                Variant(
+                    (Parameter("x", "m", sd, -10.0 * sd, 10.0 * sd),),
+                    wrong_readings(partial(_arm_of_one, channel=channel)),
+                    about=f"{INSTRUMENTS[channel]}, along body x",
+                )
+                for channel in ("alpha", "beta")
+            ]
         made.append(
             Variant(
                 tuple(Parameter(x, "m", sd, -10.0 * sd, 10.0 * sd) for x in _AXES),
@@ -178,6 +196,10 @@ def _turnings(flight: Flight, triads: Sequence[Sequence[str]], axes: Sequence[in
     return [{c: e for triad in triads for c, e in _turned(flight, triad, axis).items()} for axis in axes]
 
 
+def _taken_in(flight: Flight, one: str, other: str) -> list[Errors]:
+    return [{one: reading(flight, other)}]
+
+
 def _rolled_boom(flight: Flight) -> Errors:
     return {"alpha": flight["beta"], "beta": -flight["alpha"]}
 
@@ -188,6 +210,7 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
         "the gyros": (INERTIAL[3:],),
         "the inertial unit": (INERTIAL[:3], INERTIAL[3:]),
     }
+    turning = Parameter("share", "rad", 0.02, -0.15, 0.15)
     made = []
     for name, parts in triads.items():
         if not all(available(flights, c) for part in parts for c in part):
@@ -201,6 +224,10 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
                     about=name,
                 )
             )
+    for one, other in _MIXED:
+        if available(flights, one) and available(flights, other):
+            taken = wrong_readings(partial(_taken_in, one=one, other=other))
+            made.append(Variant((turning,), taken, about=f"{INSTRUMENTS[one]} alone, by a share of {other}"))
     if available(flights, "alpha") and available(flights, "beta"):
         made.append(
             Variant(
@@ -213,6 +240,9 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
 
 
 def _misalignment_says(found: Found) -> str:
+    if "share" in found.estimates:
+        one, _, other = found.variant.about.partition(" alone, by a share of ")
+        return f"{one[0].upper()}{one[1:]} takes a share of {other}, as if turned by {shown(found, 'share')}."
     by = ", ".join(f"{shown(found, f'about {x}')} about body {x}" for x in _AXES if f"about {x}" in found.estimates)
     return f"{capital(found)} are mounted turned by {by}.".replace("unit are", "unit is").replace(
         "vanes are", "vanes is"

@@ -12,6 +12,7 @@ from structsel.mismatch.responses import COEFFICIENTS
 from structsel.numerics.centring import centred, rms_within
 from structsel.numerics.smoothing.result import Array
 
+FORCES = ("CX", "CY", "CZ")
 LONGITUDINAL = ("CX", "CZ", "Cm")
 LATERAL = ("CY", "Cl", "Cn")
 CHANNELS_OF = {
@@ -26,6 +27,8 @@ _SOURCE = {"p_hat": "p", "q_hat": "q", "r_hat": "r", "alpha_dot_hat": "alpha", "
 _TINY = 1e-9
 
 Column = Callable[[Flight], Array]
+Parts = Iterable[tuple[str, int, Array]]
+"""What one unit of a parameter adds: response, place of the parameter, and how much."""
 
 
 def available(flights: Flights, channel: str) -> bool:
@@ -102,13 +105,29 @@ def term_sd(flights: Flights, response: str, column: str | Column, share: float)
     return share * variation(flights, response) / size if size > 0.0 else 0.0
 
 
-def signature(flight: Flight, k: int, parts: Iterable[tuple[str, int, Array]]) -> dict[str, Array]:
+def signature(flight: Flight, k: int, parts: Parts) -> dict[str, Array]:
     """(n, k) arrays by response from (response, parameter, what one unit of it adds); parts of one place add up."""
     made: dict[str, Array] = {}
     for response, j, x in parts:
         if response in flight.measured:
             made.setdefault(response, np.zeros((len(flight), k)))[:, j] += x
     return made
+
+
+def of_parts(
+    parameters: tuple[Parameter, ...],
+    parts: Callable[[Flight], Parts],
+    about: str = "",
+    terms: tuple[str, ...] = (),
+    shape: Mapping[str, float] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Variant:
+    """A form of which the parts are told; see `signature`."""
+
+    def columns(flight: Flight) -> Columns:
+        return signature(flight, len(parameters), parts(flight))
+
+    return Variant(parameters, columns, dict(shape or {}), dict(units or {}), about, terms)
 
 
 def from_lift_and_drag(
@@ -195,6 +214,19 @@ def scaled_slopes(
         if moves(flights, c) and (s := mean_slope(flights, r, c)) != 0.0
     }
     return slopes_by_ratios([(parameter, slopes)], factor, about, zero, law) if slopes else None
+
+
+def scaled_whole(
+    flights: Flights, responses: Sequence[str], factor: Column, parameter: Parameter, about: str
+) -> Variant:
+    """Whole coefficients times `factor` by one ratio; never that along the body, which is drag and thrust first."""
+    moved = [r for r in responses if r != "CX"]
+
+    def columns(flight: Flight) -> Columns:
+        x = factor(flight)
+        return signature(flight, 1, [(r, 0, x * flight.told(r)) for r in moved])
+
+    return Variant((parameter,), columns, about=about)
 
 
 def slopes_by_ratios(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -18,9 +18,11 @@ from structsel.hypotheses.signals import (
     gathered,
     held,
     lacking,
+    lift,
     lift_line,
     reach,
     scaled_slopes,
+    scaled_whole,
     signature,
 )
 from structsel.mismatch.flight import Flight
@@ -74,6 +76,8 @@ def _machs(flights: Flights) -> list[Variant]:
     wing = held(flights, LONGITUDINAL)
     for growth, about in _growths(flights):
         made += [_wing(flights, growth, about, start) for start in rises[:4]]
+        made += [_wing(flights, growth, about, rises[1], about_axis=True, whole=whole) for whole in (False, True)]
+        made.append(scaled_whole(flights, responses, growth, parameter, f"all coefficients but CX; {about}"))
         made.append(scaled_slopes(flights, responses, None, growth, parameter, f"all slopes; {about}", law=_GLAUERT))
         made.append(
             scaled_slopes(flights, wing, ("alpha",), growth, parameter, f"slopes with alpha; {about}", law=_GLAUERT)
@@ -109,9 +113,15 @@ def _drag_rise(start: float, power: int) -> Variant:
     )  # fmt: skip
 
 
-def _wing(flights: Flights, growth: Column, about: str, start: float) -> Variant:
-    """Lift slope, aerodynamic centre and drag rise together; a lift growth of one is that of Prandtl and Glauert."""
+def _wing(
+    flights: Flights, growth: Column, about: str, start: float, about_axis: bool = False, whole: bool = False
+) -> Variant:
+    """Lift slope, aerodynamic centre and drag rise together; a lift growth of one is that of Prandtl and Glauert.
+
+    Incidence counts from that of no lift, or from the body's axis; `whole`: all of the lift grows.
+    """
     slope, zero = lift_line(flights)
+    zero = 0.0 if about_axis else zero
     parameters = (
         Parameter("lift growth", "-", 0.6, 0.0, 2.0),
         Parameter("centre shift", "of cbar", 0.15, -0.8, 0.8),
@@ -119,17 +129,20 @@ def _wing(flights: Flights, growth: Column, about: str, start: float) -> Variant
     )
 
     def columns(flight: Flight) -> Columns:
-        grown = growth(flight) * slope * (flight["alpha"] - zero)
+        x = growth(flight)
+        turned = x * slope * (flight["alpha"] - zero)
+        grown = x * lift(flight) if whole else turned
         rise = np.maximum(flight["mach"] - start, 0.0) ** 2
         return signature(
             flight,
             3,
-            [*from_lift_and_drag(flight, 0, CL=grown), ("Cm", 1, -grown), *from_lift_and_drag(flight, 2, CD=rise)],
+            [*from_lift_and_drag(flight, 0, CL=grown), ("Cm", 1, -turned), *from_lift_and_drag(flight, 2, CD=rise)],
         )
 
     shape = {"drag rise from Mach": start}
     terms = (f"alpha*{_GLAUERT}", _GLAUERT, "alpha", f"(mach - {start!r})+^2", "1")
-    about = f"lift, centre and drag; {about}"
+    of = "all of the lift" if whole else "lift from the body's axis" if about_axis else "lift"
+    about = f"{of}, centre and drag; {about}"
     return Variant(parameters, columns, shape, {"drag rise from Mach": "-"}, about, terms)
 
 
@@ -168,33 +181,35 @@ def _reynolds(flights: Flights) -> list[Variant]:
     _, zero = lift_line(flights)
     drag = Parameter("drag per ln Re", "-", 0.006, -0.05, 0.0)
 
-    def variant(about: str, beside: Callable[[Flight, Array], dict[str, Array]] | None, *more: Parameter) -> Variant:
+    def variant(about: str, beside: Callable[[Flight, Array], Iterable[dict[str, Array]]], *more: Parameter) -> Variant:
         def columns(flight: Flight) -> Columns:
             x = log_reynolds(flight) - mean
             parts = from_lift_and_drag(flight, 0, CD=x)
-            if beside is not None:
-                parts += from_lift_and_drag(flight, 1, **beside(flight, x))
+            for j, increment in enumerate(beside(flight, x), 1):
+                parts += from_lift_and_drag(flight, j, **increment)
             return signature(flight, 1 + len(more), parts)
 
         return Variant((drag, *more), columns, about=about)
 
+    level = Parameter("drag at the mean", "-", 0.003, -0.02, 0.02)
+    slope = Parameter("slope per ln Re", "1/rad", 0.4, 0.0, 4.0)
+    elsewhere = "right at another Reynolds number"
     return [
-        variant("drag", None),
+        variant("drag", lambda f, x: []),
         # A simulation that is right at a Reynolds number not flown, as of a tunnel, is off by a level here.
+        variant(f"drag, {elsewhere}", lambda f, x: [{"CD": np.ones(len(f))}], level),
+        variant("drag and lift", lambda f, x: [{"CL": x}], Parameter("lift per ln Re", "-", 0.05, 0.0, 1.0)),
+        variant("drag and lift slope", lambda f, x: [{"CL": x * (f["alpha"] - zero)}], slope),
         variant(
-            "drag, right at another Reynolds number",
-            lambda f, x: {"CD": np.ones(len(f))},
-            Parameter("drag at the mean", "-", 0.003, -0.02, 0.02),
-        ),
-        variant("drag and lift", lambda f, x: {"CL": x}, Parameter("lift per ln Re", "-", 0.05, 0.0, 1.0)),
-        variant(
-            "drag and lift slope",
-            lambda f, x: {"CL": x * (f["alpha"] - zero)},
-            Parameter("slope per ln Re", "1/rad", 0.4, 0.0, 4.0),
+            f"drag and lift slope, {elsewhere}",
+            lambda f, x: [{"CD": np.ones(len(f))}, {"CL": x * f["alpha"]}, {"CL": f["alpha"]}],
+            level,
+            slope,
+            Parameter("slope at the mean", "1/rad", 0.2, -2.0, 2.0),
         ),
         variant(
             "drag and greatest lift",
-            lambda f, x: {"CL": x * np.maximum(f["alpha"] - high, 0.0)},
+            lambda f, x: [{"CL": x * np.maximum(f["alpha"] - high, 0.0)}],
             Parameter("high slope per ln Re", "1/rad", 1.0, 0.0, 8.0),
         ),
     ]

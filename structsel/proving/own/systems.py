@@ -53,13 +53,16 @@ def _thrust_lag(c: Context) -> Concept:
 
 
 def _propeller_force(c: Context) -> Concept:
-    side = c.sign()
+    air, side = c.craft.aircraft, c.sign()
+    ratio = air.cbar / air.b
+    # Along and across alike: the force acts ahead, and the blade that meets the wind has more of the thrust.
     terms = (
         ("CZ", "CT*alpha", -1.2),
-        ("Cn", "CT*alpha", side * 0.5),
         ("Cm", "CT*alpha", 0.8),
-        ("Cm", "CT*beta", -side * 0.5),
         ("CY", "CT*beta", -1.2),
+        ("Cn", "CT*beta", -0.8 * ratio),
+        ("Cn", "CT*alpha", side * 0.2),
+        ("Cm", "CT*beta", side * 0.2 / ratio),
     )
     return Concept(with_terms(*terms), ("Cn", "Cm", "CZ", "CY"), ("slipstream", "cross-coupling"))
 
