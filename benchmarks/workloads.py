@@ -116,11 +116,11 @@ def jobs(work: Work, X: Array | None) -> dict[str, Callable[[], Any]]:
     return {
         **functions,
         CROSS: lambda: moments_of([work.white], work.exponents),
+        CROSS_SIX: lambda: moments_of([work.six], work.exponents),
         WHITE: lambda: whole_fit([work.white], work.exponents),
+        SIX: lambda: whole_fit([work.six], work.exponents),
         FRESH: fresh,
         GENERIC: lambda: whole_fit([work.generic], work.generic_exponents),
-        CROSS_SIX: lambda: moments_of([work.six], work.exponents),
-        SIX: lambda: whole_fit([work.six], work.exponents),
         SELECT_WHITE: lambda: select_all([work.white], work.exponents, residuals="white"),
         SELECT: lambda: select_all([work.coloured], work.exponents),
         BOOTSTRAP: lambda: select_all([work.coloured], work.exponents, bootstrap=200),

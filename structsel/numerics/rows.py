@@ -142,17 +142,16 @@ class DistinctMaker:
         self.plan, self.scales, self.p = plan, scales, p
         self.m = scales[1].size
         self.suffix = np.empty((plan.suffix.n_rows, CHUNK))
-        self.prefix = np.empty((plan.prefix.n_rows, CHUNK))
-        self.outer = np.ones((1 + self.m, CHUNK))
+        # The constant and the responses stand above the prefixes: their sums come out of the same products.
+        self.left = np.ones((1 + self.m + plan.prefix.n_rows, CHUNK))
 
     def products(self, signals: Signals, start: int, stop: int) -> Array:
         """Z'Z of a stretch."""
-        plan, m = self.plan, self.m
-        n_suffix = len(plan.suffix.target)
-        sums = [np.zeros((n, high - low)) for n, low, high in plan.groups]
+        plan, m, above = self.plan, self.m, 1 + self.m
+        prefix = self.left[above:]
+        sums = [np.zeros((above + n, high - low)) for n, low, high in plan.groups]
         parts = [np.empty_like(s) for s in sums]
-        cross = np.zeros((1 + m, n_suffix))
-        own = np.zeros((1 + m, 1 + m))
+        own = np.zeros((above, above))
         for slab in range(start, stop, SLAB):
             end = min(slab + SLAB, stop)
             base = signals.base(slab, end) / self.scales[0][:, None]
@@ -160,16 +159,16 @@ class DistinctMaker:
             for a in range(0, end - slab, CHUNK):
                 b = min(a + CHUNK, end - slab)
                 c = b - a
-                for rows, of in ((self.suffix, plan.suffix), (self.prefix, plan.prefix)):
+                for rows, of in ((self.suffix, plan.suffix), (prefix, plan.prefix)):
                     fill_rows(base[:, a:b], of.target, of.parent, of.factor, rows)
-                self.outer[1:, :c] = response[:, a:b]
-                outer, suffix = self.outer[:, :c], self.suffix[:n_suffix, :c]
-                cross += outer @ suffix.T
+                self.left[1:above, :c] = response[:, a:b]
+                outer = self.left[:above, :c]
                 own += outer @ outer.T
                 for (n, low, high), total, part in zip(plan.groups, sums, parts, strict=True):
-                    np.matmul(self.prefix[:n, :c], suffix[low:high].T, out=part)
+                    np.matmul(self.left[: above + n, :c], self.suffix[low:high, :c].T, out=part)
                     total += part
-        vector = np.concatenate([cross[0], *(s.ravel() for s in sums)])
+        cross = np.concatenate([s[:above] for s in sums], axis=1)
+        vector = np.concatenate([cross[0], *(s[above:].ravel() for s in sums)])
         inner = slice(1, 1 + self.p)
         z = np.empty((1 + self.p + m, 1 + self.p + m))
         z[inner, inner] = vector[plan.gather]
