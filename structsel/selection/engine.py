@@ -24,6 +24,7 @@ from structsel.selection.options import Options
 from structsel.selection.resampling import Bootstrap, HeldOut, predict_held_out, repeat_selection
 from structsel.selection.rivals import Rival, find_rivals
 from structsel.selection.search import ROUNDING, Found, Pool, centred, dependent, prediction_error, solve
+from structsel.selection.sharpening import look_again
 from structsel.selection.signals import SomeResponses
 from structsel.selection.way import Way, fold_blocks, without
 
@@ -107,7 +108,8 @@ def select_arrays(
     )
     folds = fold_blocks(white)
     plain = [Way(one_response(white, r), options, pool, folds) for r in range(white.n_responses)]
-    classical = [way.find() for way in plain]
+    seen = [data.look_again(way, way.find(), manoeuvres, r) for r, way in enumerate(plain)]
+    plain, classical = [way for way, _ in seen], [found for _, found in seen]
     if options.residuals == "white":
         chosen = [Choice(way, found, ()) for way, found in zip(plain, classical, strict=True)]
     elif options.residuals == "robust":
@@ -151,6 +153,21 @@ class Data:
     def given(self) -> dict[str, Any]:
         """What every pass is given."""
         return {"scales": self.scales, "passes": self.passes}
+
+    def look_again(
+        self,
+        way: Way,
+        found: Found,
+        manoeuvres: Sequence[Signals],
+        response: int,
+        colours: Sequence[Sequence[Colour]] = (),
+        scales: Scales | None = None,
+    ) -> tuple[Way, Found]:
+        """Search exact products where kept terms nearly depend on each other."""
+        return look_again(
+            way, found, manoeuvres, self.exponents, response, colours,
+            blocks=self.blocks, scales=scales or self.scales, passes=self.passes,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -277,19 +294,21 @@ def _settle(data: Data, plain: list[Way], classical: list[Found]) -> list[Choice
             progress=data.stage("residual colours"),
             **data.given,
         )
+        responses = [SomeResponses(m, tuple(pending)) for m in data.manoeuvres]
+        scales = data.scales[0], data.scales[1][pending]
         whitened = accumulate_whitened(
-            [SomeResponses(m, tuple(pending)) for m in data.manoeuvres],
+            responses,
             data.exponents,
             colours,
             blocks=data.blocks,
             workers=data.options.workers,
             progress=data.stage("whitened"),
-            scales=(data.scales[0], data.scales[1][pending]),
+            scales=scales,
             passes=data.passes,
         )
-        for r, own, moments in zip(list(pending), colours, whitened, strict=True):
-            way = replace(plain[r], moments=moments)
-            found = way.find()
+        for i, (r, own, moments) in enumerate(zip(list(pending), colours, whitened, strict=True)):
+            way = replace(plain[r], moments=moments, exact=None)
+            way, found = data.look_again(way, way.find(), responses, i, colours, scales)
             settled = set(found.selected) == set(results[r].found.selected)
             results[r] = Choice(way, found, own, settled)
             if settled:
