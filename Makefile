@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test static check bench wheel lowest format clean
+.PHONY: demo test static check bench fuzz wheel lowest format clean
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -38,6 +38,9 @@ check: static test  ## everything a commit must pass
 
 bench: .venv-bench/.installed  ## ratios against X.T @ X and the peers, goals S1 to S6; about an hour
 	OMP_NUM_THREADS=1 .venv-bench/bin/python benchmarks/selection.py --samples 20000,200000 --peer-samples 200000 --parts time,peers,memory,workers --out out/bench.md
+
+fuzz: $(VENV)/.installed-dev  ## damaged files by the thousand, for every reader; about half an hour
+	OMP_NUM_THREADS=1 STRUCTSEL_FUZZ=200 $(BIN)/python -m pytest tests/test_fuzzing.py -k damaged -q -s
 
 wheel: $(VENV)/.installed-dev  ## build the wheel, look what is in it, install it by itself and use it
 	rm -rf build out/wheel

@@ -21,9 +21,22 @@
 
 from __future__ import annotations
 
+import re
+
+_LONG_WORD, _LONG_LINE = re.compile(r"\S{401,}"), re.compile(r".{2001,}")
+
 
 class StructselError(Exception):
     """Base of every error structsel raises on purpose."""
+
+    def __str__(self) -> str:
+        """What went wrong; of a name or a line that fills a screen, as a damaged file has them, both ends."""
+        return _LONG_LINE.sub(_ends, _LONG_WORD.sub(_ends, super().__str__()))
+
+
+def _ends(found: re.Match[str]) -> str:
+    text = found.group()
+    return f"{text[:200]}... ({len(text)} characters) ...{text[-40:]}"
 
 
 class ChannelError(StructselError, ValueError):

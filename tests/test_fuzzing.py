@@ -4,6 +4,7 @@ import contextlib
 import gzip
 import io
 import json
+import os
 import re
 import time
 
@@ -11,15 +12,20 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from typer.main import get_command
 
 from structsel import AeroModel, Aircraft, read_recording, write_recording
+from structsel.candidates import Term
+from structsel.cli import app
+from structsel.cli.defaults import load_defaults
 from structsel.errors import AircraftError, DataError, MapError, ModelError, StructselError
 from structsel.proving.keys import Key
 from structsel.readers import apart, limits
 from structsel.readers.channel_map import load_channel_map
 from structsel.recording import Recording
+from structsel.selection.checkpoint import Checkpoint
 
 T = np.arange(30) * 0.02
 CHANNELS = {"alpha": 0.1 + 0.01 * np.sin(T), "q": np.cos(T), "V": 50.0 + T}
@@ -28,6 +34,7 @@ MODEL = json.dumps(
         "schema": "structsel.model/1",
         "name": "testbed",
         "recordings": ["m01"],
+        "states": {"late": {"kind": "lag", "input": "de", "parameters": {"tau": {"value": 0.1, "unit": "s"}}}},
         "responses": {
             "CZ": {
                 "terms": ["1", "alpha", "alpha^2*q_hat", "(alpha - 0.2)+"],
@@ -84,11 +91,21 @@ KEY = json.dumps(
         "effects": [{"effect": "x", "accept": ["x"], "kinds": ["static"], "axes": ["CZ"], "region": {"alpha": [0, 1]}}],
     }
 )
+DEFAULTS = """
+quiet = true
+[select]
+responses = "CZ,Cm"
+f-in = "auto"
+degree = 3
+[diagnose]
+overwrite = true
+"""
 TEXTS = {
     "model.json": (MODEL, AeroModel.from_json, ModelError),
     "aircraft.toml": (AIRCRAFT, Aircraft.from_toml, AircraftError),
     "map.toml": (MAP, load_channel_map, MapError),
     "key.json": (KEY, Key.read, DataError),
+    "structsel.toml": (DEFAULTS, lambda path: load_defaults(path, get_command(app).commands), DataError),
 }
 RUBBISH = [
     *(b'NaN nan Infinity inf -1 1e999 1e308 0 2 null true [] {} "" \'\' a.b.c , ; = [ { } ] " \x00 \xff\xfe'.split()),
@@ -104,7 +121,9 @@ RUBBISH = [
     *(b"9" * 5000, b"0x" + b"f" * 6000, b"[" * 3000, b'{"a":' * 3000, b"{a=" * 3000, b"a." * 3000, b"(" * 500),
 ]
 TOKEN = re.compile(rb'"[^"]*"|[-+\w.]+|[\[\]{}=:,]')
+LONGEST = 4000  # characters of a message
 QUICK = 5.0  # s, for one small file on a busy machine; a hang is far longer
+TIMES = int(os.environ.get("STRUCTSEL_FUZZ", "1"))  # as many examples; `make fuzz` asks for more
 
 
 @st.composite
@@ -135,19 +154,28 @@ def damaged(draw, whole):
 
 def fuzz(path, whole, read, examples):
     """Read damaged files one after another; anything but a StructselError or a result fails."""
+    took, refused = [], []
+    phases = list(Phase) if TIMES == 1 else [Phase.reuse, Phase.generate]  # making a find small takes minutes
 
-    @settings(max_examples=examples, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=examples * TIMES, deadline=None, phases=phases, suppress_health_check=list(HealthCheck))
     @given(damaged(whole))
     def damage(content):
         path.write_bytes(content)
         start = time.process_time()
-        with contextlib.suppress(StructselError):
+        try:
             read(path)
-        assert time.process_time() - start < QUICK
+        except StructselError as error:
+            refused.append(len(str(error)))
+            assert refused[-1] < LONGEST
+        took.append(time.process_time() - start)
+        assert took[-1] < QUICK
 
     said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        damage()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            damage()
+    finally:
+        print(f"{path.name}: {len(took)} files, {len(refused)} refused, slowest {max(took, default=0.0):.2f} s")
 
 
 @pytest.mark.parametrize("name", TEXTS)
@@ -155,6 +183,32 @@ def test_a_damaged_text_of_ours_is_refused_or_read(name, tmp_path):
     text, read, _ = TEXTS[name]
     read(_written(tmp_path / name, text.encode()))  # whole, it is read
     fuzz(tmp_path / name, text.encode(), read, 25)
+
+
+@pytest.mark.parametrize("formula", ["alpha^2*q_hat", "(alpha - 0.2)+*sin(2*beta)", "de(t - 0.1)", "-1.5e-3*abs(p)"])
+def test_a_damaged_formula_is_refused_or_read(formula, tmp_path):
+    fuzz(tmp_path / "formula.txt", formula.encode(), lambda path: Term(path.read_text("utf-8", "replace")), 25)
+
+
+def _resume(path):
+    memory = Checkpoint(path, "these data")
+    try:
+        memory.begin(np.array([0, 6, 12]))
+        memory.begin(np.array([0, 3, 6]))
+    finally:
+        memory.release()
+
+
+def test_a_damaged_checkpoint_is_refused_or_gone_on_with(tmp_path):
+    whole = tmp_path / "whole.checkpoint"
+    memory = Checkpoint(whole, "these data")
+    for edges in ([0, 6, 12], [0, 3, 6]):
+        _, done = memory.begin(np.array(edges))
+        done[0] = True
+        memory.end()
+    memory.release()
+    _resume(whole)
+    fuzz(tmp_path / "damaged.checkpoint", whole.read_bytes(), _resume, 25)
 
 
 @pytest.mark.parametrize("name", TEXTS)
@@ -165,6 +219,9 @@ def test_a_damaged_text_of_ours_is_refused_or_read(name, tmp_path):
 )
 def test_rubbish_is_refused_under_the_files_name(name, content, tmp_path):
     _, read, error = TEXTS[name]
+    if name == "structsel.toml" and not content:
+        assert not any(read(_written(tmp_path / name, content)).values())  # no defaults is no fault
+        return
     with pytest.raises(error, match=re.escape(name)):
         read(_written(tmp_path / name, content))
 
@@ -260,10 +317,26 @@ def _dataflash(path):
     path.write_bytes(pytest.importorskip("tests.test_readers_logs").dataflash_bytes(seconds=1.0))
 
 
-def _mdf(path):
-    pytest.importorskip("asammdf")
-    logs = pytest.importorskip("tests.test_readers_logs")
-    logs.make_mdf(path, logs.GROUPS)
+def _mdf(version):
+    def write(path):
+        pytest.importorskip("asammdf")
+        logs = pytest.importorskip("tests.test_readers_logs")
+        logs.make_mdf(path, logs.GROUPS, version)
+
+    return write
+
+
+def _jsbsim(path):
+    names = ["Time", *(f"/fdm/jsbsim/{n}" for n in ("aero/alpha-rad", "velocities/vt-fps", "velocities/q-rad_sec"))]
+    rows = np.column_stack([T, *CHANNELS.values()])
+    path.write_text("\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows.tolist())]))
+
+
+def _xplane(path):
+    rows = np.column_stack([T, *CHANNELS.values()])
+    heads = ("_real,_time", "alpha,__deg", "____Q,rad/s", "Vtrue,_ktas")
+    lines = ["", "".join(f"{n:>14} |" for n in heads), *("".join(f"{x:14.5f} |" for x in row) for row in rows)]
+    path.write_text("\n".join(lines))
 
 
 def _matlab(version):
@@ -294,7 +367,10 @@ def impatient(monkeypatch):
         (".mat", _matlab("4"), 12),
         (".ulg", _ulog, 3),
         (".bin", _dataflash, 3),
-        (".mf4", _mdf, 3),
+        (".mf4", _mdf("4.10"), 3),
+        (".mdf", _mdf("3.30"), 3),
+        (".jsbsim.csv", _jsbsim, 12),
+        (".xplane.txt", _xplane, 12),
     ],
 )
 def test_a_damaged_recording_is_refused_or_read(suffix, make, examples, tmp_path):

@@ -206,6 +206,18 @@ def test_the_current_folder_can_be_written_to(select, tmp_path, monkeypatch):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["m01.csv", "out"]
 
 
+# --- messages --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["x" * 9000, "x " * 4500], ids=["word", "line"])
+def test_a_name_of_thousands_of_characters_is_not_printed_whole(name):
+    told = str(DataError(f"'r.csv' has no channel 't'.\nIt has: {name}.\nName the column."))
+    assert told.startswith("'r.csv' has no channel 't'.\nIt has: x")
+    assert told.endswith(".\nName the column.")
+    assert re.search(r"\(900\d characters\)", told)
+    assert len(told) < 500
+
+
 # --- two runs at once ------------------------------------------------------------------------------
 
 
