@@ -4,17 +4,21 @@
 
 The floor is numpy's ``X.T @ X``, float64, X given and column-major, one BLAS thread. structsel starts from the
 signals; peers are given X, centred and scaled. Ratios are CPU seconds, medians of `--repeats` taken turn and turn
-about. Memory is the peak above the signals, in a process of its own. Goals S1 to S6 are judged at the end, where
-the sizes they speak of were run.
+about: of the quotients of each turn, since a busy machine slows neighbours in time alike. Peers of which a goal
+speaks run at `--peer-samples`, the others at `--other-peer-samples`. Memory is the peak above the signals, in a
+process of its own. Goals S1 to S6 are judged at the end, where the sizes they speak of were run. With `--out` the
+report, and a `.json` beside it, are written after every measurement; `--go-on` goes on with a run that was broken off.
 """
 
 from __future__ import annotations
 
 import argparse
-import gc
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from os import getloadavg
+from pathlib import Path
 from statistics import median
 
 import workloads as w
@@ -26,20 +30,51 @@ from timing import free_memory, machine, measure, measure_once, one_blas_thread,
 from structsel.numerics.moments import choose_workers
 
 Size = tuple[int, int]  # samples, candidates
+S4 = {
+    "abess": {164: 100.0, 494: 30.0},
+    "SysIdentPy FROLS, as called": {164: 300.0, 494: 300.0},
+    "PySINDy FROLS": {164: 300.0, 494: 300.0},
+    "scikit-learn OMP, told the count": {164: 1.0, 494: 1.0},
+}
+"""Peers of which a goal speaks: how many times the whole fit they take at least, by candidates."""
 
 
 @dataclass
 class Results:
-    """CPU seconds and memory by size and job, wall seconds of the workers' test."""
+    """CPU seconds of each turn and memory by size and job, wall seconds of the workers' test, steps that are done."""
 
-    cpu: dict[Size, dict[str, float]] = field(default_factory=dict)
+    turns: dict[Size, dict[str, tuple[float, ...]]] = field(default_factory=dict)
     memory: dict[Size, dict[str, float | str]] = field(default_factory=dict)
     wall: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    done: list[str] = field(default_factory=list)
+
+    def seconds(self, size: Size, job: str) -> float | None:
+        """Return the median over turns."""
+        turns = self.turns.get(size, {}).get(job)
+        return None if turns is None else median(turns)
 
     def ratio(self, size: Size, job: str, floor: str = w.XTX) -> float | None:
-        of = self.cpu.get(size, {})
-        return of[job] / of[floor] if job in of and floor in of else None
+        """Return the median of each turn's ratio, or of medians where they were not taken in the same turns."""
+        of = self.turns.get(size, {})
+        if job not in of or floor not in of:
+            return None
+        if len(of[job]) == len(of[floor]):
+            return median(a / b for a, b in zip(of[job], of[floor]))
+        return median(of[job]) / median(of[floor])
+
+    def to_json(self) -> str:
+        """Return everything, to go on with."""
+        by_size = {k: {f"{n}x{p}": of for (n, p), of in getattr(self, k).items()} for k in ("turns", "memory")}
+        return json.dumps({**asdict(self), **by_size}, indent=1)
+
+    @classmethod
+    def from_json(cls, text: str) -> Results:
+        """Return what `to_json` wrote."""
+        held = json.loads(text)
+        for k in ("turns", "memory"):
+            held[k] = {(int(n), int(p)): of for (n, _, p), of in ((s.partition("x"), v) for s, v in held[k].items())}
+        return cls(**held)
 
 
 def time_jobs(results: Results, n: int, degree: int, repeats: int) -> None:
@@ -51,34 +86,31 @@ def time_jobs(results: Results, n: int, degree: int, repeats: int) -> None:
     else:
         results.notes.append(f"No room for X of {n} x {work.p}: X.T @ X is scaled from a tenth of the samples.")
     with one_blas_thread():
-        times = {name: t.cpu_median for name, t in measure(w.jobs(work, X), repeats).items()}
+        times = {name: t.cpu for name, t in measure(w.jobs(work, X), repeats).items()}
         if X is None:
             X = w.candidate_matrix(work.white.base_signals[:, : n // 10], work.exponents)
-            times[w.XTX] = 10 * measure({w.XTX: lambda: X.T @ X}, repeats)[w.XTX].cpu_median
-    results.cpu.setdefault((n, work.p), {}).update(times)
-    say(f"N={n} p={work.p}: " + ", ".join(f"{k} {v / times[w.XTX]:.3g}" for k, v in times.items()))
+            times[w.XTX] = tuple(10 * t for t in measure({w.XTX: lambda: X.T @ X}, repeats)[w.XTX].cpu)
+    size = n, work.p
+    results.turns.setdefault(size, {}).update(times)
+    say(f"N={n} p={work.p}: " + ", ".join(f"{name} {results.ratio(size, name):.3g}" for name in times))
 
 
-def time_peers(results: Results, n: int, degree: int, peers: tuple[Peer, ...]) -> None:
-    """Each peer once, or the median of three where it is quick."""
+def time_peer(results: Results, n: int, degree: int, peer: Peer) -> None:
+    """A peer once, or the median of three where it is quick."""
     work = w.prepare(n, degree)
-    for peer in peers:
-        if peer.absent():
-            continue
-        if not w.room_for(peer, n, degree, free_memory()):
-            results.notes.append(f"{peer.name} was left out at {n} x {work.p}: too little memory.")
-            continue
-        peer.warm_up()
-        X, y = w.standardised(work)
-        with one_blas_thread():
-            first, _, chosen = measure_once(lambda p=peer, X=X, y=y: p.fit(X, y, work.true))
-            times = [first]
-            while first < 5.0 and len(times) < 3:
-                times.append(measure_once(lambda p=peer, X=X, y=y: p.fit(X, y, work.true))[0])
-        results.cpu.setdefault((n, work.p), {})[peer.name] = median(times)
-        say(f"N={n} p={work.p}: {peer.name} {median(times):.3g} s, {len(chosen)} terms")
-        del X, y
-        gc.collect()
+    if not w.room_for(peer, n, degree, free_memory()):
+        results.notes.append(f"{peer.name} was left out at {n} x {work.p}: too little memory.")
+        return
+    say(f"N={n} p={work.p}: {peer.name} ...")
+    peer.warm_up()
+    X, y = w.standardised(work)
+    with one_blas_thread():
+        first, _, chosen = measure_once(lambda: peer.fit(X, y, work.true))
+        times = [first]
+        while first < 5.0 and len(times) < 3:
+            times.append(measure_once(lambda: peer.fit(X, y, work.true))[0])
+    results.turns.setdefault((n, work.p), {})[peer.name] = tuple(times)
+    say(f"N={n} p={work.p}: {peer.name} {median(times):.3g} s, {len(chosen)} terms")
 
 
 def measure_memory(results: Results, n: int, degree: int, peers: tuple[Peer, ...]) -> None:
@@ -133,16 +165,16 @@ def time_workers(results: Results, n: int, degree: int, repeats: int) -> None:
 
 
 def time_table(results: Results) -> str:
-    sizes = list(results.cpu)
-    names = list(dict.fromkeys(name for of in results.cpu.values() for name in of))
+    sizes = list(results.turns)
+    names = list(dict.fromkeys(name for of in results.turns.values() for name in of))
     rows: list[list[object]] = []
     for name in names:
         cells: list[object] = [name]
         for size in sizes:
-            seconds, ratio = results.cpu[size].get(name), results.ratio(size, name)
+            seconds, ratio = results.seconds(size, name), results.ratio(size, name)
             cells.append("-" if seconds is None else f"{ratio:.3g} x" if ratio is not None else f"{seconds:.3g} s")
         rows.append(cells)
-    rows.append([f"{w.XTX}, seconds", *(results.cpu[size].get(w.XTX, float("nan")) for size in sizes)])
+    rows.append([f"{w.XTX}, seconds", *(results.seconds(size, w.XTX) or float("nan") for size in sizes)])
     return table(["CPU", *(f"N={n:,} p={p}" for n, p in sizes)], rows)
 
 
@@ -184,13 +216,8 @@ def goals(results: Results) -> str:
     for p in (164, 494):
         at_most("S3", f"select, coloured, p={p}", results.ratio((big, p), w.SELECT), 5.0)
     for p in (164, 494):
-        for name, limit in (
-            ("abess", 100.0 if p == 164 else 30.0),
-            ("SysIdentPy FROLS, as called", 300.0),
-            ("PySINDy FROLS", 300.0),
-            ("scikit-learn OMP, told the count", 1.0),
-        ):
-            at_least("S4", f"{name} over whole fit, p={p}", results.ratio((big, p), name, w.WHITE), limit)
+        for name, limits in S4.items():
+            at_least("S4", f"{name} over whole fit, p={p}", results.ratio((big, p), name, w.WHITE), limits[p])
         one_run = results.ratio((big, p), "SysIdentPy FROLS", w.WHITE)
         if one_run is not None:
             rows.append(["", f"SysIdentPy FROLS, one of its 20 runs, p={p}", "no goal", f"{one_run:.3g} x", ""])
@@ -212,35 +239,32 @@ def goals(results: Results) -> str:
     return table(["goal", "what", "limit", "found", ""], rows) if rows else "None of the goals' sizes was run."
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--samples", default="20000,200000,2000000")
-    parser.add_argument("--degrees", default="3,4", help="3: 164 candidates, 4: 494")
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--parts", default="time,peers,memory,peer-memory,workers")
-    parser.add_argument("--peers", default="all", help="semicolon-separated words, 'all' or 'none'")
-    parser.add_argument("--peer-samples", default="20000,200000", help="sizes at which peers run")
-    parser.add_argument("--worker-samples", type=int, default=200_000)
-    parser.add_argument("--out", help="also write the report to this file")
-    a = parser.parse_args()
-    samples, degrees, with_peers = (
-        [int(v) for v in text.split(",") if v] for text in (a.samples, a.degrees, a.peer_samples)
+def steps(a: argparse.Namespace, peers: tuple[Peer, ...]) -> Iterator[tuple[str, Callable[[Results], None]]]:
+    """Every measurement by its name."""
+    samples, degrees, goals_at, others_at = (
+        [int(v) for v in text.split(",") if v] for text in (a.samples, a.degrees, a.peer_samples, a.other_peer_samples)
     )
-    parts, peers, results = a.parts.split(","), peers_named(a.peers), Results()
+    parts = a.parts.split(",")
     for n in samples:
         for degree in degrees:
+            here = tuple(p for p in peers if n in (goals_at if p.name in S4 else others_at) and not p.absent())
             if "time" in parts:
-                time_jobs(results, n, degree, a.repeats)
-            here = peers if n in with_peers else ()
+                yield f"time {n} {degree}", partial(time_jobs, n=n, degree=degree, repeats=a.repeats)
             if "peers" in parts:
-                time_peers(results, n, degree, here)
+                for peer in here:
+                    yield f"{peer.name} {n} {degree}", partial(time_peer, n=n, degree=degree, peer=peer)
             if "memory" in parts:
-                measure_memory(results, n, degree, here if "peer-memory" in parts else ())
+                weighed = here if "peer-memory" in parts else ()
+                yield f"memory {n} {degree}", partial(measure_memory, n=n, degree=degree, peers=weighed)
     if "workers" in parts:
-        time_workers(results, a.worker_samples, max(degrees), a.repeats)
+        yield "workers", partial(time_workers, n=a.worker_samples, degree=max(degrees), repeats=a.repeats)
+
+
+def report(results: Results, peers: tuple[Peer, ...]) -> str:
+    """Return the tables of what there is."""
     absent = [f"{p.name}: {p.absent()}" for p in peers if p.absent()]
     text = ["# Time and memory of a selection", machine()]
-    if results.cpu:
+    if results.turns:
         text += [f"## CPU time over one {w.XTX}", time_table(results)]
     if results.memory:
         text += ["## Peak memory", memory_table(results)]
@@ -248,8 +272,36 @@ def main() -> None:
         text += ["## Workers, wall seconds", table(["", "s"], [[k, v] for k, v in results.wall.items()])]
     if results.notes or absent:
         text.append("\n".join(f"- {note}" for note in [*results.notes, *absent]))
-    text += ["## Goals", goals(results)]
-    publish("\n\n".join(text), a.out)
+    return "\n\n".join([*text, "## Goals", goals(results)])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--samples", default="20000,200000,2000000")
+    parser.add_argument("--degrees", default="3,4", help="3: 164 candidates, 4: 494")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--parts", default="time,peers,memory,peer-memory,workers")
+    parser.add_argument("--peers", default="all", help="semicolon-separated words, 'all' or 'none'")
+    parser.add_argument("--peer-samples", default="20000,200000", help="sizes at which peers of a goal run")
+    parser.add_argument("--other-peer-samples", default="20000,200000", help="sizes at which the other peers run")
+    parser.add_argument("--worker-samples", type=int, default=200_000)
+    parser.add_argument("--out", help="also write the report to this file")
+    parser.add_argument("--go-on", action="store_true", help="take what an earlier run into --out has measured")
+    a = parser.parse_args()
+    peers, results = peers_named(a.peers), Results()
+    kept = Path(a.out).with_suffix(".json") if a.out else None
+    if a.go_on and kept and kept.exists():
+        results = Results.from_json(kept.read_text(encoding="utf-8"))
+    todo = [(name, step) for name, step in steps(a, peers) if name not in results.done]
+    for number, (name, step) in enumerate(todo, 1):
+        say(f"{number} of {len(todo)}: {name}")
+        step(results)
+        results.done.append(name)
+        if kept:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            kept.write_text(results.to_json(), encoding="utf-8")
+            Path(a.out).write_text(report(results, peers) + "\n", encoding="utf-8")
+    publish(report(results, peers), a.out)
 
 
 if __name__ == "__main__":

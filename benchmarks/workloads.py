@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +76,7 @@ class Work:
         return len(self.exponents)
 
 
+@lru_cache(maxsize=1)
 def prepare(n: int, degree: int, seed: int = 1) -> Work:
     """Signals of one flight; the six responses have their own truths."""
     case = colour_case("white", seed, n=n, degree=degree, n_responses=6)
