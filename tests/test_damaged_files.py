@@ -114,6 +114,24 @@ def test_a_reader_that_never_ends_is_stopped_through_whatever_it_catches(tmp_pat
     assert limits.within_limits(tmp_path / "r.log", lambda: 5) == 5
 
 
+def _stubborn():
+    for _ in range(3):
+        try:
+            while True:
+                pass
+        except BaseException:
+            pass
+    return "half a table"
+
+
+def test_a_reader_that_catches_everything_is_stopped_again_and_what_it_returns_is_not_believed(tmp_path):
+    (tmp_path / "r.log").write_bytes(b"x")
+    start = time.process_time()
+    with pytest.raises(DataError, match=r"r\.log', of 1 bytes, is not read after 1 s"):
+        limits.within_limits(tmp_path / "r.log", _stubborn)
+    assert time.process_time() - start < 4.0
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="the peak of memory is not told there")
 def test_a_reader_that_fills_the_memory_is_stopped(tmp_path, monkeypatch):
     (tmp_path / "r.log").write_bytes(b"x")

@@ -380,6 +380,13 @@ def test_a_damaged_recording_is_refused_or_read(suffix, make, examples, tmp_path
     fuzz(tmp_path / f"damaged{suffix}", path.read_bytes(), read_recording, examples)
 
 
+def test_a_nan_that_signals_is_nan_without_a_warning(tmp_path):
+    values = np.full(len(T), 20.0, dtype=np.float32)
+    values.view(np.uint32)[1] = 0x7FA00000  # any warning is an error in these tests
+    np.savez(tmp_path / "r.npz", t=T, alpha=values)
+    assert np.flatnonzero(np.isnan(read_recording(tmp_path / "r.npz")["alpha"])).tolist() == [1]
+
+
 @pytest.mark.parametrize("cut", [20, 100, -20])
 def test_a_compressed_text_cut_off_is_refused(cut, tmp_path):
     _gz(tmp_path / "r.csv.gz")

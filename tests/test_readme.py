@@ -126,3 +126,14 @@ def test_every_file_the_documents_point_to_is_there():
     for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
         for target in re.findall(r"\]\(([^)#:]+)\)", path.read_text()):
             assert (path.parent / target).exists(), f"{path.name}: {target}"
+
+
+def test_every_test_that_the_list_of_faults_points_to_is_there():
+    told = (ROOT / "docs/robustness.md").read_text().partition("## Damaged files by the thousand")[0]
+    rows = re.findall(r"^\|.*\| (`test_.*) \|$", told, re.MULTILINE)
+    assert len(rows) == len(re.findall(r"^\|", told, re.MULTILINE)) - 2 * told.count("| shown by |")
+    for row in rows:
+        for names, files in re.findall(r"((?:`test_\w+`(?:, )?)+) \(([\w, ]+)\)", row):
+            for name in re.findall(r"`(\w+)`", names):
+                for file in files.split(", "):
+                    assert f"def {name}(" in (ROOT / f"tests/test_{file}.py").read_text(), f"{file}: {name}"

@@ -18,7 +18,7 @@ SECONDS, SECONDS_PER_MIB = 20.0, 4.0
 MEMORY, GROWTH = 3 << 30, 40
 """Bytes of memory that a file may take: so many, and so many times its size besides."""
 _PERIOD = 0.2  # s between two looks
-_AGAIN = 5.0  # s until a reader that caught the exception gets another
+_AGAIN = 0.5  # s until a reader that caught the exception gets another
 
 _Read = TypeVar("_Read")
 
@@ -66,16 +66,18 @@ def within_limits(path: Path, read: Callable[[], _Read]) -> _Read:
     watcher.start()
     try:
         try:
-            return read()
+            found = read()
         finally:
             with lock:
                 over.set()
                 _raise_in(reader, None)  # what was raised and has not arrived is called back
-    except _TooMuchError as error:
+    except _TooMuchError:
         over.set()
+    if why:  # also of a reader that caught the exception: what it returns is not the whole
         raise DataError(
             f"'{path}', of {size} bytes, {why[0]}: it is damaged, or made to do harm.\nWrite or fetch it again."
-        ) from error
+        )
+    return found
 
 
 def _raise_in(thread: int, error: type[BaseException] | None) -> None:

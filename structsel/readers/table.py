@@ -221,4 +221,5 @@ def is_numeric(array: np.ndarray) -> bool:
 
 def as_float(array: np.ndarray) -> np.ndarray:
     """(n,) contiguous float64 copy."""
-    return np.array(array, dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # a damaged file may hold NaN of the kind that signals; it is NaN all the same
+        return np.array(array, dtype=np.float64)
