@@ -93,9 +93,9 @@ class MomentSet:
 
 
 @lru_cache(maxsize=8)
-def _places(q: int) -> NDArray[np.int32]:
+def _places(q: int) -> NDArray[np.intp]:
     """(q, q) table of where each entry of a symmetric matrix lies in its packed upper triangle."""
-    table = np.zeros((q, q), dtype=np.int32)
+    table = np.zeros((q, q), dtype=np.intp)
     upper = np.triu_indices(q)
     table[upper] = np.arange(upper[0].size)
     table.T[upper] = table[upper]
@@ -106,7 +106,9 @@ def sweep_constant(product: Array) -> Array:
     """Products with the constant (column 0) regressed out, (q - 1, q - 1): the centred second moments."""
     if not product[0, 0] > 0.0:
         return product[1:, 1:].copy()
-    return product[1:, 1:] - np.outer(product[1:, 0], product[0, 1:]) / product[0, 0]
+    swept = np.multiply.outer(product[1:, 0] / -product[0, 0], product[0, 1:])
+    swept += product[1:, 1:]  # in place: with hundreds of candidates, fresh megabytes cost more than the sums
+    return swept
 
 
 def choose_workers(workers: int | None, n: int, p: int) -> int:
