@@ -19,7 +19,7 @@ demo: $(VENV)/.installed  ## run the main job on an embedded flight
 	$(BIN)/structsel demo --out out/demo
 
 test: $(VENV)/.installed-dev  ## run the tests
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2  # two workers; threads of the linear algebra would only wait for each other
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile  # by files, which share what they compute; threads would only wait for each other
 
 static: $(VENV)/.installed-dev  ## format, lint, import order, types
 	$(BIN)/ruff format --check .
@@ -51,7 +51,7 @@ wheel: $(VENV)/.installed-dev  ## build the wheel, look what is in it, install i
 lowest: $(VENV)/.installed-dev  ## run the tests with the oldest dependencies allowed
 	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python out/lowest
 	$(BIN)/python -m uv pip install --quiet --python out/lowest/bin/python --resolution lowest-direct -e ".[test]"
-	OMP_NUM_THREADS=1 out/lowest/bin/python -m pytest -n 2 $(TESTS)
+	OMP_NUM_THREADS=1 out/lowest/bin/python -m pytest -n 2 --dist loadfile $(TESTS)
 
 format: $(VENV)/.installed-dev  ## put the code in order
 	$(BIN)/ruff format .
