@@ -22,7 +22,6 @@ _NEAR = 0.95  # of an effect's nats, from which on another brings as much
 _CLEAR = 10.0  # nats, to which those as delivered are compared
 _ALONE = 1.0 / 3.0  # of how far an effect is ahead as delivered, that counts beside tolerances where those imitate it
 _OWN = 20.0  # nats, beyond which more say no more
-_OFF = 0.2  # of the noise's power: what is left so far from noise that evidence counts little
 _BEHIND, _FURTHEST = 0.02, 3.0  # of the best's nats, by which an effect is behind it; and how far behind counts
 _LOWERS, _THERE = 0.05, 0.5
 """Shares: by which some coefficient's rms must fall on other flights, or what it differs by where the effect acts."""
@@ -32,7 +31,7 @@ _EVIDENT, _PLENTY = 10.0, 300.0
 
 FEATURES = (
     "ahead", "ahead alone", "takes", "takes there", "level", "own", "event", "prior", "takes besides",
-    "behind", "left", "own nats",
+    "behind",
 )  # fmt: skip
 """What is known of an effect when it is weighed.
 
@@ -46,12 +45,10 @@ prior : log of how often simulations lack it, as against other effects.
 takes besides : share that it takes of the moments at which it acts, beside tolerances, times log(1 + nats / 10).
 behind : its nats less those of the best in question, over ten or a fiftieth of those, no less than -3; as delivered
     where it is weighed for what it brings so.
-left : power beyond the noise that tolerances and the effect leave together, over a fifth of the noise's; at most 1.
-own nats : log(1 + nats / 10) of what its form brings by itself with every tolerance free.
 """
-NOTHING = -5.902
-WEIGHTS = np.array([0.305, 0.290, 2.533, 2.944, 2.275, 1.348, -0.572, 0.383, 0.247, 0.586, -2.277, 0.173])
-"""From 432 development cases, by the logit of `benchmarks/chances.py` (decision 24)."""
+NOTHING = -6.031
+WEIGHTS = np.array([2.576, 0.059, 3.158, 2.192, 1.923, 0.071, -1.945, 0.362, 0.532, 0.5])
+"""From development cases, by the logit of `benchmarks/chances.py` with the weights before as expected (decision 18)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +125,6 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
         Of all hypotheses.
     """
     kept, rivals = _judged(bench, scores)
-    rows = sum(len(y) for y in bench.base.y)
-    off = float(bench.base.posterior.chi2) / rows - 1.0
     made = []
     for one, taken in kept:
         by_itself = max(0.0, ahead_of(one, rivals, alone)) * np.log1p(max(0.0, alone(one)) / _CLEAR)
@@ -146,8 +141,6 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
             one.hypothesis.log_prior,
             besides * np.log1p(max(0.0, nats(one)) / _CLEAR),
             behind(one, [other for other, _ in kept]),
-            min(1.0, max(0.0, off - 2.0 * max(0.0, nats(one)) / rows) / _OFF),
-            np.log1p(max(0.0, one.own) / _CLEAR),
         )
         made.append(Weighed(one, np.array(told, dtype=float)))
     return made
