@@ -136,7 +136,8 @@ def test_every_figure_of_a_folder_has_its_text_inside(several):
     for name, figure in draw_reconstructions(several[:2]):
         names.append(name)
         with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)  # such as a layout that does not fit
+            warnings.simplefilter("error")  # such as a layout that does not fit
+            warnings.filterwarnings("ignore", r"'\w+' .*deprecated")  # Matplotlib 3.9's names for parts of its parser
             FigureCanvasAgg(figure).draw()
         extent = figure.get_tightbbox()
         # Inches, a little more than a pixel of slack.

@@ -48,9 +48,9 @@ def test_any_recording_written_is_read_again_as_it_was(tmp_path_factory, one, su
     path = tmp_path_factory.mktemp("there") / f"r.{suffix}"
     again = read_recording(write_recording(one, path))
     assert set(again.names) == set(one.names)
-    assert_allclose(again.t, one.t, rtol=1e-15)
+    assert_allclose(again.t, one.t, rtol=4e-16)
     for name in one.names:
-        assert_allclose(again[name], one[name], rtol=1e-15)  # CSV is read to the last bit by pandas 3, nearly by 2
+        assert_allclose(again[name], one[name], rtol=4e-16)
     assert again.provenance[: len(one.provenance)] == one.provenance
 
 

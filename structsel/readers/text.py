@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Any, cast
 
 import numpy as np
 import pandas as pd
@@ -30,6 +30,9 @@ PROVENANCE = "# provenance: "
 _HEAD_LINES = 200
 _SEPARATORS = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", " ": r"\s+", "space": r"\s+", "comma": ","}
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "inf", "-inf", "+inf", "true", "false"}
+# From 3.1 on pandas reads to the last bit of itself, and no longer wants to be asked.
+_OLD_PANDAS = tuple(int(part) for part in pd.__version__.split(".")[:2]) < (3, 1)
+_LAST_BIT: dict[str, Any] = {"float_precision": "round_trip"} if _OLD_PANDAS else {}
 _DECIMAL_COMMA = re.compile(r"^[+-]?\d+,\d+(?:[eE][+-]?\d+)?$")
 
 
@@ -74,6 +77,7 @@ def read_text(path: Path, options: FileOptions) -> Table:
                 encoding=encoding,
                 skipinitialspace=True,
                 low_memory=False,
+                **_LAST_BIT,
             )
     except (pd.errors.ParserError, UnicodeDecodeError, ValueError, OSError, EOFError, zlib.error) as error:
         reason = str(error).removeprefix("Error tokenizing data. C error: ").strip()
