@@ -10,6 +10,7 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DataError
+from structsel.hypotheses import HYPOTHESES
 from structsel.hypotheses.base import Hypothesis, Variant
 from structsel.mismatch.flight import Flight, prepare_flight
 from structsel.mismatch.responses import COEFFICIENTS
@@ -165,3 +166,8 @@ def best(flights: Sequence[Flight], hypothesis: Hypothesis) -> Fit:
 
 def one_of(hypotheses: Sequence[Hypothesis], effect: str) -> Hypothesis:
     return next(h for h in hypotheses if h.effect == effect)
+
+
+def named(flights: Sequence[Flight], effect: str, about: str) -> Fit:
+    """A form of an effect."""
+    return explain(flights, next(v for v in one_of(HYPOTHESES, effect).variants(flights) if v.about == about))

@@ -1,6 +1,7 @@
 """Products without rounding, and searches among terms that nearly depend on each other."""
 
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -70,8 +71,8 @@ def looked_again(flight):
     moments = accumulate([flight], LINEAR, scales=ONES)
     way = Way(moments, Options(residuals="white", F_in=12.0), Pool(np.ones(3, dtype=int)), ())
     found = way.find()
-    given = {"blocks": 12, "scales": ONES, "passes": Passes()}
-    return way, found, *look_again(way, found, [flight], LINEAR, 0, **given)
+    exact = partial(exact_centred, [flight], LINEAR, response=0, blocks=12, scales=ONES, passes=Passes())
+    return way, found, *look_again(way, found, exact)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -5,15 +5,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.hypotheses import HYPOTHESES
-from structsel.recording import Recording
-from tests.injected import CRAFT, TERMS, aerodynamics, best, compare, explain, fly, one_of
+from tests.injected import CRAFT, TERMS, aerodynamics, best, compare, fly, named, one_of
 
 
 def changed(**more):
     """The model with values added to its terms, by response and term."""
-    return aerodynamics(
-        {r: {t: TERMS[r].get(t, 0.0) + v for t, v in terms.items()} for r, terms in more.items()}
-    )  # fmt: skip
+    return aerodynamics({r: {t: TERMS[r].get(t, 0.0) + v for t, v in terms.items()} for r, terms in more.items()})
 
 
 def times(response, factor):
@@ -68,11 +65,9 @@ def test_part_of_an_effect_is_that_effect(effect, more, about, values):
     ],
 )  # fmt: skip
 def test_one_instrument_of_several_is_found_by_itself(effect, channel, reads, about, value):
-    faulty = [
-        Recording(r.name, r.t, {**{c: r[c] for c in r.names if c != "t"}, channel: r[channel] + reads(r)})
-        for r in fly()
-    ]
-    found = best(compare(faulty), one_of(HYPOTHESES, effect))
+    found = best(
+        compare([r.with_channels(**{channel: r[channel] + reads(r)}) for r in fly()]), one_of(HYPOTHESES, effect)
+    )
     assert found.variant.about == about
     assert found.explained > 0.97
     assert_allclose(next(iter(found.values.values())), value, rtol=0.05)
@@ -85,7 +80,3 @@ def test_thrust_that_is_late_along_the_axis_alone_leaves_the_moment():
     assert about == {"", "along the axis alone"}
     alone = next(v for v in one_of(HYPOTHESES, "thrust-lag").variants(flights) if v.about)
     assert set(alone.columns(flights[0])) == {"CX"}
-
-
-def named(flights, effect, about):
-    return explain(flights, next(v for v in one_of(HYPOTHESES, effect).variants(flights) if v.about == about))

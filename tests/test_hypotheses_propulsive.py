@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from structsel.hypotheses.propulsive import HYPOTHESES
 from structsel.recording import Recording
 from structsel.simulation import Actuator
-from tests.injected import CRAFT, aerodynamics, best, compare, explain, fly, one_of
+from tests.injected import CRAFT, aerodynamics, best, compare, fly, named, one_of
 
 WASHED = {
     "CZ": {"CT*de": -0.4}, "Cm": {"CT*de": -1.92, "CT": 0.06},
@@ -21,10 +21,6 @@ ACROSS = {
 
 def craft(**other):
     return CRAFT.model_validate(CRAFT.model_dump() | other)
-
-
-def named(flights, effect, about):
-    return explain(flights, next(v for v in one_of(HYPOTHESES, effect).variants(flights) if v.about == about))
 
 
 def test_a_slipstream_over_tail_and_controls_is_found_with_one_power_for_both():
@@ -77,10 +73,7 @@ def test_the_force_across_the_shaft_and_the_p_factor_are_told_apart():
 def test_a_rotor_nobody_allowed_for_is_found_with_its_angular_momentum(speed):
     recordings = fly(craft=craft(engine={"angular_momentum": 500.0}))
     if speed:
-        recordings = [
-            Recording(r.name, r.t, {**{c: r[c] for c in r.names if c != "t"}, "rpm": np.full(len(r), speed)})
-            for r in recordings
-        ]
+        recordings = [r.with_channels(rpm=speed) for r in recordings]
     found = best(compare(recordings), one_of(HYPOTHESES, "engine-gyroscopic"))
     assert found.explained > 0.9
     (value,) = found.values.values()

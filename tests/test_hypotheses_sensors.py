@@ -62,7 +62,7 @@ def test_turned_accelerometers_are_found_about_their_axis():
         ax, az = r["ax"], r["az"]
         # A triad pitched up by the angle reads a share of az along its x, and less of ax along its z.
         mixed = {"ax": np.cos(angle) * ax - np.sin(angle) * az, "az": np.cos(angle) * az + np.sin(angle) * ax}
-        turned.append(Recording(r.name, r.t, {**{c: r[c] for c in r.names if c != "t"}, **mixed}))
+        turned.append(r.with_channels(**mixed))
     found = best(compare(turned), one_of(HYPOTHESES, "sensor-misalignment"))
     assert found.variant.about == "the accelerometers"
     assert found.explained > 0.98

@@ -22,6 +22,7 @@ from structsel.hypotheses.signals import (
 )
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
+from structsel.numerics.smoothing.result import Array
 
 _HIGH = 0.14  # rad, incidence below which wings do not stall
 _CHORDS = ((5.0, 4.0), (15.0, 4.0), (15.0, 12.0), (40.0, 10.0))  # tau1, tau2 in chords travelled
@@ -41,10 +42,14 @@ _ROTOR_CHANNELS = ("collective", "dcol", "d0", "theta0", "dlon", "dlat", "rotor_
 # Stall with memory
 
 
+def _attached(flight: Flight, where: float, sharp: float, tau1: float, tau2: float) -> Array:
+    """How much of the flow is attached, with time constants in chords travelled."""
+    chord = flight.craft.cbar / float(flight["V"].mean())
+    return separation(flight["alpha"], flight["alpha_dot"], flight.dt, tau1 * chord, tau2 * chord, sharp, where)
+
+
 def _stalling(flight: Flight, where: float, sharp: float, tau1: float, tau2: float, beyond_steady: bool) -> Columns:
-    alpha, V = flight["alpha"], float(flight["V"].mean())
-    chord = flight.craft.cbar / V
-    X = separation(alpha, flight["alpha_dot"], flight.dt, tau1 * chord, tau2 * chord, sharp, where)
+    alpha, X = flight["alpha"], _attached(flight, where, sharp, tau1, tau2)
     kept = 0.25 * (1.0 + np.sqrt(X)) ** 2
     lost, drag = kept - 1.0, 1.0 - X
     if beyond_steady:
@@ -57,8 +62,7 @@ def _stalling(flight: Flight, where: float, sharp: float, tau1: float, tau2: flo
 
 def _separated(flight: Flight, where: float, tau1: float, tau2: float) -> Columns:
     """Each coefficient by what is separated, whatever the lift."""
-    chord = flight.craft.cbar / float(flight["V"].mean())
-    X = separation(flight["alpha"], flight["alpha_dot"], flight.dt, tau1 * chord, tau2 * chord, _SHARP, where)
+    X = _attached(flight, where, _SHARP, tau1, tau2)
     return signature(flight, 3, [("CZ", 0, 1.0 - X), ("CX", 1, X - 1.0), ("Cm", 2, X - 1.0)])
 
 

@@ -8,92 +8,87 @@ from functools import partial
 import numpy as np
 
 from structsel.hypotheses.base import Flights, Parameter, Variant
-from structsel.hypotheses.signals import FORCES, Parts, moves, of_parts
+from structsel.hypotheses.signals import moves, of_parts, per_unit
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.numerics.smoothing.result import Array
 
-_WASHED: tuple[tuple[str, tuple[tuple[str, tuple[str, ...], float], ...]], ...] = (
+Term = tuple[str, tuple[str, ...], float]
+"""Response, what the thrust coefficient is multiplied with, and how large the product's coefficient is taken to be."""
+
+_TAIL: tuple[Term, ...] = (("Cm", (), 0.1), ("Cm", ("alpha",), 0.6))
+_WING: tuple[Term, ...] = (("CZ", (), 0.3), ("CZ", ("alpha",), 2.0))
+_FIN: tuple[Term, ...] = (("Cn", (), 0.02), ("Cl", (), 0.02), ("Cn", ("beta",), 0.1))
+_SWIRL: tuple[Term, ...] = (("Cn", (), 0.01), ("Cl", (), 0.01))
+_PLACES = (
+    ("at the tailplane", _TAIL), ("over the wing", _WING), ("at the fin, turning", _FIN),
+    ("over wing and tailplane", _TAIL + _WING),
+)  # fmt: skip
+_BESIDE_CONTROLS: tuple[tuple[str, tuple[Term, ...]], ...] = (
+    ("over the controls", ()), ("over tailplane and controls", _TAIL),
+    ("over wing, tailplane and controls", _TAIL + _WING), ("over all of the aircraft", _TAIL + _WING + _FIN),
+)  # fmt: skip
+_PARTS: tuple[tuple[str, tuple[Term, ...]], ...] = (
     ("at the elevator", (("Cm", ("de",), 1.0),)),
     ("at the rudder", (("Cn", ("dr",), 0.1),)),
-    ("at tail and wing, each by its own", (
-        ("Cm", (), 0.1), ("Cm", ("alpha",), 0.6), ("Cm", ("de",), 1.0), ("CZ", (), 0.3), ("CZ", ("alpha",), 2.0),
-    )),
+    ("at tail and wing, each by its own", (*_TAIL, ("Cm", ("de",), 1.0), *_WING)),
     ("at tail, wing and fin, each by its own", (
-        ("Cm", (), 0.1), ("Cm", ("de",), 1.0), ("CZ", (), 0.3), ("CZ", ("alpha",), 2.0), ("Cn", (), 0.02),
-        ("Cl", (), 0.02), ("Cn", ("dr",), 0.1),
+        ("Cm", (), 0.1), ("Cm", ("de",), 1.0), *_WING, ("Cn", (), 0.02), ("Cl", (), 0.02), ("Cn", ("dr",), 0.1),
     )),
 )  # fmt: skip
-"""Where wash arrives: response, what it is times the thrust coefficient, and how large that is taken to be."""
+_ACROSS: tuple[Term, ...] = (
+    ("CZ", ("alpha",), 1.0), ("CY", ("beta",), 1.0), ("Cm", ("alpha",), 0.5), ("Cn", ("alpha",), 0.5),
+    ("Cm", ("beta",), 0.5), ("Cn", ("beta",), 0.5),
+)  # fmt: skip
+"""Blades differ: what thrust gains to the side of alpha and of beta, and where, need not follow the disc."""
+
+
+def _parameters(each: Sequence[Term]) -> tuple[Parameter, ...]:
+    return tuple(Parameter(f"{r} per {_term(c)}", per_unit(c), sd) for r, c, sd in each)
+
+
+def _term(channels: Sequence[str]) -> str:
+    return "*".join(("CT", *channels))
+
+
+def _terms(each: Sequence[Term], *more: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys((*more, *(_term(c) for _, c, _ in each))))
+
+
+def _grown(f: Flight, each: Sequence[Term], first: int = 0) -> list[tuple[str, int, Array]]:
+    return [(r, first + j, np.prod([f["CT"], *(f[x] for x in c)], axis=0)) for j, (r, c, _) in enumerate(each)]
+
+
+def _each(about: str, each: Sequence[Term]) -> Variant:
+    """Each term by its own."""
+    return of_parts(_parameters(each), partial(_grown, each=each), about, _terms(each))
 
 
 # Slipstream
 
 
-def _washed_controls(f: Flight) -> list[tuple[str, int, Array]]:
-    """More dynamic pressure at the tail: the elevator's and the rudder's share of all coefficients grow with CT."""
-    return [
+def _washed(f: Flight, each: Sequence[Term]) -> list[tuple[str, int, Array]]:
+    """More dynamic pressure at the tail: the controls' share of all coefficients grows with CT, beside other terms."""
+    controls = [
         (r, 0, f["CT"] * sum(f.slope(r, c) * f[c] for c in ("de", "dr") if c in f.recorded))
         for r in COEFFICIENTS
         if r in f.measured
     ]
+    return controls + _grown(f, each, 1)
 
 
 def slipstream_variants(flights: Flights) -> list[Variant]:
     """Wash over wing, tailplane, fin and controls: with one power for all controls, and each by its own."""
-    controls = Parameter("control power per CT", "-", 1.0, -1.0, 6.0)
-    tail = (Parameter("Cm per CT", "-", 0.1), Parameter("Cm per CT*alpha", "1/rad", 0.6))
-    wing = (Parameter("CZ per CT", "-", 0.3), Parameter("CZ per CT*alpha", "1/rad", 2.0))
-    fin = (
-        Parameter("Cn per CT", "-", 0.02),
-        Parameter("Cl per CT", "-", 0.02),
-        Parameter("Cn per CT*beta", "1/rad", 0.1),
-    )
-
-    def pitch(f: Flight, j: int) -> list[tuple[str, int, Array]]:
-        return [("Cm", j, f["CT"]), ("Cm", j + 1, f["CT"] * f["alpha"])]
-
-    def lift(f: Flight, j: int) -> list[tuple[str, int, Array]]:
-        return [("CZ", j, f["CT"]), ("CZ", j + 1, f["CT"] * f["alpha"])]
-
-    def yaw(f: Flight, j: int) -> list[tuple[str, int, Array]]:
-        return [("Cn", j, f["CT"]), ("Cl", j + 1, f["CT"]), ("Cn", j + 2, f["CT"] * f["beta"])]
-
-    made = [
-        of_parts(tail, lambda f: pitch(f, 0), "at the tailplane", terms=("CT", "CT*alpha")),
-        of_parts(wing, lambda f: lift(f, 0), "over the wing", terms=("CT", "CT*alpha")),
-        of_parts(fin, lambda f: yaw(f, 0), "at the fin, turning", terms=("CT", "CT*beta")),
-        of_parts(tail + wing, lambda f: pitch(f, 0) + lift(f, 2), "over wing and tailplane", ("CT", "CT*alpha")),
-    ]
+    made = [_each(about, each) for about, each in _PLACES]
+    power = Parameter("control power per CT", "-", 1.0, -1.0, 6.0)
     if any(moves(flights, c) for c in ("de", "dr")):
-        washed = ("CT*de", "CT*dr", "CT", "CT*alpha")
         made += [
-            of_parts((controls,), _washed_controls, "over the controls", terms=("CT*de", "CT*dr")),
-            of_parts((controls, *tail), lambda f: _washed_controls(f) + pitch(f, 1), "over tailplane and controls",
-                washed,
-            ),
-            of_parts(
-                (controls, *tail, *wing), lambda f: _washed_controls(f) + pitch(f, 1) + lift(f, 3),
-                "over wing, tailplane and controls", washed,
-            ),
-            of_parts(
-                (controls, *tail, *wing, *fin),
-                lambda f: _washed_controls(f) + pitch(f, 1) + lift(f, 3) + yaw(f, 5), "over all of the aircraft",
-                (*washed, "CT*beta"),
-            ),
-        ]  # fmt: skip
-    # Wash that reaches some parts only: each term of these by its own.
-    for about, each in _WASHED:
-        parameters = tuple(Parameter(f"{r} per {'*'.join(('CT', *c))}", "-", sd) for r, c, sd in each)
-        if all(moves(flights, x) for _, c, _ in each for x in c):
-            made.append(of_parts(parameters, partial(_washed, each=each), about, tuple(
-                dict.fromkeys("*".join(("CT", *c)) for _, c, _ in each)
-            )))  # fmt: skip
-    return made
-
-
-def _washed(f: Flight, each: Sequence[tuple[str, tuple[str, ...], float]]) -> Parts:
-    return [(r, j, np.prod([f["CT"], *(f[x] for x in c)], axis=0)) for j, (r, c, _) in enumerate(each)]
+            of_parts((power, *_parameters(each)), partial(_washed, each=each), about, _terms(each, "CT*de", "CT*dr"))
+            for about, each in _BESIDE_CONTROLS
+        ]
+    return made + [
+        _each(about, each) for about, each in _PARTS if all(moves(flights, x) for _, c, _ in each for x in c)
+    ]
 
 
 # Flow across the shaft
@@ -105,7 +100,6 @@ def propeller_variants(flights: Flights) -> list[Variant]:
     normal = Parameter("force per CT", "1/rad", 1.0, -1.0, 6.0)
     arm = Parameter("moment per CT", "m/rad", 1.0 * craft.cbar)
     factor = Parameter("P-factor", "m/rad", 0.2 * craft.b)
-    swirl = (Parameter("Cn per CT", "-", 0.01), Parameter("Cl per CT", "-", 0.01))
 
     def across(f: Flight) -> list[tuple[str, int, Array]]:
         a, b = f["CT"] * f["alpha"], f["CT"] * f["beta"]
@@ -115,33 +109,18 @@ def propeller_variants(flights: Flights) -> list[Variant]:
         # The blade going down meets more air: the line of thrust moves to its side with alpha, and likewise with beta.
         return [("Cn", j, -f["CT"] * f["alpha"] / craft.b), ("Cm", j, -f["CT"] * f["beta"] / craft.cbar)]
 
-    def swirling(f: Flight, j: int) -> list[tuple[str, int, Array]]:
-        return [("Cn", j, f["CT"]), ("Cl", j + 1, f["CT"])]
-
-    # Blades differ: what thrust gains to the side of alpha and of beta, and where that acts, need not follow the disc.
-    freely = (
-        ("CZ", "alpha"), ("CY", "beta"), ("Cm", "alpha"), ("Cn", "alpha"), ("Cm", "beta"), ("Cn", "beta"),
-    )  # fmt: skip
-    each = tuple(Parameter(f"{r} per CT*{c}", "1/rad", 1.0 if r in FORCES else 0.5) for r, c in freely)
-
-    def free(f: Flight, first: int, last: int) -> list[tuple[str, int, Array]]:
-        return [(r, j, f["CT"] * f[c]) for j, (r, c) in enumerate(freely[first:last])]
-
-    turned = ("CT*alpha", "CT*beta")
+    turned = _terms(_ACROSS)
     return [
-        *(
-            of_parts(each[i:k], partial(free, first=i, last=k), about, turned)
-            for i, k, about in ((3, 4, "yaw alone"), (0, 4, "forces and moments of their own"), (0, 6, "freely"))
-        ),
-        of_parts((normal, arm), across, "force across the shaft", terms=("CT*alpha", "CT*beta")),
-        of_parts((factor,), lambda f: turning(f, 0), "P-factor", terms=("CT*alpha", "CT*beta")),
+        _each("yaw alone", _ACROSS[3:4]),
+        _each("forces and moments of their own", _ACROSS[:4]),
+        _each("freely", _ACROSS),
+        of_parts((normal, arm), across, "force across the shaft", turned),
+        of_parts((factor,), lambda f: turning(f, 0), "P-factor", turned),
         of_parts(
-            (factor, *swirl),
-            lambda f: turning(f, 0) + swirling(f, 1),
-            "P-factor and swirl",
-            ("CT*alpha", "CT*beta", "CT"),
+            (factor, *_parameters(_SWIRL)), lambda f: turning(f, 0) + _grown(f, _SWIRL, 1), "P-factor and swirl",
+            (*turned, "CT"),
         ),
         of_parts(
             (normal, arm, factor), lambda f: across(f) + turning(f, 2), "force across the shaft and P-factor", turned
         ),
-    ]
+    ]  # fmt: skip

@@ -23,12 +23,14 @@ def _thrust_needs(responses: tuple[str, ...]) -> Callable[[Flights], str]:
     return lambda flights: lacking(flights, responses, ("thrust",))
 
 
-def _along_thrust(flight: Flight, j: int, CT: Array) -> list[tuple[str, int, Array]]:
-    """A force along the declared thrust line, of coefficient CT, with its moments."""
+def _along_thrust(flight: Flight, CT: Array, part: str = "") -> Parts:
+    """A force along the declared thrust line, of coefficient CT, with its moments; or what it does along the axis."""
     direction, arm = flight.craft.thrust.direction, flight.craft.thrust.arm
     lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
-    made = [(r, j, CT * d) for r, d in zip(FORCES, direction)]
-    return made + [(r, j, CT * a / length) for r, a, length in zip(("Cl", "Cm", "Cn"), arm, lengths)]
+    made = [(r, 0, CT * d) for r, d in zip(FORCES, direction)]
+    if part == AXIAL:
+        return made[:1]
+    return made + [(r, 0, CT * a / length) for r, a, length in zip(("Cl", "Cm", "Cn"), arm, lengths)]
 
 
 # Line and size of the thrust
@@ -55,41 +57,39 @@ def _line_says(found: Found) -> str:
     return f"The thrust does not act along the stated line: {p.name} by {value}."
 
 
+def _parts(flights: Flights) -> tuple[str, ...]:
+    """All of the thrust; and its part along the axis, where its line is stated for a moment, or not as it is flown."""
+    return ("", AXIAL) if any(flights[0].craft.thrust.arm) else ("",)
+
+
 def _scale_variants(flights: Flights) -> list[Variant]:
     share = Parameter("share", "-", 0.15, -0.8, 0.8)
     V, T = float(gathered(flights, "V").mean()), float(np.abs(gathered(flights, "thrust")).max())
+
+    def more(f: Flight, part: str) -> Parts:
+        return _along_thrust(f, f["CT"], part)
+
     return [
-        of_parts((share,), lambda f: _along_thrust(f, 0, f["CT"]), "all of it", terms=("CT",)),
-        # A line of thrust that is stated for a moment only, or not through what the simulation takes it to be.
         *(
-            [of_parts((share,), lambda f: [("CX", 0, f["CT"])], f"all of it, {AXIAL}", terms=("CT",))]
-            if any(flights[0].craft.thrust.arm)
-            else []
+            of_parts((share,), partial(more, part=part), ", ".join(("all of it", part)).rstrip(", "), ("CT",))
+            for part in _parts(flights)
         ),
         of_parts(
-            (share,), lambda f: _along_thrust(f, 0, f["CT"] * (f["V"] / V - 1.0)), "growing with speed", ("CT*V", "CT")
+            (share,), lambda f: _along_thrust(f, f["CT"] * (f["V"] / V - 1.0)), "growing with speed", ("CT*V", "CT")
         ),
         of_parts(
-            (share,), lambda f: _along_thrust(f, 0, f["CT"] * f["thrust"] / T), "growing with thrust", ("CT*thrust",)
+            (share,), lambda f: _along_thrust(f, f["CT"] * f["thrust"] / T), "growing with thrust", ("CT*thrust",)
         ),
     ]
 
 
 def _lag_variants(flights: Flights) -> list[Variant]:
-    def behind(tau: float) -> Callable[[Flight], Parts]:
-        return lambda f: _along_thrust(
-            f, 0, (lag(f["thrust"], f.dt, tau) - f["thrust"]) / (f["qbar"] * f.craft.S * tau)
-        )
+    def behind(f: Flight, tau: float, part: str) -> Parts:
+        return _along_thrust(f, (lag(f["thrust"], f.dt, tau) - f["thrust"]) / (f["qbar"] * f.craft.S * tau), part)
 
-    def axial(tau: float) -> Callable[[Flight], Parts]:
-        return lambda f: [part for part in behind(tau)(f) if part[0] == "CX"]
-
-    ways = [("", behind)]
-    if any(flights[0].craft.thrust.arm):
-        ways.append((AXIAL, axial))
     return [
-        of_parts((Parameter("lag", "s", tau, 0.4 * tau, 1.7 * tau),), way(tau), about)
-        for about, way in ways
+        of_parts((Parameter("lag", "s", tau, 0.4 * tau, 1.7 * tau),), partial(behind, tau=tau, part=part), part)
+        for part in _parts(flights)
         for tau in spaced(0.1, 6.0, 11)
     ]
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from structsel.numerics.collinearity import Conditioning, condition_indices, vif
 from structsel.numerics.colour import Colour
+from structsel.numerics.exact import exact_centred
 from structsel.numerics.least_squares import Fit, colours_each, refit_each
 from structsel.numerics.moments import MomentSet, accumulate, accumulate_whitened, choose_workers
 from structsel.numerics.passes import Passes
@@ -108,7 +109,7 @@ def select_arrays(
     )
     folds = fold_blocks(white)
     plain = [Way(one_response(white, r), options, pool, folds) for r in range(white.n_responses)]
-    seen = [data.look_again(way, way.find(), manoeuvres, r) for r, way in enumerate(plain)]
+    seen = [look_again(way, way.find(), data.exact(manoeuvres, r)) for r, way in enumerate(plain)]
     plain, classical = [way for way, _ in seen], [found for _, found in seen]
     if options.residuals == "white":
         chosen = [Choice(way, found, ()) for way, found in zip(plain, classical, strict=True)]
@@ -154,18 +155,16 @@ class Data:
         """What every pass is given."""
         return {"scales": self.scales, "passes": self.passes}
 
-    def look_again(
+    def exact(
         self,
-        way: Way,
-        found: Found,
         manoeuvres: Sequence[Signals],
         response: int,
         colours: Sequence[Sequence[Colour]] = (),
         scales: Scales | None = None,
-    ) -> tuple[Way, Found]:
-        """Search exact products where kept terms nearly depend on each other."""
-        return look_again(
-            way, found, manoeuvres, self.exponents, response, colours,
+    ) -> Callable[[Sequence[int]], Array]:
+        """What makes one response's products with some candidates, in a pass of its own."""
+        return lambda candidates: exact_centred(
+            manoeuvres, self.exponents, candidates, response, colours,
             blocks=self.blocks, scales=scales or self.scales, passes=self.passes,
         )  # fmt: skip
 
@@ -308,7 +307,7 @@ def _settle(data: Data, plain: list[Way], classical: list[Found]) -> list[Choice
         )
         for i, (r, own, moments) in enumerate(zip(list(pending), colours, whitened, strict=True)):
             way = replace(plain[r], moments=moments, exact=None)
-            way, found = data.look_again(way, way.find(), responses, i, colours, scales)
+            way, found = look_again(way, way.find(), data.exact(responses, i, colours, scales))
             settled = set(found.selected) == set(results[r].found.selected)
             results[r] = Choice(way, found, own, settled)
             if settled:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from structsel.numerics.colour import Colour
-from structsel.numerics.exact import exact_centred
-from structsel.numerics.passes import Passes
-from structsel.numerics.rows import Array, Scales, Signals
+from structsel.numerics.rows import Array
 from structsel.selection.search import Found, centred
 from structsel.selection.way import Way
 
@@ -19,18 +15,7 @@ NEAR = 1e-6  # Schur complement below which ordinary products leave less than ni
 ROUNDS = 3  # of searches with ever more exact products
 
 
-def look_again(
-    way: Way,
-    found: Found,
-    manoeuvres: Sequence[Signals],
-    exponents: NDArray[np.integer],
-    response: int,
-    colours: Sequence[Sequence[Colour]] = (),
-    *,
-    blocks: int,
-    scales: Scales,
-    passes: Passes,
-) -> tuple[Way, Found]:
+def look_again(way: Way, found: Found, exact: Callable[[Sequence[int]], Array]) -> tuple[Way, Found]:
     """Search exact products of the kept terms, if they nearly depend on each other; else what is there already.
 
     Parameters
@@ -38,20 +23,17 @@ def look_again(
     way : Way
     found : Found
         By this way.
-    manoeuvres, exponents, response, colours, blocks, scales, passes
-        As for `structsel.numerics.exact.exact_centred`.
+    exact : callable of candidates
+        Their centred products and the response's without rounding; see `structsel.numerics.exact.exact_centred`.
     """
-    exact: set[int] = set()
+    seen: set[int] = set()
     for _ in range(ROUNDS):
         kept = set(found.selected)
-        if kept <= exact or smallest_schur(centred(way.moments.total()), sorted(kept)) > NEAR:
+        if kept <= seen or smallest_schur(centred(way.moments.total()), sorted(kept)) > NEAR:
             break
-        exact |= kept
-        candidates = sorted(exact)
-        products = exact_centred(
-            manoeuvres, exponents, candidates, response, colours, blocks=blocks, scales=scales, passes=passes
-        )
-        way = replace(way, exact=(candidates, products))
+        seen |= kept
+        candidates = sorted(seen)
+        way = replace(way, exact=(candidates, exact(candidates)))
         found = way.find()
     return way, found
 
