@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from peers import PEERS, Peer, candidate_matrix, standardise
 from timing import MEBI, in_child, one_blas_thread, peak_above_now
 
+from structsel.numerics import distinct as sums
 from structsel.numerics import monomials as plans
 from structsel.numerics.rows import ArraySignals
 from structsel.selection import Options
@@ -86,7 +87,7 @@ def prepare(n: int, degree: int, seed: int = 1) -> Work:
     powers = np.pad(case.exponents, ((0, 0), (0, SPLINES)))
     powers[-SPLINES:] = np.eye(powers.shape[1], dtype=int)[-SPLINES:]
     words = tuple(plans.words_of(powers))
-    if plans.plan_distinct(words, powers.shape[1]) is not None:
+    if sums.plan_distinct(words, powers.shape[1]) is not None:
         raise RuntimeError("the generic pool is not generic: its products would be shared. Raise SPLINES.")
     return Work(
         white=ArraySignals(base, responses[:1]),
@@ -101,7 +102,7 @@ def prepare(n: int, degree: int, seed: int = 1) -> Work:
 
 def forget_plans() -> None:
     """Empty the caches of how a pool is computed, so that the next fit makes them anew."""
-    for value in vars(plans).values():
+    for value in (*vars(plans).values(), *vars(sums).values()):
         if callable(clear := getattr(value, "cache_clear", None)):
             clear()
 

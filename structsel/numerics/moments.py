@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from structsel.errors import SelectionError
 from structsel.numerics.colour import Colour, reference_sigma, whiten_rows
 from structsel.numerics.cutting import cut_blocks
-from structsel.numerics.monomials import plan_distinct, plan_rows, words_of
+from structsel.numerics.distinct import DistinctMaker, plan_distinct
+from structsel.numerics.monomials import plan_rows, words_of
 from structsel.numerics.passes import Part, Passes, Progress
 from structsel.numerics.rows import (
     CHUNK,
     Array,
-    DistinctMaker,
     RowMaker,
     Scales,
     Signals,

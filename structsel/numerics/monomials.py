@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations_with_replacement
-from math import comb
 
 import numpy as np
 from numba import njit
@@ -104,72 +102,3 @@ def fill_rows(
             above = out[parent[i]]
             for t in range(c):
                 row[t] = above[t] * signal[t]
-
-
-@dataclass(frozen=True)
-class DistinctPlan:
-    """A complete pool's Gram through its few distinct sums.
-
-    The product of two monomials of degree up to d is a monomial of degree up to 2 d, and most of those occur many
-    times in the Gram: 164 candidates of degree 3 in 8 signals make 13,530 entries but 3,003 distinct sums. A sorted
-    word of length above d splits uniquely into its first d letters and the rest, whose first letter is not below
-    the last of the prefix; grouping the rests by first letter gives one small matrix product each.
-
-    Attributes
-    ----------
-    suffix, prefix : RowPlan
-        All monomials of degree 1..d grouped by first letter; those of degree d grouped by last letter.
-    groups : tuple of (n_prefix, start, stop)
-        For each first letter: prefixes ``[:n_prefix]`` against suffix rows ``[start:stop]``.
-    gather : (p, p) int array
-        Where each entry of the Gram lies in the vector [suffix sums, group products].
-    member : (p,) int array
-        Suffix row of each candidate.
-    n_sums : int
-    """
-
-    suffix: RowPlan
-    prefix: RowPlan
-    groups: tuple[tuple[int, int, int], ...]
-    gather: NDArray[np.int32]
-    member: NDArray[np.int32]
-    n_sums: int
-
-
-@lru_cache(maxsize=8)
-def plan_distinct(words: tuple[Word, ...], n_base: int) -> DistinctPlan | None:
-    """Plan a Gram through distinct sums, or None where the plain product is cheaper.
-
-    Parameters
-    ----------
-    words : tuple of tuple of int
-    n_base : int
-        Number of base signals.
-    """
-    p = len(words)
-    degree = max(map(len, words), default=0)
-    n_sums = comb(n_base + 2 * degree, n_base) - 1
-    # A sum costs about three times an entry of a well-blocked product; below that ratio the product wins.
-    if degree < 2 or len(set(words)) < p or 3 * n_sums > p * (p + 1) / 2:
-        return None
-    letters = range(n_base)
-    every = [w for k in range(1, degree + 1) for w in combinations_with_replacement(letters, k)]
-    suffixes = sorted(every, key=lambda w: (w[0], len(w), w))
-    prefixes = sorted((w for w in every if len(w) == degree), key=lambda w: (w[-1], w))
-    position = {w: i for i, w in enumerate(suffixes)}
-    groups, offset = [], len(suffixes)
-    for letter in letters:
-        n_prefix = sum(w[-1] <= letter for w in prefixes)
-        rows = [i for i, w in enumerate(suffixes) if w[0] == letter]
-        start, stop = rows[0], rows[-1] + 1
-        for i in range(n_prefix):
-            for j in range(start, stop):
-                position[prefixes[i] + suffixes[j]] = offset + i * (stop - start) + j - start
-        groups.append((n_prefix, start, stop))
-        offset += n_prefix * (stop - start)
-    gather = np.empty((p, p), dtype=np.int32)
-    for i, left in enumerate(words):
-        for j in range(i + 1):
-            gather[i, j] = gather[j, i] = position[tuple(sorted(left + words[j]))]
-    member = np.array([position[w] for w in words], dtype=np.int32)
-    return DistinctPlan(plan_rows(tuple(suffixes)), plan_rows(tuple(prefixes)), tuple(groups), gather, member, offset)

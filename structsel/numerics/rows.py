@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from structsel.numerics.monomials import DistinctPlan, RowPlan, fill_rows
+from structsel.numerics.monomials import RowPlan, fill_rows
 
 Array = NDArray[np.float64]
 Scales = tuple[Array, Array]
@@ -133,49 +133,3 @@ def plain_products(maker: RowMaker, signals: Signals, start: int, stop: int) -> 
         np.matmul(rows, rows.T, out=part)
         total += part
     return total
-
-
-class DistinctMaker:
-    """The same products through a complete pool's distinct sums; one per worker."""
-
-    def __init__(self, plan: DistinctPlan, p: int, scales: tuple[Array, Array]):
-        self.plan, self.scales, self.p = plan, scales, p
-        self.m = scales[1].size
-        self.suffix = np.empty((plan.suffix.n_rows, CHUNK))
-        # The constant and the responses stand above the prefixes: their sums come out of the same products.
-        self.left = np.ones((1 + self.m + plan.prefix.n_rows, CHUNK))
-
-    def products(self, signals: Signals, start: int, stop: int) -> Array:
-        """Z'Z of a stretch."""
-        plan, m, above = self.plan, self.m, 1 + self.m
-        prefix = self.left[above:]
-        sums = [np.zeros((above + n, high - low)) for n, low, high in plan.groups]
-        parts = [np.empty_like(s) for s in sums]
-        own = np.zeros((above, above))
-        for slab in range(start, stop, SLAB):
-            end = min(slab + SLAB, stop)
-            base = signals.base(slab, end) / self.scales[0][:, None]
-            response = signals.responses(slab, end) / self.scales[1][:, None]
-            for a in range(0, end - slab, CHUNK):
-                b = min(a + CHUNK, end - slab)
-                c = b - a
-                for rows, of in ((self.suffix, plan.suffix), (prefix, plan.prefix)):
-                    fill_rows(base[:, a:b], of.target, of.parent, of.factor, rows)
-                self.left[1:above, :c] = response[:, a:b]
-                outer = self.left[:above, :c]
-                own += outer @ outer.T
-                for (n, low, high), total, part in zip(plan.groups, sums, parts, strict=True):
-                    np.matmul(self.left[: above + n, :c], self.suffix[low:high, :c].T, out=part)
-                    total += part
-        cross = np.concatenate([s[:above] for s in sums], axis=1)
-        vector = np.concatenate([cross[0], *(s[above:].ravel() for s in sums)])
-        inner = slice(1, 1 + self.p)
-        z = np.empty((1 + self.p + m, 1 + self.p + m))
-        z[inner, inner] = vector[plan.gather]
-        z[inner, 0] = z[0, inner] = cross[0, plan.member]
-        z[1 + self.p :, inner] = cross[1:, plan.member]
-        z[inner, 1 + self.p :] = z[1 + self.p :, inner].T
-        z[0, 0] = own[0, 0]
-        z[0, 1 + self.p :] = z[1 + self.p :, 0] = own[0, 1:]
-        z[1 + self.p :, 1 + self.p :] = own[1:, 1:]
-        return z
