@@ -330,10 +330,10 @@ def test_ctrl_c_ends_a_command_with_130_and_words(select):
     ids=lambda text: text[:20] or "empty",
 )
 def test_a_term_that_is_no_formula_is_refused_at_once(text):
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(TermError):
         Term(text)
-    assert time.perf_counter() - start < 1.0
+    assert time.process_time() - start < 1.0
 
 
 def test_nothing_in_the_package_evaluates_text_or_unpickles():

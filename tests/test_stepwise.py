@@ -270,6 +270,26 @@ def test_polish_reaches_the_global_optimum_of_bic_nearly_always_and_never_passes
     assert missed[2] <= 3
 
 
+@pytest.mark.parametrize("apart", [1.0, 1e-3])
+@pytest.mark.parametrize("depth", [1, 2, 3])
+def test_polish_ends_where_no_move_of_its_depth_would_lower_the_criterion(depth, apart):
+    """Every set that differs by at most two terms out and two in, by solving for each; half the pool nearly copies."""
+    gone, more = np.array([(i, j) for i in range(3) for j in range(3) if i + j <= depth + 1 and max(i, j) <= depth]).T
+    for seed in range(12):
+        X, y, *_ = problem(seed, n=80, p=6, k=3, noise=1.5, shared=1.5)
+        X = np.hstack([X, X + apart * np.random.default_rng(seed).normal(size=X.shape)])
+        C, penalty = products(X, y), np.log(80.0)
+        path = polish(C, 79.0, (), penalty, depth=depth)
+        kept = set(path.selected)
+        value = 79.0 * np.log(path.rss) + penalty * len(kept)
+        for out, into in zip(gone, more):
+            for left in itertools.combinations(sorted(kept), len(kept) - out if out <= len(kept) else 0):
+                for new in itertools.combinations(sorted(set(range(12)) - kept), into):
+                    S = [*left, *new]
+                    rss = C[-1, -1] - (C[S, -1] @ np.linalg.solve(C[np.ix_(S, S)], C[S, -1]) if S else 0.0)
+                    assert 79.0 * np.log(rss) + penalty * len(S) > value - 1e-6
+
+
 def test_polish_never_ends_above_where_it_began_and_keeps_forced_terms():
     for seed in range(20):
         X, y, true, _ = problem(seed, n=60, p=15, k=5, noise=2.0)

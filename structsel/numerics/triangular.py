@@ -28,6 +28,7 @@ ZERO, NONE = np.int64(0), np.int64(-1)
 ENTER, LEAVE, SWAP, REFUSE = np.int64(0), np.int64(1), np.int64(2), np.int64(3)
 NO_F, PERFECT, MAX_TERMS, NO_DOF, MOVES, CONSTANT, NO_GAIN, NONE_LEFT, OPTIMUM = range(9)
 ROUNDING = 1e-14  # largest error assumed in an entry of the correlation matrix
+SLACK = np.float32(4e-6)  # of single precision, relative to the largest sum it is asked about
 MARGIN = 1e-10  # relative fall of rss an exchange must bring, so that rounding cannot make it cycle
 
 
@@ -351,75 +352,113 @@ def search(C, dof, F_in, F_out, forced, start, max_terms, min_gain, swap, tol, t
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _remainder(C, scale, k, W, outside):
-    """What the kept terms leave of the correlations among the candidates outside."""
+def _remainder(C, scale, outside, packed, S, rough):
+    """Write what the kept terms leave of the correlations among the candidates outside, above the diagonal."""
     q = outside.size - 1
-    S = np.empty((q, q))
-    packed = np.empty((k, q))
-    for i in range(k):
-        for c in range(q):
-            packed[i, c] = W[i, outside[c]]
     for a in range(q):
-        row = S[a]
-        for c in range(a + 1, q):
-            row[c] = C[outside[a], outside[c]] * scale[outside[a]] * scale[outside[c]]
-        for i in range(k):
-            f = packed[i, a]
-            other = packed[i]
-            for c in range(a + 1, q):
+        row, places = S[a, a + 1 : q], outside[a + 1 : q]
+        for c in range(row.size):
+            row[c] = C[outside[a], places[c]] * scale[outside[a]] * scale[places[c]]
+        for i in range(packed.shape[0]):
+            f, other = packed[i, a], packed[i, a + 1 : q]
+            for c in range(row.size):
                 row[c] -= f * other[c]
-    return S
+        rough[a, a + 1 : q] = row
+
+
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
+def _count_above(limit, row, u, f, first, g, second, G, twice, z):
+    """In how many places r (G r - twice z) + z^2 is above a limit, r = u row + f first + g second; single precision."""
+    count = 0
+    for j in range(row.size):
+        r = u[j] * row[j] + f * first[j] + g * second[j]
+        count += r * (G * r - twice * z[j]) + z[j] * z[j] > limit
+    return count
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _best_pair(S, D, B, c1, c2, tol):
-    """The two that together explain most: (B_i^2 D_j - 2 B_i B_j s + B_j^2 D_i) / (D_i D_j - s^2)."""
+def _best_pair(S, rough, D, B, c1, c2, tol, needed):
+    """The two that together explain most, if more than needed.
+
+    That is (B_i^2 D_j - 2 B_i B_j s + B_j^2 D_i) / (D_i D_j - s^2). With r = s / sqrt(D_i D_j) and z = B / sqrt(D) it
+    is above G where G r^2 - 2 z_i z_j r + z_i^2 + z_j^2 > G, which single precision rules out for most: it takes
+    sixteen at once, and half the memory, where the correlations of hundreds just fill the second-level cache.
+    """
     q = D.size
-    best, first, second = -1.0, -1, -1
+    u, most = np.zeros(q, np.float32), np.float32(0.0)
+    for a in range(q):
+        if D[a] > tol:
+            u[a] = 1.0 / np.sqrt(D[a])
+            most = max(most, np.float32(B[a] * B[a] / D[a]))
+    z, f1, f2 = u * B.astype(np.float32), c1.astype(np.float32), c2.astype(np.float32)
+    first, second = u * f1[:q], u * f2[:q]
+    best, one, other = needed, -1, -1
     for i in range(q - 1):
-        Di, Bi, f, g = D[i], B[i], c1[i], c2[i]
-        if Di <= tol:
+        if D[i] <= tol:
             continue
         # Views that begin at zero: the compiler takes several at once only where no index can be negative.
-        n = q - 1 - i
-        row, Dj, Bj, fj, gj = S[i, i + 1 :], D[i + 1 :], B[i + 1 :], c1[i + 1 : q], c2[i + 1 : q]
-        # Whether any is better is cheap to ask of several at once; few rows have one.
-        better = 0
-        for j in range(n):
-            s = row[j] + f * fj[j] + g * gj[j]
-            better += (Bi * Bi - best * Di) * Dj[j] + s * (best * s - 2.0 * Bi * Bj[j]) + Bj[j] * Bj[j] * Di > 0.0
-        if better == 0:
+        G = np.float32(best)
+        if not _count_above(
+            G - z[i] * z[i] - SLACK * (abs(G) + most), rough[i, i + 1 : q], u[i + 1 :], f1[i], first[i + 1 :],
+            f2[i], second[i + 1 :], G * u[i] * u[i], np.float32(2.0) * z[i] * u[i], z[i + 1 :],
+        ):  # fmt: skip
             continue
-        for j in range(n):
-            s = row[j] + f * fj[j] + g * gj[j]
-            det = Di * Dj[j] - s * s
-            gain = (Bi * Bi * Dj[j] - 2.0 * Bi * Bj[j] * s + Bj[j] * Bj[j] * Di) / det
-            if gain > best and det > tol * max(Di, Dj[j]):
-                best, first, second = gain, i, i + 1 + j
-    return best, first, second
+        for j in range(i + 1, q):
+            s = S[i, j] + c1[i] * c1[j] + c2[i] * c2[j]
+            det = D[i] * D[j] - s * s
+            gain = (B[i] * B[i] * D[j] - 2.0 * B[i] * B[j] * s + B[j] * B[j] * D[i]) / det
+            if gain > best and det > tol * max(D[i], D[j]):
+                best, one, other = gain, i, j
+    return best, one, other
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _give_up(m, k, W, T, outside, before, g, c):
+def _best_single(D, B, tol, needed):
+    """The one that explains most, B^2 / D, if more than needed."""
+    count = 0
+    for a in range(D.size):
+        count += B[a] * B[a] > needed * D[a]
+    best, one = needed, -1
+    if count:
+        for a in range(D.size):
+            if D[a] > tol and B[a] * B[a] > best * D[a]:
+                best, one = B[a] * B[a] / D[a], a
+    return best, one
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _give_up(m, k, T, V, before, g, c_before, c):
     """Direction g that term m alone holds (orthogonal to ``before``), and c, what each column has of it."""
-    for a in range(c.size):
-        c[a] = 0.0
+    if m < 0:
+        g[:] = 0.0
+        c[:] = 0.0
+        return
     common = norm = 0.0
     for i in range(k):
-        g[i] = T[m, i] if 0 <= m <= i else 0.0
+        g[i] = T[m, i] if m <= i else 0.0
         common += g[i] * before[i]
     for i in range(k):
         g[i] -= common * before[i]
         norm += g[i] * g[i]
+    size = np.sqrt(norm)
     for i in range(k):
-        if g[i] != 0.0:
-            g[i] /= np.sqrt(norm)
-            for a in range(c.size):
-                c[a] += g[i] * W[i, outside[a]]
+        g[i] /= size
+    mine = V[m]
+    for a in range(c.size):
+        c[a] = (mine[a] - common * c_before[a]) / size
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _weigh(C, scale, k, W, T, d, b, chosen, inside, must, dof, penalty, floor, max_terms, tol, level):
+def _with(d, b, c, D, B):
+    """Write d and b with what they have of a direction c given up; the last entry of c is the response's."""
+    own = c[D.size]
+    for a in range(D.size):
+        D[a] = d[a] + c[a] * c[a]
+        B[a] = b[a] + c[a] * own
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _weigh(C, scale, k, W, T, d, b, chosen, inside, must, dof, penalty, floor, max_terms, tol, level, S, rough):
     """Best move of at most level + 1 terms, at most two of them out and two in.
 
     The rows of T of the terms taken out span the directions given up, so that after orthogonalising
@@ -435,37 +474,49 @@ def _weigh(C, scale, k, W, T, d, b, chosen, inside, must, dof, penalty, floor, m
             q += 1
     outside[q] = p
     outside = outside[: q + 1]
-    S = _remainder(C, scale, k, W, outside) if most > 1 else np.empty((0, 0))
-    D, B = np.empty(q), np.empty(q)
+    packed, V = np.empty((k, q + 1)), np.zeros((k, q + 1))
+    for i in range(k):
+        for a in range(q + 1):
+            packed[i, a] = W[i, outside[a]]
+    for m in range(k):
+        mine = V[m]
+        for i in range(m, k):
+            f, other = T[m, i], packed[i]
+            for a in range(q + 1):
+                mine[a] += f * other[a]
+    if most > 1:
+        _remainder(C, scale, outside, packed, S, rough)
+    d0, b0 = d[outside[:q]], b[outside[:q]]
+    D1, B1, D, B = np.empty(q), np.empty(q), np.empty(q), np.empty(q)
     g0, g1, g2 = np.zeros(k), np.zeros(k), np.zeros(k)
-    c1, c2 = np.zeros(q + 1), np.zeros(q + 1)
+    c0, c1, c2 = np.zeros(q + 1), np.zeros(q + 1), np.zeros(q + 1)
     best = dof * np.log(max(d[p], floor)) + penalty * k - MARGIN * dof
     move = np.full(4, -1, np.int64)
     for m1 in range(-1, k):
         if m1 >= 0 and must[chosen[m1]]:
             continue
-        _give_up(m1, k, W, T, outside, g0, g1, c1)
+        _give_up(m1, k, T, V, g0, g1, c0, c1)
+        _with(d0, b0, c1, D1, B1)
         for m2 in range(-1, max(m1, 0) if most > 1 else 0):
             if m2 >= 0 and must[chosen[m2]]:
                 continue
             gone = (m1 >= 0) + (m2 >= 0)
-            _give_up(m2, k, W, T, outside, g1, g2, c2)
+            _give_up(m2, k, T, V, g1, g2, c1, c2)
+            _with(D1, B1, c2, D, B)
             base = d[p] + c1[q] * c1[q] + c2[q] * c2[q]
-            for a in range(q):
-                D[a] = d[outside[a]] + c1[a] * c1[a] + c2[a] * c2[a]
-                B[a] = b[outside[a]] + c1[a] * c1[q] + c2[a] * c2[q]
             for new in range(most + 1):
                 left = k - gone + new
                 if left > max_terms or gone + new == 0 or gone + new > level + 1:
                     continue
+                # What must be left at most, to be better than the best so far.
+                least = np.exp((best - penalty * left) / dof)
+                if new > 0 and least <= floor:
+                    continue
                 gain, i, j = 0.0, -1, -1
                 if new == 1:
-                    gain = -1.0
-                    for a in range(q):
-                        if D[a] > tol and B[a] * B[a] / D[a] > gain:
-                            gain, i = B[a] * B[a] / D[a], a
+                    gain, i = _best_single(D, B, tol, base - least)
                 elif new == 2:
-                    gain, i, j = _best_pair(S, D, B, c1, c2, tol)
+                    gain, i, j = _best_pair(S, rough, D, B, c1, c2, tol, base - least)
                 if new > 0 and i < 0:
                     continue
                 value = dof * np.log(max(base - gain, floor)) + penalty * left
@@ -501,13 +552,17 @@ def climb(C, dof, penalty, forced, start, max_terms, depth, tol, trace):
     scale, d, b, W, T, chosen, inside, must, k, step = _take(C, dof, forced, start, limit, tol, trace)
     theta, loss = np.empty(limit), np.empty(limit)
     most = min(limit, max_terms)
+    pairs = p if depth > 1 else 0
+    S, rough = np.empty((pairs, pairs)), np.empty((pairs, pairs), np.float32)
     floor = 0.0
     why = CONSTANT if scale[p] == 0.0 else MOVES
     while why == MOVES and step < 50 * p + 1000:
         floor = max(floor, _estimates(k, W, T, theta, loss))
         move = np.full(4, -1, np.int64)
         for level in range(1, depth + 1):
-            move = _weigh(C, scale, k, W, T, d, b, chosen, inside, must, dof, penalty, floor, most, tol, level)
+            move = _weigh(
+                C, scale, k, W, T, d, b, chosen, inside, must, dof, penalty, floor, most, tol, level, S, rough
+            )
             if move.max() >= 0:
                 break
         if move.max() < 0:
