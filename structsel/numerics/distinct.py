@@ -36,28 +36,28 @@ class DistinctPlan:
         Of these the monomials of degree d, grouped by last letter.
     groups : tuple of (n_prefix, start, stop)
         For each first letter: prefixes ``[:n_prefix]`` against rows ``[start:stop]``.
-    gather : (p, p) int array
-        Where each entry of the Gram lies in the vector [sums of rows, group products].
-    member : (p,) int array
-        Row of each candidate.
+    gather : ((1 + p + m) (2 + p + m) / 2,) int array
+        Where each entry of the triangle of Z'Z lies among the products of [1, responses], theirs with the rows, and
+        those of the groups, end to end.
     """
 
     rows: RowPlan
     prefix: NDArray[np.int32]
     groups: tuple[tuple[int, int, int], ...]
     gather: NDArray[np.int32]
-    member: NDArray[np.int32]
 
 
 @lru_cache(maxsize=8)
-def plan_distinct(words: tuple[Word, ...], n_base: int) -> DistinctPlan | None:
-    """Plan a Gram through distinct sums, or None where the plain product is cheaper.
+def plan_distinct(words: tuple[Word, ...], n_base: int, m: int) -> DistinctPlan | None:
+    """Plan Z'Z through distinct sums, or None where the plain product is cheaper.
 
     Parameters
     ----------
     words : tuple of tuple of int
     n_base : int
         Number of base signals.
+    m : int
+        Number of responses.
     """
     p = len(words)
     degree = max(map(len, words), default=0)
@@ -81,12 +81,20 @@ def plan_distinct(words: tuple[Word, ...], n_base: int) -> DistinctPlan | None:
                 position[prefixes[i] + suffixes[j]] = offset + i * (stop - start) + j - start
         groups.append((n_prefix, start, stop))
         offset += n_prefix * (stop - start)
-    gather = np.empty((p, p), dtype=np.int32)
+    above = 1 + m
+    inner, outside = slice(1, 1 + p), [0, *range(1 + p, above + p)]
+    place = np.empty((above + p, above + p), dtype=np.int32)
+    place[np.ix_(outside, outside)] = np.arange(above**2).reshape(above, above)
+    first = above**2 + np.arange(above) * len(suffixes)  # where the products of each of [1, responses] begin
+    member = np.array([position[w] for w in words])
+    place[outside, inner] = first[:, None] + member
+    place[inner, outside] = place[outside, inner].T
+    beyond = first[-1]  # the groups' products follow those of the rows, one of which is the constant's
     for i, left in enumerate(words):
         for j in range(i + 1):
-            gather[i, j] = gather[j, i] = position[tuple(sorted(left + words[j]))]
-    member = np.array([position[w] for w in words], dtype=np.int32)
-    return DistinctPlan(plan_rows(tuple(suffixes)), prefix, tuple(groups), gather, member)
+            at = position[tuple(sorted(left + words[j]))]
+            place[1 + i, 1 + j] = place[1 + j, 1 + i] = at + (first[0] if at < len(suffixes) else beyond)
+    return DistinctPlan(plan_rows(tuple(suffixes)), prefix, tuple(groups), place[np.triu_indices(above + p)])
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
@@ -127,24 +135,24 @@ def add_tiles(
 
 
 class DistinctMaker:
-    """Z'Z of any stretch of a manoeuvre; one per worker: it owns its workspace.
+    """The triangle of Z'Z of any stretch of a manoeuvre; one per worker: it owns its workspace.
 
     Above the monomials' rows stand the constant and the responses, whose sums come out of the same products.
     """
 
-    def __init__(self, plan: DistinctPlan, p: int, scales: Scales):
-        self.plan, self.scales, self.p = plan, scales, p
+    def __init__(self, plan: DistinctPlan, scales: Scales):
+        self.plan, self.scales = plan, scales
         self.above = 1 + scales[1].size
         self.rows = np.ones((self.above + plan.rows.n_rows + _WIDE - 1, _CHUNK))
         left = np.concatenate([np.arange(self.above), self.above + plan.prefix, np.zeros(_TALL - 1)])
         self.left = left.astype(np.int32)
 
     def products(self, signals: Signals, start: int, stop: int) -> Array:
-        """Z'Z of a stretch."""
-        above, plan = self.above, self.plan.rows
+        """Upper triangle of Z'Z of a stretch, row by row."""
+        above, plan, groups = self.above, self.plan.rows, self.plan.groups
         responses, monomials = self.rows[1:above], self.rows[above:]
         # Rows of the next group, or of ones, fill the last tiles.
-        sums = [np.zeros((_whole(above + n, _TALL), _whole(b - a, _WIDE))) for n, a, b in self.plan.groups]
+        sums = [np.zeros((_whole(above + n, _TALL), _whole(b - a, _WIDE))) for n, a, b in groups]
         own = np.zeros((above, above))
         for slab in range(start, stop, SLAB):
             end = min(slab + SLAB, stop)
@@ -156,21 +164,11 @@ class DistinctMaker:
                 responses[:, : b - a] = response[:, a:b]
                 outer = self.rows[:above, : b - a]
                 own += outer @ outer.T
-                for (_, first, _), total in zip(self.plan.groups, sums, strict=True):
+                for (_, first, _), total in zip(groups, sums, strict=True):
                     add_tiles(self.rows, self.left, above + first, b - a, total)
-        return self._gathered([s[: above + n, : b - a] for s, (n, a, b) in zip(sums, self.plan.groups)], own)
-
-    def _gathered(self, sums: list[Array], own: Array) -> Array:
-        above, p = self.above, self.p
-        cross = np.concatenate([s[:above] for s in sums], axis=1)
-        vector = np.concatenate([cross[0], *(s[above:].ravel() for s in sums)])
-        inner, outside = slice(1, 1 + p), [0, *range(1 + p, above + p)]
-        z = np.empty((above + p, above + p))
-        z[inner, inner] = vector[self.plan.gather]
-        z[outside, inner] = cross[:, self.plan.member]
-        z[inner, outside] = cross[:, self.plan.member].T
-        z[np.ix_(outside, outside)] = own
-        return z
+        each = [s[: above + n, : b - a] for s, (n, a, b) in zip(sums, groups, strict=True)]
+        cross = np.concatenate([s[:above] for s in each], axis=1)
+        return np.concatenate([own.ravel(), cross.ravel(), *(s[above:].ravel() for s in each)])[self.plan.gather]
 
 
 def _whole(n: int, tile: int) -> int:

@@ -13,16 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
+from scipy.linalg.lapack import dgeqrf
 
 from structsel.errors import SelectionError
 from structsel.numerics.colour import WHITE, Colour, LagMoments, fit_ar, reference_sigma, whiten_rows
 from structsel.numerics.cutting import cut_blocks, whole_manoeuvres
 from structsel.numerics.monomials import plan_rows, words_of
 from structsel.numerics.passes import Part, Passes, Piece, Progress
-from structsel.numerics.rows import Array, RowMaker, Scales, Signals, base_scale, column_scale
+from structsel.numerics.rows import SLAB, Array, RowMaker, Scales, Signals, base_scale, column_scale
 
-SLAB_ROWS = 4096
-BLOCKS = 8  # that a refit of a long manoeuvre is shared out in
+SLAB_ROWS = SLAB  # factored at a time
+BLOCKS, BLOCK_ROWS = 8, 16384  # that a refit of a long manoeuvre is shared out in, and samples that one has at least
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,9 @@ def _stretches(
 ) -> Iterator[Array]:
     """Scaled rows [1, x, y] of a piece, each with its reach of past samples, chunk by chunk."""
     p = len(exponents)
-    maker = RowMaker(plan_rows(words_of(exponents)), p, scales, reach)
+    maker = RowMaker(
+        plan_rows(words_of(exponents)), p, scales, reach, SLAB
+    )  # few rows: all of a slab's are in the cache
     for rows, _, _ in maker.chunks(piece.signals, max(piece.start, reach), piece.stop):
         rows[1 + p] = rows[1 + p + response]
         yield rows[: p + 2]
@@ -115,19 +118,24 @@ class Factors:
 
     def _factor(self, part: Part, r: int) -> Array:
         kept = self.exponents[r]
-        buffer = np.empty((len(kept) + 2, SLAB_ROWS))
-        factor = np.zeros((0, len(kept) + 2))
-        filled = 0
+        q = len(kept) + 2
+        # A variable in each row, the factor so far before the samples: transposed, it is as LAPACK wants it.
+        buffer, filled = np.zeros((q, q + SLAB_ROWS)), q
         for piece in part:
             colour = piece.colours[r]
             for rows in _stretches(piece, kept, self.scales, self.responses[r], colour.order):
                 width = rows.shape[1] - colour.order
-                if filled + width > SLAB_ROWS:
-                    factor, filled = stack_factors([factor, buffer[:, :filled].T]), 0
+                if filled + width > buffer.shape[1]:
+                    buffer[:, :q], filled = _triangle(buffer[:, :filled]).T, q
                 into = buffer[:, filled : filled + width]
                 whiten_rows(rows, colour.ar, self.levels[r] / colour.sigma, colour.order, into)
                 filled += width
-        return stack_factors([factor, buffer[:, :filled].T])
+        return _triangle(buffer[:, :filled])
+
+
+def _triangle(variables: Array) -> Array:
+    """Triangular factor R of the samples of (q, n) variables, which are overwritten."""
+    return np.triu(dgeqrf(variables.T, overwrite_a=1)[0][: len(variables)])
 
 
 def stack_factors(parts: Iterable[Array]) -> Array:
@@ -181,7 +189,7 @@ def refit_each(
     scales = scales or base_scale(manoeuvres)
     lengths = [m.n for m in manoeuvres]
     of = [c if c is not None else [WHITE] * len(manoeuvres) for c in colours]
-    blocks = min(BLOCKS, sum(lengths) // (4 * SLAB_ROWS))  # a block more is a factor more
+    blocks = min(BLOCKS, sum(lengths) // BLOCK_ROWS)  # a block more is a factor more
     cut = cut_blocks(lengths, blocks, max(len(kept) for kept in exponents))
     job = Factors(exponents, responses, [reference_sigma(c, lengths) for c in of], scales)
     made = (passes or Passes()).over(job, cut.parts(manoeuvres, of), workers, progress).table

@@ -140,22 +140,22 @@ class Products:
     def start(self) -> Callable[[Part], Array]:
         """Through distinct sums where that is cheaper."""
         words = words_of(self.exponents)
-        p, q = len(words), 1 + len(words) + self.scales[1].size
-        upper = np.ravel_multi_index(np.triu_indices(q), (q, q))
-        distinct = plan_distinct(words, self.scales[0].size)
+        p, m = len(words), self.scales[1].size
+        distinct = plan_distinct(words, self.scales[0].size, m)
         if distinct is not None:
-            products = DistinctMaker(distinct, p, self.scales).products
+            products = DistinctMaker(distinct, self.scales).products
         else:
-            maker = RowMaker(plan_rows(words), p, self.scales)
+            maker, q = RowMaker(plan_rows(words), p, self.scales), 1 + p + m
+            upper = np.ravel_multi_index(np.triu_indices(q), (q, q))
 
             def products(signals: Signals, start: int, stop: int) -> Array:
-                return plain_products(maker, signals, start, stop)
+                return plain_products(maker, signals, start, stop).ravel()[upper]
 
         def one(part: Part) -> Array:
             total = products(part[0].signals, part[0].start, part[0].stop)
             for piece in part[1:]:
                 total += products(piece.signals, piece.start, piece.stop)
-            return total.ravel()[upper]
+            return total
 
         return one
 

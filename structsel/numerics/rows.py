@@ -93,20 +93,20 @@ def column_scale(exponents: NDArray[np.integer], base: Array, response: Array) -
 
 
 class RowMaker:
-    """Scaled rows [1, x_1 .. x_p, y_1 .. y_m] of any stretch of a manoeuvre, ``CHUNK`` samples at a time.
+    """Scaled rows [1, x_1 .. x_p, y_1 .. y_m] of any stretch of a manoeuvre, ``chunk`` samples at a time.
 
     One per worker: it owns its workspace.
     """
 
-    def __init__(self, plan: RowPlan, p: int, scales: tuple[Array, Array], reach: int = 0):
+    def __init__(self, plan: RowPlan, p: int, scales: Scales, reach: int = 0, chunk: int = CHUNK):
         self.m = scales[1].size
         self.q = 1 + p + self.m
-        self.reach = reach
+        self.reach, self.chunk = reach, chunk
         shift = np.where(np.arange(plan.n_rows) < p, 1, 1 + self.m).astype(np.int32)
         self.target = plan.target + shift[plan.target]
         self.parent = np.where(plan.parent < 0, -1, plan.parent + shift[plan.parent]).astype(np.int32)
         self.factor = plan.factor
-        self.rows = np.ones((plan.n_rows + 1 + self.m, CHUNK + reach))
+        self.rows = np.ones((plan.n_rows + 1 + self.m, chunk + reach))
         self.base_scale, self.response_scale = scales
 
     def chunks(self, signals: Signals, start: int, stop: int) -> Iterator[tuple[Array, int, int]]:
@@ -116,8 +116,8 @@ class RowMaker:
             end = min(slab + SLAB, stop)
             base = signals.base(slab - self.reach, end) / self.base_scale[:, None]
             response = signals.responses(slab - self.reach, end) / self.response_scale[:, None]
-            for a in range(slab, end, CHUNK):
-                b = min(a + CHUNK, end)
+            for a in range(slab, end, self.chunk):
+                b = min(a + self.chunk, end)
                 inside = slice(a - slab, b - slab + self.reach)
                 width = b - a + self.reach
                 fill_rows(base[:, inside], self.target, self.parent, self.factor, self.rows)
