@@ -87,7 +87,7 @@ def prepare(n: int, degree: int, seed: int = 1) -> Work:
     powers = np.pad(case.exponents, ((0, 0), (0, SPLINES)))
     powers[-SPLINES:] = np.eye(powers.shape[1], dtype=int)[-SPLINES:]
     words = tuple(plans.words_of(powers))
-    if sums.plan_distinct(words, powers.shape[1], 1) is not None:
+    if sums.plan_distinct(words, powers.shape[1]) is not None:
         raise RuntimeError("the generic pool is not generic: its products would be shared. Raise SPLINES.")
     return Work(
         white=ArraySignals(base, responses[:1]),

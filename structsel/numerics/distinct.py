@@ -36,28 +36,28 @@ class DistinctPlan:
         Of these the monomials of degree d, grouped by last letter.
     groups : tuple of (n_prefix, start, stop)
         For each first letter: prefixes ``[:n_prefix]`` against rows ``[start:stop]``.
-    gather : ((1 + p + m) (2 + p + m) / 2,) int array
-        Where each entry of the triangle of Z'Z lies among the products of [1, responses], theirs with the rows, and
-        those of the groups, end to end.
+    gather : (p, p) int array
+        Where each entry of the Gram lies in the vector [sums of rows, group products].
+    member : (p,) int array
+        Row of each candidate.
     """
 
     rows: RowPlan
     prefix: NDArray[np.int32]
     groups: tuple[tuple[int, int, int], ...]
     gather: NDArray[np.int32]
+    member: NDArray[np.int32]
 
 
 @lru_cache(maxsize=8)
-def plan_distinct(words: tuple[Word, ...], n_base: int, m: int) -> DistinctPlan | None:
-    """Plan Z'Z through distinct sums, or None where the plain product is cheaper.
+def plan_distinct(words: tuple[Word, ...], n_base: int) -> DistinctPlan | None:
+    """Plan a Gram through distinct sums, or None where the plain product is cheaper.
 
     Parameters
     ----------
     words : tuple of tuple of int
     n_base : int
         Number of base signals.
-    m : int
-        Number of responses.
     """
     p = len(words)
     degree = max(map(len, words), default=0)
@@ -81,20 +81,29 @@ def plan_distinct(words: tuple[Word, ...], n_base: int, m: int) -> DistinctPlan 
                 position[prefixes[i] + suffixes[j]] = offset + i * (stop - start) + j - start
         groups.append((n_prefix, start, stop))
         offset += n_prefix * (stop - start)
-    above = 1 + m
+    gather = np.empty((p, p), dtype=np.int32)
+    for i, left in enumerate(words):
+        for j in range(i + 1):
+            gather[i, j] = gather[j, i] = position[tuple(sorted(left + words[j]))]
+    member = np.array([position[w] for w in words], dtype=np.int32)
+    return DistinctPlan(plan_rows(tuple(suffixes)), prefix, tuple(groups), gather, member)
+
+
+@lru_cache(maxsize=8)
+def _triangle_of(words: tuple[Word, ...], n_base: int, m: int) -> NDArray[np.int32]:
+    """Where each entry of the triangle of Z'Z lies in [products of 1 and responses, theirs with rows, the groups']."""
+    plan = plan_distinct(words, n_base)
+    assert plan is not None
+    p, rows, above = len(words), plan.rows.target.size, 1 + m
     inner, outside = slice(1, 1 + p), [0, *range(1 + p, above + p)]
     place = np.empty((above + p, above + p), dtype=np.int32)
     place[np.ix_(outside, outside)] = np.arange(above**2).reshape(above, above)
-    first = above**2 + np.arange(above) * len(suffixes)  # where the products of each of [1, responses] begin
-    member = np.array([position[w] for w in words])
-    place[outside, inner] = first[:, None] + member
+    begins = above**2 + np.arange(above) * rows
+    place[outside, inner] = begins[:, None] + plan.member
     place[inner, outside] = place[outside, inner].T
-    beyond = first[-1]  # the groups' products follow those of the rows, one of which is the constant's
-    for i, left in enumerate(words):
-        for j in range(i + 1):
-            at = position[tuple(sorted(left + words[j]))]
-            place[1 + i, 1 + j] = place[1 + j, 1 + i] = at + (first[0] if at < len(suffixes) else beyond)
-    return DistinctPlan(plan_rows(tuple(suffixes)), prefix, tuple(groups), place[np.triu_indices(above + p)])
+    # Sums of rows are the constant's products with them; the groups' products follow those of the last response.
+    place[inner, inner] = plan.gather + np.where(plan.gather < rows, begins[0], begins[-1])
+    return place[np.triu_indices(above + p)]
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
@@ -134,26 +143,40 @@ def add_tiles(
             out[i + 3, j + 2] += ez
 
 
+@njit(cache=True, nogil=True)
+def add_groups(
+    rows: NDArray[np.float64], left: NDArray[np.int32], groups: NDArray[np.int64], c: int, out: NDArray[np.float64]
+) -> None:  # pragma: no cover - compiled
+    """Add tiles of each group, (tall, wide, first row on the right, where its sums begin)."""
+    for tall, wide, first, at in groups:
+        add_tiles(rows, left, first, c, out[at : at + tall * wide].reshape((tall, wide)))
+
+
 class DistinctMaker:
     """The triangle of Z'Z of any stretch of a manoeuvre; one per worker: it owns its workspace.
 
     Above the monomials' rows stand the constant and the responses, whose sums come out of the same products.
     """
 
-    def __init__(self, plan: DistinctPlan, scales: Scales):
+    def __init__(self, words: tuple[Word, ...], plan: DistinctPlan, scales: Scales):
         self.plan, self.scales = plan, scales
-        self.above = 1 + scales[1].size
-        self.rows = np.ones((self.above + plan.rows.n_rows + _WIDE - 1, _CHUNK))
-        left = np.concatenate([np.arange(self.above), self.above + plan.prefix, np.zeros(_TALL - 1)])
+        self.gather = _triangle_of(words, scales[0].size, scales[1].size)
+        above = self.above = 1 + scales[1].size
+        self.rows = np.ones((above + plan.rows.n_rows + _WIDE - 1, _CHUNK))
+        left = np.concatenate([np.arange(above), above + plan.prefix, np.zeros(_TALL - 1)])
         self.left = left.astype(np.int32)
+        # The products of [1, responses] come first. Rows of the next group, or of ones, fill the last tiles.
+        self.sizes = [(above, above), *((above + n, stop - start) for n, start, stop in plan.groups)]
+        whole = [(_whole(tall, _TALL), _whole(wide, _WIDE)) for tall, wide in self.sizes]
+        ends = np.cumsum([0, *(tall * wide for tall, wide in whole)])
+        first = [0, *(above + start for _, start, _ in plan.groups)]
+        self.groups = np.column_stack([np.array(whole), first, ends[:-1]])
+        self.n_sums = int(ends[-1])
 
     def products(self, signals: Signals, start: int, stop: int) -> Array:
         """Upper triangle of Z'Z of a stretch, row by row."""
-        above, plan, groups = self.above, self.plan.rows, self.plan.groups
+        above, plan, sums = self.above, self.plan.rows, np.zeros(self.n_sums)
         responses, monomials = self.rows[1:above], self.rows[above:]
-        # Rows of the next group, or of ones, fill the last tiles.
-        sums = [np.zeros((_whole(above + n, _TALL), _whole(b - a, _WIDE))) for n, a, b in groups]
-        own = np.zeros((above, above))
         for slab in range(start, stop, SLAB):
             end = min(slab + SLAB, stop)
             base = signals.base(slab, end) / self.scales[0][:, None]
@@ -162,13 +185,13 @@ class DistinctMaker:
                 b = min(a + _CHUNK, end - slab)
                 fill_rows(base[:, a:b], plan.target, plan.parent, plan.factor, monomials)
                 responses[:, : b - a] = response[:, a:b]
-                outer = self.rows[:above, : b - a]
-                own += outer @ outer.T
-                for (_, first, _), total in zip(groups, sums, strict=True):
-                    add_tiles(self.rows, self.left, above + first, b - a, total)
-        each = [s[: above + n, : b - a] for s, (n, a, b) in zip(sums, groups, strict=True)]
+                add_groups(self.rows, self.left, self.groups, b - a, sums)
+        own, *each = (
+            sums[at : at + tall * wide].reshape(tall, wide)[:n, :m]
+            for (tall, wide, _, at), (n, m) in zip(self.groups, self.sizes, strict=True)
+        )
         cross = np.concatenate([s[:above] for s in each], axis=1)
-        return np.concatenate([own.ravel(), cross.ravel(), *(s[above:].ravel() for s in each)])[self.plan.gather]
+        return np.concatenate([own.ravel(), cross.ravel(), *(s[above:].ravel() for s in each)])[self.gather]
 
 
 def _whole(n: int, tile: int) -> int:

@@ -141,9 +141,9 @@ class Products:
         """Through distinct sums where that is cheaper."""
         words = words_of(self.exponents)
         p, m = len(words), self.scales[1].size
-        distinct = plan_distinct(words, self.scales[0].size, m)
+        distinct = plan_distinct(words, self.scales[0].size)
         if distinct is not None:
-            products = DistinctMaker(distinct, self.scales).products
+            products = DistinctMaker(words, distinct, self.scales).products
         else:
             maker, q = RowMaker(plan_rows(words), p, self.scales), 1 + p + m
             upper = np.ravel_multi_index(np.triu_indices(q), (q, q))
