@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from structsel.errors import SelectionError
@@ -73,7 +74,7 @@ class MomentSet:
 
     def unpack(self, packed: Array) -> Array:
         """Full symmetric (q, q) matrix of one packed triangle."""
-        return np.asarray(packed)[_places(self.scale.size)]
+        return np.take(packed, _places(self.scale.size))
 
     def total(self, weights: Array | None = None) -> Array:
         """Weighted sum of all blocks' products, (q, q)."""
@@ -102,12 +103,15 @@ def _places(q: int) -> NDArray[np.intp]:
     return table
 
 
-def sweep_constant(product: Array) -> Array:
+@njit(cache=True, nogil=True, error_model="numpy")
+def sweep_constant(product: Array) -> Array:  # pragma: no cover - compiled
     """Products with the constant (column 0) regressed out, (q - 1, q - 1): the centred second moments."""
-    if not product[0, 0] > 0.0:
-        return product[1:, 1:].copy()
-    swept = np.multiply.outer(product[1:, 0] / -product[0, 0], product[0, 1:])
-    swept += product[1:, 1:]  # in place: with hundreds of candidates, fresh megabytes cost more than the sums
+    swept = product[1:, 1:].copy()
+    if product[0, 0] > 0.0:
+        for i in range(swept.shape[0]):
+            share = product[i + 1, 0] / product[0, 0]
+            for j in range(swept.shape[1]):
+                swept[i, j] -= share * product[0, j + 1]
     return swept
 
 

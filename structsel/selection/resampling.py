@@ -14,7 +14,7 @@ from structsel.numerics.uncertainty import bootstrap_units, bootstrap_weights
 from structsel.selection.search import Found, prediction_error, solve
 from structsel.selection.way import Way, without
 
-AT_A_TIME = 8  # resampled totals formed together
+AT_A_TIME = 16  # resampled totals formed together
 WORTH = 40  # samples that are gone through in the time of one resampled search
 
 
