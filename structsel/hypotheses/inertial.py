@@ -21,7 +21,8 @@ from structsel.numerics.smoothing.result import Array
 
 _MOMENTS = ("Cl", "Cm", "Cn")
 _SLOSH = (0.25, 2.0)  # Hz
-_SLOSH_DAMPINGS = (0.02, 0.06)
+_SLOSH_FREQUENCIES = 17  # an octave in six: as far apart as the wider of the resonances is wide
+_SLOSH_DAMPINGS = (0.025, 0.08)
 _BESIDE = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
 _ONSETS = 4  # manoeuvres in which the centre of gravity may move
 
@@ -245,7 +246,10 @@ def _slosh_variants(flights: Flights) -> list[Variant]:
     for axis, parameters, name in ((1, side, "sideways"), (0, pitch, "fore and aft")):
         seen = peaks(flights, (FORCES[axis],), 3, *_SLOSH)
         near = [x * by for x in seen for by in _BESIDE]
-        for frequency in [*near, *(x for x in spaced(*_SLOSH, 9) if all(abs(np.log(x / y)) > 0.1 for y in seen))]:
+        for frequency in [
+            *near,
+            *(x for x in spaced(*_SLOSH, _SLOSH_FREQUENCIES) if all(abs(np.log(x / y)) > 0.1 for y in seen)),
+        ]:
             for damping in _SLOSH_DAMPINGS:
                 shape = {"frequency": frequency, "damping": damping}
                 made.append(
