@@ -22,7 +22,6 @@ from structsel.numerics.monomials import plan_rows, words_of
 from structsel.numerics.passes import Part, Passes, Piece, Progress
 from structsel.numerics.rows import SLAB, Array, RowMaker, Scales, Signals, base_scale, column_scale
 
-SLAB_ROWS = SLAB  # factored at a time
 BLOCKS, BLOCK_ROWS = 8, 16384  # that a refit of a long manoeuvre is shared out in, and samples that one has at least
 
 
@@ -77,9 +76,8 @@ def _stretches(
 ) -> Iterator[Array]:
     """Scaled rows [1, x, y] of a piece, each with its reach of past samples, chunk by chunk."""
     p = len(exponents)
-    maker = RowMaker(
-        plan_rows(words_of(exponents)), p, scales, reach, SLAB
-    )  # few rows: all of a slab's are in the cache
+    # Few rows: all of a slab's stay in the cache.
+    maker = RowMaker(plan_rows(words_of(exponents)), p, scales, reach, SLAB)
     for rows, _, _ in maker.chunks(piece.signals, max(piece.start, reach), piece.stop):
         rows[1 + p] = rows[1 + p + response]
         yield rows[: p + 2]
@@ -120,7 +118,7 @@ class Factors:
         kept = self.exponents[r]
         q = len(kept) + 2
         # A variable in each row, the factor so far before the samples: transposed, it is as LAPACK wants it.
-        buffer, filled = np.zeros((q, q + SLAB_ROWS)), q
+        buffer, filled = np.zeros((q, q + SLAB)), q
         for piece in part:
             colour = piece.colours[r]
             for rows in _stretches(piece, kept, self.scales, self.responses[r], colour.order):
