@@ -21,7 +21,7 @@ from structsel.numerics.smoothing.result import Array
 
 _MOMENTS = ("Cl", "Cm", "Cn")
 _SLOSH = (0.25, 2.0)  # Hz
-_SLOSH_FREQUENCIES = 17  # an octave in six: as far apart as the wider of the resonances is wide
+_SLOSH_FREQUENCIES = 17  # 14 % apart, as far as the wider of the resonances is wide
 _SLOSH_DAMPINGS = (0.025, 0.08)
 _BESIDE = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
 _ONSETS = 4  # manoeuvres in which the centre of gravity may move

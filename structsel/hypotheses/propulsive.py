@@ -71,7 +71,7 @@ def _scale_variants(flights: Flights) -> list[Variant]:
 
     return [
         *(
-            of_parts((share,), partial(more, part=part), ", ".join(("all of it", part)).rstrip(", "), ("CT",))
+            of_parts((share,), partial(more, part=part), f"all of it, {part}" if part else "all of it", ("CT",))
             for part in _parts(flights)
         ),
         of_parts(

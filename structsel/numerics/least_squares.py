@@ -7,7 +7,7 @@ again, so neither ``Q`` nor ``Z`` is held.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,16 +132,8 @@ class Factors:
 
 
 def _triangle(variables: Array) -> Array:
-    """Triangular factor R of the samples of (q, n) variables, which are overwritten."""
+    """Triangular factor R of (q, n) variables, samples or factors of them; n at least q, and they are overwritten."""
     return np.triu(dgeqrf(variables.T, overwrite_a=1)[0][: len(variables)])
-
-
-def stack_factors(parts: Iterable[Array]) -> Array:
-    """The square triangular factor R of these rows, or factors of rows, together."""
-    stacked = np.vstack(list(parts))
-    q = stacked.shape[1]
-    R = np.asarray(np.linalg.qr(stacked, mode="r"))
-    return np.vstack([R, np.zeros((q - R.shape[0], q))])
 
 
 def refit(
@@ -194,7 +186,7 @@ def refit_each(
     fits, at = [], 0
     for kept, colour, response in zip(exponents, of, responses, strict=True):
         p, q = len(kept), len(kept) + 2
-        factors = made[:, at : at + q * q].reshape(-1, q, q)
+        factors = made[:, at : at + q * q].reshape(-1, q)
         at += q * q
         n = int(cut.n([c.order for c in colour]).sum())
         if n < p + 1:
@@ -202,7 +194,11 @@ def refit_each(
                 f"refit has {n} samples for {p + 1} parameters. Record longer, or ask for fewer terms (max_terms)."
             )
         scale = column_scale(kept, *scales)
-        fits.append(solve_factor(stack_factors(factors), np.append(scale[: p + 1], scale[p + 1 + response]), n))
+        fits.append(
+            solve_factor(
+                _triangle(np.ascontiguousarray(factors.T)), np.append(scale[: p + 1], scale[p + 1 + response]), n
+            )
+        )
     return fits
 
 
