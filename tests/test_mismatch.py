@@ -8,13 +8,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.aircraft import Simulation
+from structsel.diagnosis.scoring import score_all
+from structsel.diagnosis.weighing import nats
 from structsel.errors import DataError, ModelError
 from structsel.mismatch.preparing import prepare
 from structsel.mismatch.simulations import open_simulation
 from structsel.mismatch.station import compare
 from structsel.mismatch.tolerances import biases_of, tolerances_of
 from structsel.recording import Recording
-from tests.missing_physics import CRAFT, TRUTH, T, fly, model_of
+from tests.missing_physics import CRAFT, TRUTH, T, fly, model_of, tried
 
 LIFT = {"CZ": {"alpha^2": -6.0}}
 
@@ -176,6 +178,22 @@ def test_a_brake_that_comes_out_is_in_the_stand_in_and_in_what_tolerances_allow(
     assert_allclose(flights[0].slope("CZ", "speedbrake"), 0.08, rtol=0.03)
     (allowed,) = (n for n in tolerances_of(flights) if n.name == "CZ: speedbrake")
     assert np.ptp(allowed.columns[1]["CZ"]) == pytest.approx(0.08, rel=0.03)
+
+
+def test_the_noise_that_a_simulation_was_asked_at_is_allowed_for_and_passes_for_no_dead_play():
+    sd = 0.0005  # of a span of 0.08; asked without allowance, the play brings 288 nats
+    recordings, told = fly({}, speeds=(40.0, 45.0, 50.0, 55.0), h=(1000.0,) * 4)
+    rng = np.random.default_rng(4)
+    noise = [sd * rng.standard_normal(len(T)) for _ in recordings]
+    recordings = [Recording(r.name, r.t, {**r.channels, "de": r["de"] + x}) for r, x in zip(recordings, noise)]
+    told = [{**s, **{c: s[c] + TRUTH[c]["de"] * x for c in ("CZ", "Cm")}} for s, x in zip(told, noise)]
+    flights = prepare(files(recordings, told), recordings, CRAFT).flights
+    (allowed,) = (n for n in tolerances_of(flights) if n.name == "noise of de")
+    for column, x in zip(allowed.columns, noise):
+        assert np.corrcoef(column["Cm"], -TRUTH["Cm"]["de"] * x)[0, 1] > 0.85
+    (score,) = score_all(*tried(flights, "backlash"))
+    assert score.signature.variant.shape["width"] > 2.0 * sd
+    assert nats(score) < 10.0
 
 
 def test_a_forced_simulation_that_diverged_names_file_channel_and_sample(flown):

@@ -31,6 +31,7 @@ _FEEDBACKS = (
 )  # fmt: skip
 _LONGEST = 1.5  # s, that a surface takes at most through all it is asked
 _FINE = 1.3  # ratio of one rate tried to the next
+_ABOVE_NOISE = 3.0  # standard deviations of a reading's noise, that a play is wide at least
 _WASHOUTS = (1.0, 3.0)  # s, of a damper that leaves steady turns alone
 
 
@@ -163,7 +164,10 @@ def _play_variants(flights: Flights) -> list[Variant]:
     for control in used_controls(flights):
         values = gathered(flights, control)
         reach = float(values.max() - values.min())
-        for width in spaced(0.02 * reach, 0.5 * reach, 10):
+        # A play as narrow as the reading's noise holds that noise still, as the aircraft does, which never felt it.
+        noise = max(float(np.std(f.raw[control] - f[control])) for f in flights)
+        narrowest = max(0.02 * reach, _ABOVE_NOISE * noise)
+        for width in spaced(narrowest, 0.5 * reach, 10) if narrowest < 0.5 * reach else ():
             made.append(
                 Variant(
                     (_SHARE,),

@@ -17,6 +17,8 @@ _OF_BAND = 0.97  # a mode at the edge of what is compared is told from nothing b
 _PEAKS = 3
 _SPREAD = (1.5, 3.0)  # Hz, tried whatever the spectrum says
 _DAMPINGS = (0.01, 0.025, 0.06)  # of what bends: with more, a mode is any lag of second order
+_ANGLES = ("alpha", "beta")
+_AT_REST = 0.7  # damping of what has the mode's frequency and does not ring
 _FAMILIES = ((LONGITUDINAL, ("de", "alpha")), (LATERAL, ("da", "dr", "beta")))
 
 
@@ -24,9 +26,13 @@ def _ringing(responses: Sequence[str], drive: str, frequency: float, damping: fl
     def columns(flight: Flight) -> Columns:
         x = flight[drive]
         swung = oscillate(x, flight.dt, frequency, damping)
-        # The quasi-steady share of the mode is in the rigid derivatives already. Air is moved by the mode's speed,
-        # instruments are by what accelerates it.
-        bent, moving = swung - x, flight.rate(swung) / (2.0 * np.pi * frequency)
+        # The quasi-steady share of the mode is in the rigid derivatives already, by incidence and by its rate. Air is
+        # moved by the mode's speed, instruments are by what accelerates it.
+        moving = flight.rate(swung) / (2.0 * np.pi * frequency)
+        bent = swung - x
+        if drive in _ANGLES:
+            slow = flight.rate(oscillate(x, flight.dt, frequency, _AT_REST)) / (2.0 * np.pi * frequency)
+            bent, moving = bent + 2.0 * damping * slow, moving - slow
         k = len(responses)
         parts = [(r, j + at, part) for at, part in ((0, bent), (k, moving)) for j, r in enumerate(responses)]
         return signature(flight, 2 * k, parts)

@@ -16,6 +16,7 @@ from structsel.aircraft import Aircraft
 from structsel.errors import DataError, StructselError, StructselWarning
 from structsel.mismatch.responses import COEFFICIENTS, KINEMATIC, Rate, respond, told_rates
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.denoising import white_part
 from structsel.numerics.rigid_body import standard_atmosphere
 from structsel.numerics.smoothing import smooth_spline
 from structsel.numerics.smoothing.result import Array
@@ -266,10 +267,12 @@ def _can(name: str, raw: Mapping[str, Array], craft: Aircraft) -> bool:
 def _smooth(name: str, x: Array, t: Array) -> Array:
     if name in _AS_THEY_ARE or np.ptp(x) == 0.0 or len(np.unique(x)) < 0.1 * len(x):
         return x
+    if name in _SHARP:
+        return x - white_part(x)  # a smoother would round what jumps
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructselWarning)  # what it doubts, the comparison's noise will hold
-            made = smooth_spline(x, t, order=2 if name in _SHARP else 3)
+            made = smooth_spline(x, t, order=3)
     except StructselError:
         return x
     return np.array(made.values)

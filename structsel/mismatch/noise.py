@@ -32,10 +32,10 @@ _SQUARES = (
 _LAGS = (0.1, 0.4)  # s
 _LAGGED = ("alpha", "beta", "de", "da", "dr", "q_hat")
 _ITSELF = {
-    "CY": ("beta", "beta_dot_hat"), "CZ": ("alpha", "alpha_dot_hat"), "Cl": ("p_hat",), "Cm": ("q_hat",),
-    "Cn": ("r_hat",),
+    "CY": ("beta", "beta_dot_hat"), "CZ": ("alpha", "alpha_dot_hat"), "Cl": ("p_hat", "beta", "beta_dot_hat"),
+    "Cm": ("q_hat", "alpha", "alpha_dot_hat"), "Cn": ("r_hat", "beta", "beta_dot_hat"),
 }  # fmt: skip
-"""States whose rates and recent past are what a response is measured by."""
+"""States whose rates and recent past are what a response is measured by: angles are foretold by the gyros."""
 
 
 @dataclass(frozen=True, eq=False)

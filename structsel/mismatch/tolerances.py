@@ -30,6 +30,7 @@ _BIAS = {"V": 0.3, "p": 0.001, "q": 0.001, "r": 0.001, "ax": 0.05, "ay": 0.05, "
 _UNSTATED = 0.005  # rad
 _JUMPING = ("de", "da", "dr", "df", "throttle")
 _WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
+_ASKED = ("V", "alpha", "beta", "de", "da", "dr")
 _JUMP, _ABOVE = 0.08, 3.0  # of a channel's span, and of the changes about it, above which a change is a jump
 _MOST_JUMPS = 12
 _LATE = (
@@ -139,6 +140,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         each = [{c: f.rate(f.simulated[c]) for c in group if c in f.simulated} for f in flights]
         add(f"simulated {', '.join(group)} late", "delay", "s", each, least=timing)
     made += _held(flights, timing)
+    made += _noisy_inputs(flights)
     for k, axis in enumerate("xyz"):
         add(f"accelerometer {axis}", "lever_arm", "m", [accelerometer_moved(f, k) for f in flights])
         if axis != "y":
@@ -152,6 +154,21 @@ def _held(flights: Sequence[Flight], timing: float) -> list[Nuisance]:
     told = [c for c in COEFFICIENTS if c in flights[0].simulated]
     turns = {c: [{c: f.rate(f.rate(f.simulated[c]))} for f in flights] for c in told}
     return [Nuisance(f"{c} over a step", sd, "s^2", turns[c], sd, True) for c in told]
+
+
+def _noisy_inputs(flights: Sequence[Flight]) -> list[Nuisance]:
+    """What the noise of readings made a simulation answer that was asked at them, and not the aircraft.
+
+    In a surface that hardly moves it would pass for dead play, and as a drive for anything that rings.
+    """
+    made = []
+    for c in _ASKED:
+        if all(c in f.recorded for f in flights):
+            noise = [f.raw[c] - f.air.get(c, f.channels[c]) for f in flights]
+            each = [{r: a * x for r, a in asked_wrongly(f, c).items()} for f, x in zip(flights, noise)]
+            if any(np.any(x) for one in each for x in one.values()):
+                made.append(Nuisance(f"noise of {c}", 1.0, "relative", each, 1.0, True))
+    return made
 
 
 def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
