@@ -151,9 +151,8 @@ def explain(flights: Sequence[Flight], variant: Variant) -> Fit:
     sizes[sizes == 0.0] = 1.0
     values = np.linalg.lstsq(X / sizes, y, rcond=None)[0] / sizes
     left = y - X @ values
-    return Fit(
-        variant, dict(zip((p.name for p in variant.parameters), values)), 1.0 - float(left @ left) / float(y @ y)
-    )
+    stated = {p.name: p.estimate(float(x), 0.0).value for p, x in zip(variant.parameters, values)}
+    return Fit(variant, stated, 1.0 - float(left @ left) / float(y @ y))
 
 
 def best(flights: Sequence[Flight], hypothesis: Hypothesis) -> Fit:

@@ -22,7 +22,8 @@ def faulty(**faults):
     [
         ("sensor-scale", {"scale": {"alpha": 0.05}}, "the angle of attack vane", "scale", 0.05),
         ("sensor-scale", {"scale": {"az": 0.04}}, "the normal accelerometer (az)", "scale", 0.04),
-        ("sensor-scale", {"scale": {"p": -0.05}}, "the roll gyro (p)", "scale", -0.05),
+        ("sensor-scale", {"scale": {"p": -0.2}}, "the roll gyro (p)", "scale", -0.2),
+        ("sensor-scale", {"scale": {"q": 0.15}}, "the pitch gyro (q)", "scale", 0.15),
         ("sensor-delay", {"delay": {"beta": 0.08}}, "the sideslip vane", "delay", 0.08),
         ("sensor-delay", {"delay": {"q": 0.06}}, "the pitch gyro (q)", "delay", 0.06),
         ("sensor-bias", {"bias": {"alpha": 0.03}}, "the angle of attack vane", "bias", 0.03),

@@ -125,9 +125,7 @@ def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
     weights = weights / weights.sum()
     forms = np.array([t for _, _, t in alike])
     std = np.hypot(std, np.sqrt(weights @ (forms - weights @ forms) ** 2))
-    made = {
-        p.name: Estimate(float(m * p.sd), float(s * p.sd), p.unit) for p, m, s in zip(variant.parameters, mean, std)
-    }
+    made = {p.name: p.estimate(float(m * p.sd), float(s * p.sd)) for p, m, s in zip(variant.parameters, mean, std)}
     for name, value in variant.shape.items():
         values = np.array([float(shape[name]) for _, shape, _ in alike])
         centre = float(weights @ values)
@@ -150,8 +148,7 @@ def found_by(score: Score) -> Found:
     variant, trial = score.signature.variant, score.trial
     std = np.sqrt(np.diag(trial.covariance))
     made = {
-        p.name: Estimate(float(m * p.sd), float(s * p.sd), p.unit)
-        for p, m, s in zip(variant.parameters, trial.theta, std)
+        p.name: p.estimate(float(m * p.sd), float(s * p.sd)) for p, m, s in zip(variant.parameters, trial.theta, std)
     }
     made |= {n: Estimate(float(v), 0.0, variant.units.get(n, "-")) for n, v in variant.shape.items()}
     return Found(variant, made, {})

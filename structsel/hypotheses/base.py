@@ -14,6 +14,7 @@ Kind = Literal[
     "random",
 ]  # fmt: skip
 Flights = Sequence[Flight]
+_LEAST_LEFT = 0.1  # of what would be without, where an effect is estimated to have taken most of it
 Columns = Mapping[str, Array]
 
 
@@ -29,6 +30,9 @@ class Parameter:
         Prior standard deviation about zero, in its unit: how large it usually is where the effect is real.
     low, high : float
         What is physically plausible; a sign is a limit at zero.
+    of_outcome : bool
+        The signature is a share x of what came out with it (a reading in error, an acceleration with the wrong mass);
+        stated is the share of what would be without, x / (1 - x).
     """
 
     name: str
@@ -36,6 +40,14 @@ class Parameter:
     sd: float
     low: float = -float("inf")
     high: float = float("inf")
+    of_outcome: bool = False
+
+    def estimate(self, value: float, std: float) -> Estimate:
+        """The parameter as it is stated, from the coefficient of its signature in `unit` and its standard deviation."""
+        if not self.of_outcome:
+            return Estimate(value, std, self.unit)
+        left = max(1.0 - value, _LEAST_LEFT)
+        return Estimate(value / left, std / left**2, self.unit)
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ def _burnt(flight: Flight) -> Array:
 
 
 def _mass_variants(flights: Flights) -> list[Variant]:
-    share = Parameter("share", "-", 0.06, -0.5, 0.5)
+    share = Parameter("share", "-", 0.06, -0.5, 0.5, of_outcome=True)
     made = [of_parts((share,), lambda f: _heavier(f, 0, 1.0), "in all manoeuvres")]
     place = {f.name: i for i, f in enumerate(flights)}
     if len(flights) > 2:
@@ -202,7 +202,10 @@ def _inertia_variants(flights: Flights) -> list[Variant]:
     groups = [("Ix",), ("Iy",), ("Iz",), ("Ixz",), ("Ix", "Iz", "Ixz"), ("Ix", "Iy", "Iz")]
     for group in groups:
         parameters = tuple(
-            Parameter(n, "of Iz" if n == "Ixz" else "-", 0.03 if n == "Ixz" else 0.12, -0.6, 1.5) for n in group
+            Parameter("Ixz", "of Iz", 0.03, -0.6, 1.5)
+            if n == "Ixz"
+            else Parameter(n, "-", 0.12, -0.6, 1.5, of_outcome=True)
+            for n in group
         )
         parts = [units[n] for n in group]
         made.append(of_parts(parameters, partial(_stiffer_to_turn, more=parts), "in all manoeuvres"))

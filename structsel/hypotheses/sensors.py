@@ -52,12 +52,17 @@ def _scale_variants(flights: Flights) -> list[Variant]:
         sd = 0.1 if channel in ("alpha", "beta") else 0.04
         made.append(
             Variant(
-                (Parameter("scale", "-", sd, -0.5, 0.5),),
+                (Parameter("scale", "-", sd, -0.5, 0.5, of_outcome=_as_read(flights, channel)),),
                 wrong_readings(partial(_scaled, channel=channel)),
                 about=INSTRUMENTS[channel],
             )
         )
     return made
+
+
+def _as_read(flights: Flights, channel: str) -> bool:
+    """Whether a channel is known by its own reading alone."""
+    return not any(channel in f.expected or channel in f.inertial for f in flights)
 
 
 def _scaled(flight: Flight, channel: str) -> list[Errors]:
@@ -70,10 +75,7 @@ def _scaled(flight: Flight, channel: str) -> list[Errors]:
 
 def _scale_says(found: Found) -> str:
     more = "too much" if found["scale"] >= 0.0 else "too little"
-    # The error is a share of the reading, so the reading is the truth over one less it.
-    return (
-        f"{capital(found)} reads {more}: {1.0 / (1.0 - found['scale']):.3f} of the truth ({percent(found, 'scale')})."
-    )
+    return f"{capital(found)} reads {more}: {1.0 + found['scale']:.3f} of the truth ({percent(found, 'scale')})."
 
 
 # Delays
