@@ -56,7 +56,7 @@ def test_a_gust_the_vane_missed_is_found_with_its_time_and_speed():
     found = best(flights, one_of(atmosphere.HYPOTHESES, "gust"))
     assert found.variant.about == "upward, in 'm0'"
     assert found.explained > 0.85
-    assert_allclose(found.variant.shape["time"], 5.8, atol=0.15)
+    assert_allclose(found.variant.shape["time in m0"], 5.8, atol=0.15)
     assert found.variant.shape["length"] == 1.6
     assert_allclose(found.values["speed"], 3.0, rtol=0.1)
 
@@ -94,3 +94,16 @@ def test_slow_samples_cannot_show_a_mode():
     (hypothesis,) = structural.HYPOTHESES
     slow = [replace(f, dt=0.4) for f in compare(fly())]
     assert "samples faster than" in hypothesis.needs(slow)
+
+
+def test_the_same_gust_in_two_manoeuvres_is_one_effect_with_both_moments():
+    seen = []
+    for k, start in enumerate((5.0, 11.0)):
+        air = Air(gusts=(Gust("w", -3.0, start, 1.6),))
+        seen.append(fly(craft=VANE_AT_CG, air=air)[k])
+    found = best(compare(over_ground(seen)), one_of(atmosphere.HYPOTHESES, "gust"))
+    assert set(found.variant.about.removeprefix("upward, in ").split(", ")) == {"'m0'", "'m1'"}
+    assert found.explained > 0.85
+    assert_allclose([found.variant.shape[f"time in m{k}"] for k in range(2)], [5.8, 11.8], atol=0.15)
+    assert_allclose(found.values["speed"], 3.0, rtol=0.15)  # to first order, at two airspeeds
+    assert found.variant.shape["length"] == 1.6

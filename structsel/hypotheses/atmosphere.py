@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
-from structsel.hypotheses.operators import pulse, pulses
+from structsel.hypotheses.operators import more_and_more, pulse, pulses, shape_of
 from structsel.hypotheses.readings import cannot_be_shifted, wrong_readings
 from structsel.hypotheses.signals import available, coefficients, gathered, moves, signature
 from structsel.hypotheses.wording import shown
@@ -19,7 +19,7 @@ from structsel.numerics.smoothing.result import Array
 _OVER_GROUND = ("vn", "ve", "vd")
 _AXES = ("north", "east", "down")
 _RANGE = 15.0  # m of height below which a shear does not show
-_LENGTHS = (0.4, 0.8, 1.6, 3.2)  # s
+_LENGTHS = (0.4, 0.57, 0.8, 1.13, 1.6, 2.26, 3.2)  # s
 _GUSTS = 6  # manoeuvres tried for each length
 
 
@@ -176,14 +176,15 @@ def _gust_variants(flights: Flights) -> list[Variant]:
         if not available(flights, angle):
             continue
         for length in _LENGTHS:
-            for where, when in pulses(flights, responses, length, _GUSTS):
-                made.append(_gust(angle, where, when, length, name))
+            for times in more_and_more(pulses(flights, responses, length, _GUSTS)):
+                made.append(_gust(angle, times, length, name))
     return made
 
 
-def _gust(angle: str, where: str, when: float, length: float, name: str) -> Variant:
+def _gust(angle: str, times: Mapping[str, float], length: float, name: str) -> Variant:
     def columns(flight: Flight) -> Columns:
-        form = pulse(flight.t, when, length) / flight["V"] if flight.name == where else np.zeros(len(flight))
+        here = flight.name in times
+        form = pulse(flight.t, times[flight.name], length) / flight["V"] if here else np.zeros(len(flight))
         # The vane does not see it, so the simulation was not told; kinematics closes without it.
         parts = [(r, 0, flight.slope(r, angle) * form) for r in COEFFICIENTS]
         return signature(flight, 1, parts)
@@ -191,9 +192,9 @@ def _gust(angle: str, where: str, when: float, length: float, name: str) -> Vari
     return Variant(
         (Parameter("speed", "m/s", 4.0, -30.0, 30.0),),
         columns,
-        {"time": when, "length": length},
-        {"time": "s", "length": "s"},
-        f"{name}, in '{where}'",
+        {**shape_of(times), "length": length},
+        dict.fromkeys((*shape_of(times), "length"), "s"),
+        f"{name}, in {', '.join(map(repr, times))}",
     )
 
 
@@ -204,9 +205,11 @@ def _gust_needs(flights: Flights) -> str:
 
 
 def _gust_says(found: Found) -> str:
+    when = [f"{found[name]:.1f} s" for name in found.variant.shape if name != "length"]
+    some, are = ("A gust", "is") if len(when) == 1 else ("Gusts", "are")
     return (
-        f"A gust {found.variant.about} of {shown(found, 'speed')}, {found.text('length')} long about t = "
-        f"{found['time']:.1f} s, is felt by the aircraft and not by the vane."
+        f"{some} {found.variant.about} of {shown(found, 'speed')}, {found.text('length')} long about t = "
+        f"{', '.join(when)}, {are} felt by the aircraft and not by the vane."
     )
 
 

@@ -142,7 +142,11 @@ def changes(flights: Sequence[Flight], responses: Sequence[str], count: int) -> 
 
 def onsets(flights: Sequence[Flight], responses: Sequence[str], count: int) -> list[dict[str, float]]:
     """Times [s] by manoeuvre from which something may act: each of the clearest `changes` alone, then more and more."""
-    clearest = changes(flights, responses, count)
+    return more_and_more(changes(flights, responses, count))
+
+
+def more_and_more(clearest: Sequence[tuple[str, float]]) -> list[dict[str, float]]:
+    """Times [s] by manoeuvre: each of the clearest alone, then more and more of them together."""
     return [{where: when} for where, when in clearest] + [dict(clearest[:n]) for n in range(2, len(clearest) + 1)]
 
 
