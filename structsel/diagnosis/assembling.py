@@ -24,6 +24,9 @@ _SHOWN = 0.15  # of the largest gain, that a response must have to be named
 _LEAST = 0.01
 _TEMPERATURE, _OF_BEST = 4.0, 0.02
 """By which log evidence of forms is divided, as rows are nearly white only; and of the best's, as no form is right."""
+_BEYOND = 1.4
+"""By which standard deviations are widened for what forms to first order leave out: of 59 parameters of an earlier look
+(seeds from 1089000) 71 % lay within their 90 % intervals; so widened, 85 % would have."""
 _RIVALS = 4
 _TIES = 3
 _DOUBT = 0.08
@@ -125,7 +128,9 @@ def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
     weights = weights / weights.sum()
     forms = np.array([t for _, _, t in alike])
     std = np.hypot(std, np.sqrt(weights @ (forms - weights @ forms) ** 2))
-    made = {p.name: p.estimate(float(m * p.sd), float(s * p.sd)) for p, m, s in zip(variant.parameters, mean, std)}
+    made = {
+        p.name: p.estimate(float(m * p.sd), float(_BEYOND * s * p.sd)) for p, m, s in zip(variant.parameters, mean, std)
+    }
     for name, value in variant.shape.items():
         values = np.array([float(shape[name]) for _, shape, _ in alike])
         centre = float(weights @ values)
@@ -133,7 +138,7 @@ def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
         near = np.abs(grid - float(value))
         step = float(np.min(near[near > 0.0])) if np.any(near > 0.0) else 0.0
         known = float(np.sqrt(weights @ (values - centre) ** 2 + step**2 / 12.0))
-        made[name] = Estimate(centre, known, variant.units.get(name, "-"))
+        made[name] = Estimate(centre, _BEYOND * known, variant.units.get(name, "-"))
     return made
 
 

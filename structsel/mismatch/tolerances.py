@@ -140,7 +140,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         each = [{c: f.rate(f.simulated[c]) for c in group if c in f.simulated} for f in flights]
         add(f"simulated {', '.join(group)} late", "delay", "s", each, least=timing)
     made += _held(flights, timing)
-    made += _noisy_inputs(flights)
+    made += _noise_asked_at(flights)
     for k, axis in enumerate("xyz"):
         add(f"accelerometer {axis}", "lever_arm", "m", [accelerometer_moved(f, k) for f in flights])
         if axis != "y":
@@ -156,7 +156,7 @@ def _held(flights: Sequence[Flight], timing: float) -> list[Nuisance]:
     return [Nuisance(f"{c} over a step", sd, "s^2", turns[c], sd, True) for c in told]
 
 
-def _noisy_inputs(flights: Sequence[Flight]) -> list[Nuisance]:
+def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
     """What the noise of readings made a simulation answer that was asked at them, and not the aircraft.
 
     In a surface that hardly moves it would pass for dead play, and as a drive for anything that rings.
