@@ -166,8 +166,10 @@ def _play_variants(flights: Flights) -> list[Variant]:
         reach = float(values.max() - values.min())
         # A play as narrow as the reading's noise holds that noise still, as the aircraft does, which never felt it.
         noise = max(float(np.std(f.raw[control] - f[control])) for f in flights)
-        narrowest = max(0.02 * reach, _ABOVE_NOISE * noise)
-        for width in spaced(narrowest, 0.5 * reach, 10) if narrowest < 0.5 * reach else ():
+        narrowest, widest = max(0.02 * reach, _ABOVE_NOISE * noise), 0.5 * reach
+        if narrowest >= widest:
+            continue
+        for width in spaced(narrowest, widest, 10):
             made.append(
                 Variant(
                     (_SHARE,),

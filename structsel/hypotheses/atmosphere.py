@@ -189,11 +189,12 @@ def _gust(angle: str, times: Mapping[str, float], length: float, name: str) -> V
         parts = [(r, 0, flight.slope(r, angle) * form) for r in COEFFICIENTS]
         return signature(flight, 1, parts)
 
+    shape = {**shape_of(times), "length": length}
     return Variant(
         (Parameter("speed", "m/s", 4.0, -30.0, 30.0),),
         columns,
-        {**shape_of(times), "length": length},
-        dict.fromkeys((*shape_of(times), "length"), "s"),
+        shape,
+        dict.fromkeys(shape, "s"),
         f"{name}, in {', '.join(map(repr, times))}",
     )
 

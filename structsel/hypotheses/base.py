@@ -14,8 +14,9 @@ Kind = Literal[
     "random",
 ]  # fmt: skip
 Flights = Sequence[Flight]
-_LEAST_LEFT = 0.1  # of what would be without, where an effect is estimated to have taken most of it
 Columns = Mapping[str, Array]
+
+_LEAST_LEFT = 0.1  # of what would be without, where an effect is estimated to have taken most of it
 
 
 @dataclass(frozen=True)

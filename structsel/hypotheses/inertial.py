@@ -199,16 +199,14 @@ def _inertia_variants(flights: Flights) -> list[Variant]:
     units["Ixz"] = np.zeros((3, 3))
     units["Ixz"][0, 2] = units["Ixz"][2, 0] = -inertia.Iz
     made = []
+    parameters = {n: Parameter(n, "-", 0.12, -0.6, 1.5, of_outcome=True) for n in sizes}
+    parameters["Ixz"] = Parameter("Ixz", "of Iz", 0.03, -0.6, 1.5)
     groups = [("Ix",), ("Iy",), ("Iz",), ("Ixz",), ("Ix", "Iz", "Ixz"), ("Ix", "Iy", "Iz")]
     for group in groups:
-        parameters = tuple(
-            Parameter("Ixz", "of Iz", 0.03, -0.6, 1.5)
-            if n == "Ixz"
-            else Parameter(n, "-", 0.12, -0.6, 1.5, of_outcome=True)
-            for n in group
-        )
         parts = [units[n] for n in group]
-        made.append(of_parts(parameters, partial(_stiffer_to_turn, more=parts), "in all manoeuvres"))
+        made.append(
+            of_parts(tuple(parameters[n] for n in group), partial(_stiffer_to_turn, more=parts), "in all manoeuvres")
+        )
     return made
 
 

@@ -23,6 +23,7 @@ __all__ = [
     "lag",
     "lags",
     "late",
+    "more_and_more",
     "onsets",
     "oscillate",
     "peaks",

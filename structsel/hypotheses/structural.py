@@ -24,14 +24,13 @@ _FAMILIES = ((LONGITUDINAL, ("de", "alpha")), (LATERAL, ("da", "dr", "beta")))
 
 def _ringing(responses: Sequence[str], drive: str, frequency: float, damping: float) -> Callable[[Flight], Columns]:
     def columns(flight: Flight) -> Columns:
-        x = flight[drive]
+        x, w = flight[drive], 2.0 * np.pi * frequency
         swung = oscillate(x, flight.dt, frequency, damping)
         # The quasi-steady share of the mode is in the rigid derivatives already, by incidence and by its rate. Air is
         # moved by the mode's speed, instruments are by what accelerates it.
-        moving = flight.rate(swung) / (2.0 * np.pi * frequency)
-        bent = swung - x
+        bent, moving = swung - x, flight.rate(swung) / w
         if drive in _ANGLES:
-            slow = flight.rate(oscillate(x, flight.dt, frequency, _AT_REST)) / (2.0 * np.pi * frequency)
+            slow = flight.rate(oscillate(x, flight.dt, frequency, _AT_REST)) / w
             bent, moving = bent + 2.0 * damping * slow, moving - slow
         k = len(responses)
         parts = [(r, j + at, part) for at, part in ((0, bent), (k, moving)) for j, r in enumerate(responses)]

@@ -85,7 +85,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         name: str, key: str, unit: str, columns: Sequence[Mapping[str, Array]], factor: float = 1.0, least: float = 0.0
     ) -> None:
         sd = math.hypot(_sd(stated, key) * factor, least)
-        if sd > 0.0 and any(np.any(x) for one in columns for x in one.values()):
+        if sd > 0.0 and _acts(columns):
             made.append(Nuisance(name, sd, unit, columns, least, least > 0.0))
 
     for response in first.simulated:
@@ -148,6 +148,10 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
     return made
 
 
+def _acts(columns: Sequence[Mapping[str, Array]]) -> bool:
+    return any(np.any(x) for one in columns for x in one.values())
+
+
 def _held(flights: Sequence[Flight], timing: float) -> list[Nuisance]:
     """What holding inputs over each sample, and averaging over steps in between, does to each response by itself."""
     sd = 4.0 * timing**2
@@ -166,7 +170,7 @@ def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
         if all(c in f.recorded for f in flights):
             noise = [f.raw[c] - f.air.get(c, f.channels[c]) for f in flights]
             each = [{r: a * x for r, a in asked_wrongly(f, c).items()} for f, x in zip(flights, noise)]
-            if any(np.any(x) for one in each for x in one.values()):
+            if _acts(each):
                 made.append(Nuisance(f"noise of {c}", 1.0, "relative", each, 1.0, True))
     return made
 

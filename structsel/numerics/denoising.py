@@ -11,7 +11,11 @@ _NARROWEST, _WIDER, _WIDEST = 0.7, 1.6, 0.125
 """Widths of the smoothers, in samples: of the first, of each over the last, and of the widest over the length."""
 _AROUND = 3.0  # widths, over which the power of a band is counted
 _MODEST = 2.5  # of the noise's power, up to which all there is counts as noise
-_THIRD = 20.0  # variance of third differences of white noise
+
+
+def white_std(steps: Array) -> float:
+    """Standard deviation of white noise by third differences of a signal, which leave nothing of slow motion."""
+    return float(np.sqrt(np.median(steps**2) / 0.4549 / 20.0))  # the median of chi squared, and 1 + 9 + 9 + 1
 
 
 def white_part(x: Array) -> Array:
@@ -31,10 +35,10 @@ def white_part(x: Array) -> Array:
     (n,) array
         Zeros where most samples are as the last (a signal that was held, or a coarse digital one).
     """
-    turns = np.diff(x, 3)
-    if not len(turns) or np.mean(turns != 0.0) < 0.5:
+    steps = np.diff(x, 3)
+    if not len(steps) or np.mean(steps != 0.0) < 0.5:
         return np.zeros(len(x))
-    sd = float(np.median(np.abs(turns[turns != 0.0]))) / 0.6745 / np.sqrt(_THIRD)
+    sd = white_std(steps[steps != 0.0])
     one = np.zeros(2 * len(x) + 1)
     one[len(x)] = 1.0
     noise = np.zeros(len(x))

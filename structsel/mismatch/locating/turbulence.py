@@ -22,6 +22,7 @@ from scipy.special import logsumexp
 
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.noise import bins_of, edge_of, frequencies
+from structsel.numerics.denoising import white_std
 from structsel.numerics.evidence import fading, spectrum
 from structsel.numerics.smoothing.result import Array
 from structsel.numerics.turbulence import dryden_spectra
@@ -132,8 +133,7 @@ def _quick(f: Flight, channel: str) -> float:
     """Noise of a channel from its third differences, which leave nothing of motion; the quieter half of the flight."""
     if channel not in f.raw:
         return 0.0
-    steps = np.diff(f.raw[channel], 3)
-    return float(np.sqrt(np.median(steps**2) / 0.4549 / 20.0))  # the median of chi squared, and 1 + 9 + 9 + 1
+    return white_std(np.diff(f.raw[channel], 3))
 
 
 def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float) -> _Bands:
