@@ -22,7 +22,9 @@ from scipy.special import logsumexp, softmax
 from sklearn.model_selection import KFold
 
 from structsel.diagnosis import weighing
-from structsel.diagnosis.ranking import NAMED, TIED, score_likely
+from structsel.diagnosis.driven import Driven
+from structsel.diagnosis.ranking import NAMED, TIED
+from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.station import set_up
 from structsel.diagnosis.weighing import weigh
 from structsel.mismatch.preparing import prepare
@@ -36,15 +38,16 @@ _MILD = 3.0  # inverse variance of a weight beforehand, in standard deviations o
 def collect(folder: Path, name: str) -> list[dict]:
     """Rounds of one case: the effects in question, and after one that is right was taken in, those of the next."""
     key = Key.read(folder / "keys" / f"{name}.json")
-    bench, library, turbulence = set_up(prepare(*open_case(folder / "cases" / name)).flights)
-    rough, rounds, missing = turbulence is not None, [], [set(e.accept) for e in key.effects]
+    bench, library, _ = set_up(prepare(*open_case(folder / "cases" / name)).flights)
+    rounds, missing = [], [set(e.accept) for e in key.effects]
+    driven = Driven.of(bench.flights)
     while len(rounds) <= len(key.effects):
-        weighed = weigh(bench, score_likely(bench, library, rough))
+        weighed = weigh(bench, driven.bear_out(bench, score_all(bench, library)))
         right = [any(w.effect in e for e in missing) for w in weighed]
         rows = [
             {"effect": w.effect, "right": r, "features": [float(x) for x in w.features]} for w, r in zip(weighed, right)
         ]
-        rounds.append({"case": name, "family": key.family, "rough": rough, "round": len(rounds), "rows": rows})
+        rounds.append({"case": name, "family": key.family, "round": len(rounds), "rows": rows})
         found = [w for w, r in zip(weighed, right) if r]
         if not found:
             break

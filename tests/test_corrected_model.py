@@ -308,7 +308,7 @@ def corrected(truth, effect):
     """What model.json holds of the Citation, flown against a truth, if one effect may be found."""
     prepared = prepare_both(OWN, recorded(truth), CRAFT)
     library = work_out([named(effect)], prepared.flights, prepared.flights[0].responses, None)
-    ranking = rank(Bench.set_up(prepared.flights, library.signatures), library, False, None)
+    ranking = rank(Bench.set_up(prepared.flights, library.signatures), library)
     assert [step.score.effect for step in ranking.steps] == [effect]
     return corrected_model(prepared, ranking)
 

@@ -23,7 +23,8 @@ def test_the_same_effect_in_several_places_is_one_of_those_looked_for(monkeypatc
         left = iter(effects)
         monkeypatch.setattr(ranking, "score_all", lambda *_: [])
         monkeypatch.setattr(ranking, "weigh", lambda *_: [likely(next(left))])
-        bench = SimpleNamespace(accepted=(), taking=lambda *_: bench)
+        plant = SimpleNamespace(channels={})
+        bench = SimpleNamespace(accepted=(), flights=(plant,), taking=lambda *_: bench)
         return len(rank(bench, Library((), {})).steps)
 
     assert taken("abcde") == 4
@@ -33,7 +34,8 @@ def test_the_same_effect_in_several_places_is_one_of_those_looked_for(monkeypatc
 
 def likely(effect):
     """An effect that is certain."""
-    return Weighed(SimpleNamespace(effect=effect, signature=None), np.where(np.array(FEATURES) == "event", 0.0, 10.0))
+    score = SimpleNamespace(effect=effect, signature=None, driven=True)
+    return Weighed(score, np.where(np.array(FEATURES) == "event", 0.0, 10.0))
 
 
 def test_what_leaves_much_of_its_own_responses_is_doubted_and_what_explains_them_is_not():

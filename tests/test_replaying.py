@@ -191,7 +191,7 @@ def ranked(name, *effects):
     craft = ss.Aircraft.from_toml(folder / "aircraft.toml")
     flights = prepare(str(folder / "simulated"), recordings, craft).flights
     library = work_out([h for h in HYPOTHESES if h.effect in effects], flights, flights[0].responses, None)
-    return rank(Bench.set_up(flights, library.signatures), library, False)
+    return rank(Bench.set_up(flights, library.signatures), library)
 
 
 @pytest.fixture(scope="module")

@@ -28,8 +28,14 @@ def learning():
 def test_chances_are_a_softmax_with_nothing_among_the_choices():
     rng = np.random.default_rng(1)
     x = rng.normal(size=(3, len(weighing.FEATURES)))
-    p = weighing.chances([weighing.Weighed(None, row) for row in x])
-    assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING + x @ weighing.WEIGHTS)]))
+
+    def asked(kind="static", driven=None):
+        return SimpleNamespace(driven=driven, hypothesis=SimpleNamespace(kind=kind))
+
+    p = weighing.chances([weighing.Weighed(s, row) for s, row in zip((asked(driven=1), asked("atmospheric")), x)])
+    assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING + x[:2] @ weighing.WEIGHTS)]))
+    p = weighing.chances([weighing.Weighed(asked(), row) for row in x])
+    assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING_UNASKED + x @ weighing.WEIGHTS_UNASKED)]))
     assert weighing.chances([]) == pytest.approx([1.0])
 
 
@@ -45,6 +51,7 @@ def test_what_tolerances_imitate_is_no_evidence_once_something_was_found():
         return SimpleNamespace(
             effect=effect, event=event, predictive=np.array([beside]), within=0.0, log_evidence=beside,
             hypothesis=SimpleNamespace(effect=effect, log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
+            driven=None,
         )  # fmt: skip
 
     first = SimpleNamespace(accepted=())
@@ -54,6 +61,18 @@ def test_what_tolerances_imitate_is_no_evidence_once_something_was_found():
     assert [weighing.evident(b, gusts) for b in (first, gust)] == [True, False]
     assert weighing.evident(gust, score("icing", 20.0, 0.0))
     assert not weighing.evident(first, score("mass-error", 9.0, 60.0))  # what tolerances alone bring by chance
+
+
+def test_what_inputs_do_not_bear_out_does_not_count():
+    def score(beside, delivered, driven=None):
+        return SimpleNamespace(
+            event=False, predictive=np.array([beside]), within=0.0, log_evidence=beside, driven=driven,
+            hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
+        )  # fmt: skip
+
+    gusty, true, unasked = score(900.0, 400.0, score(-1.0, 2.0)), score(90.0, 40.0, score(60.0, 30.0)), score(9.0, 4.0)
+    assert [weighing.nats(s) for s in (gusty, true, unasked)] == pytest.approx([-1.5, 90.0, 9.0])
+    assert [weighing.alone(s) for s in (gusty, true, unasked)] == pytest.approx([3.0, 40.0, 4.0])
 
 
 def test_nats_ahead_are_of_the_best_other_and_within_one():
@@ -70,7 +89,7 @@ def test_an_effect_is_behind_the_best_by_what_it_was_let_in_for():
     def score(beside, delivered):
         return SimpleNamespace(
             event=False, predictive=np.array([beside]), within=0.0, log_evidence=beside,
-            hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
+            hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]), driven=None,
         )  # fmt: skip
 
     first, near, far, delivered = score(1000.0, 50.0), score(980.0, 0.0), score(200.0, 0.0), score(2.0, 400.0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.driven import Driven
 from structsel.diagnosis.scoring import Score, score_all
 from structsel.diagnosis.signatures import Library
 from structsel.diagnosis.weighing import Weighed, chances, weigh
@@ -59,11 +60,14 @@ class Ranking:
     steps : tuple of Step
     scores : tuple of Score
         Of all hypotheses, when they were last tried.
+    driven : Bench, optional
+        As `bench`, of flights that move as the inputs alone would have them; None where nothing was asked of those.
     """
 
     start: Bench
     steps: tuple[Step, ...]
     scores: tuple[Score, ...] = ()
+    driven: Bench | None = None
 
     @property
     def bench(self) -> Bench:
@@ -71,24 +75,22 @@ class Ranking:
         return self.steps[-1].bench if self.steps else self.start
 
 
-def rank(bench: Bench, library: Library, rough: bool = False, progress: Progress | None = None) -> Ranking:
+def rank(bench: Bench, library: Library, progress: Progress | None = None) -> Ranking:
     """Take effects in one after another while it is likely that one is there.
 
     Parameters
     ----------
     bench : Bench
     library : Library
-    rough : bool
-        Whether the air was turbulent.
     progress : callable, optional
     """
     tell = progress or (lambda what, done, of: None)
-    start = bench
+    start, driven = bench, Driven.of(bench.flights)
     steps: list[Step] = []
     scores: list[Score] = []
     while (k := len({s.score.effect for s in steps})) < MOST and len(steps) < _PLACES:
         tell("ranking", k, MOST)
-        scores = score_likely(bench, library, rough)
+        scores = driven.bear_out(bench, score_all(bench, library))
         weighed, rivals = _weighed(weigh(bench, scores))
         if not weighed or 1.0 - dict(rivals)["nothing"] < NAMED:
             break
@@ -97,15 +99,7 @@ def rank(bench: Bench, library: Library, rough: bool = False, progress: Progress
         others = tuple(w.score for w in weighed)
         steps.append(Step(best.score, rivals, bench, others, best.constant))
     tell("ranking", MOST, MOST)
-    return Ranking(start, tuple(steps), tuple(scores))
-
-
-def score_likely(bench: Bench, library: Library, rough: bool = False) -> list[Score]:
-    """Scores of all hypotheses on a bench; in rough air without those that gusts look like.
-
-    Gusts in the states that a simulation was asked at make what was measured smaller than what was simulated.
-    """
-    return [s for s in score_all(bench, library) if not (rough and s.hypothesis.diluted)]
+    return Ranking(start, tuple(steps), tuple(scores), driven.beside(bench.accepted))
 
 
 def _weighed(effects: Sequence[Weighed]) -> tuple[list[Weighed], tuple[tuple[str, float], ...]]:

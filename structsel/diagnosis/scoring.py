@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
@@ -44,6 +44,8 @@ class Score:
         The form to judge: the likeliest, or the one that spares the tolerances most.
     own : float
         Log evidence of that form alone, less what its being one of several costs.
+    driven : Score, optional
+        Of that form where the inputs alone drive the motion.
     """
 
     hypothesis: Hypothesis
@@ -55,6 +57,7 @@ class Score:
     within: float
     best: int
     own: float
+    driven: Score | None = None
 
     @property
     def effect(self) -> str:
@@ -103,6 +106,14 @@ def score(bench: Bench, hypothesis: Hypothesis, forms: Sequence[Signature], tria
         hypothesis, tuple(forms), tuple(trials), weights, total, predictive, float(within[best]), best,
         float(evidence[best] - log_forms),
     )  # fmt: skip
+
+
+def judged_by(score: Score, form: int) -> Score:
+    """The score with another of its forms to judge."""
+    signature, trial = score.signatures[form], score.trials[form]
+    within = _within(signature, trial) - _sought(signature, len(trial.predictive))
+    own = trial.log_bayes + within - np.log(len(score.signatures))
+    return replace(score, best=form, within=float(within), own=float(own))
 
 
 def _spared(bench: Bench, trials: Sequence[Trial]) -> Array:

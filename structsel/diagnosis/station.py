@@ -25,11 +25,12 @@ from structsel.diagnosis.separating import with_separation
 from structsel.diagnosis.signatures import Library, work_out
 from structsel.diagnosis.tracing import residuals, traces_of
 from structsel.diagnosis.unnamed import find_unknown, turbulent
+from structsel.diagnosis.weighing import not_borne_out
 from structsel.errors import DataError
 from structsel.hypotheses import HYPOTHESES, Hypothesis
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.locating.ceiling import explainable
-from structsel.mismatch.locating.turbulence import Turbulence, find_turbulence
+from structsel.mismatch.locating.turbulence import Turbulence, find_turbulence, unfelt
 from structsel.mismatch.preparing import Prepared, prepare
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.recording import Recording
@@ -105,7 +106,7 @@ def conclude(
             f"there is one manoeuvre only: it was judged by its {len(flights)} parts, which share its conditions. What "
             "is found may hold here alone; a second manoeuvre would show"
         )
-    ranking = rank(bench, library, rough, progress)
+    ranking = rank(bench, library, progress)
     told = [c for c in responses if c in COEFFICIENTS] or [c for c in responses if c in flights[0].simulated]
     ceiling = explainable(flights, [{c: f.difference[c] for c in told} for f in flights])
     traces = traces_of(ranking)
@@ -118,12 +119,15 @@ def conclude(
         verdict = "undecidable"
     if ranking.steps:
         turbulence = find_turbulence(flights, left)
+    if turbulence is None and not findings:
+        turbulence = unfelt(flights, not_borne_out(ranking.scores))
     if turbulence is not None:
         findings.append(turbulent(turbulence, ranking, told))
     replayed = replay_windows(ranking)
     corrected = corrected_model(prepared, ranking) if ranking.steps else None
     remarks += corrected.remarks if corrected is not None else ()
-    pulls = _pulls(ranking.bench)
+    # Where gusts push the aircraft about, tolerances are pulled by what follows its motion; not by what inputs drive.
+    pulls = _pulls((turbulence and ranking.driven) or ranking.bench)
     remaining = _remaining(ranking, told)
     remarks += [*strained(pulls), *asides(ranking), *drowned(remaining)]
     return Diagnosis(

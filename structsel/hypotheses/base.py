@@ -145,8 +145,6 @@ class Hypothesis:
         Of the effect as against the others.
     event : bool
         True where its parameters belong to one manoeuvre, so that others cannot foretell them.
-    diluted : bool
-        True where gusts in the states that a simulation was asked at look the same: no finding in rough air.
     """
 
     effect: str
@@ -160,4 +158,3 @@ class Hypothesis:
     check: str = ""
     log_prior: float = 0.0
     event: bool = False
-    diluted: bool = False

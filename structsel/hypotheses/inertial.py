@@ -287,7 +287,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         look_alikes=("wrong-derivative", "sensor-delay", "engine-gyroscopic"),
         separated_by="a known moment, as of a throttle step, or fast rolling with pitch and yaw rates",
         check="loading of the wings and a swing test",
-        diluted=True,
     ),
     Hypothesis(
         "slosh", "inertial", "Fuel or a slung load swings, lightly damped.",

@@ -23,6 +23,7 @@ from structsel.mismatch.flight import Flight
 from structsel.mismatch.plant import Plant, answers, find_plant
 from structsel.numerics.smoothing.result import Array
 
+_GAIN = 0.3  # by which the gain may be off of a simulation fitted without the lag that is there
 _REACHED = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.9995)
 """Quantiles of what a motion reaches, at which there may be a stop."""
 _PATHS = (-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0)  # deg of delta over gamma; at 90 the force would be elastic
@@ -213,7 +214,10 @@ def _end_stops(plant: Plant, flights: Flights) -> list[Variant]:
 
 
 def late_answers(flights: Flights) -> list[Variant]:
-    """Lags and delays of a plant's input; through a linear or quasi-steady plant they are those of its answer."""
+    """Lags and delays of a plant's input; through a linear or quasi-steady plant they are those of its answer.
+
+    With the gain: a simulation that was fitted without the lag answers too weakly.
+    """
     made = []
     for response in answers(flights):
         first = next(f for f in flights if response in f.simulated)
@@ -225,10 +229,11 @@ def late_answers(flights: Flights) -> list[Variant]:
                     if r not in f.simulated:
                         return {}
                     told = f.simulated[r]
-                    return {r: ((g(told, f.dt, x) - told) / x)[:, None]}
+                    answer = g(told, f.dt, x)
+                    return {r: np.column_stack([(answer - told) / x, answer])}
 
-                parameter = Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau)
-                made.append(Variant((parameter,), behind, about=f"actuator that drives {response}"))
+                parameters = (Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau), Parameter("gain", "relative", _GAIN))
+                made.append(Variant(parameters, behind, about=f"actuator that drives {response}"))
     return made
 
 

@@ -42,6 +42,8 @@ _PEAK = 6.0  # times the fitted spectrum; more is a resonance
 _OCCAM = 2.5  # nats that a size free over orders of magnitude costs
 _BETWEEN_AXES = 0.35  # standard deviation of the logarithm of the size
 _BETWEEN_FLIGHTS = 0.7  # standard deviation of the logarithm of the power
+_UNFELT = 300.0  # nats of what follows the motion and no input, above which only the air does that
+_FORCED = {"v": ("CY", "beta"), "w": ("CZ", "alpha")}
 _FROM_NOISE = 1.0  # standard deviation of the logarithm of the noise about what the readings show
 
 
@@ -54,9 +56,10 @@ class Turbulence:
     sigma : mapping of axis ("u", "v", "w") to float [m/s]
         Only the axes that show it.
     length : float [m]
-        Scale of the Dryden spectrum.
+        Scale of the Dryden spectrum; NaN where no vane feels it.
     nats : float
-        Log likelihood ratio to instrument noise of any colour.
+        Log likelihood ratio to instrument noise of any colour; where no vane feels it, what follows the motion and no
+        input.
     probability : float
     driven : float
         Share of its power that inputs explain: what is left of other physics.
@@ -73,6 +76,11 @@ class Turbulence:
         """One plain sentence."""
         ways = {"u": "along", "v": "across", "w": "up and down"}
         sizes = ", ".join(f"{s:.2g} m/s {ways[a]}" for a, s in self.sigma.items())
+        if np.isnan(self.length):
+            return (
+                f"The air was turbulent: about {sizes}. No vane feels it, but forces and moments differ in a way that "
+                "follows the motion and no input."
+            )
         return (
             f"The air was turbulent: {sizes} (Dryden, scale about {self.length:.2g} m); the vanes read gusts that "
             "accelerometers and gyros do not."
@@ -110,6 +118,32 @@ def find_turbulence(flights: Sequence[Flight], residuals: Sequence[Mapping[str, 
     """
     vanes = {a: b for a, c in _AXES.items() if (b := _of_vane(flights, residuals, a, c)) is not None}
     return _judge(vanes) if "w" in vanes else None
+
+
+def unfelt(flights: Sequence[Flight], nats: float) -> Turbulence | None:
+    """Turbulence that no vane feels, where so many nats follow the motion and no input.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    nats : float
+        Of what an effect brings on the recorded motion, those that the inputs do not bear out.
+
+    Returns
+    -------
+    Turbulence or None
+        Its sizes are those of gusts that would make the differences of the forces: noise and tolerances are in them.
+    """
+    sigma: dict[str, float] = {}
+    for axis, (response, angle) in _FORCED.items():
+        if all(response in f.difference for f in flights):
+            force = [spectrum(f.difference[response], bins_of(f), edge_of(f))[1:] for f in flights]
+            slope = float(np.mean([np.abs(f.slope(response, angle)).mean() / f["V"].mean() for f in flights]))
+            power = sum(float(x @ x) for x in force) / sum(map(len, flights))
+            sigma |= {axis: float(np.sqrt(power)) / slope} if slope > 0.0 else {}
+    if nats < _UNFELT or not sigma:
+        return None
+    return Turbulence(sigma, float("nan"), nats, float(1.0 / (1.0 + np.exp(1.0 - nats / _UNFELT))), 0.0)
 
 
 def _of_vane(

@@ -1,0 +1,125 @@
+"""What effects bring where their forms are made of what the inputs alone drive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.scoring import Score, judged_by, score_all
+from structsel.diagnosis.signatures import Library, Signature, spectra_of
+from structsel.diagnosis.weighing import alone, bounded, nats
+from structsel.mismatch.driving import driven
+from structsel.mismatch.flight import AIRFRAME, Flight
+
+_ASKED = 10.0  # nats that an effect brings, beside tolerances or as delivered
+_FORMS = 3  # of an effect, of different things, that are asked
+_MUCH = 100.0  # nats; where so much is not borne out, and more than is, all forms are asked
+_FORETOLD = 0.3  # share of its variance, that the inputs must foretell of some channel of a motion
+_MOTIONS = (("alpha", "q"), ("beta", "p", "r"))
+_SIDEWAYS = frozenset({"CY", "Cl", "Cn", "k_beta", "k_phi", "k_psi"})
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """The same flights as the inputs alone would have them, and signatures there as far as they were asked for.
+
+    Attributes
+    ----------
+    flights : tuple of Flight
+        None of them where nothing can be asked: no input moves, or what flies is no aircraft.
+    foretold : tuple of bool
+        Whether the inputs that are recorded drive the motion in the plane of symmetry, and that out of it.
+    """
+
+    flights: tuple[Flight, ...]
+    foretold: tuple[bool, bool]
+    _known: dict[Signature, Signature] = field(default_factory=dict, repr=False)
+    _start: list[Bench] = field(default_factory=list, repr=False)
+
+    @classmethod
+    def of(cls, flights: Sequence[Flight]) -> Driven:
+        """Of flights as recorded."""
+        moved = driven(flights) if set(AIRFRAME) <= set(flights[0].channels) else ()
+        if not moved:
+            return cls((), (False, False))
+        ahead, aside = (any(_share(flights, moved, c) > _FORETOLD for c in motion) for motion in _MOTIONS)
+        return cls(moved, (ahead, aside))
+
+    def bear_out(self, bench: Bench, scores: Sequence[Score]) -> list[Score]:
+        """Scores that also know what each effect brings where the inputs alone drive the motion.
+
+        Noise and moving air that an effect's form has in common with the differences give it evidence on the recorded
+        motion, and none on this. What the air does by itself is not asked: it follows no input. Nor is what acts in a
+        motion that no recorded input drives.
+
+        Parameters
+        ----------
+        bench : Bench
+        scores : sequence of Score
+            Of all hypotheses.
+        """
+        asked = [s for s in scores if max(nats(s), alone(s)) >= _ASKED and self._can_tell(s)]
+        if not asked:
+            return list(scores)
+        made = self._borne_out(bench, [(s, _likely(s)) for s in asked])
+        lost = max(nats(s) - nats(made[s.effect]) for s in asked)
+        if lost > max(_MUCH, *map(nats, made.values())):
+            made = self._borne_out(bench, [(s, range(len(s.signatures))) for s in asked])
+        return [made.get(s.effect, s) for s in scores]
+
+    def beside(self, accepted: Sequence[Signature]) -> Bench | None:
+        """Bench of these flights with effects taken in; None where nothing was asked of them."""
+        if not self._start:
+            return None
+        return self._start[0].taking(self._again(accepted), ()) if accepted else self._start[0]
+
+    def _can_tell(self, score: Score) -> bool:
+        sides = {response in _SIDEWAYS for response in score.signature.responses}
+        return score.hypothesis.kind != "atmospheric" and any(self.foretold[side] for side in sides)
+
+    def _borne_out(self, bench: Bench, asked: Sequence[tuple[Score, Sequence[int]]]) -> Mapping[str, Score]:
+        """Effects with what some of their forms bring there, each in the form that is borne out best."""
+        forms = self._again([s.signatures[k] for s, tried in asked for k in tried])
+        found = self._again(bench.accepted)
+        if not self._start:
+            self._start.append(Bench.set_up(self.flights, forms, bench.base.groups))
+        beside = self._start[0].taking(found, forms) if found else self._start[0]
+        there = {s.effect: s for s in score_all(beside, Library(tuple(forms), {}))}
+        made = {}
+        for score, tried in asked:
+            other = there[score.effect]
+            brings = [bounded(score.trials[k].log_bayes, t.log_bayes) for k, t in zip(tried, other.trials)]
+            best = int(np.argmax(brings))
+            better = brings[best] > brings[list(tried).index(score.best)]
+            made[score.effect] = replace(judged_by(score, tried[best]) if better else score, driven=other)
+        return made
+
+    def _again(self, signatures: Sequence[Signature]) -> list[Signature]:
+        """The same forms on flights that move otherwise."""
+        new = [s for s in signatures if s not in self._known]
+        jobs = (delayed(spectra_of)(s.variant, f, f.responses) for s in new for f in self.flights)
+        spectra = Parallel(n_jobs=2, prefer="threads")(jobs)
+        for i, s in enumerate(new):
+            m = len(self.flights)
+            self._known[s] = replace(s, spectra=spectra[i * m : (i + 1) * m])
+        return [self._known[s] for s in signatures]
+
+
+def _likely(score: Score) -> list[int]:
+    """The form to judge, and the likeliest of those of something else."""
+    order = [score.best, *np.argsort([-t.log_bayes for t in score.trials]).tolist()]
+    first: dict[str, int] = {}
+    for k in order:
+        first.setdefault(score.signatures[k].variant.about, k)
+    return list(first.values())[:_FORMS]
+
+
+def _share(flights: Sequence[Flight], moved: Sequence[Flight], channel: str) -> float:
+    """Share of a channel's variance, all flights together, that it still has where the inputs alone drive it."""
+    left = sum(float(np.var(f[channel] - g[channel])) * len(f) for f, g in zip(flights, moved))
+    whole = sum(float(np.var(f[channel])) * len(f) for f in flights)
+    return 1.0 - left / whole if whole > 0.0 else 0.0

@@ -1,0 +1,119 @@
+"""What inputs alone make of the motion: free of gusts, and enough to tell what is there from what gusts look like."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from structsel.aircraft import Aircraft
+from structsel.coefficients import compute_coefficients
+from structsel.diagnosis.driven import Driven
+from structsel.diagnosis.scoring import score_all
+from structsel.diagnosis.weighing import alone, nats, not_borne_out
+from structsel.mismatch.driving import driven
+from structsel.mismatch.locating.turbulence import unfelt
+from structsel.numerics.rigid_body import air_data, body_to_earth
+from structsel.recording import Recording
+from structsel.simulation import Air, Turbulence, simulate, trim
+from tests.missing_physics import CRAFT, NOISE, TRUTH, T, excite, model_of, ready, tried
+
+BARE = Aircraft(**{**CRAFT.model_dump(exclude={"schema_name"}), "sensors": {}})  # vanes at the centre of gravity
+SPEEDS = (40.0, 44.0, 48.0, 52.0, 56.0, 60.0)
+
+
+@cache
+def blown(W20=9.0, **extra):
+    """Flights of which neither vanes nor simulation feel the rough air, and its vertical speed."""
+    simulation = model_of(TRUTH)
+    truth = model_of({r: {**TRUTH[r], **dict(extra.get(r, ()))} for r in TRUTH})
+    recordings, told, gusts = [], [], []
+    rng = np.random.default_rng(8)
+    for k, V in enumerate(SPEEDS):
+        start = trim(simulation, BARE, V, 1000.0)
+        air = Air(turbulence=Turbulence(W20, seed=k, high=0.1 * W20)) if W20 else Air()
+        flown = simulate(truth, BARE, start.inputs(T, **excite(T, k % 3)), start=start, air=air, outside="ignore")
+        ground = np.column_stack([flown[c] for c in ("vn", "ve", "vd")])
+        body = np.einsum("nij,ni->nj", body_to_earth(flown["phi"], flown["theta"], flown["psi"]), ground)
+        still = dict(zip(("V", "alpha", "beta"), air_data(*body.T)))
+        gusts.append((flown["alpha"] - still["alpha"]) * flown["V"])
+        read = ("p", "q", "r", "phi", "theta", "psi", "h", "ax", "ay", "az", "rho", "mass", "de", "da", "dr", "thrust")
+        exact = Recording(f"m{k}", flown.t, {**{c: flown[c] for c in read}, **still})
+        noisy = {c: exact[c] + NOISE[c] * rng.standard_normal(len(exact)) for c in NOISE}
+        recordings.append(exact.with_channels(**noisy))
+        told.append(simulation.evaluate(compute_coefficients(exact, BARE), outside="ignore"))
+    return ready(recordings, told, BARE), gusts
+
+
+def alike(flights, gusts, channel, lags=40):
+    """Share of a channel's variance that the gusts of the last seconds explain, all flights together."""
+    rows = [np.column_stack([np.roll(g, k)[lags:] for k in range(0, lags, 2)]) for g in gusts]
+    X = np.concatenate([x - x.mean(axis=0) for x in rows])
+    y = np.concatenate([f[channel][lags:] - f[channel][lags:].mean() for f in flights])
+    return 1.0 - float(np.var(y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) / np.var(y))
+
+
+def test_what_inputs_make_of_the_motion_does_not_follow_the_gusts():
+    flights, gusts = blown()
+    moved = driven(flights)
+    by_chance = alike(driven(blown(0.0)[0]), gusts, "alpha")
+    assert alike(flights, gusts, "alpha") > 0.3
+    assert alike(moved, gusts, "alpha") < by_chance + 0.1
+    for f, g in zip(flights, moved):
+        assert all(np.allclose(f.difference[c], g.difference[c]) for c in f.difference)
+
+
+EFFECTS = (
+    "wrong-derivative", "missing-term", "augmentation", "unsteady-lift", "sensor-position", "inertia-error",
+    "control-nonlinearity", "downwash-lag", "sidewash-lag",
+)  # fmt: skip
+
+
+def test_what_gusts_look_like_on_the_recorded_motion_is_not_borne_out_by_the_inputs():
+    bench, library = tried(blown()[0], *EFFECTS)
+    scores = Driven.of(bench.flights).bear_out(bench, score_all(bench, library))
+    plain = {s.effect: nats(replace(s, driven=None)) for s in scores}
+    assert sum(x > 200.0 for x in plain.values()) >= 5  # a simulation that is right, in air that no vane feels
+    assert max(map(nats, scores)) < 10.0
+    assert max(map(alone, scores)) < 10.0
+    air = unfelt(bench.flights, not_borne_out(scores))
+    size = np.std(np.concatenate(blown()[1]))
+    assert air.sigma["w"] == pytest.approx(size, rel=0.4)
+    assert "No vane feels it" in air.says
+
+
+def test_what_is_there_is_found_in_rough_air_and_in_the_form_that_inputs_bear_out():
+    bench, library = tried(blown(Cl=(("da^3", -20.0),))[0], *EFFECTS)
+    best = max(Driven.of(bench.flights).bear_out(bench, score_all(bench, library)), key=nats)
+    assert (best.effect, best.signature.variant.about[:2]) == ("control-nonlinearity", "da")
+    assert nats(best) > 15.0
+
+
+def test_calm_air_changes_nothing_of_what_is_there():
+    bench, library = tried(blown(0.0, Cl=(("da^3", -20.0),))[0], *EFFECTS)
+    plain = score_all(bench, library)
+    before, after = max(plain, key=nats), max(Driven.of(bench.flights).bear_out(bench, plain), key=nats)
+    assert before.effect == after.effect == "control-nonlinearity"
+    assert nats(after) == pytest.approx(nats(before))
+
+
+def test_calm_air_is_not_called_rough():
+    bench, library = tried(blown(0.0)[0], *EFFECTS)
+    nats_lost = not_borne_out(Driven.of(bench.flights).bear_out(bench, score_all(bench, library)))
+    assert unfelt(bench.flights, nats_lost) is None
+
+
+def test_a_motion_whose_inputs_are_not_recorded_is_not_asked():
+    flights = [replace(f, recorded=f.recorded - {"da", "dr"}) for f in blown(0.0, Cl=(("da^3", -20.0),))[0]]
+    once_more = Driven.of(flights)
+    assert once_more.foretold == (True, False)
+    bench, library = tried(flights, "wrong-derivative", "unsteady-lift", "sidewash-lag")
+    for s in once_more.bear_out(bench, score_all(bench, library)):
+        if s.effect == "sidewash-lag":
+            assert s.driven is None
+
+
+def test_flights_without_inputs_are_left_as_they_are():
+    flights = [replace(f, recorded=f.recorded - {"de", "da", "dr", "thrust"}) for f in blown(0.0)[0]]
+    assert driven(flights) == ()
+    assert Driven.of(flights).foretold == (False, False)
