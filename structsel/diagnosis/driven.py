@@ -16,6 +16,7 @@ from structsel.mismatch.driving import driven
 from structsel.mismatch.flight import AIRFRAME, Flight
 
 _ASKED = 10.0  # nats that an effect brings, beside tolerances or as delivered
+_CLEARLY = 3.0  # nats, by which another form must be borne out better to be judged instead
 _FORMS = 3  # of an effect, of different things, that are asked
 _MUCH = 100.0  # nats; where so much is not borne out, and more than is, all forms are asked
 _FORETOLD = 0.3  # share of its variance, that the inputs must foretell of some channel of a motion
@@ -94,7 +95,7 @@ class Driven:
             other = there[score.effect]
             brings = [bounded(score.trials[k].log_bayes, t.log_bayes) for k, t in zip(tried, other.trials)]
             best = int(np.argmax(brings))
-            better = brings[best] > brings[list(tried).index(score.best)]
+            better = brings[best] > max(_ASKED, brings[list(tried).index(score.best)] + _CLEARLY)
             made[score.effect] = replace(judged_by(score, tried[best]) if better else score, driven=other)
         return made
 
