@@ -60,19 +60,24 @@ class Ranking:
     steps : tuple of Step
     scores : tuple of Score
         Of all hypotheses, when they were last tried.
-    driven : Bench, optional
-        As `bench`, of flights that move as the inputs alone would have them; None where nothing was asked of those.
+    motion : Driven, optional
+        The flights as the inputs alone would have them, of which effects were asked.
     """
 
     start: Bench
     steps: tuple[Step, ...]
     scores: tuple[Score, ...] = ()
-    driven: Bench | None = None
+    motion: Driven | None = None
 
     @property
     def bench(self) -> Bench:
         """With everything found taken in."""
         return self.steps[-1].bench if self.steps else self.start
+
+    @property
+    def driven(self) -> Bench | None:
+        """As `bench`, of flights that move as the inputs alone would have them; None where none was needed."""
+        return None if self.motion is None else self.motion.beside(self.bench.accepted)
 
 
 def rank(bench: Bench, library: Library, progress: Progress | None = None) -> Ranking:
@@ -99,7 +104,7 @@ def rank(bench: Bench, library: Library, progress: Progress | None = None) -> Ra
         others = tuple(w.score for w in weighed)
         steps.append(Step(best.score, rivals, bench, others, best.constant))
     tell("ranking", MOST, MOST)
-    return Ranking(start, tuple(steps), tuple(scores), driven.beside(bench.accepted))
+    return Ranking(start, tuple(steps), tuple(scores), driven)
 
 
 def _weighed(effects: Sequence[Weighed]) -> tuple[list[Weighed], tuple[tuple[str, float], ...]]:

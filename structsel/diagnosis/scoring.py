@@ -90,7 +90,7 @@ def score_all(bench: Bench, library: Library) -> list[Score]:
 
 def score(bench: Bench, hypothesis: Hypothesis, forms: Sequence[Signature], trials: Sequence[Trial]) -> Score:
     """Score of one hypothesis from the trials of its forms."""
-    within = np.array([_within(s, t) - _sought(s, len(t.predictive)) for s, t in zip(forms, trials)])
+    within = np.array([_limited(s, t) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within
     log_forms = np.log(len(forms))
     weights = np.exp(evidence - logsumexp(evidence))
@@ -111,9 +111,9 @@ def score(bench: Bench, hypothesis: Hypothesis, forms: Sequence[Signature], tria
 def judged_by(score: Score, form: int) -> Score:
     """The score with another of its forms to judge."""
     signature, trial = score.signatures[form], score.trials[form]
-    within = _within(signature, trial) - _sought(signature, len(trial.predictive))
+    within = _limited(signature, trial)
     own = trial.log_bayes + within - np.log(len(score.signatures))
-    return replace(score, best=form, within=float(within), own=float(own))
+    return replace(score, best=form, within=within, own=float(own))
 
 
 def _spared(bench: Bench, trials: Sequence[Trial]) -> Array:
@@ -135,6 +135,11 @@ def _spared(bench: Bench, trials: Sequence[Trial]) -> Array:
     # Nor may it be a single tolerance, pulled no further than tolerances are.
     alike = brought[:, -1] - float(bench.base.freed.max()) < _BEYOND_ONE
     return work * shares * np.where(off | alike | (shares < _COUNTS), 0.0, np.minimum(1.0, shares / _IN_FULL))
+
+
+def _limited(signature: Signature, trial: Trial) -> float:
+    """What limits bring to a form, less what was sought for it."""
+    return _within(signature, trial) - _sought(signature, len(trial.predictive))
 
 
 def _within(signature: Signature, trial: Trial) -> float:

@@ -134,6 +134,8 @@ def unfelt(flights: Sequence[Flight], nats: float) -> Turbulence | None:
     Turbulence or None
         Its sizes are those of gusts that would make the differences of the forces: noise and tolerances are in them.
     """
+    if nats < _UNFELT:
+        return None
     sigma: dict[str, float] = {}
     for axis, (response, angle) in _FORCED.items():
         if all(response in f.difference for f in flights):
@@ -141,7 +143,7 @@ def unfelt(flights: Sequence[Flight], nats: float) -> Turbulence | None:
             slope = float(np.mean([np.abs(f.slope(response, angle)).mean() / f["V"].mean() for f in flights]))
             power = sum(float(x @ x) for x in force) / sum(map(len, flights))
             sigma |= {axis: float(np.sqrt(power)) / slope} if slope > 0.0 else {}
-    if nats < _UNFELT or not sigma:
+    if not sigma:
         return None
     return Turbulence(sigma, float("nan"), nats, float(1.0 / (1.0 + np.exp(1.0 - nats / _UNFELT))), 0.0)
 
