@@ -1,6 +1,7 @@
 """Which effects are taken in, what is no effect at all, and when none of the names may be right."""
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.signatures import Library
 from structsel.diagnosis.station import drowned
 from structsel.diagnosis.weighing import FEATURES, Weighed
+from structsel.numerics.evidence import Base
 from structsel.recording import Recording
 from tests.missing_physics import flights_with, fly, ready, tried
 
@@ -46,9 +48,26 @@ def test_what_leaves_much_of_its_own_responses_is_doubted_and_what_explains_them
 
     alone = found("wrong-derivative")
     assert alone.ambiguous_with == ("unknown",)
-    assert "of what lies beyond the noise in Cl." in alone.physics[0].says
+    stays = float(re.search(r"leaves (\d+)% of what lies beyond the noise in Cl\.", alone.physics[0].says)[1]) / 100.0
+    chances = {one.effect: one.probability for one in alone.physics}
+    # As much as stays, half at most, of the names' probability is that of something else.
+    assert_allclose(chances["unknown"] / sum(chances.values()), min(stays, 0.5), atol=0.006)
     right = found("wrong-derivative", "control-nonlinearity")
     assert (right.effect, right.ambiguous_with) == ("control-nonlinearity", ())
+
+
+def test_timing_that_other_flights_do_not_bear_out_is_left_as_it_is_stated():
+    recordings, told = fly({})
+    bench, _ = tried(ready(recordings, told), "wrong-derivative")
+    late = [n.name for n in bench.nuisances].index("de, da, dr late")
+
+    def free(*signs):
+        y = [s * 5.0 * B[:, late] for s, B in zip(signs, bench.base.given, strict=True)]
+        other = replace(bench, base=Base(y, bench.base.given, bench.base.groups, bench.base.scales))
+        return other.as_delivered().nuisances
+
+    assert "de, da, dr late" in [n.name for n in free(1.0, 1.0)]
+    assert free(1.0, -1.0) == []
 
 
 def test_an_attitude_a_little_out_of_scale_is_within_tolerances_and_accuses_no_gyro():

@@ -31,6 +31,9 @@ _RIVALS = 4
 _TIES = 3
 _DOUBT = 0.08
 """Share of what is beyond the noise in a finding's responses that may stay before none of the names may be right."""
+_MOST_LOST = 0.5
+"""And of the names' probability that is lost to something unknown, which is as much as stays: what else is missing may
+be one effect more, beside one that is named rightly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,8 +218,7 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
         stays = _stays(bare, plain, member, axes)
         if stays > _DOUBT:
             ties = (*ties[: _TIES - 1], UNNAMED)
-            doubt = f" It leaves {stays:.0%} of what lies beyond the noise in {', '.join(axes)}."
-            physics = (replace(physics[0], says=physics[0].says + doubt), *physics[1:])
+            physics = _doubted(physics, stays, axes)
         made.append(
             Finding(
                 axes,
@@ -293,6 +295,16 @@ def _stays(bare: Bench, plain: Bench, member: Member, axes: Sequence[str]) -> fl
     beyond = sum(max(0.0, before[c][0] - 1.0) for c in axes)
     left = sum(max(0.0, after[c][0] - 1.0 - SLIGHT) for c in axes)
     return min(left / beyond, 1.0) if beyond > 0.0 else 0.0
+
+
+def _doubted(physics: Sequence[Physics], stays: float, axes: Sequence[str]) -> tuple[Physics, ...]:
+    """Explanations of what they leave much of, and that it may be something else; likeliest first."""
+    lost = min(stays, _MOST_LOST)
+    says = f"It leaves {stays:.0%} of what lies beyond the noise in {', '.join(axes)}."
+    known = [replace(one, probability=(1.0 - lost) * one.probability) for one in physics]
+    known[0] = replace(known[0], says=f"{known[0].says} {says}")
+    other = Physics(UNNAMED, lost * sum(one.probability for one in physics), "Something that none of them explains.")
+    return known[0], *sorted([other, *known[1:]], key=lambda one: -one.probability)
 
 
 def _mean(values: Mapping[str, float], axes: Sequence[str]) -> float:

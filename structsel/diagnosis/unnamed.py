@@ -40,7 +40,8 @@ def find_unknown(
     """
     bench = ranking.bench
     share = explainable(bench.flights, left, list(told))
-    got, delivered, after = judging.measured(bench), judging.as_delivered(bench), judging.held_out(bench)
+    got, delivered = judging.measured(bench), judging.as_delivered(bench)
+    after = judging.refitted(delivered, judging.held_out(bench))
     gain = {c: 1.0 - np.sqrt(1.0 - s) for c, s in share.items()}
     worth = {
         c: g * judging.rms(after, c) / judging.rms(delivered, c)
