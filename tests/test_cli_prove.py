@@ -87,6 +87,18 @@ def test_json_is_the_proof_and_nothing_else(tmp_path):
     assert (figure["value"], figure["met"]) == (1.0, True)  # 1 - 0.3/0.5 of 0.4
 
 
+def test_what_is_done_so_far_is_scored_and_nothing_else_begun(tmp_path):
+    out = tmp_path / "p"
+    run("--cases", 2, "--sources", "own", "--out", out)
+    told = json.loads(run("--cases", 5, "--sources", "own", "--out", out, "--done", "--json").stdout)
+    assert [c["name"] for c in told["cases"]] == ["own-0000000", "own-0000001"]
+    assert "so far: 2 of the 5 cases asked for are done" in (out / "proof.md").read_text()
+    assert len(list((out / "cases").iterdir())) == 2
+    assert "holds no answer" in run("--cases", 2, "--seed", 50, "--out", out, "--done", code=1).stderr
+    assert "holds no answer" in run("--cases", 2, "--out", tmp_path / "nowhere", "--done", code=1).stderr
+    assert not (tmp_path / "nowhere").exists()
+
+
 def test_judged_cases_begin_with_their_own_seeds(tmp_path):
     run("--cases", 1, "--judged", "--sources", "own", "--out", tmp_path / "p")
     assert (tmp_path / "p" / "cases" / "own-1000000").is_dir()

@@ -39,8 +39,8 @@ EPILOG = page(
         ),
     ],
     """Each case is diagnosed by a process that sees a copy of its folder and is told nothing of its key. An interrupted
-    run goes on where it stopped when the same command is given again. docs/proof.md says how each figure is
-    defined.""",
+    run goes on where it stopped when the same command is given again; with --done it scores what there is.
+    docs/proof.md says how each figure is defined.""",
     f"""[bold]Seeds[/bold] {running.DEVELOPMENT[0]} to {running.DEVELOPMENT[-1]} are for development; from
     {running.JUDGED} on they judge, nothing is tuned on them, and --judged asks for them.""",
 )
@@ -68,6 +68,7 @@ def run(
         float, typer.Option("--timeout", min=1.0, help="Seconds after which a case counts as not answered.")
     ] = 300.0,
     again: Annotated[bool, option("--again", "Diagnose all again; the cases stay.")] = False,
+    done: Annotated[bool, option("--done", "Score what is done so far, and go on with nothing.")] = False,
     json: Json = False,
 ) -> None:
     """Draw concealed cases, diagnose each apart from its key, and score what was said."""
@@ -78,13 +79,17 @@ def run(
     draws = running.plan(
         counts, first, sources=_sources(sources), effects=words(effects), severity=severity, judged=judged
     )
-    out.mkdir(parents=True, exist_ok=True)  # the lock of a folder that is there lies in it
-    claim(out)
-    with Waiting("proving") as waiting:
-        running.prove(
-            draws, out, jobs=jobs, timeout=timeout, again=again, simple=baselines,
-            progress=lambda what, done, of: _tell(waiting, what, done, of),
-        )  # fmt: skip
+    asked = len(draws)
+    if done:
+        draws = running.done(draws, out)
+    else:
+        out.mkdir(parents=True, exist_ok=True)  # the lock of a folder that is there lies in it
+        claim(out)
+        with Waiting("proving") as waiting:
+            running.prove(
+                draws, out, jobs=jobs, timeout=timeout, again=again, simple=baselines,
+                progress=lambda what, count, of: _tell(waiting, what, count, of),
+            )  # fmt: skip
     scores, undrawn = running.scores_of(draws, out)
     errors = running.errors_of(draws, out)
     if errors:
@@ -98,6 +103,8 @@ def run(
     }  # fmt: skip
     command = " ".join(["structsel prove", *(f"{k}" if v is True else f"{k} {v}" for k, v in options.items() if v)])
     about = _about(draws, scores, undrawn, errors, command, judged)
+    if len(draws) < asked:
+        about.append(f"so far: {len(draws)} of the {asked} cases asked for are done")
     content = {
         "schema": SCHEMA, "date": date.today().isoformat(), "version": __version__, "command": command,
         "judged": judged, **summary.to_dict(), "undrawn": undrawn, "errors": errors,

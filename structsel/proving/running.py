@@ -185,6 +185,20 @@ def prove(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
+def done(draws: Sequence[Draw], out: Path) -> list[Draw]:
+    """Those of the cases that are answered, or could not be drawn.
+
+    Raises
+    ------
+    DataError
+        None is.
+    """
+    held = [d for d in draws if (out / "answers" / f"{d.name}.json").exists()]
+    if not held:
+        raise DataError(f"'{out}' holds no answer to these cases yet. Give the command that began the proof.")
+    return held
+
+
 def in_turn(draws: Sequence[Draw]) -> list[Draw]:
     """Families in turn, each by its share, so that what is done of a run broken off is a fair sample of it."""
     families: dict[tuple[str, bool], list[Draw]] = {}
