@@ -243,6 +243,8 @@ _STATES = (
     *("actuator-saturation", "backlash", "augmentation"),
 )
 
+_BY_FORM = ("stall-hysteresis", "actuator-lag")
+
 
 @pytest.mark.parametrize(
     ("effect", "within"),
@@ -252,7 +254,11 @@ def test_an_effect_in_the_model_is_the_effect_that_was_found(effect, within, fli
     # Terms are the found signature to the last digits, but for the lift, which the signature has from a stand-in of
     # the simulation; states are the physics that a signature is the slope of.
     variants = named(effect).variants(flights)
-    told = variants[:2] if effect != "stall-hysteresis" else {v.about: v for v in variants}.values()
+    told = (
+        {(v.about, *(p.name for p in v.parameters)): v for v in variants}.values()
+        if effect in _BY_FORM
+        else variants[:2]
+    )
     for variant in told:
         one, theta = as_added(named(effect), variant, flights)
         assert one.is_known
@@ -384,6 +390,16 @@ def test_a_patched_actuator_flies_as_the_late_input_does(tmp_path):
     plain = plane.fly({**given, "de": asked}, start=start)
     # JSBSim's control system is a step of 2 ms ahead of its aerodynamics.
     assert np.abs(flown["q"] - lagged["q"]).max() < 0.02 * np.abs(plain["q"] - lagged["q"]).max()
+
+
+def test_an_effect_of_which_jsbsim_cannot_hold_all_is_not_written_in_part():
+    pytest.importorskip("jsbsim")
+    states = {"de_late": state("lag", "de", tau=0.2), "da_late": state("delay", "da", tau=0.2)}
+    both = effect("actuator-lag", states=states, replaced={"Cm": {"de": "de_late", "da": "da_late"}})
+    patched = patched_aircraft("c172p", [both, effect("missing-term", {"Cm": {"beta^2": 0.1}})], CRAFT, [])
+    assert "With missing-term, as structsel found it missing." in patched.text
+    assert "lag of" not in patched.text
+    assert any("counts a delay" in remark for remark in patched.remarks)
 
 
 def test_what_jsbsim_cannot_hold_is_said_and_nothing_is_written():

@@ -25,6 +25,17 @@ def test_a_lag_is_found_on_its_surface_with_its_time_constant():
     assert_allclose(found.values["lag"], 0.1, rtol=0.1)
 
 
+def test_servos_that_are_all_late_are_one_effect():
+    every = dict.fromkeys(("de", "da", "dr"), Actuator(lag=0.1))
+    flights = compare(fly(actuators=every, flown={control: lambda x: x for control in every}))
+    found = best(flights, one_of(HYPOTHESES, "actuator-lag"))
+    assert (found.variant.about, *found.values) == ("all surfaces", "lag")
+    assert found.explained > 0.97
+    assert_allclose(found.values["lag"], 0.1, rtol=0.1)
+    still = [replace(f, channels={**f.channels, **dict.fromkeys(("da", "dr"), np.zeros(len(f)))}) for f in flights]
+    assert {v.about for v in one_of(HYPOTHESES, "actuator-lag").variants(still)} == {"elevator"}
+
+
 def test_a_pure_delay_is_told_from_a_lag():
     flights = compare(fly(flown={"da": lambda x: np.concatenate([np.full(5, x[0]), x[:-5]])}))
     found = best(flights, one_of(HYPOTHESES, "actuator-lag"))

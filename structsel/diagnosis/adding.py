@@ -10,6 +10,7 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.candidates import Term
 from structsel.diagnosis.matching import LIFT, exact_terms
+from structsel.hypotheses.actuators import ALL, CONTROLS
 from structsel.hypotheses.base import Estimate, Hypothesis, Variant
 from structsel.hypotheses.memory import WHATEVER_THE_LIFT
 from structsel.hypotheses.propulsive import AXIAL
@@ -20,7 +21,7 @@ from structsel.model import Quantity, ResponseModel, State
 from structsel.numerics.smoothing.result import Array
 
 Weights = dict[str, dict[Term, Array]]
-_CONTROLS = {name: control for control, name in SURFACES.items()}
+_CONTROLS = {SURFACES[control]: control for control in CONTROLS}
 _ELSEWHERE = {
     "sensor": "lies in what an instrument reads",
     "inertial": "lies in mass, inertia or centre of gravity, which the aircraft file states",
@@ -116,22 +117,23 @@ def addition_of(hypothesis: Hypothesis, case: Case, theta: Array, covariance: Ar
 # --- surfaces that do not follow ------------------------------------------------------------------
 
 
-def _surface(case: Case) -> str | None:
-    """Control of an effect of the actuators; None where it is of no surface, or the simulation's terms lack it."""
-    control = _CONTROLS.get(case.variant.about.split(", ")[0])
+def _surfaces(case: Case) -> list[str]:
+    """Controls of an effect of the actuators; none where it is of no surface, or the simulation's terms lack it."""
+    about = case.variant.about.split(", ")[0]
     used = {c for model in case.base.values() for c in model.channels}
-    return control if control in used else None
+    return [control for name, control in _CONTROLS.items() if about in (name, ALL) and control in used]
 
 
 def _following(case: Case, kind: str, suffix: str, parameters: Mapping[str, Quantity]) -> Parts | None:
-    control = _surface(case)
-    if control is None:
+    controls = _surfaces(case)
+    if not controls:
         return None
-    name = f"{control}_{suffix}"
     given = dict(parameters)
     if "share" in case.estimates:
         given["share"] = case.quantity("share")
-    return {"states": {name: State(kind, control, given)}, "replaced": {c: {control: name} for c in case.base}}
+    names = {control: f"{control}_{suffix}" for control in controls}
+    states = {name: State(kind, control, given) for control, name in names.items()}
+    return {"states": states, "replaced": dict.fromkeys(case.base, names)}
 
 
 def _late(case: Case) -> Parts | None:

@@ -184,7 +184,12 @@ class _Patch:
             what = ", ".join(f"{s.kind} of {s.input}" for s in one.states.values())
             self.remarks.append(f"{one.effect} ({what}) cannot be written into JSBSim's aircraft; {_WHERE}")
             return False
-        return all(self._follow(one.effect, state) for state in one.states.values())
+        if why := next(filter(None, map(self._unwritable, one.states.values())), ""):
+            self.remarks.append(f"{one.effect}: {why}; {_WHERE}")
+            return False
+        for state in one.states.values():
+            self._follow(state)
+        return True
 
     def text(self, effects: Sequence[str]) -> str:
         """The whole file."""
@@ -272,24 +277,22 @@ class _Patch:
 
     # --- surfaces --------------------------------------------------------------------------------------
 
-    def _follow(self, effect: str, state: State) -> bool:
-        """Put a state between a control's surfaces and the aerodynamics."""
+    def _unwritable(self, state: State) -> str:
+        """Why a state cannot be put between a control's surfaces and the aerodynamics; empty where it can."""
         places = self._read_by_aerodynamics(state.input)
         if not places:
-            self.remarks.append(f"{effect}: JSBSim's aerodynamics read no angle of {state.input}; {_WHERE}")
-            return False
+            return f"JSBSim's aerodynamics read no angle of {state.input}"
         if state.kind == "delay":
-            self.remarks.append(
-                f"{effect}: JSBSim counts a delay in the steps that it was loaded with, so it is not in its aircraft; "
-                f"{_WHERE}"
-            )
-            return False
+            return "JSBSim counts a delay in the steps that it was loaded with, so it is not in its aircraft"
         if any(unit not in _UNITS for _, unit, _ in places) and set(state.parameters) & set(_DIMENSIONED):
-            self.remarks.append(f"{effect}: JSBSim's aerodynamics read a share of {state.input}, no angle; {_WHERE}")
-            return False
+            return f"JSBSim's aerodynamics read a share of {state.input}, no angle"
+        return ""
+
+    def _follow(self, state: State) -> None:
+        """Put a state between a control's surfaces and the aerodynamics."""
         control = self._section("flight_control")
         channel = ET.SubElement(control, "channel", name=f"{_UNDER} {state.kind} of {state.input}")
-        for path, unit, sense in places:
+        for path, unit, sense in self._read_by_aerodynamics(state.input):
             output = path.replace("fcs/", f"fcs/{_UNDER}/")
             share = state["share"] if "share" in state.parameters else 1.0
             follower = output if share == 1.0 else f"{output}-whole"
@@ -301,7 +304,6 @@ class _Patch:
                 text = (element.text or "").strip()
                 if element.tag in ("property", "p", "independentVar") and text.lstrip("-") == path:
                     element.text = text.replace(path, output)
-        return True
 
     def _read_by_aerodynamics(self, control: str) -> list[tuple[str, str, float]]:
         """Properties of a control that the aerodynamics read: path, unit, and its sense in ours."""

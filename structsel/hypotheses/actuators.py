@@ -21,7 +21,10 @@ from structsel.numerics.smoothing.result import Array
 
 Surface = Callable[[Flight], Array]
 
-_CONTROLS = ("de", "da", "dr")
+ALL = "all surfaces"
+"""What a form is about that takes each alike."""
+CONTROLS = ("de", "da", "dr")
+"""Surfaces that have actuators."""
 _SHARE = Parameter("share", "-", 1.0, 0.5, 1.5)
 # Feedbacks that aircraft have: surface, what is fed back, prior deviation of the gain, unit.
 _FEEDBACKS = (
@@ -38,7 +41,7 @@ _WASHOUTS = (1.0, 3.0)  # s, of a damper that leaves steady turns alone
 def used_controls(flights: Flights) -> list[str]:
     """Controls that move and that the simulation answers to."""
     wanted = coefficients(flights)
-    return [c for c in _CONTROLS if moves(flights, c) and any(mean_slope(flights, r, c) != 0.0 for r in wanted)]
+    return [c for c in CONTROLS if moves(flights, c) and any(mean_slope(flights, r, c) != 0.0 for r in wanted)]
 
 
 def displaced(control: str, extra: Surface) -> Callable[[Flight], Columns]:
@@ -82,23 +85,30 @@ def _needs_control(flights: Flights) -> str:
 def _lag_variants(flights: Flights) -> list[Variant]:
     made = []
     dt = flights[0].dt
-    for control in used_controls(flights):
+    used = used_controls(flights)
+    # What is recorded may be what all of them were asked, and all have the same servo.
+    together = [(ALL, used)] if len(used) > 1 else []
+    for about, controls in [*together, *((SURFACES[c], [c]) for c in used)]:
         for name, operator in (("lag", lag), ("delay", late)):
             for tau in spaced(max(0.02, 0.75 * dt), 0.35, 7):
+                parts = [followed(c, partial(_behind, operator=operator, tau=tau), tau) for c in controls]
                 made.append(
-                    Variant(
-                        (Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau),),
-                        followed(control, partial(_behind, operator=operator, tau=tau), tau),
-                        about=SURFACES[control],
-                    )
+                    Variant((Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau),), partial(_sum, parts), about=about)
                 )
     return made + plants.late_answers(flights)
 
 
+def _sum(parts: Sequence[Callable[[Flight], Columns]], flight: Flight) -> Columns:
+    made = [part(flight) for part in parts]
+    return {r: np.sum([m[r] for m in made], axis=0) for r in made[0]}
+
+
 def _lag_says(found: Found) -> str:
+    about = found.variant.about
+    who = "The surfaces follow their inputs" if about == ALL else f"The {about} follows its input"
     if "lag" in found.estimates:
-        return f"The {found.variant.about} follows its input late, by a first-order lag of {found.text('lag')}."
-    return f"The {found.variant.about} follows its input late, by a delay of {found.text('delay')}."
+        return f"{who} late, by a first-order lag of {found.text('lag')}."
+    return f"{who} late, by a delay of {found.text('delay')}."
 
 
 # Rate limit
