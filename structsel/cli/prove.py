@@ -31,7 +31,7 @@ EPILOG = page(
         (
             "What is published: cases kept to judge, so many of each family",
             "structsel prove --judged --baselines --out out/judged \\\n"
-            "    --cases single=300,pair=60,null=200,outside=30,clutter=30,without=40",
+            "    --cases single=300,pair=60,null=200,outside=30,clutter=20,without=30",
         ),
         (
             "One effect, its hypothesis taken out of the library",
