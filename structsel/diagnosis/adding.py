@@ -10,10 +10,11 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.candidates import Term
 from structsel.diagnosis.matching import LIFT, exact_terms
-from structsel.hypotheses.actuators import ALL, CONTROLS
+from structsel.hypotheses.actuators import ALL
 from structsel.hypotheses.base import Estimate, Hypothesis, Variant
 from structsel.hypotheses.memory import WHATEVER_THE_LIFT
 from structsel.hypotheses.propulsive import AXIAL
+from structsel.hypotheses.signals import CONTROLS
 from structsel.hypotheses.wording import SURFACES
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.responses import COEFFICIENTS

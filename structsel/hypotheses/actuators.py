@@ -11,7 +11,7 @@ from structsel.hypotheses import plants
 from structsel.hypotheses.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
 from structsel.hypotheses.changes import confined
 from structsel.hypotheses.operators import actuate, lag, late, spaced
-from structsel.hypotheses.signals import available, coefficients, gathered, mean_slope, moves
+from structsel.hypotheses.signals import CONTROLS, available, coefficients, gathered, mean_slope, moves, signature
 from structsel.hypotheses.wording import SURFACES, shown
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.plant import answers
@@ -23,8 +23,6 @@ Surface = Callable[[Flight], Array]
 
 ALL = "all surfaces"
 """What a form is about that takes each alike."""
-CONTROLS = ("de", "da", "dr")
-"""Surfaces that have actuators."""
 _SHARE = Parameter("share", "-", 1.0, 0.5, 1.5)
 # Feedbacks that aircraft have: surface, what is fed back, prior deviation of the gain, unit.
 _FEEDBACKS = (
@@ -44,19 +42,26 @@ def used_controls(flights: Flights) -> list[str]:
     return [c for c in CONTROLS if moves(flights, c) and any(mean_slope(flights, r, c) != 0.0 for r in wanted)]
 
 
-def displaced(control: str, extra: Surface) -> Callable[[Flight], Columns]:
-    """Columns of a surface that stands `extra` beyond where it was recorded."""
+def displaced(*extras: tuple[str, int, Surface]) -> Callable[[Flight], Columns]:
+    """Columns of surfaces that stand elsewhere than recorded: control, place of the parameter, and by how much."""
+    places = 1 + max(j for _, j, _ in extras)
 
     def columns(flight: Flight) -> Columns:
-        more = extra(flight)
-        return {r: (flight.slope(r, control) * more)[:, None] for r in flight.measured if r in COEFFICIENTS}
+        moved = [(control, j, extra(flight)) for control, j, extra in extras]
+        there = [r for r in flight.measured if r in COEFFICIENTS]
+        return signature(flight, places, ((r, j, flight.slope(r, c) * x) for c, j, x in moved for r in there))
 
     return columns
 
 
-def followed(control: str, operator: Callable[[Array, Flight], Array], per: float = 1.0) -> Callable[[Flight], Columns]:
-    """Columns of a surface that makes of what was recorded what an operator makes of it, per unit of `per`."""
-    return displaced(control, lambda f: (operator(f[control], f) - f[control]) / per)
+def departure(control: str, operator: Callable[[Array, Flight], Array], per: float = 1.0) -> Surface:
+    """By how much a surface that makes of its input what an operator does departs from it, per unit of `per`."""
+    return lambda f: (operator(f[control], f) - f[control]) / per
+
+
+def followed(control: str, operator: Callable[[Array, Flight], Array]) -> Callable[[Flight], Columns]:
+    """Columns of a surface that makes of what was recorded what an operator makes of it."""
+    return displaced((control, 0, departure(control, operator)))
 
 
 def _behind(x: Array, flight: Flight, operator: Callable[[Array, float, float], Array], tau: float) -> Array:
@@ -91,16 +96,10 @@ def _lag_variants(flights: Flights) -> list[Variant]:
     for about, controls in [*together, *((SURFACES[c], [c]) for c in used)]:
         for name, operator in (("lag", lag), ("delay", late)):
             for tau in spaced(max(0.02, 0.75 * dt), 0.35, 7):
-                parts = [followed(c, partial(_behind, operator=operator, tau=tau), tau) for c in controls]
-                made.append(
-                    Variant((Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau),), partial(_sum, parts), about=about)
-                )
+                late_by = partial(_behind, operator=operator, tau=tau)
+                columns = displaced(*((c, 0, departure(c, late_by, tau)) for c in controls))
+                made.append(Variant((Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau),), columns, about=about))
     return made + plants.late_answers(flights)
-
-
-def _sum(parts: Sequence[Callable[[Flight], Columns]], flight: Flight) -> Columns:
-    made = [part(flight) for part in parts]
-    return {r: np.sum([m[r] for m in made], axis=0) for r in made[0]}
 
 
 def _lag_says(found: Found) -> str:
@@ -237,12 +236,7 @@ def _feedback_variants(flights: Flights) -> list[Variant]:
 
 
 def _fed_back(control: str, gains: tuple[Parameter, ...], signals: Sequence[Surface], about: str) -> Variant:
-    parts = [displaced(control, s) for s in signals]
-
-    def columns(flight: Flight) -> Columns:
-        made = [part(flight) for part in parts]
-        return {r: np.hstack([m[r] for m in made]) for r in made[0]}
-
+    columns = displaced(*((control, j, signal) for j, signal in enumerate(signals)))
     return Variant(gains, columns, about=f"{about} {SURFACES[control]}")
 
 

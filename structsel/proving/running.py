@@ -193,7 +193,7 @@ def done(draws: Sequence[Draw], out: Path) -> list[Draw]:
     DataError
         None is.
     """
-    held = [d for d in draws if (out / "answers" / f"{d.name}.json").exists()]
+    held = [d for d in draws if _answer_of(d.name, out).exists()]
     if not held:
         raise DataError(f"'{out}' holds no answer to these cases yet. Give the command that began the proof.")
     return held
@@ -248,7 +248,7 @@ class _Bench:
 
     def settle(self, asked: Draw) -> None:
         """Draw one case and diagnose it, as far as that is not done."""
-        path = self.out / "answers" / f"{asked.name}.json"
+        path = _answer_of(asked.name, self.out)
         answer = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
         if "undrawn" in answer:
             return
@@ -299,6 +299,10 @@ def _run(command: Sequence[str], place: Path, timeout: float) -> dict[str, Any]:
     return dict(told)
 
 
+def _answer_of(name: str, out: Path) -> Path:
+    return out / "answers" / f"{name}.json"
+
+
 def _made(folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -319,7 +323,7 @@ def scores_of(draws: Sequence[Draw], out: Path) -> tuple[list[CaseScore], dict[s
     """
     scores, undrawn = [], {}
     for asked in draws:
-        path = out / "answers" / f"{asked.name}.json"
+        path = _answer_of(asked.name, out)
         answer = json.loads(path.read_text(encoding="utf-8"))
         at = out / "keys" / f"{asked.name}.json"
         if not at.exists():
@@ -338,5 +342,5 @@ def scores_of(draws: Sequence[Draw], out: Path) -> tuple[list[CaseScore], dict[s
 def errors_of(draws: Sequence[Draw], out: Path) -> dict[str, str]:
     """What went wrong with the cases that were drawn but not answered."""
     names = [d.name for d in draws if (out / "keys" / f"{d.name}.json").exists()]
-    held = {n: json.loads((out / "answers" / f"{n}.json").read_text(encoding="utf-8")) for n in names}
+    held = {n: json.loads(_answer_of(n, out).read_text(encoding="utf-8")) for n in names}
     return {n: a.get("error") or a["crash"] for n, a in held.items() if {"error", "crash"} & set(a)}
