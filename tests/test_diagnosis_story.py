@@ -71,6 +71,13 @@ def test_a_consistent_simulation_gets_its_verdict_and_what_would_have_shown():
     assert "icing from 35 %" in told
 
 
+def test_agreement_that_strains_a_tolerance_is_not_called_agreement_within_them():
+    pulls = (Pull("thrust", -8.0, -0.24, 0.01, "relative"),)
+    told = flat(tell(diagnosis(verdict="consistent", pulls=pulls)))
+    assert told.startswith("CONSISTENT, but beyond the stated tolerances")
+    assert "only if 'thrust' is off by -8.0 of its stated standard deviations." in told
+
+
 def test_turbulence_is_told_beside_a_consistent_verdict_and_is_nothing_left_out():
     first = tell(diagnosis(TURBULENCE, verdict="consistent")).split("\n\n")[0]
     assert first.startswith("CONSISTENT")

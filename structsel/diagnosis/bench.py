@@ -103,8 +103,9 @@ class Bench:
 
     @property
     def told(self) -> list[str]:
-        """Responses that are judged: coefficients; of a plant that has none, all."""
-        return [c for c in self.responses if c in COEFFICIENTS] or list(self.responses)
+        """Responses that are judged: coefficients; of a plant that has none, all that are simulated."""
+        aerodynamic = [c for c in self.responses if c in COEFFICIENTS]
+        return aerodynamic or [c for c in self.responses if c in self.flights[0].simulated]
 
     @property
     def pulled(self) -> tuple[Array, Array]:

@@ -11,11 +11,10 @@ from joblib import Parallel, delayed
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.scoring import Score, judged_by, score_all
 from structsel.diagnosis.signatures import Library, Signature, spectra_of
-from structsel.diagnosis.weighing import alone, bounded, nats
+from structsel.diagnosis.weighing import EVIDENT, alone, bounded, nats
 from structsel.mismatch.driving import driven
 from structsel.mismatch.flight import AIRFRAME, Flight
 
-_ASKED = 10.0  # nats that an effect brings, beside tolerances or as delivered
 _CLEARLY = 3.0  # nats, by which another form must be borne out better to be judged instead
 _FORMS = 3  # of an effect, of different things, that are asked
 _MUCH = 100.0  # nats; where so much is not borne out, and more than is, all forms are asked
@@ -24,7 +23,7 @@ _MOTIONS = (("alpha", "q"), ("beta", "p", "r"))
 _SIDEWAYS = frozenset({"CY", "Cl", "Cn", "k_beta", "k_phi", "k_psi"})
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Driven:
     """The same flights as the inputs alone would have them, and signatures there as far as they were asked for.
 
@@ -39,7 +38,7 @@ class Driven:
     flights: tuple[Flight, ...]
     foretold: tuple[bool, bool]
     _known: dict[Signature, Signature] = field(default_factory=dict, repr=False)
-    _start: list[Bench] = field(default_factory=list, repr=False)
+    _start: Bench | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, flights: Sequence[Flight]) -> Driven:
@@ -63,7 +62,7 @@ class Driven:
         scores : sequence of Score
             Of all hypotheses.
         """
-        asked = [s for s in scores if max(nats(s), alone(s)) >= _ASKED and self._can_tell(s)]
+        asked = [s for s in scores if max(nats(s), alone(s)) >= EVIDENT and self._can_tell(s)]
         if not asked:
             return list(scores)
         made = self._borne_out(bench, [(s, _likely(s)) for s in asked])
@@ -74,9 +73,9 @@ class Driven:
 
     def beside(self, accepted: Sequence[Signature]) -> Bench | None:
         """Bench of these flights with effects taken in; None where nothing was asked of them."""
-        if not self._start:
-            return None
-        return self._start[0].taking(self._again(accepted), ()) if accepted else self._start[0]
+        if self._start is None or not accepted:
+            return self._start
+        return self._start.taking(self._again(accepted), ())
 
     def _can_tell(self, score: Score) -> bool:
         sides = {response in _SIDEWAYS for response in score.signature.responses}
@@ -86,16 +85,16 @@ class Driven:
         """Effects with what some of their forms bring there, each in the form that is borne out best."""
         forms = self._again([s.signatures[k] for s, tried in asked for k in tried])
         found = self._again(bench.accepted)
-        if not self._start:
-            self._start.append(Bench.set_up(self.flights, forms, bench.base.groups))
-        beside = self._start[0].taking(found, forms) if found else self._start[0]
+        if self._start is None:
+            self._start = Bench.set_up(self.flights, forms, bench.base.groups)
+        beside = self._start.taking(found, forms) if found else self._start
         there = {s.effect: s for s in score_all(beside, Library(tuple(forms), {}))}
         made = {}
         for score, tried in asked:
             other = there[score.effect]
             brings = [bounded(score.trials[k].log_bayes, t.log_bayes) for k, t in zip(tried, other.trials)]
             best = int(np.argmax(brings))
-            better = brings[best] > max(_ASKED, brings[list(tried).index(score.best)] + _CLEARLY)
+            better = brings[best] > max(EVIDENT, brings[list(tried).index(score.best)] + _CLEARLY)
             made[score.effect] = replace(judged_by(score, tried[best]) if better else score, driven=other)
         return made
 

@@ -18,6 +18,7 @@ Verdict = Literal["mismatch", "consistent", "undecidable"]
 SCHEMA = "structsel.diagnosis/1"
 UNNAMED = "unknown"
 """Name of physics that no hypothesis carries."""
+_STRAINED = 4.0  # stated standard deviations of a tolerance, beyond which it is none
 
 
 @dataclass(frozen=True)
@@ -166,6 +167,11 @@ class Pull:
     value: float
     std: float
     unit: str
+
+    @property
+    def is_strained(self) -> bool:
+        """Whether it is pulled further than any tolerance is."""
+        return abs(self.sigmas) > _STRAINED
 
 
 @dataclass(frozen=True, eq=False)

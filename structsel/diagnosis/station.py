@@ -39,8 +39,7 @@ Progress = Callable[[str, int, int], None]
 _PARTS = 3
 _SHORTEST = 5.0  # s, of a part
 _HARDEST = 8  # tolerances listed
-_STRAINED = 4.0  # stated standard deviations, beyond which a tolerance is none
-_SAID = 3  # of those, in remarks
+_SAID = 3  # of tolerances pulled further than any is, in remarks
 _DROWNED = 0.7  # of the rms measured, that is left: what a simulation lacks would have to be large to show
 _WHITE = 1.3  # chi-square per row, below which what is left counts as noise
 
@@ -99,7 +98,7 @@ def conclude(
     """Diagnosis of flights that are prepared and set up (see `set_up`)."""
     bench, library, turbulence = ready
     remarks = list(prepared.remarks)
-    flights, responses, rough = bench.flights, bench.responses, turbulence is not None
+    flights, told, rough = bench.flights, bench.told, turbulence is not None
     single = len(prepared.flights) == 1
     if single:
         remarks.append(
@@ -107,7 +106,6 @@ def conclude(
             "is found may hold here alone; a second manoeuvre would show"
         )
     ranking = rank(bench, library, progress)
-    told = [c for c in responses if c in COEFFICIENTS] or [c for c in responses if c in flights[0].simulated]
     ceiling = explainable(flights, [{c: f.difference[c] for c in told} for f in flights])
     traces = traces_of(ranking)
     left = residuals(ranking.bench)
@@ -208,7 +206,7 @@ def strained(pulls: Sequence[Pull]) -> list[str]:
         f"'{p.name}' is pulled {p.sigmas:+.1f} of its stated standard deviations, which is more than a tolerance; no "
         "effect was likely enough to be named for it; look there first"
         for p in pulls[:_SAID]
-        if abs(p.sigmas) > _STRAINED
+        if p.is_strained
     ]
 
 

@@ -59,7 +59,7 @@ def headline(diagnosis: Diagnosis) -> str:
     also = f" There was {_and(chance)} besides." if chance else ""
     if diagnosis.verdict == "consistent":
         small = f" What stands out: {_and(known)}." if known else ""
-        return f"CONSISTENT: recordings and simulation agree within the stated tolerances.{small}{also}"
+        return f"CONSISTENT{_within(diagnosis.pulls)}.{small}{also}"
     if diagnosis.verdict == "undecidable":
         hint = f" What shows most: {_and(known)}." if known else ""
         return f"UNDECIDABLE: these recordings do not say whether the simulation leaves anything out.{hint}{also}"
@@ -67,6 +67,15 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"MISMATCH: something is left out that none of the effects known explains.{also}"
     more = " Something else is missing that none of the effects known explains." if len(known) < len(named) else ""
     return f"MISMATCH: the simulation leaves out {_and(known)}.{more}{also}"
+
+
+def _within(pulls: Sequence[Pull]) -> str:
+    """Whether it is the stated tolerances that recordings and simulation agree within."""
+    strained = next((p for p in pulls if p.is_strained), None)
+    if strained is None:
+        return ": recordings and simulation agree within the stated tolerances"
+    off = f"'{strained.name}' is off by {strained.sigmas:+.1f} of its stated standard deviations"
+    return f", but beyond the stated tolerances: no effect is likely to be missing, yet they agree only if {off}"
 
 
 def about(diagnosis: Diagnosis) -> str:

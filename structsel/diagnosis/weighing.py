@@ -27,7 +27,7 @@ _BEHIND, _FURTHEST = 0.02, 3.0  # of the best's nats, by which an effect is behi
 _LOWERS, _THERE = 0.05, 0.5
 """Shares: by which some coefficient's rms must fall on other flights, or what it differs by where the effect acts."""
 _SPOILS = 0.5  # share by which the rms of none may rise; what spoils more is no rival either
-_EVIDENT, _PLENTY = 10.0, 300.0
+EVIDENT, _PLENTY = 10.0, 300.0
 """Nats that an effect must bring beside tolerances; or, as the first, as delivered where tolerances imitate it."""
 
 FEATURES = (
@@ -126,7 +126,7 @@ def evident(bench: Bench, score: Score) -> bool:
     Tolerances that are off in what was found leave more to their own look-alikes than those of a right simulation do.
     """
     found = {s.hypothesis.effect for s in bench.accepted}
-    if nats(score) >= _EVIDENT:
+    if nats(score) >= EVIDENT:
         return not (score.event and score.effect in found)
     return not found and alone(score) >= _PLENTY
 
@@ -211,7 +211,7 @@ def ahead_of(one: Score, scores: Sequence[Score], brings: Callable[[Score], floa
 
 def behind(one: Score, kept: Sequence[Score]) -> float:
     """How far what an effect brings falls behind the best; see `FEATURES`."""
-    brings = nats if nats(one) >= _EVIDENT else alone
+    brings = nats if nats(one) >= EVIDENT else alone
     best = max(0.0, *map(brings, kept))
     return max((brings(one) - best) / max(_CLEAR, _BEHIND * best), -_FURTHEST)
 

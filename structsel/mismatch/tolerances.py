@@ -33,6 +33,8 @@ _WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies
 _ASKED = ("V", "alpha", "beta", "de", "da", "dr")
 _JUMP, _ABOVE = 0.08, 3.0  # of a channel's span, and of the changes about it, above which a change is a jump
 _MOST_JUMPS = 12
+_SCALED = {"alpha": 1.0, "beta": 1.0, "V": 0.5, "phi": 0.5, "theta": 0.5, "psi": 0.5}
+"""Of the stated tolerance: less for an airspeed system and a gyro that holds attitude than for a vane in its upwash."""
 _LATE = (
     ("V",), ("alpha",), ("beta",), ("phi", "theta", "psi"), ("p", "q", "r"), ("ax", "ay", "az"), ("de", "da", "dr"),
 )  # fmt: skip
@@ -114,18 +116,15 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
     for k, axis in enumerate("xyz"):
         add(f"centre of gravity {axis}", "cg", "chords", [offset_columns(f, k) for f in flights])
     add("thrust", "thrust", "relative", [thrust_columns(f) for f in flights])
-    for channel in ("alpha", "beta"):
-        add(
-            f"{channel} scale",
-            "vane_scale",
-            "relative",
-            [misread(f, **{channel: reading(f, channel)}) for f in flights],
-        )
-    # An airspeed system and a gyro that holds attitude are held to a tighter scale than a vane in its upwash.
-    for channel in ("V", "phi", "theta", "psi"):
+    for channel, share in _SCALED.items():
         if all(channel in f.recorded for f in flights):
-            each = [misread(f, **{channel: f[channel]}) for f in flights]
-            add(f"{channel} scale", "vane_scale", "relative", each, 0.5)
+            add(
+                f"{channel} scale",
+                "vane_scale",
+                "relative",
+                [misread(f, **{channel: f[channel]}) for f in flights],
+                share,
+            )
     for one, other in (("ax", "az"), ("ax", "ay"), ("ay", "az"), ("p", "r"), ("p", "q"), ("q", "r")):
         each = [misread(f, **{one: reading(f, other), other: -reading(f, one)}) for f in flights]
         add(f"{one} and {other} turned", "alignment", "rad", each)

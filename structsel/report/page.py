@@ -103,12 +103,14 @@ def write_comparison(
     """
     path = Path(path)
     sheet = comparison.sheet_of(found, recordings, judged or {}, pages or {})
-    write_text(path, _fill_sheet(sheet, provenance if provenance is not None else _provenance(recordings)))
+    write_text(path, _fill_sheet(sheet, _provenance(provenance, recordings)))
     return path
 
 
-def _provenance(recordings: Sequence[Recording]) -> dict[str, Any]:
-    """Of the recordings' files, as far as they are known."""
+def _provenance(given: Mapping[str, Any] | None, recordings: Sequence[Recording]) -> Mapping[str, Any]:
+    """As given; or of the recordings' files, as far as they are known."""
+    if given is not None:
+        return given
     return provenance_of(path for one in recordings if (path := file_of(one.provenance)) is not None)
 
 
@@ -121,7 +123,7 @@ def render(
     provenance: Mapping[str, Any] | None = None,
 ) -> str:
     """HTML of a result, as `write_report` takes it; whatever comes from its data is escaped."""
-    made = provenance if provenance is not None else _provenance(recordings)
+    made = _provenance(provenance, recordings)
     if isinstance(result, Diagnosis):
         return _fill("diagnosis.html", diagnosis.page_of(result), made)
     if isinstance(result, Selection):
