@@ -40,8 +40,8 @@ def test_what_a_linear_simulation_leaves_out_is_named_and_most_of_the_error_goes
     assert bars.physics.rrmse < left * bars.delivered.rrmse
 
 
-@pytest.mark.parametrize("name", ["crazyflie_correct", "silverbox_correct", "boucwen_correct"])
-def test_a_plant_with_its_own_model_is_within_tolerances(real, name):
+@pytest.mark.parametrize("name", ["crazyflie_correct", "silverbox_correct", "boucwen_correct", "gtm_correct"])
+def test_what_has_its_own_model_is_within_tolerances(real, name):
     _, found = real.run(name)
     assert found.verdict == "consistent"
     assert not found.findings

@@ -88,6 +88,7 @@ def test_turbulence_is_told_beside_a_consistent_verdict_and_is_nothing_left_out(
 def test_physics_without_a_name_is_not_given_one():
     nameless = replace(GROUND, physics=(replace(GROUND.physics[0], effect="unknown"),))
     assert "none of the effects known explains" in flat(tell(diagnosis(nameless)))
+    assert "of all explained" not in flat(tell(diagnosis(replace(nameless, share=0.0))))
     beside = flat(tell(diagnosis(VANE, nameless)).split("\n\n")[0])
     assert "leaves out sensor-scale or wrong-derivative" in beside
     assert "Something else is missing" in beside

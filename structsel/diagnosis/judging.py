@@ -13,6 +13,7 @@ from structsel.mismatch.noise import Rows, edge_of
 from structsel.numerics.evidence import spectrum
 from structsel.numerics.smoothing.result import Array
 
+_WHITE = 1.3  # chi-square per row, below which what is left counts as noise
 _STILL = 1e-9  # of the noise's power: what moves a response by less does not move it
 Residuals = list[dict[str, Array]]
 """Per flight: cosine coefficients in each response's unit; the level, which constant biases move, is left out."""
@@ -104,6 +105,12 @@ def _left_of(bench: Bench, foretold: bool, flights: Collection[str] | None) -> l
     """White rows that are left of each flight that counts."""
     left_of = bench.left_out if foretold else bench.left_in
     return left_of if flights is None else [(r, left) for r, left in left_of if r.flight.name in flights]
+
+
+def is_noise(bench: Bench, response: str) -> bool:
+    """Whether what all flights together leave of a response is no more than its noise."""
+    rows = np.concatenate([left[r.part(response)] for r, left in bench.left_in])
+    return bool(np.mean(rows**2) < _WHITE)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,6 @@ _SHORTEST = 5.0  # s, of a part
 _HARDEST = 8  # tolerances listed
 _SAID = 3  # of tolerances pulled further than any is, in remarks
 _DROWNED = 0.7  # of the rms measured, that is left: what a simulation lacks would have to be large to show
-_WHITE = 1.3  # chi-square per row, below which what is left counts as noise
 
 
 @threadpool_limits.wrap(limits=1)  # many small products: threads of the linear algebra only wait for each other
@@ -225,10 +224,4 @@ def _remaining(ranking: Ranking, told: Sequence[str]) -> dict[str, tuple[float, 
     bench = ranking.bench
     after = judging.refitted(judging.held_out(bench.as_delivered()), judging.held_out(bench))
     left = judging.fit(judging.measured(bench), after, told)
-    made = {}
-    for c in told:
-        if c not in left:
-            continue
-        rows = np.concatenate([e[r.part(c)] for r, e in bench.left_in])
-        made[c] = (left[c].rrmse, bool(np.mean(rows**2) < _WHITE))
-    return made
+    return {c: (left[c].rrmse, judging.is_noise(bench, c)) for c in told if c in left}

@@ -167,7 +167,7 @@ def _headed(finding: Finding) -> str:
 
 def _tell_finding(number: int, finding: Finding) -> Iterator[str]:
     first, *others = finding.physics
-    share = f"; {100.0 * finding.share:.0f} % of all explained" if math.isfinite(finding.share) else ""
+    share = f"; {100.0 * finding.share:.0f} % of all explained" if finding.share > 0.0 else ""
     head = f"{finding.effect}: {chance(first.probability)}, {finding.kind}, in {_and(finding.axes)}{share}"
     yield from _wrap(head, f"{number}. ", "   ")
     yield from _wrap(first.says, "   ", "   ")

@@ -46,7 +46,9 @@ def find_unknown(
     worth = {
         c: g * judging.rms(after, c) / judging.rms(delivered, c)
         for c, g in gain.items()
-        if share[c] > _REPEATABLE and ceiling.get(c, 0.0) > _REPEATABLE and judging.rms(delivered, c) > 0.0
+        if min(share[c], ceiling.get(c, 0.0)) > _REPEATABLE
+        and judging.rms(delivered, c) > 0.0
+        and not judging.is_noise(bench, c)
     }
     axes = tuple(sorted((c for c, w in worth.items() if w > _MATERIAL), key=lambda c: -worth[c]))
     if not axes:
@@ -60,7 +62,7 @@ def find_unknown(
     )
     mean = float(np.mean([ceiling.get(c, share[c]) for c in axes]))
     physics = Physics(UNNAMED, float(np.clip(np.mean([share[c] for c in axes]), 0.0, 1.0)), says)
-    return [Finding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 1.0 if not others else 0.0)]
+    return [Finding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
 
 
 def turbulent(found: Turbulence, ranking: Ranking, told: Sequence[str]) -> Finding:
