@@ -90,6 +90,18 @@ def test_a_mode_excited_by_the_elevator_is_found_with_its_frequency(numerator, n
     assert_allclose(found.values[name], 0.8, rtol=0.25)
 
 
+def test_a_mode_at_the_edge_of_what_is_compared_is_found():
+    w, made = 2.0 * np.pi * 3.95, []
+    slow = [Recording(r.name, r.t[::2], {c: r[c][::2] for c in r.names if c != "t"}) for r in fly()]
+    for f in compare(slow):
+        ring = lsim(([w, 0.0], [1.0, 0.1 * w, w**2]), f["de"] - f["de"][0], f.t - f.t[0])[1]
+        made.append(replace(f, measured={**f.measured, "CZ": f.simulated["CZ"] + 0.8 * ring}))
+    found = best(made, structural.HYPOTHESES[0])
+    assert found.variant.about == "de"
+    assert found.explained > 0.6
+    assert_allclose(found.variant.shape["frequency"], 3.95, rtol=0.05)
+
+
 def test_slow_samples_cannot_show_a_mode():
     (hypothesis,) = structural.HYPOTHESES
     slow = [replace(f, dt=0.4) for f in compare(fly())]

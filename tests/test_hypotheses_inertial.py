@@ -66,6 +66,18 @@ def test_fuel_that_swings_sideways_is_found_at_its_frequency():
     assert_allclose(found.values["share of the mass"], share, rtol=0.35)
 
 
+@pytest.mark.parametrize("effect", ["mass-error", "cg-shift"])
+def test_what_grows_from_manoeuvre_to_manoeuvre_is_in_full_in_one_flown_later(effect):
+    flights = compare(fly())
+    flights = [*flights, replace(flights[0], name="again")]
+    growing = [v for v in one_of(HYPOTHESES, effect).variants(flights) if "growing from" in v.about]
+    assert growing
+    for variant in growing:
+        last, later = variant.columns(flights[-1]), variant.columns(replace(flights[-1], name="tried"))
+        assert all(np.array_equal(later[r], x) for r, x in last.items())
+        assert max(np.abs(x).max() for x in later.values()) > 0.0
+
+
 def test_inertia_cannot_be_told_where_none_is_stated():
     bare = craft(inertia=None)
     flights = [replace(f, craft=bare) for f in compare(fly())]

@@ -42,19 +42,22 @@ def _burnt(flight: Flight) -> Array:
     return np.cumsum(rate) * flight.dt / 60.0
 
 
+def _place_in(flights: Flights) -> Callable[[Flight], float]:
+    """Place of a manoeuvre: 0 of the first, 1 of the last and of any flown later."""
+    known = {f.name: i / max(1, len(flights) - 1) for i, f in enumerate(flights)}
+    return lambda f: known.get(f.name, 1.0)
+
+
 def _mass_variants(flights: Flights) -> list[Variant]:
     share = Parameter("share", "-", 0.06, -0.5, 0.5, of_outcome=True)
     made = [of_parts((share,), lambda f: _heavier(f, 0, 1.0), "in all manoeuvres")]
-    place = {f.name: i for i, f in enumerate(flights)}
     if len(flights) > 2:
-        last = len(flights) - 1
+        place = _place_in(flights)
         growth = Parameter("share from first to last", "-", 0.1, -0.5, 0.5)
-        made.append(
-            of_parts((growth,), lambda f: _heavier(f, 0, place[f.name] / last), "growing from manoeuvre to manoeuvre")
-        )
+        made.append(of_parts((growth,), lambda f: _heavier(f, 0, place(f)), "growing from manoeuvre to manoeuvre"))
         made.append(
             of_parts(
-                (share, growth), lambda f: [*_heavier(f, 0, 1.0), *_heavier(f, 1, place[f.name] / last)],
+                (share, growth), lambda f: [*_heavier(f, 0, 1.0), *_heavier(f, 1, place(f))],
                 "off, and growing from manoeuvre to manoeuvre",
             )
         )  # fmt: skip
@@ -114,7 +117,6 @@ def _shift(flights: Flights, axis: int) -> Parameter:
 
 def _shift_variants(flights: Flights) -> list[Variant]:
     made = []
-    place = {f.name: i / max(1, len(flights) - 1) for i, f in enumerate(flights)}
     lines = {True: "in all manoeuvres"}
     if any(np.any(f["CT"]) for f in flights):
         lines[False] = "in all manoeuvres, the line of thrust with it"
@@ -138,7 +140,7 @@ def _shift_variants(flights: Flights) -> list[Variant]:
         if len(flights) > 2:
             made.append(
                 of_parts(
-                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=lambda f: place[f.name]),
+                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=_place_in(flights)),
                     "growing from the first manoeuvre to the last",
                 )
             )  # fmt: skip

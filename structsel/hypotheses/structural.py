@@ -46,7 +46,7 @@ def _variants(flights: Flights) -> list[Variant]:
         top = _OF_BAND * min(highest_of(f) for f in flights)
         frequencies = peaks(flights, responses, _PEAKS, _LOWEST, top)
         frequencies += [x for x in _SPREAD if all(abs(np.log(x / y)) > 0.2 for y in frequencies)]
-        frequencies = [x for x in frequencies if x < top]
+        frequencies = [x for x in frequencies if x <= top]
         for drive in drives:
             if not responses or not moves(flights, drive):
                 continue
