@@ -10,7 +10,7 @@ from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_coefficients
 from structsel.diagnosis.driven import Driven
 from structsel.diagnosis.scoring import score_all
-from structsel.diagnosis.weighing import alone, nats, not_borne_out
+from structsel.diagnosis.weighing import alone, nats, not_borne_out, with_whole
 from structsel.mismatch.driving import driven
 from structsel.mismatch.locating.turbulence import unfelt
 from structsel.numerics.rigid_body import air_data, body_to_earth
@@ -76,6 +76,7 @@ def test_what_gusts_look_like_on_the_recorded_motion_is_not_borne_out_by_the_inp
     assert sum(x > 200.0 for x in plain.values()) >= 5  # a simulation that is right, in air that no vane feels
     assert max(map(nats, scores)) < 10.0
     assert max(map(alone, scores)) < 10.0
+    assert max(s.whole for s in scores) == 0.0  # gusts are others in each manoeuvre
     air = unfelt(bench.flights, not_borne_out(scores))
     size = np.std(np.concatenate(blown()[1]))
     assert air.sigma["w"] == pytest.approx(size, rel=0.4)
@@ -95,6 +96,17 @@ def test_calm_air_changes_nothing_of_what_is_there():
     before, after = max(plain, key=nats), max(Driven.of(bench.flights).bear_out(bench, plain), key=nats)
     assert before.effect == after.effect == "control-nonlinearity"
     assert nats(after) == pytest.approx(nats(before))
+
+
+def test_what_takes_all_that_is_beyond_the_noise_counts_where_inputs_foretell_little_of_it():
+    bench, library = tried(blown(0.0, Cl=(("da^3", -60.0),))[0], "control-nonlinearity")
+    (known,) = score_all(bench, library)
+    small = replace(known, log_evidence=4.0, predictive=np.zeros(len(bench.flights)), within=0.0)
+    little = replace(known, driven=small)
+    assert nats(little) == pytest.approx(6.0)
+    (sure,) = with_whole(bench, [little])
+    assert sure.whole > 0.5
+    assert nats(sure) == pytest.approx(sure.whole * nats(known) + (1.0 - sure.whole) * 6.0)
 
 
 def test_calm_air_is_not_called_rough():

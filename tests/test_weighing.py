@@ -51,7 +51,7 @@ def test_what_tolerances_imitate_is_no_evidence_once_something_was_found():
         return SimpleNamespace(
             effect=effect, event=event, predictive=np.array([beside]), within=0.0, log_evidence=beside,
             hypothesis=SimpleNamespace(effect=effect, log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
-            driven=None,
+            driven=None, whole=0.0,
         )  # fmt: skip
 
     first = SimpleNamespace(accepted=())
@@ -64,15 +64,17 @@ def test_what_tolerances_imitate_is_no_evidence_once_something_was_found():
 
 
 def test_what_inputs_do_not_bear_out_does_not_count():
-    def score(beside, delivered, driven=None):
+    def score(beside, delivered, driven=None, whole=0.0):
         return SimpleNamespace(
-            event=False, predictive=np.array([beside]), within=0.0, log_evidence=beside, driven=driven,
+            event=False, predictive=np.array([beside]), within=0.0, log_evidence=beside, driven=driven, whole=whole,
             hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
         )  # fmt: skip
 
     gusty, true, unasked = score(900.0, 400.0, score(-1.0, 2.0)), score(90.0, 40.0, score(60.0, 30.0)), score(9.0, 4.0)
     assert [weighing.nats(s) for s in (gusty, true, unasked)] == pytest.approx([-1.5, 90.0, 9.0])
     assert [weighing.alone(s) for s in (gusty, true, unasked)] == pytest.approx([3.0, 40.0, 4.0])
+    half = score(900.0, 400.0, score(-1.0, 2.0), whole=0.5)  # as what takes nearly all on other flights may
+    assert (weighing.nats(half), weighing.alone(half)) == pytest.approx((449.25, 201.5))
 
 
 def test_nats_ahead_are_of_the_best_other_and_within_one():
@@ -89,7 +91,8 @@ def test_an_effect_is_behind_the_best_by_what_it_was_let_in_for():
     def score(beside, delivered):
         return SimpleNamespace(
             event=False, predictive=np.array([beside]), within=0.0, log_evidence=beside,
-            hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]), driven=None,
+            hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
+            driven=None, whole=0.0,
         )  # fmt: skip
 
     first, near, far, delivered = score(1000.0, 50.0), score(980.0, 0.0), score(200.0, 0.0), score(2.0, 400.0)

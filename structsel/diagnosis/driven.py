@@ -11,7 +11,7 @@ from joblib import Parallel, delayed
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.scoring import Score, judged_by, score_all
 from structsel.diagnosis.signatures import Library, Signature, spectra_of
-from structsel.diagnosis.weighing import EVIDENT, alone, bounded, nats
+from structsel.diagnosis.weighing import EVIDENT, alone, bounded, nats, with_whole
 from structsel.mismatch.driving import driven
 from structsel.mismatch.flight import AIRFRAME, Flight
 
@@ -69,7 +69,8 @@ class Driven:
         lost = max(nats(s) - nats(made[s.effect]) for s in asked)
         if lost > max(_MUCH, *map(nats, made.values())):
             made = self._borne_out(bench, [(s, range(len(s.signatures))) for s in asked])
-        return [made.get(s.effect, s) for s in scores]
+        known = {s.effect: s for s in with_whole(bench, list(made.values()))}
+        return [known.get(s.effect, s) for s in scores]
 
     def beside(self, accepted: Sequence[Signature]) -> Bench | None:
         """Bench of these flights with effects taken in; None where nothing was asked of them."""

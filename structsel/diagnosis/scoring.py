@@ -46,6 +46,8 @@ class Score:
         Log evidence of that form alone, less what its being one of several costs.
     driven : Score, optional
         Of that form where the inputs alone drive the motion.
+    whole : float
+        Share of its evidence that counts although that does not bear it out.
     """
 
     hypothesis: Hypothesis
@@ -58,6 +60,7 @@ class Score:
     best: int
     own: float
     driven: Score | None = None
+    whole: float = 0.0
 
     @property
     def effect(self) -> str:

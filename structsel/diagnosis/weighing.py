@@ -14,6 +14,9 @@ from structsel.diagnosis.scoring import Score
 from structsel.numerics.smoothing.result import Array
 
 _BORNE_OUT = 1.5  # times what it brings where inputs alone drive the motion: no more of what an effect brings counts
+_MOST, _ALL = 0.75, 0.95
+"""But for what takes so much of all that is beyond the noise on other flights: from the one on part of it counts, from
+the other on all. Gusts and noise are others in each manoeuvre, and what imitates them leaves much of the next."""
 _EACH = 5  # effects weighed for what they bring beside tolerances, and for what they bring as delivered
 _EVENT = 0.5  # of its evidence that an effect of one flight may count, which no other flight can foretell
 SLIGHT = 0.2  # of the noise's power: a misfit that is no larger is not told from the noise's own scatter
@@ -92,26 +95,46 @@ def rank_of(score: Score) -> float:
 def nats(score: Score) -> float:
     """What a hypothesis brings beside tolerances: on other flights or on all, but for an event.
 
-    As far as that is borne out where the inputs alone drive the motion.
+    As far as that is borne out where the inputs alone drive the motion, or can be no chance.
     """
     brings = rank_of(score) if score.event else max(rank_of(score), score.log_evidence)
-    return brings if score.driven is None else bounded(brings, nats(score.driven))
+    return brings if score.driven is None else bounded(brings, nats(score.driven), score.whole)
 
 
-def bounded(brings: float, driven: float) -> float:
+def bounded(brings: float, driven: float, whole: float = 0.0) -> float:
     """Nats that count, of those that an effect brings and those where the inputs alone drive the motion."""
-    return min(brings, _BORNE_OUT * driven)
+    return min(brings, (1.0 - whole) * _BORNE_OUT * driven + whole * brings)
 
 
 def alone(score: Score) -> float:
     """Nats that a hypothesis brings by itself, the simulation being as delivered but for it; as far as borne out."""
     brings = float(score.trial.at_scales[-1])
-    return brings if score.driven is None else bounded(brings, alone(score.driven))
+    return brings if score.driven is None else bounded(brings, alone(score.driven), score.whole)
 
 
 def not_borne_out(scores: Sequence[Score]) -> float:
     """The most nats that an effect brings on the recorded motion and that the inputs do not bear out."""
     return max((nats(replace(s, driven=None)) - max(0.0, nats(s)) for s in scores), default=0.0)
+
+
+def with_whole(bench: Bench, scores: Sequence[Score]) -> list[Score]:
+    """Scores that know how much of their evidence counts although the inputs do not bear it out."""
+    doubted = [s for s in scores if not s.event and any(by(s) < by(replace(s, driven=None)) for by in (nats, alone))]
+    if not doubted:
+        return list(scores)
+    plain = bench.as_delivered()
+    before = beyond_noise(plain)
+    takes = {s.effect: _share(before, beyond_noise(plain.beside(s.signature)), SLIGHT) for s in doubted}
+    return [
+        replace(s, whole=float(np.clip((takes[s.effect] - _MOST) / (_ALL - _MOST), 0.0, 1.0)))
+        if s.effect in takes else s
+        for s in scores
+    ]  # fmt: skip
+
+
+def beyond_noise(bench: Bench) -> float:
+    """What other flights leave of all responses together beyond the noise, in units of one response's, and one."""
+    return 1.0 + sum(motion - 1.0 for motion, _ in judging.excess(bench).values())
 
 
 def in_question(scores: Sequence[Score]) -> list[Score]:
