@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
+from structsel.diagnosis.scoring import judged_by, score_all
 from structsel.hypotheses import events
 from structsel.recording import Recording
-from tests.missing_physics import CRAFT, T, best, check_all, flights_with, fly, named, ready
+from tests.missing_physics import CRAFT, T, best, check_all, flights_with, fly, named, ready, tried
 
 CONFIGURATION, ICE, RELEASE = (named(events, e) for e in ("configuration-change", "icing", "store-release"))
 
@@ -46,6 +47,21 @@ def test_a_flap_that_is_recorded_is_found_as_its_channel():
     assert variant.terms[0] == "df"
     assert_allclose([theta["lift"], theta["drag"], theta["pitching moment"]], [0.5, 0.1, -0.1], rtol=0.1)
     check_all(flights, CONFIGURATION)
+
+
+def test_a_change_is_an_event_only_at_moments_that_were_sought():
+    moved = {"df": lambda k: 0.3 * np.clip((T - 9.0 - 2.0 * k) / 3.0, 0.0, 1.0)}
+    recordings, told = fly({**lift_and_drag(0.5, 0.1, "df"), "Cm": {"df": -0.1}}, **moved)
+    for seen, is_event in ((recordings, False), (without(recordings, "df"), True)):
+        (score,) = score_all(*tried(ready(seen, told), "configuration-change"))
+        assert score.event is is_event
+    flights = ready(recordings, told)
+    (ice,) = score_all(*tried(flights, "icing"))
+    is_event = {s.variant.about: judged_by(ice, k).event for k, s in enumerate(ice.signatures)}
+    assert is_event["in m01"]
+    assert is_event["in m02"]
+    assert not is_event["over each manoeuvre"]
+    assert not is_event["from 25 to 75 % of all manoeuvres one after the other"]
 
 
 def test_ice_that_grows_is_found_with_what_it_costs():

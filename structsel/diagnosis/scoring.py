@@ -74,8 +74,9 @@ class Score:
 
     @property
     def event(self) -> bool:
-        """Whether no other flight can foretell it: it happens at times of its own, or in one flight only."""
-        return self.hypothesis.event or len(self.signature.flights) == 1 < len(self.predictive)
+        """Whether no other flight can foretell it: it happens at moments of its own, or in one flight only."""
+        at_moments = self.hypothesis.event and _moments(self.signature) > 0
+        return at_moments or len(self.signature.flights) == 1 < len(self.predictive)
 
     @property
     def trial(self) -> Trial:
@@ -160,8 +161,12 @@ def _within(signature: Signature, trial: Trial) -> float:
 
 def _sought(signature: Signature, manoeuvres: int) -> float:
     """What the choice of a form's moments costs, and that of the manoeuvres it is confined to [nats]."""
-    moments = sum(name == "time" or name.startswith("time in ") for name in signature.variant.shape)
-    return _MOMENT * moments + (manoeuvres * np.log(2.0) if signature.variant.only_in else 0.0)
+    return _MOMENT * _moments(signature) + (manoeuvres * np.log(2.0) if signature.variant.only_in else 0.0)
+
+
+def _moments(signature: Signature) -> int:
+    """Number of moments that were sought in the differences."""
+    return sum(name == "time" or name.startswith("time in ") for name in signature.variant.shape)
 
 
 def _log_between(a: float, b: float) -> float:

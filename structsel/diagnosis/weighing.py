@@ -44,7 +44,7 @@ ahead alone : the same as delivered, where that is positive, times log(1 + nats 
 takes, level : share that it takes of what lies beyond the noise, and of the levels beyond the biases, as delivered.
 takes there : the same of the moments at which it acts, each weighed by the square of what it does.
 own : log evidence of its form with every tolerance free to imitate it, over 20 nats.
-event : it is of one flight.
+event : it is of moments sought in the differences, or of one flight.
 prior : log of how often simulations lack it, as against other effects.
 takes besides : share that it takes of the moments at which it acts, beside tolerances, times log(1 + nats / 10).
 behind : its nats less those of the best in question, over ten or a fiftieth of those, no less than -3; as delivered

@@ -144,7 +144,7 @@ class Hypothesis:
     log_prior : float
         Of the effect as against the others.
     event : bool
-        True where its parameters belong to one manoeuvre, so that others cannot foretell them.
+        True where what it does at moments sought in the differences is of those, so that others cannot foretell it.
     """
 
     effect: str
