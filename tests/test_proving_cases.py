@@ -53,6 +53,22 @@ def test_a_truth_flight_obeys_the_rigid_body_equations_of_the_package(name):
     assert_allclose(np.gradient(u, flown.t)[5:-5], slope[STATES.index("u")][5:-5], atol=0.03)
 
 
+def test_in_sheared_air_the_motion_over_the_ground_is_that_of_all_forces():
+    made = craft("citation")
+    plan = make_plan("pulls", made, 120.0, 5000.0, 20.0, np.random.default_rng(3))
+    air = Physics(settings={"shear_n": 0.05, "shear_e": -0.02, "shear_h": 5000.0})
+    flown = fly_truth(made, [plan], air, settings_of(made, [plan], 0.0), 50.0)[0]
+    over_ground = np.column_stack(
+        [np.gradient(flown.state(c), flown.t) * s for c, s in (("x", 1), ("y", 1), ("h", -1))]
+    )
+    force = np.column_stack([flown.reads[c] for c in ("ax", "ay", "az")])
+    frame = rb.body_to_earth(*(flown.state(c) for c in ("phi", "theta", "psi")))
+    expected = np.einsum("nij,nj->ni", frame, force) + np.array([0.0, 0.0, 9.80665])
+    found = np.gradient(over_ground, flown.t, axis=0)
+    assert np.ptp(flown.state("h")) > 10.0
+    assert_allclose(found[5:-5, :2], expected[5:-5, :2], atol=0.05)  # a step of a control moves the third by more
+
+
 def test_a_trimmed_aircraft_that_nobody_disturbs_flies_on_level():
     made = craft("citation")
     plan = make_plan("flap", made, 120.0, 5000.0, 4.0, np.random.default_rng(0))

@@ -18,7 +18,7 @@ SETTINGS = {
     "V0": 50.0, "rho0": 1.0, "glauert0": 0.0, "mach_rise": 0.6, "tail_lag": 3.0, "fin_lag": 0.35, "ground_scale": 1.0,
     "ground_rate": 4.0, "stall_slope": 25.0, "stall_alpha": 5.0, "stall_tau1": 0.0, "stall_tau2": 0.0,
     "slosh_frequency": 4.0, "slosh_damping": 0.05, "slosh_length": 0.6, "thrust_scale": 1.0, "thrust_lag": 0.0,
-    "shear_n": 0.0, "shear_e": 0.0, "wind_n": 0.0, "wind_e": 0.0, "arm_x": 0.0, "arm_y": 0.0,
+    "shear_n": 0.0, "shear_e": 0.0, "shear_h": 0.0, "wind_n": 0.0, "wind_e": 0.0, "arm_x": 0.0, "arm_y": 0.0,
     "ground_h": 0.0,
 }  # fmt: skip
 """Settings of the air and of the added physics, with the values that add none."""
@@ -41,7 +41,7 @@ _N = len(VARIABLES)
 _KAPPA_R = 1.4 * 287.05287
 # Compiled code reads plain integers.
 (_V0, _RHO0, _GL0, _RISE, _TAIL, _FIN, _GSC, _GRATE, _SSL, _SAL, _TAU1, _TAU2, _SLW, _SLZ, _SLL, _TSC, _TLAG,
- _SHN, _SHE, _WN, _WE, _ARMX, _ARMY, _GH) = range(len(SETTINGS))  # fmt: skip
+ _SHN, _SHE, _SHH, _WN, _WE, _ARMX, _ARMY, _GH) = range(len(SETTINGS))  # fmt: skip
 (_CS, _CB, _CC, _TX, _TZ, _TILT, _TST, _VT, _HP, _SPOOL, _RPM0, _RPM1, _EH) = range(len(CRAFT))
 (_DE, _DA, _DR, _THETA, _PHI, _ALPHA, _H, _THR, _DF, _CFG, _ICE, _CLOCK, _MASS, _FREE, _AUG, _THRUST,
  _GU, _GV, _GW, _GP, _GQ, _GR) = range(len(SCHEDULES))  # fmt: skip
@@ -137,8 +137,8 @@ def _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craf
     out[5] = inverse[2, 0] * L + inverse[2, 2] * N
     turn = (q * sf + r * cf) / ct
     out[6], out[7], out[8] = p + turn * st, q * cf - r * sf, turn
-    out[9] = north + settings[_WN]
-    out[10] = east + settings[_WE]
+    out[9] = north + settings[_WN] + settings[_SHN] * (s[11] - settings[_SHH])
+    out[10] = east + settings[_WE] + settings[_SHE] * (s[11] - settings[_SHH])
     out[11] = up
     chord, alpha = craft[_CC], x[1]
     out[12] = x[25] * V / (settings[_TAIL] * chord)

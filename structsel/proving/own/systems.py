@@ -249,12 +249,13 @@ def _steady_wind(c: Context) -> Concept:
 
 def _wind_shear(c: Context) -> Concept:
     way = float(c.rng.uniform(0.0, 2.0 * np.pi))
+    still = float(np.mean(np.concatenate([f.state("h") for f in c.base])))  # m, where no wind blows
 
     def at(size: float) -> Entry:
         shear = {"shear_n": 0.06 * size * np.cos(way), "shear_e": 0.06 * size * np.sin(way)}
-        return Entry(Physics(settings=shear), parameters=dict(shear))
+        return Entry(Physics(settings={**shear, "shear_h": still}), parameters=shear)
 
-    return Concept(at, ("vn", "ve"), ("steady-wind", "gust"), low=0.1, high=4.0)
+    return Concept(at, ("vn", "ve"), ("steady-wind", "gust"), low=0.02, high=4.0)
 
 
 def _gust(c: Context) -> Concept:
