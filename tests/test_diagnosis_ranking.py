@@ -64,7 +64,7 @@ def test_timing_that_other_flights_do_not_bear_out_is_left_as_it_is_stated():
     def free(*signs):
         y = [s * 5.0 * B[:, late] for s, B in zip(signs, bench.base.given, strict=True)]
         other = replace(bench, base=Base(y, bench.base.given, bench.base.groups, bench.base.scales))
-        return other.as_delivered().nuisances
+        return other.as_delivered.nuisances
 
     assert "de, da, dr late" in [n.name for n in free(1.0, 1.0)]
     assert free(1.0, -1.0) == []

@@ -213,7 +213,7 @@ def test_with_the_physics_flights_not_used_for_it_are_flown_nearer(ground):
 
 @needs_examples
 def test_what_flies_is_what_the_bars_judge(ground):
-    for bench in (ground.bench, ground.bench.keeping([]), ground.bench.as_delivered()):
+    for bench in (ground.bench, ground.bench.keeping([]), ground.bench.as_delivered):
         for m, (r, y, B) in enumerate(zip(bench.rows, bench.base.y, bench.base.B)):
             added = foretold(bench, m, m)
             left = {c: x - added.get(c, 0.0) for c, x in r.flight.difference.items()}

@@ -187,7 +187,7 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
     members = gather(ranking)
     if not members:
         return []
-    plain = bench.as_delivered()
+    plain = bench.as_delivered
     carried = shares(plain, members)
     order = np.argsort(carried)[::-1]
     total = sum(carried)

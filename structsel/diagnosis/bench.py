@@ -190,6 +190,7 @@ class Bench:
         more = [r.whiten(s, signature.width) for r, s in zip(self.rows, signature.spectra)]
         return replace(self, accepted=(*self.accepted, signature), base=self.base.beside(more))
 
+    @cached_property
     def as_delivered(self) -> Bench:
         """Bench on which only effects taken in are free, and the timing of samples where that foretells other flights.
 

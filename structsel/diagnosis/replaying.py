@@ -83,7 +83,7 @@ def told_by_stage(ranking: Ranking) -> Iterator[Told]:
     Where no effect was taken in there are two stages.
     """
     bench = ranking.bench
-    plain, tuned = bench.as_delivered(), bench.keeping([])
+    plain, tuned = bench.as_delivered, bench.keeping([])
     refitted = _better(judging.as_delivered(bench), judging.held_out(tuned))
     with_it = _better(judging.held_out(plain), judging.held_out(bench))
     for g, group in enumerate(bench.base.groups):

@@ -222,6 +222,6 @@ def drowned(remaining: Mapping[str, tuple[float, bool]]) -> list[str]:
 
 def _remaining(ranking: Ranking, told: Sequence[str]) -> dict[str, tuple[float, bool]]:
     bench = ranking.bench
-    after = judging.refitted(judging.held_out(bench.as_delivered()), judging.held_out(bench))
+    after = judging.refitted(judging.held_out(bench.as_delivered), judging.held_out(bench))
     left = judging.fit(judging.measured(bench), after, told)
     return {c: (left[c].rrmse, judging.is_noise(bench, c)) for c in told if c in left}

@@ -119,20 +119,22 @@ def not_borne_out(scores: Sequence[Score]) -> float:
 
 def with_whole(bench: Bench, scores: Sequence[Score]) -> list[Score]:
     """Scores that know how much of their evidence counts although the inputs do not bear it out."""
-    doubted = [s for s in scores if not s.event and any(by(s) < by(replace(s, driven=None)) for by in (nats, alone))]
-    if not doubted:
-        return list(scores)
-    plain = bench.as_delivered()
-    before = beyond_noise(plain)
-    takes = {s.effect: _share(before, beyond_noise(plain.beside(s.signature)), SLIGHT) for s in doubted}
-    return [
-        replace(s, whole=float(np.clip((takes[s.effect] - _MOST) / (_ALL - _MOST), 0.0, 1.0)))
-        if s.effect in takes else s
-        for s in scores
-    ]  # fmt: skip
+    plain = bench.as_delivered
+
+    def known(score: Score) -> Score:
+        takes = _share(_beyond_noise(plain), _beyond_noise(plain.beside(score.signature)), SLIGHT)
+        return replace(score, whole=float(np.clip((takes - _MOST) / (_ALL - _MOST), 0.0, 1.0)))
+
+    return [known(s) if _doubted(s) else s for s in scores]
 
 
-def beyond_noise(bench: Bench) -> float:
+def _doubted(score: Score) -> bool:
+    """Whether the inputs do not bear out all that an effect brings."""
+    plain = replace(score, driven=None)
+    return not score.event and (nats(score) < nats(plain) or alone(score) < alone(plain))
+
+
+def _beyond_noise(bench: Bench) -> float:
     """What other flights leave of all responses together beyond the noise, in units of one response's, and one."""
     return 1.0 + sum(motion - 1.0 for motion, _ in judging.excess(bench).values())
 
@@ -190,7 +192,7 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
 
 def _judged(bench: Bench, scores: Sequence[Score]) -> tuple[list[tuple[Score, Taken]], list[Score]]:
     """Effects in question that matter, with what each takes as delivered; and all that do not spoil other flights."""
-    plain = bench.as_delivered()
+    plain = bench.as_delivered
     before = judging.held_out(plain, True)
     kept: list[tuple[Score, Taken]] = []
     rivals, judged = list(scores), set()
