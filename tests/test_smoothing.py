@@ -99,9 +99,10 @@ def test_noise_at_the_two_end_samples_does_not_spoil_the_rest(response, method):
     assert moved < 0.5 * np.median(plain.derivative_std)
 
 
-def test_the_spline_of_order_two_is_scipys_at_the_same_penalty():
+@pytest.mark.parametrize("even", [False, True])
+def test_the_spline_of_order_two_is_scipys_at_the_same_penalty(even):
     rng = np.random.default_rng(1)
-    t = np.sort(rng.uniform(0.0, 10.0, 120))
+    t = np.linspace(0.0, 40.0, 480) if even else np.sort(rng.uniform(0.0, 10.0, 120))
     y = np.sin(t) + 0.1 * rng.standard_normal(t.size)
     got = smooth_spline(y, t, order=2)
     # noise^2 / q with q from the cut-off: q = noise^2 dt (2 pi f)^4, dt the median step.
@@ -167,6 +168,18 @@ def test_the_spline_bridges_missing_samples_with_the_doubt_that_deserves(respons
     assert np.abs((got.values - x) / got.values_std)[300:325].max() < 3.5
     with pytest.raises(DataError, match="sample 300 is nan"):
         smooth_fourier(noisy, DT)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_even_steps_which_are_not_worked_out_one_by_one_give_what_nearly_even_ones_give(order):
+    rng = np.random.default_rng(order)
+    t = 0.02 * np.arange(900)
+    y = np.sin(4.0 * t) + 0.05 * rng.standard_normal(t.size)
+    y[[400, 600, 601]] = np.nan
+    turned = smooth_spline(y, t, order=order)
+    every = smooth_spline(y, t + 1e-8 * rng.uniform(size=t.size), order=order)
+    for name in ("values", "values_std", "derivative", "derivative_std", "noise", "cutoff"):
+        assert_allclose(getattr(turned, name), getattr(every, name), rtol=1e-4, atol=1e-5)
 
 
 def test_the_spline_takes_an_uneven_clock():

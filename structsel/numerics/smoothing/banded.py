@@ -6,8 +6,9 @@ With the state s = (x, x', ..., x^(m-1)) the spline is the least-squares problem
 * C^-1 (s_{k+1} - F s_k), m per step, with C C' the covariance that white noise in x^(m) gives in a step.
 
 Rows enter one sample at a time and are triangularised by Householder reflections, so a state is eliminated as
-soon as nothing more refers to it, in O(n). Working on the rows, not on their products, keeps twice the digits, and a
-state about which nothing is known yet is a triangle of zeros: no large starting variance is needed.
+soon as nothing more refers to it, in O(n). Where steps are even the triangle settles, and from there on only
+right-hand sides need turning. Working on the rows, not on their products, keeps twice the digits, and a state about
+which nothing is known yet is a triangle of zeros: no large starting variance is needed.
 
 The kernels share one file because numba's cache does not notice changes in kernels imported from another.
 """
@@ -19,6 +20,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+
+_EVEN = 1e-9  # of a step, by which steps that count as even may differ: clocks are rounded
+_STILL = 1e-13  # of the diagonal, below which a triangle no longer changes
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -48,28 +52,38 @@ def eliminate(step, y, drive, L, LF, store, keep):
     n = y.size
     width = 2 * m + 1
     rows = np.zeros((width, width))
+    with_turn = np.zeros((width, width + m + 1))
+    turn = with_turn[:, width:]
     carried = np.zeros((m, m + 1))
-    rss, logdet = 0.0, 0.0
+    rss, logdet, logs, even = 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         last = k == n - 1
-        rows[:] = 0.0
-        rows[:m, :m] = carried[:, :m]
-        rows[:m, 2 * m] = carried[:, m]
-        if not np.isnan(y[k]):
-            rows[m, 0] = 1.0
-            rows[m, 2 * m] = y[k]
-        if not last:
-            for j in range(m):
-                # The covariance of a step h scales with h^(2m - 1 - i - j), so one factor serves all steps.
-                scale = 1.0 / (drive * step[k] ** (m - 0.5 - j))
-                for i in range(m):
-                    rows[m + 1 + i, j] = -LF[i, j] * scale
-                    rows[m + 1 + i, m + j] = L[i, j] * scale
-                logdet -= np.log(abs(L[j, j]) * scale)
-        for j in range(m if last else 2 * m):
-            _reflect(rows, j)
-        for i in range(m):
-            logdet += np.log(abs(rows[i, i]))
+        there = not np.isnan(y[k])
+        if there and not last and abs(step[k] - even) < _EVEN * even:
+            # The triangle stays as it is: only the right-hand sides turn.
+            for i in range(0 if keep else m, width):
+                rows[i, 2 * m] = turn[i, m] * y[k]
+                for j in range(m):
+                    rows[i, 2 * m] += turn[i, j] * carried[j, m]
+        else:
+            logs = _fill(rows, carried, step, k, drive, L, LF)
+            if there:
+                rows[m, 0] = 1.0
+                rows[m, 2 * m] = y[k]
+            for j in range(m if last else 2 * m):
+                _reflect(rows, j, m)
+            for i in range(m):
+                logs += np.log(abs(rows[i, i]))
+            even = step[k] if there and not last and _settled(rows[m : 2 * m, m : 2 * m], carried) else 0.0
+            if even > 0.0:
+                with_turn[:] = 0.0
+                _fill(with_turn, carried, step, k, drive, L, LF)
+                with_turn[m, 0] = 1.0
+                for i in range(m + 1):
+                    turn[i, i] = 1.0
+                for j in range(2 * m):
+                    _reflect(with_turn, j, m)
+        logdet += logs
         if keep:
             store[k] = rows[:m]
         if last:
@@ -77,33 +91,65 @@ def eliminate(step, y, drive, L, LF, store, keep):
                 rss += rows[i, 2 * m] ** 2
         else:
             rss += rows[2 * m, 2 * m] ** 2
-            carried[:, :m] = rows[m : 2 * m, m : 2 * m]
-            carried[:, m] = rows[m : 2 * m, 2 * m]
+            for i in range(m):
+                for j in range(i, m):
+                    carried[i, j] = rows[m + i, m + j]
+                carried[i, m] = rows[m + i, 2 * m]
     return rss, logdet
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _reflect(rows, j):
-    """Householder reflection that leaves zeros below the diagonal of column j."""
-    width = rows.shape[0]
-    norm = 0.0
-    for i in range(j, width):
+def _fill(rows, carried, step, k, drive, L, LF):
+    """Fill in what is carried and the step after sample k, if any; minus log |det| of the step rows' own factors."""
+    m = L.shape[0]
+    rows[:] = 0.0
+    rows[:m, :m] = carried[:, :m]
+    rows[:m, 2 * m] = carried[:, m]
+    logs = 0.0
+    if k < step.size:
+        for j in range(m):
+            # The covariance of a step h scales with h^(2m - 1 - i - j), so one factor serves all steps.
+            scale = 1.0 / (drive * step[k] ** (m - 0.5 - j))
+            for i in range(m):
+                rows[m + 1 + i, j] = -LF[i, j] * scale
+                rows[m + 1 + i, m + j] = L[i, j] * scale
+            logs -= np.log(abs(L[j, j]) * scale)
+    return logs
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _settled(triangle, carried):
+    """Whether a step has left the triangle as it was, so that even steps will."""
+    for i in range(triangle.shape[0]):
+        for j in range(i, triangle.shape[0]):
+            if not abs(triangle[i, j] - carried[i, j]) < _STILL * abs(triangle[i, i]):
+                return False
+    return True
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _reflect(rows, j, m):
+    """Householder reflection that leaves zeros below the diagonal of column j; the first m rows are a triangle."""
+    width, columns = rows.shape
+    first = max(j + 1, m)
+    norm = rows[j, j] ** 2
+    for i in range(first, width):
         norm += rows[i, j] ** 2
     norm = np.sqrt(norm)
     if norm == 0.0:
         return
     pivot = -norm if rows[j, j] > 0.0 else norm
     head = rows[j, j] - pivot
-    for c in range(j + 1, width):
+    for c in range(j + 1, columns):
         dot = head * rows[j, c]
-        for i in range(j + 1, width):
+        for i in range(first, width):
             dot += rows[i, j] * rows[i, c]
         dot /= -pivot * head
         rows[j, c] -= dot * head
-        for i in range(j + 1, width):
+        for i in range(first, width):
             rows[i, c] -= dot * rows[i, j]
     rows[j, j] = pivot
-    for i in range(j + 1, width):
+    for i in range(first, width):
         rows[i, j] = 0.0
 
 
