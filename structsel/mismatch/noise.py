@@ -302,28 +302,31 @@ class Rows:
         """(rows, k) white rows of spectra by response."""
         return self.projector(self._stack(spectra, width))
 
-    def against(self, spectra: Mapping[str, Array], width: int, Z: Array) -> Further:
-        """Products of further spectra with columns of which `Z` holds the last as y.
+    def against(self, several: Sequence[Mapping[str, Array]], width: int, Z: Array) -> list[Further]:
+        """Products of further spectra, each by itself, with columns of which `Z` holds the last as y.
 
         Parameters
         ----------
-        spectra : mapping of response to (bins, width) array
+        several : sequence of mapping of response to (bins, width) array
         width : int
         Z : (rows, k + 1) array
             ``projector(projector(rows))``, so that the further columns need not be projected themselves.
         """
-        cross = np.zeros((Z.shape[1], width))
-        own = np.zeros((width, width))
-        inside = np.zeros((self.projector.basis.shape[1], width))
-        for i, c in enumerate(self.responses):
-            if c in spectra:
-                part = slice(i * self.size, (i + 1) * self.size)
-                h = spectra[c] * self.weight[c][:, None]
-                cross += Z[part].T @ h
-                own += h.T @ h
-                inside += self.projector.basis[part].T @ h
-        own -= inside.T @ (self.projector.lost[:, None] * inside)
-        return Further(cross[:-1], own, cross[-1])
+        n, basis = len(several), self.projector.basis
+        cross, inside = np.zeros((n, Z.shape[1], width)), np.zeros((n, basis.shape[1], width))
+        own = np.zeros((n, width, width))
+        for c in self.responses:
+            there = [k for k, one in enumerate(several) if c in one]
+            if not there:
+                continue
+            part = self.part(c)
+            h = np.hstack([several[k][c] for k in there]) * self.weight[c][:, None]
+            each = h.reshape(self.size, len(there), width).transpose(1, 0, 2)
+            own[there] += each.transpose(0, 2, 1) @ each
+            for told, columns in ((cross, Z[part]), (inside, basis[part])):
+                told[there] += (columns.T @ h).reshape(-1, len(there), width).transpose(1, 0, 2)
+        own -= inside.transpose(0, 2, 1) @ (self.projector.lost[:, None] * inside)
+        return [Further(x[:-1], o, x[-1]) for x, o in zip(cross, own)]
 
     def difference(self) -> Array:
         """(rows,) the differences themselves."""
