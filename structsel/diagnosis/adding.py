@@ -110,8 +110,8 @@ def addition_of(hypothesis: Hypothesis, case: Case, theta: Array, covariance: Ar
     if parts is None and (terms := exact_terms(case.variant, case.flights)) is not None:
         parts = {"terms": {c: _without_lift(mine, case.base) for c, mine in terms.items() if mine}}
     if parts is None and hypothesis.event:
-        return Addition(effect, theta, covariance, remark=f"{effect} happened in single recordings: model.json is "
-                        "without it")  # fmt: skip
+        remark = f"{effect} is a matter of when it was recorded, which a model does not know: model.json is without it"
+        return Addition(effect, theta, covariance, remark=remark)
     return Addition(effect, theta, covariance, **parts) if parts else Addition(effect, theta, covariance)  # type: ignore[arg-type]
 
 
