@@ -13,7 +13,7 @@ from structsel.mismatch.flight import Flight
 from structsel.mismatch.noise import Noise, Rows, as_spectra, bins_of, edge_of, estimate_noise, side_by_side
 from structsel.mismatch.responses import COEFFICIENTS
 from structsel.mismatch.tolerances import Nuisance, biases_of, tolerances_of
-from structsel.numerics.evidence import Base, Further, Trial, spectrum
+from structsel.numerics.evidence import Base, Further, Trial, alike, spectrum
 from structsel.numerics.smoothing.result import Array
 
 Spectra = Mapping[str, Array]
@@ -161,11 +161,10 @@ class Bench:
     def try_signatures(self, signatures: Sequence[Signature]) -> list[Trial]:
         """Evidence for each of several forms of effects beyond what is taken in."""
         made: dict[int, tuple[Further, ...]] = {}
-        for width in {s.width for s in signatures}:
-            some = [k for k, s in enumerate(signatures) if s.width == width]
-            spectra = zip(*(signatures[k].spectra for k in some))
+        for same in alike([s.width for s in signatures]):
+            width, spectra = signatures[same[0]].width, zip(*(signatures[k].spectra for k in same))
             told = [r.against(x, width, Z) for r, x, Z in zip(self.rows, spectra, self._twice)]
-            made |= zip(some, zip(*told))
+            made |= zip(same, zip(*told))
         return self.base.try_each([made[k] for k in range(len(signatures))])
 
     @cached_property

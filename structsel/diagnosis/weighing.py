@@ -120,9 +120,10 @@ def not_borne_out(scores: Sequence[Score]) -> float:
 def with_whole(bench: Bench, scores: Sequence[Score]) -> list[Score]:
     """Scores that know how much of their evidence counts although the inputs do not bear it out."""
     plain = bench.as_delivered
+    before = _beyond_noise(plain)
 
     def known(score: Score) -> Score:
-        takes = _share(_beyond_noise(plain), _beyond_noise(plain.beside(score.signature)), SLIGHT)
+        takes = _share(before, _beyond_noise(plain.beside(score.signature)), SLIGHT)
         return replace(score, whole=float(np.clip((takes - _MOST) / (_ALL - _MOST), 0.0, 1.0)))
 
     return [known(s) if _doubted(s) else s for s in scores]

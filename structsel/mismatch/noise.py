@@ -293,9 +293,9 @@ class Rows:
         """(rows, k) array of spectra, weighted; a response not there gives zeros."""
         k = next((x.shape[1] for x in spectra.values()), 0) if width is None else width
         made = np.zeros((self.size * len(self.responses), k))
-        for i, c in enumerate(self.responses):
+        for c in self.responses:
             if c in spectra:
-                made[i * self.size : (i + 1) * self.size] = spectra[c] * self.weight[c][:, None]
+                made[self.part(c)] = spectra[c] * self.weight[c][:, None]
         return made
 
     def whiten(self, spectra: Mapping[str, Array], width: int | None = None) -> Array:

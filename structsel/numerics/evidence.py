@@ -276,9 +276,7 @@ class Base:
             Each set, by itself beside the base, per manoeuvre.
         """
         made: list[Trial | None] = [None] * len(sets)
-        widths = [one[0].cross.shape[1] for one in sets]
-        for width in set(widths):
-            same = [i for i, w in enumerate(widths) if w == width]
+        for same in alike([one[0].cross.shape[1] for one in sets]):
             for i, trial in zip(same, self._try_alike([sets[i] for i in same])):
                 made[i] = trial
         return [trial for trial in made if trial is not None]
@@ -319,6 +317,11 @@ class Base:
             )
             for i in range(n)
         ]
+
+
+def alike(widths: Sequence[int]) -> list[list[int]]:
+    """Places of equally wide sets, for each width: such sets are worked out at once."""
+    return [[i for i, w in enumerate(widths) if w == width] for width in set(widths)]
 
 
 def _sum(parts: Sequence[Products]) -> Products:
