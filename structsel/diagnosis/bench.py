@@ -75,9 +75,11 @@ class Bench:
         for i, f in enumerate(flights):
             allowed.append(as_spectra(side_by_side([(n.sd, n.columns[i]) for n in nuisances], f), f))
             own.append(as_spectra(side_by_side([(sd, columns) for _, sd, columns in biases_of(f)], f), f))
-        first = cls._build(tuple(flights), nuisances, allowed, own, (), library, groups)
+        pool = _pool(flights, library, flights[0].responses)
+        first = cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups)
         nuisances, allowed = first._diluted()
-        return cls._build(tuple(flights), nuisances, allowed, own, (), library, groups)
+        others = first.noise.but_for(flights[0].simulated)  # of these the same is allowed as before
+        return cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups, others)
 
     def _diluted(self) -> tuple[list[Nuisance], list[Spectra]]:
         """Tolerances of the simulation's terms, widened by what noise in the states it was asked at takes from them.
@@ -119,10 +121,11 @@ class Bench:
         now = {id(s): s for s in accepted}
         before = {id(s): s for s in self.accepted}
         touched = {c for k in now.keys() ^ before.keys() for c in (now | before)[k].responses}
+        known = self.noise.but_for(touched)
+        pool = _pool(self.flights, library, [c for c in self.responses if c not in known.log_std])
         return self._build(
-            self.flights, self.nuisances, self.allowed, self.own, tuple(accepted), library, self.base.groups,
-            self.noise.but_for(touched),
-        )  # fmt: skip
+            self.flights, self.nuisances, self.allowed, self.own, tuple(accepted), pool, self.base.groups, known
+        )
 
     @classmethod
     def _build(
@@ -132,7 +135,7 @@ class Bench:
         allowed: Sequence[Spectra],
         own: Sequence[Spectra],
         accepted: tuple[Signature, ...],
-        library: Sequence[Signature],
+        pool: Mapping[str, Sequence[Array]],
         groups: Sequence[tuple[int, ...]] | None,
         known: Noise | None = None,
     ) -> Bench:
@@ -141,15 +144,6 @@ class Bench:
             join([(a, len(nuisances)), *((s.spectra[i], s.width) for s in accepted)], responses, bins_of(f))
             for i, (f, a) in enumerate(zip(flights, allowed))
         ]
-        # What an instrument reads is what the responses are made of: its faults would explain their noise as well.
-        # Resonances would explain any narrow band of it.
-        usable = [s for s in library if s.hypothesis.kind not in ("sensor", "structural")]
-        pool = {}
-        for c in (c for c in responses if known is None or c not in known.log_std):
-            mine = [s for s in usable if c in s.responses]
-            if mine:
-                parts = [[(s.spectra[i], s.width) for s in mine] for i in range(len(flights))]
-                pool[c] = [join(p, (c,), bins_of(f))[c] for p, f in zip(parts, flights)]
         noise = estimate_noise(flights, shared, responses, pool, known)
         rows = [Rows.of(f, responses, noise, mine) for f, mine in zip(flights, own)]
         B = [r.whiten(mine) for r, mine in zip(rows, shared)]
@@ -229,3 +223,17 @@ class Bench:
 def join(parts: Sequence[tuple[Spectra, int]], responses: Sequence[str], bins: int) -> dict[str, Array]:
     """Spectra side by side; what does not touch a response gives it zeros."""
     return {c: np.column_stack([p.get(c, np.zeros((bins + 1, k))) for p, k in parts]) for c in responses}
+
+
+def _pool(flights: Sequence[Flight], library: Sequence[Signature], responses: Sequence[str]) -> dict[str, list[Array]]:
+    """Spectra of what may yet turn out to be signal, by response, per flight."""
+    # What an instrument reads is what the responses are made of: its faults would explain their noise as well.
+    # Resonances would explain any narrow band of it.
+    usable = [s for s in library if s.hypothesis.kind not in ("sensor", "structural")]
+    made = {}
+    for c in responses:
+        mine = [s for s in usable if c in s.responses]
+        if mine:
+            parts = [[(s.spectra[i], s.width) for s in mine] for i in range(len(flights))]
+            made[c] = [join(p, (c,), bins_of(f))[c] for p, f in zip(parts, flights)]
+    return made

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.scoring import Score, judged_by, score_all
@@ -101,12 +100,8 @@ class Driven:
 
     def _again(self, signatures: Sequence[Signature]) -> list[Signature]:
         """The same forms on flights that move otherwise."""
-        new = [s for s in signatures if s not in self._known]
-        jobs = (delayed(spectra_of)(s.variant, f, f.responses) for s in new for f in self.flights)
-        spectra = Parallel(n_jobs=2, prefer="threads")(jobs)
-        for i, s in enumerate(new):
-            m = len(self.flights)
-            self._known[s] = replace(s, spectra=spectra[i * m : (i + 1) * m])
+        for s in (s for s in signatures if s not in self._known):
+            self._known[s] = replace(s, spectra=[spectra_of(s.variant, f, f.responses) for f in self.flights])
         return [self._known[s] for s in signatures]
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from structsel.hypotheses.base import Hypothesis, Variant
 from structsel.mismatch.flight import Flight
@@ -79,7 +78,7 @@ def spectra_of(variant: Variant, flight: Flight, responses: Sequence[str]) -> di
     told = {c: x for c, x in variant.columns(flight).items() if c in responses and np.any(x)}
     if not told:
         return {}
-    together = spectrum(np.column_stack(list(told.values())), bins, edge)
+    together = spectrum(np.concatenate([x.T for x in told.values()]).T, bins, edge)
     return {c: x * sd for c, x in zip(told, np.split(together, len(told), axis=1))}
 
 
@@ -119,9 +118,8 @@ def work_out(
 
     found: list[Signature] = []
     tell = progress or (lambda what, done, of: None)
-    for done, made in enumerate(
-        Parallel(n_jobs=2, prefer="threads", return_as="generator")(delayed(one)(*j) for j in jobs)
-    ):
+    # One after another: so much of it is small that threads would only wait for each other.
+    for done, made in enumerate(one(*job) for job in jobs):
         if made is not None:
             found.append(made)
         if done % 16 == 0 or done == len(jobs) - 1:

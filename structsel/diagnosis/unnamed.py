@@ -39,17 +39,16 @@ def find_unknown(
         Whether something was found beside it.
     """
     bench = ranking.bench
-    share = explainable(bench.flights, left, list(told))
     got, delivered = judging.measured(bench), judging.as_delivered(bench)
     after = judging.refitted(delivered, judging.held_out(bench))
-    gain = {c: 1.0 - np.sqrt(1.0 - s) for c, s in share.items()}
-    worth = {
-        c: g * judging.rms(after, c) / judging.rms(delivered, c)
-        for c, g in gain.items()
-        if min(share[c], ceiling.get(c, 0.0)) > _REPEATABLE
-        and judging.rms(delivered, c) > 0.0
-        and not judging.is_noise(bench, c)
+    most = {
+        c: judging.rms(after, c) / judging.rms(delivered, c)
+        for c in told
+        if ceiling.get(c, 0.0) > _REPEATABLE and judging.rms(delivered, c) > 0.0 and not judging.is_noise(bench, c)
     }
+    asked = [c for c, w in most.items() if w > _MATERIAL]
+    share = explainable(bench.flights, left, asked) if asked else {}
+    worth = {c: most[c] * (1.0 - np.sqrt(1.0 - s)) for c, s in share.items() if s > _REPEATABLE}
     axes = tuple(sorted((c for c, w in worth.items() if w > _MATERIAL), key=lambda c: -worth[c]))
     if not axes:
         return []

@@ -110,7 +110,7 @@ def signature(flight: Flight, k: int, parts: Parts) -> dict[str, Array]:
     made: dict[str, Array] = {}
     for response, j, x in parts:
         if response in flight.measured:
-            made.setdefault(response, np.zeros((len(flight), k)))[:, j] += x
+            made.setdefault(response, np.zeros((k, len(flight))).T)[:, j] += x
     return made
 
 

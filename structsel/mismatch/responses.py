@@ -132,7 +132,7 @@ def _kinematics(ch: Mapping[str, Array], d: Rate, air: Three, force: Three) -> d
     told = told_rates(ch, air, force)
     read = {"V": V, "alpha": alpha, "beta": beta, "phi": phi, "theta": theta, "psi": psi}
     made = {f"k_{name}": d(x) - told[name] for name, x in read.items()}
-    velocity = np.stack(rb.body_velocity(V, alpha, beta), axis=-1)
+    velocity = np.stack(np.broadcast_arrays(*rb.body_velocity(V, alpha, beta)), axis=-1)
     ground = np.einsum("...ij,...j->...i", rb.body_to_earth(phi, theta, psi), velocity)
     if "h" in ch:
         made["k_h"] = d(ch["h"]) + ground[..., 2]

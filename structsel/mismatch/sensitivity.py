@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -16,6 +16,7 @@ Sensitivity = Mapping[str, tuple[Array, Array]]
 
 _READ = (*AIRFRAME, "qbar_ratio", "rho", "thrust", "mass", "h", "vn", "ve", "vd")
 _STEP = 1e-4  # of 1 rad, 1 rad/s or 1 m/s^2, and of 100 m/s: small beside every bend, large beside rounding
+_AT_ONCE = 4  # channels: the more, the more is worked out again for those that their errors do not touch
 _INERTIAL = ("ax", "ay", "az")
 _KNOWN: WeakKeyDictionary[Flight, dict[str, Sensitivity]] = WeakKeyDictionary()
 _FULL: WeakKeyDictionary[Flight, dict[str, Sensitivity]] = WeakKeyDictionary()
@@ -75,12 +76,22 @@ def reading(flight: Flight, channel: str) -> Array:
 
 
 def _measured(flight: Flight) -> dict[str, Sensitivity]:
-    """What each channel's error does to what was measured: a constant one and a ramp, all channels side by side."""
+    """What each channel's error does to what was measured."""
     clean = {**flight.channels, **flight.expected}
-    names = [c for c in _READ if c in clean]
     wanted = tuple(r for r in flight.responses if r in COEFFICIENTS or r in KINEMATIC)
     if not wanted or not set(AIRFRAME) <= set(clean):
         return {}
+    names = [c for c in _READ if c in clean]
+    made: dict[str, Sensitivity] = {}
+    for i in range(0, len(names), _AT_ONCE):
+        made |= _measured_of(names[i : i + _AT_ONCE], flight, clean, wanted)
+    return made
+
+
+def _measured_of(
+    names: Sequence[str], flight: Flight, clean: Mapping[str, Array], wanted: tuple[str, ...]
+) -> dict[str, Sensitivity]:
+    """The same of a few channels: a constant error and a ramp of each, side by side."""
     # Kinematics does not ask what the simulation says of forces, which may lack a good part of them.
     felt = {c: flight.channels[c] for c in _INERTIAL}
     n, k = len(flight), len(names)
@@ -92,9 +103,9 @@ def _measured(flight: Flight) -> dict[str, Sensitivity]:
         off = {c: np.zeros((n, 2 * k)) for c in names}
         for j, c in enumerate(names):
             off[c][:, j], off[c][:, k + j] = sign * steps[j], sign * steps[j] * ramp
-        off |= {f"{c}_dot": flight.rate(off[c]) for c in ("p", "q", "r")}
+        off |= {f"{c}_dot": flight.rate(off[c]) for c in ("p", "q", "r") if c in off}
         for told, kind in ((clean, COEFFICIENTS), ({**clean, **felt}, KINEMATIC)):
-            ch = {c: np.broadcast_to(x[:, None], (n, 2 * k)) for c, x in told.items()}
+            ch = {c: x[:, None] for c, x in told.items()}  # what no error touches is worked out once
             ch |= {c: ch[c] + e for c, e in off.items()}
             side |= respond(ch, flight.craft, flight.dt, tuple(r for r in wanted if r in kind))
     change = {r: (sides[0][r] - sides[1][r]) / np.tile(steps, 2) for r in wanted}

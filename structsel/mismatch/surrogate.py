@@ -191,16 +191,18 @@ def identify(
     bare = Surrogate(centre, scale, {}, {}, {}, {})
     columns = [np.concatenate([bare.column(f, term)[::step] for f in flights]) for term in pool]
     X = np.reshape(columns, (len(pool), sum(counts))).T
+    told = {c: np.concatenate([s[c][::step] for s in simulated]) for c in responses}
+    products = _Products.of(np.column_stack([np.ones(len(X)), X, *told.values()]), ends)
     # The rate of incidence is the pitch rate and what CZ makes of it: with it, anything would fit. Trimmed flight ties
     # airspeed to incidence.
     liking = np.array([_RATE_WORTH if "alpha_dot_hat" in t else _SPEED_WORTH if "V" in t else 1.0 for t in pool])
     terms, values, constant, r2 = {}, {}, {}, {}
     # An aircraft is nearly the same on both sides: what is odd in one of its halves is not even in the other.
     odd = np.array([sum(c in _SIDEWAYS for c in term) % 2 == 1 for term in pool])
-    for response in responses:
-        y = np.concatenate([s[response][::step] for s in simulated])
+    for i, (response, y) in enumerate(told.items(), 1 + len(pool)):
         alike = (odd == (response in _OF_SIDES)) if response in COEFFICIENTS else np.ones(len(pool), dtype=bool)
-        kept, fit = _fit(X, y, ends, np.where(alike, liking, _WRONG_SIDE * liking))
+        mine = products.of_columns([*range(1 + len(pool)), i])
+        kept, fit = _fit(X, y, mine, ends, np.where(alike, liking, _WRONG_SIDE * liking))
         left = y - fit[0] - X[:, kept] @ fit[1:]
         total = float(((y - y.mean()) ** 2).sum())
         terms[response] = tuple(pool[j] for j in kept)
@@ -210,7 +212,28 @@ def identify(
     return replace(bare, terms=terms, values=values, constant=constant, r2=r2, at_cg=at_cg)
 
 
-def _fit(X: Array, y: Array, ends: NDArray[np.intp], liking: Array) -> tuple[list[int], Array]:
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Sums of products of columns: of what moves in each flight, and of its levels, (k, k) each; and of how many."""
+
+    moving: Array
+    levels: Array
+    samples: int
+
+    @classmethod
+    def of(cls, columns: Array, ends: NDArray[np.intp]) -> _Products:
+        parts = np.split(columns, ends)
+        means = np.stack([part.mean(axis=0) for part in parts])
+        moving = sum((part - mean).T @ (part - mean) for part, mean in zip(parts, means))
+        count = np.array([len(part) for part in parts])
+        return cls(np.asarray(moving), (means * count[:, None]).T @ means, len(columns) + len(parts))
+
+    def of_columns(self, some: Sequence[int]) -> _Products:
+        """Of some of the columns."""
+        return replace(self, moving=self.moving[np.ix_(some, some)], levels=self.levels[np.ix_(some, some)])
+
+
+def _fit(X: Array, y: Array, products: _Products, ends: NDArray[np.intp], liking: Array) -> tuple[list[int], Array]:
     """Columns kept, and the constant with their values, by least squares with levels weighted by what is left of them.
 
     A simulation asked at states with other biases than those read leaves a level in each flight. Taken for noise of
@@ -218,28 +241,17 @@ def _fit(X: Array, y: Array, ends: NDArray[np.intp], liking: Array) -> tuple[lis
     """
     level = 1.0
     for _ in range(_ROUNDS):
-        rows = _weighted(np.column_stack([np.ones(len(y)), X, y]), ends, level)
-        one, A, b = rows[:, :1], rows[:, 1:-1], rows[:, -1]
-        onto = one[:, 0] / float(one[:, 0] @ one[:, 0])
-        kept = _choose(A - one * (onto @ A), b - one[:, 0] * float(onto @ b), liking)
-        basis = np.column_stack([one, A[:, kept]])
+        S = products.moving + level * products.levels  # of the constant, the columns, and y
+        kept = _choose((S - np.outer(S[0], S[0]) / S[0, 0])[1:, 1:], products.samples, liking)
+        basis = [0, *(1 + j for j in kept)]
         # A touch of ridge: columns that nearly coincide share their effect instead of cancelling it.
-        ridge = np.diag([0.0, *(_RIDGE * np.linalg.norm(A[:, kept], axis=0))])
-        fit = np.linalg.lstsq(np.vstack([basis, ridge]), np.concatenate([b, np.zeros(len(kept) + 1)]), rcond=None)[0]
+        ridge = _RIDGE**2 * np.diag(S)[basis] * (np.arange(len(basis)) > 0)
+        fit = np.linalg.solve(S[np.ix_(basis, basis)] + np.diag(ridge), S[basis, -1])
         left = np.split(y - fit[0] - X[:, kept] @ fit[1:], ends)
         levels = sum(len(x) * x.mean() ** 2 for x in left) / len(left)
         moving = sum(float(x.var()) * len(x) for x in left) / len(y)
         level = float(np.clip(moving / levels, _LEAST, 1.0)) if levels > 0.0 else 1.0
-    return kept, fit
-
-
-def _weighted(rows: Array, ends: NDArray[np.intp], level: float) -> Array:
-    """Rows (n, k) of all flights: what moves in each, and its level, which counts `level` times what its samples do."""
-    made = []
-    for part in np.split(rows, ends):
-        mean = part.mean(axis=0)
-        made += [part - mean, np.sqrt(level * len(part)) * mean[None]]
-    return np.concatenate(made)
+    return kept, np.asarray(fit, dtype=float)
 
 
 def _moves(flights: Sequence[Flight], channel: str) -> bool:
@@ -247,25 +259,21 @@ def _moves(flights: Sequence[Flight], channel: str) -> bool:
     return float(x.std()) > _TINY * max(1.0, float(np.abs(x).max()))
 
 
-def _choose(X: Array, y: Array, liking: Array) -> list[int]:
-    """Columns that carry their share of the variance, largest gain first."""
-    left, Q = y, X
-    total = float(left @ left)
-    if not X.size or total <= 0.0:
+def _choose(S: Array, samples: int, liking: Array) -> list[int]:
+    """Columns that carry their share of the variance of y, largest gain first, from products of them and, last, y."""
+    S, size, total = S.copy(), np.diag(S)[:-1].copy(), float(S[-1, -1])
+    if not size.size or total <= 0.0:
         return []
-    size = (Q**2).sum(axis=0)
     kept: list[int] = []
     # Much of what a stand-in leaves is what its form misses, not noise: a term must also carry its share.
-    while len(kept) < min(X.shape[1], 20):
-        norms = (Q**2).sum(axis=0)
-        open_ = norms > 1e-6 * size
-        gains = np.where(open_, (Q.T @ left) ** 2 / np.where(open_, norms, 1.0), 0.0)
+    while len(kept) < min(len(size), 20):
+        norms, with_y = np.diag(S)[:-1], S[:-1, -1]
+        free = norms > 1e-6 * size
+        gains = np.where(free, with_y**2 / np.where(free, norms, 1.0), 0.0)
         j = int(np.argmax(gains * liking))
-        if gains[j] * liking[j] < _SHARE * total or gains[j] < _CLEAR * float(left @ left) / len(y):
+        if gains[j] * liking[j] < _SHARE * total or gains[j] < _CLEAR * float(S[-1, -1]) / samples:
             break
         kept.append(j)
-        q = Q[:, j] / np.sqrt(norms[j])
-        left = left - q * (q @ left)
-        Q = Q - np.outer(q, q @ Q)
-        Q[:, j] = 0.0
+        S = S - np.outer(S[j], S[j]) / norms[j]
+        S[j] = S[:, j] = 0.0
     return kept

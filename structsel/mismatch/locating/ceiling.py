@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.fft import idct
+from threadpoolctl import threadpool_limits
 
 from structsel.mismatch.flight import Flight
 from structsel.mismatch.locating.windows import Flags
@@ -144,16 +144,17 @@ def _foretell(X: Array, products: Array, Y: Array, group: Array) -> Array:
     best = np.argmax(ridge, axis=0)
     bent = np.empty_like(Y)
 
-    def bend(train: Array, test: Array, j: int) -> None:
-        line = Ridge(alpha=_HELD_TO[best[j]]).fit(P[train], Y[train, j])
-        first = max(ridge[best[j], j], 0.0) > 0.0
-        base, ahead = (line.predict(P[train]), line.predict(P[test])) if first else (0.0, 0.0)
-        trees = HistGradientBoostingRegressor(
-            max_iter=40, learning_rate=0.12, max_leaf_nodes=8, min_samples_leaf=25, max_bins=48, early_stopping=False
-        )
-        bent[test, j] = ahead + trees.fit(X[train], Y[train, j] - base).predict(X[test])
-
-    Parallel(n_jobs=2, prefer="threads")(delayed(bend)(*fold, j) for fold in folds for j in range(Y.shape[1]))
+    with threadpool_limits(1):  # so small are the trees that threads only wait for each other
+        for train, test in folds:
+            for j, alpha in enumerate(np.take(_HELD_TO, best)):
+                line = Ridge(alpha=alpha).fit(P[train], Y[train, j])
+                first = max(ridge[best[j], j], 0.0) > 0.0
+                base, ahead = (line.predict(P[train]), line.predict(P[test])) if first else (0.0, 0.0)
+                trees = HistGradientBoostingRegressor(
+                    max_iter=40, learning_rate=0.12, max_leaf_nodes=8, min_samples_leaf=25, max_bins=48,
+                    early_stopping=False,
+                )  # fmt: skip
+                bent[test, j] = ahead + trees.fit(X[train], Y[train, j] - base).predict(X[test])
     return np.maximum(ridge.max(axis=0), _shares(Y, bent, group))
 
 

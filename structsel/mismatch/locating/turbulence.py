@@ -265,7 +265,10 @@ def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _Fit:
     omega = 2.0 * np.pi * b.f
     white = omega**2
     if length is not None:
-        shape = np.array([_dryden(w, V, length, axis) for w, V in zip(omega, b.V)]) * white
+        shape = np.empty(len(omega))
+        for V in np.unique(b.V):
+            shape[b.V == V] = _dryden(omega[b.V == V], V, length, axis)
+        shape *= white
     elif tau is not None:
         shape = 4.0 * tau / (1.0 + (omega * tau) ** 2) * white
     else:
@@ -299,10 +302,10 @@ def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _Fit:
     return _Fit(float(found.fun), sigma, np.sum(parts(found.x), axis=0))
 
 
-def _dryden(omega: float, V: float, length: float, axis: str) -> float:
+def _dryden(omega: Array, V: float, length: float, axis: str) -> Array:
     """One-sided spectrum [(m/s)^2/Hz] of a gust of 1 m/s."""
-    spectra = dryden_spectra(np.array([omega]), V, 1.0, np.full(3, length), np.ones(3))
-    return float(2.0 * np.pi * spectra[0, "uvw".index(axis)])
+    spectra = dryden_spectra(omega, V, 1.0, np.full(3, length), np.ones(3))
+    return 2.0 * np.pi * spectra[:, "uvw".index(axis)]
 
 
 def _dispersion(b: _Bands, told: Array) -> float:

@@ -82,7 +82,7 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
     centre = float(values[finite].mean())
     y = np.where(np.isfinite(values), values - centre, np.nan)
     fits = [_Fit(y, step, m) for m in (ORDERS if order is None else (order,))]
-    best = min(fits, key=lambda fit: fit.misfit)
+    best = min(fits, key=lambda fit: fit.misfit) if order is None else fits[0]
     states, stds = best.solve()
     residual = (y - states[:, 0])[finite]
     if residual.std() > _FAINT * values[finite].std():
@@ -109,8 +109,8 @@ class _Fit:
     cutoff : float [Hz]
     variance : float
         Of the noise.
-    misfit : float
-        -2 log likelihood of the samples given four of them, which makes orders comparable.
+    profile : float
+        -2 log likelihood at that, less constants.
     """
 
     def __init__(self, y: Array, step: Array, m: int):
@@ -131,8 +131,13 @@ class _Fit:
         bounds = grid[max(k - 1, 0)], grid[min(k + 1, _SEARCH - 1)]
         found = minimize_scalar(self._profile, bounds=bounds, method="bounded", options={"xatol": 0.01})
         self.cutoff = float(np.exp(found.x))
+        self.profile = float(found.fun)
         self.variance = self._sweep(y, step, found.x)[0] / (self.count - m)
-        self.misfit = float(found.fun) + (self.count - m) - self._spent()
+
+    @property
+    def misfit(self) -> float:
+        """-2 log likelihood of the samples given four of them, which makes orders comparable."""
+        return self.profile + (self.count - self.m) - self._spent()
 
     def _drive(self, log_cutoff: float) -> float:
         # White noise of variance s^2 has density s^2 dt, and x^(m) of intensity q gives x q / w^2m: equal at cut-off.
