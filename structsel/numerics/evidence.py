@@ -46,10 +46,16 @@ def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
     # One column after another in memory: transforms of what lies side by side take longer.
     faded = np.multiply(np.asarray(x, dtype=float)[:n].T, fade, order="C")
     level = faded @ fade / (fade @ fade)
-    faded -= np.multiply.outer(level, fade)
     made = dct(faded, norm="ortho", overwrite_x=True)[..., : bins + 1]
+    made = made - np.multiply.outer(level, _leaked(n, edge)[: bins + 1])
     made[..., 0] = level * np.sqrt(fade @ fade)
     return np.array(made.T, order="C")
+
+
+@lru_cache(maxsize=256)
+def _leaked(n: int, edge: int) -> Array:
+    """(n,) coefficients that a faded constant has; not to be written to."""
+    return np.asarray(dct(fading(n, edge), norm="ortho"))
 
 
 @lru_cache(maxsize=256)
