@@ -14,7 +14,6 @@ from structsel.numerics.evidence import spectrum
 from structsel.numerics.smoothing.result import Array
 
 _FAINT = 1e-6  # of the difference's rms for one prior standard deviation, below which a signature says nothing
-_STRIDE = 16  # samples: one of so many mostly tells that a column is not zero
 
 Progress = Callable[[str, int, int], None]
 
@@ -75,7 +74,7 @@ class Library:
 def spectra_of(variant: Variant, flight: Flight, responses: Sequence[str]) -> dict[str, Array]:
     """Spectra of a variant on one flight, scaled by its priors; only what is not zero."""
     bins, edge = bins_of(flight), edge_of(flight)
-    told = {c: x for c, x in variant.columns(flight).items() if c in responses and (x[::_STRIDE].any() or x.any())}
+    told = {c: x for c, x in variant.columns(flight).items() if c in responses and x.any()}
     if not told:
         return {}
     together = spectrum(np.concatenate([x.T for x in told.values()]).T, bins, edge)

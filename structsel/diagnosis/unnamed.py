@@ -59,7 +59,7 @@ def find_unknown(
         f"Something real that none of the known physics explains{' beside it' if others else ''}: a learner foretells "
         f"{listed} on recordings it has not seen."
     )
-    mean = float(np.mean([ceiling.get(c, share[c]) for c in axes]))
+    mean = float(np.mean([ceiling[c] for c in axes]))
     physics = Physics(UNNAMED, float(np.clip(np.mean([share[c] for c in axes]), 0.0, 1.0)), says)
     return [Finding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
 

@@ -7,6 +7,7 @@ Manoeuvres are held out whole, in turn: samples of one manoeuvre know each other
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 from scipy.fft import idct
@@ -143,18 +144,16 @@ def _foretell(X: Array, products: Array, Y: Array, group: Array) -> Array:
     ridge = np.array([_shares(Y, told, group) for told in straight])
     best = np.argmax(ridge, axis=0)
     bent = np.empty_like(Y)
-
+    trees = HistGradientBoostingRegressor(
+        max_iter=40, learning_rate=0.12, max_leaf_nodes=8, min_samples_leaf=25, max_bins=48, early_stopping=False
+    )
     with threadpool_limits(1):  # so small are the trees that threads only wait for each other
-        for train, test in folds:
-            for j, alpha in enumerate(np.take(_HELD_TO, best)):
-                line = Ridge(alpha=alpha).fit(P[train], Y[train, j])
-                first = max(ridge[best[j], j], 0.0) > 0.0
-                base, ahead = (line.predict(P[train]), line.predict(P[test])) if first else (0.0, 0.0)
-                trees = HistGradientBoostingRegressor(
-                    max_iter=40, learning_rate=0.12, max_leaf_nodes=8, min_samples_leaf=25, max_bins=48,
-                    early_stopping=False,
-                )  # fmt: skip
-                bent[test, j] = ahead + trees.fit(X[train], Y[train, j] - base).predict(X[test])
+        for (train, test), j in product(folds, range(Y.shape[1])):
+            base, ahead = np.zeros(len(train)), np.zeros(len(test))
+            if ridge[best[j], j] > 0.0:
+                line = Ridge(alpha=_HELD_TO[best[j]]).fit(P[train], Y[train, j])
+                base, ahead = line.predict(P[train]), line.predict(P[test])
+            bent[test, j] = ahead + trees.fit(X[train], Y[train, j] - base).predict(X[test])
     return np.maximum(ridge.max(axis=0), _shares(Y, bent, group))
 
 

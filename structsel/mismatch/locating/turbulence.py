@@ -267,7 +267,8 @@ def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _Fit:
     if length is not None:
         shape = np.empty(len(omega))
         for V in np.unique(b.V):
-            shape[b.V == V] = _dryden(omega[b.V == V], V, length, axis)
+            mine = b.V == V
+            shape[mine] = _dryden(omega[mine], V, length, axis)
         shape *= white
     elif tau is not None:
         shape = 4.0 * tau / (1.0 + (omega * tau) ** 2) * white
