@@ -21,17 +21,17 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
 from sklearn.model_selection import KFold
 
+from structsel.comparison.preparing import prepare
 from structsel.diagnosis import weighing
+from structsel.diagnosis.diagnose import set_up
 from structsel.diagnosis.driven import Driven
 from structsel.diagnosis.ranking import NAMED, TIED
 from structsel.diagnosis.scoring import score_all
-from structsel.diagnosis.station import set_up
 from structsel.diagnosis.weighing import weigh
-from structsel.mismatch.preparing import prepare
+from structsel.numerics.arrays import Array
 from structsel.proving.apart import open_case
 from structsel.proving.keys import Key
 
-Array = np.ndarray
 _MILD = 3.0  # inverse variance of a weight beforehand, in standard deviations of its feature
 
 

@@ -14,6 +14,7 @@ from cases import design_matrix, flight_signals, monomials
 from numpy.typing import NDArray
 from timing import say
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.least_squares import refit
 from structsel.numerics.moments import accumulate
 from structsel.numerics.passes import Passes
@@ -24,7 +25,6 @@ from structsel.selection.search import Pool, centred
 from structsel.selection.sharpening import look_again
 from structsel.selection.way import Way
 
-Array = NDArray[np.float64]
 SHARES = (1e-1, 1e-2, 1e-3, 1e-4, 4e-5, 1e-5, 1e-6)
 TOL = 1e-9
 SAMPLES = 5000

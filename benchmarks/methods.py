@@ -27,8 +27,6 @@ from structsel.selection.engine import Outcome, one_response
 from structsel.selection.search import Found, Pool
 from structsel.selection.way import Way
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Method:

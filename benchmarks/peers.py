@@ -20,7 +20,8 @@ from cases import design_matrix
 from numpy.typing import NDArray
 from scipy import linalg
 
-Array = NDArray[np.float64]
+from structsel.numerics.arrays import Array
+
 Chosen = NDArray[np.intp]
 LONGEST = 20
 _WARM: set[str] = set()

@@ -24,12 +24,12 @@ from scipy.signal import lfilter
 
 import structsel as ss
 from structsel.coefficients import compute_all
+from structsel.numerics.arrays import Array
 from structsel.numerics.output_error import fit_output_error
 from structsel.recording import Recording
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

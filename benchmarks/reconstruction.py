@@ -15,10 +15,10 @@ from math import asin, atan2, cos, sin, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from timing import in_child, machine, measure, measure_once, one_blas_thread, peak_above_now, publish, say, table
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.compatibility import output_error_path
 from structsel.numerics.flight_path import STATES, noise_gain, observe, readings, slopes, step
 from structsel.numerics.unscented import FlightPathProblem, run_filter, run_smoother
@@ -28,7 +28,6 @@ try:
 except ImportError:
     UnscentedKalmanFilter = None
 
-Array = NDArray[np.float64]
 G = 9.80665
 ACTIVE = np.array([*range(17), STATES.index("Cup")])
 START_STD = np.array([2, 2, 2, 0.05, 0.05, 0.05, 3, 3, 3, 0.3, 0.3, 0.3, 0.02, 0.02, 0.02, 10, 10, 0.1])

@@ -21,10 +21,10 @@ from timing import MEBI, in_child, one_blas_thread, peak_above_now
 
 from structsel.numerics import distinct as sums
 from structsel.numerics import monomials as plans
+from structsel.numerics.arrays import Array
 from structsel.numerics.rows import ArraySignals
 from structsel.selection import Options
 
-Array = NDArray[np.float64]
 XTX = "X.T @ X"
 WHITE = "whole fit, white"
 FRESH = "whole fit, white, plans made anew"

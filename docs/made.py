@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import structsel
 from structsel.cli.program import app
-from structsel.hypotheses import HYPOTHESES
+from structsel.effects import HYPOTHESES
 
 
 def on_files(files: Files, config: Any) -> Files:

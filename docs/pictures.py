@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 
 from structsel import AeroModel, Recording, ResponseModel, Term, simulate, trim
 from structsel.coefficients import compute_coefficients
+from structsel.comparison.flight import Flight, prepare_flight
+from structsel.comparison.surrogate import identify
 from structsel.demo.truth import TRUTH, demo_aircraft
-from structsel.hypotheses import HYPOTHESES, Variant
-from structsel.hypotheses.base import Hypothesis
-from structsel.mismatch.flight import Flight, prepare_flight
-from structsel.mismatch.surrogate import identify
+from structsel.effects import HYPOTHESES, Variant
+from structsel.effects.base import Hypothesis
 from structsel.nomenclature import unit_of
 
 _DT, _SECONDS = 0.04, 24.0

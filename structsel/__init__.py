@@ -8,13 +8,13 @@ What was chosen is flown by `trim`, `simulate`, `refine` and `replay`; `design_i
 from structsel.aircraft import Aircraft
 from structsel.candidates import Candidates, Factor, Term
 from structsel.coefficients import compute_all, compute_coefficients
+from structsel.comparison import Mismatch, compare
 from structsel.demo import demo_flights
 from structsel.diagnosis import Diagnosis, diagnose
 from structsel.errors import StructselError, StructselWarning
 from structsel.exploring import explore_residuals
 from structsel.exporting import export_model
 from structsel.inputs import InputComparison, InputDesign, compare_inputs, design_inputs
-from structsel.mismatch import Mismatch, compare
 from structsel.model import AeroModel, ResponseModel
 from structsel.reconstruction import Reconstruction, Reconstructions, reconstruct, reconstruct_all
 from structsel.recording import (

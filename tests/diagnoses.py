@@ -6,7 +6,7 @@ import numpy as np
 
 from structsel.diagnosis.judging import Fit
 from structsel.diagnosis.result import Bars, Diagnosis, Finding, Physics, Pull, Trace
-from structsel.hypotheses.base import Estimate
+from structsel.effects.base import Estimate
 from structsel.model import AeroModel, ResponseModel
 
 LIFT, HEIGHT = -0.10, 5.0  # what the ground adds to CZ at touch-down, and the height over which it goes [m]

@@ -9,13 +9,13 @@ from unittest.mock import patch
 import numpy as np
 
 from structsel.aircraft import Aircraft
+from structsel.comparison.flight import Flight, prepare_flight
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.comparison.simulations import open_simulation
+from structsel.comparison.surrogate import identify
+from structsel.effects import HYPOTHESES
+from structsel.effects.base import Hypothesis, Variant
 from structsel.errors import DataError
-from structsel.hypotheses import HYPOTHESES
-from structsel.hypotheses.base import Hypothesis, Variant
-from structsel.mismatch.flight import Flight, prepare_flight
-from structsel.mismatch.responses import COEFFICIENTS
-from structsel.mismatch.simulations import open_simulation
-from structsel.mismatch.surrogate import identify
 from structsel.model import AeroModel, ResponseModel
 from structsel.recording import Recording
 from structsel.simulation import Instruments, Trim, simulate, trim
@@ -120,7 +120,7 @@ def compare(recordings: Sequence[Recording], craft: Aircraft = CRAFT) -> list[Fl
     assert simulation.evaluate is not None
     told = [simulation.evaluate(r) for r in recordings]
     # Exact recordings have nothing to smooth, and the smoother would take most of the time.
-    with patch("structsel.mismatch.flight.smooth_spline", side_effect=DataError("exact")):
+    with patch("structsel.comparison.flight.smooth_spline", side_effect=DataError("exact")):
         flights = [prepare_flight(r, craft, s) for r, s in zip(recordings, told)]
     stand_in = identify(flights, [f.simulated for f in flights], COEFFICIENTS)
     return [replace(f, surrogate=stand_in) for f in flights]

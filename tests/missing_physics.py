@@ -8,14 +8,14 @@ from scipy.ndimage import gaussian_filter1d
 from structsel.aircraft import Aircraft
 from structsel.candidates import Term
 from structsel.coefficients import compute_coefficients
+from structsel.comparison.flight import prepare_flight
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.comparison.surrogate import identify
 from structsel.demo.truth import TRUTH, demo_aircraft
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.signatures import work_out
-from structsel.hypotheses import HYPOTHESES
-from structsel.hypotheses.base import Estimate, Found
-from structsel.mismatch.flight import prepare_flight
-from structsel.mismatch.responses import COEFFICIENTS
-from structsel.mismatch.surrogate import identify
+from structsel.effects import HYPOTHESES
+from structsel.effects.base import Estimate, Found
 from structsel.model import AeroModel, ResponseModel
 from structsel.recording import Recording
 from structsel.simulation import Instruments, simulate, trim

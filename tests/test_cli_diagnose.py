@@ -58,9 +58,9 @@ def asked(monkeypatch):
             raise kept["answer"]
         return kept["answer"]
 
-    station = ModuleType("structsel.diagnosis.station")
+    station = ModuleType("structsel.diagnosis.diagnose")
     station.diagnose = diagnose
-    monkeypatch.setitem(sys.modules, "structsel.diagnosis.station", station)
+    monkeypatch.setitem(sys.modules, "structsel.diagnosis.diagnose", station)
     return kept
 
 

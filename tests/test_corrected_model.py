@@ -13,6 +13,9 @@ from threadpoolctl import threadpool_limits
 
 import structsel as ss
 from structsel.candidates import Term
+from structsel.comparison.flight import prepare_flight
+from structsel.comparison.preparing import prepare as prepare_both
+from structsel.comparison.surrogate import Surrogate, identify
 from structsel.diagnosis.adding import Addition, Case, addition_of
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.extending import Extended, as_models
@@ -20,12 +23,9 @@ from structsel.diagnosis.modelling import corrected_model
 from structsel.diagnosis.patching import patched_aircraft
 from structsel.diagnosis.ranking import rank
 from structsel.diagnosis.signatures import work_out
+from structsel.effects import HYPOTHESES
+from structsel.effects.base import Estimate
 from structsel.errors import ChannelError, ModelError, StructselWarning
-from structsel.hypotheses import HYPOTHESES
-from structsel.hypotheses.base import Estimate
-from structsel.mismatch.flight import prepare_flight
-from structsel.mismatch.preparing import prepare as prepare_both
-from structsel.mismatch.surrogate import Surrogate, identify
 from structsel.model import AeroModel, Quantity, ResponseModel, State
 from structsel.numerics.flight_dynamics import outputs_index, slopes
 from structsel.simulation import Actuator, Instruments, linearise, prepare, ready, simulate, trim

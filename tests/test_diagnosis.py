@@ -8,10 +8,10 @@ import pytest
 
 import structsel as ss
 from structsel.diagnosis import diagnose
+from structsel.diagnosis.diagnose import strained
 from structsel.diagnosis.result import Pull
-from structsel.diagnosis.station import strained
+from structsel.effects import HYPOTHESES
 from structsel.errors import DataError
-from structsel.hypotheses import HYPOTHESES
 from structsel.proving.drawing import draw_case
 
 EXAMPLES = Path(__file__).parents[2] / "shared" / "data" / "diagnose-examples"

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 from structsel.diagnosis import ranking
 from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
+from structsel.diagnosis.diagnose import drowned
 from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.signatures import Library
-from structsel.diagnosis.station import drowned
 from structsel.diagnosis.weighing import FEATURES, Weighed
 from structsel.numerics.evidence import Base
 from structsel.recording import Recording

@@ -7,7 +7,7 @@ import pytest
 
 from structsel.diagnosis.result import Pull
 from structsel.diagnosis.story import chance, estimate_text, no_model, range_text, tell
-from structsel.hypotheses.base import Estimate
+from structsel.effects.base import Estimate
 from tests.diagnoses import GROUND, NAMES, TURBULENCE, VANE, diagnosis, fits
 
 

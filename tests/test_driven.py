@@ -8,11 +8,11 @@ import pytest
 
 from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_coefficients
+from structsel.comparison.driving import driven
+from structsel.comparison.locating.turbulence import unfelt
 from structsel.diagnosis.driven import Driven
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import alone, nats, not_borne_out, with_whole
-from structsel.mismatch.driving import driven
-from structsel.mismatch.locating.turbulence import unfelt
 from structsel.numerics.rigid_body import air_data, body_to_earth
 from structsel.recording import Recording
 from structsel.simulation import Air, Turbulence, simulate, trim

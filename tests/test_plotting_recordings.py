@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
 from structsel import AeroModel, Recording
+from structsel.comparison.locating.coherence import Coherence
 from structsel.errors import ChannelError, DomainError
-from structsel.mismatch.locating.coherence import Coherence
 from structsel.model import ResponseModel
 from structsel.numerics.spectra import coherence
 from structsel.plotting import (

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from structsel.comparison.noise import bins_of, edge_of
 from structsel.diagnosis.signatures import Library, Signature
+from structsel.effects import HYPOTHESES
 from structsel.errors import DataError
-from structsel.hypotheses import HYPOTHESES
-from structsel.mismatch.noise import bins_of, edge_of
 from structsel.numerics.evidence import spectrum
 from structsel.proving import running
 from structsel.proving.baselines import name_simply

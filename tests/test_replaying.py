@@ -10,19 +10,19 @@ import pytest
 from numpy.testing import assert_allclose
 
 import structsel as ss
+from structsel.comparison.flight import prepare_flight
+from structsel.comparison.noise import as_spectra, edge_of
+from structsel.comparison.preparing import prepare
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.comparison.surrogate import Surrogate
 from structsel.demo import demo_flights
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.ranking import rank
 from structsel.diagnosis.replayed import Near, Replay, ReplayRow
 from structsel.diagnosis.replaying import Told, fly_windows, foretold, replay_windows, told_by_stage, window_of
 from structsel.diagnosis.signatures import work_out
-from structsel.hypotheses import HYPOTHESES
+from structsel.effects import HYPOTHESES
 from structsel.inputs import three_two_one_one
-from structsel.mismatch.flight import prepare_flight
-from structsel.mismatch.noise import as_spectra, edge_of
-from structsel.mismatch.preparing import prepare
-from structsel.mismatch.responses import COEFFICIENTS
-from structsel.mismatch.surrogate import Surrogate
 from structsel.numerics.evidence import spectrum
 from structsel.report import render
 from tests.diagnoses import GROUND, diagnosis

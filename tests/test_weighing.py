@@ -12,7 +12,7 @@ from statsmodels.discrete.conditional_models import ConditionalLogit
 
 from structsel.diagnosis import judging, scoring, weighing
 from structsel.diagnosis.assembling import Member, jackknifed, shares
-from structsel.hypotheses.base import Parameter
+from structsel.effects.base import Parameter
 from structsel.numerics.evidence import Trial
 
 

@@ -131,7 +131,7 @@ def _keep_simulation(out: Path, simulation: str) -> None:
 
 
 def _diagnose(simulation: str, flown: Sequence[Recording], craft: Aircraft, judges: Sequence[str]) -> Diagnosis:
-    from structsel.diagnosis.station import diagnose  # all hypotheses: a while to load, and few commands need them
+    from structsel.diagnosis.diagnose import diagnose  # all hypotheses: a while to load, and few commands need them
 
     with Waiting("diagnosing") as waiting:
         return diagnose(simulation, flown, craft, held_out=judges, progress=waiting)

@@ -1,6 +1,6 @@
 """Ranks the physics a simulation may have left out, adds it, and shows the gain."""
 
+from structsel.diagnosis.diagnose import diagnose
 from structsel.diagnosis.result import Bars, Diagnosis, Finding, Physics, Pull, Trace
-from structsel.diagnosis.station import diagnose
 
 __all__ = ["Bars", "Diagnosis", "Finding", "Physics", "Pull", "Trace", "diagnose"]

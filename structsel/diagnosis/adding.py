@@ -9,17 +9,17 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.candidates import Term
+from structsel.comparison.flight import Flight
+from structsel.comparison.responses import COEFFICIENTS
 from structsel.diagnosis.matching import LIFT, exact_terms
-from structsel.hypotheses.actuators import ALL
-from structsel.hypotheses.base import Estimate, Hypothesis, Variant
-from structsel.hypotheses.memory import WHATEVER_THE_LIFT
-from structsel.hypotheses.propulsive import AXIAL
-from structsel.hypotheses.signals import CONTROLS
-from structsel.hypotheses.wording import SURFACES
-from structsel.mismatch.flight import Flight
-from structsel.mismatch.responses import COEFFICIENTS
+from structsel.effects.actuators import ALL
+from structsel.effects.base import Estimate, Hypothesis, Variant
+from structsel.effects.memory import WHATEVER_THE_LIFT
+from structsel.effects.propulsive import AXIAL
+from structsel.effects.signals import CONTROLS
+from structsel.effects.wording import SURFACES
 from structsel.model import Quantity, ResponseModel, State
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 Weights = dict[str, dict[Term, Array]]
 _CONTROLS = {SURFACES[control]: control for control in CONTROLS}

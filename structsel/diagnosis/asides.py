@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from structsel.comparison.responses import KINEMATIC
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import found_by
 from structsel.diagnosis.ranking import Ranking
 from structsel.diagnosis.weighing import nats
-from structsel.mismatch.responses import KINEMATIC
 
 _PLAIN = 100.0  # nats
 _TAKES = 0.5  # of what lies beyond the noise, or beyond the biases, in some kinematic response

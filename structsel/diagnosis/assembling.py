@@ -8,17 +8,17 @@ from itertools import permutations
 
 import numpy as np
 
+from structsel.comparison.flight import Flight
+from structsel.comparison.locating.region import find_region
+from structsel.comparison.locating.windows import find_intervals
 from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.ranking import TIED, Ranking, Step
 from structsel.diagnosis.result import UNNAMED, Bars, Finding, Physics
 from structsel.diagnosis.scoring import Score
 from structsel.diagnosis.weighing import SLIGHT, told_by
-from structsel.hypotheses.base import Estimate, Found, Variant
-from structsel.mismatch.flight import Flight
-from structsel.mismatch.locating.region import find_region
-from structsel.mismatch.locating.windows import find_intervals
-from structsel.numerics.smoothing.result import Array
+from structsel.effects.base import Estimate, Found, Variant
+from structsel.numerics.arrays import Array
 
 _SHOWN = 0.15  # of the largest gain, that a response must have to be named
 _LEAST = 0.01

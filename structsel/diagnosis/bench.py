@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
+from structsel.comparison.flight import Flight
+from structsel.comparison.noise import Noise, Rows, as_spectra, bins_of, edge_of, estimate_noise, side_by_side
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.comparison.tolerances import Nuisance, biases_of, tolerances_of
 from structsel.diagnosis.signatures import Signature
-from structsel.mismatch.flight import Flight
-from structsel.mismatch.noise import Noise, Rows, as_spectra, bins_of, edge_of, estimate_noise, side_by_side
-from structsel.mismatch.responses import COEFFICIENTS
-from structsel.mismatch.tolerances import Nuisance, biases_of, tolerances_of
+from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Base, Further, Trial, alike, spectrum
-from structsel.numerics.smoothing.result import Array
 
 Spectra = Mapping[str, Array]
 _MOST_DILUTED = 0.3

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from structsel.comparison.driving import driven
+from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.scoring import Score, judged_by, score_all
 from structsel.diagnosis.signatures import Library, Signature, spectra_of
 from structsel.diagnosis.weighing import EVIDENT, alone, bounded, nats, with_whole
-from structsel.mismatch.driving import driven
-from structsel.mismatch.flight import AIRFRAME, Flight
 
 _CLEARLY = 3.0  # nats, by which another form must be borne out better to be judged instead
 _FORMS = 3  # of an effect, of different things, that are asked

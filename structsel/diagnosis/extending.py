@@ -10,13 +10,13 @@ import numpy as np
 from structsel.candidates import Term
 from structsel.candidates.reading import read
 from structsel.candidates.terms import Factor
+from structsel.comparison.flight import Flight
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.comparison.surrogate import Surrogate, identify
 from structsel.diagnosis.adding import Addition
-from structsel.mismatch.flight import Flight
-from structsel.mismatch.responses import COEFFICIENTS
-from structsel.mismatch.surrogate import Surrogate, identify
 from structsel.model import ResponseModel, State, flown_region
 from structsel.model.states import substituted
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 
 class Extended:

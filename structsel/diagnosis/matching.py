@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from structsel.candidates import Term
+from structsel.comparison.flight import Flight
+from structsel.effects.base import Variant
+from structsel.effects.signals import CHANNELS_OF, lift, moves
 from structsel.errors import StructselError
-from structsel.hypotheses.base import Variant
-from structsel.hypotheses.signals import CHANNELS_OF, lift, moves
-from structsel.mismatch.flight import Flight
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 _TURNED = ("sin(alpha)", "cos(alpha)")
 LIFT = "CL"

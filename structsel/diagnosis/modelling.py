@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from structsel.comparison.preparing import Prepared
+from structsel.comparison.responses import COEFFICIENTS
 from structsel.diagnosis.adding import Case, addition_of
 from structsel.diagnosis.assembling import contributions, estimates
 from structsel.diagnosis.extending import Extended, as_models
 from structsel.diagnosis.patching import Patched, patched_aircraft
 from structsel.diagnosis.ranking import Ranking
-from structsel.mismatch.preparing import Prepared
-from structsel.mismatch.responses import COEFFICIENTS
 from structsel.model import AeroModel
 
 

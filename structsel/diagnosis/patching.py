@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 
 from structsel.aircraft import Aircraft
+from structsel.comparison.flight import Flight
+from structsel.comparison.responses import COEFFICIENTS
 from structsel.diagnosis.adding import Addition
 from structsel.diagnosis.extending import Extended
 from structsel.errors import ModelError, StructselError
 from structsel.exporting.jsbsim import force_functions
 from structsel.exporting.jsbsim_aircraft import POUND
 from structsel.exporting.jsbsim_pieces import comment, number, op, prop
-from structsel.mismatch.flight import Flight
-from structsel.mismatch.responses import COEFFICIENTS
 from structsel.model import AeroModel, ResponseModel, State
 from structsel.simulation.jsbsim import JSBSimAircraft, open_jsbsim
 from structsel.simulation.jsbsim.machine import quietly

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 _WRITTEN = {"delivered": "before", "refitted": "refitted", "physics": "after"}
 

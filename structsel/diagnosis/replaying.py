@@ -15,19 +15,19 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from structsel.aircraft import Aircraft, Inertia
+from structsel.comparison.flight import AIRFRAME, Flight
+from structsel.comparison.noise import edge_of
+from structsel.comparison.responses import COEFFICIENTS, respond
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import contribution
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.ranking import Ranking
 from structsel.diagnosis.replayed import Near, Replay, ReplayRow, Stretch
 from structsel.errors import DomainError
-from structsel.mismatch.flight import AIRFRAME, Flight
-from structsel.mismatch.noise import edge_of
-from structsel.mismatch.responses import COEFFICIENTS, respond
 from structsel.nomenclature import unit_of
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import fading
-from structsel.numerics.smoothing.result import Array
 from structsel.validation import BANDS
 
 _FLOWN = {"V": "CX", "alpha": "CZ", "beta": "CY", "p": "Cl", "q": "Cm", "r": "Cn", "phi": "Cl", "theta": "Cm"}

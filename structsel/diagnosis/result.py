@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 from structsel.diagnosis.judging import Fit
 from structsel.diagnosis.replayed import Replay
-from structsel.hypotheses.base import Estimate
+from structsel.effects.base import Estimate
 from structsel.model import AeroModel
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 from structsel.recording import Recording
 from structsel.rich_text import to_html
 

@@ -10,9 +10,9 @@ from scipy.special import log_ndtr, logsumexp
 
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.signatures import Library, Signature
-from structsel.hypotheses.base import Hypothesis
+from structsel.effects.base import Hypothesis
+from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Trial
-from structsel.numerics.smoothing.result import Array
 
 _COUNTS, _IN_FULL = 0.6, 0.8
 """Shares of the tolerances' work from which on what an effect spares counts, and counts in full."""

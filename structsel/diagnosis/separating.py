@@ -15,22 +15,22 @@ from operator import add
 import numpy as np
 
 from structsel.aircraft import Aircraft
+from structsel.comparison.flight import Flight, prepare_flight
+from structsel.comparison.noise import Rows, as_spectra, side_by_side
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.comparison.tolerances import biases_of, tolerances_of
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.extending import as_models
 from structsel.diagnosis.ranking import Ranking
 from structsel.diagnosis.result import Finding
 from structsel.diagnosis.scoring import Score
 from structsel.diagnosis.signatures import spectra_of
+from structsel.effects.wording import SURFACES
 from structsel.errors import StructselError
-from structsel.hypotheses.wording import SURFACES
 from structsel.inputs import design_inputs, multisine, name_derivatives, three_two_one_one
-from structsel.mismatch.flight import Flight, prepare_flight
-from structsel.mismatch.noise import Rows, as_spectra, side_by_side
-from structsel.mismatch.responses import COEFFICIENTS
-from structsel.mismatch.tolerances import biases_of, tolerances_of
 from structsel.model import AeroModel
+from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Products, solve
-from structsel.numerics.smoothing.result import Array
 from structsel.recording import Recording
 from structsel.simulation import Instruments, Trim, linearise, simulate, trim
 

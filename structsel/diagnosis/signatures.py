@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structsel.hypotheses.base import Hypothesis, Variant
-from structsel.mismatch.flight import Flight
-from structsel.mismatch.noise import bins_of, edge_of
+from structsel.comparison.flight import Flight
+from structsel.comparison.noise import bins_of, edge_of
+from structsel.effects.base import Hypothesis, Variant
+from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import spectrum
-from structsel.numerics.smoothing.result import Array
 
 _FAINT = 1e-6  # of the difference's rms for one prior standard deviation, below which a signature says nothing
 

@@ -7,9 +7,9 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
+from structsel.comparison.responses import COEFFICIENTS
 from structsel.diagnosis.result import UNNAMED, Diagnosis, Finding, Pull
-from structsel.hypotheses.base import Estimate
-from structsel.mismatch.responses import COEFFICIENTS
+from structsel.effects.base import Estimate
 from structsel.nomenclature import UNKNOWN, unit_of
 
 WIDTH = 80

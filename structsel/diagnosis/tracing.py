@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.fft import dct, idct
 
+from structsel.comparison.noise import bins_of
 from structsel.diagnosis.assembling import contributions
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.ranking import Ranking
 from structsel.diagnosis.result import Trace
-from structsel.mismatch.noise import bins_of
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 
 def in_band(x: Array, bins: int) -> Array:

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from structsel.comparison.locating.ceiling import explainable
+from structsel.comparison.locating.turbulence import Turbulence
 from structsel.diagnosis import judging
 from structsel.diagnosis.ranking import Ranking
 from structsel.diagnosis.result import UNNAMED, Bars, Finding, Physics
-from structsel.mismatch.locating.ceiling import explainable
-from structsel.mismatch.locating.turbulence import Turbulence
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 _REPEATABLE = 0.35  # share of what is left that a learner foretells on other flights
 _MATERIAL = 0.10  # share by which that would lower the error

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from structsel.comparison.responses import KINEMATIC, KINEMATIC_UNIT
 from structsel.diagnosis.result import Diagnosis, Finding, Trace
-from structsel.mismatch.responses import KINEMATIC, KINEMATIC_UNIT
 from structsel.nomenclature import unit_of
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 STAGES = ("delivered", "refitted", "physics")
 """The simulation as it came, refitted within tolerances, and with the physics found."""

@@ -11,7 +11,7 @@ from scipy.special import softmax
 from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.scoring import Score
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 _BORNE_OUT = 1.5  # times what it brings where inputs alone drive the motion: no more of what an effect brings counts
 _MOST, _ALL = 0.75, 0.95

@@ -12,9 +12,9 @@ import pandas as pd
 from structsel.candidates import Candidates, Term
 from structsel.errors import SelectionError
 from structsel.model import AeroModel
+from structsel.numerics.arrays import Array
 from structsel.numerics.binning import split_into_stretches
 from structsel.numerics.criteria import pse
-from structsel.numerics.smoothing.result import Array
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
 

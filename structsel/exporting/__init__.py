@@ -3,6 +3,6 @@
 One small file per target; `export_model` writes any of them.
 """
 
-from structsel.exporting.station import TARGETS, Target, export_model
+from structsel.exporting.export import TARGETS, Target, export_model
 
 __all__ = ["TARGETS", "Target", "export_model"]

@@ -27,9 +27,8 @@ from scipy.integrate import cumulative_trapezoid
 from structsel.candidates.formulas import Node, add, evaluate, fetch, multiply
 from structsel.candidates.reading import read
 from structsel.errors import ChannelError, ModelError
+from structsel.numerics.arrays import Array
 from structsel.numerics.flight_dynamics import actuate
-
-Array = np.ndarray
 
 _PARAMETERS: dict[str, tuple[frozenset[str], ...]] = {
     "lag": (frozenset({"tau"}), frozenset({"way"})),

@@ -8,9 +8,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from structsel.errors import DataError, DomainError
+from structsel.numerics.arrays import Array
 from structsel.numerics.smoothing import smooth_spline
-
-Array = NDArray[np.float64]
 
 _LEAST_SAMPLES = 40
 _ROUNDS = 12

@@ -11,15 +11,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 from scipy.optimize import minimize_scalar
 
 from structsel.errors import SelectionError
+from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import pse
 from structsel.numerics.stepwise import check_products
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from structsel.errors import DomainError
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 _FEWEST = 3  # stretches in a bin, for an interval; of two, Student's t makes one that says nothing
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 
 def centred(arrays: Iterable[Array]) -> Array:

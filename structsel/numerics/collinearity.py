@@ -15,8 +15,8 @@ from scipy.linalg import cholesky, eigh
 from scipy.linalg.lapack import dtrtri
 
 from structsel.errors import SelectionError
+from structsel.numerics.arrays import Array
 from structsel.numerics.biased import (
-    Array,
     BiasedEstimate,
     _fixed,
     components_by_folds,

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from structsel.errors import SelectionError
-
-Array = NDArray[np.float64]
+from structsel.numerics.arrays import Array
 
 
 @dataclass(frozen=True)

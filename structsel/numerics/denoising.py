@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 _NARROWEST, _WIDER, _WIDEST = 0.7, 1.6, 0.125
 """Widths of the smoothers, in samples: of the first, of each over the last, and of the widest over the length."""

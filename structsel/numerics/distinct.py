@@ -17,8 +17,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.monomials import RowPlan, Word, fill_rows, plan_rows
-from structsel.numerics.rows import SLAB, Array, Scales, Signals
+from structsel.numerics.rows import SLAB, Scales, Signals
 
 _CHUNK = 256  # samples that rows hold: two streams of a tile stay in the first-level cache, all rows in the second
 _TALL, _WIDE = 4, 3  # rows of a tile of sums: twelve sums and the rows they are made of fill the registers

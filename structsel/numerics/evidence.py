@@ -16,7 +16,7 @@ from scipy.fft import dct, prev_fast_len
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
 
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 
 def spectrum(x: Array, bins: int, edge: int = 0) -> Array:

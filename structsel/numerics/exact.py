@@ -14,12 +14,13 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.colour import Colour, reference_sigma, whiten_rows
 from structsel.numerics.cutting import cut_blocks
 from structsel.numerics.moments import triangle
 from structsel.numerics.monomials import plan_rows, words_of
 from structsel.numerics.passes import Part, Passes
-from structsel.numerics.rows import CHUNK, Array, RowMaker, Scales, Signals
+from structsel.numerics.rows import CHUNK, RowMaker, Scales, Signals
 
 DIGITS = 21  # binary, of the coarse parts: sums of CHUNK products of two are below 2^53, so that none is rounded
 assert CHUNK * 2 ** (2 * DIGITS) < 2**53

@@ -16,11 +16,12 @@ from scipy import linalg
 from scipy.linalg.lapack import dgeqrf
 
 from structsel.errors import SelectionError
+from structsel.numerics.arrays import Array
 from structsel.numerics.colour import WHITE, Colour, LagMoments, fit_ar, reference_sigma, whiten_rows
 from structsel.numerics.cutting import cut_blocks, whole_manoeuvres
 from structsel.numerics.monomials import plan_rows, words_of
 from structsel.numerics.passes import Part, Passes, Piece, Progress
-from structsel.numerics.rows import SLAB, Array, RowMaker, Scales, Signals, base_scale, column_scale
+from structsel.numerics.rows import SLAB, RowMaker, Scales, Signals, base_scale, column_scale
 
 BLOCKS, BLOCK_ROWS = 8, 16384  # that a refit of a long manoeuvre is shared out in, and samples that one has at least
 

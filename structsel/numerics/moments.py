@@ -20,21 +20,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from structsel.errors import SelectionError
+from structsel.numerics.arrays import Array
 from structsel.numerics.colour import Colour, reference_sigma, whiten_rows
 from structsel.numerics.cutting import cut_blocks
 from structsel.numerics.distinct import DistinctMaker, plan_distinct
 from structsel.numerics.monomials import plan_rows, words_of
 from structsel.numerics.passes import Part, Passes, Progress
-from structsel.numerics.rows import (
-    CHUNK,
-    Array,
-    RowMaker,
-    Scales,
-    Signals,
-    base_scale,
-    column_scale,
-    plain_products,
-)
+from structsel.numerics.rows import CHUNK, RowMaker, Scales, Signals, base_scale, column_scale, plain_products
 
 
 @dataclass(frozen=True)

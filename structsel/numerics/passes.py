@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.colour import Colour
-from structsel.numerics.rows import Array, Signals
+from structsel.numerics.rows import Signals
 
 Progress = Callable[[int, int], None]
 """Called with parts done and parts in all."""

@@ -22,8 +22,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import linalg, stats
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.moments import MomentSet
-from structsel.numerics.rows import Array
 from structsel.numerics.stepwise import Path, Step
 
 PERFECT = 1e-12  # of the response's sum of squares

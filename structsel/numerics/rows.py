@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.monomials import RowPlan, fill_rows
 
-Array = NDArray[np.float64]
 Scales = tuple[Array, Array]
 """Of base signals and of responses."""
 

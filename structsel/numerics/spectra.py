@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import csd
 
 from structsel.errors import DomainError
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 OVERLAP = 0.5
 """Share of a segment that the next one has too."""

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from structsel.errors import DomainError
+from structsel.numerics.arrays import Array
 from structsel.numerics.smoothing.noise import is_held, starts_of_runs
-
-Array = NDArray[np.float64]
 
 _SIDE = 4  # samples of the local fit on either side
 _LOCAL = 51  # samples whose median deviation is the local scale

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.cutting import whole_manoeuvres
 from structsel.numerics.least_squares import Fit
 from structsel.numerics.moments import MomentSet
 from structsel.numerics.monomials import plan_rows, words_of
 from structsel.numerics.passes import Part, Passes
-from structsel.numerics.rows import Array, RowMaker, Scales, Signals, base_scale, column_scale
+from structsel.numerics.rows import RowMaker, Scales, Signals, base_scale, column_scale
 
 PIECE = 1 << 16  # samples correlated at a time; lags across a piece's edge are not counted
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.patches import Rectangle
 from scipy.spatial import ConvexHull, QhullError
 
-from structsel.mismatch import Mismatch
+from structsel.comparison import Mismatch
 from structsel.model import AeroModel
 from structsel.nomenclature import UNKNOWN, unit_of
 from structsel.numerics.spectra import coherence, cross_spectrum

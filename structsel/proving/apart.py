@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from structsel.aircraft import Aircraft
+from structsel.effects import HYPOTHESES
 from structsel.errors import DataError, StructselError
-from structsel.hypotheses import HYPOTHESES
 from structsel.recording import Recording, read_recordings
 
 
@@ -71,8 +71,8 @@ def diagnose(folder: str, without: str = "", simple: str = "") -> dict[str, Any]
 
     With `simple`, what simple ways name in it too, of the same differences and signatures.
     """
-    from structsel.diagnosis.station import conclude, set_up
-    from structsel.mismatch.preparing import prepare
+    from structsel.comparison.preparing import prepare
+    from structsel.diagnosis.diagnose import conclude, set_up
 
     simulation, recordings, aircraft = open_case(Path(folder))
     gone = set(filter(None, without.split(",")))

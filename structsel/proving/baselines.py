@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from structsel.comparison.flight import Flight
+from structsel.comparison.noise import bins_of, edge_of
 from structsel.diagnosis.signatures import Library, Signature
-from structsel.mismatch.flight import Flight
-from structsel.mismatch.noise import bins_of, edge_of
+from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import spectrum
-from structsel.numerics.smoothing.result import Array
 from structsel.numerics.stepwise import stepwise
 
 LARGEST_FIT, STEPWISE_BIC, LARGEST_CORRELATION = "largest single fit", "stepwise and BIC", "largest correlation"

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from scipy.special import logsumexp
 
+from structsel.comparison.flight import Flight
+from structsel.comparison.preparing import prepare
+from structsel.comparison.responses import COEFFICIENTS
 from structsel.diagnosis.bench import Bench
-from structsel.mismatch.flight import Flight
-from structsel.mismatch.preparing import prepare
-from structsel.mismatch.responses import COEFFICIENTS
 from structsel.numerics.evidence import Base
 from structsel.proving.apart import open_case
 from structsel.proving.cases import Case

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from structsel.aircraft import Aircraft
-from structsel.mismatch.responses import COEFFICIENTS
+from structsel.comparison.responses import COEFFICIENTS
 from structsel.numerics import rigid_body as rb
 
 OFF_BY = (0.0, 0.0, 0.3, 1.0)

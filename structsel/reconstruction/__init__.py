@@ -4,8 +4,8 @@ The first of the two steps. `reconstruct` does one manoeuvre, `reconstruct_all` 
 """
 
 from structsel.reconstruction.folder import Reconstructions, reconstruct_all
+from structsel.reconstruction.reconstruct import METHODS, reconstruct
 from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
-from structsel.reconstruction.station import METHODS, reconstruct
 
 __all__ = [
     "CONSTANTS",

@@ -12,8 +12,8 @@ from joblib import Parallel, cpu_count, delayed
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DomainError, StructselError
+from structsel.reconstruction.reconstruct import reconstruct
 from structsel.reconstruction.result import Reconstruction
-from structsel.reconstruction.station import reconstruct
 from structsel.recording import Recording
 from structsel.rich_text import to_html
 

@@ -10,8 +10,8 @@ from structsel.refinement.conditions import Derivatives, derivatives_by_conditio
 from structsel.refinement.equation_error import EquationError, equation_error
 from structsel.refinement.linear_structure import LinearStructure, Matrices
 from structsel.refinement.parameters import Parameter
+from structsel.refinement.refine import refine
 from structsel.refinement.result import Estimate, OutputFit, Refinement
-from structsel.refinement.station import refine
 
 __all__ = [
     "Comparison",

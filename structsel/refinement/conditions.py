@@ -21,8 +21,8 @@ from structsel.recording import Recording
 from structsel.refinement.comparison import Estimates, estimates_by_name
 from structsel.refinement.equation_error import equation_error
 from structsel.refinement.layout import check_recordings
+from structsel.refinement.refine import refine
 from structsel.refinement.result import Refinement
-from structsel.refinement.station import refine
 from structsel.rich_text import to_html
 
 METHODS = ("equation error", "two-step", "output error", "filter error")

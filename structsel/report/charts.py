@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.binning import BinMeans, bin_means, split_into_stretches
-from structsel.numerics.smoothing.result import Array
 from structsel.report.thinning import keep_extremes
 from structsel.report.words import figure
 

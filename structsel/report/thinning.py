@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 _GAP = 5.0  # times the usual step between readings, beyond which a line breaks
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from structsel.diagnosis.story import displayed, estimate_text
-from structsel.hypotheses.base import Estimate
+from structsel.effects.base import Estimate
 
 
 def figure(value: float | None, digits: int = 4) -> str:

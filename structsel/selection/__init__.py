@@ -4,7 +4,7 @@ from structsel.selection.engine import select_arrays
 from structsel.selection.identifiability import Alias
 from structsel.selection.options import Options
 from structsel.selection.result import HeldOutPart, Selection, Selections, TraceStep
-from structsel.selection.station import select
+from structsel.selection.select import select
 
 __all__ = [
     "Alias",

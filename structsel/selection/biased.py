@@ -8,7 +8,7 @@ import numpy as np
 
 from structsel.errors import SelectionError
 from structsel.numerics import biased
-from structsel.numerics.rows import Array
+from structsel.numerics.arrays import Array
 from structsel.selection.options import Options
 from structsel.selection.search import Fold, centred
 

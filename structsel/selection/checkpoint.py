@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from structsel.atomic import replacing
 from structsel.errors import DataError
-from structsel.numerics.rows import Array
+from structsel.numerics.arrays import Array
 
 SCHEMA = "structsel.checkpoint/1"
 SECONDS = 10.0  # between two writings, at least

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.collinearity import Conditioning, condition_indices, vif
 from structsel.numerics.colour import Colour
 from structsel.numerics.exact import exact_centred
 from structsel.numerics.least_squares import Fit, colours_each, refit_each
 from structsel.numerics.moments import MomentSet, accumulate, accumulate_whitened, choose_workers
 from structsel.numerics.passes import Passes
-from structsel.numerics.rows import Array, Scales, Signals, base_scale
+from structsel.numerics.rows import Scales, Signals, base_scale
 from structsel.numerics.uncertainty import coloured_covariance
 from structsel.selection.biased import estimate_biased
 from structsel.selection.options import Options

@@ -11,8 +11,9 @@ import numpy as np
 
 from structsel.candidates import Candidates
 from structsel.errors import DataError, SelectionError
+from structsel.numerics.arrays import Array
 from structsel.numerics.passes import Progress, Runner, Threads
-from structsel.numerics.rows import Array, Scales, scale_of, squares_of
+from structsel.numerics.rows import Scales, scale_of, squares_of
 from structsel.recording import Recording, StoredRecording
 from structsel.selection.signals import RecordingSignals
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import Parallel, delayed
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.moments import MomentSet, choose_workers
-from structsel.numerics.rows import Array
 from structsel.numerics.uncertainty import bootstrap_units, bootstrap_weights
 from structsel.selection.search import Found, prediction_error, solve
 from structsel.selection.way import Way, without

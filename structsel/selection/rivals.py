@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structsel.numerics.rows import Array
+from structsel.numerics.arrays import Array
 
 ALIKE = 0.7  # correlation, the other terms removed, from which two terms are rivals, not merely both weak
 SAME_FIT = 4.0  # a rival within this of the kept term's residual, in units of s^2, is as good: likelihood ratio e^2

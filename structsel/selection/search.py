@@ -11,11 +11,11 @@ from scipy import linalg
 
 from structsel.errors import SelectionError
 from structsel.numerics import criteria
+from structsel.numerics.arrays import Array
 from structsel.numerics.collinearity import drop_correlated
 from structsel.numerics.moments import MomentSet, sweep_constant
 from structsel.numerics.orthogonal import orthogonal
 from structsel.numerics.robust import inflation, robust_stepwise
-from structsel.numerics.rows import Array
 from structsel.numerics.stepwise import Path, Step, partial_f, polish, stepwise
 from structsel.numerics.subset import best_subset
 from structsel.selection.options import Options

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from structsel.numerics.rows import Array
+from structsel.numerics.arrays import Array
 from structsel.selection.search import Found, centred
 from structsel.selection.way import Way
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.moments import MomentSet
-from structsel.numerics.rows import Array
 from structsel.selection.options import Options
 from structsel.selection.search import Exact, Found, Pool, find
 

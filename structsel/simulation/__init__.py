@@ -11,7 +11,7 @@ from structsel.simulation.library import READY, ReadyAircraft, ready
 from structsel.simulation.linear import LinearModel
 from structsel.simulation.linearising import linearise
 from structsel.simulation.preparing import Prepared, prepare
-from structsel.simulation.station import simulate
+from structsel.simulation.simulate import simulate
 from structsel.simulation.trimmed import Trim
 from structsel.simulation.trimming import trim
 

@@ -7,8 +7,9 @@ from scipy import fft
 from scipy.optimize import minimize_scalar
 
 from structsel.errors import DataError
+from structsel.numerics.arrays import Array
 from structsel.numerics.smoothing.noise import noise_level
-from structsel.numerics.smoothing.result import Array, Smoothed
+from structsel.numerics.smoothing.result import Smoothed
 
 ORDERS = (2, 3, 4)
 _LEAST_SAMPLES = 32

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from structsel.errors import DataError
-from structsel.numerics.smoothing.result import Array
+from structsel.numerics.arrays import Array
 
 _LEAST_SAMPLES = 16
 _REPEATS = 0.1  # share of repeated samples from which a channel counts as coarse

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from structsel.errors import DataError, StructselWarning
+from structsel.numerics.arrays import Array
 from structsel.numerics.smoothing.banded import eliminate, solve_back
-from structsel.numerics.smoothing.result import Array, Smoothed
+from structsel.numerics.smoothing.result import Smoothed
 
 ORDERS = (2, 3, 4)
 _LEAST_SAMPLES = 12

@@ -9,8 +9,8 @@ from typing import Literal, cast
 
 import numpy as np
 
+from structsel.comparison.responses import COEFFICIENTS
 from structsel.errors import SimulationError
-from structsel.mismatch.responses import COEFFICIENTS
 from structsel.proving.cases import Case
 from structsel.proving.jsbsim import forced, setting
 from structsel.proving.jsbsim.effects import Drawn, choose, effects_of, unknown_effect

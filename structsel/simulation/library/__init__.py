@@ -26,7 +26,7 @@ from structsel.simulation.linear import LinearModel
 from structsel.simulation.linear_library import as355, hawk
 from structsel.simulation.linearising import linearise
 from structsel.simulation.preparing import Inputs
-from structsel.simulation.station import simulate
+from structsel.simulation.simulate import simulate
 from structsel.simulation.trimmed import Trim
 from structsel.simulation.trimming import trim
 

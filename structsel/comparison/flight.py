@@ -1,0 +1,351 @@
+"""One manoeuvre made ready for comparison: smooth channels, responses measured and simulated, and their slopes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.fft import dct, idct
+from scipy.integrate import cumulative_simpson
+
+from structsel.aircraft import Aircraft
+from structsel.comparison.responses import COEFFICIENTS, KINEMATIC, Rate, respond, told_rates
+from structsel.errors import DataError, StructselError, StructselWarning
+from structsel.numerics import rigid_body as rb
+from structsel.numerics.arrays import Array
+from structsel.numerics.denoising import white_part
+from structsel.numerics.rigid_body import standard_atmosphere
+from structsel.numerics.smoothing import smooth_spline
+from structsel.recording import Recording
+
+if TYPE_CHECKING:
+    from structsel.comparison.surrogate import Surrogate
+
+AIRFRAME = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az")
+"""Channels that every flight holds; zero where the recording has none."""
+_AS_THEY_ARE = ("gear", "throttle", "mode")
+_SHARP = ("de", "da", "dr", "df", "thrust")
+_ANGLES = ("psi", "phi")
+_LEAST_SAMPLES = 40
+_SLOW = 0.05  # Hz
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A manoeuvre on an even clock.
+
+    Attributes
+    ----------
+    name : str
+    t : (n,) array [s]
+    dt : float [s]
+    craft : Aircraft
+    channels : mapping of channel to (n,) array [SI]
+        Smoothed, as read; `AIRFRAME` and ``rho``, ``mass``, ``thrust``, ``qbar_ratio`` always there.
+    raw : mapping of channel to (n,) array
+        As recorded.
+    measured, simulated : mapping of response to (n,) array
+        Kinematic responses are simulated as zero.
+    recorded : frozenset of str
+        Channels the recording has.
+    surrogate : Surrogate, optional
+        The simulation's stand-in.
+    inertial : frozenset of str
+        Air data and attitude that are as accelerometers and gyros foretell them, but for slow drifts: without the noise
+        of their own instruments.
+    air : mapping of channel to (n,) array
+        V, alpha and beta with gusts, as far as they stand out of the noise: what a simulation is asked at.
+    apart : bool
+        Whether the simulation was asked elsewhere, perhaps at reconstructed states, which lack the readings' biases.
+    """
+
+    name: str
+    t: Array
+    dt: float
+    craft: Aircraft
+    channels: Mapping[str, Array]
+    raw: Mapping[str, Array]
+    measured: Mapping[str, Array]
+    simulated: Mapping[str, Array]
+    recorded: frozenset[str]
+    surrogate: Surrogate | None = field(default=None, repr=False)
+    inertial: frozenset[str] = frozenset()
+    air: Mapping[str, Array] = field(default_factory=dict, repr=False)
+    apart: bool = False
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, name: str) -> Array:
+        """Channel smoothed, or derived from those: ``p_hat``, ``alpha_dot``, ``CT``, ``qbar``, ``mach``, ..."""
+        if name in self.channels:
+            return self.channels[name]
+        if name in self._derived:
+            return self._derived[name]
+        if name.endswith("_dot") and name[:-4] in self.channels:
+            self._derived[name] = self.rate(self.channels[name[:-4]])
+            return self._derived[name]
+        raise DataError(f"'{self.name}' has no channel '{name}', and none to make it from.")
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.recorded or name in self._derived or (name.endswith("_dot") and name[:-4] in self.recorded)
+
+    @property
+    def responses(self) -> tuple[str, ...]:
+        """Names of the responses, coefficients first."""
+        return tuple(self.measured)
+
+    @cached_property
+    def difference(self) -> dict[str, Array]:
+        """Measured less simulated, by response."""
+        return {name: self.measured[name] - self.simulated.get(name, 0.0) for name in self.measured}
+
+    @cached_property
+    def rate(self) -> Rate:
+        """Time derivative on this clock."""
+        return Rate(self.dt)
+
+    @cached_property
+    def _derived(self) -> dict[str, Array]:
+        if not set(AIRFRAME) <= set(self.channels):
+            return {}
+        ch, craft = self.channels, self.craft
+        V = ch["V"]
+        qbar = ch["qbar_ratio"] * 0.5 * ch["rho"] * V**2
+        made = {
+            "p_hat": ch["p"] * craft.b / (2.0 * V),
+            "q_hat": ch["q"] * craft.cbar / (2.0 * V),
+            "r_hat": ch["r"] * craft.b / (2.0 * V),
+            "alpha_dot_hat": self.rate(ch["alpha"]) * craft.cbar / (2.0 * V),
+            "beta_dot_hat": self.rate(ch["beta"]) * craft.b / (2.0 * V),
+            "qbar": qbar,
+            "CT": ch["thrust"] / (qbar * craft.S),
+            "abs(beta)": np.abs(ch["beta"]),
+        }
+        if "mach" not in ch and "h" in ch:
+            made["mach"] = V / standard_atmosphere(ch["h"])[3]
+        return made
+
+    @cached_property
+    def at_cg(self) -> dict[str, Array]:
+        """Alpha and beta carried from the vanes to the centre of gravity."""
+        ch = self.channels
+        place = tuple(self.craft.position("vane"))
+        _, alpha, beta = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], ch["p"], ch["q"], ch["r"], place)
+        return {"alpha": alpha, "beta": beta}
+
+    @cached_property
+    def expected(self) -> dict[str, Array]:
+        """Accelerations as the simulation would have them.
+
+        What a wrong reading does to the differences is worked out from these: the measured ones, and those of a
+        simulation asked at noisy states, would bring the differences' own noise into their explanation.
+        """
+        ch, craft = self.channels, self.craft
+        told = {c: self.told(c) for c in COEFFICIENTS}
+        qS = self["qbar"] * craft.S
+        rates = (ch["p"], ch["q"], ch["r"])
+        made = {f"{c}_dot": self.rate(ch[c]) for c in "pqr"}
+        if craft.inertia is not None:
+            thrust = rb.thrust_moment(ch["thrust"], craft.thrust.offset, craft.thrust.inclination)
+            moment = [told[c] * qS * x + m for c, x, m in zip(COEFFICIENTS[3:], (craft.b, craft.cbar, craft.b), thrust)]
+            turning = rb.angular_acceleration(rates, tuple(moment), craft.inertia.tensor)
+            made |= {f"{c}_dot": x for c, x, own in zip("pqr", turning, COEFFICIENTS[3:]) if own in self.simulated}
+        push = rb.thrust_force(ch["thrust"], craft.thrust.inclination)
+        fx, fy, fz = ((told[c] * qS + x) / ch["mass"] for c, x in zip(COEFFICIENTS[:3], push))
+        back = tuple(-x for x in craft.position("accelerometer"))
+        turned = (made["p_dot"], made["q_dot"], made["r_dot"])
+        read = rb.acceleration_at_cg(fx, fy, fz, rates, turned, back)
+        return made | {c: x for c, x in zip(("ax", "ay", "az"), read) if c in self.recorded}
+
+    def told(self, name: str) -> Array:
+        """A response as the simulation would have it at states without noise; as measured where it tells none."""
+        if self.surrogate is not None and name in self.surrogate.terms:
+            return self.surrogate.evaluate(self, name)
+        return self.simulated.get(name, self.measured.get(name, np.zeros(len(self))))
+
+    @cached_property
+    def forces(self) -> tuple[Array, Array, Array]:
+        """Mass times specific force over qbar S along the body axes, as told: aerodynamic force and thrust."""
+        push = rb.thrust_force(self["CT"], self.craft.thrust.inclination)
+        CX, CY, CZ = (self.told(c) + T for c, T in zip(COEFFICIENTS[:3], push))
+        return CX, CY, CZ
+
+    def between(self, first: int, last: int, name: str) -> Flight:
+        """Samples `first` to `last`, the last not among them, as a flight of its own."""
+
+        def cut(held: Mapping[str, Array]) -> dict[str, Array]:
+            return {c: x[first:last] for c, x in held.items()}
+
+        return replace(
+            self, name=name, t=self.t[first:last], channels=cut(self.channels), raw=cut(self.raw),
+            measured=cut(self.measured), simulated=cut(self.simulated), air=cut(self.air),
+        )  # fmt: skip
+
+    def slope(self, response: str, channel: str) -> Array:
+        """What the simulation's response gains per unit of a channel, along the flight; zero where it does not ask."""
+        if (response, channel) not in self._slopes:
+            made = np.zeros(len(self)) if self.surrogate is None else self.surrogate.slope(self, response, channel)
+            self._slopes[response, channel] = made
+        return self._slopes[response, channel]
+
+    @cached_property
+    def _slopes(self) -> dict[tuple[str, str], Array]:
+        return {}
+
+
+def prepare_flight(recording: Recording, craft: Aircraft, simulated: Mapping[str, Array]) -> Flight:
+    """Smooth the channels of a manoeuvre and work out what it measured of each simulated response.
+
+    Parameters
+    ----------
+    recording : Recording
+    craft : Aircraft
+    simulated : mapping of response to (n,) array
+        Coefficients, or channels of the recording, on its clock.
+
+    Raises
+    ------
+    DataError
+        Too few samples, gaps, samples that are not finite, or a response that the recording cannot give.
+    """
+    n = len(recording)
+    if n < _LEAST_SAMPLES:
+        raise DataError(f"'{recording.name}' has {n} samples; a comparison needs {_LEAST_SAMPLES}.")
+    t = recording.t
+    dt = recording.duration / (n - 1)
+    raw = {name: np.asarray(recording[name], dtype=float) for name in recording.names}
+    for name, x in raw.items():
+        if not np.isfinite(x).all():
+            i = int(np.argmin(np.isfinite(x)))
+            raise DataError(
+                f"'{recording.name}': channel '{name}' is {x[i]} at sample {i} (t = {t[i]:g} s).\n"
+                "A comparison needs finite samples: take a stretch without them, or mend the file."
+            )
+    for name in _ANGLES:
+        if name in raw:
+            raw[name] = np.unwrap(raw[name])
+    aerodynamic = [name for name in simulated if name in COEFFICIENTS]
+    smooth: dict[str, Array] = {}
+    air: dict[str, Array] = {}
+    inertial: frozenset[str] = frozenset()
+    for name, x in raw.items():
+        smooth[name] = _smooth(name, x, t)
+    if {"V", "alpha", "ax", "az"} <= set(raw):
+        _complete(smooth, raw, craft, recording.name)
+        air, inertial = _close(smooth, raw, craft, t)
+    elif aerodynamic:
+        recording.require("V", "alpha", "ax", "az", by="compare")
+    measured: dict[str, Array] = {}
+    wanted = tuple(aerodynamic)
+    if set(AIRFRAME) <= set(smooth):
+        wanted += tuple(name for name, needs in KINEMATIC.items() if set(needs) <= set(raw))
+        # A smoother would take more from some channels than from others. The responses are made of what was read, and
+        # compared in a band; only what multiplies (dynamic pressure) is smooth.
+        plain = {**smooth, **raw}
+        plain |= {f"{rate}_dot": Rate(dt)(plain[rate]) for rate in ("p", "q", "r")}
+        wanted = tuple(c for c in wanted if _can(c, raw, craft))
+        measured = respond(plain, craft, dt, tuple(c for c in wanted if c in KINEMATIC))
+        measured = respond({**plain, **air}, craft, dt, tuple(c for c in wanted if c in COEFFICIENTS)) | measured
+    for name in simulated:
+        if name not in COEFFICIENTS:
+            measured[name] = recording[name]
+    kept = {name: np.asarray(simulated[name], dtype=float) for name in simulated if name in measured}
+    return Flight(recording.name, t, dt, craft, smooth, raw, measured, kept, frozenset(raw), inertial=inertial, air=air)
+
+
+def _can(name: str, raw: Mapping[str, Array], craft: Aircraft) -> bool:
+    """Whether the recording gives a response."""
+    needs = {"CY": ("ay",), "Cl": ("p", "r"), "Cm": ("q",), "Cn": ("p", "r")}.get(name, ())
+    return set(needs) <= set(raw) and (name not in COEFFICIENTS[3:] or craft.inertia is not None)
+
+
+def _smooth(name: str, x: Array, t: Array) -> Array:
+    if name in _AS_THEY_ARE or np.ptp(x) == 0.0 or len(np.unique(x)) < 0.1 * len(x):
+        return x
+    if name in _SHARP:
+        return x - white_part(x)  # a smoother would round what jumps
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructselWarning)  # what it doubts, the comparison's noise will hold
+            made = smooth_spline(x, t, order=3)
+    except StructselError:
+        return x
+    return np.array(made.values)
+
+
+def _close(
+    smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, t: Array
+) -> tuple[dict[str, Array], frozenset[str]]:
+    """Air data and attitude as what the accelerometers and gyros foretell, plus what the readings slowly add to it.
+
+    What a reading has beyond the integral of what foretells it is noise, moving air and slow drifts. Only the drifts
+    are kept: noise and gusts would meet themselves in the differences. Where that is most of the motion, what is left
+    of it when smoothed is kept as well.
+
+    Returns
+    -------
+    air : dict of channel to (n,) array
+        V, alpha and beta with all that is left when smoothed: what the aircraft flew in.
+    inertial : frozenset of str
+        Channels of which only drifts were kept.
+    """
+    ch = {**smooth, **raw}
+    rates = (ch["p"], ch["q"], ch["r"])
+    place = craft.position("vane")
+    air = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, tuple(place))
+    calm = rb.air_data_at_cg(smooth["V"], smooth["alpha"], smooth["beta"], *rates, tuple(place))
+    turning = tuple(Rate(float(t[1] - t[0]))(smooth[c]) for c in "pqr")
+    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, tuple(craft.position("accelerometer")))
+    told = told_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
+    read = {**dict(zip(("V", "alpha", "beta"), air)), **{c: ch[c] for c in ("phi", "theta", "psi")}}
+    flown, made, inertial = {}, {}, set()
+    for name, x in read.items():
+        if name not in raw or not np.ptp(raw[name]) or not set(KINEMATIC[f"k_{name}"]) <= set(raw):
+            flown[name] = made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
+            continue
+        ahead = cumulative_simpson(told[name], x=t, initial=0.0)
+        slow, rest = _drift(x - ahead, t), _smooth(name, x - ahead, t)
+        if np.std(rest - slow) < np.std(x - _drift(x, t)):
+            inertial.add(name)
+        flown[name] = ahead + rest
+        made[name] = ahead + (slow if name in inertial else rest)
+    # With the gyros' noise, a long arm would give the angles' rates the noise of the moments.
+    still = (smooth["p"], smooth["q"], smooth["r"])
+    air_data = ("V", "alpha", "beta")
+    carried = [rb.air_data_at_cg(x["V"], x["alpha"], x["beta"], *still, tuple(-place)) for x in (flown, made)]
+    smooth.update(zip(air_data, carried[1]))
+    smooth.update({c: made[c] for c in ("phi", "theta", "psi")})
+    return dict(zip(air_data, carried[0])), frozenset(inertial)
+
+
+def _drift(x: Array, t: Array) -> Array:
+    """The slow part of a signal: a line, and waves below `_SLOW`."""
+    line = np.polynomial.Polynomial.fit(t, x, 1)(t)
+    waves = dct(x - line, norm="ortho")
+    waves[max(1, int(2.0 * (t[-1] - t[0]) * _SLOW)) + 1 :] = 0.0
+    return line + np.asarray(idct(waves, norm="ortho"))
+
+
+def _complete(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, name: str) -> None:
+    """Add what the responses need and the recording does not say."""
+    n = len(smooth["V"])
+    for channel in AIRFRAME:
+        smooth.setdefault(channel, np.zeros(n))
+    if "rho" not in smooth:
+        smooth["rho"] = standard_atmosphere(smooth["h"])[2] if "h" in smooth else np.full(n, 1.225)
+    if "qbar" in raw:
+        ratio = raw["qbar"] / (0.5 * smooth["rho"] * raw["V"] ** 2)
+        smooth["qbar_ratio"] = np.full(n, float(np.median(ratio)))
+        smooth["qbar"] = smooth["qbar_ratio"] * 0.5 * smooth["rho"] * smooth["V"] ** 2
+    else:
+        smooth["qbar_ratio"] = np.ones(n)
+    smooth.setdefault("thrust", np.zeros(n))
+    if "mass" not in smooth:
+        if craft.mass is None:
+            raise DataError(f"'{name}' has no channel 'mass' [kg], and aircraft '{craft.name}' none either.")
+        smooth["mass"] = np.full(n, craft.mass)

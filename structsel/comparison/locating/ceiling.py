@@ -1,0 +1,168 @@
+"""The ceiling: how much of the differences any function of the recorded channels and their recent past explains.
+
+Physics that explains most of it with two parameters is better than a learner; a wide gap to it means unknown physics.
+Manoeuvres are held out whole, in turn: samples of one manoeuvre know each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+import numpy as np
+from scipy.fft import idct
+from threadpoolctl import threadpool_limits
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.locating.windows import Flags
+from structsel.comparison.noise import HIGHEST, bins_of, edge_of
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.numerics.arrays import Array
+from structsel.numerics.evidence import length_of, spectrum
+
+_CHANNELS = (
+    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "V", "CT", "df", "gear", "h_agl", "mach", "throttle",
+    "rpm", "phi", "theta",
+)  # fmt: skip
+_SQUARED = ("alpha", "beta", "q_hat", "p_hat", "r_hat", "de", "da", "dr", "V", "CT")
+_PAST = (0.15, 0.4, 1.0)  # s
+_REMEMBERED = ("alpha", "beta", "de", "da", "dr", "CT", "throttle")  # past rates of turn hold the moments' own noise
+_HELD_TO = (1.0, 30.0, 1000.0)
+_PER_HERTZ = 2.2  # samples kept per hertz of the band
+_FOLDS = 4
+_SAMPLES = 2500
+
+
+def explainable(
+    flights: Sequence[Flight], differences: Sequence[Mapping[str, Array]], responses: Sequence[str] | None = None
+) -> dict[str, float]:
+    """Share of the differences' variance that a learner foretells on flights it has not seen.
+
+    The better of ridge regression on products and past values, and of boosted trees on what it leaves. Constant
+    offsets of each flight are not counted.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    differences : sequence of mapping of response to (n,) array
+        Per flight: measured less simulated, or what is left of it.
+    responses : sequence of str, optional
+        By default the coefficients, or all where there are none.
+
+    Returns
+    -------
+    mapping of response to float
+        Between 0 and 1; empty with a single flight, which leaves none unseen.
+    """
+    if len(flights) < 2:
+        return {}
+    here = [c for c in differences[0] if all(c in d for d in differences)]
+    wanted = list(responses) if responses is not None else [c for c in here if c in COEFFICIENTS] or here
+    channels = _moving(flights)
+    total = sum(_kept(f)[1].sum() for f in flights)
+    every = max(1, int(np.ceil(total / _SAMPLES)))
+    X, products, y, group = [], [], [], []
+    for k, (f, d) in enumerate(zip(flights, differences)):
+        step, inside = _kept(f)
+        at = np.flatnonzero(inside)[::every]
+        plain = np.column_stack([f[c] for c in channels])
+        X.append(np.column_stack([plain, _past(f, channels)])[::step][at])
+        products.append(_in_band(_products(f, channels), f)[::step][at])
+        y.append(_in_band(np.column_stack([d[c] for c in wanted]), f)[::step][at])
+        group.append(np.full(len(at), k))
+    told = [part - part.mean(axis=0) for part in y]
+    Y = np.concatenate(told)
+    size = Y.std(axis=0)
+    shown = [c for c, s in zip(wanted, size) if s > 0.0]
+    Y = Y[:, size > 0.0] / size[size > 0.0]
+    found = _foretell(np.concatenate(X), np.concatenate(products), Y, np.concatenate(group))
+    return {c: float(min(max(share, 0.0), 1.0)) for c, share in zip(shown, found)} | dict.fromkeys(
+        [c for c in wanted if c not in shown], 0.0
+    )
+
+
+def _moving(flights: Sequence[Flight]) -> list[str]:
+    told = set(flights[0].measured)
+    usual = [c for c in _CHANNELS if all(c in f or c in f.channels for f in flights)]
+    if not usual:
+        usual = sorted(c for c in flights[0].channels if c not in told and all(c in f.channels for f in flights))
+    return [c for c in usual if np.ptp(np.concatenate([f[c] for f in flights])) > 0.0]
+
+
+def _kept(f: Flight) -> tuple[int, Flags]:
+    """Every how many samples are kept, and which of those lie inside the faded ends."""
+    highest = min(HIGHEST, bins_of(f) / (2.0 * len(f) * f.dt))
+    step = max(1, int(1.0 / (_PER_HERTZ * highest * f.dt)))
+    edge = edge_of(f)
+    at = np.arange(0, len(f), step)
+    return step, (at >= edge) & (at < len(f) - edge)
+
+
+def _in_band(x: Array, f: Flight) -> Array:
+    """Columns in the band that is compared, faded at the ends."""
+    made = np.zeros_like(x)
+    coefficients = spectrum(x, bins_of(f), edge_of(f))
+    n = length_of(len(x))
+    made[1 : len(coefficients)] = coefficients[1:]
+    made[:n] = idct(made[:n], axis=0, norm="ortho")
+    return made
+
+
+def _delayed(x: Array, k: int) -> Array:
+    return np.concatenate([np.full(min(k, len(x)), x[0]), x[: max(len(x) - k, 0)]])
+
+
+def _past(f: Flight, channels: Sequence[str]) -> Array:
+    made = [_delayed(f[c], round(lag / f.dt)) for c in channels if c in _REMEMBERED for lag in _PAST]
+    return np.column_stack(made) if made else np.zeros((len(f), 0))
+
+
+def _products(f: Flight, channels: Sequence[str]) -> Array:
+    """Channels, their squares and products and cubes, and past values; each centred and scaled by itself."""
+    centred = {c: (f[c] - f[c].mean()) for c in channels}
+    squared = [c for c in channels if c in _SQUARED] or list(channels)[:8]
+    made = list(centred.values())
+    made += [f[a] * f[b] for i, a in enumerate(squared) for b in squared[i:]]
+    made += [f[c] ** 3 for c in squared[:2]]
+    return np.column_stack([*made, _past(f, channels)])
+
+
+def _foretell(X: Array, products: Array, Y: Array, group: Array) -> Array:
+    """Shares of the variance of each column of Y, on groups held out."""
+    # The learners take a while to load, and few commands need them.
+    from sklearn.ensemble import HistGradientBoostingRegressor
+    from sklearn.linear_model import Ridge
+    from sklearn.model_selection import GroupKFold
+
+    scale = products.std(axis=0)
+    P = products[:, scale > 0.0] / scale[scale > 0.0]
+    folds = list(GroupKFold(min(_FOLDS, len(np.unique(group)))).split(P, groups=group))
+    straight = np.empty((len(_HELD_TO), *Y.shape))
+    for train, test in folds:
+        for i, alpha in enumerate(_HELD_TO):
+            straight[i][test] = Ridge(alpha=alpha).fit(P[train], Y[train]).predict(P[test]).reshape(-1, Y.shape[1])
+    ridge = np.array([_shares(Y, told, group) for told in straight])
+    best = np.argmax(ridge, axis=0)
+    bent = np.empty_like(Y)
+    trees = HistGradientBoostingRegressor(
+        max_iter=40, learning_rate=0.12, max_leaf_nodes=8, min_samples_leaf=25, max_bins=48, early_stopping=False
+    )
+    with threadpool_limits(1):  # so small are the trees that threads only wait for each other
+        for (train, test), j in product(folds, range(Y.shape[1])):
+            base, ahead = np.zeros(len(train)), np.zeros(len(test))
+            if ridge[best[j], j] > 0.0:
+                line = Ridge(alpha=_HELD_TO[best[j]]).fit(P[train], Y[train, j])
+                base, ahead = line.predict(P[train]), line.predict(P[test])
+            bent[test, j] = ahead + trees.fit(X[train], Y[train, j] - base).predict(X[test])
+    return np.maximum(ridge.max(axis=0), _shares(Y, bent, group))
+
+
+def _shares(Y: Array, told: Array, group: Array) -> Array:
+    """1 - error / variance, offsets of each group left out of both."""
+    left = Y - told
+    error, whole = np.zeros(Y.shape[1]), np.zeros(Y.shape[1])
+    for g in np.unique(group):
+        mine = group == g
+        error += ((left[mine] - left[mine].mean(axis=0)) ** 2).sum(axis=0)
+        whole += ((Y[mine] - Y[mine].mean(axis=0)) ** 2).sum(axis=0)
+    return 1.0 - error / whole

@@ -1,0 +1,179 @@
+"""What kind of thing is left: a function of the state, of its past, of an instrument, a surface, or an inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as t_distribution
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.noise import Noise, bins_of, edge_of
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.numerics.arrays import Array
+from structsel.numerics.evidence import spectrum
+
+Columns = Callable[[Flight], list[Array]]
+
+_STATES = ("alpha", "beta", "p_hat", "q_hat", "r_hat", "V", "CT", "df", "gear", "h_agl")
+_CONTROLS = ("de", "da", "dr")
+_BENDING = ("alpha", "beta", "de", "da", "dr")
+_PAST = ("alpha", "beta")  # past rates of turn, and their slopes, hold the noise of the moments that are tested
+_LAGS = (0.15, 0.4, 1.0)  # s
+_CHANCE = 0.05
+_HELD_TO = 3e-3  # of each column's power, by which columns that nearly coincide share
+_MATERIAL = 0.02  # share of what is left, below which nothing is said of it
+
+
+@dataclass(frozen=True)
+class Character:
+    """One kind of explanation of what is left of one response.
+
+    Attributes
+    ----------
+    kind : {"static", "memory", "actuator", "inertial", "kinematic"}
+    response : str
+    share : float
+        Of the residual's power, whitened, that it foretells on flights not used for it, beyond the kinds it was tested
+        against; below zero where it foretells nothing.
+    statistic : float
+        Mean over flights of what it foretells, over its standard error.
+    p : float
+        Of as much by chance in any of the tests made.
+    """
+
+    kind: str
+    response: str
+    share: float
+    statistic: float
+    p: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is more than chance, and of a size that matters."""
+        return self.p < _CHANCE and self.share > _MATERIAL
+
+
+def characterise(flights: Sequence[Flight], spectra: Sequence[Mapping[str, Array]], noise: Noise) -> list[Character]:
+    """Tests of each kind in each response, largest share first.
+
+    Nested sets of columns: functions of the present state; then its recent past (memory); or the rates and recent
+    past of the controls (actuator), or the accelerations (inertial). What the instruments disagree in (``k_...``) is
+    tested on the readings and their rates (kinematic). Each flight is foretold from the others, and Student's t
+    judges the mean of what that gains over flights, which are independent whatever the colour of their residuals; p is
+    multiplied by the number of tests. With fewer than three flights nothing is tested.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    spectra : sequence of mapping of response to (1 + bins,) array
+        Cosine coefficients of what is left, per flight.
+    noise : Noise
+    """
+    if len(flights) < 3:
+        return []
+    cuts = np.cumsum([bins_of(f) for f in flights])[:-1]
+    told = [c for c in flights[0].responses if c in spectra[0]]
+    forces = [c for c in told if c in COEFFICIENTS]
+    made: list[Character] = []
+    if forces:
+        static, past, surfaces, turning = (
+            _spectra(flights, x) for x in (_static, _remembered, _commanded, _accelerations)
+        )
+        for c in forces:
+            y, w = _white(flights, spectra, noise, c)
+            base = static * w
+            none = np.zeros((len(y), 0))
+            for kind, X, beside in (
+                ("static", static, none),
+                ("memory", past, base),
+                ("actuator", surfaces, base),
+                ("inertial", turning, base),
+            ):
+                made += _test(kind, c, y, beside, X * w, cuts)
+        readings = _spectra(flights, _readings)
+        for c in told:
+            if c not in COEFFICIENTS and c.startswith("k_"):
+                y, w = _white(flights, spectra, noise, c)
+                made += _test("kinematic", c, y, np.zeros((len(y), 0)), readings * w, cuts)
+    tests = max(len(made), 1)
+    fair = [Character(m.kind, m.response, m.share, m.statistic, min(1.0, m.p * tests)) for m in made]
+    return sorted(fair, key=lambda m: -m.share)
+
+
+def _white(
+    flights: Sequence[Flight], spectra: Sequence[Mapping[str, Array]], noise: Noise, response: str
+) -> tuple[Array, Array]:
+    w = np.concatenate([1.0 / noise.std(f, response, bins_of(f))[1:] for f in flights])
+    return np.concatenate([s[response][1:] for s in spectra]) * w, w[:, None]
+
+
+def _spectra(flights: Sequence[Flight], columns: Columns) -> Array:
+    made = [
+        spectrum(np.column_stack([*columns(f), np.zeros(len(f))]), bins_of(f), edge_of(f))[1:, :-1] for f in flights
+    ]
+    return np.vstack(made)
+
+
+def _test(kind: str, response: str, y: Array, beside: Array, X: Array, cuts: Array) -> list[Character]:
+    if not X.shape[1]:
+        return []
+    before = _foretold(beside, y, cuts) if beside.shape[1] else np.zeros(len(y))
+    after = _foretold(np.column_stack([beside, X]), y, cuts)
+    parts = zip(np.split(y, cuts), np.split(before, cuts), np.split(after, cuts))
+    # Relative to each flight's own power: one that is large does not speak for the others.
+    gains = np.array([float((a - b) @ (a - b) - (a - c) @ (a - c)) / max(float(a @ a), 1e-300) for a, b, c in parts])
+    share = float(((y - before) ** 2).sum() - ((y - after) ** 2).sum()) / max(float(y @ y), 1e-300)
+    error = float(gains.std(ddof=1)) / np.sqrt(len(gains))
+    statistic = float(gains.mean()) / max(error, 1e-12)
+    return [Character(kind, response, share, statistic, float(t_distribution.sf(statistic, len(gains) - 1)))]
+
+
+def _foretold(X: Array, y: Array, cuts: Array) -> Array:
+    """Each flight from a ridge regression on the others."""
+    size = np.sqrt((X**2).mean(axis=0))
+    X = X[:, size > 0.0] / size[size > 0.0]
+    rows = list(zip(np.split(X, cuts), np.split(y, cuts)))
+    A, b = X.T @ X, X.T @ y
+    held = _HELD_TO * len(y) * np.eye(X.shape[1])
+    return np.concatenate([x @ np.linalg.solve(A - x.T @ x + held, b - x.T @ part) for x, part in rows])
+
+
+def _here(f: Flight, names: Sequence[str]) -> list[str]:
+    return [c for c in names if c in f or c in f.channels]
+
+
+def _static(f: Flight) -> list[Array]:
+    names = _here(f, (*_STATES, *_CONTROLS))
+    bent = _here(f, _BENDING)
+    made = [f[c] - f[c].mean() for c in names]
+    made += [f[a] * f[b] for i, a in enumerate(bent) for b in bent[i:]]
+    # A kink at high incidence is a function of the state as well.
+    return [*made, f["alpha"] ** 3, *(f["alpha"] * f[c] for c in _here(f, ("p_hat", "q_hat", "r_hat", "V")))]
+
+
+def _late(f: Flight, channel: str) -> list[Array]:
+    x, made = f[channel], []
+    for lag in _LAGS:
+        k = min(round(lag / f.dt), len(f) - 1)
+        made.append(np.concatenate([np.full(k, x[0]), x[: len(x) - k]]))
+    return made
+
+
+def _remembered(f: Flight) -> list[Array]:
+    return [x for c in _here(f, _PAST) for x in (*_late(f, c), f.rate(f[c]))]
+
+
+def _commanded(f: Flight) -> list[Array]:
+    return [x for c in _here(f, _CONTROLS) for x in (*_late(f, c), f.rate(f[c]))]
+
+
+def _accelerations(f: Flight) -> list[Array]:
+    return [f.expected[c] for c in ("p_dot", "q_dot", "r_dot", "ax", "ay", "az") if c in f.expected]
+
+
+def _readings(f: Flight) -> list[Array]:
+    names = _here(f, ("p", "q", "r", "V", "alpha", "beta", "phi", "theta"))
+    # Rates of what the simulation foretells, not of what was read: those hold the noise that is tested.
+    return [f[c] - f[c].mean() for c in names] + [f.expected[c] for c in ("p_dot", "q_dot", "r_dot") if c in f.expected]

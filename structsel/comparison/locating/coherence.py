@@ -1,0 +1,122 @@
+"""At which frequencies, and with which input: the coherence of what is left with each channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import stft
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.noise import HIGHEST
+from structsel.numerics.arrays import Array
+from structsel.numerics.spectra import FEWER, OVERLAP, passed_by_chance
+
+CHANNELS = ("de", "da", "dr", "throttle", "df", "alpha", "beta", "V")
+"""As read. Gyros and accelerometers are left out: the coefficients are made of them, and share their noise."""
+
+_SEGMENT = 8.0  # s
+_CHANCE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Coherence:
+    """Coherence of one response's residual with one channel.
+
+    Attributes
+    ----------
+    response, channel : str
+    f : (k,) array [Hz]
+    squared : (k,) array
+        Magnitude squared coherence.
+    threshold : float
+        That chance passes once in a hundred times, anywhere in the band.
+    share : float
+        Of the residual's power in the band that goes with the channel; chance taken off.
+    peak : float [Hz]
+        Of the largest coherence.
+    delay : float [s]
+        By which the residual is behind the channel, from the slope of the phase where coherent; nan where it is not.
+    """
+
+    response: str
+    channel: str
+    f: Array
+    squared: Array
+    threshold: float
+    share: float
+    peak: float
+    delay: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether it passes the threshold anywhere."""
+        return bool(self.squared.max() > self.threshold)
+
+
+def coherences(
+    flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]], responses: Sequence[str]
+) -> list[Coherence]:
+    """Coherence of each response's residual with each channel that moves, largest share first.
+
+    The threshold is that of signals without relation. A simulation within its tolerances is not without relation to
+    its inputs: one in fifteen passes there, some with a share of a quarter and more. It says where to look.
+
+    Segments of 8 s (half of them overlapping, Hann) of all flights together. With K independent segments, two signals
+    without relation pass 1 - a^(1/(K-1)) at one frequency with probability a.
+
+    References
+    ----------
+    [CKN73]
+    """
+    made = []
+    per = round(min(_SEGMENT, min(0.5 * len(f) * f.dt for f in flights)) / flights[0].dt)
+    same = [f for f in flights if abs(f.dt / flights[0].dt - 1.0) < 0.01 and len(f) >= per]
+    if per < 16 or not same:
+        return []
+    names = [c for c in CHANNELS if all(c in f.recorded for f in same)]
+    kept = [r for f, r in zip(flights, residuals) if f in same]
+    segments = sum(int((len(f) - per) / (per * (1.0 - OVERLAP))) + 1 for f in same)
+    free = max(2.0, FEWER * segments)
+    moving = [c for c in names if any(np.ptp(f.raw[c]) > 0.0 for f in same)]
+    told = {c: [r[c] for r in kept] for c in responses} | {f" {c}": [f.raw[c] for f in same] for c in moving}
+    dt = flights[0].dt
+    f_hz, Z = _transforms(told, dt, per)
+    threshold = passed_by_chance(free, len(f_hz), _CHANCE)
+    for c in responses:
+        y = Z[c]
+        for channel in moving:
+            x = Z[f" {channel}"]
+            cross = (np.conj(x) * y).mean(axis=1)
+            own, driven = (np.abs(x) ** 2).mean(axis=1), (np.abs(y) ** 2).mean(axis=1)
+            squared = np.abs(cross) ** 2 / np.maximum(own * driven, 1e-300)
+            fair = np.maximum((squared - 1.0 / free) / (1.0 - 1.0 / free), 0.0)
+            share = float(fair @ driven / max(driven.sum(), 1e-300))
+            peak = float(f_hz[np.argmax(squared)])
+            delay = _delay(f_hz, cross, squared > threshold)
+            made.append(Coherence(c, channel, f_hz, squared, threshold, share, peak, delay))
+    return sorted(made, key=lambda x: -x.share)
+
+
+def _transforms(signals: Mapping[str, Sequence[Array]], dt: float, per: int) -> tuple[Array, dict[str, Array]]:
+    """Frequencies in the band, and (frequencies, segments) transforms of each signal, all flights side by side."""
+    made: dict[str, Array] = {}
+    f_hz = np.zeros(0)
+    for name, each in signals.items():
+        parts = []
+        for x in each:
+            f_hz, _, z = stft(
+                x, fs=1.0 / dt, nperseg=per, noverlap=int(per * OVERLAP), detrend="linear", boundary=None, padded=False
+            )
+            parts.append(z)
+        made[name] = np.concatenate(parts, axis=1)
+    band = (f_hz > 0.0) & (f_hz <= HIGHEST)
+    return f_hz[band], {name: z[band] for name, z in made.items()}
+
+
+def _delay(f: Array, cross: Array, coherent: Array) -> float:
+    if coherent.sum() < 3:
+        return float("nan")
+    phase = np.unwrap(np.angle(cross[coherent]))
+    return float(-np.polyfit(2.0 * np.pi * f[coherent], phase, 1)[0])

@@ -1,0 +1,323 @@
+"""Turbulence: differences that no input drives, of the spectrum that moving air has.
+
+A vane reads the gust that the gyros and accelerometers do not: what its rate of change has over theirs is the gust's
+derivative. Where no vane feels it, it is not looked for: forces that follow no input may have other causes. Noise of
+an instrument may keep for a while as well, but not for as long as it takes to fly through a gust of the atmosphere's
+scale, nor equally many metres per second along all axes.
+
+References
+----------
+[MIL8785] for the spectra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import logsumexp
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.noise import bins_of, edge_of, frequencies
+from structsel.numerics.arrays import Array
+from structsel.numerics.denoising import white_std
+from structsel.numerics.evidence import fading, spectrum
+from structsel.numerics.turbulence import dryden_spectra
+
+_AXES = {"u": "k_V", "v": "k_beta", "w": "k_alpha"}
+_DRIVING = ("de", "da", "dr", "throttle", "thrust", "df", "gear")
+_LENGTHS = np.geomspace(80.0, 700.0, 7)  # m
+_USUAL, _ABOUT = 300.0, 0.7  # m, and the standard deviation of the logarithm: above it, only sigma^2 / L shows
+_TIMES = np.geomspace(0.03, 0.6, 7)  # s that an instrument's own noise may keep
+_LOWEST = 0.08  # Hz; below, drifts and what is left of the manoeuvres
+_BANDS = 16
+_LEAST = 8.0  # nats by which it must beat noise
+_UNLIKE = 3.0  # times that one axis may be more turbulent than another
+_FAINT = 0.03  # m/s
+_DRIVEN = 0.35  # share of the power that inputs may explain
+_PEAK = 6.0  # times the fitted spectrum; more is a resonance
+_OCCAM = 2.5  # nats that a size free over orders of magnitude costs
+_BETWEEN_AXES = 0.35  # standard deviation of the logarithm of the size
+_BETWEEN_FLIGHTS = 0.7  # standard deviation of the logarithm of the power
+_UNFELT = 300.0  # nats of what follows the motion and no input, above which only the air does that
+_FORCED = {"v": ("CY", "beta"), "w": ("CZ", "alpha")}
+_FROM_NOISE = 1.0  # standard deviation of the logarithm of the noise about what the readings show
+
+
+@dataclass(frozen=True)
+class Turbulence:
+    """Moving air that the simulation was not told of.
+
+    Attributes
+    ----------
+    sigma : mapping of axis ("u", "v", "w") to float [m/s]
+        Only the axes that show it.
+    length : float [m]
+        Scale of the Dryden spectrum; NaN where no vane feels it.
+    nats : float
+        Log likelihood ratio to instrument noise of any colour; where no vane feels it, what follows the motion and no
+        input.
+    probability : float
+    driven : float
+        Share of its power that inputs explain: what is left of other physics.
+    """
+
+    sigma: Mapping[str, float]
+    length: float
+    nats: float
+    probability: float
+    driven: float
+
+    @property
+    def says(self) -> str:
+        """One plain sentence."""
+        ways = {"u": "along", "v": "across", "w": "up and down"}
+        sizes = ", ".join(f"{s:.2g} m/s {ways[a]}" for a, s in self.sigma.items())
+        if np.isnan(self.length):
+            return (
+                f"The air was turbulent: about {sizes}. No vane feels it, but forces and moments differ in a way that "
+                "follows the motion and no input."
+            )
+        return (
+            f"The air was turbulent: {sizes} (Dryden, scale about {self.length:.2g} m); the vanes read gusts that "
+            "accelerometers and gyros do not."
+        )
+
+    def __str__(self) -> str:
+        return self.says
+
+
+@dataclass(frozen=True)
+class _Bands:
+    """Power spectrum [unit^2/Hz], one-sided, of one axis in bands, all flights."""
+
+    f: Array
+    V: Array
+    flight: Array
+    count: Array
+    power: Array
+    floor: float
+    driven: float
+
+
+def find_turbulence(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> Turbulence | None:
+    """Turbulence, where what is left shows it.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    residuals : sequence of mapping of response to (n,) array
+        Differences less what tolerances and the effects found explain, per flight.
+
+    Returns
+    -------
+    Turbulence or None
+    """
+    vanes = {a: b for a, c in _AXES.items() if (b := _of_vane(flights, residuals, a, c)) is not None}
+    return _judge(vanes) if "w" in vanes else None
+
+
+def unfelt(flights: Sequence[Flight], nats: float) -> Turbulence | None:
+    """Turbulence that no vane feels, where so many nats follow the motion and no input.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    nats : float
+        Of what an effect brings on the recorded motion, those that the inputs do not bear out.
+
+    Returns
+    -------
+    Turbulence or None
+        Its sizes are those of gusts that would make the differences of the forces: noise and tolerances are in them.
+    """
+    if nats < _UNFELT:
+        return None
+    sigma: dict[str, float] = {}
+    for axis, (response, angle) in _FORCED.items():
+        if all(response in f.difference for f in flights):
+            force = [spectrum(f.difference[response], bins_of(f), edge_of(f))[1:] for f in flights]
+            slope = float(np.mean([np.abs(f.slope(response, angle)).mean() / f["V"].mean() for f in flights]))
+            power = sum(float(x @ x) for x in force) / sum(map(len, flights))
+            sigma |= {axis: float(np.sqrt(power)) / slope} if slope > 0.0 else {}
+    if not sigma:
+        return None
+    return Turbulence(sigma, float("nan"), nats, float(1.0 / (1.0 + np.exp(1.0 - nats / _UNFELT))), 0.0)
+
+
+def _of_vane(
+    flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]], axis: str, response: str
+) -> _Bands | None:
+    if any(response not in r for r in residuals):
+        return None
+    made = [r[response] * (f["V"] if axis != "u" else 1.0) for f, r in zip(flights, residuals)]
+    # Gyros (times V) and accelerometers make noise of the rates: far above what motion does, it is theirs alone.
+    felt = {"u": (("ax",), ()), "v": (("ay",), ("p", "r")), "w": (("az",), ("q",))}[axis]
+    level = []
+    for f in flights:
+        power = sum(_quick(f, c) ** 2 for c in felt[0]) + sum(
+            (float(f["V"].mean()) * _quick(f, c)) ** 2 for c in felt[1]
+        )
+        level.append(2.0 * f.dt * power)
+    return _in_bands(flights, made, max(float(np.median(level)), 1e-12))
+
+
+def _quick(f: Flight, channel: str) -> float:
+    """Noise of a channel from its third differences, which leave nothing of motion; the quieter half of the flight."""
+    if channel not in f.raw:
+        return 0.0
+    return white_std(np.diff(f.raw[channel], 3))
+
+
+def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float) -> _Bands:
+    bins = [bins_of(f) for f in flights]
+    y = [spectrum(x, b, edge_of(f))[1:] for f, x, b in zip(flights, signals, bins)]
+    X = [spectrum(_inputs(f, flights), b, edge_of(f))[1:] for f, b in zip(flights, bins)]
+    hz = [frequencies(f, b) for f, b in zip(flights, bins)]
+    left, driven = _undriven(y, X, hz)
+    highest = min(float(h[-1]) for h in hz)
+    edges = np.geomspace(_LOWEST, highest, _BANDS + 1)
+    rows = []
+    for k, (f, e, h) in enumerate(zip(flights, left, hz)):
+        power = 2.0 * f.dt * e**2 / float(np.mean(fading(len(f), edge_of(f)) ** 2))
+        for low, high in pairwise(edges):
+            near = (h >= low) & (h < high)
+            if near.any():
+                rows.append((float(h[near].mean()), float(f["V"].mean()), k, near.sum(), float(power[near].mean())))
+    hertz, V, flight, count, level = np.array(rows).T
+    return _Bands(hertz, V, flight.astype(int), count, level, floor, driven)
+
+
+def _inputs(f: Flight, flights: Sequence[Flight]) -> Array:
+    """What drives the aircraft, and how the instruments of inertia see it move, with rates."""
+    columns = []
+    for c in _DRIVING:
+        if all(c in one.recorded for one in flights) and any(np.ptp(one[c]) > 0.0 for one in flights):
+            columns += [f[c], f.rate(f[c])]
+    return np.column_stack(columns) if columns else f.t[:, None]
+
+
+def _undriven(y: list[Array], X: list[Array], hz: list[Array]) -> tuple[list[Array], float]:
+    """What inputs leave, and the share they explain beyond chance; below 1 Hz, where manoeuvres are."""
+    rows, target = np.vstack(X), np.concatenate(y)
+    weight = 1.0 / np.sqrt(np.concatenate(hz))
+    size = np.sqrt((rows**2).mean(axis=0))
+    rows = rows[:, size > 0.0] / size[size > 0.0]
+    held = rows * weight[:, None]
+    ridge = 1e-6 * len(target) * float((weight**2).mean())
+    fit = np.linalg.solve(held.T @ held + ridge * np.eye(rows.shape[1]), held.T @ (target * weight))
+    left = target - rows @ fit
+    before, after = float((target * weight) @ (target * weight)), float((left * weight) @ (left * weight))
+    free = max(1.0 - rows.shape[1] / len(target), 0.1)
+    driven = 1.0 - after / free / before if before > 0.0 else 0.0
+    return np.split(left, np.cumsum([len(part) for part in y])[:-1]), max(driven, 0.0)
+
+
+def _averaged(costs: Array) -> float:
+    """Cost averaged over a grid: minus the logarithm of the mean likelihood."""
+    return -float(logsumexp(-costs) - np.log(len(costs)))
+
+
+def _unlike(sigmas: Sequence[float]) -> float:
+    """What it costs that axes differ."""
+    logs = np.log(np.maximum(sigmas, 1e-6))
+    return float(0.5 * (((logs - logs.mean()) / _BETWEEN_AXES) ** 2).sum())
+
+
+@dataclass(frozen=True)
+class _Fit:
+    cost: float
+    sigma: float
+    told: Array
+
+
+def _judge(axes: Mapping[str, _Bands]) -> Turbulence | None:
+    air = {a: [_fit(b, a, length, None) for length in _LENGTHS] for a, b in axes.items()}
+    total = np.array(
+        [
+            sum(each[i].cost for each in air.values()) + _unlike([each[i].sigma for each in air.values()])
+            for i in range(len(_LENGTHS))
+        ]
+    )
+    total += 0.5 * (np.log(_LENGTHS / _USUAL) / _ABOUT) ** 2
+    i = int(np.argmin(total))
+    best = {a: air[a][i] for a in axes}
+    moved = _averaged(total) + _OCCAM
+    own = {a: _averaged(np.array([_fit(b, a, None, tau).cost for tau in _TIMES])) + _OCCAM for a, b in axes.items()}
+    still = sum(min(own[a], _fit(b, a, None, None).cost) for a, b in axes.items())
+    spread = max(1.0, float(np.mean([_dispersion(b, best[a].told) for a, b in axes.items()])))
+    sigma = {a: best[a].sigma for a in axes}
+    nats = float(still - moved) / spread
+    driven = max(b.driven for b in axes.values())
+    if nats < _LEAST or min(sigma.values()) < max(_FAINT, max(sigma.values()) / _UNLIKE) or driven > _DRIVEN:
+        return None
+    if any(_peak(b, best[a].told) > _PEAK for a, b in axes.items()):
+        return None
+    probability = float(1.0 / (1.0 + np.exp(-(nats - 0.5 * _LEAST) / 4.0)))
+    return Turbulence(sigma, float(_LENGTHS[i]), nats, probability, driven)
+
+
+def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _Fit:
+    """Likeliest spectrum: noise, and air of one scale, or noise that keeps for one time, or neither."""
+    omega = 2.0 * np.pi * b.f
+    white = omega**2
+    if length is not None:
+        shape = np.empty(len(omega))
+        for V in np.unique(b.V):
+            mine = b.V == V
+            shape[mine] = _dryden(omega[mine], V, length, axis)
+        shape *= white
+    elif tau is not None:
+        shape = 4.0 * tau / (1.0 + (omega * tau) ** 2) * white
+    else:
+        shape = np.zeros(len(b.f))
+    high, middle = b.f > 0.6 * b.f.max(), b.f < 0.5 * b.f.max()
+    start = float(np.average(b.power[high] / white[high], weights=b.count[high]))
+    size = float(np.median(b.power[middle] / np.where(shape[middle] > 0.0, shape[middle], 1.0)))
+    floor = np.full(len(b.f), b.floor)
+    flights = int(b.flight.max()) + 1
+    spread = np.array([0.0, _FROM_NOISE, 0.0] + [_BETWEEN_FLIGHTS] * flights)
+    held = np.divide(1.0, spread, out=np.zeros(len(spread)), where=spread > 0.0) ** 2
+
+    def parts(x: Array) -> tuple[Array, Array, Array]:
+        return np.exp(x[0]) * white, np.exp(x[1]) * floor, np.exp(x[2] + x[3:][b.flight]) * shape
+
+    def cost(x: Array) -> tuple[float, Array]:
+        own, rates, air = parts(x)
+        S = own + rates + air
+        slope = 0.5 * b.count * (1.0 / S - b.power / S**2)
+        each = np.bincount(b.flight, slope * air, flights)
+        gradient = np.concatenate([[slope @ own, slope @ rates, slope @ air], each]) + held * x_about(x)
+        return float(0.5 * (b.count @ (np.log(S) + b.power / S))) + 0.5 * float(held @ x_about(x) ** 2), gradient
+
+    def x_about(x: Array) -> Array:
+        return np.concatenate([[0.0], x[1:2], [0.0], x[3:]])
+
+    x = np.array([np.log(start), 0.0, np.log(size), *np.zeros(flights)])
+    bounds = [(x[0] - 9.0, x[0] + 3.0), (-4.0, 4.0), (x[2] - 12.0, x[2] + 5.0), *[(-3.0, 3.0)] * flights]
+    found = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds)
+    sigma = float(np.sqrt(np.mean(np.exp(found.x[2] + found.x[3:])))) if length else 0.0
+    return _Fit(float(found.fun), sigma, np.sum(parts(found.x), axis=0))
+
+
+def _dryden(omega: Array, V: float, length: float, axis: str) -> Array:
+    """One-sided spectrum [(m/s)^2/Hz] of a gust of 1 m/s."""
+    spectra = dryden_spectra(omega, V, 1.0, np.full(3, length), np.ones(3))
+    return 2.0 * np.pi * spectra[:, "uvw".index(axis)]
+
+
+def _dispersion(b: _Bands, told: Array) -> float:
+    """Scatter of the bands about a spectrum, over that of chance."""
+    return float(np.mean(0.5 * b.count * (b.power / told - 1.0) ** 2))
+
+
+def _peak(b: _Bands, told: Array) -> float:
+    """Largest ratio of power to the fitted spectrum at one frequency, over all flights."""
+    ratios = []
+    for f in np.unique(np.round(np.log(b.f), 1)):
+        near = np.abs(np.log(b.f) - f) < 0.08
+        ratios.append(float(b.count[near] @ (b.power[near] / told[near]) / b.count[near].sum()))
+    return max(ratios)

@@ -1,0 +1,335 @@
+"""The noise of the differences, and the rows that are white by it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy.linalg import cholesky, solve_triangular
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.numerics.arrays import Array
+from structsel.numerics.evidence import Further, Projector, length_of, spectrum
+
+HIGHEST = 6.0
+"""Frequency [Hz] up to which an aircraft's responses are compared."""
+_BANDS = 14
+_EDGE = 1.0  # s
+_PICKS = 8
+_SCREENED = 80
+_WORTH = 0.03  # of what is left, that a further column must take
+_GENERIC = (
+    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "CT", "V", "alpha_dot_hat", "beta_dot_hat", "df",
+    "h_agl", "gear", "phi", "theta",
+)  # fmt: skip
+_SQUARES = (
+    ("alpha", "alpha"), ("beta", "beta"), ("alpha", "beta"), ("alpha", "de"), ("de", "de"), ("alpha", "q_hat"),
+    ("alpha", "p_hat"), ("alpha", "r_hat"), ("CT", "de"), ("CT", "alpha"), ("alpha", "V"), ("p_hat", "r_hat"),
+)  # fmt: skip
+_LAGS = (0.1, 0.4)  # s
+_LAGGED = ("alpha", "beta", "de", "da", "dr", "q_hat")
+_ITSELF = {
+    "CY": ("beta", "beta_dot_hat"), "CZ": ("alpha", "alpha_dot_hat"), "Cl": ("p_hat", "beta", "beta_dot_hat"),
+    "Cm": ("q_hat", "alpha", "alpha_dot_hat"), "Cn": ("r_hat", "beta", "beta_dot_hat"),
+}  # fmt: skip
+"""States whose rates and recent past are what a response is measured by: angles are foretold by the gyros."""
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Standard deviation of each response's cosine coefficients, as a function of frequency and manoeuvre.
+
+    Attributes
+    ----------
+    edges : (k,) array [Hz]
+        Frequencies at which the spectrum is held; between them its logarithm is straight.
+    log_std : mapping of response to (k,) array
+    level : mapping of (flight's name, response) to float
+        Factor of one manoeuvre.
+    """
+
+    edges: Array
+    log_std: Mapping[str, Array]
+    level: Mapping[tuple[str, str], float]
+
+    def but_for(self, responses: Collection[str]) -> Noise:
+        """Noise of all other responses."""
+        kept = {c: x for c, x in self.log_std.items() if c not in responses}
+        return Noise(self.edges, kept, {(f, c): x for (f, c), x in self.level.items() if c in kept})
+
+    def std(self, flight: Flight, response: str, bins: int) -> Array:
+        """(1 + bins,) standard deviations of one flight's level and coefficients."""
+        f = frequencies(flight, bins)
+        held = np.interp(np.log(np.concatenate([f[:1], f])), np.log(self.edges), self.log_std[response])
+        return np.exp(held) * self.level[flight.name, response]
+
+
+def bins_of(flight: Flight) -> int:
+    """Cosine coefficients of one flight that are compared."""
+    return max(8, int(2.0 * length_of(len(flight)) * flight.dt * highest_of(flight)))
+
+
+def highest_of(flight: Flight) -> float:
+    """Frequency [Hz] up to which a flight's responses are compared."""
+    # Differentiation is within 1 % up to a sixth of the sampling rate.
+    limit = HIGHEST if set(flight.responses) & set(COEFFICIENTS) else np.inf
+    return float(min(limit, 0.16 / flight.dt)) if np.isfinite(limit) else 0.3 / flight.dt
+
+
+def side_by_side(columns: Sequence[tuple[float, Mapping[str, Array]]], flight: Flight) -> dict[str, Array]:
+    """Columns (1 sigma, what one unit adds by response) scaled by their sigmas, (n, k) by response."""
+    zero = np.zeros(len(flight))
+    empty = np.zeros((len(flight), 0))
+    return {
+        c: np.column_stack([sd * one.get(c, zero) for sd, one in columns]) if columns else empty
+        for c in flight.responses
+    }
+
+
+def as_spectra(signals: Mapping[str, Array], flight: Flight) -> dict[str, Array]:
+    """Level and compared coefficients of signals (n,) or (n, k) of one flight, by response."""
+    bins, edge = bins_of(flight), edge_of(flight)
+    return {c: spectrum(x, bins, edge) for c, x in signals.items()}
+
+
+def edge_of(flight: Flight) -> int:
+    """Samples over which each end of a flight is faded."""
+    return int(min(_EDGE / flight.dt, 0.1 * len(flight)))
+
+
+def frequencies(flight: Flight, bins: int) -> Array:
+    """Frequency [Hz] of each coefficient."""
+    return np.arange(1, bins + 1) / (2.0 * length_of(len(flight)) * flight.dt)
+
+
+def estimate_noise(
+    flights: Sequence[Flight],
+    explained: Sequence[Mapping[str, Array]],
+    responses: Sequence[str],
+    pool: Mapping[str, Sequence[Array]],
+    known: Noise | None = None,
+) -> Noise:
+    """Spectrum of what neither tolerances nor any usual function of the states, nor any known physics, explains.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    explained : sequence of mapping of response to (bins, k) array
+        Spectra that may explain the differences, scaled by their priors, per flight.
+    responses : sequence of str
+    pool : mapping of response to sequence of (bins, j) array
+        Spectra of further columns per flight, of which the few that help most are taken.
+    known : Noise, optional
+        Of some responses, which are left as they are there.
+    """
+    bins = [bins_of(f) for f in flights]
+    lowest = min(float(frequencies(f, b)[0]) for f, b in zip(flights, bins))
+    highest = max(float(frequencies(f, b)[-1]) for f, b in zip(flights, bins))
+    edges = np.geomspace(max(lowest, highest / 3000.0), highest, _BANDS)
+    log_std = {} if known is None else dict(known.log_std)
+    level = {} if known is None else dict(known.level)
+
+    def listen(response: str) -> None:
+        left, free = _residual(flights, bins, explained, response, edges, pool.get(response))
+        log_std[response] = _smooth_spectrum(flights, bins, left, free, edges)
+        usual = Noise(edges, log_std, {(f.name, response): 1.0 for f in flights})
+        for f, b, e, each in zip(flights, bins, left, free):
+            n = float(each.sum())
+            ratio = float(np.sum((e / usual.std(f, response, b)[1:]) ** 2) / max(n, 1e-9))
+            # Shrunk towards one: half a hundred coefficients tell a level to about a tenth.
+            level[f.name, response] = float(np.sqrt(np.clip((ratio * n / 20.0 + 1.0) / (n / 20.0 + 1.0), 0.25, 25.0)))
+
+    Parallel(n_jobs=2, prefer="threads")(delayed(listen)(c) for c in responses if c not in log_std)
+    return Noise(edges, log_std, level)
+
+
+def _generic(f: Flight, response: str) -> Array:
+    """Usual functions of the states of one flight and, for a coefficient, their recent past.
+
+    What a kinematic response is made of (the rate of incidence, and its recent past) would explain its own noise.
+    """
+    itself = _ITSELF.get(response, ())
+    rates = tuple(c for c in _GENERIC if c.endswith("_dot_hat") and (c in itself or response not in COEFFICIENTS))
+    usual = tuple(c for c in _GENERIC if c not in rates)
+    here = {c: f[c] - f[c].mean() for c in usual if c in f or c in f.channels}
+    columns = list(here.values())
+    columns += [here[a] * here[b] for a, b in _SQUARES if a in here and b in here]
+    for c in (c for c in _LAGGED if response in COEFFICIENTS and c not in itself):
+        for lag in _LAGS:
+            k = round(lag / f.dt)
+            if c in here:
+                columns.append(np.concatenate([np.full(k, here[c][0]), here[c][:-k]]) if 0 < k < len(f) else here[c])
+    if not columns:
+        columns = [f.channels[c] - f.channels[c].mean() for c in sorted(f.channels) if c not in f.responses]
+    return np.column_stack(columns) if columns else f.t[:, None]
+
+
+def _residual(
+    flights: Sequence[Flight],
+    bins: Sequence[int],
+    explained: Sequence[Mapping[str, Array]],
+    response: str,
+    edges: Array,
+    pool: Sequence[Array] | None,
+) -> tuple[list[Array], list[Array]]:
+    """What is left of one response's coefficients, and how free each was to be left.
+
+    `explained` is held to its priors, usual columns are not. Where few coefficients meet many columns, what is left
+    says little of the noise: at low frequencies above all.
+    """
+    y = np.concatenate([spectrum(f.difference[response], b, edge_of(f))[1:] for f, b in zip(flights, bins)])
+    X = np.vstack([spectrum(_generic(f, response), b, edge_of(f))[1:] for f, b in zip(flights, bins)])
+    Z = np.vstack([e[response][1:] for e in explained])
+    scale = np.sqrt((X**2).mean(axis=0))
+    X = X[:, scale > 0.0] / scale[scale > 0.0]
+    further = None if pool is None else np.vstack([p[1:] for p in pool])
+    cuts = np.cumsum(bins)[:-1]
+    weight = np.full(len(y), 1.0 / max(float(y.std()), 1e-300))
+    left, free = y, np.ones(len(y))
+    for turn in range(3):
+        k = X.shape[1]
+        rows = np.column_stack([X, Z]) * weight[:, None]
+        held_to = np.concatenate([np.full(k, 1e-3), np.ones(Z.shape[1])])
+        lower = cholesky(rows.T @ rows + np.diag(held_to), lower=True)
+        turned = solve_triangular(lower, rows.T, lower=True)
+        fit = solve_triangular(lower, turned @ (y * weight), lower=True, trans="T")
+        left = y - X @ fit[:k] - Z @ fit[k:]
+        free = 1.0 - (turned**2).sum(axis=0)
+        if turn < 2 and further is not None:
+            X = np.column_stack([X, further[:, _helpful(rows, left * weight, further, weight)]])
+        held = _smooth_spectrum(flights, bins, np.split(left, cuts), np.split(free, cuts), edges)
+        weight = np.concatenate(
+            [np.exp(-np.interp(np.log(frequencies(f, b)), np.log(edges), held)) for f, b in zip(flights, bins)]
+        )
+    return np.split(left, cuts), np.split(free, cuts)
+
+
+def _helpful(rows: Array, left: Array, further: Array, weight: Array) -> list[int]:
+    """Columns that lower what is left most, one after another, until none lowers it by more than chance."""
+    size = np.sqrt(weight**2 @ further**2)
+    alike = np.abs((left * weight) @ further) / np.where(size > 0.0, size, np.inf)
+    some = np.argsort(-alike)[:_SCREENED]
+    Q = np.linalg.qr(rows)[0]
+    F = further[:, some] * weight[:, None]
+    before = (F**2).sum(axis=0)
+    F = F - Q @ (Q.T @ F)
+    left = left - Q @ (Q.T @ left)
+    kept: list[int] = []
+    for _ in range(_PICKS):
+        power = (F**2).sum(axis=0)
+        free = power > 1e-3 * before
+        gain = np.where(free, (F.T @ left) ** 2 / np.where(free, power, 1.0), 0.0)
+        j = int(np.argmax(gain))
+        noise = float(left @ left) / max(1, len(left) - rows.shape[1])
+        if gain[j] < max(5.0 * np.log(further.shape[1] + 1.0) * noise, _WORTH * float(left @ left)):
+            break
+        kept.append(int(some[j]))
+        q = F[:, j] / np.sqrt(power[j])
+        left = left - q * (q @ left)
+        F = F - np.outer(q, q @ F)
+    return kept
+
+
+def _smooth_spectrum(
+    flights: Sequence[Flight], bins: Sequence[int], left: Sequence[Array], free: Sequence[Array], edges: Array
+) -> Array:
+    """Logarithm of the standard deviation at each edge, from the power around it over all flights."""
+    f = np.concatenate([frequencies(one, b) for one, b in zip(flights, bins)])
+    power, degrees = np.concatenate(left) ** 2, np.concatenate(free)
+    width = np.log(edges[1] / edges[0])
+    made = np.empty(len(edges))
+    for i, edge in enumerate(edges):
+        reach = 1.0
+        while True:
+            near = np.maximum(0.0, 1.0 - np.abs(np.log(f / edge)) / (reach * width))
+            if near @ degrees > 8.0 or reach > 20.0:
+                break
+            reach *= 1.5
+        made[i] = 0.5 * np.log(max(float(near @ power / max(near @ degrees, 1e-12)), 1e-300))
+    return np.maximum(made, made.max() - 16.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Turns arrays in time into white rows of one flight.
+
+    Attributes
+    ----------
+    flight : Flight
+    responses : tuple of str
+    bins : int
+    weight : mapping of response to (1 + bins,) array
+    projector : Projector
+    """
+
+    flight: Flight
+    responses: tuple[str, ...]
+    bins: int
+    weight: Mapping[str, Array]
+    projector: Projector
+
+    @classmethod
+    def of(cls, flight: Flight, responses: Sequence[str], noise: Noise, own: Mapping[str, Array]) -> Rows:
+        """Rows of a flight whose `own` nuisances' spectra (scaled by 1 sigma) are taken out."""
+        bins = bins_of(flight)
+        weight = {c: 1.0 / noise.std(flight, c, bins) for c in responses}
+        plain = cls(flight, tuple(responses), bins, weight, Projector.of(np.zeros(((bins + 1) * len(responses), 0))))
+        return cls(flight, tuple(responses), bins, weight, Projector.of(plain._stack(own, None)))
+
+    @property
+    def size(self) -> int:
+        """Rows of one response: its level and its coefficients."""
+        return self.bins + 1
+
+    def part(self, response: str) -> slice:
+        """Rows of one response."""
+        i = self.responses.index(response)
+        return slice(i * self.size, (i + 1) * self.size)
+
+    def _stack(self, spectra: Mapping[str, Array], width: int | None) -> Array:
+        """(rows, k) array of spectra, weighted; a response not there gives zeros."""
+        k = next((x.shape[1] for x in spectra.values()), 0) if width is None else width
+        made = np.zeros((self.size * len(self.responses), k))
+        for c in self.responses:
+            if c in spectra:
+                made[self.part(c)] = spectra[c] * self.weight[c][:, None]
+        return made
+
+    def whiten(self, spectra: Mapping[str, Array], width: int | None = None) -> Array:
+        """(rows, k) white rows of spectra by response."""
+        return self.projector(self._stack(spectra, width))
+
+    def against(self, several: Sequence[Mapping[str, Array]], width: int, Z: Array) -> list[Further]:
+        """Products of further spectra, each by itself, with columns of which `Z` holds the last as y.
+
+        Parameters
+        ----------
+        several : sequence of mapping of response to (bins, width) array
+        width : int
+        Z : (rows, k + 1) array
+            ``projector(projector(rows))``, so that the further columns need not be projected themselves.
+        """
+        n, basis = len(several), self.projector.basis
+        cross, inside = np.zeros((n, Z.shape[1], width)), np.zeros((n, basis.shape[1], width))
+        own = np.zeros((n, width, width))
+        for c in self.responses:
+            there = [k for k, one in enumerate(several) if c in one]
+            if not there:
+                continue
+            part = self.part(c)
+            h = np.hstack([several[k][c] for k in there]) * self.weight[c][:, None]
+            each = h.reshape(self.size, len(there), width).transpose(1, 0, 2)
+            own[there] += each.transpose(0, 2, 1) @ each
+            for told, columns in ((cross, Z[part]), (inside, basis[part])):
+                told[there] += (columns.T @ h).reshape(-1, len(there), width).transpose(1, 0, 2)
+        own -= inside.transpose(0, 2, 1) @ (self.projector.lost[:, None] * inside)
+        return [Further(x[:-1], o, x[-1]) for x, o in zip(cross, own)]
+
+    def difference(self) -> Array:
+        """(rows,) the differences themselves."""
+        edge = edge_of(self.flight)
+        told = {c: spectrum(self.flight.difference[c], self.bins, edge)[:, None] for c in self.responses}
+        return self.whiten(told)[:, 0]

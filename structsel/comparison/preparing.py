@@ -1,0 +1,175 @@
+"""Recordings and a simulation of any form, brought to flights that can be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from structsel.aircraft import Aircraft
+from structsel.comparison.checking import check_alike, check_flown, check_recorded
+from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
+from structsel.comparison.responses import COEFFICIENTS, Rate
+from structsel.comparison.simulations import Simulation, open_simulation
+from structsel.comparison.surrogate import Surrogate, find_surrogate, identify
+from structsel.errors import DataError
+from structsel.numerics.arrays import Array
+from structsel.recording import Recording
+
+_HELD = ("de", "da", "dr", "df", "throttle")
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Flights that carry both sides, and what was noticed on the way."""
+
+    flights: tuple[Flight, ...]
+    simulation: Simulation
+    remarks: tuple[str, ...]
+
+
+def prepare(
+    source: object, recordings: Sequence[Recording], craft: Aircraft, progress: Progress | None = None
+) -> Prepared:
+    """Bring recordings and a simulation together.
+
+    Raises
+    ------
+    DataError
+        Names, clocks or channels that do not match; nothing to compare.
+    ModelError
+        A simulation that cannot be opened.
+    """
+    if not recordings:
+        raise DataError("compare needs at least one recording.")
+    names = [r.name for r in recordings]
+    if twice := sorted({n for n in names if names.count(n) > 1}):
+        raise DataError(f"two recordings are called '{twice[0]}'. Rename one.")
+    check_recorded(recordings)
+    simulation = open_simulation(source, recordings, craft)
+    remarks: list[str] = []
+    tell = progress or (lambda what, done, of: None)
+    if simulation.form == "forced":
+        jobs = [delayed(prepare_flight)(r, craft, simulation.along[r.name]) for r in recordings]
+    else:
+        wanted = _wanted(recordings[0], craft)
+        jobs = [delayed(prepare_flight)(r, craft, {c: np.zeros(len(r)) for c in wanted}) for r in recordings]
+    flights: list[Flight] = []
+    # Threads do: the smoother is compiled, and lets others run meanwhile.
+    for made in Parallel(n_jobs=2, prefer="threads", return_as="generator")(jobs):
+        flights.append(made)
+        tell("smoothing", len(flights), len(recordings))
+    if simulation.form == "forced" and craft.simulation.states != "raw":
+        flights = [replace(f, apart=True) for f in flights]
+    elif simulation.form == "free":
+        check_flown(simulation.flown, recordings, simulation.name)
+        flights = _from_flights(flights, simulation, craft, remarks)
+    elif simulation.evaluate is not None:
+        flights = [_ask(f, simulation, r) for f, r in zip(flights, recordings)]
+    shared = [c for c in flights[0].simulated if all(c in f.simulated for f in flights)]
+    if not shared:
+        raise DataError("the simulation and the recordings have no response in common in all manoeuvres.")
+    flights = [replace(f, simulated={c: f.simulated[c] for c in shared}) for f in flights]
+    check_alike(flights, simulation.name)
+    if set(AIRFRAME) <= set(flights[0].channels) and set(shared) & set(COEFFICIENTS):
+        stand_in = find_surrogate(flights, [c for c in shared if c in COEFFICIENTS])
+        flights = [replace(f, surrogate=stand_in) for f in flights]
+    common = set.intersection(*(set(f.measured) for f in flights))
+    flights = [replace(f, measured={c: f.measured[c] for c in f.measured if c in common}) for f in flights]
+    return Prepared(tuple(flights), simulation, tuple(remarks))
+
+
+def _wanted(recording: Recording, craft: Aircraft) -> tuple[str, ...]:
+    have = [c for c, needs in (("CX", "ax"), ("CY", "ay"), ("CZ", "az")) if needs in recording]
+    if craft.inertia is not None:
+        have += [c for c, needs in (("Cl", "p"), ("Cm", "q"), ("Cn", "r")) if needs in recording]
+    return tuple(have)
+
+
+def smoothed_recording(flight: Flight, recording: Recording) -> Recording:
+    """The recording with its smooth channels in place of its raw ones."""
+    known = {**flight.channels, **flight.air}
+    smooth = {c: known[c] for c in recording.names if c in known}
+    return Recording(recording.name, recording.t, smooth, recording.units, recording.provenance)
+
+
+def _ask(flight: Flight, simulation: Simulation, recording: Recording) -> Flight:
+    assert simulation.evaluate is not None
+    told = simulation.evaluate(smoothed_recording(flight, recording))
+    held: dict[str, Array] = {}
+    for name, x in told.items():
+        if name not in flight.measured and name not in recording:
+            continue
+        values = np.broadcast_to(np.asarray(x, dtype=float), flight.t.shape)
+        if not np.isfinite(values).all():
+            i = int(np.argmin(np.isfinite(values)))
+            raise DataError(
+                f"the simulation gives {name} = {values[i]} in '{flight.name}' at t = {flight.t[i]:g} s.\n"
+                "It must hold at every recorded state: leave the manoeuvre out, or mend the simulation."
+            )
+        held[name] = np.array(values)
+    measured = {c: x for c, x in flight.measured.items() if c in held or c not in COEFFICIENTS}
+    for name in held:
+        if name not in measured:
+            measured[name] = np.asarray(recording[name])
+    return replace(flight, simulated=held, measured=measured)
+
+
+def _acted(x: Array, dt: float) -> Array:
+    """Rate of the integral of an input that was held over each sample."""
+    return Rate(dt)(dt * np.concatenate([[0.0], np.cumsum(x[:-1])]))
+
+
+def _told(flights: Sequence[Flight], stand_in: Surrogate, responses: Sequence[str]) -> list[dict[str, Array]]:
+    """What a stand-in says along flights, with inputs as read, or held over each sample: whichever comes nearer.
+
+    Inputs are not smoothed here: what jumps would be rounded, and they are read well beside how far they move.
+    """
+
+    def driven(held: bool) -> list[dict[str, Array]]:
+        made = []
+        for f in flights:
+            inputs = {c: _acted(f.raw[c], f.dt) if held else f.raw[c] for c in _HELD if c in f.raw}
+            plain = replace(f, channels={**f.channels, **f.air, **inputs})
+            made.append({c: stand_in.evaluate(plain, c) for c in responses})
+        return made
+
+    def off(told: Sequence[Mapping[str, Array]]) -> float:
+        power = [sum(float(np.var(f.measured[c] - t[c])) for f, t in zip(flights, told)) for c in responses]
+        return float(np.sum(np.log(power)))
+
+    return min(driven(False), driven(True), key=off)
+
+
+def _from_flights(
+    flights: Sequence[Flight], simulation: Simulation, craft: Aircraft, remarks: list[str]
+) -> list[Flight]:
+    """Coefficients along the recorded path of a simulation that flew by itself: identified from its own flights."""
+    own: list[Flight] = []
+    for f in flights:
+        flown = simulation.flown[f.name]
+        filled = {c: np.asarray(flown[c]) for c in flown.names}
+        # Inputs were held over each sample. Rates are differentiated: what acted is to be averaged in the same way.
+        filled |= {c: _acted(x, flown.dt) for c, x in filled.items() if c in _HELD}
+        for c in ("rho", "mass", "thrust", "throttle", "df", "gear", "h_agl", "rpm"):
+            if c not in filled and c in f.channels and len(flown) == len(f):
+                filled[c] = f.channels[c]
+        own.append(
+            prepare_flight(Recording(f.name, flown.t, filled), craft, {c: np.zeros(len(flown)) for c in f.simulated})
+        )
+    responses = [c for c in flights[0].simulated if all(c in o.measured for o in own)]
+    stand_in = identify(own, [o.measured for o in own], responses)
+    poor = [f"{c} ({stand_in.r2[c]:.0%})" for c in responses if stand_in.r2[c] < 0.9]
+    if poor:
+        remarks.append(
+            f"the simulation's own flights determine its {', '.join(poor)} only in part: they move too little there"
+        )
+    made = []
+    for f, told in zip(flights, _told(flights, stand_in, responses)):
+        measured: Mapping[str, Array] = {c: x for c, x in f.measured.items() if c in told or c not in COEFFICIENTS}
+        made.append(replace(f, simulated=told, measured=measured))
+    return made

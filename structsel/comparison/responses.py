@@ -1,0 +1,142 @@
+"""What is compared: coefficients, and how well the instruments agree with each other.
+
+A recording says twice what the aircraft did: its forces and moments, to be set against a simulation's, and the rates
+of its states, which kinematics ties to other channels whatever the air does. The second kind, named ``k_V``,
+``k_alpha``, ... shows what is wrong with an instrument, or with the air, and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from structsel.aircraft import Aircraft
+from structsel.numerics import rigid_body as rb
+from structsel.numerics.arrays import Array
+from structsel.numerics.differentiation import difference_weights
+from structsel.numerics.rigid_body.vectors import Three
+
+COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+KINEMATIC = {
+    "k_V": ("V", "ax", "theta"),
+    "k_alpha": ("V", "alpha", "q", "az", "theta"),
+    "k_beta": ("V", "beta", "p", "r", "ay", "phi"),
+    "k_phi": ("phi", "theta", "p", "q", "r"),
+    "k_theta": ("theta", "phi", "q"),
+    "k_psi": ("psi", "phi", "theta", "q", "r"),
+    "k_h": ("h", "V", "alpha", "theta"),
+    "k_vn": ("vn", "V", "alpha", "theta", "psi"),
+    "k_ve": ("ve", "V", "alpha", "theta", "psi"),
+    "k_vd": ("vd", "V", "alpha", "theta"),
+}
+"""Kinematic responses, and the channels that each cannot do without."""
+
+KINEMATIC_UNIT = {
+    "k_V": "m/s^2", "k_h": "m/s", "k_vn": "m/s", "k_ve": "m/s", "k_vd": "m/s",
+}  # fmt: skip
+"""Those not in rad/s."""
+
+
+_STENCIL = difference_weights(tuple(range(-3, 4)))
+_AT_START = np.array([difference_weights(tuple(range(-i, 5 - i))) for i in range(3)])
+
+
+class Rate:
+    """Time derivative of arrays on one even clock, of sixth order: within 1 % up to a sixth of the sampling rate.
+
+    Of fourth order at the three samples next to either end.
+    """
+
+    def __init__(self, dt: float):
+        self.dt = dt
+
+    def __call__(self, x: Array) -> Array:
+        """Derivative of (n,) or (n, k) samples [unit of x / s]."""
+        made = np.empty(x.shape)
+        made[:3] = _AT_START @ x[:5]
+        made[-3:] = -(_AT_START @ x[:-6:-1])[::-1]
+        middle = made[3:-3]
+        middle[...] = 0.0
+        for k, weight in enumerate(_STENCIL):
+            if weight:
+                middle += weight * x[k : len(x) - 6 + k]
+        made /= self.dt
+        return made
+
+
+def respond(ch: Mapping[str, Array], craft: Aircraft, dt: float, wanted: tuple[str, ...]) -> dict[str, Array]:
+    """Coefficients and kinematic residuals of channels taken at their word.
+
+    Parameters
+    ----------
+    ch : mapping of channel to (n,) or (n, k) array [SI]
+        ``V alpha beta p q r phi theta psi ax ay az`` (zero where the recording has none), ``p_dot q_dot r_dot``,
+        ``qbar_ratio`` (qbar over 0.5 rho V^2), ``rho``, ``thrust``, ``mass``, and ``h vn ve vd`` as far as wanted.
+    craft : Aircraft
+    dt : float [s]
+    wanted : tuple of str
+        Names among `COEFFICIENTS` and `KINEMATIC`.
+    """
+    d = Rate(dt)
+    made: dict[str, Array] = {}
+    rates = (ch["p"], ch["q"], ch["r"])
+    turning = (ch["p_dot"], ch["q_dot"], ch["r_dot"])
+    V, alpha, beta = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, tuple(craft.position("vane")))
+    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, tuple(craft.position("accelerometer")))
+    qbar = ch["qbar_ratio"] * 0.5 * ch["rho"] * V**2
+    if any(name in wanted for name in COEFFICIENTS[:3]):
+        made |= zip(
+            ("CX", "CY", "CZ"),
+            rb.force_coefficients(*force, qbar, ch["mass"], craft.S, ch["thrust"], craft.thrust.inclination),
+        )
+    if craft.inertia is not None and any(name in wanted for name in COEFFICIENTS[3:]):
+        made |= zip(
+            ("Cl", "Cm", "Cn"),
+            rb.moment_coefficients(
+                rates, turning, qbar, craft.inertia.tensor, craft.S, craft.b, craft.cbar, ch["thrust"],
+                craft.thrust.offset, craft.thrust.inclination, craft.engine.angular_momentum,
+            ),
+        )  # fmt: skip
+    if any(name in wanted for name in KINEMATIC):
+        made |= _kinematics(ch, d, (V, alpha, beta), force)
+    return {name: made[name] for name in wanted}
+
+
+def told_rates(ch: Mapping[str, Array], air: Three, force: Three) -> dict[str, Array]:
+    """Rates of V, alpha, beta and of the Euler angles as specific force and body rates foretell them.
+
+    Parameters
+    ----------
+    ch : mapping of channel to (n,) array
+    air : V, alpha, beta at the centre of gravity
+    force : specific force there
+    """
+    V, alpha, beta = air
+    rates = (ch["p"], ch["q"], ch["r"])
+    u, v, w = rb.body_velocity(V, alpha, beta)
+    u_dot, v_dot, w_dot = rb.velocity_derivative((u, v, w), rates, force, ch["phi"], ch["theta"])
+    level = u**2 + w**2
+    V_dot = (u * u_dot + v * v_dot + w * w_dot) / V
+    turned = rb.euler_rates(*rates, ch["phi"], ch["theta"])
+    return {
+        "V": V_dot,
+        "alpha": (u * w_dot - w * u_dot) / level,
+        "beta": (v_dot - v * V_dot / V) / np.sqrt(level),
+    } | dict(zip(("phi", "theta", "psi"), turned))
+
+
+def _kinematics(ch: Mapping[str, Array], d: Rate, air: Three, force: Three) -> dict[str, Array]:
+    V, alpha, beta = air
+    phi, theta, psi = ch["phi"], ch["theta"], ch["psi"]
+    told = told_rates(ch, air, force)
+    read = {"V": V, "alpha": alpha, "beta": beta, "phi": phi, "theta": theta, "psi": psi}
+    made = {f"k_{name}": d(x) - told[name] for name, x in read.items()}
+    velocity = np.stack(np.broadcast_arrays(*rb.body_velocity(V, alpha, beta)), axis=-1)
+    ground = np.einsum("...ij,...j->...i", rb.body_to_earth(phi, theta, psi), velocity)
+    if "h" in ch:
+        made["k_h"] = d(ch["h"]) + ground[..., 2]
+    for i, name in enumerate(("vn", "ve", "vd")):
+        if name in ch:
+            made[f"k_{name}"] = ch[name] - ground[..., i]
+    return made

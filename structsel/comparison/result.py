@@ -1,0 +1,141 @@
+"""What a comparison found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.locating.changes import Change, Window
+from structsel.comparison.locating.character import Character
+from structsel.comparison.locating.coherence import Coherence
+from structsel.comparison.locating.refitted import Refitted
+from structsel.comparison.locating.region import Bound
+from structsel.comparison.locating.turbulence import Turbulence
+from structsel.rich_text import opening, to_html
+
+_SHOWN = 4
+_PULLED = 2.5  # standard deviations, beyond which a tolerance is said to be exceeded
+
+
+@dataclass(frozen=True)
+class Size:
+    """Root mean squares of one response in the compared band, constant offsets aside.
+
+    Attributes
+    ----------
+    measured, difference : float
+    refitted : float
+        What refitting within tolerances leaves of the difference.
+    noise : float
+        Of what no usual function of the states explains either.
+    """
+
+    measured: float
+    difference: float
+    refitted: float
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Mismatch:
+    """How a simulation and recordings part.
+
+    Attributes
+    ----------
+    form : str
+        Of the simulation.
+    simulation : str
+    recordings : tuple of str
+    sizes : mapping of response to Size
+    windows : tuple of Window
+        In which more is left than usual, of what tolerances do not explain.
+    intervals : mapping of recording to stretches [s]
+        The same, all responses together.
+    region : mapping of channel to Bound
+        That bound those stretches.
+    changes : tuple of Change
+    coherences : tuple of Coherence
+    characters : tuple of Character
+    explainable : mapping of response to float
+        Share of the difference's variance that a learner foretells on manoeuvres it has not seen.
+    turbulence : Turbulence or None
+    pulls : tuple of (tolerance, sigmas)
+    remarks : tuple of str
+    flights : tuple of Flight
+    refitted : Refitted
+    """
+
+    form: str
+    simulation: str
+    recordings: tuple[str, ...]
+    sizes: Mapping[str, Size]
+    windows: tuple[Window, ...]
+    intervals: Mapping[str, tuple[tuple[float, float], ...]]
+    region: Mapping[str, Bound]
+    changes: tuple[Change, ...]
+    coherences: tuple[Coherence, ...]
+    characters: tuple[Character, ...]
+    explainable: Mapping[str, float]
+    turbulence: Turbulence | None
+    pulls: tuple[tuple[str, float], ...]
+    remarks: tuple[str, ...]
+    flights: tuple[Flight, ...] = field(repr=False)
+    refitted: Refitted = field(repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers and words, without time histories."""
+        return {
+            "form": self.form,
+            "simulation": self.simulation,
+            "recordings": list(self.recordings),
+            "sizes": {c: asdict(s) for c, s in self.sizes.items()},
+            "windows": [asdict(w) for w in self.windows],
+            "intervals": {name: [list(s) for s in each] for name, each in self.intervals.items()},
+            "region": {c: asdict(b) for c, b in self.region.items()},
+            "changes": [asdict(c) for c in self.changes],
+            "coherence": [
+                {"response": c.response, "channel": c.channel, "share": c.share, "peak": c.peak}
+                for c in self.coherences
+                if c.significant
+            ],
+            "character": [asdict(c) for c in self.characters if c.significant],
+            "explainable": dict(self.explainable),
+            "turbulence": None if self.turbulence is None else asdict(self.turbulence),
+            "tolerances": [{"name": n, "sigmas": s} for n, s in self.pulls],
+            "remarks": list(self.remarks),
+        }
+
+    def _repr_html_(self) -> str:
+        rows = [{"response": c, **asdict(s), "explainable": self.explainable.get(c)} for c, s in self.sizes.items()]
+        return to_html(rows, opening(self), (*self._found(), *self.remarks), digits=3)
+
+    def __str__(self) -> str:
+        lines = [f"{self.simulation} ({self.form}) against {len(self.recordings)} recordings", ""]
+        lines.append(f"{'':10}{'measured':>11}{'difference':>12}{'refitted':>11}{'noise':>11}{'explainable':>13}")
+        for c, s in self.sizes.items():
+            share = f"{self.explainable[c]:.0%}" if c in self.explainable else "-"
+            lines.append(f"{c:10}{s.measured:11.3g}{s.difference:12.3g}{s.refitted:11.3g}{s.noise:11.3g}{share:>13}")
+        lines += ["", *self._found()]
+        return "\n".join([*lines, *(f"Note: {r}." for r in self.remarks)])
+
+    def _found(self) -> list[str]:
+        made = []
+        for c in self.characters[:_SHOWN]:
+            if c.significant:
+                made.append(f"{c.response}: {c.kind}, {c.share:.0%} of what is left (p = {c.p:.2g})")
+        for d in self.changes[:_SHOWN]:
+            made.append(f"{d.response} steps by {d.step:.3g} +- {d.std:.1g} in '{d.flight}' at {d.time:.1f} s")
+        seconds = sum(b - a for each in self.intervals.values() for a, b in each)
+        if seconds:
+            bounds = ", ".join(f"{c} {b.low:.3g} to {b.high:.3g}" for c, b in self.region.items())
+            made.append(f"more is left than usual in {seconds:.0f} s" + (f", where {bounds}" if bounds else ""))
+        for x in [x for x in self.coherences if x.significant][:_SHOWN]:
+            made.append(f"{x.response} goes with {x.channel}: {x.share:.0%} of its power, most at {x.peak:.2g} Hz")
+        exceeded = [f"{n} ({s:+.1f})" for n, s in self.pulls if abs(s) > _PULLED]
+        if exceeded:
+            made.append("tolerances exceeded, in standard deviations: " + ", ".join(exceeded[:_SHOWN]))
+        if self.turbulence is not None:
+            made.append(self.turbulence.says)
+        return made or ["nothing stands out beyond tolerances and noise"]

@@ -1,0 +1,279 @@
+"""A stand-in for the simulation: few terms of the states, so that slopes and single terms can be had.
+
+Whatever form a simulation comes in, its coefficients along the recorded paths are regressed on polynomials of the
+recorded states. The stand-in is used for what wrong states would have done to the simulation, and for what its stated
+tolerances allow, never for the difference itself (but for a free simulation, which says nothing at recorded states).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.numerics.arrays import Array
+
+CONFIGURATION = ("df", "gear", "brake", "speedbrake", "speed_brake", "spoiler", "flap", "slat")
+"""Channels of what is let down, or held into the stream, now and then."""
+_LINEAR = (
+    "alpha", "beta", "abs(beta)", "p_hat", "q_hat", "r_hat", "de", "da", "dr", *CONFIGURATION, "CT", "V",
+    "alpha_dot_hat",
+)  # fmt: skip
+_SECOND = (
+    ("alpha", "alpha"), ("beta", "beta"), ("alpha", "beta"), ("alpha", "p_hat"), ("alpha", "r_hat"),
+    ("alpha", "q_hat"), ("alpha", "de"), ("alpha", "da"), ("alpha", "dr"), ("de", "de"), ("alpha", "V"), ("de", "V"),
+    ("beta", "V"), ("alpha", "df"), ("alpha", "CT"), ("de", "CT"), ("V", "V"), ("alpha", "alpha", "alpha"),
+    ("beta", "beta", "beta"), ("beta", "beta", "de"), ("alpha", "alpha", "CT"), ("CT", "CT"),
+    ("da", "V"), ("dr", "V"), ("p_hat", "V"), ("dr", "CT"), ("beta", "CT"),
+)  # fmt: skip
+_HATS = {"p_hat": "p", "q_hat": "q", "r_hat": "r"}
+_TINY = 1e-9
+_VANES = ("alpha", "beta")
+_STATES, _DRIVEN = ("V", "alpha", "beta", "p", "q", "r"), ("de", "da", "dr", *CONFIGURATION, "thrust", "throttle")
+_ENOUGH = 4000  # samples
+_ROUNDS = 3
+_LEAST = 0.02  # of what samples count, that flights' levels count at least
+_RIDGE = 1e-2  # of each column
+_SHARE, _CLEAR = 1e-5, 20.0
+"""What a term must carry: of the variance, and of the mean square that is left."""
+_RATE_WORTH, _SPEED_WORTH, _WRONG_SIDE = 0.002, 0.2, 0.05
+_SIDEWAYS = {"beta", "p_hat", "r_hat", "da", "dr"}
+_OF_SIDES = ("CY", "Cl", "Cn")
+
+
+@dataclass(frozen=True, eq=False)
+class Surrogate:
+    """Terms and values by response.
+
+    Attributes
+    ----------
+    centre, scale : mapping of channel to float
+        Channels enter as (x - centre) / scale.
+    terms : mapping of response to tuple of tuple of str
+        Each a product of channels.
+    values : mapping of response to (k,) array
+    constant : mapping of response to float
+    r2 : mapping of response to float
+        Of the simulation's variance.
+    at_cg : bool
+        alpha and beta are those at the centre of gravity, not as read at the vanes.
+    """
+
+    centre: Mapping[str, float]
+    scale: Mapping[str, float]
+    terms: Mapping[str, tuple[tuple[str, ...], ...]]
+    values: Mapping[str, Array]
+    constant: Mapping[str, float]
+    r2: Mapping[str, float]
+    at_cg: bool = False
+
+    def unit(self, flight: Flight, channel: str) -> Array:
+        """Channel, centred and scaled."""
+        x = flight.at_cg[channel] if self.at_cg and channel in _VANES else flight[channel]
+        return (x - self.centre[channel]) / self.scale[channel]
+
+    def column(self, flight: Flight, term: Sequence[str]) -> Array:
+        """One term along a flight."""
+        made = np.ones(len(flight))
+        for channel in term:
+            made = made * self.unit(flight, channel)
+        return made
+
+    def evaluate(self, flight: Flight, response: str) -> Array:
+        """Response along a flight."""
+        made = np.full(len(flight), self.constant[response])
+        for term, value in zip(self.terms[response], self.values[response]):
+            made = made + value * self.column(flight, term)
+        return made
+
+    def slope(self, flight: Flight, response: str, channel: str) -> Array:
+        """Derivative by a recorded channel (of V: rates in their hats and all)."""
+        made = np.zeros(len(flight))
+        if response not in self.terms:
+            return made
+        for term, value in zip(self.terms[response], self.values[response]):
+            for i, factor in enumerate(term):
+                inner = self._inner(flight, factor, channel)
+                if inner is not None:
+                    rest = [*term[:i], *term[i + 1 :]]
+                    made = made + value * self.column(flight, rest) * inner / self.scale[factor]
+        return made
+
+    def _inner(self, flight: Flight, factor: str, channel: str) -> Array | float | None:
+        if factor == channel:
+            return 1.0
+        if self.at_cg and (arm := _arm(flight, factor, channel)):
+            return arm / flight["V"]
+        if factor == "abs(beta)" and channel == "beta":
+            return np.sign(flight["beta"])
+        length = flight.craft.cbar if factor == "q_hat" else flight.craft.b
+        if _HATS.get(factor) == channel:
+            return length / (2.0 * flight["V"])
+        if channel == "V" and factor in _HATS:
+            return -flight[factor] / flight["V"]
+        if channel == "V" and factor == "CT":
+            return -2.0 * flight["CT"] / flight["V"]
+        return None
+
+
+def _arm(flight: Flight, factor: str, channel: str) -> float:
+    """Metres by which an angle at the centre of gravity is off the vane's, for a turning rate over the airspeed."""
+    x, y, z = flight.craft.position("vane")
+    return float(
+        {("alpha", "q"): x, ("alpha", "p"): -y, ("beta", "r"): -x, ("beta", "p"): z}.get((factor, channel), 0.0)
+    )
+
+
+def find_surrogate(flights: Sequence[Flight], responses: Sequence[str]) -> Surrogate:
+    """Stand-in for what the flights' simulation says of `responses`, by the states that it was most likely asked at.
+
+    These are the channels smoothed, or with the gusts that stand out of the noise, or as read, at the vanes or carried
+    to the centre of gravity: whichever leave least of what the simulation says.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+        Of one aircraft, with what the simulation says.
+    responses : sequence of str
+
+    Returns
+    -------
+    Surrogate
+    """
+    told = [f.simulated for f in flights]
+    # Controls jump, and are read well beside how far they move: smoothing would round them.
+    driven = [{c: f.raw[c] for c in _DRIVEN if c in f.raw} for f in flights]
+    gusty = [{**f.air, **m} for f, m in zip(flights, driven)]
+    read = [{**m, **{c: f.raw[c] for c in _STATES if c in f.raw}} for f, m in zip(flights, driven)]
+    tried = []
+    for more in (driven, gusty, read):
+        asked = [replace(f, channels={**f.channels, **m}) for f, m in zip(flights, more)]
+        tried.append(identify(asked, told, responses))
+        if np.any(flights[0].craft.position("vane")):
+            tried.append(identify(asked, told, responses, at_cg=True))
+    return min(tried, key=lambda s: sum(np.log(max(1.0 - s.r2[c], _TINY)) for c in responses))
+
+
+def identify(
+    flights: Sequence[Flight],
+    simulated: Sequence[Mapping[str, Array]],
+    responses: Sequence[str],
+    *,
+    at_cg: bool = False,
+) -> Surrogate:
+    """Stand-in for what a simulation says of `responses`.
+
+    Orthogonal functions, each of which must carry its share of the variance, all flights together.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+        Whose channels the simulation answers to.
+    simulated : sequence of mapping of response to (n,) array
+    responses : sequence of str
+    at_cg : bool
+        Of alpha and beta at the centre of gravity, not of those as read.
+    """
+    if at_cg:
+        flights = [replace(f, channels={**f.channels, **f.at_cg}) for f in flights]
+    linear = [c for c in _LINEAR if all(c in f or c in f.channels for f in flights) and _moves(flights, c)]
+    together = {c: np.concatenate([f[c] for f in flights]) for c in linear}
+    centre = {c: float(x.mean()) for c, x in together.items()}
+    scale = {c: float(x.std()) for c, x in together.items()}
+    pool = [(c,) for c in linear] + [s for s in _SECOND if set(s) <= set(linear)]
+    step = max(1, sum(map(len, flights)) // _ENOUGH)
+    counts = [len(range(0, len(f), step)) for f in flights]
+    ends = np.cumsum(counts)[:-1]
+    bare = Surrogate(centre, scale, {}, {}, {}, {})
+    columns = [np.concatenate([bare.column(f, term)[::step] for f in flights]) for term in pool]
+    X = np.reshape(columns, (len(pool), sum(counts))).T
+    told = {c: np.concatenate([s[c][::step] for s in simulated]) for c in responses}
+    products = _Products.of(np.column_stack([np.ones(len(X)), X, *told.values()]), ends)
+    # The rate of incidence is the pitch rate and what CZ makes of it: with it, anything would fit. Trimmed flight ties
+    # airspeed to incidence.
+    liking = np.array([_RATE_WORTH if "alpha_dot_hat" in t else _SPEED_WORTH if "V" in t else 1.0 for t in pool])
+    terms, values, constant, r2 = {}, {}, {}, {}
+    # An aircraft is nearly the same on both sides: what is odd in one of its halves is not even in the other.
+    odd = np.array([sum(c in _SIDEWAYS for c in term) % 2 == 1 for term in pool])
+    for i, (response, y) in enumerate(told.items(), 1 + len(pool)):
+        alike = (odd == (response in _OF_SIDES)) if response in COEFFICIENTS else np.ones(len(pool), dtype=bool)
+        mine = products.of_columns([*range(1 + len(pool)), i])
+        kept, fit = _fit(X, y, mine, ends, np.where(alike, liking, _WRONG_SIDE * liking))
+        left = y - fit[0] - X[:, kept] @ fit[1:]
+        total = float(((y - y.mean()) ** 2).sum())
+        terms[response] = tuple(pool[j] for j in kept)
+        values[response] = fit[1:]
+        constant[response] = float(fit[0])
+        r2[response] = 1.0 - float(left @ left) / total if total > 0.0 else 1.0
+    return replace(bare, terms=terms, values=values, constant=constant, r2=r2, at_cg=at_cg)
+
+
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Sums of products of columns: of what moves in each flight, and of its levels, (k, k) each; and of how many."""
+
+    moving: Array
+    levels: Array
+    samples: int
+
+    @classmethod
+    def of(cls, columns: Array, ends: NDArray[np.intp]) -> _Products:
+        parts = np.split(columns, ends)
+        means = np.stack([part.mean(axis=0) for part in parts])
+        moving = sum((part - mean).T @ (part - mean) for part, mean in zip(parts, means))
+        count = np.array([len(part) for part in parts])
+        return cls(np.asarray(moving), (means * count[:, None]).T @ means, len(columns) + len(parts))
+
+    def of_columns(self, some: Sequence[int]) -> _Products:
+        """Of some of the columns."""
+        return replace(self, moving=self.moving[np.ix_(some, some)], levels=self.levels[np.ix_(some, some)])
+
+
+def _fit(X: Array, y: Array, products: _Products, ends: NDArray[np.intp], liking: Array) -> tuple[list[int], Array]:
+    """Columns kept, and the constant with their values, by least squares with levels weighted by what is left of them.
+
+    A simulation asked at states with other biases than those read leaves a level in each flight. Taken for noise of
+    independent samples, levels let columns in that are not there, and share out wrongly between columns that are alike.
+    """
+    level = 1.0
+    for _ in range(_ROUNDS):
+        S = products.moving + level * products.levels  # of the constant, the columns, and y
+        kept = _choose((S - np.outer(S[0], S[0]) / S[0, 0])[1:, 1:], products.samples, liking)
+        basis = [0, *(1 + j for j in kept)]
+        # A touch of ridge: columns that nearly coincide share their effect instead of cancelling it.
+        ridge = _RIDGE**2 * np.diag(S)[basis] * (np.arange(len(basis)) > 0)
+        fit = np.linalg.solve(S[np.ix_(basis, basis)] + np.diag(ridge), S[basis, -1])
+        left = np.split(y - fit[0] - X[:, kept] @ fit[1:], ends)
+        levels = sum(len(x) * x.mean() ** 2 for x in left) / len(left)
+        moving = sum(float(x.var()) * len(x) for x in left) / len(y)
+        level = float(np.clip(moving / levels, _LEAST, 1.0)) if levels > 0.0 else 1.0
+    return kept, np.asarray(fit, dtype=float)
+
+
+def _moves(flights: Sequence[Flight], channel: str) -> bool:
+    x = np.concatenate([f[channel] for f in flights])
+    return float(x.std()) > _TINY * max(1.0, float(np.abs(x).max()))
+
+
+def _choose(S: Array, samples: int, liking: Array) -> list[int]:
+    """Columns that carry their share of the variance of y, largest gain first, from products of them and, last, y."""
+    S, size, total = S.copy(), np.diag(S)[:-1].copy(), float(S[-1, -1])
+    if not size.size or total <= 0.0:
+        return []
+    kept: list[int] = []
+    # Much of what a stand-in leaves is what its form misses, not noise: a term must also carry its share.
+    while len(kept) < min(len(size), 20):
+        norms, with_y = np.diag(S)[:-1], S[:-1, -1]
+        free = norms > 1e-6 * size
+        gains = np.where(free, with_y**2 / np.where(free, norms, 1.0), 0.0)
+        j = int(np.argmax(gains * liking))
+        if gains[j] * liking[j] < _SHARE * total or gains[j] < _CLEAR * float(S[-1, -1]) / samples:
+            break
+        kept.append(j)
+        S = S - np.outer(S[j], S[j]) / norms[j]
+        S[j] = S[:, j] = 0.0
+    return kept

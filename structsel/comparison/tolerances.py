@@ -1,0 +1,287 @@
+"""What stated tolerances of the simulation and of the instruments allow, as columns with priors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structsel.aircraft import Tolerances
+from structsel.comparison.flight import Flight
+from structsel.comparison.plant import find_plant
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.comparison.sensitivity import asked_wrongly, misread, reading
+from structsel.numerics import rigid_body as rb
+from structsel.numerics.arrays import Array
+
+MAIN = {
+    ("CX", "alpha"), ("CZ", "alpha"), ("CY", "beta"), ("Cl", "beta"), ("Cl", "p_hat"), ("Cl", "da"), ("Cm", "alpha"),
+    ("Cm", "q_hat"), ("Cm", "de"), ("Cn", "beta"), ("Cn", "r_hat"), ("Cn", "dr"),
+}  # fmt: skip
+"""Derivatives that a simulation is expected to hold best."""
+
+_SAMPLING = 0.25  # of a sampling interval
+_FREE = 30.0  # times the usual tolerance, where one is stated to be free
+_USUAL = Tolerances()
+_TURNED = ("alpha", "beta", "phi", "theta", "psi", "de", "da", "dr")
+_BIAS = {"V": 0.3, "p": 0.001, "q": 0.001, "r": 0.001, "ax": 0.05, "ay": 0.05, "az": 0.05}
+_UNSTATED = 0.005  # rad
+_JUMPING = ("de", "da", "dr", "df", "throttle")
+_WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
+_ASKED = ("V", "alpha", "beta", "de", "da", "dr")
+_JUMP, _ABOVE = 0.08, 3.0  # of a channel's span, and of the changes about it, above which a change is a jump
+_MOST_JUMPS = 12
+_SCALED = {"alpha": 1.0, "beta": 1.0, "V": 0.5, "phi": 0.5, "theta": 0.5, "psi": 0.5}
+"""Of the stated tolerance: less for an airspeed system and a gyro that holds attitude than for a vane in its upwash."""
+_LATE = (
+    ("V",), ("alpha",), ("beta",), ("phi", "theta", "psi"), ("p", "q", "r"), ("ax", "ay", "az"), ("de", "da", "dr"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """One thing that may be off, and by how much.
+
+    Attributes
+    ----------
+    name : str
+    sd : float
+        1 sigma, in `unit`.
+    unit : str
+    columns : mapping of response to (n,) array, one mapping per flight
+        What one `unit` of it adds to measured less simulated.
+    least : float
+        Part of `sd` that does not come of a stated tolerance: sampling, noise in the states.
+    delivered : bool
+        Whether it is free in a simulation taken as delivered: of how it is sampled and asked, not of what it says.
+    """
+
+    name: str
+    sd: float
+    unit: str
+    columns: Sequence[Mapping[str, Array]]
+    least: float = 0.0
+    delivered: bool = False
+
+    def scale(self, share: float) -> float:
+        """Factor on `sd` where things are off by a share of the stated tolerances."""
+        least = min(1.0, self.least / self.sd)
+        return math.sqrt(least**2 + share**2 * (1.0 - least**2))
+
+
+def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
+    """Everything common to all flights that tolerances allow to be off.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+        Of one aircraft, with a stand-in of the simulation.
+    """
+    first = flights[0]
+    stated = first.craft.tolerances
+    made: list[Nuisance] = []
+
+    def add(
+        name: str, key: str, unit: str, columns: Sequence[Mapping[str, Array]], factor: float = 1.0, least: float = 0.0
+    ) -> None:
+        sd = math.hypot(_sd(stated, key) * factor, least)
+        if sd > 0.0 and _acts(columns):
+            made.append(Nuisance(name, sd, unit, columns, least, least > 0.0))
+
+    for response in first.simulated:
+        if response not in COEFFICIENTS:
+            wrong = {"scale": [f.simulated[response] for f in flights], **find_plant(flights, response).errors(flights)}
+            for what, told in wrong.items():
+                add(f"{response}: {what}", "main", "relative", [{response: x} for x in told])
+            continue
+        if first.surrogate is None:
+            continue
+        for term, value in zip(first.surrogate.terms[response], first.surrogate.values[response]):
+            name = "*".join(term)
+            key = "main" if (response, name) in MAIN else "secondary"
+            each = [{response: value * f.surrogate.column(f, term)} for f in flights if f.surrogate is not None]
+            add(f"{response}: {name}", key, "relative", each)
+        rest = [{response: f.simulated[response] - f.surrogate.evaluate(f, response)} for f in flights if f.surrogate]
+        level = float(np.sqrt(np.mean([np.mean(f.simulated[response] ** 2) for f in flights])))
+        add(f"{response}: 1", "secondary", "-", [{response: np.ones(len(f))} for f in flights], level)
+        # What the states as we have them do not give may be the noise of the states it was asked at.
+        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0, True))
+    if not set(COEFFICIENTS) & set(first.simulated):
+        return made
+    add("mass", "mass", "relative", [mass_columns(f) for f in flights])
+    for axis in ("Ix", "Iy", "Iz"):
+        add(f"inertia {axis}", "inertia", "relative", [inertia_columns(f, axis) for f in flights])
+    for k, axis in enumerate("xyz"):
+        add(f"centre of gravity {axis}", "cg", "chords", [offset_columns(f, k) for f in flights])
+    add("thrust", "thrust", "relative", [thrust_columns(f) for f in flights])
+    for channel, share in _SCALED.items():
+        if all(channel in f.recorded for f in flights):
+            add(
+                f"{channel} scale",
+                "vane_scale",
+                "relative",
+                [misread(f, **{channel: f[channel]}) for f in flights],
+                share,
+            )
+    for one, other in (("ax", "az"), ("ax", "ay"), ("ay", "az"), ("p", "r"), ("p", "q"), ("q", "r")):
+        each = [misread(f, **{one: reading(f, other), other: -reading(f, one)}) for f in flights]
+        add(f"{one} and {other} turned", "alignment", "rad", each)
+    # Nothing recorded at intervals is registered better than to a fraction of one.
+    timing = _SAMPLING * float(np.median([f.dt for f in flights]))
+    for channels in _LATE:
+        here = [c for c in channels if all(c in f.recorded for f in flights)]
+        if here:
+            each = [misread(f, **{c: -f.rate(reading(f, c)) for c in here}) for f in flights]
+            add(f"{', '.join(here)} late", "delay", "s", each, least=timing)
+    for group in (COEFFICIENTS[:3], COEFFICIENTS[3:]):
+        each = [{c: f.rate(f.simulated[c]) for c in group if c in f.simulated} for f in flights]
+        add(f"simulated {', '.join(group)} late", "delay", "s", each, least=timing)
+    made += _held(flights, timing)
+    made += _noise_asked_at(flights)
+    for k, axis in enumerate("xyz"):
+        add(f"accelerometer {axis}", "lever_arm", "m", [accelerometer_moved(f, k) for f in flights])
+        if axis != "y":
+            add(f"vane {axis}", "lever_arm", "m", [vane_moved(f, k) for f in flights])
+    return made
+
+
+def _acts(columns: Sequence[Mapping[str, Array]]) -> bool:
+    return any(np.any(x) for one in columns for x in one.values())
+
+
+def _held(flights: Sequence[Flight], timing: float) -> list[Nuisance]:
+    """What holding inputs over each sample, and averaging over steps in between, does to each response by itself."""
+    sd = 4.0 * timing**2
+    told = [c for c in COEFFICIENTS if c in flights[0].simulated]
+    turns = {c: [{c: f.rate(f.rate(f.simulated[c]))} for f in flights] for c in told}
+    return [Nuisance(f"{c} over a step", sd, "s^2", turns[c], sd, True) for c in told]
+
+
+def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
+    """What the noise of readings made a simulation answer that was asked at them, and not the aircraft.
+
+    In a surface that hardly moves it would pass for dead play, and as a drive for anything that rings.
+    """
+    made = []
+    for c in _ASKED:
+        if all(c in f.recorded for f in flights):
+            noise = [f.raw[c] - f.air.get(c, f.channels[c]) for f in flights]
+            each = [{r: a * x for r, a in asked_wrongly(f, c).items()} for f, x in zip(flights, noise)]
+            if _acts(each):
+                made.append(Nuisance(f"noise of {c}", 1.0, "relative", each, 1.0, True))
+    return made
+
+
+def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
+    """Constant errors of one flight's instruments: name, 1 sigma, and what one unit does."""
+    if not set(COEFFICIENTS) & set(flight.simulated):
+        size = {c: float(np.ptp(flight.measured[c])) for c in flight.simulated}
+        return [(f"{c}: offset", size[c], {c: np.ones(len(flight))}) for c in size]
+    turned = _sd(flight.craft.tolerances, "alignment") or _UNSTATED
+    sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS}
+    made: list[tuple[str, float, Mapping[str, Array]]] = []
+    made += ((c, sd, x) for c, sd in sizes.items() if c in flight.recorded for x in _biased(flight, c))
+    for c in _JUMPING:
+        made += ((f"when {c} jumps", _WITHIN_SAMPLE, misread(flight, **{c: jump})) for jump in _jumps(flight, c))
+    return made
+
+
+def _biased(flight: Flight, channel: str) -> list[Mapping[str, Array]]:
+    """What a unit of constant error of a reading does; what it does to a simulation asked elsewhere, by itself."""
+    whole = misread(flight, **{channel: 1.0})
+    if not flight.apart:
+        return [whole]
+    asked = asked_wrongly(flight, channel)
+    read = {c: left for c, x in whole.items() if np.any(left := x - asked.get(c, 0.0))}
+    return [columns for columns in (read, asked) if columns]
+
+
+def _jumps(flight: Flight, channel: str) -> list[Array]:
+    """Each jump of an input by itself, at the sample that first shows it: it may have come anywhere since the last.
+
+    Were it later by a part of a sampling interval, the input would have been that part of the jump less there.
+    """
+    if channel not in flight.recorded or not np.ptp(flight.raw[channel]):
+        return []
+    steps = np.diff(flight.raw[channel])
+    size = np.abs(steps)
+    beside = np.maximum(np.concatenate([[0.0, 0.0], size[:-2]]), np.concatenate([size[2:], [0.0, 0.0]]))
+    jumps = np.flatnonzero((size > _JUMP * np.ptp(flight.raw[channel])) & (size > _ABOVE * beside))
+    found = jumps[np.argsort(-size[jumps])][:_MOST_JUMPS]
+    return [np.where(np.arange(len(flight)) == k + 1, steps[k], 0.0) for k in found]
+
+
+def _sd(stated: Tolerances, key: str) -> float:
+    value = getattr(stated, key)
+    if value == "exact":
+        return 0.0
+    return _FREE * float(getattr(_USUAL, key)) if value == "free" else float(value)
+
+
+def mass_columns(f: Flight) -> dict[str, Array]:
+    """A mass assumed too large by one part makes the measured forces too large by one part."""
+    return {c: x for c, x in zip(("CX", "CY", "CZ"), f.forces) if c in f.measured}
+
+
+def inertia_columns(f: Flight, axis: str) -> dict[str, Array]:
+    """A moment of inertia assumed too large by one part."""
+    if f.craft.inertia is None:
+        return {}
+    tensor = np.array(f.craft.inertia.tensor)
+    k = ("Ix", "Iy", "Iz").index(axis)
+    only = np.zeros((3, 3))
+    only[k, k] = tensor[k, k]
+    lengths = (f.craft.b, f.craft.cbar, f.craft.b)
+    rates = (f["p"], f["q"], f["r"])
+    still = (np.zeros(len(f)),) * 3
+    qbar = f["qbar"]
+    coupling = rb.moment_coefficients(rates, still, qbar, only, f.craft.S, f.craft.b, f.craft.cbar)
+    made = dict(zip(("Cl", "Cm", "Cn"), coupling))
+    # Angular acceleration as the simulation would have it: the measured one would bring its noise along.
+    moment = [
+        (f.told(c) if c in f.simulated else 0.0) * qbar * f.craft.S * x for c, x in zip(("Cl", "Cm", "Cn"), lengths)
+    ]
+    thrust = rb.thrust_moment(f["thrust"], f.craft.thrust.offset, f.craft.thrust.inclination)
+    turning = rb.angular_acceleration(rates, tuple(m + t for m, t in zip(moment, thrust)), tensor)
+    name = ("Cl", "Cm", "Cn")[k]
+    made[name] = made[name] + tensor[k, k] * turning[k] / (qbar * f.craft.S * lengths[k])
+    return {c: x for c, x in made.items() if c in f.measured}
+
+
+def offset_columns(f: Flight, k: int) -> dict[str, Array]:
+    """The forces acting one chord further along body axis k than assumed."""
+    arm = [0.0, 0.0, 0.0]
+    arm[k] = f.craft.cbar
+    l, m, n = np.cross(np.array(arm), np.stack(f.forces, axis=-1)).T
+    made = {"Cl": l / f.craft.b, "Cm": m / f.craft.cbar, "Cn": n / f.craft.b}
+    return {c: x for c, x in made.items() if c in f.measured}
+
+
+def thrust_columns(f: Flight) -> dict[str, Array]:
+    """Thrust one part larger than recorded."""
+    CT = f["CT"]
+    X, _, Z = rb.thrust_force(CT, f.craft.thrust.inclination)
+    l, m, n = rb.thrust_moment(CT, f.craft.thrust.offset, f.craft.thrust.inclination)
+    made = {"CX": X, "CZ": Z, "Cl": l / f.craft.b, "Cm": m / f.craft.cbar, "Cn": n / f.craft.b}
+    return {c: x for c, x in made.items() if c in f.measured and np.any(x)}
+
+
+def accelerometer_moved(f: Flight, k: int) -> dict[str, Array]:
+    """An accelerometer one metre further along body axis k than assumed."""
+    place = [0.0, 0.0, 0.0]
+    place[k] = -1.0  # carrying back over a negative distance carries forth
+    turning = tuple(f[f"{c}_dot"] for c in "pqr")
+    still = np.zeros(len(f))
+    rates = (f["p"], f["q"], f["r"])
+    moved = rb.acceleration_at_cg(still, still, still, rates, turning, tuple(place))
+    return misread(f, ax=moved[0], ay=moved[1], az=moved[2])
+
+
+def vane_moved(f: Flight, k: int) -> dict[str, Array]:
+    """Vanes and pitot one metre further along body axis k than assumed."""
+    place = [0.0, 0.0, 0.0]
+    place[k] = -1.0
+    V, alpha, beta = rb.air_data_at_cg(f["V"], f["alpha"], f["beta"], f["p"], f["q"], f["r"], tuple(place))
+    return misread(f, V=V - f["V"], alpha=alpha - f["alpha"], beta=beta - f["beta"])

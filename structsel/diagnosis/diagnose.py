@@ -1,0 +1,227 @@
+"""diagnose(): what did the simulation leave out?"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from structsel.aircraft import Aircraft
+from structsel.comparison.flight import Flight
+from structsel.comparison.locating.ceiling import explainable
+from structsel.comparison.locating.turbulence import Turbulence, find_turbulence, unfelt
+from structsel.comparison.preparing import Prepared, prepare
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.diagnosis import judging
+from structsel.diagnosis.asides import asides
+from structsel.diagnosis.assembling import make_findings
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.modelling import corrected_model
+from structsel.diagnosis.ranking import Ranking, rank
+from structsel.diagnosis.replaying import replay_windows
+from structsel.diagnosis.result import Diagnosis, Pull, Verdict
+from structsel.diagnosis.selftest import self_test
+from structsel.diagnosis.separating import with_separation
+from structsel.diagnosis.signatures import Library, work_out
+from structsel.diagnosis.tracing import residuals, traces_of
+from structsel.diagnosis.unnamed import find_unknown, turbulent
+from structsel.diagnosis.weighing import not_borne_out
+from structsel.effects import HYPOTHESES, Hypothesis
+from structsel.errors import DataError
+from structsel.recording import Recording
+
+Progress = Callable[[str, int, int], None]
+_PARTS = 3
+_SHORTEST = 5.0  # s, of a part
+_HARDEST = 8  # tolerances listed
+_SAID = 3  # of tolerances pulled further than any is, in remarks
+_DROWNED = 0.7  # of the rms measured, that is left: what a simulation lacks would have to be large to show
+
+
+@threadpool_limits.wrap(limits=1)  # many small products: threads of the linear algebra only wait for each other
+def diagnose(
+    simulation: Any,
+    recordings: Sequence[Recording],
+    aircraft: Aircraft,
+    *,
+    held_out: Sequence[str] = (),
+    hypotheses: Sequence[Hypothesis] = HYPOTHESES,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Locate what a simulation leaves out, say which physics it is, and show the gain on other recordings.
+
+    Parameters
+    ----------
+    simulation : AeroModel, callable, str, Path or mapping
+        In any of the five forms: see `structsel.comparison.simulations.open_simulation`.
+    recordings : sequence of Recording
+        One manoeuvre each.
+    aircraft : Aircraft
+        With the tolerances of the simulation and the instruments.
+    held_out : sequence of str
+        Names of recordings to judge by; by default each is held out in turn.
+    hypotheses : sequence of Hypothesis
+        The physics that may be named.
+    progress : callable, optional
+        Called with what is done, how much of it, and of how much.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    DataError
+        Names, clocks or channels that do not match, or nothing to compare.
+    ModelError
+        A simulation that cannot be opened.
+    """
+    begun = time.perf_counter()
+    prepared = prepare(simulation, recordings, aircraft, progress)
+    found = conclude(prepared, set_up(prepared.flights, hypotheses, held_out, progress), held_out, progress)
+    return replace(found, seconds=time.perf_counter() - begun)
+
+
+@threadpool_limits.wrap(limits=1)
+def conclude(
+    prepared: Prepared,
+    ready: tuple[Bench, Library, Turbulence | None],
+    held_out: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Diagnosis of flights that are prepared and set up (see `set_up`)."""
+    bench, library, turbulence = ready
+    remarks = list(prepared.remarks)
+    flights, told, rough = bench.flights, bench.told, turbulence is not None
+    single = len(prepared.flights) == 1
+    if single:
+        remarks.append(
+            f"there is one manoeuvre only: it was judged by its {len(flights)} parts, which share its conditions. What "
+            "is found may hold here alone; a second manoeuvre would show"
+        )
+    ranking = rank(bench, library, progress)
+    ceiling = explainable(flights, [{c: f.difference[c] for c in told} for f in flights])
+    traces = traces_of(ranking)
+    left = residuals(ranking.bench)
+    findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling)]
+    if not rough:
+        findings += find_unknown(ranking, left, told, ceiling, bool(findings))
+    verdict: Verdict = "mismatch" if findings else "consistent"
+    if single and findings:
+        verdict = "undecidable"
+    if ranking.steps:
+        turbulence = find_turbulence(flights, left)
+    if turbulence is None and not findings:
+        turbulence = unfelt(flights, not_borne_out(ranking.scores))
+    if turbulence is not None:
+        findings.append(turbulent(turbulence, ranking, told))
+    replayed = replay_windows(ranking)
+    corrected = corrected_model(prepared, ranking) if ranking.steps else None
+    remarks += corrected.remarks if corrected is not None else ()
+    # Where gusts push the aircraft about, tolerances are pulled by what follows its motion; not by what inputs drive.
+    pulls = _pulls((turbulence and ranking.driven) or ranking.bench)
+    remaining = _remaining(ranking, told)
+    remarks += [*strained(pulls), *asides(ranking), *drowned(remaining)]
+    return Diagnosis(
+        verdict,
+        tuple(findings),
+        dict(library.not_testable),
+        remaining,
+        pulls,
+        tuple(remarks),
+        prepared.simulation.form,
+        tuple(told),
+        tuple(f.name for f in prepared.flights),
+        tuple(held_out),
+        prepared.simulation.model if corrected is None else corrected,
+        traces,
+        self_test(ranking.start, library),
+        replayed=replayed,
+    )
+
+
+def set_up(
+    flights: Sequence[Flight],
+    hypotheses: Sequence[Hypothesis] = HYPOTHESES,
+    held_out: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> tuple[Bench, Library, Turbulence | None]:
+    """Bench of flights, or of the parts of a single one; what can be tried there; and whether the air was rough."""
+    parts = split_flight(flights[0]) if len(flights) == 1 else list(flights)
+    groups = _groups([f.name for f in parts], held_out)
+    library = work_out(hypotheses, parts, parts[0].responses, progress)
+    bench = Bench.set_up(parts, library.signatures, groups)
+    return bench, library, find_turbulence(parts, residuals(bench))
+
+
+def split_flight(flight: Flight) -> list[Flight]:
+    """Parts of a single flight, so that some of it can be held out.
+
+    Raises
+    ------
+    DataError
+        It is too short for two parts.
+    """
+    n = len(flight)
+    parts = min(_PARTS, int(n * flight.dt / _SHORTEST)) if flight.simulated.keys() & set(COEFFICIENTS) else _PARTS
+    if parts < 2:
+        raise DataError(
+            f"there is one manoeuvre, '{flight.name}', of {n * flight.dt:.1f} s: too short to judge one part by "
+            f"another.\nGive several manoeuvres, or one of at least {2 * _SHORTEST:g} s."
+        )
+    edges = np.linspace(0, n, parts + 1).astype(int)
+    return [flight.between(a, b, f"{flight.name}, part {k}") for k, (a, b) in enumerate(pairwise(edges), 1)]
+
+
+def _groups(names: Sequence[str], held_out: Sequence[str]) -> list[tuple[int, ...]] | None:
+    if not held_out:
+        return None
+    missing = [h for h in held_out if h not in names]
+    if missing:
+        raise DataError(f"held-out recording '{missing[0]}' is not there; there are {', '.join(names)}.")
+    if len(set(held_out)) == len(names):
+        raise DataError("all recordings are held out; leave some to find parameters from.")
+    return [tuple(names.index(h) for h in dict.fromkeys(held_out))]
+
+
+def _pulls(bench: Bench) -> tuple[Pull, ...]:
+    pulled, std = bench.pulled
+    order = np.argsort(-np.abs(pulled))[:_HARDEST]
+    return tuple(
+        Pull(n.name, float(pulled[j]), float(pulled[j] * n.sd), float(std[j] * n.sd), n.unit)
+        for j in order
+        for n in (bench.nuisances[j],)
+    )
+
+
+def strained(pulls: Sequence[Pull]) -> list[str]:
+    """Remarks on tolerances pulled further than any is, hardest first: what was found does not account for them."""
+    return [
+        f"'{p.name}' is pulled {p.sigmas:+.1f} of its stated standard deviations, which is more than a tolerance; no "
+        "effect was likely enough to be named for it; look there first"
+        for p in pulls[:_SAID]
+        if p.is_strained
+    ]
+
+
+def drowned(remaining: Mapping[str, tuple[float, bool]]) -> list[str]:
+    """A remark on responses of which little was foretold: in them hardly anything could be seen to be missing."""
+    much = [f"{c} {left:.2f}" for c, (left, _) in remaining.items() if left > _DROWNED]
+    if not much:
+        return []
+    return [
+        f"most of what was measured is not foretold, of its rms {', '.join(much)} is left: noise, or what does not "
+        "come back on other recordings. What the simulation lacks there would have to be as large to show"
+    ]
+
+
+def _remaining(ranking: Ranking, told: Sequence[str]) -> dict[str, tuple[float, bool]]:
+    bench = ranking.bench
+    after = judging.refitted(judging.held_out(bench.as_delivered), judging.held_out(bench))
+    left = judging.fit(judging.measured(bench), after, told)
+    return {c: (left[c].rrmse, judging.is_noise(bench, c)) for c in told if c in left}

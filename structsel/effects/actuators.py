@@ -1,0 +1,293 @@
+"""Surfaces that do not stand where they were recorded to stand, or an unrecorded hand on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.plant import answers
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.comparison.sensitivity import reading
+from structsel.effects import plants
+from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.changes import confined
+from structsel.effects.operators import actuate, lag, late, spaced
+from structsel.effects.signals import CONTROLS, available, coefficients, gathered, mean_slope, moves, signature
+from structsel.effects.wording import SURFACES, shown
+from structsel.numerics.arrays import Array
+
+Surface = Callable[[Flight], Array]
+
+ALL = "all surfaces"
+"""What a form is about that takes each alike."""
+_SHARE = Parameter("share", "-", 1.0, 0.5, 1.5)
+# Feedbacks that aircraft have: surface, what is fed back, prior deviation of the gain, unit.
+_FEEDBACKS = (
+    ("de", "q", 0.3, "s"), ("de", "alpha", 0.3, "-"), ("de", "theta", 0.3, "-"), ("de", "az", 0.005, "rad s^2/m"),
+    ("da", "p", 0.15, "s"), ("da", "phi", 0.3, "-"), ("da", "r", 0.3, "s"), ("da", "beta", 0.3, "-"),
+    ("dr", "r", 0.3, "s"), ("dr", "beta", 0.3, "-"), ("dr", "p", 0.15, "s"), ("dr", "ay", 0.01, "rad s^2/m"),
+)  # fmt: skip
+_LONGEST = 1.5  # s, that a surface takes at most through all it is asked
+_FINE = 1.3  # ratio of one rate tried to the next
+_ABOVE_NOISE = 3.0  # standard deviations of a reading's noise, that a play is wide at least
+_WASHOUTS = (1.0, 3.0)  # s, of a damper that leaves steady turns alone
+
+
+def used_controls(flights: Flights) -> list[str]:
+    """Controls that move and that the simulation answers to."""
+    wanted = coefficients(flights)
+    return [c for c in CONTROLS if moves(flights, c) and any(mean_slope(flights, r, c) != 0.0 for r in wanted)]
+
+
+def displaced(*extras: tuple[str, int, Surface]) -> Callable[[Flight], Columns]:
+    """Columns of surfaces that stand elsewhere than recorded: control, place of the parameter, and by how much."""
+    places = 1 + max(j for _, j, _ in extras)
+
+    def columns(flight: Flight) -> Columns:
+        moved = [(control, j, extra(flight)) for control, j, extra in extras]
+        there = [r for r in flight.measured if r in COEFFICIENTS]
+        return signature(flight, places, ((r, j, flight.slope(r, c) * x) for c, j, x in moved for r in there))
+
+    return columns
+
+
+def departure(control: str, operator: Callable[[Array, Flight], Array], per: float = 1.0) -> Surface:
+    """By how much a surface that makes of its input what an operator does departs from it, per unit of `per`."""
+    return lambda f: (operator(f[control], f) - f[control]) / per
+
+
+def followed(control: str, operator: Callable[[Array, Flight], Array]) -> Callable[[Flight], Columns]:
+    """Columns of a surface that makes of what was recorded what an operator makes of it."""
+    return displaced((control, 0, departure(control, operator)))
+
+
+def _behind(x: Array, flight: Flight, operator: Callable[[Array, float, float], Array], tau: float) -> Array:
+    return operator(x, flight.dt, tau)
+
+
+def _actuated(x: Array, flight: Flight, rate: float = np.inf, backlash: float = 0.0) -> Array:
+    return actuate(flight.t, x, rate=rate, backlash=backlash)
+
+
+def _stopped(x: Array, flight: Flight, low: float, high: float) -> Array:
+    return np.clip(x, low, high)
+
+
+def _needs_control(flights: Flights) -> str:
+    if answers(flights):
+        return ""
+    if not coefficients(flights):
+        return "simulated coefficients"
+    return "" if used_controls(flights) else "a control that moves and that the simulation answers to"
+
+
+# Lag and delay
+
+
+def _lag_variants(flights: Flights) -> list[Variant]:
+    made = []
+    dt = flights[0].dt
+    used = used_controls(flights)
+    # What is recorded may be what all of them were asked, and all have the same servo.
+    together = [(ALL, used)] if len(used) > 1 else []
+    for about, controls in [*together, *((SURFACES[c], [c]) for c in used)]:
+        for name, operator in (("lag", lag), ("delay", late)):
+            for tau in spaced(max(0.02, 0.75 * dt), 0.35, 7):
+                late_by = partial(_behind, operator=operator, tau=tau)
+                columns = displaced(*((c, 0, departure(c, late_by, tau)) for c in controls))
+                made.append(Variant((Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau),), columns, about=about))
+    return made + plants.late_answers(flights)
+
+
+def _lag_says(found: Found) -> str:
+    about = found.variant.about
+    who = "The surfaces follow their inputs" if about == ALL else f"The {about} follows its input"
+    if "lag" in found.estimates:
+        return f"{who} late, by a first-order lag of {found.text('lag')}."
+    return f"{who} late, by a delay of {found.text('delay')}."
+
+
+# Rate limit
+
+
+def _rate_variants(flights: Flights) -> list[Variant]:
+    made = []
+    for control in used_controls(flights):
+        fastest = max(float(np.abs(f.rate(f[control])).max()) for f in flights)
+        # A step within a sample is faster than any limit: what counts there is how long its size takes.
+        slowest = min(0.12 * fastest, float(np.ptp(gathered(flights, control))) / _LONGEST)
+        count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
+        for limit in spaced(slowest, 0.85 * fastest, count):
+            made.append(
+                Variant(
+                    (_SHARE,),
+                    followed(control, partial(_actuated, rate=limit)),
+                    {"rate": limit}, {"rate": "rad/s"}, SURFACES[control],
+                )
+            )  # fmt: skip
+    return made
+
+
+def _rate_says(found: Found) -> str:
+    return f"The {found.variant.about} moves no faster than {shown(found, 'rate')}, less than was asked of it."
+
+
+# Stops
+
+
+def _stop_variants(flights: Flights) -> list[Variant]:
+    made = []
+    for control in used_controls(flights):
+        values = gathered(flights, control)
+        low, high = float(values.min()), float(values.max())
+        for share in (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+            # Between what is usual and the extreme: a stop within the usual would have been seen.
+            middle = float(np.median(values))
+            up, down = middle + share * (high - middle), middle + share * (low - middle)
+            both = share * max(abs(low), abs(high))
+            for name, limits in (("upper", (-np.inf, up)), ("lower", (down, np.inf)), ("both", (-both, both))):
+                made.append(
+                    Variant(
+                        (_SHARE,),
+                        followed(control, partial(_stopped, low=limits[0], high=limits[1])),
+                        {"stop": limits[0] if name == "lower" else limits[1]}, {"stop": "rad"},
+                        f"{SURFACES[control]}, {'either way' if name == 'both' else name + ' side'}",
+                    )
+                )  # fmt: skip
+    return made
+
+
+def _stop_says(found: Found) -> str:
+    surface, side = found.variant.about.split(", ")
+    return f"The {surface} stops at {shown(found, 'stop')} ({side}) although more was asked of it."
+
+
+# Play
+
+
+def _play_variants(flights: Flights) -> list[Variant]:
+    made = []
+    for control in used_controls(flights):
+        values = gathered(flights, control)
+        reach = float(values.max() - values.min())
+        # A play as narrow as the reading's noise holds that noise still, as the aircraft does, which never felt it.
+        noise = max(float(np.std(f.raw[control] - f[control])) for f in flights)
+        narrowest, widest = max(0.02 * reach, _ABOVE_NOISE * noise), 0.5 * reach
+        if narrowest >= widest:
+            continue
+        for width in spaced(narrowest, widest, 10):
+            made.append(
+                Variant(
+                    (_SHARE,),
+                    followed(control, partial(_actuated, backlash=width)),
+                    {"width": width}, {"width": "rad"}, SURFACES[control],
+                )
+            )  # fmt: skip
+    return made
+
+
+def _play_says(found: Found) -> str:
+    return f"The {found.variant.about} has a dead play of {shown(found, 'width')}: it ignores smaller reversals."
+
+
+# Augmentation
+
+
+def _mode(flight: Flight) -> Array | float:
+    """Where a recorded autopilot mode is on; everywhere if none is recorded."""
+    return (flight["mode"] != 0.0).astype(float) if "mode" in flight.recorded else 1.0
+
+
+def _felt(flight: Flight, signal: str, washout: float | None = None) -> Array:
+    x = reading(flight, signal)
+    return (x if washout is None else x - lag(x, flight.dt, washout)) * _mode(flight)
+
+
+def _feedback_variants(flights: Flights) -> list[Variant]:
+    made = []
+    used = used_controls(flights)
+    for control, signal, sd, unit in _FEEDBACKS:
+        if control not in used or not available(flights, signal):
+            continue
+        gain = Parameter(f"gain of {signal}", unit, sd, -10.0 * sd, 10.0 * sd)
+        made.append(_fed_back(control, (gain,), (partial(_felt, signal=signal),), f"{signal} to"))
+        if signal in ("p", "q", "r"):
+            made += [
+                _fed_back(
+                    control, (gain,), (partial(_felt, signal=signal, washout=tau),),
+                    f"{signal}, washed out over {tau:g} s, to",
+                )
+                for tau in _WASHOUTS
+            ]  # fmt: skip
+    for control, pair in (("de", ("q", "alpha")), ("de", ("q", "theta")), ("dr", ("r", "beta")), ("da", ("p", "phi"))):
+        if control in used and all(available(flights, s) for s in pair):
+            deviations = {s: (sd, unit) for c, s, sd, unit in _FEEDBACKS if c == control}
+            gains = tuple(
+                Parameter(f"gain of {s}", unit, sd, -10.0 * sd, 10.0 * sd)
+                for s, (sd, unit) in ((s, deviations[s]) for s in pair)
+            )
+            made.append(_fed_back(control, gains, [partial(_felt, signal=s) for s in pair], f"{' and '.join(pair)} to"))
+    # A damper may be on in some manoeuvres and off in others, and nobody wrote down which.
+    some = [confined(flights, v) for v in made if len(v.parameters) == 1]
+    return [*made, *(v for v in some if v is not None)]
+
+
+def _fed_back(control: str, gains: tuple[Parameter, ...], signals: Sequence[Surface], about: str) -> Variant:
+    columns = displaced(*((control, j, signal) for j, signal in enumerate(signals)))
+    return Variant(gains, columns, about=f"{about} {SURFACES[control]}")
+
+
+def _feedback_says(found: Found) -> str:
+    gains = " and ".join(f"{found.text(name)} ({name.removeprefix('gain of ')})" for name in _names(found))
+    where = f", in {', '.join(found.variant.only_in)} only" if found.variant.only_in else ""
+    return f"Something unrecorded moves a surface with the motion ({found.variant.about}){where}: gain {gains}."
+
+
+def _names(found: Found) -> list[str]:
+    return [p.name for p in found.variant.parameters]
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "actuator-lag", "actuator", "A surface, or a motor, follows its input late.",
+        _needs_control, _lag_variants, _lag_says,
+        look_alikes=("sensor-delay", "unsteady-lift", "rotor-inflow-lag", "backlash"),
+        separated_by="sharp steps of this control alone, small and large",
+        check="a bench test of the actuator, and where in the linkage the control is recorded",
+    ),
+    Hypothesis(
+        "actuator-rate-limit", "actuator", "A surface moves no faster than its actuator can.",
+        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _rate_variants, _rate_says,
+        look_alikes=("actuator-lag", "backlash", "actuator-saturation"),
+        separated_by="the same input at half and at twice the size: a lag keeps its shape, a rate limit does not",
+        check="the actuator's rate under load",
+    ),
+    Hypothesis(
+        "actuator-saturation", "actuator", "A surface stops short of what is asked of it.",
+        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _stop_variants, _stop_says,
+        look_alikes=("control-nonlinearity", "actuator-rate-limit"),
+        separated_by="inputs just below and well above the stop, held for a second",
+        check="the stops of the surface, and the actuator's stall load",
+    ),
+    Hypothesis(
+        "backlash", "actuator", "A dead play in the linkage: small reversals do not reach the surface.",
+        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _play_variants, _play_says,
+        look_alikes=("actuator-lag", "friction", "actuator-rate-limit"),
+        separated_by="small and large reversals of the same control: the play keeps its size",
+        check="free play of the surface on the ground",
+    ),
+    Hypothesis(
+        "augmentation", "actuator", "An unrecorded autopilot or damper moves a surface with the motion.",
+        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _feedback_variants, _feedback_says,
+        look_alikes=("wrong-derivative", "downwash-lag", "sidewash-lag"),
+        separated_by="the same manoeuvre with the damper off",
+        check="whether the surface is recorded before or after the autopilot's servo",
+    ),
+)  # fmt: skip

@@ -1,0 +1,160 @@
+"""What a hypothesis is: physics that a simulation may lack, as a signature over all responses with few parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from structsel.comparison.flight import Flight
+from structsel.numerics.arrays import Array
+
+Kind = Literal[
+    "static", "memory", "sensor", "actuator", "propulsive", "inertial", "atmospheric", "structural", "parameter",
+    "random",
+]  # fmt: skip
+Flights = Sequence[Flight]
+Columns = Mapping[str, Array]
+
+_LEAST_LEFT = 0.1  # of what would be without, where an effect is estimated to have taken most of it
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One linear parameter of a signature.
+
+    Attributes
+    ----------
+    name : str
+    unit : str
+    sd : float
+        Prior standard deviation about zero, in its unit: how large it usually is where the effect is real.
+    low, high : float
+        What is physically plausible; a sign is a limit at zero.
+    of_outcome : bool
+        The signature is a share x of what came out with it (a reading in error, an acceleration with the wrong mass);
+        stated is the share of what would be without, x / (1 - x).
+    """
+
+    name: str
+    unit: str
+    sd: float
+    low: float = -float("inf")
+    high: float = float("inf")
+    of_outcome: bool = False
+
+    def estimate(self, value: float, std: float) -> Estimate:
+        """The parameter as it is stated, from the coefficient of its signature in `unit` and its standard deviation."""
+        if not self.of_outcome:
+            return Estimate(value, std, self.unit)
+        left = max(1.0 - value, _LEAST_LEFT)
+        return Estimate(value / left, std / left**2, self.unit)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One form an effect may take: its nonlinear parameters given, the rest linear.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+    columns : callable
+        Flight to mapping of response to (n, k) array: what one unit of each parameter adds to measured less
+        simulated, k in the order of `parameters`. A response not in it gets nothing.
+    shape : mapping of name to float
+        The nonlinear parameters.
+    units : mapping of name to str
+        Of `shape`.
+    about : str
+        What sets this form apart, for a reader: the term, the channel, the control.
+    terms : tuple of str
+        The same as terms of a model, where it has such.
+    only_in : tuple of str
+        Manoeuvres it is confined to, where these were chosen by the differences; empty for all.
+    """
+
+    parameters: tuple[Parameter, ...]
+    columns: Callable[[Flight], Columns]
+    shape: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    about: str = ""
+    terms: tuple[str, ...] = ()
+    only_in: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter as found, linear or of the shape."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a hypothesis says once it is fitted.
+
+    Attributes
+    ----------
+    variant : Variant
+        The best of its forms.
+    estimates : mapping of name to Estimate
+    size : mapping of response to float
+        Rms of the signature over all flights, in the response's unit; responses it does not touch are left out.
+    """
+
+    variant: Variant
+    estimates: Mapping[str, Estimate]
+    size: Mapping[str, float]
+
+    def __getitem__(self, name: str) -> float:
+        return self.estimates[name].value
+
+    def text(self, name: str, scale: float = 1.0, unit: str | None = None) -> str:
+        """Parameter as "0.31 +- 0.04 s", `scale` to another unit."""
+        e = self.estimates[name]
+        shown = e.unit if unit is None else unit
+        return f"{e.value * scale:.3g} +- {e.std * scale:.1g} {shown}".rstrip(" -")
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Physics that a simulation may lack.
+
+    Attributes
+    ----------
+    effect : str
+        Its name, one of `EFFECTS`.
+    kind : str
+    what : str
+        One sentence: the physics.
+    needs : callable
+        Flights to what is lacking for it to be tried ("height below one span"); empty where it can be.
+    variants : callable
+        Flights to the forms it may take.
+    says : callable
+        Found to one plain sentence with numbers and units.
+    look_alikes : tuple of str
+        Effects that the same data may also say.
+    separated_by : str
+        The manoeuvre or measurement that tells them apart.
+    check : str
+        What to look at on the aircraft or in the simulation.
+    log_prior : float
+        Of the effect as against the others.
+    event : bool
+        True where what it does at moments sought in the differences is of those, so that others cannot foretell it.
+    """
+
+    effect: str
+    kind: Kind
+    what: str
+    needs: Callable[[Flights], str]
+    variants: Callable[[Flights], Sequence[Variant]]
+    says: Callable[[Found], str]
+    look_alikes: tuple[str, ...] = ()
+    separated_by: str = ""
+    check: str = ""
+    log_prior: float = 0.0
+    event: bool = False

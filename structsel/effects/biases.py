@@ -1,0 +1,70 @@
+"""Readings that are off by more than a free constant: too far, drifting, or from some moment on."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from structsel.comparison.flight import Flight
+from structsel.effects.base import Flights, Found, Parameter, Variant
+from structsel.effects.changes import find_changes, together
+from structsel.effects.operators import changes, shape_of, since, told_onsets
+from structsel.effects.readings import AIR, ATTITUDE, INERTIAL, Errors, present, wrong_readings
+from structsel.effects.signals import CONTROLS, gathered
+from structsel.effects.wording import INSTRUMENTS, capital, shown
+
+_ANGLES = ("alpha", "beta", *ATTITUDE, *CONTROLS)
+_SIZE = {**dict.fromkeys(_ANGLES, 0.01), **dict.fromkeys("pqr", 0.005), **dict.fromkeys(("ax", "ay", "az"), 0.15)}
+_UNIT = {
+    **dict.fromkeys(_ANGLES, "rad"), **dict.fromkeys("pqr", "rad/s"), **dict.fromkeys(("ax", "ay", "az"), "m/s^2"),
+    "V": "m/s",
+}  # fmt: skip
+_SHOWS = {
+    "V": ("CX", "CZ"), "alpha": ("CZ", "Cm", "CX"), "beta": ("CY", "Cl", "Cn"), "ax": ("CX",), "ay": ("CY",),
+    "az": ("CZ",), "de": ("CZ", "Cm"), "da": ("Cl", "Cn"), "dr": ("CY", "Cn"),
+}  # fmt: skip
+"""Responses in which a reading that jumps stands out."""
+_CLEAREST = 2  # jumps of one manoeuvre alone that are tried
+
+
+def bias_variants(flights: Flights) -> list[Variant]:
+    """Forms of a bias; a constant in each manoeuvre goes free, so far as it shifts a response by a constant."""
+    made = []
+    single = [dict([change]) for change in changes(flights, flights[0].responses, _CLEAREST)]
+    jumps = {responses: find_changes(flights, responses) for responses in set(_SHOWS.values())}
+    for channel in present(flights, (*AIR, *INERTIAL, *ATTITUDE, *CONTROLS)):
+        sd, unit, name = _sd(flights, channel), _UNIT[channel], INSTRUMENTS[channel]
+        constant = Parameter("bias", unit, sd, -10.0 * sd, 10.0 * sd)
+        drift = Parameter("drift", f"{unit}/min" if "/" not in unit else f"{unit} per min", 2.0 * sd)
+        made += [
+            Variant((constant,), wrong_readings(partial(_level, channel=channel)), about=name),
+            Variant((drift,), wrong_readings(partial(_drift, channel=channel)), about=f"{name}, drifting"),
+        ]
+        several = together(jumps.get(_SHOWS.get(channel, ()), ()), both_ways=False)
+        for times in (*single, *({one.flight: one.start for one in jumped} for jumped, _ in several)):
+            errors = partial(_since, channel=channel, times=times)
+            shape = shape_of(times)
+            told = f"{name}, {told_onsets(times)}"
+            made.append(Variant((constant,), wrong_readings(errors), shape, dict.fromkeys(shape, "s"), told))
+    return made
+
+
+def _sd(flights: Flights, channel: str) -> float:
+    return 0.02 * float(gathered(flights, "V").mean()) if channel == "V" else _SIZE[channel]
+
+
+def _level(flight: Flight, channel: str) -> list[Errors]:
+    return [{channel: 1.0}]
+
+
+def _drift(flight: Flight, channel: str) -> list[Errors]:
+    return [{channel: (flight.t - flight.t[0]) / 60.0}]
+
+
+def _since(flight: Flight, channel: str, times: dict[str, float]) -> list[Errors]:
+    return [{channel: since(flight, times)}]
+
+
+def bias_says(found: Found) -> str:
+    """The sentence of a bias."""
+    name, does = ("drift", "drifts by") if "drift" in found.estimates else ("bias", "reads too much by")
+    return f"{capital(found)} {does} {shown(found, name)}."

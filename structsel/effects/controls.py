@@ -1,0 +1,280 @@
+"""Controls that lose their power: with their own deflection, or as the structure gives way under dynamic pressure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from structsel.comparison.flight import Flight
+from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.signals import (
+    CHANNELS_OF,
+    CONTROLS,
+    LATERAL,
+    LONGITUDINAL,
+    Column,
+    beside,
+    coefficients,
+    each_slope,
+    gathered,
+    held,
+    lacking,
+    lift_line,
+    mean_slope,
+    moves,
+    reach,
+    scaled_slopes,
+    scaled_whole,
+)
+from structsel.numerics.arrays import Array
+
+_MOVED = 0.03  # rad, below which no deflection is large
+_LAWS: dict[str, Callable[[Array], Array]] = {
+    "d|d|": lambda d: d * np.abs(d),
+    "d^3": lambda d: d**3,
+    "d^2": lambda d: d**2,
+}
+_THRESHOLDS = (0.3, 0.45, 0.6, 0.75)  # of the largest deflection
+_LAW_TERMS = {"d|d|": "{0}*abs({0})", "d^3": "{0}^3", "d^2": "{0}^2"}
+_CURVATURES = (0.0, 0.4)  # of the loss of power with dynamic pressure: k q / (1 + c q)
+_LOSS = "loss at mean qbar"
+_PRESSURES = 0.2  # least range of dynamic pressure over its mean
+
+
+def _used(flights: Flights) -> list[str]:
+    """Controls that move and that the simulation answers to."""
+    return [
+        c
+        for c, responses in CONTROLS.items()
+        if moves(flights, c) and any(mean_slope(flights, r, c) != 0.0 for r in held(flights, responses))
+    ]
+
+
+# --- effectiveness that depends on the deflection --------------------------------------------------------------------
+
+
+def _largest(flights: Flights, control: str) -> float:
+    return max(abs(x) for x in reach(flights, control))
+
+
+def _bends(flights: Flights) -> list[Variant]:
+    made = []
+    for control in _used(flights):
+        largest = _largest(flights, control)
+        if largest < _MOVED:
+            continue
+        main = held(flights, CONTROLS[control])[:1]
+        for name, law in _LAWS.items():
+            column = _power(control, law, largest)
+            term = _LAW_TERMS[name].format(control)
+            made.append(_bent(flights, control, column, name, term))
+            made.append(_bent(flights, control, column, name, term, main))
+            fitted = beside(flights, column, CHANNELS_OF[main[0]])
+            made.append(_bent(flights, control, fitted, f"{name}, linear terms fitted without it", term))
+        for share in _THRESHOLDS:
+            column = _beyond(control, share * largest)
+            shape = {"beyond": share * largest}
+            term = f"sign({control})*(abs({control}) - {share * largest!r})+"
+            made.append(_bent(flights, control, column, "beyond a deflection", term, shape=shape))
+            made.append(_bent(flights, control, column, "beyond a deflection", term, main, shape))
+    return made
+
+
+def _power(control: str, law: Callable[[Array], Array], largest: float) -> Column:
+    """Loss of deflection [rad], such that one is the whole of the largest."""
+    return lambda flight: largest * law(flight[control] / largest)
+
+
+def _beyond(control: str, start: float) -> Column:
+    def column(flight: Flight) -> Array:
+        d = flight[control]
+        return np.sign(d) * np.maximum(np.abs(d) - start, 0.0)
+
+    return column
+
+
+def _bent(
+    flights: Flights,
+    control: str,
+    lost: Column,
+    about: str,
+    term: str,
+    only: tuple[str, ...] = (),
+    shape: Mapping[str, float] | None = None,
+) -> Variant:
+    """Deflection lost, and with it the control's part of its coefficients by one ratio."""
+    slopes = {r: mean_slope(flights, r, control) for r in only or held(flights, CONTROLS[control])}
+    where = f" in {only[0]} only" if only else ""
+
+    def columns(flight: Flight) -> Columns:
+        x = lost(flight)
+        return {r: (-s * x)[:, None] for r, s in slopes.items() if s != 0.0 and r in flight.measured}
+
+    parameter = Parameter(f"{control} loss", "-", 0.25, -1.2, 1.2)
+    given = shape or {}
+    return Variant((parameter,), columns, given, dict.fromkeys(given, "rad"), f"{control}: {about}{where}", (term,))
+
+
+def _needs_bend(flights: Flights) -> str:
+    gone = lacking(flights)
+    if gone:
+        return gone
+    used = _used(flights)
+    if not used:
+        return "a control (de, da, dr) that moves"
+    if all(_largest(flights, c) < _MOVED for c in used):
+        return f"control deflections above {_MOVED:g} rad"
+    return ""
+
+
+def _says_bend(found: Found) -> str:
+    variant = found.variant
+    name = variant.parameters[0].name
+    control, _, about = variant.about.partition(": ")
+    percent = found.text(name, 100.0, "%")
+    if "beyond" in variant.shape:
+        start = np.rad2deg(variant.shape["beyond"])
+        return f"Beyond {start:.1f} deg the slope of {control} falls by {percent}{about.partition('deflection')[2]}."
+    if about.startswith("d^2"):
+        return (
+            f"The effect of {control} differs between its two sides by {percent} at the largest deflection ({about})."
+        )
+    return f"At its largest deflection {control} has lost {percent} of its effect ({about})."
+
+
+# --- structure that gives way ----------------------------------------------------------------------------------------
+
+
+def _mean_pressure(flights: Flights) -> float:
+    return float(gathered(flights, "qbar").mean())
+
+
+def _falls(flights: Flights) -> list[tuple[Column, str, str]]:
+    """What slopes lose with dynamic pressure, one being all of them at its mean, in words and as a model's term.
+
+    From none, and about the mean.
+    """
+    mean = _mean_pressure(flights)
+    made = [
+        (
+            _fall(mean, c),
+            f"rigid at rest{f', levelling off ({c:g})' if c else ''}",
+            f"(qbar/(1 + {c / mean!r}*qbar))" if c else "qbar",
+        )
+        for c in _CURVATURES
+    ]
+    return [*made, (_fall_about(mean), "right at the mean dynamic pressure", "qbar")]
+
+
+def _fall(mean: float, curvature: float) -> Column:
+    def column(flight: Flight) -> Array:
+        q = flight["qbar"] / mean
+        return -(1.0 + curvature) * q / (1.0 + curvature * q)
+
+    return column
+
+
+def _fall_about(mean: float) -> Column:
+    def column(flight: Flight) -> Array:
+        return 1.0 - flight["qbar"] / mean
+
+    return column
+
+
+def _stretches(flights: Flights) -> list[Variant]:
+    made = []
+    for control in _used(flights):
+        moved = held(flights, CONTROLS[control])
+        parameter = Parameter(f"{control} {_LOSS}", "-", 0.15, 0.0, 1.0)
+        for fall, about, law in _falls(flights):
+            made.append(scaled_slopes(flights, moved, (control,), fall, parameter, about, law=law))
+            only = f"{about}, in {moved[0]} only"
+            made.append(scaled_slopes(flights, moved[:1], (control,), fall, parameter, only, law=law))
+    return [v for v in made if v is not None]
+
+
+def _flexes(flights: Flights) -> list[Variant]:
+    every = coefficients(flights)
+    parameter = Parameter(_LOSS, "-", 0.15, 0.0, 1.0)
+    zero = lift_line(flights)[1]
+    made = []
+    for fall, about, law in _falls(flights):
+        made += [
+            scaled_slopes(flights, responses, channels, fall, parameter, f"{which}; {about}", at, law)
+            for responses, channels, which, at in (
+                (every, None, "all slopes", 0.0),
+                (every, None, "all slopes, incidence from that of no lift", zero),
+                (held(flights, LONGITUDINAL), ("alpha",), "the slopes with alpha", 0.0),
+                (held(flights, LATERAL), None, "the lateral slopes", 0.0),
+            )
+        ]
+        made.append(scaled_whole(flights, every, fall, parameter, f"all coefficients but CX; {about}"))
+        # The wing gives way otherwise than the tail, and may bring its lift forward as well as back.
+        made += [
+            each_slope(flights, fall, _own_loss, f"each slope by its own{which}; {about}", at, law)
+            for which, at in (("", 0.0), (", incidence from that of no lift", zero))
+        ]
+    return [v for v in made if v is not None]
+
+
+def _own_loss(what: str) -> Parameter:
+    return Parameter(f"{what} {_LOSS}", "-", 0.15, -1.0 if what == "stability" else 0.0, 1.0)
+
+
+def _needs_pressure(flights: Flights) -> str:
+    gone = lacking(flights)
+    if gone:
+        return gone
+    low, high = reach(flights, "qbar")
+    if high - low < _PRESSURES * _mean_pressure(flights):
+        return f"dynamic pressure that changes by {100 * _PRESSURES:.0f} % or more"
+    return ""
+
+
+def _needs_stretch(flights: Flights) -> str:
+    return _needs_pressure(flights) or ("" if _used(flights) else "a control (de, da, dr) that moves")
+
+
+def _says_loss(found: Found) -> str:
+    names = [p.name for p in found.variant.parameters]
+    shares = [f"{name.removesuffix(_LOSS)}{found.text(name, 100.0, '%')}" for name in names]
+    who = f"Effectiveness of {names[0].split()[0]} falls" if names[0].split()[0] in CONTROLS else "Slopes fall"
+    return f"{who} with dynamic pressure: lost at its mean {', '.join(shares)} ({found.variant.about})."
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "control-nonlinearity",
+        "static",
+        "The effectiveness of a control falls or grows with its own deflection.",
+        _needs_bend,
+        _bends,
+        _says_bend,
+        look_alikes=("actuator-saturation", "wrong-derivative", "slipstream", "missing-term"),
+        separated_by="The same input at three amplitudes, up to full deflection, with the surface itself measured.",
+        check="Control derivative against deflection in the wind-tunnel data; gaps and separation at the hinge.",
+    ),
+    Hypothesis(
+        "control-stretch",
+        "structural",
+        "The linkage of a control gives way, so that its effectiveness falls with dynamic pressure.",
+        _needs_stretch,
+        _stretches,
+        _says_loss,
+        look_alikes=("compressibility", "flexibility", "wrong-derivative", "control-nonlinearity"),
+        separated_by="The same control input over a sweep of speed, and at one Mach number at two heights.",
+        check="Where the deflection is measured: at the surface or at the stick; stiffness of cables and rods.",
+    ),
+    Hypothesis(
+        "flexibility",
+        "structural",
+        "The structure bends under load: all slopes fall with dynamic pressure.",
+        _needs_pressure,
+        _flexes,
+        _says_loss,
+        look_alikes=("compressibility", "control-stretch", "wrong-derivative"),
+        separated_by="The same manoeuvres at one Mach number at two heights.",
+        check="Flexible-to-rigid ratios of the derivatives against dynamic pressure.",
+    ),
+)

@@ -1,0 +1,300 @@
+"""What changes in flight: configuration, ice, a load let go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.comparison.surrogate import CONFIGURATION
+from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.changes import Change, added, alone, find_changes, together
+from structsel.effects.operators import shape_of
+from structsel.effects.signals import (
+    LONGITUDINAL,
+    Column,
+    from_lift_and_drag,
+    lacking,
+    lift_line,
+    moves,
+    signature,
+)
+from structsel.numerics.arrays import Array
+
+_DURATIONS = (0.0, 1.0, 2.5, 5.0, 8.0)  # s, of a change of configuration
+_ONSETS = (0.0, 0.2, 0.4, 0.6)  # of a manoeuvre's duration, from which ice grows
+_SPELLS = tuple(
+    (begin, end) for begin in (0.0, 0.12, 0.25, 0.4, 0.6) for end in (0.3, 0.5, 0.75, 1.0) if end > begin + 0.1
+)
+"""Begin and end of ice's growth over all manoeuvres."""
+_PHRASES = {"lift": "lift coefficient", "drag": "drag coefficient", "pitching moment": "pitching moment coefficient"}
+
+
+# --- configuration ---------------------------------------------------------------------------------------------------
+
+
+def _increments(along: Column, slope: float | None, zero: float) -> Callable[[Flight], Columns]:
+    k = 3 if slope is None else 4
+
+    def columns(flight: Flight) -> Columns:
+        x = along(flight)
+        if not x.any():
+            return {}
+        parts = [*from_lift_and_drag(flight, 0, CL=x), *from_lift_and_drag(flight, 1, CD=x), ("Cm", 2, x)]
+        if slope is not None:
+            parts += from_lift_and_drag(flight, 3, CL=slope * (flight["alpha"] - zero) * x)
+        return signature(flight, k, parts)
+
+    return columns
+
+
+def _size(sds: Sequence[float], unit: str) -> tuple[Parameter, ...]:
+    return tuple(Parameter(name, unit, sd) for name, sd in zip(_PHRASES, sds))
+
+
+def _recorded(flights: Flights) -> list[Variant]:
+    slope, zero = lift_line(flights)
+    made = []
+    for channel in _channels(flights):
+        unit = "1/rad" if channel in ("df", "flap") else "-"
+        sizes = _size((0.6, 0.06, 0.15) if unit == "1/rad" else (0.1, 0.03, 0.05), unit)
+        along = _channel(channel)
+        made.append(Variant(sizes, _increments(along, None, zero), about=channel, terms=(channel,)))
+        more = (*sizes, Parameter("lift slope", unit, 0.2, -1.0, 1.0))
+        made.append(Variant(more, _increments(along, slope, zero), about=channel, terms=(channel, f"alpha*{channel}")))
+    return made
+
+
+def _channels(flights: Flights) -> list[str]:
+    return [c for c in CONFIGURATION if moves(flights, c)]
+
+
+def _channel(name: str) -> Column:
+    return lambda flight: flight[name]
+
+
+def _unrecorded(flights: Flights) -> list[Variant]:
+    sizes = _size((0.15, 0.03, 0.04), "-")
+    found = find_changes(flights, LONGITUDINAL, _DURATIONS)
+    return [
+        Variant(sizes, _increments(added(one, signs), None, 0.0), _times(one), _seconds(one), _when(one))
+        for one, signs in [*alone(found), *together(found)]
+    ]
+
+
+def _times(changes: Sequence[Change]) -> dict[str, float]:
+    return shape_of({c.flight: c.start for c in changes}) | {"duration": changes[0].duration}
+
+
+def _seconds(changes: Sequence[Change]) -> dict[str, str]:
+    return dict.fromkeys(_times(changes), "s")
+
+
+def _when(changes: Sequence[Change]) -> str:
+    places = ", ".join(f"{c.flight} at {c.start:.1f} s" for c in changes)
+    took = changes[0].duration
+    return f"{places}{f', within {took:g} s' if took else ', at once'}"
+
+
+def _says_configuration(found: Found) -> str:
+    if "duration" in found.variant.shape:
+        told = [f"{phrase} by {found.text(name)}" for name, phrase in _PHRASES.items()]
+        return f"The configuration changed, unrecorded, in {found.variant.about}: {', '.join(told)}."
+    told = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
+    return f"Forces follow {found.variant.about}, of which the simulation does not know enough: {', '.join(told)}."
+
+
+# --- ice -------------------------------------------------------------------------------------------------------------
+
+
+def _ices(flights: Flights) -> list[Variant]:
+    slope, zero = lift_line(flights)
+    longest = max(f.t[-1] - f.t[0] for f in flights)
+    made = [
+        _iced(_growing(onset, longest), slope, zero, "over each manoeuvre", {"onset": onset * longest})
+        for onset in _ONSETS
+    ]
+    for rest in (0.2, 0.5):
+        shape = {"time constant": rest * longest}
+        made.append(_iced(_settling(rest * longest), slope, zero, "over each manoeuvre, levelling off", shape))
+    if len(flights) > 1:
+        clock = _clock(flights)
+        for begin, end in _SPELLS:
+            about = f"from {100 * begin:.0f} to {100 * end:.0f} % of all manoeuvres one after the other"
+            made.append(_iced(_since(clock, begin, end), slope, zero, about, {}))
+        made += [
+            _iced(_growing(onset, longest, f.name), slope, zero, f"in {f.name}", {"onset": onset * longest})
+            for f in flights[:10]
+            for onset in _ONSETS
+        ]
+    return made
+
+
+def _growing(onset: float, longest: float, only: str = "") -> Column:
+    """From a share of the longest manoeuvre's time on, one being the whole of it."""
+
+    def column(flight: Flight) -> Array:
+        if only not in ("", flight.name):
+            return np.zeros(len(flight))
+        return np.maximum((flight.t - flight.t[0]) / longest - onset, 0.0)
+
+    return column
+
+
+def _settling(constant: float) -> Column:
+    return lambda flight: 1.0 - np.exp(-(flight.t - flight.t[0]) / constant)
+
+
+def _clock(flights: Flights) -> dict[str, tuple[float, float]]:
+    """Start and end of each manoeuvre on the clock of all, from nought to one; by their order where it is not told."""
+    starts = [float(f.t[0]) for f in flights]
+    if all(later >= before.t[-1] for before, later in zip(flights, starts[1:])):
+        first, whole = starts[0], float(flights[-1].t[-1]) - starts[0]
+        return {f.name: ((f.t[0] - first) / whole, (f.t[-1] - first) / whole) for f in flights}
+    return {f.name: (k / len(flights), (k + 1) / len(flights)) for k, f in enumerate(flights)}
+
+
+def _since(clock: Mapping[str, tuple[float, float]], begin: float, end: float) -> Column:
+    """Growing between two times on the clock of all, one being what is there afterwards."""
+
+    def column(flight: Flight) -> Array:
+        first, last = clock.get(flight.name, (0.0, 0.0))
+        share = (flight.t - flight.t[0]) / max(flight.t[-1] - flight.t[0], 1e-9)
+        return np.clip((first + (last - first) * share - begin) / (end - begin), 0.0, 1.0)
+
+    return column
+
+
+def _iced(along: Column, slope: float, zero: float, about: str, shape: dict[str, float]) -> Variant:
+    parameters = (
+        Parameter("drag", "-", 0.02, 0.0, 0.3),
+        Parameter("lift slope loss", "-", 0.1, 0.0, 0.7),
+        Parameter("pitching moment", "-", 0.006, -0.1, 0.1),
+    )
+
+    def columns(flight: Flight) -> Columns:
+        x = along(flight)
+        if not x.any():
+            return {}
+        lost = slope * (flight["alpha"] - zero) * x
+        return signature(
+            flight, 3, [*from_lift_and_drag(flight, 0, CD=x), *from_lift_and_drag(flight, 1, CL=-lost), ("Cm", 2, x)]
+        )
+
+    return Variant(parameters, columns, shape, dict.fromkeys(shape, "s"), about)
+
+
+def _says_ice(found: Found) -> str:
+    return (
+        f"Drag grows by {found.text('drag', 1e4, 'counts')} and the lift slope falls by "
+        f"{found.text('lift slope loss', 100.0, '%')} {found.variant.about}, as with ice."
+    )
+
+
+# --- a load let go ---------------------------------------------------------------------------------------------------
+
+
+_RELEASE = (
+    Parameter("mass", "of the rest", 0.08, 0.01, 0.8),
+    Parameter("drag", "-", 0.006, 0.0, 0.2),
+    Parameter("dx", "of cbar", 0.02, -0.3, 0.3),
+    Parameter("dy", "of b", 0.005, -0.1, 0.1),
+    Parameter("trim", "-", 0.005, -0.1, 0.1),
+)
+_WHERE = {"near the middle": 0.0, "along the span": 1.2}
+"""What a share of mass takes with it of the inertia about x and z; of that about y half as much."""
+
+
+def _releases(flights: Flights) -> list[Variant]:
+    changes = find_changes(flights, COEFFICIENTS, (0.0,), each=2)
+    return [
+        Variant(
+            _RELEASE,
+            _released(added(one, np.ones(len(one))), inertia),
+            _times(one),
+            _seconds(one),
+            f"{_when(one)}, from {place}",
+        )
+        for one, _ in [*alone(changes), *together(changes, both_ways=False)]
+        for place, inertia in _WHERE.items()
+    ]
+
+
+def _released(along: Column, inertia: float) -> Callable[[Flight], Columns]:
+    def columns(flight: Flight) -> Columns:
+        x = along(flight)
+        if not x.any():
+            return {}
+        told = {r: flight.told(r) if r in flight.simulated else np.zeros(len(flight)) for r in COEFFICIENTS}
+        tilt, CT = flight.craft.thrust.inclination, flight["CT"]
+        # Weighed as before, the aircraft seems to feel more force, and more moment, than it does.
+        parts = [
+            ("CX", 0, x * (told["CX"] + CT * np.cos(tilt))),
+            ("CY", 0, x * told["CY"]),
+            ("CZ", 0, x * (told["CZ"] - CT * np.sin(tilt))),
+            ("Cl", 0, inertia * x * told["Cl"]),
+            ("Cm", 0, 0.5 * inertia * x * told["Cm"]),
+            ("Cn", 0, inertia * x * told["Cn"]),
+            *from_lift_and_drag(flight, 1, CD=-x),
+            ("Cm", 2, x * told["CZ"]),
+            ("Cn", 2, -x * told["CY"] * flight.craft.cbar / flight.craft.b),
+            ("Cl", 3, -x * told["CZ"]),
+            ("Cn", 3, x * told["CX"]),
+            ("Cm", 4, x),
+        ]
+        return signature(flight, len(_RELEASE), parts)
+
+    return columns
+
+
+def _says_release(found: Found) -> str:
+    mass, drag = found.text("mass", 100.0, "%"), found.text("drag", 1e4, "counts")
+    forward, aside = found.text("dx", 100.0, "% cbar"), found.text("dy", 100.0, "% of the span")
+    return (
+        f"A load left the aircraft in {found.variant.about}: mass falls by {mass} of the rest, drag by {drag}, and the "
+        f"centre of gravity moves by {forward} and {aside} to the side."
+    )
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "configuration-change",
+        "static",
+        "Flap, gear, brake or spoiler changes lift, drag and moment together: as its channel tells, or unrecorded.",
+        lambda flights: lacking(flights, LONGITUDINAL),
+        lambda flights: [*_recorded(flights), *_unrecorded(flights)],
+        _says_configuration,
+        look_alikes=("store-release", "icing", "ground-effect"),
+        separated_by="The device moved again in steady flight at two speeds, with its position recorded.",
+        check="The flight log at that time: flap, gear, brakes, doors; increments of the device in the simulation.",
+        log_prior=-1.0,
+        event=True,
+    ),
+    Hypothesis(
+        "icing",
+        "static",
+        "Drag grows and the lift slope falls, slowly, with time.",
+        lambda flights: lacking(flights, ("CX", "CZ")),
+        _ices,
+        _says_ice,
+        look_alikes=("mass-error", "configuration-change", "drag-polar"),
+        separated_by="The first manoeuvre flown again at the end, and out of the cloud.",
+        check="Temperature and moisture along the flight; the airframe after landing.",
+        event=True,
+    ),
+    Hypothesis(
+        "store-release",
+        "inertial",
+        "A load leaves the aircraft: mass, drag and trim jump at one instant.",
+        lambda flights: lacking(flights, ("CX", "CZ")),
+        _releases,
+        _says_release,
+        look_alikes=("configuration-change", "mass-error", "cg-shift"),
+        separated_by="Pulls before and after: a lighter aircraft feels more at the same lift.",
+        check="The flight log at that time; mass by weighing after landing.",
+        log_prior=-2.0,
+        event=True,
+    ),
+)

@@ -1,0 +1,302 @@
+"""Mass, its centre and its spread: other than stated, burning away, shifting or swinging.
+
+What is measured rests on the stated mass and inertia. What the true ones add is told by the *simulated* forces and
+moments, never the measured ones: noise must not meet itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from structsel.comparison.flight import Flight
+from structsel.effects.base import Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.operators import onsets, oscillate, peaks, shape_of, since, spaced, told_onsets
+from structsel.effects.signals import FORCES, Parts, coefficients, held, lacking, of_parts
+from structsel.numerics.arrays import Array
+from structsel.numerics.rigid_body import angular_acceleration, inertial_moment, thrust_moment
+from structsel.numerics.rigid_body.vectors import cross
+
+_MOMENTS = ("Cl", "Cm", "Cn")
+_SLOSH = (0.25, 2.0)  # Hz
+_SLOSH_FREQUENCIES = 17  # 14 % apart, as far as the wider of the resonances is wide
+_SLOSH_DAMPINGS = (0.025, 0.08)
+_BESIDE = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
+_ONSETS = 4  # manoeuvres in which the centre of gravity may move
+
+
+# Mass
+
+
+def _heavier(flight: Flight, j: int, share: Array | float) -> Parts:
+    return [(r, j, -share * C) for r, C in zip(FORCES, flight.forces)]
+
+
+def _burnt(flight: Flight) -> Array:
+    """Minutes since the start, weighted with the thrust where it is known."""
+    thrust = flight["thrust"]
+    mean = float(thrust.mean())
+    rate = thrust / mean if mean > 0.0 else np.ones(len(flight))
+    return np.cumsum(rate) * flight.dt / 60.0
+
+
+def _place_in(flights: Flights) -> Callable[[Flight], float]:
+    """Place of a manoeuvre: 0 of the first, 1 of the last and of any flown later."""
+    known = {f.name: i / max(1, len(flights) - 1) for i, f in enumerate(flights)}
+    return lambda f: known.get(f.name, 1.0)
+
+
+def _mass_variants(flights: Flights) -> list[Variant]:
+    share = Parameter("share", "-", 0.06, -0.5, 0.5, of_outcome=True)
+    made = [of_parts((share,), lambda f: _heavier(f, 0, 1.0), "in all manoeuvres")]
+    if len(flights) > 2:
+        place = _place_in(flights)
+        growth = Parameter("share from first to last", "-", 0.1, -0.5, 0.5)
+        made.append(of_parts((growth,), lambda f: _heavier(f, 0, place(f)), "growing from manoeuvre to manoeuvre"))
+        made.append(
+            of_parts(
+                (share, growth), lambda f: [*_heavier(f, 0, 1.0), *_heavier(f, 1, place(f))],
+                "off, and growing from manoeuvre to manoeuvre",
+            )
+        )  # fmt: skip
+    if len({float(f.t[0]) for f in flights}) > 1:
+        first = min(float(f.t[0]) for f in flights)
+        rate = Parameter("share per min", "1/min", 0.005, -0.1, 0.1)
+        made.append(of_parts((rate,), lambda f: _heavier(f, 0, (f.t - first) / 60.0), "growing with the time of day"))
+    within = Parameter("share per min", "1/min", 0.02, -0.3, 0.3)
+    made.append(of_parts((within,), lambda f: _heavier(f, 0, _burnt(f)), "growing within each manoeuvre as fuel burns"))
+    return made
+
+
+def _mass_says(found: Found) -> str:
+    amounts = [
+        found.text(p.name, 100.0, "%" if p.unit == "-" else "% per min")
+        + p.name.removeprefix("share").removesuffix(" per min")
+        for p in found.variant.parameters
+    ]
+    return f"The mass is off by {' and '.join(amounts)} of what is stated ({found.variant.about})."
+
+
+# Centre of gravity
+
+
+def _through(flight: Flight) -> Array:
+    """From 0 at a manoeuvre's start to 1 at its end."""
+    return (flight.t - flight.t[0]) / np.ptp(flight.t)
+
+
+def _off_centre(
+    flight: Flight, j: int, axis: int, on: Callable[[Flight], Array | float] | None = None, pushed: bool = True
+) -> Parts:
+    """Moments about a centre of gravity that lies 1 m along an axis from the stated one.
+
+    Thrust takes part where its line stays; where that is stated from the centre of gravity, it moves as well.
+    """
+    arm = cross(np.eye(3)[axis], flight.forces if pushed else [flight.told(c) for c in FORCES])
+    lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
+    much = 1.0 if on is None else on(flight)
+    return [(r, j, -much * m / length) for r, m, length in zip(_MOMENTS, arm, lengths)]
+
+
+def _off_centres(flight: Flight, axes: Sequence[int], pushed: bool) -> Parts:
+    return [part for j, axis in enumerate(axes) for part in _off_centre(flight, j, axis, pushed=pushed)]
+
+
+def _off_centre_in(flight: Flight, axis: int, moment: str) -> Parts:
+    """One moment of the air's forces alone, where a simulation's own is told for that axis only."""
+    return [part for part in _off_centre(flight, 0, axis, pushed=False) if part[0] == moment]
+
+
+def _shift(flights: Flights, axis: int) -> Parameter:
+    craft = flights[0].craft
+    sd = (0.03 * craft.cbar, 0.01 * craft.b, 0.04 * craft.cbar)[axis]
+    return Parameter("xyz"[axis], "m", sd, -8.0 * sd, 8.0 * sd)
+
+
+def _shift_variants(flights: Flights) -> list[Variant]:
+    made = []
+    lines = {True: "in all manoeuvres"}
+    if any(np.any(f["CT"]) for f in flights):
+        lines[False] = "in all manoeuvres, the line of thrust with it"
+    for axes in ((0,), (1,), (2,), (0, 2), (0, 1)):
+        parameters = tuple(_shift(flights, i) for i in axes)
+        for pushed, about in lines.items():
+            if pushed or axes != (0,):
+                made.append(of_parts(parameters, partial(_off_centres, axes=axes, pushed=pushed), about))
+    for axis, moment in ((0, "Cm"), (1, "Cl"), (2, "Cm")):
+        columns = partial(_off_centre_in, axis=axis, moment=moment)
+        made.append(of_parts((_shift(flights, axis),), columns, f"in all manoeuvres, in {moment} alone"))
+    for axis, responses in ((0, ("Cm",)), (1, ("Cl", "Cn")), (2, ("Cm",))):
+        for times in onsets(flights, responses, _ONSETS):
+            shape = shape_of(times)
+            made.append(
+                of_parts(
+                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=partial(since, times=times)),
+                    told_onsets(times), (), shape, dict.fromkeys(shape, "s"),
+                )
+            )  # fmt: skip
+        if len(flights) > 2:
+            made.append(
+                of_parts(
+                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=_place_in(flights)),
+                    "growing from the first manoeuvre to the last",
+                )
+            )  # fmt: skip
+        made.append(
+            of_parts(
+                (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=_through),
+                "growing over each manoeuvre",
+            )
+        )  # fmt: skip
+    return made
+
+
+def _shift_says(found: Found) -> str:
+    where = ", ".join(f"{found.text(p.name)} along body {p.name}" for p in found.variant.parameters)
+    return f"The centre of gravity lies elsewhere than stated, by {where} ({found.variant.about})."
+
+
+# Moments of inertia
+
+
+def turning(flight: Flight) -> tuple[Array, ...]:
+    """Angular acceleration that the simulated moments would give; measured about axes it does not tell."""
+    craft = flight.craft
+    assert craft.inertia is not None
+    rates = (flight["p"], flight["q"], flight["r"])
+    qS = flight["qbar"] * craft.S
+    read = inertial_moment(
+        rates, tuple(flight[f"{c}_dot"] for c in "pqr"), craft.inertia.tensor, craft.engine.angular_momentum
+    )
+    pull = thrust_moment(flight["thrust"], craft.thrust.offset, craft.thrust.inclination)
+    moment = [
+        flight.told(r) * qS * length + T if r in flight.simulated else M
+        for r, length, T, M in zip(_MOMENTS, (craft.b, craft.cbar, craft.b), pull, read)
+    ]
+    return angular_acceleration(rates, moment, craft.inertia.tensor, craft.engine.angular_momentum)
+
+
+def _stiffer_to_turn(flight: Flight, more: list[np.ndarray]) -> Parts:
+    """Moments that more inertia needs for the same motion, which the stated inertia leaves out."""
+    rates = (flight["p"], flight["q"], flight["r"])
+    qS, craft = flight["qbar"] * flight.craft.S, flight.craft
+    faster = turning(flight)
+    made = []
+    for j, change in enumerate(more):
+        moment = inertial_moment(rates, faster, change)
+        made += [(r, j, -m / (qS * length)) for r, m, length in zip(_MOMENTS, moment, (craft.b, craft.cbar, craft.b))]
+    return made
+
+
+def _inertia_variants(flights: Flights) -> list[Variant]:
+    inertia = flights[0].craft.inertia
+    assert inertia is not None
+    sizes = {"Ix": (0, 0, inertia.Ix), "Iy": (1, 1, inertia.Iy), "Iz": (2, 2, inertia.Iz)}
+    units = {}
+    for name, (i, j, size) in sizes.items():
+        units[name] = np.zeros((3, 3))
+        units[name][i, j] = size
+    units["Ixz"] = np.zeros((3, 3))
+    units["Ixz"][0, 2] = units["Ixz"][2, 0] = -inertia.Iz
+    made = []
+    parameters = {n: Parameter(n, "-", 0.12, -0.6, 1.5, of_outcome=True) for n in sizes}
+    parameters["Ixz"] = Parameter("Ixz", "of Iz", 0.03, -0.6, 1.5)
+    groups = [("Ix",), ("Iy",), ("Iz",), ("Ixz",), ("Ix", "Iz", "Ixz"), ("Ix", "Iy", "Iz")]
+    for group in groups:
+        parts = [units[n] for n in group]
+        made.append(
+            of_parts(tuple(parameters[n] for n in group), partial(_stiffer_to_turn, more=parts), "in all manoeuvres")
+        )
+    return made
+
+
+def _inertia_needs(flights: Flights) -> str:
+    if flights[0].craft.inertia is None:
+        return "moments of inertia"
+    return lacking(flights, _MOMENTS)
+
+
+def _inertia_says(found: Found) -> str:
+    off = [
+        f"{p.name} by {found.text(p.name, 100.0, '% of Iz' if p.name == 'Ixz' else '%')}"
+        for p in found.variant.parameters
+    ]
+    return f"Moments of inertia are larger than stated: {', '.join(off)}."
+
+
+# Fuel or loads that swing
+
+
+def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Parts:
+    force = flight.forces[axis]
+    qS, craft = flight["qbar"] * flight.craft.S, flight.craft
+    # A mass on a pendulum does not go with the aircraft: its share of the force comes late and rings.
+    accel = force * qS / flight["mass"]
+    late = -(oscillate(accel, flight.dt, frequency, damping) - accel) * flight["mass"] / qS
+    if axis == 1:
+        return [("CY", 0, late), ("Cl", 1, late / craft.b), ("Cn", 2, late / craft.b)]
+    return [(FORCES[axis], 0, late), ("Cm", 1, late / craft.cbar)]
+
+
+def _slosh_variants(flights: Flights) -> list[Variant]:
+    craft = flights[0].craft
+    share = Parameter("share of the mass", "-", 0.05, -0.3, 0.3)
+    side = (share, Parameter("roll arm", "m", 0.03 * craft.b), Parameter("yaw arm", "m", 0.03 * craft.b))
+    pitch = (share, Parameter("pitch arm", "m", 0.05 * craft.cbar))
+    made = []
+    for axis, parameters, name in ((1, side, "sideways"), (0, pitch, "fore and aft")):
+        seen = peaks(flights, (FORCES[axis],), 3, *_SLOSH)
+        near = [x * by for x in seen for by in _BESIDE]
+        for frequency in [
+            *near,
+            *(x for x in spaced(*_SLOSH, _SLOSH_FREQUENCIES) if all(abs(np.log(x / y)) > 0.1 for y in seen)),
+        ]:
+            for damping in _SLOSH_DAMPINGS:
+                shape = {"frequency": frequency, "damping": damping}
+                made.append(
+                    of_parts(
+                        parameters,
+                        partial(_swinging, axis=axis, frequency=frequency, damping=damping),
+                        name,
+                        (),
+                        shape,
+                        {"frequency": "Hz", "damping": "-"},
+                    )
+                )
+    return made
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "mass-error", "inertial", "The mass is not as stated, or changes as fuel burns.",
+        lambda fs: "" if len(held(fs, FORCES)) > 1 else "two simulated force coefficients", _mass_variants, _mass_says,
+        look_alikes=("position-error", "wrong-derivative", "sensor-scale", "thrust-scale"),
+        separated_by="throttle steps and moments: both know the dynamic pressure, neither the weight",
+        check="weighing, and the fuel state of each manoeuvre",
+    ),
+    Hypothesis(
+        "cg-shift", "inertial", "The centre of gravity is not where stated, or moves.",
+        lambda fs: lacking(fs, _MOMENTS) or lacking(fs, FORCES), _shift_variants, _shift_says,
+        look_alikes=("wrong-derivative", "thrust-line"),
+        separated_by="force changes that angle of attack does not cause: flap, throttle, sideslip, stall",
+        check="loading sheet and fuel distribution; weighing on three points",
+    ),
+    Hypothesis(
+        "inertia-error", "inertial", "A moment or product of inertia is not as stated.",
+        _inertia_needs, _inertia_variants, _inertia_says,
+        look_alikes=("wrong-derivative", "sensor-delay", "engine-gyroscopic"),
+        separated_by="a known moment, as of a throttle step, or fast rolling with pitch and yaw rates",
+        check="loading of the wings and a swing test",
+    ),
+    Hypothesis(
+        "slosh", "inertial", "Fuel or a slung load swings, lightly damped.",
+        lambda fs: "" if {"CY", "CX"} & set(coefficients(fs)) else "a simulated CY or CX", _slosh_variants,
+        lambda found: f"A mass swings {found.variant.about} at {found.text('frequency')}, "
+        f"{found.text('share of the mass', 100.0, '%')} of all.",
+        look_alikes=("structural-mode", "wrong-derivative"),
+        separated_by="the same manoeuvre with full and with half-full tanks",
+        check="baffles, and the fill of the tanks",
+    ),
+)  # fmt: skip

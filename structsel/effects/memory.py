@@ -1,0 +1,289 @@
+"""Air that remembers: separation, wakes at the tail, lift that builds up, inflow through a rotor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.operators import lag, lags, late, separation, spaced
+from structsel.effects.signals import (
+    available,
+    coefficients,
+    from_lift_and_drag,
+    gathered,
+    lacking,
+    lift,
+    moves,
+    reach,
+    signature,
+)
+from structsel.numerics.arrays import Array
+
+_HIGH = 0.14  # rad, incidence below which wings do not stall
+_CHORDS = ((5.0, 4.0), (15.0, 4.0), (15.0, 12.0), (40.0, 10.0))  # tau1, tau2 in chords travelled
+# Indicial lift 1 - sum A exp(-b s), s in half chords: Wagner (Jones), and Jones's for finite wings.
+_INDICIAL = {
+    "a wide wing": ((0.165, 0.0455), (0.335, 0.300)),
+    "aspect ratio 6": ((0.361, 0.381),),
+    "aspect ratio 3": ((0.283, 0.540),),
+}
+_LIFT_CHORDS = (2.0, 4.0, 8.0, 16.0, 32.0)
+WHATEVER_THE_LIFT = "beyond attached flow, whatever the lift"
+_SHARP = 25.0  # 1/rad, of separation that acts on each coefficient by itself
+_TAIL_CHORDS = (2.5, 4.0, 6.0)
+_ROTOR_CHANNELS = ("collective", "dcol", "d0", "theta0", "dlon", "dlat", "rotor_rpm", "nr")
+
+
+# Stall with memory
+
+
+def _attached(flight: Flight, where: float, sharp: float, tau1: float, tau2: float) -> Array:
+    """How much of the flow is attached, with time constants in chords travelled."""
+    chord = flight.craft.cbar / float(flight["V"].mean())
+    return separation(flight["alpha"], flight["alpha_dot"], flight.dt, tau1 * chord, tau2 * chord, sharp, where)
+
+
+def _stalling(flight: Flight, where: float, sharp: float, tau1: float, tau2: float, beyond_steady: bool) -> Columns:
+    alpha, X = flight["alpha"], _attached(flight, where, sharp, tau1, tau2)
+    kept = 0.25 * (1.0 + np.sqrt(X)) ** 2
+    lost, drag = kept - 1.0, 1.0 - X
+    if beyond_steady:
+        steady = separation(alpha, 0.0 * alpha, flight.dt, 0.0, 0.0, sharp, where)
+        share = 0.25 * (1.0 + np.sqrt(steady)) ** 2
+        lost, drag = kept / share - 1.0, steady - X
+    parts = from_lift_and_drag(flight, 0, CL=lost * lift(flight)) + from_lift_and_drag(flight, 1, CD=drag)
+    return signature(flight, 3, [*parts, ("Cm", 2, -drag)])
+
+
+def _separated(flight: Flight, where: float, tau1: float, tau2: float) -> Columns:
+    """Each coefficient by what is separated, whatever the lift."""
+    X = _attached(flight, where, _SHARP, tau1, tau2)
+    return signature(flight, 3, [("CZ", 0, 1.0 - X), ("CX", 1, X - 1.0), ("Cm", 2, X - 1.0)])
+
+
+def _stall_variants(flights: Flights) -> list[Variant]:
+    alpha = gathered(flights, "alpha")
+    top = float(np.quantile(alpha, 0.998))
+    lowest = max(float(np.quantile(alpha, 0.6)), 0.5 * top, 0.8 * _HIGH)
+    onsets = np.linspace(lowest, 0.98 * top, 4)
+    parameters = (
+        Parameter("lift lost", "-", 0.7, 0.0, 1.5),
+        Parameter("drag", "-", 0.2, 0.0, 1.5),
+        Parameter("nose-down moment", "-", 0.1, -0.1, 0.8),
+    )
+    units = {"onset": "rad", "sharpness": "1/rad", "tau1": "s", "tau2": "s"}
+    chord = flights[0].craft.cbar / float(gathered(flights, "V").mean())
+    lost = Parameter("normal force lost", "-", 0.3, 0.0, 3.0)
+    made = []
+    for onset in onsets:
+        for tau1, tau2 in _CHORDS[:3]:
+            shape = {"onset": float(onset), "sharpness": _SHARP, "tau1": tau1 * chord, "tau2": tau2 * chord}
+            columns = partial(_separated, where=float(onset), tau1=tau1, tau2=tau2)
+            made.append(Variant((lost, *parameters[1:]), columns, shape, units, WHATEVER_THE_LIFT))
+        for sharp, beyond_steady in ((18.0, False), (40.0, False), (25.0, True)):
+            for tau1, tau2 in _CHORDS:
+                shape = {"onset": float(onset), "sharpness": sharp, "tau1": tau1 * chord, "tau2": tau2 * chord}
+                about = "beyond a steady stall" if beyond_steady else "beyond attached flow"
+                made.append(
+                    Variant(
+                        parameters,
+                        partial(
+                            _stalling,
+                            where=float(onset),
+                            sharp=sharp,
+                            tau1=tau1,
+                            tau2=tau2,
+                            beyond_steady=beyond_steady,
+                        ),
+                        shape,
+                        units,
+                        about,
+                    )
+                )
+    return made
+
+
+def _stall_needs(flights: Flights) -> str:
+    if missing := lacking(flights, ("CZ", "Cm", "CX"), ("alpha",)):
+        return missing
+    return "" if reach(flights, "alpha")[1] > _HIGH else f"angle of attack above {np.degrees(_HIGH):.0f} deg"
+
+
+def _stall_says(found: Found) -> str:
+    return (
+        f"The flow separates about {found.text('onset', 180.0 / np.pi, 'deg')} of angle of attack and follows late, "
+        f"with time constants of {found.text('tau1')} and {found.text('tau2')}. Lift is less on the way "
+        "back than on the way up."
+    )
+
+
+# Wakes at the tail
+
+
+def _wake(angle: str, length: str, moved: tuple[str, ...], chords: float | None) -> Callable[[Flight], Columns]:
+    def columns(flight: Flight) -> Columns:
+        x = flight[angle]
+        if chords is None:
+            hat = flight[f"{angle}_dot_hat"]
+        else:
+            # The wake of the wing reaches the tail after it has travelled there; per hat like the derivative.
+            way = chords * flight.craft.cbar / float(flight["V"].mean())
+            hat = (x - late(x, flight.dt, way)) / way * getattr(flight.craft, length) / (2.0 * flight["V"])
+        return signature(flight, len(moved), [(r, j, hat) for j, r in enumerate(moved)])
+
+    return columns
+
+
+def _downwash_variants(flights: Flights) -> list[Variant]:
+    parameters = (
+        # The tail carries more while the angle grows: up, and nose down. Lift that itself comes late is the other way.
+        Parameter("Cm per alpha_dot_hat", "-", 6.0, -40.0, 1.0),
+        Parameter("CZ per alpha_dot_hat", "-", 2.0, -20.0, 0.5),
+    )
+    return _wakes(parameters, "alpha", "cbar", ("Cm", "CZ"))
+
+
+def _sidewash_variants(flights: Flights) -> list[Variant]:
+    parameters = (
+        Parameter("Cn per beta_dot_hat", "-", 0.05, -0.5, 0.5),
+        Parameter("CY per beta_dot_hat", "-", 0.1, -1.0, 1.0),
+    )
+    # A fin stands above the axis.
+    rolling = Parameter("Cl per beta_dot_hat", "-", 0.03, -0.3, 0.3)
+    fin = ("Cn", "CY", "Cl")
+    return [
+        *_wakes(parameters, "beta", "b", fin[:2]),
+        Variant((*parameters, rolling), _wake("beta", "b", fin, None), about="by its rate", terms=("beta_dot_hat",)),
+    ]
+
+
+def _wakes(parameters: tuple[Parameter, ...], angle: str, length: str, moved: tuple[str, ...]) -> list[Variant]:
+    term = (f"{angle}_dot_hat",)
+    made = [Variant(parameters, _wake(angle, length, moved, None), about="by its rate", terms=term)]
+    for chords in _TAIL_CHORDS:
+        columns = _wake(angle, length, moved, chords)
+        made.append(Variant(parameters, columns, {"way": chords}, {"way": "chords"}, "as a delay", term))
+    return made
+
+
+def _wake_says(found: Found) -> str:
+    moment, force = (p.name for p in found.variant.parameters[:2])
+    side = "sidewash" if moment.startswith("Cn") else "downwash"
+    return f"The tail feels the {side} late: {found.text(moment)} in {moment}, {found.text(force)} in {force}."
+
+
+# Lift that builds up
+
+
+def _building(flight: Flight, parts: tuple[tuple[float, float], ...]) -> Columns:
+    rate = flight["alpha_dot"]
+    speed = 2.0 * flight["V"] / flight.craft.cbar  # half chords per second
+    missing = -sum(A * lags(rate, flight.dt, b * speed) for A, b in parts)
+    return signature(flight, 3, [(r, k, flight.slope(r, "alpha") * missing) for k, r in enumerate(("CZ", "CX", "Cm"))])
+
+
+def _lift_variants(flights: Flights) -> list[Variant]:
+    # Suction at the leading edge and the tail's moment build up otherwise than the lift, or not at all.
+    parameters = (
+        Parameter("share", "-", 0.7, 0.2, 2.0),
+        *(Parameter(f"share of the {what}", "-", 0.7, -1.0, 2.0) for what in ("axial force", "moment")),
+    )
+    made = [
+        Variant(parameters, partial(_building, parts=parts), about=f"indicial lift of {name}")
+        for name, parts in _INDICIAL.items()
+    ]
+    for chords in _LIFT_CHORDS:
+        # A = 1 makes it a lag of all the lift; the share says of how much.
+        parts = ((1.0, 0.5 / chords),)
+        made.append(Variant(parameters, partial(_building, parts=parts), {"lag": chords}, {"lag": "chords"}, "one lag"))
+    return made
+
+
+def _lift_says(found: Found) -> str:
+    how = f"over {found.text('lag')} of travel" if "lag" in found.estimates else f"like the {found.variant.about}"
+    return f"Lift follows the angle of attack late, {how}: a share of {found.text('share')} builds up with time."
+
+
+# Rotor inflow
+
+
+def _is_rotor(flights: Flights) -> bool:
+    return any(c in f.recorded for f in flights for c in _ROTOR_CHANNELS)
+
+
+def _rotor_controls(flights: Flights) -> list[str]:
+    return [c for c in ("de", "da", "dr", *_ROTOR_CHANNELS[:6]) if available(flights, c) and moves(flights, c)]
+
+
+def _inflow(flight: Flight, tau: float, controls: list[str]) -> Columns:
+    parts = []
+    for r in flight.measured:
+        if r in COEFFICIENTS:
+            parts += [(r, 0, flight.slope(r, c) * (lag(flight[c], flight.dt, tau) - flight[c]) / tau) for c in controls]
+        elif r in flight.simulated:
+            told = flight.told(r)
+            parts.append((r, 0, (lag(told, flight.dt, tau) - told) / tau))
+    return signature(flight, 1, parts)
+
+
+def _rotor_variants(flights: Flights) -> list[Variant]:
+    controls = _rotor_controls(flights)
+    return [
+        Variant(
+            (Parameter("lag", "s", tau, 0.5 * tau, 1.5 * tau),),
+            partial(_inflow, tau=tau, controls=controls),
+            about="all controls",
+        )
+        for tau in spaced(0.04, 0.5, 8)
+    ]
+
+
+def _rotor_needs(flights: Flights) -> str:
+    if not _is_rotor(flights):
+        return "a rotor: one of the channels collective, dcol, dlon, dlat, rotor_rpm"
+    told = coefficients(flights) or [r for f in flights for r in f.simulated]
+    return "" if told else "a simulated response"
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "stall-hysteresis", "memory", "Separated flow that follows late, so that lift differs on the way up and down.",
+        _stall_needs, _stall_variants, _stall_says,
+        look_alikes=("static-stall", "missing-term", "downwash-lag"),
+        separated_by="slow and fast approaches to the stall, with recovery: a static stall does not know the rate",
+        check="lift against angle of attack in one slow and one fast stall",
+    ),
+    Hypothesis(
+        "downwash-lag", "memory", "The wing's downwash reaches the tail late.",
+        lambda fs: lacking(fs, ("Cm", "CZ"), ("alpha",)), _downwash_variants, _wake_says,
+        look_alikes=("wrong-derivative", "sensor-delay", "unsteady-lift"),
+        separated_by="manoeuvres in which the incidence changes at another rate than the attitude: turns, plunges",
+        check="whether the simulation has derivatives by the rate of the angle of attack",
+    ),
+    Hypothesis(
+        "sidewash-lag", "memory", "The sidewash reaches the fin late.",
+        lambda fs: lacking(fs, ("Cn", "CY"), ("beta",)), _sidewash_variants, _wake_says,
+        look_alikes=("wrong-derivative", "sensor-delay"),
+        separated_by="flat yawing beside rolling into steady turns: the sideslip rate must differ from the yaw rate",
+        check="whether the simulation has derivatives by the rate of sideslip",
+    ),
+    Hypothesis(
+        "unsteady-lift", "memory", "Lift needs some chords of travel to build up, at any angle of attack.",
+        lambda fs: lacking(fs, ("CZ",), ("alpha",)), _lift_variants, _lift_says,
+        look_alikes=("downwash-lag", "sensor-delay", "actuator-lag"),
+        separated_by="fast inputs at low speed, with a second source of the angle of attack",
+        check="the reduced frequency of the manoeuvres, and whether the vane's delay is known",
+    ),
+    Hypothesis(
+        "rotor-inflow-lag", "memory", "A rotor's flapping and inflow follow the controls late.",
+        _rotor_needs, _rotor_variants, lambda found: f"The rotor follows all controls late, by {found.text('lag')}.",
+        look_alikes=("actuator-lag", "sensor-delay"),
+        separated_by="the actuators' own positions, recorded",
+        check="the lag the actuators alone explain",
+    ),
+)  # fmt: skip

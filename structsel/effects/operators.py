@@ -1,0 +1,244 @@
+"""What systems make of a signal, and where in a flight something happens.
+
+Arrays in, arrays out; time runs along the first axis on an even clock. Every operator starts at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numba import njit
+from scipy.fft import dct
+from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.signal import lfilter
+
+from structsel.comparison.flight import Flight
+from structsel.numerics.arrays import Array
+from structsel.numerics.flight_dynamics import actuate
+
+__all__ = [
+    "actuate",
+    "changes",
+    "lag",
+    "lags",
+    "late",
+    "more_and_more",
+    "onsets",
+    "oscillate",
+    "peaks",
+    "pulse",
+    "pulses",
+    "separation",
+    "shape_of",
+    "since",
+    "spaced",
+    "step_at",
+    "told_onsets",
+]
+
+_BINS = 256
+_EDGE = 0.08  # of a manoeuvre at either end, where a step cannot be told from the free mean and trend
+
+
+def spaced(low: float, high: float, count: int) -> list[float]:
+    """Values evenly apart by ratio."""
+    return [float(x) for x in np.geomspace(low, high, count)] if high > low else [float(low)]
+
+
+def late(x: Array, dt: float, delay: float) -> Array:
+    """Signal later by `delay` [s], linear between samples; a negative one is earlier. Beyond the ends it stays."""
+    at = np.arange(len(x), dtype=float)
+    return np.interp(at - delay / dt, at, x)
+
+
+def lag(x: Array, dt: float, tau: float) -> Array:
+    """First-order lag ``tau y' + y = x``, exact for a signal that is linear between samples."""
+    keep = np.exp(-dt / tau)
+    mean = (1.0 - keep) * tau / dt  # of exp(-s / tau) over a sample
+    start = (mean - keep) * x[0] + keep * x[0]
+    return lfilter([1.0 - mean, mean - keep], [1.0, -keep], x, zi=np.array([start]))[0]
+
+
+def lags(rate: Array, dt: float, decay: Array) -> Array:
+    """State of ``z' = rate - decay z`` with a decay [1/s] that changes along the flight, from zero."""
+    made = np.empty(len(rate))
+    _lags(np.ascontiguousarray(rate), dt, np.ascontiguousarray(decay), made)
+    return made
+
+
+def oscillate(x: Array, dt: float, frequency: float, damping: float) -> Array:
+    """Second-order system of unit gain at rest, for a signal that is linear between samples.
+
+    ::
+
+        y'' + 2 damping w y' + w^2 y = w^2 x,   w = 2 pi frequency
+
+    Parameters
+    ----------
+    x : (n,) array
+    dt : float [s]
+    frequency : float [Hz]
+    damping : float
+        Share of critical, below 1.
+    """
+    b, a = _second_order(2.0 * np.pi * frequency * dt, damping)
+    return x[0] + lfilter(b, a, x - x[0])
+
+
+def _second_order(w: float, damping: float) -> tuple[Array, Array]:
+    # Ramp invariance: the response to a ramp, sampled, differenced twice.
+    root = w * complex(-damping, np.sqrt(1.0 - damping**2))
+    z = np.exp(root)
+    a = np.array([1.0, -2.0 * z.real, abs(z) ** 2])
+    k = np.arange(1, 4)
+    # Ramp response: k - 2 damping / w + Re(c z^k), with y(0) = y'(0) = 0.
+    offset = 2.0 * damping / w
+    c = complex(offset, (1.0 + root.real * offset) / root.imag)
+    ramp = k - offset + (c * z**k).real
+    return np.convolve(np.convolve(ramp, [1.0, -2.0, 1.0])[:3], a)[:3], a
+
+
+def separation(
+    alpha: Array, alpha_dot: Array, dt: float, tau1: float, tau2: float, slope: float, onset: float
+) -> Array:
+    """Point of separation on the chord, 1 attached to 0 stalled, that follows the flow late.
+
+    ::
+
+        tau1 X' + X = (1 - tanh(slope (alpha - tau2 alpha' - onset))) / 2
+
+    References
+    ----------
+    Goman and Khrabrov 1994.
+    """
+    steady = 0.5 * (1.0 - np.tanh(slope * (alpha - tau2 * alpha_dot - onset)))
+    return lag(steady, dt, tau1) if tau1 > 0.0 else steady
+
+
+def step_at(t: Array, when: float) -> Array:
+    """Zero, and one from `when` on."""
+    return (t >= when).astype(float)
+
+
+def pulse(t: Array, when: float, length: float) -> Array:
+    """One minus cosine, of height 1, about `when`."""
+    phase = np.clip((t - when) / length, -0.5, 0.5)
+    return 0.5 * (1.0 + np.cos(2.0 * np.pi * phase))
+
+
+def changes(flights: Sequence[Flight], responses: Sequence[str], count: int) -> list[tuple[str, float]]:
+    """Where the level of the differences changes most: manoeuvre and time [s], the clearest first, one of each.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    responses : sequence of str
+        Those looked at.
+    count : int
+        Of changes returned.
+    """
+    return _clearest(flights, responses, count, _steps)
+
+
+def onsets(flights: Sequence[Flight], responses: Sequence[str], count: int) -> list[dict[str, float]]:
+    """Times [s] by manoeuvre from which something may act: each of the clearest `changes` alone, then more and more."""
+    return more_and_more(changes(flights, responses, count))
+
+
+def more_and_more(clearest: Sequence[tuple[str, float]]) -> list[dict[str, float]]:
+    """Times [s] by manoeuvre: each of the clearest alone, then more and more of them together."""
+    return [{where: when} for where, when in clearest] + [dict(clearest[:n]) for n in range(2, len(clearest) + 1)]
+
+
+def since(flight: Flight, times: Mapping[str, float]) -> Array | float:
+    """One from a manoeuvre's own time on, nothing in manoeuvres that have none."""
+    return step_at(flight.t, times[flight.name]) if flight.name in times else 0.0
+
+
+def told_onsets(times: Mapping[str, float]) -> str:
+    """In words."""
+    return ", ".join(f"in '{where}' from {when:.1f} s on" for where, when in times.items())
+
+
+def shape_of(times: Mapping[str, float]) -> dict[str, float]:
+    """As the shape of a variant."""
+    return {f"time in {where}": when for where, when in times.items()}
+
+
+def pulses(flights: Sequence[Flight], responses: Sequence[str], length: float, count: int) -> list[tuple[str, float]]:
+    """Where the differences have a pulse of `length` [s] most clearly: manoeuvre and time, the clearest first."""
+
+    def matched(x: Array, dt: float) -> Array:
+        half = max(2, round(0.5 * length / dt))
+        form = pulse(dt * np.arange(-2.0 * half, 2.0 * half + 1.0), 0.0, length)
+        form -= form.mean()
+        if len(form) >= len(x):
+            return np.zeros(len(x))
+        return np.abs(np.convolve(x - x.mean(), form, mode="same")) / np.sqrt((form**2).sum())
+
+    return _clearest(flights, responses, count, matched)
+
+
+def peaks(flights: Sequence[Flight], responses: Sequence[str], count: int, low: float, high: float) -> list[float]:
+    """Frequencies [Hz] between `low` and `high` where the differences stand highest above their own broad spectrum."""
+    if high <= low:
+        return []
+    grid = np.geomspace(low, high, _BINS)
+    heights = np.zeros(_BINS)
+    for r in responses:
+        power = np.zeros(_BINS)
+        for f in flights:
+            if r in f.measured:
+                coefficients = dct(f.difference[r], norm="ortho")[1:]
+                at = np.arange(1, len(f)) / (2.0 * len(f) * f.dt)
+                power += np.interp(grid, at, uniform_filter1d(coefficients**2, 5))
+        if power.any():
+            level = np.log(power + 1e-12 * power.max())
+            heights = np.maximum(heights, level - median_filter(level, _BINS // 6))
+    found: list[float] = []
+    for i in np.argsort(heights)[::-1]:
+        if len(found) < count and all(abs(np.log(grid[i] / x)) > 0.12 for x in found):
+            found.append(float(grid[i]))
+    return found
+
+
+def _clearest(
+    flights: Sequence[Flight], responses: Sequence[str], count: int, score: Callable[[Array, float], Array]
+) -> list[tuple[str, float]]:
+    spreads = {}
+    for r in responses:
+        centred = [f.difference[r] - f.difference[r].mean() for f in flights if r in f.measured]
+        if centred:
+            spreads[r] = float(np.concatenate(centred).std())
+    found = []
+    for f in flights:
+        scores = [score(f.difference[r] / s, f.dt) for r, s in spreads.items() if s > 0.0 and r in f.measured]
+        if not scores:
+            continue
+        total = np.max(scores, axis=0)
+        edge = int(_EDGE * len(total)) + 1
+        i = edge + int(np.argmax(total[edge:-edge]))
+        found.append((float(total[i]), f.name, float(f.t[i])))
+    return [(name, when) for _, name, when in sorted(found, reverse=True)[:count]]
+
+
+def _steps(x: Array, dt: float) -> Array:
+    n = len(x)
+    k = np.arange(1, n)
+    made = np.zeros(n)
+    made[1:] = np.abs(np.cumsum(x - x.mean())[:-1]) / np.sqrt(k * (n - k) / n)
+    return made
+
+
+@njit(cache=True)
+def _lags(rate, dt, decay, made):  # type: ignore[no-untyped-def]  # pragma: no cover
+    z = 0.0
+    made[0] = 0.0
+    for k in range(1, rate.size):
+        c = 0.5 * (decay[k - 1] + decay[k])
+        keep = np.exp(-c * dt)
+        # Held at the mean of two samples; the decay may be zero.
+        gain = (1.0 - keep) / c if c > 0.0 else dt
+        z = keep * z + gain * 0.5 * (rate[k - 1] + rate[k])
+        made[k] = z

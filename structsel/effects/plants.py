@@ -1,0 +1,281 @@
+"""Any plant: an answer that is no aerodynamic coefficient, and the force that its simulation lacks.
+
+A linear plant ``y = G u`` with a force f(y) beside its input obeys ``y = G (u + f)``, so that what is measured less
+what is simulated is G f, with f along the *measured* motion: no iteration, however far they part. G is found from the
+simulation's own input and output. Errors of its stiffness, damping and gain go along, since whoever fitted a linear
+plant to a bent one got them wrong.
+
+A simulation may also say at once what accelerates a motion that is recorded: then y and its rate are channels, and what
+is measured less what is simulated is the force itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numba import njit
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.plant import Plant, answers, find_plant
+from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.operators import lag, late, spaced
+from structsel.numerics.arrays import Array
+
+_GAIN = 0.3  # by which the gain may be off of a simulation fitted without the lag that is there
+_REACHED = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.9995)
+"""Quantiles of what a motion reaches, at which there may be a stop."""
+_PATHS = (-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0)  # deg of delta over gamma; at 90 the force would be elastic
+
+
+Force = Callable[[Array, Array], Array]  # of displacement and speed
+
+
+def _forced(
+    plant: Plant,
+    parameter: Parameter,
+    force: Force,
+    about: str,
+    shape: dict[str, float] | None = None,
+    unit: str = "of the response's rms",
+    alone: bool = False,
+) -> Variant:
+    """A missing force, with what stiffness, damping and gain may be off beside it, unless it is to stand alone.
+
+    With inertia as well, forces along the measured motion would give that motion back, and explain anything.
+    """
+    stiffness = Parameter("stiffness", "input per response", 0.2 * plant.stiffness)
+    damping = Parameter("damping", "input per rate", 0.05 * plant.stiffness * plant.motion / plant.speed)
+    beside = [stiffness, damping] if plant.swings and not alone else []
+    # What accelerates a motion is told apart from its own gain by nothing but noise.
+    gain = [Parameter("gain", "relative", 0.05)] if beside and not plant.along else []
+    parameters = (parameter, *beside, *gain)
+
+    def columns(flight: Flight) -> Columns:
+        if plant.response not in flight.measured:
+            return {}
+        y, v = plant.path(flight)
+        forces = [-force(y, v), *([-y, -v] if beside else [])]
+        made = [plant.under(f) for f in forces]
+        told = flight.simulated[plant.response]
+        return {plant.response: np.column_stack([*made, *([told - told.mean()] if gain else [])])}
+
+    units = dict.fromkeys(shape or {}, unit)
+    of = plant.along[0] if plant.along else plant.response
+    return Variant(parameters, columns, shape or {}, units, f"{about} of {of}")
+
+
+def _stiffening(flights: Flights) -> list[Variant]:
+    made = []
+    for response in answers(flights):
+        plant = find_plant(flights, response)
+        if not plant.pushes_back:
+            continue
+        unit = plant.stiffness
+        laws: tuple[tuple[str, int, Force], ...] = (
+            ("cube", 3, lambda y, v: y**3),
+            ("cube about its mean", 3, lambda y, v: (y - y.mean()) ** 3),
+            ("square with sign", 2, lambda y, v: y * np.abs(y)),
+            ("square", 2, lambda y, v: y**2),
+        )
+        for name, power, law in laws:
+            sd = 0.2 * unit / plant.motion ** (power - 1)
+            made.append(_forced(plant, Parameter("restoring", f"input per response^{power}", sd), law, name))
+    return made
+
+
+def _dry(y: Array, v: Array, slow: float) -> Array:
+    return np.tanh(v / slow)
+
+
+def _stribeck(y: Array, v: Array, slow: float) -> Array:
+    return np.tanh(v / (0.1 * slow)) * np.exp(-((v / slow) ** 2))
+
+
+def _friction(flights: Flights) -> list[Variant]:
+    made = []
+    for response in answers(flights):
+        plant = find_plant(flights, response)
+        if not plant.pushes_back:
+            continue
+        parameter = Parameter("force", "input", 0.3 * plant.size, 0.0)
+        for share in (0.03, 0.1, 0.3):
+            smooth = share * plant.speed
+            made.append(_forced(plant, parameter, partial(_dry, slow=smooth), "dry friction", {"rounding": share}))
+        for share in (0.3, 1.0):
+            law = partial(_stribeck, slow=share * plant.speed)
+            made.append(_forced(plant, parameter, law, "friction that falls with speed", {"speed": share}))
+    return made
+
+
+def _hysteresis(flights: Flights) -> list[Variant]:
+    made = []
+    for response in answers(flights):
+        plant = find_plant(flights, response)
+        if not plant.pushes_back:
+            continue
+        parameter = Parameter("force", "input per response", 0.5 * plant.stiffness)
+        for share in spaced(0.2, 6.4, 6):
+            for angle in np.radians(_PATHS):
+                gamma, delta = float(np.cos(angle)), float(np.sin(angle))
+                if gamma + delta < 0.0 and share < 1.0:
+                    continue  # it hardens, within bounds only while the motion is small
+                size = share * plant.motion
+
+                def force(y: Array, v: Array, s: float = size, g: float = gamma, d: float = delta) -> Array:
+                    made = np.empty(len(y))
+                    _bouc_wen(np.ascontiguousarray(y), s, g, d, made)
+                    return made
+
+                shape = {"scale": share, "gamma": gamma, "delta": delta}
+                made.append(_forced(plant, parameter, force, "force that depends on the path", shape))
+    return made
+
+
+@njit(cache=True)
+def _bouc_wen(y, scale, gamma, delta, made):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """State ``z' = y' - |z| / scale (gamma |y'| sign(z) + delta y')``: rate independent, in the response's unit."""
+    z = 0.0
+    made[0] = z
+    for k in range(1, y.size):
+        way = y[k] - y[k - 1]
+        parts = 2 + int(4.0 * abs(way) * (abs(gamma) + abs(delta)) / scale)
+        step = way / parts
+        for _ in range(parts):
+            # Midpoint: the law bends at each reversal.
+            half = z + 0.5 * (step - (gamma * abs(step) * z + delta * step * abs(z)) / scale)
+            z += step - (gamma * abs(step) * half + delta * step * abs(half)) / scale
+        made[k] = z
+
+
+def _saturation(flights: Flights) -> list[Variant]:
+    share = Parameter("share", "-", 1.0, 0.5, 1.5)
+    made = []
+    for response in answers(flights):
+        plant = find_plant(flights, response)
+        held = [f for f in flights if response in f.simulated]
+        told = np.concatenate([f.simulated[response] for f in held])
+        read = np.concatenate([f.measured[response] for f in held])
+        for side, extreme in (("upper", np.max), ("lower", np.min)):
+            middle, end = float(np.median(told)), float(extreme(told))
+            levels = [middle + s * (end - middle) for s in (0.4, 0.55, 0.7, 0.8, 0.9)] + [float(extreme(read))]
+            for level in levels:
+                ends = (-np.inf, level) if side == "upper" else (level, np.inf)
+
+                def cut(f: Flight, r: str = response, ends: tuple[float, float] = ends) -> Columns:
+                    return {r: (np.clip(f.simulated[r], *ends) - f.simulated[r])[:, None]} if r in f.simulated else {}
+
+                made.append(Variant((share,), cut, {"limit": level}, {"limit": ""}, f"{response}, {side} side"))
+        made += _end_stops(plant, held)
+        if plant.source:
+            largest = float(np.abs(np.concatenate([f.raw[plant.source] for f in held])).max())
+            for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+
+                def stopped(f: Flight, p: Plant = plant, x: float = s * largest) -> Columns:
+                    if p.response not in f.simulated:
+                        return {}
+                    u = f.raw[p.source]
+                    return {p.response: p.driven(np.clip(u, -x, x) - u)[:, None]}
+
+                made.append(
+                    Variant(
+                        (share,),
+                        stopped,
+                        {"limit": s * largest},
+                        {"limit": ""},
+                        f"{plant.source}, the input, either way",
+                    )
+                )
+    return made
+
+
+def _end_stops(plant: Plant, flights: Flights) -> list[Variant]:
+    """What moves runs into a stiff spring: at either end, or at one."""
+    if not plant.pushes_back:
+        return []
+    paths = [plant.path(f)[0] for f in flights]
+    y = np.concatenate(paths)
+    parameter = Parameter("stop", "input per response", 10.0 * plant.stiffness, 0.0)
+    made = []
+    sides: tuple[tuple[str, Array, Callable[..., Array]], ...] = (
+        ("at either end", np.abs(y), lambda y, v, limit: np.sign(y) * np.maximum(np.abs(y) - limit, 0.0)),
+        ("at the upper end", y, lambda y, v, limit: np.maximum(y - limit, 0.0)),
+        ("at the lower end", -y, lambda y, v, limit: -np.maximum(-y - limit, 0.0)),
+    )
+    for side, reach, law in sides:
+        for limit in sorted({float(x) for x in np.quantile(reach, _REACHED)}):
+            if limit > 0.0:
+                force = partial(law, limit=limit)
+                # A stop that one manoeuvre runs into is an event: no other foretells it.
+                once = sum(bool(force(x, x).any()) for x in paths) == 1
+                made.append(_forced(plant, parameter, force, f"a stop {side}", {"limit": limit}, "", once))
+    return made
+
+
+def late_answers(flights: Flights) -> list[Variant]:
+    """Lags and delays of a plant's input; through a linear or quasi-steady plant they are those of its answer.
+
+    With the gain: a simulation that was fitted without the lag answers too weakly.
+    """
+    made = []
+    for response in answers(flights):
+        first = next(f for f in flights if response in f.simulated)
+        low, high = max(0.75 * first.dt, 1e-3), min(0.5, 0.05 * first.dt * len(first))
+        for name, operator in (("lag", lag), ("delay", late)):
+            for tau in spaced(low, high, 14):
+
+                def behind(f: Flight, r: str = response, g: Callable = operator, x: float = tau) -> Columns:
+                    if r not in f.simulated:
+                        return {}
+                    told = f.simulated[r]
+                    answer = g(told, f.dt, x)
+                    return {r: np.column_stack([(answer - told) / x, answer])}
+
+                parameters = (Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau), Parameter("gain", "relative", _GAIN))
+                made.append(Variant(parameters, behind, about=f"actuator that drives {response}"))
+    return made
+
+
+def _needs(flights: Flights) -> str:
+    return "" if answers(flights) else "a simulated channel that is no coefficient"
+
+
+def _limit_says(found: Found) -> str:
+    if "stop" in found.estimates:
+        return f"The motion runs into {found.variant.about} at {found.text('limit')}, where the simulation goes on."
+    channel, side = found.variant.about.split(", ", 1)
+    return f"{channel} stops at {found.text('limit')} ({side}), beyond which the simulation goes on."
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "stiffening", "static", "A restoring force that grows faster than the displacement.",
+        _needs, _stiffening,
+        lambda found: f"Beyond the linear restoring force there is a {found.variant.about}: {found.text('restoring')}.",
+        look_alikes=("missing-term", "saturation"),
+        separated_by="the same input at two amplitudes", check="the static characteristic of the spring",
+    ),
+    Hypothesis(
+        "friction", "actuator", "A force against the motion that hardly depends on the speed.",
+        _needs, _friction,
+        lambda found: f"There is {found.variant.about}: a force of {found.text('force')} against the motion.",
+        look_alikes=("backlash", "mechanical-hysteresis"),
+        separated_by="slow reversals at small amplitude, where the motion sticks", check="bearings and seals",
+    ),
+    Hypothesis(
+        "mechanical-hysteresis", "memory", "A restoring force that depends on the path, not on the speed.",
+        _needs, _hysteresis,
+        lambda found: f"A {found.variant.about}, with an internal state: {found.text('force')}, "
+        f"within {found.text('scale')}.",
+        look_alikes=("friction", "backlash", "stiffening"),
+        separated_by="the same loop run slowly and fast: it keeps its area",
+        check="joints and materials that slip or yield",
+    ),
+    Hypothesis(
+        "saturation", "static", "An output, or what drives it, stops at a limit.",
+        _needs, _saturation, _limit_says,
+        look_alikes=("control-nonlinearity", "stiffening"),
+        separated_by="inputs just below and well above the limit", check="overflows, end stops and ranges",
+    ),
+)  # fmt: skip

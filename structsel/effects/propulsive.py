@@ -1,0 +1,231 @@
+"""What propulsion does beside its declared thrust along its declared line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import numpy as np
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.responses import COEFFICIENTS
+from structsel.effects.base import Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.operators import lag, onsets, shape_of, since, spaced, told_onsets
+from structsel.effects.propeller import propeller_variants, slipstream_variants
+from structsel.effects.signals import FORCES, Parts, available, gathered, lacking, moves, of_parts
+from structsel.numerics.arrays import Array
+
+AXIAL = "along the axis alone"
+_ONSETS = 5  # manoeuvres in which thrust may become asymmetric
+
+
+def _thrust_needs(responses: tuple[str, ...]) -> Callable[[Flights], str]:
+    return lambda flights: lacking(flights, responses, ("thrust",))
+
+
+def _along_thrust(flight: Flight, CT: Array, part: str = "") -> Parts:
+    """A force along the declared thrust line, of coefficient CT, with its moments; or what it does along the axis."""
+    direction, arm = flight.craft.thrust.direction, flight.craft.thrust.arm
+    lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
+    made = [(r, 0, CT * d) for r, d in zip(FORCES, direction)]
+    if part == AXIAL:
+        return made[:1]
+    return made + [(r, 0, CT * a / length) for r, a, length in zip(("Cl", "Cm", "Cn"), arm, lengths)]
+
+
+# Line and size of the thrust
+
+
+def _line_variants(flights: Flights) -> list[Variant]:
+    craft = flights[0].craft
+    down = Parameter("offset down", "m", 0.15 * craft.cbar, -craft.cbar, craft.cbar)
+    side = Parameter("offset right", "m", 0.05 * craft.b, -0.3 * craft.b, 0.3 * craft.b)
+    tilt = Parameter("tilt up", "rad", 0.04, -0.2, 0.2)
+    toe = Parameter("toe right", "rad", 0.04, -0.2, 0.2)
+    x = craft.thrust.offset[0]
+    return [
+        of_parts((down,), lambda f: [("Cm", 0, f["CT"] / craft.cbar)], "below or above the stated line", ("CT",)),
+        of_parts((side,), lambda f: [("Cn", 0, -f["CT"] / craft.b)], "beside the stated line", ("CT",)),
+        of_parts((tilt,), lambda f: [("CZ", 0, -f["CT"]), ("Cm", 0, x * f["CT"] / craft.cbar)], "tilted", ("CT",)),
+        of_parts((toe,), lambda f: [("CY", 0, f["CT"]), ("Cn", 0, x * f["CT"] / craft.b)], "toed", ("CT",)),
+    ]
+
+
+def _line_says(found: Found) -> str:
+    (p,) = found.variant.parameters
+    value = found.text(p.name, 180.0 / np.pi, "deg") if p.unit == "rad" else found.text(p.name)
+    return f"The thrust does not act along the stated line: {p.name} by {value}."
+
+
+def _parts(flights: Flights) -> tuple[str, ...]:
+    """All of the thrust; and its part along the axis, where its line is stated for a moment, or not as it is flown."""
+    return ("", AXIAL) if any(flights[0].craft.thrust.arm) else ("",)
+
+
+def _scale_variants(flights: Flights) -> list[Variant]:
+    share = Parameter("share", "-", 0.15, -0.8, 0.8)
+    V, T = float(gathered(flights, "V").mean()), float(np.abs(gathered(flights, "thrust")).max())
+
+    def more(f: Flight, part: str) -> Parts:
+        return _along_thrust(f, f["CT"], part)
+
+    return [
+        *(
+            of_parts((share,), partial(more, part=part), f"all of it, {part}" if part else "all of it", ("CT",))
+            for part in _parts(flights)
+        ),
+        of_parts(
+            (share,), lambda f: _along_thrust(f, f["CT"] * (f["V"] / V - 1.0)), "growing with speed", ("CT*V", "CT")
+        ),
+        of_parts(
+            (share,), lambda f: _along_thrust(f, f["CT"] * f["thrust"] / T), "growing with thrust", ("CT*thrust",)
+        ),
+    ]
+
+
+def _lag_variants(flights: Flights) -> list[Variant]:
+    def behind(f: Flight, tau: float, part: str) -> Parts:
+        return _along_thrust(f, (lag(f["thrust"], f.dt, tau) - f["thrust"]) / (f["qbar"] * f.craft.S * tau), part)
+
+    return [
+        of_parts((Parameter("lag", "s", tau, 0.4 * tau, 1.7 * tau),), partial(behind, tau=tau, part=part), part)
+        for part in _parts(flights)
+        for tau in spaced(0.1, 6.0, 11)
+    ]
+
+
+# Rotor
+
+
+def _gyroscopic(f: Flight, momentum: Array | float) -> Parts:
+    # A rotor not allowed for is missing from the moment that the motion is said to need.
+    qS = f["qbar"] * f.craft.S
+    return [("Cm", 0, -momentum * f["r"] / (qS * f.craft.cbar)), ("Cn", 0, momentum * f["q"] / (qS * f.craft.b))]
+
+
+def _gyroscopic_variants(flights: Flights) -> list[Variant]:
+    inertia = flights[0].craft.inertia
+    size = 0.15 * inertia.Ix if inertia is not None else 1.0
+    made = [
+        of_parts(
+            (Parameter("angular momentum", "kg m^2/s", size),),
+            lambda f: _gyroscopic(f, 1.0),
+            "at a constant speed of the rotor",
+            ("r/qbar", "q/qbar"),
+        )
+    ]
+    if available(flights, "rpm"):
+        fastest = float(np.abs(gathered(flights, "rpm")).max()) * np.pi / 30.0
+        if fastest > 0.0:
+            made.append(
+                of_parts(
+                    (Parameter("rotor inertia", "kg m^2", size / fastest),),
+                    lambda f: _gyroscopic(f, f["rpm"] * np.pi / 30.0), "with its recorded speed",
+                    ("r*rpm/qbar", "q*rpm/qbar"),
+                )
+            )  # fmt: skip
+    if moves(flights, "throttle"):
+        made.append(
+            of_parts(
+                (Parameter("angular momentum at full throttle", "kg m^2/s", size),),
+                lambda f: _gyroscopic(f, f["throttle"]), "growing with throttle",
+                ("r*throttle/qbar", "q*throttle/qbar"),
+            )
+        )  # fmt: skip
+    return made
+
+
+def _gyroscopic_needs(flights: Flights) -> str:
+    if missing := lacking(flights, ("Cm", "Cn"), ("q",)):
+        return missing
+    return "" if moves(flights, "r") or "Cm" not in flights[0].measured else "yaw rate that changes"
+
+
+# Thrust that differs from side to side
+
+
+def _asymmetric_variants(flights: Flights) -> list[Variant]:
+    craft = flights[0].craft
+    arm = Parameter("offset", "m", 0.05 * craft.b, -0.4 * craft.b, 0.4 * craft.b)
+    roll = Parameter("rolling moment per CT", "-", 0.02)
+
+    def parts(f: Flight, on: Array | float) -> list[tuple[str, int, Array]]:
+        return [("Cn", 0, -on * f["CT"] / craft.b), ("Cl", 1, on * f["CT"])]
+
+    def from_then_on(f: Flight, times: Mapping[str, float]) -> Parts:
+        return parts(f, since(f, times))
+
+    made = [of_parts((arm, roll), lambda f: parts(f, 1.0), "all the time", ("CT",))]
+    if {"thrust_left", "thrust_right"} <= flights[0].recorded:
+
+        def halves(f: Flight) -> list[tuple[str, int, Array]]:
+            apart = (f["thrust_left"] - f["thrust_right"]) / (f["qbar"] * f.craft.S)
+            return [("Cn", 0, apart / craft.b), ("Cl", 1, apart)]
+
+        made.append(of_parts((arm, roll), halves, "as recorded left and right"))
+    for times in onsets(flights, ("Cn", "Cl"), _ONSETS):
+        shape, columns = shape_of(times), partial(from_then_on, times=times)
+        made.append(of_parts((arm, roll), columns, told_onsets(times), (), shape, dict.fromkeys(shape, "s")))
+    return made
+
+
+def _all_parameters(found: Found) -> str:
+    return ", ".join(f"{p.name} {found.text(p.name)}" for p in found.variant.parameters)
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "slipstream", "propulsive", "The propeller's wash raises the dynamic pressure at wing, tail and controls.",
+        _thrust_needs(COEFFICIENTS), slipstream_variants,
+        lambda found: f"The slipstream acts {found.variant.about}: {_all_parameters(found)}.",
+        look_alikes=("thrust-line", "wrong-derivative", "propeller-normal-force"),
+        separated_by="throttle steps while the elevator moves: a thrust line does not care for the elevator",
+        check="control power and trim at idle and at full power, at one speed",
+    ),
+    Hypothesis(
+        "thrust-line", "propulsive", "The thrust acts along another line than stated.",
+        _thrust_needs(("Cm", "Cn", "CZ", "CY")), _line_variants, _line_says,
+        look_alikes=("slipstream", "asymmetric-thrust", "cg-shift"),
+        separated_by="throttle steps at two speeds, with and without elevator activity",
+        check="where the engine's line passes the centre of gravity as loaded",
+    ),
+    Hypothesis(
+        "thrust-scale", "propulsive", "The thrust is larger or smaller than stated.",
+        _thrust_needs(("CX",)), _scale_variants,
+        lambda found: f"The thrust is off by {found.text('share', 100.0, '%')} of the stated ({found.variant.about}).",
+        look_alikes=("thrust-lag", "drag-polar", "mass-error"),
+        separated_by="throttle steps at one angle of attack",
+        check="the thrust table, or the torque and fuel flow behind it",
+    ),
+    Hypothesis(
+        "thrust-lag", "propulsive", "The thrust follows the throttle, or what is recorded of it, late.",
+        _thrust_needs(("CX",)), _lag_variants, lambda found: f"The thrust comes late, by a lag of {found.text('lag')}.",
+        look_alikes=("thrust-scale", "drag-polar"),
+        separated_by="sharp throttle steps up and down",
+        check="how the thrust channel is made: from the lever or the engine",
+    ),
+    Hypothesis(
+        "propeller-normal-force", "propulsive", "A propeller in flow across its shaft: force across it, and P-factor.",
+        _thrust_needs(("CZ", "CY", "Cm", "Cn")), propeller_variants,
+        lambda found: f"The propeller feels flow across its shaft ({found.variant.about}): {_all_parameters(found)}.",
+        look_alikes=("slipstream", "wrong-derivative", "cross-coupling"),
+        separated_by="angle of attack and sideslip at idle and at full power",
+        check="yaw trim against angle of attack at full power",
+    ),
+    Hypothesis(
+        "engine-gyroscopic", "propulsive", "Rotating parts turn a pitch rate into yaw and a yaw rate into pitch.",
+        _gyroscopic_needs, _gyroscopic_variants,
+        lambda found: f"The rotating parts have angular momentum not allowed for: {_all_parameters(found)}.",
+        look_alikes=("cross-coupling", "inertia-error"),
+        separated_by="the same yawing at high and at idle rpm",
+        check="sense of rotation and inertia of propeller or rotor",
+    ),
+    Hypothesis(
+        "asymmetric-thrust", "propulsive", "Left and right thrust differ.",
+        _thrust_needs(("Cn", "Cl")), _asymmetric_variants,
+        lambda found: f"Thrust acts off the plane of symmetry by {found.text('offset')} ({found.variant.about}).",
+        look_alikes=("asymmetry", "thrust-line", "propeller-normal-force"), log_prior=1.0,
+        separated_by="throttle steps with wings level: an asymmetry of the airframe stays",
+        check="both engines' instruments",
+    ),
+)  # fmt: skip

@@ -1,0 +1,94 @@
+"""Structure that swings: lightly damped modes which controls and incidence excite."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.noise import highest_of
+from structsel.effects.base import Columns, Flights, Hypothesis, Parameter, Variant
+from structsel.effects.operators import oscillate, peaks
+from structsel.effects.signals import LATERAL, LONGITUDINAL, coefficients, held, moves, signature, variation
+
+_LOWEST = 0.8  # Hz
+_OF_BAND = 0.97  # a mode at the edge of what is compared is told from nothing by half of it
+_PEAKS = 3
+_SPREAD = (1.5, 3.0)  # Hz, tried whatever the spectrum says
+_DAMPINGS = (0.01, 0.025, 0.06)  # of what bends: with more, a mode is any lag of second order
+_ANGLES = ("alpha", "beta")
+_AT_REST = 0.7  # damping of what has the mode's frequency and does not ring
+_FAMILIES = ((LONGITUDINAL, ("de", "alpha")), (LATERAL, ("da", "dr", "beta")))
+
+
+def _ringing(responses: Sequence[str], drive: str, frequency: float, damping: float) -> Callable[[Flight], Columns]:
+    def columns(flight: Flight) -> Columns:
+        x, w = flight[drive], 2.0 * np.pi * frequency
+        swung = oscillate(x, flight.dt, frequency, damping)
+        # The quasi-steady share of the mode is in the rigid derivatives already, by incidence and by its rate. Air is
+        # moved by the mode's speed, instruments are by what accelerates it.
+        bent, moving = swung - x, flight.rate(swung) / w
+        if drive in _ANGLES:
+            slow = flight.rate(oscillate(x, flight.dt, frequency, _AT_REST)) / w
+            bent, moving = bent + 2.0 * damping * slow, moving - slow
+        k = len(responses)
+        parts = [(r, j + at, part) for at, part in ((0, bent), (k, moving)) for j, r in enumerate(responses)]
+        return signature(flight, 2 * k, parts)
+
+    return columns
+
+
+def _variants(flights: Flights) -> list[Variant]:
+    made = []
+    for family, drives in _FAMILIES:
+        responses = held(flights, family)
+        top = _OF_BAND * min(highest_of(f) for f in flights)
+        frequencies = peaks(flights, responses, _PEAKS, _LOWEST, top)
+        frequencies += [x for x in _SPREAD if all(abs(np.log(x / y)) > 0.2 for y in frequencies)]
+        frequencies = [x for x in frequencies if x <= top]
+        for drive in drives:
+            if not responses or not moves(flights, drive):
+                continue
+            parameters = tuple(
+                Parameter(f"{r} per {drive}{how}", "1/rad", _size(flights, r, drive))
+                for how in ("", ", as it moves")
+                for r in responses
+            )
+            for frequency in frequencies:
+                for damping in _DAMPINGS:
+                    made.append(
+                        Variant(
+                            parameters,
+                            _ringing(responses, drive, frequency, damping),
+                            {"frequency": frequency, "damping": damping},
+                            {"frequency": "Hz", "damping": "-"},
+                            drive,
+                        )
+                    )
+    return made
+
+
+def _size(flights: Flights, response: str, drive: str) -> float:
+    rms = np.sqrt(np.mean([np.var(f[drive]) for f in flights]))
+    return 0.2 * variation(flights, response) / float(rms)
+
+
+def _needs(flights: Flights) -> str:
+    if not coefficients(flights):
+        return "simulated coefficients"
+    if _OF_BAND * min(highest_of(f) for f in flights) <= 2.0 * _LOWEST:
+        return f"samples faster than {4.0 * _LOWEST / (0.32 * _OF_BAND):.0f} Hz"
+    return "" if any(moves(flights, d) for _, drives in _FAMILIES for d in drives) else "a control that moves"
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis(
+        "structural-mode", "structural", "A lightly damped mode of the structure, which controls or incidence excite.",
+        _needs, _variants,
+        lambda found: f"A mode at {found.text('frequency')}, damping {found.text('damping', 100.0, '%')} of critical, "
+        f"is excited by {found.variant.about}.",
+        look_alikes=("turbulence", "slosh", "actuator-lag"),
+        separated_by="a frequency sweep through the mode at two dynamic pressures", check="the ground vibration test",
+    ),
+)  # fmt: skip

@@ -1,0 +1,106 @@
+"""Controls that lose their power, and slopes that fall with dynamic pressure: flown, and found in the difference."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from structsel.demo.truth import TRUTH
+from structsel.effects import controls
+from structsel.effects.signals import mean_slope
+from tests.missing_physics import best, check_all, excite, explain, flights_with, named
+
+BENT, STRETCH, FLEXIBLE = (named(controls, e) for e in ("control-nonlinearity", "control-stretch", "flexibility"))
+
+
+def large(t, k):
+    made = excite(t, k, 0.06, 0.06, 0.04)
+    return {**made, "da": made["da"] + 0.10 * np.sin(2.0 * t) * np.sin(0.15 * t)}
+
+
+@pytest.fixture(scope="module")
+def flights():
+    """Aileron with d|d|, elevator with d^3, rudder that gives way with dynamic pressure."""
+    extra = {
+        "Cm": {"de^3": 40.0},
+        "Cl": {"da*abs(da)": 0.4},
+        "Cn": {"qbar*dr": -2e-4 * TRUTH["Cn"]["dr"]},
+        "CY": {"qbar*dr": -2e-4 * TRUTH["CY"]["dr"]},
+    }
+    return flights_with(extra, inputs=large, speeds=(42.0, 56.0))
+
+
+def test_an_aileron_that_fades_is_found_with_its_loss(flights):
+    assert BENT.needs(flights) == ""
+    variant, theta, share = best(flights, BENT, ["Cl"])
+    assert variant.about.startswith("da: d|d|")
+    assert share > 0.9
+    largest = max(np.abs(f["da"]).max() for f in flights)
+    assert_allclose(theta["da loss"], 0.4 * largest / 0.105, rtol=0.12)
+
+
+def test_an_elevator_with_a_cubic_is_found(flights):
+    cubic = next(v for v in BENT.variants(flights) if v.about == "de: d^3 in Cm only")
+    theta, share = explain(flights, cubic, ["Cm"])
+    assert share > 0.9
+    largest = max(np.abs(f["de"]).max() for f in flights)
+    assert_allclose(theta["de loss"], 40.0 * largest**2 / 1.92, rtol=0.12)
+
+
+def test_a_rudder_whose_cables_stretch_is_found(flights):
+    assert STRETCH.needs(flights) == ""
+    _, theta, share = best(flights, STRETCH, ["Cn", "CY"])
+    assert set(theta) == {"dr loss at mean qbar"}
+    assert share > 0.6
+    plain = next(
+        v
+        for v in STRETCH.variants(flights)
+        if v.parameters[0].name == "dr loss at mean qbar" and v.about == "rigid at rest"
+    )
+    theta, _ = explain(flights, plain, ["Cn"])
+    mean = np.concatenate([f["qbar"] for f in flights]).mean()
+    assert_allclose(theta["dr loss at mean qbar"], 2e-4 * mean, rtol=0.1)
+
+
+def test_every_variant_has_finite_columns_and_words(flights):
+    for hypothesis in controls.HYPOTHESES:
+        check_all(flights, hypothesis)
+
+
+def test_slopes_that_fall_with_dynamic_pressure_are_found_in_all_axes():
+    slopes = ("alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr")
+    lost = {
+        r: {f"qbar*{c}": -1e-4 * value for c, value in TRUTH[r].items() if c in slopes}
+        for r in ("CZ", "Cm", "Cl", "Cn", "CY")
+    }
+    flights = flights_with(lost, speeds=(45.0, 60.0))
+    assert FLEXIBLE.needs(flights) == ""
+    whole = next(v for v in FLEXIBLE.variants(flights) if v.about == "all slopes; rigid at rest")
+    mean = np.concatenate([f["qbar"] for f in flights]).mean()
+    for response in ("CZ", "Cl"):
+        theta, share = explain(flights, whole, [response])
+        assert share > 0.8
+        assert_allclose(theta["loss at mean qbar"], 1e-4 * mean, rtol=0.12)
+
+
+def test_one_speed_shows_no_loss_with_dynamic_pressure():
+    flights = flights_with({}, speeds=(50.0,), inputs=lambda t, k: excite(t, k, 0.01, 0.02, 0.02))
+    assert FLEXIBLE.needs(flights) == "dynamic pressure that changes by 20 % or more"
+    assert STRETCH.needs(flights) == FLEXIBLE.needs(flights)
+    assert BENT.needs(flights) == ""
+
+
+def test_slopes_that_fall_each_by_its_own_ratio_are_found_with_all_of_them():
+    # The wing gives way otherwise than the tail; what is lost of stability may as well be won.
+    shares = {("CZ", "alpha"): 1e-4, ("Cm", "alpha"): -1.5e-4, ("Cm", "de"): 2e-4, ("Cl", "da"): 1.5e-4}
+    lost = {}
+    for (r, c), share in shares.items():
+        lost.setdefault(r, {})[f"qbar*{c}"] = -share * TRUTH[r][c]
+    flights = flights_with(lost, speeds=(45.0, 60.0))
+    each = next(v for v in FLEXIBLE.variants(flights) if v.about == "each slope by its own; rigid at rest")
+    theta, share = explain(flights, each, ["CZ", "Cm", "Cl"])
+    mean = np.concatenate([f["qbar"] for f in flights]).mean()
+    assert share > 0.95
+    names = {("CZ", "alpha"): "lift slope", ("Cm", "alpha"): "stability", ("Cm", "de"): "de", ("Cl", "da"): "da"}
+    for place, name in names.items():  # a share of the mean slope, which curvature has a part in
+        found = theta[f"{name} loss at mean qbar"] * mean_slope(flights, *place)
+        assert_allclose(found, mean * shares[place] * TRUTH[place[0]][place[1]], rtol=0.1)
