@@ -67,6 +67,23 @@ def test_parameters_stay_within_twenty_eps_times_condition_of_a_sixty_digit_fit(
         assert error <= 20 * np.finfo(float).eps * fit.condition
 
 
+@pytest.mark.parametrize("mean", [0.0, 10.0])
+def test_printed_partial_f_of_a_near_copy_is_right_to_a_millionth(mean):
+    # The copy's Schur complement is 1.6e-9, close to the least that the search allows, 1e-9.
+    alpha, de, own, noise = np.random.default_rng(0).standard_normal((4, 1000))
+    base = np.vstack([alpha, mean + de, mean + de + 4e-5 * own])
+    y = 2.0 * alpha + de + own + 0.5 * noise
+    fit = refit([ArraySignals(base, y[None])], np.eye(3, dtype=int))
+    with mpmath.workdps(60):
+        X = mpmath.matrix(np.column_stack([np.ones(y.size), base.T]).tolist())
+        response = mpmath.matrix(y.tolist())
+        inverse = (X.T * X) ** -1
+        theta = inverse * (X.T * response)
+        rss = (response.T * response)[0] - ((X.T * response).T * theta)[0]
+        F = [float(theta[i] ** 2 / (rss / fit.dof * inverse[i, i])) for i in range(4)]
+    assert_allclose(fit.partial_F, F, rtol=1e-6)
+
+
 def test_residuals_and_their_colour_come_back():
     flight, exponents, X, y = one_flight(n=20_000)
     y = y + ar1(np.random.default_rng(4), len(y), 0.9, 3.0) - (y - X @ np.linalg.lstsq(X, y, rcond=None)[0])

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from structsel.numerics.arrays import Array
 from structsel.numerics.collinearity import Conditioning, condition_indices, vif
 from structsel.numerics.colour import Colour
-from structsel.numerics.exact import exact_centred
 from structsel.numerics.least_squares import Fit, colours_each, refit_each
 from structsel.numerics.moments import MomentSet, accumulate, accumulate_whitened, choose_workers
 from structsel.numerics.passes import Passes
@@ -26,7 +25,6 @@ from structsel.selection.options import Options
 from structsel.selection.resampling import Bootstrap, HeldOut, predict_held_out, repeat_selection
 from structsel.selection.rivals import Rival, find_rivals
 from structsel.selection.search import ROUNDING, Found, Pool, centred, dependent, prediction_error, solve
-from structsel.selection.sharpening import look_again
 from structsel.selection.signals import SomeResponses
 from structsel.selection.way import Way, fold_blocks, without
 
@@ -110,8 +108,7 @@ def select_arrays(
     )
     folds = fold_blocks(white)
     plain = [Way(one_response(white, r), options, pool, folds) for r in range(white.n_responses)]
-    seen = [look_again(way, way.find(), data.exact(manoeuvres, r)) for r, way in enumerate(plain)]
-    plain, classical = [way for way, _ in seen], [found for _, found in seen]
+    classical = [way.find() for way in plain]
     if options.residuals == "white":
         chosen = [Choice(way, found, ()) for way, found in zip(plain, classical, strict=True)]
     elif options.residuals == "robust":
@@ -155,19 +152,6 @@ class Data:
     def given(self) -> dict[str, Any]:
         """What every pass is given."""
         return {"scales": self.scales, "passes": self.passes}
-
-    def exact(
-        self,
-        manoeuvres: Sequence[Signals],
-        response: int,
-        colours: Sequence[Sequence[Colour]] = (),
-        scales: Scales | None = None,
-    ) -> Callable[[Sequence[int]], Array]:
-        """What makes one response's products with some candidates, in a pass of its own."""
-        return lambda candidates: exact_centred(
-            manoeuvres, self.exponents, candidates, response, colours,
-            blocks=self.blocks, scales=scales or self.scales, passes=self.passes,
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -306,9 +290,9 @@ def _settle(data: Data, plain: list[Way], classical: list[Found]) -> list[Choice
             scales=scales,
             passes=data.passes,
         )
-        for i, (r, own, moments) in enumerate(zip(list(pending), colours, whitened, strict=True)):
-            way = replace(plain[r], moments=moments, exact=None)
-            way, found = look_again(way, way.find(), data.exact(responses, i, colours, scales))
+        for r, own, moments in zip(list(pending), colours, whitened, strict=True):
+            way = replace(plain[r], moments=moments)
+            found = way.find()
             settled = set(found.selected) == set(results[r].found.selected)
             results[r] = Choice(way, found, own, settled)
             if settled:

@@ -24,9 +24,6 @@ from structsel.selection.rivals import find_rivals
 Fold = tuple[Array, Array]
 """Products [1, x, y] of the samples to fit, and of those to predict."""
 
-Exact = tuple[Sequence[int], Array]
-"""Candidates, and the centred products of them and the response without rounding."""
-
 PAIRS_UP_TO = 40  # terms; exchanges of pairs in a larger model cost more than they have ever brought
 SAME_COLUMN = 0.98  # correlation from which, with a loss under 4 s^2, two terms are one as far as these data go
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding, and no model is better for it
@@ -78,15 +75,12 @@ class Found:
     effective_dof: float
 
 
-def centred(product: Array, exact: Exact | None = None) -> Array:
-    """Swept products with columns that do not vary set to exactly zero, and exact ones where there are any."""
+def centred(product: Array) -> Array:
+    """Swept products with columns that do not vary set to exactly zero."""
     C = sweep_constant(product)
     still = np.diag(C) <= CONSTANT * np.diag(product)[1:]
     C[still] = 0.0
     C[:, still] = 0.0
-    if exact is not None:
-        rows = [*exact[0], C.shape[0] - 1]
-        C[np.ix_(rows, rows)] = exact[1]
     return C
 
 
@@ -121,7 +115,6 @@ def find(
     folds: Sequence[Fold] = (),
     noise_scale: float = 1.0,
     blocks: tuple[MomentSet, Array | None] | None = None,
-    exact: Exact | None = None,
 ) -> Found:
     """Search these moments the way the options say.
 
@@ -137,9 +130,8 @@ def find(
         The response's scale in these products; turns a sigma_max given in its units into theirs.
     blocks : (MomentSet, weights), optional
         The blocks behind ``product``: F-tests then believe blocks, not samples.
-    exact : Exact, optional
     """
-    C = centred(product, exact)
+    C = centred(product)
     dof = samples - 1.0
     bound = None if isinstance(options.sigma_max, str) else (options.sigma_max / noise_scale) ** 2
     needs_bound = options.rule == "PSE" or (options.method == "stepwise" and options.stop == "PSE")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from structsel.numerics.arrays import Array
 from structsel.numerics.moments import MomentSet
 from structsel.selection.options import Options
-from structsel.selection.search import Exact, Found, Pool, find
+from structsel.selection.search import Found, Pool, find
 
 FOLDS_WITHIN = 4  # parts held out in turn where there is a single manoeuvre
 MOST_FOLDS = 12
@@ -33,8 +33,6 @@ class Way:
         Blocks of each manoeuvre (or part) that may be held out.
     by_blocks : bool
         F-tests take the scatter over blocks; methods without F-tests choose by held-out error.
-    exact : Exact, optional
-        Products of nearly dependent terms over all blocks.
     """
 
     moments: MomentSet
@@ -42,7 +40,6 @@ class Way:
     pool: Pool
     folds: Folds
     by_blocks: bool = False
-    exact: Exact | None = None
 
     def find(self, weights: Array | None = None, product: Array | None = None) -> Found:
         """Search the weighted sum of blocks, or the ``product`` that it is; blocks of weight zero are not seen."""
@@ -64,7 +61,6 @@ class Way:
             pairs,
             float(self.moments.scale[-1]),
             (self.moments, weights) if self.by_blocks else None,
-            self.exact if weights is None and product is None else None,
         )
 
 
