@@ -8,14 +8,15 @@ left out, or taken as zero where a small term needs it; either way a finding say
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.errors import AircraftError, ChannelError, DataError, DomainError
 from structsel.numerics import rigid_body as rb
+from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Finding, Recording
-from structsel.recording.recording import CARRIED
 
 _WHO = "compute_coefficients"
 _RATES = ("p", "q", "r")
@@ -140,16 +141,9 @@ class _Computation:
         self.aircraft, self.method, self.order = aircraft, method, order
         # Findings of an earlier run would speak of channels that are made anew.
         old = tuple(f for f in recording.findings if f.kind not in _KINDS)
-        self.recording = Recording(
-            recording.name, recording.t, recording.channels, recording.units, recording.provenance, old
-        )
+        self.recording = replace(recording, findings=old)
         self.findings: list[Finding] = []
-        self.was_carried = {
-            name.strip()
-            for note in recording.provenance
-            if note.startswith(CARRIED)
-            for name in note.removeprefix(CARRIED).split(";")[0].split(",")
-        }
+        self.at_cg = recording.at_cg
         _require_above_zero(self.recording, "V", recording["V"])
         self._differentiate(*(rate for rate in _RATES if rate in recording))
         self._carry_vanes()
@@ -162,20 +156,12 @@ class _Computation:
         self._add_forces()
         self._add_moments()
         self._add_candidate_channels(V0, source)
-        done = self.recording
-        return Recording(
-            done.name,
-            done.t,
-            done.channels,
-            done.units,
-            done.provenance,
-            done.findings + tuple(self.findings),
-        )
+        return replace(self.recording, findings=self.recording.findings + tuple(self.findings))
 
     # ------------------------------------------------------------ what every step uses
 
-    def _add(self, note: str, **arrays: np.ndarray) -> None:
-        self.recording = self.recording.with_channels(note=note, units=None, **arrays)
+    def _add(self, note: str, at_cg: Iterable[str] = (), **arrays: np.ndarray) -> None:
+        self.recording = self.recording.with_channels(note=note, units=None, at_cg=at_cg, **arrays)
 
     def _say(self, kind: str, channel: str, message: str, severity: str = "note", remedy: str = "") -> None:
         self.findings.append(Finding(kind, channel, message, severity, remedy, count=len(self.recording)))
@@ -206,7 +192,7 @@ class _Computation:
 
     def _carry_vanes(self) -> None:
         place = self.aircraft.position("vane")
-        if not place.any() or {"V", "alpha"} <= self.was_carried:
+        if not place.any() or {"V", "alpha"} <= self.at_cg:
             return
         if "q" not in self.recording:
             message = f"without q they stay as read {_metres(place)} from the centre of gravity"
@@ -219,7 +205,7 @@ class _Computation:
         named = dict(zip(("V", "alpha", "beta"), made))
         if "beta" not in self.recording:
             del named["beta"]
-        self._add(f"{CARRIED}{', '.join(named)}; vanes at {_metres(place)}", **named)
+        self._add(f"{MOVED_TO_CG}{', '.join(named)}; vanes at {_metres(place)}", named, **named)
         self._differentiate(*(name for name in named if name != "V" and f"{name}_dot" in self.recording), anew=True)
 
     def _add_air_data(self) -> None:
@@ -253,7 +239,7 @@ class _Computation:
         record = self.recording
         ay = record.channels.get("ay", np.zeros(len(record)))
         place = self.aircraft.position("accelerometer")
-        if not place.any() or {"ax", "az"} <= self.was_carried:
+        if not place.any() or {"ax", "az"} <= self.at_cg:
             return record["ax"], ay, record["az"]
         if not any(rate in record for rate in _RATES):
             message = f"without rates the readings stay as taken {_metres(place)} from the centre of gravity"

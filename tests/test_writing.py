@@ -1,6 +1,7 @@
 """Files that remember what was done to a recording."""
 
 import json
+import pickle
 
 import numpy as np
 import pandas as pd
@@ -9,16 +10,15 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.testing import assert_allclose
 
-from structsel import Aircraft, compute_coefficients, read_recording, write_recording
+from structsel import Aircraft, compute_coefficients, read_recording, stream_recordings, write_recording
 from structsel.demo import demo_aircraft, demo_flight
 from structsel.errors import DataError
 from structsel.recording import Recording
-from structsel.recording.recording import CARRIED
 
 FORMATS = ("csv", "parquet")
 NOTES = (
     "read from 'C:\\new\\flight 7.csv'",
-    f"{CARRIED}V, alpha, beta; vanes at (1, -4.5, 0.1) m",
+    "carried to the centre of gravity: V, alpha, beta; vanes at (1, -4.5, 0.1) m",
     'said "twice",\nover two lines; with μ, a tab\t and # 1',
     "",
 )
@@ -68,9 +68,7 @@ def test_vanes_carried_before_the_file_are_not_carried_again_after_it(tmp_path, 
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_readings_of_all_instruments_carried_before_the_file_stay_as_they_are(tmp_path, suffix):
     flight = demo_flight("all-axes", duration=4.0)
-    carried = Recording(
-        "done", flight.t, flight.channels, provenance=(f"{CARRIED}V, alpha, beta, ax, ay, az; reconstructed",)
-    )
+    carried = Recording("done", flight.t, flight.channels, at_cg=frozenset(("V", "alpha", "beta", "ax", "ay", "az")))
     content = demo_aircraft().to_dict()
     at_centre = compute_coefficients(flight, Aircraft.from_dict({k: v for k, v in content.items() if k != "sensors"}))
     through_file = compute_coefficients(
@@ -78,6 +76,29 @@ def test_readings_of_all_instruments_carried_before_the_file_stay_as_they_are(tm
     )
     for name in ("alpha", "V", "CX", "CZ", "Cm"):
         assert_allclose(through_file[name], at_centre[name], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_channels_at_the_centre_of_gravity_stay_so_through_slices_and_files(tmp_path, suffix):
+    flight = compute_coefficients(demo_flight("all-axes", duration=8.0), demo_aircraft())
+    assert flight.at_cg == {"V", "alpha", "beta"}
+    assert flight.between(1.0, 3.0).with_channels(alpha=0.1).check().at_cg == flight.at_cg
+    assert pickle.loads(pickle.dumps(flight)).at_cg == flight.at_cg
+    path = write_recording(flight, tmp_path / f"f.{suffix}")
+    assert read_recording(path).at_cg == flight.at_cg
+    assert next(iter(stream_recordings(path))).read().at_cg == flight.at_cg
+
+
+def test_a_file_of_version_0_1_0_says_in_its_notes_which_channels_are_at_the_centre_of_gravity(small, tmp_path):
+    path = write_recording(small.with_channels(V=50.0), tmp_path / "f.csv")
+    assert "at_cg" not in path.read_text(encoding="utf-8")  # as that version wrote it
+    assert read_recording(path).at_cg == {"V", "alpha"}  # beta is not in the file
+    table = pq.read_table(write_recording(small.with_channels(V=50.0), tmp_path / "f.parquet"))
+    about = json.loads(table.schema.metadata[b"structsel"])
+    assert about.pop("at_cg") == []
+    pq.write_table(table.replace_schema_metadata({b"structsel": json.dumps(about).encode()}), tmp_path / "old.parquet")
+    assert read_recording(tmp_path / "old.parquet").at_cg == {"V", "alpha"}
+    assert read_recording(tmp_path / "f.parquet").at_cg == set()
 
 
 def test_other_programs_read_the_table_past_the_notes(small, tmp_path):

@@ -94,7 +94,7 @@ def smoothed_recording(flight: Flight, recording: Recording) -> Recording:
     """The recording with its smooth channels in place of its raw ones."""
     known = {**flight.channels, **flight.air}
     smooth = {c: known[c] for c in recording.names if c in known}
-    return Recording(recording.name, recording.t, smooth, recording.units, recording.provenance)
+    return replace(recording, channels=smooth, findings=())
 
 
 def _ask(flight: Flight, simulation: Simulation, recording: Recording) -> Flight:

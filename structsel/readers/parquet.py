@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from structsel.errors import DataError
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.table import Table, as_float, require_schema, split_header
+from structsel.readers.table import Table, as_float, channels_at_cg, require_schema, split_header
 from structsel.readers.units import is_unit
 
 METADATA = b"structsel"
@@ -55,6 +55,7 @@ def read_parquet(path: Path, options: FileOptions) -> Table:
             units[name] = stated
         elif header_unit is not None:
             units[name] = header_unit
+    provenance, at_cg = _own_notes(path, content.schema.metadata or {})
     return Table(
         str(path),
         columns,
@@ -62,18 +63,20 @@ def read_parquet(path: Path, options: FileOptions) -> Table:
         numbers={j + 1: name for j, name in enumerate(names)},
         unusable=unusable,
         notes=tuple(notes),
-        provenance=_provenance(path, content.schema.metadata or {}),
+        provenance=provenance,
+        at_cg=at_cg,
     )
 
 
-def _provenance(path: Path, metadata: dict[bytes, bytes]) -> tuple[str, ...]:
-    """Notes of a file that `write_recording` wrote; none of any other."""
+def _own_notes(path: Path, metadata: dict[bytes, bytes]) -> tuple[tuple[str, ...], frozenset[str]]:
+    """Provenance, and channels at the centre of gravity, of a file that `write_recording` wrote; none of any other."""
     if METADATA not in metadata:
-        return ()
+        return (), frozenset()
     try:
         held = json.loads(metadata[METADATA])
         schema, notes = str(held["schema"]), tuple(map(str, held["provenance"]))
+        at_cg = frozenset(map(str, held["at_cg"])) if "at_cg" in held else channels_at_cg(notes)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise DataError(f"'{path}': its metadata '{METADATA.decode()}' cannot be read.\nWrite it again.") from error
     require_schema(str(path), schema)
-    return notes
+    return notes, at_cg

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -73,6 +73,16 @@ def require_schema(path: str, schema: str) -> None:
     raise DataError(f"'{path}' says that it is {schema!r}; the only such files read are {SCHEMA}.\nWrite it again.")
 
 
+MOVED_TO_CG = "carried to the centre of gravity: "
+"""Begins the provenance note that names the channels moved to the centre of gravity."""
+
+
+def channels_at_cg(provenance: Iterable[str]) -> frozenset[str]:
+    """Channels at the centre of gravity by the notes of a file of structsel 0.1.0, which has nothing else to say so."""
+    lists = (note.removeprefix(MOVED_TO_CG).split(";")[0] for note in provenance if note.startswith(MOVED_TO_CG))
+    return frozenset(name.strip() for listed in lists for name in listed.split(","))
+
+
 @dataclass(frozen=True)
 class Table:
     """Columns of one file before any name, unit or sign is given to them.
@@ -98,6 +108,8 @@ class Table:
         What was done or left out in reading.
     provenance : tuple of str
         What was done before the file was written, as it says itself; see `require_schema`.
+    at_cg : frozenset of str
+        Channels that the file states to be at the centre of gravity already.
     clocks : mapping of str to str
         Name of the column that holds the times of each column, in a log of many rates; empty where one clock serves.
     ready : ChannelMap or None
@@ -117,6 +129,7 @@ class Table:
     unusable: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     provenance: tuple[str, ...] = ()
+    at_cg: frozenset[str] = frozenset()
     clocks: Mapping[str, str] = field(default_factory=dict)
     ready: ChannelMap | None = None
     doubts: Mapping[str, str] = field(default_factory=dict)

@@ -22,11 +22,13 @@ from structsel.errors import DataError, MapError
 from structsel.nomenclature import is_known
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.compressed import BoundedGzip
-from structsel.readers.table import Table, as_float, require_schema, split_header
+from structsel.readers.table import Table, as_float, channels_at_cg, require_schema, split_header
 from structsel.readers.units import is_unit
 
 PROVENANCE = "# provenance: "
 """Begins a line above the table in which `write_recording` says, as a JSON string, what was done."""
+AT_CG = "# at_cg: "
+"""Begins the line in which `write_recording` lists, as JSON, the channels that are at the centre of gravity."""
 _HEAD_LINES = 200
 _SEPARATORS = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", " ": r"\s+", "space": r"\s+", "comma": ","}
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "inf", "-inf", "+inf", "true", "false"}
@@ -48,7 +50,7 @@ def read_text(path: Path, options: FileOptions) -> Table:
         When the file holds no samples, or its lines do not have the same number of fields.
     """
     encoding, own, lines = _head(path, options.skip_rows)
-    provenance, skipped = _provenance(path, own), options.skip_rows + len(own)
+    (provenance, at_cg), skipped = _own_notes(path, own), options.skip_rows + len(own)
     body = [line for line in lines if line.strip()]
     if not body:
         raise DataError(f"'{path}' holds nothing" + (" after skip_rows." if options.skip_rows else "."))
@@ -86,7 +88,7 @@ def read_text(path: Path, options: FileOptions) -> Table:
             "Mend the line, or state [file] separator and skip_rows in a channel map."
         ) from error
     table = _table(path, frame, names, units, named, skipped + start + 1, notes)
-    return replace(table, provenance=provenance)
+    return replace(table, provenance=provenance, at_cg=at_cg)
 
 
 def _bytes(path: Path) -> IO[bytes]:
@@ -118,23 +120,25 @@ def _parted(rows: Iterator[str]) -> tuple[list[str], list[str]]:
     return own, []
 
 
-def _provenance(path: Path, own: list[str]) -> tuple[str, ...]:
-    """Notes of a file that `write_recording` wrote."""
+def _own_notes(path: Path, own: list[str]) -> tuple[tuple[str, ...], frozenset[str]]:
+    """Provenance, and channels at the centre of gravity, of a file that `write_recording` wrote."""
     if not own:
-        return ()
+        return (), frozenset()
     require_schema(str(path), own[0].removeprefix("# "))
     notes = []
+    at_cg = None
     for line in own[1:]:
-        if not line.startswith(PROVENANCE):
-            continue
         try:
-            notes.append(str(json.loads(line.removeprefix(PROVENANCE))))
-        except (ValueError, RecursionError) as error:
+            if line.startswith(PROVENANCE):
+                notes.append(str(json.loads(line.removeprefix(PROVENANCE))))
+            elif line.startswith(AT_CG):
+                at_cg = frozenset(map(str, json.loads(line.removeprefix(AT_CG))))
+        except (ValueError, TypeError, RecursionError) as error:
             raise DataError(
                 f"'{path}': a line above the table cannot be read: {line!r}.\nIt should hold one note in double "
                 "quotes. Mend it, or write the file again; without it what was done to the recording is lost."
             ) from error
-    return tuple(notes)
+    return tuple(notes), channels_at_cg(notes) if at_cg is None else at_cg
 
 
 def _fields(line: str, separator: str) -> list[str]:

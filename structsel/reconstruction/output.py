@@ -9,10 +9,10 @@ import numpy as np
 from structsel.numerics import flight_path as fp
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.unscented import Smoothed
+from structsel.readers.table import MOVED_TO_CG
 from structsel.reconstruction.assembly import INERTIAL, Assembly
 from structsel.reconstruction.result import Constant
 from structsel.recording import Recording
-from structsel.recording.recording import CARRIED
 
 
 def output_recording(
@@ -56,8 +56,8 @@ def output_recording(
     if lateral:
         stds["beta"] = sv / V
     carried = ["V", "alpha", *(["beta"] if lateral else []), *(name for name in kept if name.startswith("a"))]
-    note = f"{CARRIED}{', '.join(carried)}; flight path reconstructed, method {method}"
-    made = recording.with_channels(note=note, units=None, **channels)
+    note = f"{MOVED_TO_CG}{', '.join(carried)}; flight path reconstructed, method {method}"
+    made = recording.with_channels(note=note, units=None, at_cg=carried, **channels)
     taken = ", ".join(f"{c.name} = {c.value:.6g} {c.unit}" for c in constants)
     return made.with_channels(note=f"reconstructed with {taken}") if taken else made, stds
 

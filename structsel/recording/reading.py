@@ -69,6 +69,7 @@ def load(path: Path, mapped: ChannelMap | None, name: str | None = None) -> Reco
         channels.units,
         (*table.provenance, origin, *channels.notes),
         tuple(channels.findings),
+        table.at_cg,
     )
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Any
@@ -22,9 +22,6 @@ from structsel.nomenclature import close_names, find_channel, is_known, unit_of
 from structsel.recording import signals
 from structsel.recording.checks import FROM_SAMPLES, GAP, Finding, check_channel, check_recording, require_clock
 from structsel.rich_text import opening, to_html
-
-CARRIED = "carried to the centre of gravity: "
-"""Provenance note before the names of channels that are no longer at their instrument's place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +41,8 @@ class Recording:
         File, map, and every conversion made since.
     findings : tuple of Finding
         What the checks found; see `check`.
+    at_cg : frozenset of str
+        Channels that have been moved from their sensor to the centre of gravity, or were computed there.
 
     Raises
     ------
@@ -57,6 +56,7 @@ class Recording:
     units: Mapping[str, str] = field(default_factory=dict)
     provenance: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
+    at_cg: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         t = _read_only(self.t)
@@ -79,9 +79,10 @@ class Recording:
         object.__setattr__(self, "units", MappingProxyType(own))
         object.__setattr__(self, "provenance", tuple(self.provenance))
         object.__setattr__(self, "findings", tuple(self.findings))
+        object.__setattr__(self, "at_cg", frozenset(self.at_cg) & frozenset(held))
 
     def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
-        parts = (self.name, self.t, dict(self.channels), dict(self.units), self.provenance, self.findings)
+        parts = (self.name, self.t, dict(self.channels), dict(self.units), self.provenance, self.findings, self.at_cg)
         return Recording, parts
 
     def __len__(self) -> int:
@@ -183,7 +184,12 @@ class Recording:
         return "\n".join([*lines, " ".join(ways)])
 
     def with_channels(
-        self, *, note: str = "", units: Mapping[str, str] | None = None, **arrays: np.ndarray | float
+        self,
+        *,
+        note: str = "",
+        units: Mapping[str, str] | None = None,
+        at_cg: Iterable[str] = (),
+        **arrays: np.ndarray | float,
     ) -> Recording:
         """Recording with channels added or replaced.
 
@@ -193,6 +199,8 @@ class Recording:
             Added to the provenance: how the channels came about.
         units : mapping of str to str, optional
             Units of those the nomenclature does not hold.
+        at_cg : iterable of str
+            Channels that are now at the centre of gravity, in addition to those that were.
         **arrays : (n,) array or float
             In the nomenclature's unit and sign; a number is held throughout.
         """
@@ -206,6 +214,7 @@ class Recording:
             {**self.channels, **added},
             {**self.units, **(units or {})},
             self.provenance + ((note,) if note else ()),
+            at_cg=self.at_cg.union(at_cg),
         )
         for name in added:
             kept += check_channel(name, made.t, made[name])
@@ -252,13 +261,12 @@ class Recording:
         return [self._rows(f"{self.name}_{k}", a, b) for k, (a, b) in enumerate(parts, 1)]
 
     def _rows(self, name: str, first: int, last: int) -> Recording:
-        made = Recording(
-            name,
-            self.t[first:last],
-            {key: values[first:last] for key, values in self.channels.items()},
-            self.units,
-            (*self.provenance, f"samples {first} to {last - 1} of '{self.name}'"),
-            self.findings,
+        made = replace(
+            self,
+            name=name,
+            t=self.t[first:last],
+            channels={key: values[first:last] for key, values in self.channels.items()},
+            provenance=(*self.provenance, f"samples {first} to {last - 1} of '{self.name}'"),
         )
         return made.check()
 
@@ -269,7 +277,7 @@ class Recording:
         """
         found = check_recording(self.t, self.channels)
         kept = tuple(f for f in self.findings if f.kind not in FROM_SAMPLES)
-        return Recording(self.name, self.t, self.channels, self.units, self.provenance, kept + found)
+        return replace(self, findings=kept + found)
 
     def differentiate(self, *names: str, method: str = "central", order: int = 4) -> Recording:
         """Add the time derivatives ``p_dot``, ... of channels.
@@ -372,6 +380,7 @@ class Recording:
             },
             "findings": [finding.to_dict() for finding in self.findings],
             "provenance": list(self.provenance),
+            "at_cg": sorted(self.at_cg),
         }
 
     def __str__(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ class Origin:
         if self.rows is not None:
             first, last = self.rows
             channels = {name: values[first:last] for name, values in made.channels.items()}
-            made = Recording(made.name, made.t[first:last], channels, made.units, made.provenance)
+            made = replace(made, t=made.t[first:last], channels=channels, findings=())
         return made if self.prepare is None else self.prepare(made)
 
 
@@ -112,7 +112,7 @@ class StoredRecording:
     def read(self) -> Recording:
         """The recording itself, with its findings."""
         made = self.origin.read()
-        return Recording(self.name, made.t, made.channels, made.units, self.provenance, self.findings)
+        return replace(made, name=self.name, provenance=self.provenance, findings=self.findings)
 
     def _held(self) -> Recording:
         if _recent.origin is not self.origin:
@@ -123,7 +123,7 @@ class StoredRecording:
                     f"'{self.origin.path}' is not what it was when it was listed: {len(made)} samples, not "
                     f"{self.samples}, or other channels.\nLet nothing write to the files, and start again."
                 )
-            _recent.read = Recording(self.name, made.t, made.channels, made.units, self.provenance)
+            _recent.read = replace(made, name=self.name, provenance=self.provenance, findings=())
             _recent.origin = self.origin
         assert _recent.read is not None
         return _recent.read

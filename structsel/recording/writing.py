@@ -14,7 +14,7 @@ from structsel.errors import DataError
 from structsel.nomenclature import UNKNOWN, is_known
 from structsel.readers.parquet import METADATA
 from structsel.readers.table import SCHEMA
-from structsel.readers.text import PROVENANCE
+from structsel.readers.text import AT_CG, PROVENANCE
 from structsel.recording.recording import Recording
 
 
@@ -23,7 +23,8 @@ def write_recording(recording: Recording, path: str | Path, *, overwrite: bool =
 
     A CSV begins with lines that start with ``#``: the schema, then one note each, as a JSON string; any program that
     skips such lines reads the table (``pandas.read_csv(path, comment="#")``). A Parquet file holds the same as
-    metadata of its schema. Channels outside the nomenclature carry their unit in the header. `read_recording` gives
+    metadata of its schema. One more line, ``# at_cg:``, lists the channels that are at the centre of gravity already.
+    Channels outside the nomenclature carry their unit in the header. `read_recording` gives
     the notes back as they were, so that no station does its work twice. What the checks found is not written; it is
     found again.
 
@@ -60,21 +61,24 @@ def write_recording(recording: Recording, path: str | Path, *, overwrite: bool =
     }
     try:
         with replacing(path) as partial:
-            write(recording.to_frame().rename(columns=own), recording.provenance, partial)
+            write(recording.to_frame().rename(columns=own), recording, partial)
     except OSError as error:
         raise DataError(f"'{path}' cannot be written: {error.strerror or error}.") from error
     return path
 
 
-def _write_csv(frame: pd.DataFrame, provenance: tuple[str, ...], path: Path) -> None:
+def _write_csv(frame: pd.DataFrame, recording: Recording, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as stream:
         stream.write(f"# {SCHEMA}\n")
-        stream.writelines(f"{PROVENANCE}{json.dumps(note, ensure_ascii=False)}\n" for note in provenance)
+        stream.writelines(f"{PROVENANCE}{json.dumps(note, ensure_ascii=False)}\n" for note in recording.provenance)
+        if recording.at_cg:
+            stream.write(f"{AT_CG}{json.dumps(sorted(recording.at_cg))}\n")
         frame.to_csv(stream, index=False, lineterminator="\n")
 
 
-def _write_parquet(frame: pd.DataFrame, provenance: tuple[str, ...], path: Path) -> None:
+def _write_parquet(frame: pd.DataFrame, recording: Recording, path: Path) -> None:
     table = pa.Table.from_pandas(frame, preserve_index=False)
-    said = json.dumps({"schema": SCHEMA, "provenance": provenance}, ensure_ascii=False).encode()
+    about = {"schema": SCHEMA, "provenance": recording.provenance, "at_cg": sorted(recording.at_cg)}
+    said = json.dumps(about, ensure_ascii=False).encode()
     with path.open("wb") as stream:
         pq.write_table(table.replace_schema_metadata({**(table.schema.metadata or {}), METADATA: said}), stream)

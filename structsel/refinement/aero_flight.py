@@ -14,7 +14,6 @@ from structsel.numerics.flight_dynamics import STATES, outputs_index
 from structsel.numerics.prediction_error import linearise_flight, predict_flight, sampled, steady_gain
 from structsel.numerics.rigid_body import body_velocity
 from structsel.recording import Recording
-from structsel.recording.recording import CARRIED
 from structsel.refinement.flying import late_inputs
 from structsel.refinement.problem import Flyer
 from structsel.simulation.air import Air
@@ -70,7 +69,7 @@ class AeroFlight:
     def on(self, recording: Recording) -> Flyer:
         """Make ready to fly this recording's inputs."""
         ready, names = self.prepare(recording), self.moving
-        instruments = not is_carried(recording)
+        instruments = not recording.at_cg
 
         def fly(values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray) -> np.ndarray:
             theta = np.column_stack([values, start, np.maximum(delay, 0.0)])
@@ -141,11 +140,6 @@ class AeroFlight:
         return AeroModel(made, self.model.name, self.model.recordings)
 
 
-def is_carried(recording: Recording) -> bool:
-    """Whether the recording's channels are those at the centre of gravity."""
-    return any(note.startswith(CARRIED) for note in recording.provenance)
-
-
 class FlightTracker:
     """Predictions of an AeroModel's flight on one recording; its gain is that of the motion about the mean."""
 
@@ -157,7 +151,7 @@ class FlightTracker:
                 "do not advance. Refine by whole flights, or take model.steady()."
             )
         names = [flight.outputs[i] for i in outputs]
-        self.observed = outputs_index(names, instruments=not is_carried(recording))
+        self.observed = outputs_index(names, instruments=not recording.at_cg)
         self.index = ready.plan.parameter_index(flight.moving)
         self.states = np.array([STATES.index(name) for name in flight.states])
         self.dt = recording.dt

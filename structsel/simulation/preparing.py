@@ -25,7 +25,6 @@ from structsel.numerics.flight_dynamics import (
     outputs_index,
 )
 from structsel.recording import Recording
-from structsel.recording.recording import CARRIED
 from structsel.simulation.air import Air
 from structsel.simulation.beside import Following, fly_beside
 from structsel.simulation.compiling import Formulas, compile_plan, needed_inputs
@@ -228,17 +227,13 @@ def first_state(inputs: Inputs, start: Start | None, aircraft: Aircraft, name: s
     state = np.array([held.get(c, 0.0) for c in STATES])
     if not from_velocity:
         V, alpha, beta = held["V"], held["alpha"], held.get("beta", 0.0)
-        if start is None and not _is_carried(inputs):
+        if start is None and not (isinstance(inputs, Recording) and inputs.at_cg):
             # Measured at the vane; the state is that of the centre of gravity.
             p, q, r = state[3:6]
             at_cg = rb.air_data_at_cg(V, alpha, beta, p, q, r, tuple(aircraft.position("vane")))
             V, alpha, beta = (float(x) for x in at_cg)
         state[:3] = rb.body_velocity(V, alpha, beta)
     return state
-
-
-def _is_carried(inputs: Inputs) -> bool:
-    return isinstance(inputs, Recording) and any(note.startswith(CARRIED) for note in inputs.provenance)
 
 
 def _schedule(inputs: Inputs) -> tuple[np.ndarray, Mapping[str, Any], str]:

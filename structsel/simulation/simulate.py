@@ -13,8 +13,8 @@ from structsel.candidates.formulas import Node, evaluate
 from structsel.errors import ModelError, SimulationError, StructselWarning
 from structsel.model import AeroModel
 from structsel.numerics.flight_dynamics import AXES, READINGS, REASONS
+from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Recording
-from structsel.recording.recording import CARRIED
 from structsel.simulation.air import Air
 from structsel.simulation.instruments import Actuator, Instruments
 from structsel.simulation.preparing import Between, Inputs, Prepared, Start, prepare
@@ -141,7 +141,7 @@ def _recording(
     if ready.plan.thrust_slot < 0:
         notes.append("no thrust given or defined; zero")
     if instruments is None:
-        notes.append(f"{CARRIED}{', '.join(_AT_CG)}; simulated there")
+        notes.append(f"{MOVED_TO_CG}{', '.join(_AT_CG)}; simulated there")
         for name in ready.formulas.own:
             node = ready.formulas.expand(Node("channel", name=name))
             channels[name] = evaluate(node, channels, name)
@@ -151,7 +151,8 @@ def _recording(
                 del channels[name]
         channels = instruments.read(t, channels)
         notes.append(f"read by instruments at their places: {', '.join(n for n in channels if n in READINGS)}")
-    return Recording(ready.name, t, channels, provenance=tuple(notes)).check()
+    at_cg = frozenset(_AT_CG if instruments is None else ())
+    return Recording(ready.name, t, channels, provenance=tuple(notes), at_cg=at_cg).check()
 
 
 def _judge_region(ready: Prepared, model: AeroModel, flight: Recording, outside: str) -> None:

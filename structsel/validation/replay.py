@@ -14,7 +14,6 @@ from structsel.model import AeroModel
 from structsel.nomenclature import suggest
 from structsel.numerics.flight_dynamics import REASONS, STATES
 from structsel.recording import Recording
-from structsel.recording.recording import CARRIED
 from structsel.simulation import Air, prepare
 from structsel.simulation.preparing import first_state
 from structsel.validation.metrics import Normaliser
@@ -200,8 +199,7 @@ def _fly(
     """Outputs (flown, outputs) from the recorded start, and why they end before the recording does."""
     state = recorded_start(model, aircraft, recording, craft["air"])
     ready = prepare(model, aircraft, recording, start=state, **craft)
-    carried = any(note.startswith(CARRIED) for note in recording.provenance)
-    batch = ready.fly(shown, instruments=not carried)
+    batch = ready.fly(shown, instruments=not recording.at_cg)
     reason = int(batch.reason[0])
     return batch.outputs[0, : int(batch.flown[0])], REASONS[reason] if reason else ""
 

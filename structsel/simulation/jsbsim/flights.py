@@ -10,8 +10,8 @@ import numpy as np
 from structsel.errors import ChannelError
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body import STATES
+from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Recording
-from structsel.recording.recording import CARRIED
 from structsel.simulation.preparing import Inputs, Start
 from structsel.simulation.trimmed import Trim
 
@@ -82,8 +82,6 @@ def make_recording(
         turn = 2.0 * math.pi if c == "psi" else 1.0
         away = start[STATES.index(c)] - channels[c][0]
         channels[c] = channels[c] + (round(away / turn) * turn if c == "psi" else away)
-    notes = (
-        f"flown by JSBSim: {how}",
-        f"{CARRIED}V, alpha, beta, ax, ay, az; simulated there",
-    )
-    return Recording(name, t, channels, provenance=notes).check()
+    at_cg = ("V", "alpha", "beta", "ax", "ay", "az")
+    notes = (f"flown by JSBSim: {how}", f"{MOVED_TO_CG}{', '.join(at_cg)}; simulated there")
+    return Recording(name, t, channels, provenance=notes, at_cg=frozenset(at_cg)).check()
