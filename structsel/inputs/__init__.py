@@ -9,6 +9,7 @@ from structsel.inputs.design import InputDesign, design_inputs
 from structsel.inputs.information import Information, information
 from structsel.inputs.mehra_schulz import mehra, schulz
 from structsel.inputs.multisine import multisine, peak_factor
+from structsel.inputs.settings import DesignOptions, InputOptions
 from structsel.inputs.signals import (
     combine,
     doublet,
@@ -24,9 +25,11 @@ from structsel.inputs.signals import (
 )
 
 __all__ = [
+    "DesignOptions",
     "Information",
     "InputComparison",
     "InputDesign",
+    "InputOptions",
     "Scatter",
     "combine",
     "compare_inputs",

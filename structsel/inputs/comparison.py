@@ -16,7 +16,8 @@ from structsel.inputs.design import design_inputs, parameter_sizes
 from structsel.inputs.information import Information, chosen, information
 from structsel.inputs.mehra_schulz import mehra, schulz
 from structsel.inputs.multisine import multisine
-from structsel.inputs.optimal import Basis
+from structsel.inputs.settings import InputOptions
+from structsel.options import takes_options
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
 from structsel.simulation.linear import LinearModel
@@ -107,20 +108,14 @@ class InputComparison:
         )
 
 
+@takes_options(InputOptions)
 def compare_inputs(
     model: LinearModel,
     *,
     noise: Mapping[str, float],
     energy: float,
-    parameters: Sequence[str] | None = None,
-    duration: float = 20.0,
-    dt: float = 0.05,
     more: Sequence[Recording] = (),
-    scales: Mapping[str, float] | None = None,
-    parameter_scales: Mapping[str, float] | None = None,
-    basis: Basis = "sines",
-    functions: int | None = None,
-    seed: int = 0,
+    options: InputOptions,
 ) -> InputComparison:
     """Compare kinds of input at equal energy.
 
@@ -129,10 +124,14 @@ def compare_inputs(
 
     Parameters
     ----------
-    model, noise, parameters, energy, duration, dt, scales, parameter_scales, basis, functions, seed
+    model, noise
         As `design_inputs` takes them.
+    energy : float
+        Integral of the squared inputs over their scales [s].
     more : sequence of Recording
-        Other inputs to put beside, on the same clock; scaled to the energy.
+        Other inputs to compare, on the same clock; scaled to the energy.
+    options : InputOptions, optional
+        Every field may be given as a keyword of its own instead.
 
     Returns
     -------
@@ -143,9 +142,10 @@ def compare_inputs(
     ModelError
         As `design_inputs`.
     """
-    names = chosen(model, parameters)
-    sizes = parameter_sizes(model, names, parameter_scales)
-    size = {c: (scales or {}).get(c, 1.0) for c in model.inputs}
+    names = chosen(model, options.parameters)
+    duration, dt, seed = options.duration, options.dt, options.seed
+    sizes = parameter_sizes(model, names, options.parameter_scales)
+    size = {c: (options.scales or {}).get(c, 1.0) for c in model.inputs}
     fastest = float(model.modes().frequency.max()) / (2.0 * np.pi)
     low, high = max(1.0 / duration, 0.1 * fastest), min(3.0 * fastest, 0.4 / dt)
     common: dict[str, Any] = {"noise": noise, "parameters": names, "energy": energy, "duration": duration, "dt": dt}
@@ -180,13 +180,13 @@ def compare_inputs(
         signals.combine(*sweeps, name="frequency sweep"),
         multisine(tuple(size), tuple(size.values()), low=low, high=high, period=_whole(duration, dt), dt=dt, seed=seed),
         mehra(model, low=1.0 / duration, high=high, scales=size, seed=seed, **common),
-        schulz(model, scales=size, parameter_scales=parameter_scales, **common),
+        schulz(model, scales=size, parameter_scales=options.parameter_scales, **common),
     ]
     criteria: tuple[Criterion, ...] = ("A", "D")
     for criterion in criteria:
         made = design_inputs(
-            model, criterion=criterion, basis=basis, functions=functions, scales=size,
-            parameter_scales=parameter_scales, seed=seed, **common,
+            model, criterion=criterion, basis=options.basis, functions=options.functions, scales=size,
+            parameter_scales=options.parameter_scales, seed=seed, **common,
         )  # fmt: skip
         u = made.inputs
         inputs.append(Recording(f"optimal {criterion}", u.t, u.channels, u.units, u.provenance))

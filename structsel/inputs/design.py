@@ -14,11 +14,13 @@ from structsel.errors import DomainError, ModelError
 from structsel.inputs.criteria import Criterion, Problem, elementary_matrices
 from structsel.inputs.information import Information, chosen, information, of_sensitivities, sensitivities
 from structsel.inputs.limits import Reached, limit_rows, reached
-from structsel.inputs.optimal import Basis, optimise, orthonormal_functions, within_limits
+from structsel.inputs.optimal import optimise, orthonormal_functions, within_limits
+from structsel.inputs.settings import DesignOptions
 from structsel.inputs.signals import clock
+from structsel.options import takes_options
 from structsel.recording import Recording, write_recording
 from structsel.rich_text import opening, to_html
-from structsel.simulation.linear import Hold, LinearModel
+from structsel.simulation.linear import LinearModel
 
 _MEANS = {
     "A": "trace of the covariance",
@@ -126,64 +128,21 @@ class InputDesign:
         return to_html(self.to_frame(), opening(self, 3), self.notes)
 
 
-def design_inputs(
-    model: LinearModel,
-    *,
-    noise: Mapping[str, float],
-    parameters: Sequence[str] | None = None,
-    to_separate: Sequence[str] | None = None,
-    criterion: Criterion = "A",
-    energy: float | None = None,
-    duration: float = 20.0,
-    dt: float = 0.05,
-    basis: Basis = "sines",
-    functions: int | None = None,
-    limits: Mapping[str, float] | None = None,
-    rate_limits: Mapping[str, float] | None = None,
-    scales: Mapping[str, float] | None = None,
-    parameter_scales: Mapping[str, float] | None = None,
-    hold: Hold = "hold",
-    seed: int = 0,
-) -> InputDesign:
-    """Design the input that tells most about a linear model's parameters [M86].
+@takes_options(DesignOptions)
+def design_inputs(model: LinearModel, *, noise: Mapping[str, float], options: DesignOptions) -> InputDesign:
+    """Design the input that determines a linear model's parameters best [M86].
 
-    A finite sum of orthonormal functions of fixed energy, from a seeded direct search and Newton-Raphson with exact
+    A finite sum of orthonormal functions of fixed energy, from a seeded global search and Newton-Raphson with exact
     derivatives; see `structsel.inputs.optimal`.
 
     Parameters
     ----------
     model : LinearModel
-        With the best knowledge of its parameters; every input of it is designed.
+        With the best knowledge of its parameters; all its inputs are designed.
     noise : mapping of str to float
-        Standard deviation of white noise on each output measured.
-    parameters : sequence of str, optional
-        Estimated together; those that are not zero where absent.
-    to_separate : sequence of str, optional
-        Two terms, or more, to tell apart: the largest variance of any combination of these is minimised (criterion
-        ``"E"``), all other parameters being estimated too. In doubt between a and b, that combination is what both
-        explain.
-    criterion : {"A", "D", "trace", "E"}
-        Least trace, ln det or largest eigenvalue of the covariance, or largest trace of the information; parameters
-        scaled by `parameter_scales`. Trace often ends in an input that tells one combination well and others not.
-    energy : float, optional
-        Integral of the squared inputs over their scales [s]. Where absent, limits are needed: the shape and energy
-        that tell most within them are sought.
-    duration, dt : float [s]
-    basis : {"sines", "fourier", "legendre"}
-        ``"sines"`` begin and end at zero.
-    functions : int, optional
-        For each input; where absent, up to twice the fastest mode's frequency, 8 to 30.
-    limits : mapping of str to float, optional
-        Largest departure of inputs, outputs, states, and alpha, beta, V (as w / V, v / V, u).
-    rate_limits : mapping of str to float, optional
-        Of inputs, from sample to sample [unit/s].
-    scales : mapping of str to float, optional
-        What counts as one in each input's energy.
-    parameter_scales : mapping of str to float, optional
-        What an error of each parameter is measured by; its value where absent.
-    hold : {"hold", "linear"}
-        What the input does between samples.
-    seed : int
+        Standard deviation of white noise on each measured output.
+    options : DesignOptions, optional
+        Every field may be given as a keyword of its own instead: ``design_inputs(..., criterion="D", energy=0.01)``.
 
     Returns
     -------
@@ -196,7 +155,10 @@ def design_inputs(
         Names that are not there, neither energy nor limits, a parameter that is zero without a scale, or parameters
         no input can tell apart; the message names them.
     """
-    names = chosen(model, parameters)
+    names = chosen(model, options.parameters)
+    criterion, to_separate, energy, dt = options.criterion, options.to_separate, options.energy, options.dt
+    limits, rate_limits = options.limits or {}, options.rate_limits or {}
+    scales, hold, basis = options.scales or {}, options.hold, options.basis
     if to_separate is not None:
         if len(set(to_separate)) < 2 or not set(to_separate) <= set(names):
             raise ModelError(
@@ -208,16 +170,16 @@ def design_inputs(
     if energy is not None and not energy > 0.0:
         raise ModelError(f"design_inputs needs an energy above zero; found {energy}.")
     interest = names if to_separate is None else tuple(dict.fromkeys(to_separate))
-    size = parameter_sizes(model, names, parameter_scales)
-    t = clock(duration, dt)
-    count = _functions(model, duration) if functions is None else functions
+    size = parameter_sizes(model, names, options.parameter_scales)
+    t = clock(options.duration, dt)
+    count = _functions(model, options.duration) if options.functions is None else options.functions
     phi = orthonormal_functions(basis, count, len(t), dt)
-    u = _spread(phi, [(scales or {}).get(c, 1.0) for c in model.inputs])
+    u = _spread(phi, [scales.get(c, 1.0) for c in model.inputs])
     S = sensitivities(model, names, np.concatenate([np.zeros_like(u[:1]), u]), dt, noise, hold)
     S[1:] -= S[0]  # what an input adds to the motion without one
     all_at_once = of_sensitivities("any input of this kind", names, np.ones(len(names)), S.reshape(-1, len(names)))
     all_at_once.require()
-    rows = limit_rows(model, u, dt, limits or {}, rate_limits or {}, hold)
+    rows = limit_rows(model, u, dt, limits, rate_limits, hold)
     problem = Problem(
         elementary=elementary_matrices(S * size),
         criterion=criterion,
@@ -226,7 +188,7 @@ def design_inputs(
         limits=rows,
     )
     try:
-        free = optimise(problem, _starts(problem, phi, len(model.inputs)), seed=seed)
+        free = optimise(problem, _starts(problem, phi, len(model.inputs)), seed=options.seed)
     except DomainError as error:
         raise ModelError(f"design_inputs: {error} Parameters: {', '.join(names)}.") from error
     found = within_limits(problem, free, energy)
@@ -258,7 +220,7 @@ def design_inputs(
         energy_asked=np.nan if energy is None else float(energy),
         basis=basis,
         coefficients=a.reshape(len(model.inputs), count),
-        limits=reached(model, made, dt, limits or {}, rate_limits or {}, hold),
+        limits=reached(model, made, dt, limits, rate_limits, hold),
         history=found.history,
         converged=found.converged,
         notes=tuple(notes),

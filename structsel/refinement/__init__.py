@@ -12,6 +12,7 @@ from structsel.refinement.linear_structure import LinearStructure, Matrices
 from structsel.refinement.parameters import Parameter
 from structsel.refinement.refine import refine
 from structsel.refinement.result import Estimate, OutputFit, Refinement
+from structsel.refinement.settings import RefineOptions
 
 __all__ = [
     "Comparison",
@@ -22,6 +23,7 @@ __all__ = [
     "Matrices",
     "OutputFit",
     "Parameter",
+    "RefineOptions",
     "Refinement",
     "compare_estimates",
     "derivatives_by_condition",

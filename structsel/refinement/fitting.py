@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -13,15 +13,14 @@ from structsel.refinement.flying import LinearFlight
 from structsel.refinement.prediction import PredictionProblem
 from structsel.refinement.problem import Problem
 from structsel.refinement.result import Estimate, Refinement, find_doubts
+from structsel.refinement.settings import RefineOptions, StabilityConstraint
 
 _REACH = 4.0  # times its start, either sign: where the evolution looks for a parameter without bounds
 
 Allowed = Callable[[np.ndarray], np.ndarray]
 
 
-def make_constraint(
-    problem: Problem, constraint: Literal["stable"] | Callable[[Mapping[str, np.ndarray]], np.ndarray] | None
-) -> Allowed | None:
+def make_constraint(problem: Problem, constraint: StabilityConstraint | None) -> Allowed | None:
     """Margins of parameter sets, as the kernels take them.
 
     Raises
@@ -47,11 +46,7 @@ def evolve(
     problem: Problem,
     allowed: Allowed | None,
     R: np.ndarray | None,
-    cost: Literal["ml", "weighted"],
-    full_noise: bool,
-    seed: int,
-    population: int,
-    generations: int,
+    options: RefineOptions,
     progress: Callable[[str, int, float], None] | None,
 ) -> tuple[GlobalSearch, np.ndarray]:
     """An evolution over what has bounds, and the whole parameter vectors of its last generation, the best first.
@@ -72,9 +67,9 @@ def evolve(
         return full
 
     found = search_globally(
-        problem.predict(theta, searched), problem.y, limits[searched], R=R, cost=cost, full=full_noise, seed=seed,
+        problem.predict(theta, searched), problem.y, limits[searched], R=R, cost=options.cost, full=options.full_noise,
         constraint=None if allowed is None else lambda sets: allowed(whole(sets)),
-        population=population, generations=generations,
+        seed=options.seed, population=options.population, generations=options.generations,
         progress=None if progress is None else lambda count, value: progress("evolution", count, value),
     )  # fmt: skip
     return found, whole(found.members) if len(found.members) else theta[None]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal, TypeAlias
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -12,14 +11,13 @@ from structsel.nomenclature import suggest
 from structsel.recording import Recording
 from structsel.refinement.parameters import Parameter
 from structsel.refinement.problem import FlightModel, require_even_clock
+from structsel.refinement.settings import Names, RefineOptions
 
 _FIRST = 5  # samples whose median is an output's first guess at rest
 _LATEST = 0.25  # of the shortest recording: the delay's upper bound where none is given
 _PROCESS = (1e-4, 0.3, 10.0)
 """Least process noise of a state, where its search starts, and most, per root of a second and by how much the state
 moves: the least leaves the flight alone, the most takes the state from the measurements."""
-
-Names: TypeAlias = Iterable[str] | Literal["all"]
 
 
 def check_recordings(recordings: Sequence[Recording]) -> None:
@@ -75,32 +73,23 @@ def _chosen(names: Names, among: Sequence[str], what: str, flight: FlightModel) 
     return chosen
 
 
-def lay_out(
-    flight: FlightModel,
-    recordings: Sequence[Recording],
-    outputs: Sequence[str],
-    free: Names,
-    starts: Names,
-    drifts: Names,
-    biases: Names,
-    references: Names,
-    scales: Names,
-    delay: bool,
-    guess: Mapping[str, float],
-    *,
-    process: Names = (),
-    jumps: Names = (),
+def build_parameters(
+    flight: FlightModel, recordings: Sequence[Recording], outputs: Sequence[str], options: RefineOptions
 ) -> list[Parameter]:
     """Every parameter to estimate, in the order of the table in parameters.py."""
+    in_time = options.domain == "time"
+    starts, jumps = (options.starts, ()) if in_time else ((), options.starts)
+    process = options.process if options.noise == "process" else ()
+    guess = options.guess or {}
     values = flight.parameters
     made = [
         Parameter(name, "model", values[name], scale=abs(values[name]) or 1.0)
-        for name in _chosen(free, tuple(values), "the model's parameter", flight)
+        for name in _chosen(options.free, tuple(values), "the model's parameter", flight)
     ]
     spread = {name: max(float(np.nanstd(r[name])) for r in recordings) or 1.0 for name in outputs}
     states = _chosen(starts, flight.states, "the start of state", flight)
-    drifting = _chosen(drifts, flight.drifting, "the drift of state", flight)
-    biased = _chosen(biases, outputs, "the bias of output", flight)
+    drifting = _chosen(options.drifts, flight.drifting, "the drift of state", flight)
+    biased = _chosen(options.biases, outputs, "the bias of output", flight)
     for r in recordings:
         at = dict(zip(flight.states, flight.first_state(r)))
         made += [Parameter(f"start:{r.name}:{s}", "start", float(at[s]), scale=spread.get(s, 1.0), recording=r.name)
@@ -108,13 +97,13 @@ def lay_out(
         made += [Parameter(f"drift:{r.name}:{s}", "drift", 0.0, scale=spread.get(s, 1.0), recording=r.name)
                  for s in drifting]  # fmt: skip
         made += [Parameter(f"bias:{r.name}:{o}", "bias", 0.0, scale=spread[o], recording=r.name) for o in biased]
-    for o in _chosen(references, outputs, "the reference of output", flight):
+    for o in _chosen(options.references, outputs, "the reference of output", flight):
         at_rest = float(np.nanmedian(np.concatenate([r[o][:_FIRST] for r in recordings]))) if flight.from_rest else 0.0
         value = at_rest if np.isfinite(at_rest) else 0.0
         made.append(Parameter(f"reference:{o}", "reference", value, scale=spread[o]))
-    for o in _chosen(scales, outputs, "the scale of output", flight):
+    for o in _chosen(options.scales, outputs, "the scale of output", flight):
         made.append(Parameter(f"scale:{o}", "scale", 1.0))
-    if delay:
+    if options.delay:
         latest = _LATEST * min(r.duration for r in recordings)
         dt = max(r.dt for r in recordings)
         made.append(Parameter("delay", "delay", min(max(flight.delay, dt), latest), 0.0, latest, dt))
