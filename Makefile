@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test static check bench fuzz wheel lowest format clean
+.PHONY: demo test test-all static check bench fuzz wheel lowest format clean
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -18,8 +18,14 @@ $(VENV)/.installed-dev: $(VENV)/.installed
 demo: $(VENV)/.installed  ## run the main job on an embedded flight
 	$(BIN)/structsel demo --out out/demo
 
-test: $(VENV)/.installed-dev  ## run the tests
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile  # by files, which share what they compute; threads would only wait for each other
+# Two processes with one thread each; tests of one file go to the same process, for they share what they compute.
+PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+
+test: $(VENV)/.installed-dev  ## run the default set of tests, in about five minutes
+	$(PYTEST) -m "not slow" $(TESTS)
+
+test-all: $(VENV)/.installed-dev  ## run every test, the slow ones too
+	$(PYTEST) -m "" $(TESTS)
 
 static: $(VENV)/.installed-dev  ## format, lint, import order, types
 	$(BIN)/ruff format --check .

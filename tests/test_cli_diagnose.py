@@ -236,6 +236,7 @@ def test_the_simulation_itself_is_never_written_over(case, asked):
 # --- the real one -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not EXAMPLES.exists(), reason="the example cases are not there")
 def test_an_example_case_is_diagnosed_end_to_end(tmp_path):
     case, names = EXAMPLES / "ground-effect", ("m01", "m05", "m06", "m08")

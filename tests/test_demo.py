@@ -122,6 +122,7 @@ def integrated(record, wind, bent):
     return np.array(out)
 
 
+@pytest.mark.default_cases("all-axes")
 @pytest.mark.parametrize("which", FLIGHTS)
 def test_the_exact_accelerations_and_rates_integrate_to_the_true_path(which):
     wind = {"wn": 5.0, "we": -3.0, "wd": 0.5}
@@ -156,6 +157,7 @@ def test_without_errors_and_noise_instruments_read_the_truth_at_their_places():
     assert all(not craft.sensors[name].noise for name in craft.sensors)
 
 
+@pytest.mark.default_cases(3)
 @pytest.mark.parametrize("name", INSTRUMENT_ERRORS)
 def test_each_error_shows_in_its_own_channels_and_in_no_other(name):
     size = 0.01

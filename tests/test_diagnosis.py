@@ -63,6 +63,7 @@ def test_the_corrected_model_can_be_asked_along_the_flights(ground):
     assert np.std(told - simulated) < 0.15 * np.std(simulated)
 
 
+@pytest.mark.slow
 def test_recordings_held_out_by_name_judge_alone(ground):
     case, _ = ground
     name = case.recordings[-1].name
@@ -74,6 +75,7 @@ def test_recordings_held_out_by_name_judge_alone(ground):
         run(case, held_out=[r.name for r in case.recordings])
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_the_simulation_is_right():
     case = draw_case(5, family="null")
     found = run(case)
@@ -99,6 +101,7 @@ def test_one_manoeuvre_alone_is_not_decided(ground):
     assert any("one manoeuvre only" in remark for remark in found.remarks)
 
 
+@pytest.mark.slow
 @needs_examples
 @pytest.mark.parametrize(
     ("name", "effect"),

@@ -9,6 +9,7 @@ import pytest
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
 
 
+@pytest.mark.default_cases("01_first_model", "05_explore_residuals", "06_next_flight")
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_the_example_runs_to_its_assertions(path, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # an example that writes does so here

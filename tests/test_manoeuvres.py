@@ -86,6 +86,7 @@ def excited(recording, **options):
     return [stretch for stretch in find_manoeuvres(recording, **options) if stretch.kind == "excited"]
 
 
+@pytest.mark.default_cases("gusts-trim-digit-drift")
 @pytest.mark.parametrize(
     "how",
     [
@@ -118,6 +119,7 @@ def test_inputs_of_long_flights_are_found_and_nothing_else(how):
     assert found <= inputs + 1
 
 
+@pytest.mark.default_cases(2)
 @pytest.mark.parametrize("how", [{"noise": 1e-3}, {"gusts": 0.2}, {"trim": 0.03}, {"drift": 1e-3}, {"digit": 0.0044}])
 def test_a_flight_without_inputs_is_steady_from_end_to_end(how):
     for seed in range(5):

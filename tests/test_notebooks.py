@@ -32,6 +32,7 @@ def test_no_notebook_is_without_its_script():
     assert {path.stem for path in EXAMPLES.glob("*.ipynb")} == {path.stem for path in SCRIPTS}
 
 
+@pytest.mark.slow
 def test_a_notebook_runs_in_a_new_process_and_shows_tables_figures_and_the_explorer(tmp_path, monkeypatch):
     jupytext = pytest.importorskip("jupytext", reason=f"jupytext {MISSING}")
     nbclient = pytest.importorskip("nbclient", reason=f"nbclient {MISSING}")

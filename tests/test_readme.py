@@ -98,6 +98,7 @@ def test_the_readmes_commands_have_the_options_they_show(command):
             assert re.search(rf"{word}\b", help_page), word
 
 
+@pytest.mark.slow
 def test_the_tutorial_runs_from_end_to_end(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(demo, "DEGREE", 1)  # the demo's own selection is not what is tested here

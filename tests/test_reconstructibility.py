@@ -174,6 +174,7 @@ SENSOR_SETS = {
 }
 
 
+@pytest.mark.default_cases(4)
 @pytest.mark.parametrize("flight", ["lively", "all-axes"])
 @pytest.mark.parametrize("sensors", SENSOR_SETS)
 def test_each_sensor_set_fixes_just_what_nothing_in_it_shows(flight, sensors):
@@ -265,6 +266,7 @@ def test_in_steady_flight_the_offset_and_the_scale_of_the_vane_are_one():
     assert "Calpha0" in other.fixed["Cup"]
 
 
+@pytest.mark.default_cases(1)
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_of_the_vane_does_not_pass_for_excitation(seed):
     # 2e-3 rad taken for motion would give Cup to a fifth of its prior, where nothing was flown.
@@ -284,6 +286,7 @@ def test_motion_is_never_fixed_even_where_nothing_shows_it():
     assert "not to be fixed: h" in str(found)
 
 
+@pytest.mark.default_cases(1)
 @pytest.mark.parametrize("sensors", [AIR + ATTITUDE, AIR + ATTITUDE + HEADING + POSITION, MEASUREMENTS])
 def test_rank_and_posterior_are_those_of_flying_again_from_every_start_moved_a_little(sensors):
     # 1501 samples, so the analysis works on some of them and the flights on all.
@@ -324,6 +327,7 @@ def test_stretches_share_their_constants_and_nothing_else():
     assert_allclose([found.posterior_over_prior[name] for name in EVERYTHING], expected, rtol=0.03)
 
 
+@pytest.mark.default_cases(3)
 @pytest.mark.parametrize("sensors", [AIR, AIR + ATTITUDE, AIR + ATTITUDE + HEADING + POSITION, MEASUREMENTS])
 @pytest.mark.parametrize("kind", ["straight", "turning"])
 def test_linear_rank_is_that_of_the_observability_matrix(kind, sensors):

@@ -112,6 +112,7 @@ def test_every_method_takes_out_the_biases(method):
         assert abs(constant.value - flight.errors.get(constant.name, 0.0)) < limit * constant.std, constant
 
 
+@pytest.mark.slow
 def test_the_extended_filter_agrees_with_the_unscented_where_little_is_curved():
     flight = demo_instruments(0, 4, duration=15.0)
     one, other = (reconstruct(flight.measured, flight.aircraft, method=m) for m in ("unscented", "extended"))
@@ -150,6 +151,7 @@ def test_rates_of_change_come_from_the_kinematics():
         assert error < 0.05 * np.sqrt(np.mean((measured - exact)[5:-5] ** 2)), name
 
 
+@pytest.mark.slow
 def test_the_accuracy_stated_of_the_angular_accelerations_is_their_error_or_a_little_more():
     ratios = []
     for which in range(3):
@@ -180,6 +182,7 @@ def test_slower_instruments_count_only_where_they_read():
     assert all(inside)
 
 
+@pytest.mark.slow
 def test_a_late_vane_is_named_and_brought_into_line():
     flight = demo_instruments("elevator-3211", 2)
     t = flight.measured.t
@@ -213,6 +216,7 @@ def test_without_position_there_is_no_wind_and_without_heading_none_is_made_up()
         assert abs(constant.value - flight.errors.get(constant.name, 0.0)) < 4.0 * constant.std, constant
 
 
+@pytest.mark.default_cases("1")
 @pytest.mark.parametrize("which", [1, 2, 5])
 def test_without_a_heading_the_ground_track_gives_it_and_the_wind(which):
     # The heading may be off by half a radian in the wind of these flights, and the filter must not begin there.
@@ -224,6 +228,7 @@ def test_without_a_heading_the_ground_track_gives_it_and_the_wind(which):
         assert abs(constant.value - flight.errors[constant.name]) < 4.0 * constant.std, constant
 
 
+@pytest.mark.slow
 def test_longitudinal_channels_alone_give_the_longitudinal_motion():
     flight = demo_instruments("elevator-3211", 5)
     left = without(flight, "ay", "p", "r", "beta", "phi", "psi", "x", "y", "vn", "ve", "vd")

@@ -62,6 +62,7 @@ def kinds(found, channel):
     return {f.kind for f in found.findings if f.channel == channel}
 
 
+@pytest.mark.default_cases("alpha")
 @pytest.mark.parametrize("name", ["alpha", "V", "theta", "psi"])
 def test_a_measurement_missing_for_six_seconds_is_named_and_done_without(flight, name):
     found = change(flight, **edited(flight, name, missing(8.0, 14.0)))
@@ -70,6 +71,7 @@ def test_a_measurement_missing_for_six_seconds_is_named_and_done_without(flight,
     assert (finding.kind, finding.sample, finding.time, finding.count) == ("missing", 400, 8.0, 300)
 
 
+@pytest.mark.default_cases("V")
 @pytest.mark.parametrize("name", ["alpha", "V", "theta", "beta"])
 def test_a_measurement_stuck_for_three_seconds_is_named_and_done_without(flight, name):
     found = change(flight, **edited(flight, name, stuck_from_8_to_11_s))
@@ -85,6 +87,7 @@ def test_an_inertial_channel_stuck_for_three_seconds_is_refused_with_the_part_to
         change(flight, **edited(flight, name, stuck_from_8_to_11_s))
 
 
+@pytest.mark.default_cases("ax")
 @pytest.mark.parametrize("name", ["ax", "az", "q"])
 def test_a_short_hole_in_an_inertial_channel_is_bridged_and_said_a_long_one_refused(flight, name):
     found = change(flight, **edited(flight, name, missing(8.0, 8.3)))
@@ -95,6 +98,7 @@ def test_a_short_hole_in_an_inertial_channel_is_bridged_and_said_a_long_one_refu
         change(flight, **edited(flight, name, missing(8.0, 13.0)))
 
 
+@pytest.mark.default_cases("0.5-alpha")
 @pytest.mark.parametrize("name", ["alpha", "beta"])
 @pytest.mark.parametrize("share", [0.5, 0.75])
 def test_a_vane_at_its_stop_is_named_and_done_without_there(flight, name, share):
@@ -106,6 +110,7 @@ def test_a_vane_at_its_stop_is_named_and_done_without_there(flight, name, share)
         assert abs(found[constant].value - flight.errors[constant]) < 4.0 * found[constant].std
 
 
+@pytest.mark.default_cases("q")
 @pytest.mark.parametrize("name", ["p", "q", "az"])
 def test_a_saturated_inertial_channel_is_named_and_the_path_stays_within_its_uncertainty(flight, name):
     found = change(flight, **edited(flight, name, limited(0.6)))
@@ -163,6 +168,7 @@ def test_spikes_in_a_gyro_are_taken_out_and_named_those_of_a_vane_not_used(fligh
     assert found.consistency["alpha"].rejected == 5
 
 
+@pytest.mark.slow
 def test_gps_that_drops_out_or_hangs_is_done_without(flight):
     measured, t = flight.measured, flight.measured.t
     there = (t >= 8.0) & (t < 13.0)
@@ -174,11 +180,13 @@ def test_gps_that_drops_out_or_hangs_is_done_without(flight):
         assert all(kinds(found, name) & {kind, "saturated"} for name in GPS)
 
 
+@pytest.mark.slow
 def test_gps_that_jumps_is_distrusted_by_name(flight):
     found = change(flight, x=flight.measured["x"] + 50.0 * (flight.measured.t > 12.0))
     assert found.distrust[0].startswith("x contradicts the others")
 
 
+@pytest.mark.slow
 def test_a_heading_that_wraps_is_no_fault(flight):
     # The earth turned by half a turn about the vertical: heading near pi, wrapping at -pi.
     measured = flight.measured
@@ -199,6 +207,7 @@ def test_a_late_vane_is_named_with_its_delay(flight):
     assert delay.delay == pytest.approx(0.15, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_drifting_bias_is_distrusted_and_survived_with_drift(flight):
     drifting = flight.measured["q"] + 5e-4 * flight.measured.t
     assert not change(flight, q=drifting).trusted
@@ -207,6 +216,7 @@ def test_a_drifting_bias_is_distrusted_and_survived_with_drift(flight):
     assert np.sqrt(np.mean((allowed.recording["theta"] - flight.truth["theta"]) ** 2)) < 1e-3
 
 
+@pytest.mark.default_cases("10.0-doubts-far smaller than the stated noise")
 @pytest.mark.parametrize(("factor", "where", "says"), [
     (0.1, "distrust", "stated noise"),
     (10.0, "doubts", "far smaller than the stated noise"),
@@ -251,12 +261,14 @@ def test_a_dead_vane_is_named_and_done_without(flight):
     assert "alpha: stands at 0.1 throughout" in found.doubts[0]
 
 
+@pytest.mark.slow
 def test_too_few_instruments_to_tell_the_attitude_are_distrusted(flight):
     only = {name: flight.measured[name] for name in ("V", "ax", "ay", "az", "p", "q", "r")}
     found = reconstruct(Recording("blind", flight.measured.t, only), flight.aircraft)
     assert any("these instruments do not determine it" in reason for reason in found.distrust)
 
 
+@pytest.mark.slow
 def test_missing_first_and_last_samples_are_bridged(flight):
     for i in (0, -1):
         lost = {name: flight.measured[name].copy() for name in (*fp.MEASUREMENTS, *fp.INPUTS[:6])}
@@ -290,6 +302,7 @@ def test_a_loop_stops_at_the_vertical_and_says_which_part_can_be_used():
     assert f"between(0, {t[steep - 1]:g}) is the longest" in str(caught.value)
 
 
+@pytest.mark.default_cases("0-1.0")
 @pytest.mark.parametrize("turbulence", [1.0, 4.0])
 @pytest.mark.parametrize("which", [0, 1, 3])
 def test_turbulence_is_not_taken_for_a_mistake(which, turbulence):
@@ -300,6 +313,7 @@ def test_turbulence_is_not_taken_for_a_mistake(which, turbulence):
     assert not found.findings
 
 
+@pytest.mark.default_cases("0.05-0.2")
 @pytest.mark.parametrize(("speed", "seconds"), [(0.05, 0.2), (5.0, 1.0)])
 def test_a_drone_and_an_airliner_are_reconstructed_alike(speed, seconds):
     # The same motion in other units of length: lengths and speeds scale by k, times not, gravity with them.

@@ -14,7 +14,10 @@ DATA = ROOT.parent / "shared" / "data"
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import two_step  # noqa: E402
 
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the recordings (../shared/data) are not here")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not DATA.is_dir(), reason="the recordings (../shared/data) are not here"),
+]
 # [J15], from the first two ATTAS manoeuvres of each kind.
 BOOK = {"bax": 6.76e-3, "bay": -1.51e-3, "baz": 8.40e-2, "bp": 1.026e-3, "bq": 3.409e-3, "br": 9.96e-4}
 LARGEST_SCATTER = {

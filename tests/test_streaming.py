@@ -94,6 +94,7 @@ def test_a_stored_recording_answers_like_the_one_it_stores(folder):
         stored.require("mach", by="select")
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_number_of_files(tmp_path):
     n = 6000
     (one,) = fly(TRUTH, 0.03, "white", (n,))
@@ -227,6 +228,7 @@ def test_a_run_that_was_broken_off_goes_on_where_it_was(folder, tmp_path, at_eve
         assert again == []
 
 
+@pytest.mark.slow
 def test_a_run_killed_outright_goes_on_in_another_process(folder, tmp_path):
     script = textwrap.dedent(
         f"""
@@ -337,6 +339,7 @@ def client():
         yield one
 
 
+@pytest.mark.slow
 def test_workers_of_a_cluster_give_the_answer_of_this_process_and_so_they_do_when_one_is_killed(folder, client):
     expected = select(read_recordings(folder), ["CZ", "CY"], POOL, **ASKED)
     flights = stream_recordings(folder, client=client)
@@ -352,6 +355,7 @@ def test_workers_of_a_cluster_give_the_answer_of_this_process_and_so_they_do_whe
     assert killed
 
 
+@pytest.mark.slow
 def test_recordings_in_memory_go_to_the_workers_too_and_errors_come_back(folder, client):
     flights = read_recordings(folder)[:2]
     asked = {"residuals": "white", "bootstrap": 0}
@@ -360,6 +364,7 @@ def test_recordings_in_memory_go_to_the_workers_too_and_errors_come_back(folder,
         select(stream_recordings(folder), "Cm", POOL, client=client)
 
 
+@pytest.mark.slow
 def test_a_task_that_kills_every_worker_is_given_up_in_words(client):
     from structsel.cluster import Cluster
 

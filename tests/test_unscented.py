@@ -113,6 +113,7 @@ def problem_of(case, n=72):
     return replace(problem, measurements=y)
 
 
+@pytest.mark.default_cases("narrow-heading and height held", "wide-heading and height held")
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("spread", [1.0, 0.6, 0.0], ids=["wide", "narrow", "extended"])
 def test_filter_and_smoother_are_those_of_dense_covariances(case, spread):
