@@ -1,4 +1,4 @@
-"""diagnose() on concealed cases whose key the tests hold, and on the published examples."""
+"""diagnose() on the demonstration of missing physics, and on the published examples."""
 
 import json
 from pathlib import Path
@@ -7,36 +7,34 @@ import numpy as np
 import pytest
 
 import structsel as ss
+from structsel.demo import demo_missing_physics
 from structsel.diagnosis import diagnose
 from structsel.diagnosis.diagnose import strained
 from structsel.diagnosis.result import Pull
 from structsel.effects import HYPOTHESES
 from structsel.errors import DataError
-from structsel.proving.drawing import draw_case
 
 EXAMPLES = Path(__file__).parents[2] / "shared" / "data" / "diagnose-examples"
 needs_examples = pytest.mark.skipif(not EXAMPLES.exists(), reason="../shared/data is not here")
 
 
 def run(case, **options):
-    flown = {name: ss.Recording(name, held["t"], {c: x for c, x in held.items() if c != "t"})
-             for name, held in case.simulated.items()}  # fmt: skip
-    return diagnose(flown, case.recordings, case.aircraft, **options)
+    return diagnose(case.simulated, case.recordings, case.aircraft, **options)
 
 
 @pytest.fixture(scope="module")
 def ground():
-    case = draw_case(31, effect="ground-effect", severity="easy")
+    case = demo_missing_physics("ground-effect", flights=3)
     return case, run(case)
 
 
-def test_a_concealed_ground_effect_is_named_located_and_brings_a_gain(ground):
+def test_a_missing_ground_effect_is_named_located_and_brings_a_gain(ground):
     case, found = ground
     first = found.findings[0]
     assert found.verdict == "mismatch"
     assert first.effect == "ground-effect"
     assert first.physics[0].probability > 0.8
-    assert set(first.axes) & set(case.key.effects[0].axes)
+    assert set(first.axes) & set(case.terms)
     bars = first.bars[first.axes[0]]
     assert bars.physics.rrmse < 0.8 * bars.refitted.rrmse <= 0.8 * 1.02 * bars.delivered.rrmse
 
@@ -56,11 +54,13 @@ def test_what_is_written_follows_the_contract(ground):
 def test_the_corrected_model_can_be_asked_along_the_flights(ground):
     case, found = ground
     assert set(found.model) == set(found.responses)
-    flown = ss.compute_all(case.recordings, case.aircraft)
-    told = np.concatenate([found.model["CZ"].evaluate(r) for r in flown])
-    simulated = np.concatenate([case.simulated[r.name]["CZ"] for r in flown])
-    # A stand-in by few terms of the (noisy) states: near the simulation, not equal to it.
-    assert np.std(told - simulated) < 0.15 * np.std(simulated)
+    recorded = ss.compute_all(case.recordings, case.aircraft)
+    corrected, measured, simulated = (
+        np.concatenate([source(r) for r in recorded])
+        for source in (found.model["CZ"].evaluate, lambda r: r["CZ"], lambda r: case.simulated[r.name]["CZ"])
+    )
+    # Most of the missing effect is in the model: what is left is noise of the recorded states.
+    assert np.std(corrected - measured) < 0.5 * np.std(simulated - measured)
 
 
 @pytest.mark.slow
@@ -77,7 +77,7 @@ def test_recordings_held_out_by_name_judge_alone(ground):
 
 @pytest.mark.slow
 def test_nothing_is_named_where_the_simulation_is_right():
-    case = draw_case(5, family="null")
+    case = demo_missing_physics("", flights=3)
     found = run(case)
     assert found.verdict == "consistent"
     assert not [f for f in found.findings if f.kind != "random"]
@@ -94,9 +94,7 @@ def test_a_tolerance_pulled_beyond_itself_is_pointed_at():
 def test_one_manoeuvre_alone_is_not_decided(ground):
     case, _ = ground
     low = min(case.recordings, key=lambda r: float(np.min(r["h_agl"])))
-    flown = {low.name: ss.Recording(low.name, case.simulated[low.name]["t"],
-                                    {c: x for c, x in case.simulated[low.name].items() if c != "t"})}  # fmt: skip
-    found = diagnose(flown, [low], case.aircraft)
+    found = diagnose({low.name: case.simulated[low.name]}, [low], case.aircraft)
     assert found.verdict in ("undecidable", "consistent")
     assert any("one manoeuvre only" in remark for remark in found.remarks)
 

@@ -9,9 +9,8 @@ from typer.testing import CliRunner
 
 from structsel import Candidates, Recording, reconstruct_all, select, write_recording
 from structsel.cli import app
-from structsel.demo import demo_instruments
+from structsel.demo import demo_instruments, demo_missing_physics
 from structsel.diagnosis import diagnose
-from structsel.proving.drawing import draw_case
 from tests.reported import manoeuvre
 
 POOL = Candidates.polynomial(["alpha", "q_hat", "de"], 3)
@@ -84,18 +83,7 @@ def test_flight_paths_are_the_same_again_and_by_two_processes():
             assert_allclose(a[name], b[name], rtol=1e-12, atol=1e-12 * np.nanmax(np.abs(b[name])))
 
 
-def brief(one):
-    """The first seconds, under the same name."""
-    part = one.between(float(one.t[0]), float(one.t[0]) + 10.0)
-    return Recording(one.name, part.t, part.channels, part.units)
-
-
 def test_a_diagnosis_is_the_same_again():
-    case = draw_case(31, effect="ground-effect", severity="easy")
-    told = {
-        name: brief(Recording(name, held["t"], {c: x for c, x in held.items() if c != "t"}))
-        for name, held in list(case.simulated.items())[:2]
-    }
-    flown = [brief(r) for r in case.recordings if r.name in told]
-    first, again = (json.dumps(diagnose(told, flown, case.aircraft).to_dict()) for _ in range(2))
+    case = demo_missing_physics("ground-effect", flights=2)
+    first, again = (json.dumps(diagnose(case.simulated, case.recordings, case.aircraft).to_dict()) for _ in range(2))
     assert again == first

@@ -10,6 +10,7 @@ reconstruction: exact, and as read by instruments with constant errors.
 
 from structsel.demo.flight import demo_flight, demo_flights
 from structsel.demo.instruments import INSTRUMENT_ERRORS, InstrumentedFlight, demo_instruments
+from structsel.demo.missing_physics import MissingPhysics, demo_missing_physics
 from structsel.demo.plans import FLIGHTS, RATE
 from structsel.demo.truth import RESPONSES, TRUTH, demo_aircraft
 
@@ -20,8 +21,10 @@ __all__ = [
     "RESPONSES",
     "TRUTH",
     "InstrumentedFlight",
+    "MissingPhysics",
     "demo_aircraft",
     "demo_flight",
     "demo_flights",
     "demo_instruments",
+    "demo_missing_physics",
 ]
