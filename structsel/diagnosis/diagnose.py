@@ -33,6 +33,7 @@ from structsel.diagnosis.unnamed import find_unknown, turbulent
 from structsel.diagnosis.weighing import not_borne_out
 from structsel.effects import HYPOTHESES, Hypothesis
 from structsel.errors import DataError
+from structsel.nomenclature import suggest
 from structsel.recording import Recording
 
 Progress = Callable[[str, int, int], None]
@@ -51,6 +52,7 @@ def diagnose(
     *,
     held_out: Sequence[str] = (),
     hypotheses: Sequence[Hypothesis] = HYPOTHESES,
+    without_effects: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Locate what a simulation leaves out, say which physics it is, and show the gain on other recordings.
@@ -67,6 +69,8 @@ def diagnose(
         Names of recordings to judge by; by default each is held out in turn.
     hypotheses : sequence of Hypothesis
         The physics that may be named.
+    without_effects : sequence of str
+        Names of effects that may not be named, for one to ask what would be said if the library lacked them.
     progress : callable, optional
         Called with what is done, how much of it, and of how much.
 
@@ -77,14 +81,29 @@ def diagnose(
     Raises
     ------
     DataError
-        Names, clocks or channels that do not match, or nothing to compare.
+        Names, clocks or channels that do not match, or nothing to compare; an effect that is not there.
     ModelError
         A simulation that cannot be opened.
     """
     begun = time.perf_counter()
+    hypotheses = but_without(hypotheses, without_effects)
     prepared = prepare(simulation, recordings, aircraft, progress)
     found = conclude(prepared, set_up(prepared.flights, hypotheses, held_out, progress), held_out, progress)
     return replace(found, seconds=time.perf_counter() - begun)
+
+
+def but_without(hypotheses: Sequence[Hypothesis], effects: Sequence[str]) -> tuple[Hypothesis, ...]:
+    """Hypotheses except those of some effects.
+
+    Raises
+    ------
+    DataError
+        None is of such an effect.
+    """
+    known = [h.effect for h in hypotheses]
+    if unknown := [e for e in effects if e not in known]:
+        raise DataError(f"there is no effect '{unknown[0]}' to leave out.{suggest(unknown[0], known)}")
+    return tuple(h for h in hypotheses if h.effect not in effects)
 
 
 @threadpool_limits.wrap(limits=1)
