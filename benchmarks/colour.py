@@ -32,7 +32,7 @@ from timing import machine, one_blas_thread, publish, say, table
 
 from structsel.numerics.least_squares import refit
 from structsel.numerics.uncertainty import coloured_covariance
-from structsel.selection import Options, select_arrays
+from structsel.selection import SelectOptions, select_arrays
 
 METHODS = (CLASSICAL, WHITE_PSE, PREWHITENED, PREWHITENED_AUTO)
 FORMULAS = ("white formula", "sandwich", "prewhitened")
@@ -82,7 +82,7 @@ def standard_errors(case: object, terms: list[int]) -> list[tuple[NDArray[np.flo
     exponents = case.exponents[terms]  # type: ignore[attr-defined]
     white = refit(signals, exponents)
     sandwich = coloured_covariance(signals, exponents, white)
-    options = Options(bootstrap=0, workers=1)
+    options = SelectOptions(bootstrap=0, workers=1)
     whitened = select_arrays(signals, exponents, options, forced=range(len(terms)))[0]
     place = [list(whitened.found.selected).index(j) + 1 for j in range(len(terms))]
     return [
@@ -120,7 +120,7 @@ def after_selection(colour: str, seed: int, samples: int, degree: int, draws: in
         kept = covered = missed = 0
         for d in range(draws):
             fresh = case.redraw(1000 * seed + d)
-            options = Options(F_in=12.0, workers=1)
+            options = SelectOptions(F_in=12.0, workers=1)
             outcome = select_arrays(signals_of(fresh), case.exponents, options)[0]
             errors = np.sqrt(np.diag(outcome.covariance))
             if outcome.bootstrap is not None:

@@ -22,7 +22,7 @@ from scipy.signal import lfilter
 from structsel.numerics.least_squares import Fit, refit
 from structsel.numerics.moments import MomentSet, accumulate
 from structsel.numerics.rows import ArraySignals, Signals
-from structsel.selection import Options, select_arrays
+from structsel.selection import SelectOptions, select_arrays
 from structsel.selection.engine import Outcome, one_response
 from structsel.selection.search import Found, Pool
 from structsel.selection.way import Way
@@ -44,8 +44,8 @@ class Method:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def settings(self) -> Options:
-        return Options(**{"bootstrap": 0, "workers": 1, **self.options})
+    def settings(self) -> SelectOptions:
+        return SelectOptions(**{"bootstrap": 0, "workers": 1, **self.options})
 
     def run(self, case: Case) -> Outcome:
         """Select for the case's first response."""
@@ -56,8 +56,8 @@ class Method:
         return self.run(case).found.selected
 
 
-CLASSICAL = Method("stepwise F=12, white", {"residuals": "white", "F_in": 12.0})
-WHITE_PSE = Method("orthogonal PSE, white", {"residuals": "white", "method": "orthogonal"})
+CLASSICAL = Method("stepwise F=12, white", {"noise": "white", "F_in": 12.0})
+WHITE_PSE = Method("orthogonal PSE, white", {"noise": "white", "method": "orthogonal"})
 PREWHITENED = Method("stepwise F=12, prewhitened", {"F_in": 12.0})
 PREWHITENED_AUTO = Method("stepwise F auto, prewhitened", {"F_in": "auto"})
 METHODS: tuple[Method, ...] = (
@@ -65,9 +65,9 @@ METHODS: tuple[Method, ...] = (
     WHITE_PSE,
     PREWHITENED,
     PREWHITENED_AUTO,
-    Method("stepwise F=12, by blocks", {"residuals": "robust", "F_in": 12.0}),
-    Method("stepwise F auto, white", {"residuals": "white", "F_in": "auto"}),
-    Method("orthogonal BIC, white", {"residuals": "white", "method": "orthogonal", "criterion": "BIC"}),
+    Method("stepwise F=12, by blocks", {"noise": "cluster", "F_in": 12.0}),
+    Method("stepwise F auto, white", {"noise": "white", "F_in": "auto"}),
+    Method("orthogonal BIC, white", {"noise": "white", "method": "orthogonal", "criterion": "BIC"}),
     Method("stepwise F=4, prewhitened", {"F_in": 4.0}),
     Method("stepwise fdr, prewhitened", {"F_in": "fdr"}),
     Method("stepwise BIC, prewhitened", {"F_in": 4.0, "criterion": "BIC"}),
@@ -153,7 +153,7 @@ def search_in(
     moments: MomentSet,
     exponents: NDArray[np.integer],
     response: int = 0,
-    options: Options = CLASSICAL.settings,
+    options: SelectOptions = CLASSICAL.settings,
     without: int | None = None,
 ) -> Found:
     """One search on stored cross-products; `without` leaves one block out."""
@@ -175,7 +175,7 @@ def whole_fit(manoeuvres: Sequence[Signals], exponents: NDArray[np.integer], wor
 def select_all(manoeuvres: Sequence[Signals], exponents: NDArray[np.integer], **options: Any) -> list[Outcome]:
     """Everything `structsel.select` does with arrays: also held-out error, rivals and covariances."""
     asked = {"bootstrap": 0, "workers": 1, "F_in": 12.0, **options}
-    return select_arrays(manoeuvres, exponents, Options(**asked))
+    return select_arrays(manoeuvres, exponents, SelectOptions(**asked))
 
 
 # ---------------------------------------------------------------- many cases

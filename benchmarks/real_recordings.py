@@ -124,7 +124,7 @@ def crazyflie_log(name: str, dt: float = 0.004) -> Recording:
 def thrust_curve(recordings: Sequence[Recording]) -> ss.AeroModel:
     """Specific force as a quadratic of the four motors' commands."""
     terms = ["command", "squares"]
-    return ss.select(recordings, "az", ss.Candidates.parse(terms), force=terms, residuals="white", bootstrap=0).model
+    return ss.select(recordings, "az", ss.Candidates.parse(terms), include=terms, noise="white", bootstrap=0).model
 
 
 def lagged(recording: Recording, tau: float) -> Recording:
@@ -192,7 +192,7 @@ def second_order(u: Array, y: Array) -> tuple[list[float], list[float]]:
         "lags", np.arange(len(u) - 2.0), {"answer": y[2:], **lags}, dict.fromkeys(("answer", *lags), "-")
     )
     made = ss.select(
-        shifted, "answer", ss.Candidates.parse(list(lags)), force=list(lags), residuals="white", bootstrap=0
+        shifted, "answer", ss.Candidates.parse(list(lags)), include=list(lags), noise="white", bootstrap=0
     ).model["answer"]  # fmt: skip
     return [-made["y1"], -made["y2"]], [made["u0"], made["u1"], made["u2"]]
 
@@ -315,7 +315,7 @@ def fitted(flights: Sequence[Recording], terms: Mapping[str, Sequence[str]]) -> 
     made = {}
     for response, each in terms.items():
         pool = ss.Candidates.parse(list(each))
-        made[response] = ss.select(flights, response, pool, force=list(each), residuals="white", bootstrap=0).model[
+        made[response] = ss.select(flights, response, pool, include=list(each), noise="white", bootstrap=0).model[
             response
         ]
     return made

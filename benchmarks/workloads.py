@@ -23,7 +23,7 @@ from structsel.numerics import distinct as sums
 from structsel.numerics import monomials as plans
 from structsel.numerics.arrays import Array
 from structsel.numerics.rows import ArraySignals
-from structsel.selection import Options
+from structsel.selection import SelectOptions
 
 XTX = "X.T @ X"
 WHITE = "whole fit, white"
@@ -124,10 +124,10 @@ def jobs(work: Work, X: Array | None) -> dict[str, Callable[[], Any]]:
         SIX: lambda: whole_fit([work.six], work.exponents),
         FRESH: fresh,
         GENERIC: lambda: whole_fit([work.generic], work.generic_exponents),
-        SELECT_WHITE: lambda: select_all([work.white], work.exponents, residuals="white"),
+        SELECT_WHITE: lambda: select_all([work.white], work.exponents, noise="white"),
         SELECT: lambda: select_all([work.coloured], work.exponents),
         BOOTSTRAP: lambda: select_all([work.coloured], work.exponents, bootstrap=200),
-        AGAIN: lambda: search_in(stored, work.exponents, options=Options(residuals="white", F_in=4.0)),
+        AGAIN: lambda: search_in(stored, work.exponents, options=SelectOptions(noise="white", F_in=4.0)),
         FOLD: lambda: search_in(stored, work.exponents, options=CLASSICAL.settings, without=0),
         OTHER: lambda: search_in(stored, work.exponents, options=WHITE_PSE.settings),
     }

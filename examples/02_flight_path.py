@@ -43,7 +43,7 @@ terms = ["beta", "p_hat", "r_hat", "da", "dr", "alpha*dr"]
 
 def side_force(recording):
     flown = compute_coefficients(recording, flight.aircraft)
-    return select(flown, "CY", Candidates.parse(terms), force=terms, bootstrap=0).model["CY"]
+    return select(flown, "CY", Candidates.parse(terms), include=terms, bootstrap=0).model["CY"]
 
 
 before, after, truth = side_force(flight.measured), side_force(found.recording), TRUTH["CY"]

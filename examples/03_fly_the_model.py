@@ -55,7 +55,7 @@ held_out = fly("held-out", three_two_one_one("de", -0.025, 0.5, duration=16.0, d
 
 # %%
 terms = ["alpha", "q_hat", "de"]
-chosen = ss.select(ss.compute_all(flown, craft.aircraft), "Cm", ss.Candidates.parse(terms), force=terms, bootstrap=0)
+chosen = ss.select(ss.compute_all(flown, craft.aircraft), "Cm", ss.Candidates.parse(terms), include=terms, bootstrap=0)
 first = ss.AeroModel({**craft.model.responses, "Cm": chosen.model["Cm"]}, "Citation")
 
 # %% [markdown]

@@ -21,7 +21,7 @@ flown = ss.compute_all(recordings, aircraft)
 def fit(terms):
     """A model of these terms, whatever the tests would say of them."""
     pool = ss.Candidates.parse(terms)
-    return ss.select(flown, "Cm", pool, force=terms, bootstrap=0).model
+    return ss.select(flown, "Cm", pool, include=terms, bootstrap=0).model
 
 
 terms = ["alpha", "q_hat", "de"]

@@ -76,7 +76,7 @@ print(f"held out, manoeuvre by manoeuvre: R2 {sure['Cm'].held_out_r2:.4f}")
 matrix = np.concatenate([np.column_stack([np.ones(len(r)), ss.Candidates.parse(kept).evaluate(r)]) for r in flown])
 names = ["1", *map(str, ss.Candidates.parse(kept))]
 whole = dict(zip(names, np.linalg.lstsq(matrix, np.concatenate([r["Cm"] for r in flown]), rcond=None)[0]))
-model = ss.select(flown, "Cm", ss.Candidates.parse(kept), force=kept, residuals="white", bootstrap=0).model["Cm"]
+model = ss.select(flown, "Cm", ss.Candidates.parse(kept), include=kept, noise="white", bootstrap=0).model["Cm"]
 apart = max(abs(model[name] / whole[name] - 1.0) for name in names)
 print(f"parameters differ from one large least-squares problem by {apart:.1e} at most")
 

@@ -18,9 +18,11 @@ Four cases: a keyword argument, an attribute or method of a class, a name in a m
 from __future__ import annotations
 
 import functools
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from types import FrameType
 from typing import Any, TypeVar
 
 _Decorated = TypeVar("_Decorated", bound=Callable[..., Any])
@@ -131,6 +133,10 @@ def renamed_value(option: str, value: Any, new_values: Mapping[str, str]) -> Any
 
 
 def _warn(old: str, new: str, levels: int = 3) -> None:
-    # Levels up to the user's line: this function, the one above that translates the name, the user's.
+    # Levels up to the user's line: this function, the one above that translates the name, the user's; further up
+    # where the caller is a function of this package.
+    frame: FrameType | None = sys._getframe(levels - 1)
+    while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "structsel":
+        frame, levels = frame.f_back, levels + 1
     message = f"{old} is deprecated: use {new} instead. The next release removes the old name."
     warnings.warn(message, DeprecationWarning, stacklevel=levels)

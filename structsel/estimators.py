@@ -15,10 +15,20 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.feature_selection import SelectorMixin
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d, validate_data
 
+from structsel.deprecation import renamed_arguments
 from structsel.errors import SelectionError
 from structsel.numerics.rows import ArraySignals
 from structsel.selection.engine import Outcome, select_arrays
-from structsel.selection.options import Components, Criterion, Estimate, Method, Options, Residuals, Start, Stop
+from structsel.selection.settings import (
+    RENAMED_ARGUMENTS,
+    Components,
+    Criterion,
+    Estimate,
+    InitialTerms,
+    Noise,
+    SelectOptions,
+    StoppingRule,
+)
 
 FEWEST = 4  # samples: more than the three that even white noise of unknown size asks for
 ROUNDING = 1e-12  # of its size: what varies no more than this is constant
@@ -29,7 +39,7 @@ __all__ = ["BestSubsetRegressor", "OrthogonalRegressor", "StepwiseRegressor"]
 class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
     """What the three share: one call of the engine, and the model as coefficients of the columns."""
 
-    _method: ClassVar[Method]
+    _method: ClassVar[str]
 
     def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
         """Choose columns and estimate them.
@@ -50,7 +60,7 @@ class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
         Raises
         ------
         SelectionError
-            An option that cannot be meant, a forced column that is not there, or too few samples for it.
+            An option that cannot be meant, an included column that is not there, or too few samples for it.
         """
         table, response = self._checked(X, y)
         p = table.shape[1]
@@ -90,44 +100,45 @@ class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
         table, response = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=FEWEST)
         return table, np.asarray(response, dtype=np.float64)
 
-    def _asked(self, p: int) -> tuple[Options, list[int], list[int]]:
-        """Options, forced columns and starting columns from the parameters."""
+    def _asked(self, p: int) -> tuple[SelectOptions, list[int], list[int]]:
+        """SelectOptions, forced columns and starting columns from the parameters."""
         given = self.get_params(deep=False)
-        forced = [int(j) for j in given.pop("force")]
+        forced = [int(j) for j in given.pop("include")]
         if any(not 0 <= j < p for j in forced):
             raise SelectionError(
-                f"{type(self).__name__} is to force columns {forced}; X has columns 0 to {p - 1}. "
+                f"{type(self).__name__} is to include columns {forced}; X has columns 0 to {p - 1}. "
                 "Give their numbers, counted from zero."
             )
-        options = Options(method=self._method, **given)
-        return options, forced, list(range(p)) if options.start != "empty" else []
+        options = SelectOptions(method=self._method, **given)
+        return options, forced, list(range(p)) if options.initial_terms != "empty" else []
 
 
+@renamed_arguments(**RENAMED_ARGUMENTS)
 class StepwiseRegressor(_Selector):
-    """Modified stepwise regression by partial F, residual colour accounted for.
+    """Modified stepwise regression by partial F, residual autocorrelation accounted for.
 
     Parameters
     ----------
     F_in, F_out : float, "auto" or "fdr"
         Partial F to enter and to stay (F_in where F_out is None); see `structsel.select`.
-    residuals : {"coloured", "robust", "white"}
-        ``"coloured"``: residuals may resemble their neighbours; an AR model of each manoeuvre's residual, order by
-        BIC, whitens rows before anything is tested, and rows in random order come out as white by themselves.
-        ``"robust"``: tests by the scatter over blocks of rows. ``"white"``: rows are independent.
-    force : sequence of int
-        Columns always in.
-    start : {"empty", "all"}
-    stop : {"F", "R2", "PSE"}
-    r2_change : float [-]
-    criterion : {"PSE", "BIC", "AICc", "adj_R2", "manoeuvre"}, optional
+    noise : {"ar", "cluster", "white"}
+        ``"ar"``: an autoregressive model of each manoeuvre's residual, order by BIC, prewhitens the rows before
+        anything is tested; for rows in random order the model is white noise. ``"cluster"``: tests by the scatter
+        between blocks of rows. ``"white"``: rows are independent.
+    include : sequence of int
+        Columns always in the model.
+    initial_terms : {"empty", "all"}
+    stopping_rule : {"F", "R2", "PSE"}
+    min_r2_gain : float [-]
+    criterion : {"PSE", "BIC", "AICc", "adj_R2", "cv"}, optional
     sigma_max : {"response", "residual"} or float
     estimate : {"least_squares", "principal_components", "ridge"}
         The latter two are biased.
-    components : {"variance", "PSE", "manoeuvre"} or int
+    components : {"variance", "PSE", "cv"} or int
     correlation_limit : float, optional
     max_terms : int, optional
     bootstrap : int
-    max_order : int
+    max_ar_order : int
     seed : int
     workers : int, optional
         All as in `structsel.select`.
@@ -163,11 +174,11 @@ class StepwiseRegressor(_Selector):
         *,
         F_in: float | Literal["auto", "fdr"] = 4.0,
         F_out: float | None = None,
-        residuals: Residuals = "coloured",
-        force: Sequence[int] = (),
-        start: Start = "empty",
-        stop: Stop = "F",
-        r2_change: float = 0.005,
+        noise: Noise = "ar",
+        include: Sequence[int] = (),
+        initial_terms: InitialTerms = "empty",
+        stopping_rule: StoppingRule = "F",
+        min_r2_gain: float = 0.005,
         criterion: Criterion | None = None,
         sigma_max: Literal["response", "residual"] | float = "response",
         estimate: Estimate = "least_squares",
@@ -175,17 +186,17 @@ class StepwiseRegressor(_Selector):
         correlation_limit: float | None = None,
         max_terms: int | None = None,
         bootstrap: int = 0,
-        max_order: int = 24,
+        max_ar_order: int = 24,
         seed: int = 0,
         workers: int | None = None,
     ):
         self.F_in = F_in
         self.F_out = F_out
-        self.residuals = residuals
-        self.force = force
-        self.start = start
-        self.stop = stop
-        self.r2_change = r2_change
+        self.noise = noise
+        self.include = include
+        self.initial_terms = initial_terms
+        self.stopping_rule = stopping_rule
+        self.min_r2_gain = min_r2_gain
         self.criterion = criterion
         self.sigma_max = sigma_max
         self.estimate = estimate
@@ -193,11 +204,12 @@ class StepwiseRegressor(_Selector):
         self.correlation_limit = correlation_limit
         self.max_terms = max_terms
         self.bootstrap = bootstrap
-        self.max_order = max_order
+        self.max_ar_order = max_ar_order
         self.seed = seed
         self.workers = workers
 
 
+@renamed_arguments(**RENAMED_ARGUMENTS)
 class OrthogonalRegressor(_Selector):
     """Orthogonal functions of the columns, ranked by cost reduction; as many as give the least PSE.
 
@@ -206,7 +218,8 @@ class OrthogonalRegressor(_Selector):
     sigma_max : {"response", "residual"} or float
         PSE's bound on the prediction error; see `structsel.select`.
     order : {"greedy", "given"}
-    residuals, force, criterion, estimate, components, correlation_limit, max_terms, bootstrap, max_order, seed, workers
+    noise, include, criterion, estimate, components, correlation_limit, max_terms, bootstrap, max_ar_order, seed, \
+    workers
         As `StepwiseRegressor`.
 
     Attributes
@@ -226,41 +239,43 @@ class OrthogonalRegressor(_Selector):
         *,
         sigma_max: Literal["response", "residual"] | float = "response",
         order: Literal["greedy", "given"] = "greedy",
-        residuals: Residuals = "coloured",
-        force: Sequence[int] = (),
+        noise: Noise = "ar",
+        include: Sequence[int] = (),
         criterion: Criterion | None = None,
         estimate: Estimate = "least_squares",
         components: Components = "variance",
         correlation_limit: float | None = None,
         max_terms: int | None = None,
         bootstrap: int = 0,
-        max_order: int = 24,
+        max_ar_order: int = 24,
         seed: int = 0,
         workers: int | None = None,
     ):
         self.sigma_max = sigma_max
         self.order = order
-        self.residuals = residuals
-        self.force = force
+        self.noise = noise
+        self.include = include
         self.criterion = criterion
         self.estimate = estimate
         self.components = components
         self.correlation_limit = correlation_limit
         self.max_terms = max_terms
         self.bootstrap = bootstrap
-        self.max_order = max_order
+        self.max_ar_order = max_ar_order
         self.seed = seed
         self.workers = workers
 
 
+@renamed_arguments(**RENAMED_ARGUMENTS)
 class BestSubsetRegressor(_Selector):
     """The best columns of every number, exactly, and of those the number with the least criterion.
 
     Parameters
     ----------
-    criterion : {"PSE", "BIC", "AICc", "adj_R2", "manoeuvre"}, optional
+    criterion : {"PSE", "BIC", "AICc", "adj_R2", "cv"}, optional
         BIC where absent.
-    residuals, force, sigma_max, estimate, components, correlation_limit, max_terms, bootstrap, max_order, seed, workers
+    noise, include, sigma_max, estimate, components, correlation_limit, max_terms, bootstrap, max_ar_order, seed, \
+    workers
         As `StepwiseRegressor`. With many columns give ``max_terms``, or use `StepwiseRegressor`.
 
     Attributes
@@ -279,28 +294,28 @@ class BestSubsetRegressor(_Selector):
         self,
         *,
         criterion: Criterion | None = None,
-        residuals: Residuals = "coloured",
-        force: Sequence[int] = (),
+        noise: Noise = "ar",
+        include: Sequence[int] = (),
         sigma_max: Literal["response", "residual"] | float = "response",
         estimate: Estimate = "least_squares",
         components: Components = "variance",
         correlation_limit: float | None = None,
         max_terms: int | None = None,
         bootstrap: int = 0,
-        max_order: int = 24,
+        max_ar_order: int = 24,
         seed: int = 0,
         workers: int | None = None,
     ):
         self.criterion = criterion
-        self.residuals = residuals
-        self.force = force
+        self.noise = noise
+        self.include = include
         self.sigma_max = sigma_max
         self.estimate = estimate
         self.components = components
         self.correlation_limit = correlation_limit
         self.max_terms = max_terms
         self.bootstrap = bootstrap
-        self.max_order = max_order
+        self.max_ar_order = max_ar_order
         self.seed = seed
         self.workers = workers
 

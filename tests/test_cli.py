@@ -180,12 +180,12 @@ def test_gaps_make_manoeuvres_which_are_held_out_together(tmp_path):
 
 
 def test_forced_terms_join_the_pool_and_the_model(files):
-    held = json.loads(run("select", files, *SELECT, "--force", "alpha*de", "--bootstrap", 0, "--json").stdout)
+    held = json.loads(run("select", files, *SELECT, "--include", "alpha*de", "--bootstrap", 0, "--json").stdout)
     assert "alpha*de" in [row["term"] for row in held["responses"]["Cm"]["parameters"]]
 
 
 def test_splines_join_the_pool(files):
-    arguments = ("--responses", "Cm", "--spline", "alpha:0.1,0.15", "--force", "(alpha - 0.1)+", "--bootstrap", 0)
+    arguments = ("--responses", "Cm", "--spline", "alpha:0.1,0.15", "--include", "(alpha - 0.1)+", "--bootstrap", 0)
     held = json.loads(run("select", files, *arguments, "--json").stdout)
     assert "(alpha - 0.1)+" in [row["term"] for row in held["responses"]["Cm"]["parameters"]]
 
@@ -374,7 +374,7 @@ def test_a_command_line_that_cannot_be_read_exits_with_2(files, arguments, says)
         (("--held-out", "m09"), "There are: m01, m02, m03"),
         (("--held-out", "m01,m02,m03"), "leaves no recording"),
         (("--components", "some"), "components"),
-        (("--force", "alpha*"), "cannot be read"),
+        (("--include", "alpha*"), "cannot be read"),
     ],
 )
 def test_a_request_that_cannot_be_meant_exits_with_1(files, arguments, says):

@@ -204,7 +204,17 @@ def test_the_flights_written_are_nearer_the_truth_and_carried_only_once(flights,
 
 
 def test_select_reads_what_was_written_and_can_do_both_steps_by_itself(folder, common, written):
-    asked = ("--responses", "Cm", "--terms", "alpha,q_hat,de", "--force", "alpha,q_hat,de", "--bootstrap", 0, "--json")
+    asked = (
+        "--responses",
+        "Cm",
+        "--terms",
+        "alpha,q_hat,de",
+        "--include",
+        "alpha,q_hat,de",
+        "--bootstrap",
+        0,
+        "--json",
+    )
     aircraft = common[:2]
     name = "all-axes.csv"
     stepwise = json.loads(run("select", written[0] / "flights" / name, *aircraft, *asked).stdout)

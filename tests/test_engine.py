@@ -14,7 +14,7 @@ from structsel.numerics.moments import accumulate
 from structsel.numerics.rows import ArraySignals
 from structsel.numerics.uncertainty import bootstrap_units, bootstrap_weights
 from structsel.selection.engine import select_arrays
-from structsel.selection.options import Options
+from structsel.selection.settings import SelectOptions
 
 from .flights import cases
 from .pools import ar1, design, monomial_exponents
@@ -23,7 +23,7 @@ POOL = monomial_exponents(4, 2)  # 14 candidates
 TRUE = {0: 1.0, 2: -0.7, 9: 0.5}  # three of them, in response standard deviations
 METHODS = {
     "stepwise": {"method": "stepwise", "F_in": 12.0},
-    "stepwise from all": {"method": "stepwise", "F_in": 12.0, "start": "all"},
+    "stepwise from all": {"method": "stepwise", "F_in": 12.0, "initial_terms": "all"},
     "stepwise, false discovery": {"method": "stepwise", "F_in": "fdr"},
     "orthogonal": {"method": "orthogonal"},
     "orthogonal, given order": {"method": "orthogonal", "order": "given"},
@@ -32,8 +32,8 @@ METHODS = {
 
 
 def run(flights, exponents=POOL, forced=(), **options):
-    asked = Options(**{"bootstrap": 0, "workers": 1, **options})
-    start = range(len(exponents)) if asked.start == "all" else ()
+    asked = SelectOptions(**{"bootstrap": 0, "workers": 1, **options})
+    start = range(len(exponents)) if asked.initial_terms == "all" else ()
     return select_arrays(flights, exponents, asked, forced, start)
 
 
@@ -74,7 +74,7 @@ def whitened(flights, kept, colours):
 # --- structure -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("residuals", ["white", "coloured", "robust"])
+@pytest.mark.parametrize("noise", ["white", "ar", "cluster"])
 @pytest.mark.parametrize("name", METHODS)
 @settings(max_examples=8, deadline=None)
 @given(
@@ -82,14 +82,12 @@ def whitened(flights, kept, colours):
     order=st.permutations(range(14)),
     powers=st.lists(st.integers(-6, 6), min_size=4, max_size=4),
 )
-def test_every_method_finds_a_noise_free_models_own_terms_in_any_order_and_scaling(
-    name, residuals, seed, order, powers
-):
+def test_every_method_finds_a_noise_free_models_own_terms_in_any_order_and_scaling(name, noise, seed, order, powers):
     # Tests by blocks need enough blocks to judge by: 31 here, of at least 64 samples.
-    clean = flight(seed, n=2000 if residuals == "robust" else 400, noise=0.0)
+    clean = flight(seed, n=2000 if noise == "cluster" else 400, noise=0.0)
     scale = 10.0 ** np.array(powers)
     scaled = ArraySignals(clean.base_signals * scale[:, None], 1e3 * clean.response_signals)
-    (found,) = run([scaled], POOL[order], residuals=residuals, **METHODS[name])
+    (found,) = run([scaled], POOL[order], noise=noise, **METHODS[name])
     assert sorted(order[j] for j in found.found.selected) == sorted(TRUE)
     X = design(clean.base_signals, POOL)[:, 1:]
     for j, value in zip(found.found.selected, found.values[1:]):
@@ -98,19 +96,19 @@ def test_every_method_finds_a_noise_free_models_own_terms_in_any_order_and_scali
     assert found.r2 == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("residuals", ["white", "coloured"])
-def test_several_responses_at_once_equal_one_by_one(residuals):
+@pytest.mark.parametrize("noise", ["white", "ar"])
+def test_several_responses_at_once_equal_one_by_one(noise):
     flights = [flight(k, rho=0.8, n_responses=3) for k in (1, 2)]
-    together = run(flights, residuals=residuals, F_in=12.0, bootstrap=20)
+    together = run(flights, noise=noise, F_in=12.0, bootstrap=20)
     assert len(together) == 3
     for r, joint in enumerate(together):
         alone = [ArraySignals(f.base_signals, f.response_signals[r : r + 1]) for f in flights]
-        (single,) = run(alone, residuals=residuals, F_in=12.0, bootstrap=20)
+        (single,) = run(alone, noise=noise, F_in=12.0, bootstrap=20)
         assert joint.found.selected == single.found.selected
         assert joint.classical.selected == single.classical.selected
         assert [c.order for c in joint.colours] == [c.order for c in single.colours]
         # Whitened moments lose the first samples of the longest filter among the responses, hence not exact.
-        tolerance = 1e-10 if residuals == "white" else 1e-4
+        tolerance = 1e-10 if noise == "white" else 1e-4
         assert_allclose(joint.values, single.values, rtol=tolerance)
         assert_allclose(joint.covariance, single.covariance, rtol=100 * tolerance, atol=1e-12)
         assert_allclose(joint.bootstrap.inclusion, single.bootstrap.inclusion, atol=0.1)
@@ -121,7 +119,7 @@ def test_white_residuals_make_a_list_of_manoeuvres_the_same_as_one_long_one():
     joined = ArraySignals(
         np.hstack([f.base_signals for f in flights]), np.hstack([f.response_signals for f in flights])
     )
-    (apart,), (one,) = (run(f, residuals="white", F_in=12.0) for f in (flights, [joined]))
+    (apart,), (one,) = (run(f, noise="white", F_in=12.0) for f in (flights, [joined]))
     assert apart.found.selected == one.found.selected
     assert_allclose(apart.values, one.values, rtol=1e-10)
     assert_allclose(apart.r2, one.r2, rtol=1e-12)
@@ -165,7 +163,7 @@ def test_the_settled_structure_is_what_its_own_residuals_colour_selects():
     # The whitened constant is swept out by hand: an engine's constant would be another one.
     hat = ones / (ones.T @ ones)
     Z = np.column_stack([X, y]) - ones @ (hat.T @ np.column_stack([X, y]))
-    (again,) = run([ArraySignals(Z.T[:-1], Z.T[-1:])], np.eye(14, dtype=int), residuals="white", F_in=12.0)
+    (again,) = run([ArraySignals(Z.T[:-1], Z.T[-1:])], np.eye(14, dtype=int), noise="white", F_in=12.0)
     assert set(again.found.selected) == set(found.found.selected)
 
 
@@ -176,7 +174,7 @@ def test_rivals_are_the_exchanges_brute_force_finds(seed):
     base = one.base_signals.copy()
     base[3] = 1.0 + 0.02 * base[3]
     one = ArraySignals(base, one.response_signals)
-    (found,) = run([one], residuals="white", F_in=12.0)
+    (found,) = run([one], noise="white", F_in=12.0)
     kept = list(found.found.selected)
     y = response([one])
     own = sm.OLS(y, matrix([one], kept)).fit()
@@ -199,11 +197,11 @@ def test_rivals_are_the_exchanges_brute_force_finds(seed):
 
 def test_the_textbook_covariance_equals_statsmodels():
     flights = [flight(1, 700), flight(2, 400)]
-    for residuals in ("white", "coloured"):
-        (found,) = run(flights, residuals=residuals, F_in=12.0)
+    for noise in ("white", "ar"):
+        (found,) = run(flights, noise=noise, F_in=12.0)
         ols = sm.OLS(response(flights), matrix(flights, found.found.selected)).fit()
         assert_allclose(found.textbook, ols.cov_params(), rtol=1e-8)
-        if residuals == "white":
+        if noise == "white":
             assert_allclose(found.values, ols.params, rtol=1e-10)
             assert_allclose(found.r2, ols.rsquared, rtol=1e-10)
             assert_allclose(found.rms, np.sqrt(ols.ssr / ols.nobs), rtol=1e-10)
@@ -235,7 +233,7 @@ def test_the_bootstrap_is_a_share_repeats_with_its_seed_and_holds_strong_terms()
 def test_bootstrap_spread_of_forced_terms_is_that_of_weighted_fits_by_statsmodels():
     flights = [flight(k, 400) for k in range(9)]
     kept = list(TRUE)
-    (found,) = run(flights, forced=kept, residuals="white", max_terms=3, bootstrap=25, seed=3)
+    (found,) = run(flights, forced=kept, noise="white", max_terms=3, bootstrap=25, seed=3)
     assert found.bootstrap.by == "manoeuvre"
     assert found.bootstrap.units == 9
     units = bootstrap_units(accumulate(flights, POOL))
@@ -252,12 +250,12 @@ def test_bootstrap_spread_of_forced_terms_is_that_of_weighted_fits_by_statsmodel
 
 def test_held_out_errors_equal_explicit_selections_and_refits_without_each_manoeuvre():
     flights = [flight(k, 300 + 50 * k, noise=0.6) for k in range(4)]
-    (found,) = run(flights, residuals="white", F_in=4.0)
+    (found,) = run(flights, noise="white", F_in=4.0)
     assert found.held_out.parts == ((0,), (1,), (2,), (3,))
     structures = set()
     for k, held in enumerate(flights):
         rest = [f for f in flights if f is not held]
-        (without,) = run(rest, residuals="white", F_in=4.0)
+        (without,) = run(rest, noise="white", F_in=4.0)
         structures.add(without.found.selected)
         ols = sm.OLS(response(rest), matrix(rest, without.found.selected)).fit()
         y = response([held])
@@ -285,8 +283,8 @@ def test_coloured_held_out_errors_equal_generalised_least_squares_without_each_m
 @pytest.mark.parametrize("method", ["stepwise", "orthogonal", "best_subset"])
 def test_the_manoeuvre_criterion_chooses_the_visited_model_that_predicts_left_out_manoeuvres_best(method):
     flights = [flight(k, 250, noise=1.5) for k in range(3)]
-    options = {"method": method, "residuals": "white", "F_in": 1.0}
-    (found,) = run(flights, criterion="manoeuvre", **options)
+    options = {"method": method, "noise": "white", "F_in": 1.0}
+    (found,) = run(flights, criterion="cv", **options)
 
     def error(kept):
         total = 0.0
@@ -317,10 +315,10 @@ def test_the_manoeuvre_criterion_chooses_the_visited_model_that_predicts_left_ou
 # --- the machine -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("residuals", ["white", "coloured", "robust"])
-def test_two_workers_give_what_one_gives(residuals):
+@pytest.mark.parametrize("noise", ["white", "ar", "cluster"])
+def test_two_workers_give_what_one_gives(noise):
     flights = [flight(k, 2500, rho=0.7, n_responses=2) for k in range(3)]
-    one, two = (run(flights, residuals=residuals, workers=w, bootstrap=10, F_in=12.0) for w in (1, 2))
+    one, two = (run(flights, noise=noise, workers=w, bootstrap=10, F_in=12.0) for w in (1, 2))
     for a, b in zip(one, two):
         assert a.found.selected == b.found.selected
         assert_array_equal(a.values, b.values)
@@ -408,7 +406,7 @@ def partial_f_by_qr(X, y):
 def test_near_copies_of_the_elevator_are_selected_as_by_qr_or_refused_and_listed(share, seed):
     # The selected set's condition number runs from 3e1 to 3e6; the copy's Schur complement is about share^2.
     one, exponents, true = near_copy(share, seed)
-    (found,) = run([one], exponents, residuals="white", F_in=12.0)
+    (found,) = run([one], exponents, noise="white", F_in=12.0)
     X, y = design(one.base_signals, exponents)[:, 1:], one.response_signals[0]
     kept, refused = qr_stepwise(X, y, 12.0)
     assert set(found.found.selected) == kept

@@ -35,7 +35,7 @@ def problem(seed=0, n=600, noise=0.1, rho=0.0):
     return X, y
 
 
-@parametrize_with_checks([kind(**options) for kind in KINDS for options in ({}, {"residuals": "white"})])
+@parametrize_with_checks([kind(**options) for kind in KINDS for options in ({}, {"noise": "white"})])
 def test_scikit_learns_own_checks(estimator, check):
     check(estimator)
 
@@ -57,15 +57,15 @@ def test_a_noise_free_models_own_columns_are_found_in_any_order_and_scaling(kind
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("residuals", ["white", "coloured"])
-def test_an_estimator_gives_what_select_gives_on_recordings(kind, residuals):
+@pytest.mark.parametrize("noise", ["white", "ar"])
+def test_an_estimator_gives_what_select_gives_on_recordings(kind, noise):
     X, y = problem(3, rho=0.8)
     groups = np.repeat(["second", "first", "third"], 200)  # in the order they come, not the alphabet's
     flights = [
         Recording(g, 0.02 * np.arange(200), {**dict(zip(NAMES, X[groups == g].T)), "CZ": y[groups == g]})
         for g in ("second", "first", "third")
     ]
-    options = {"residuals": residuals, "bootstrap": 15, "seed": 2}
+    options = {"noise": noise, "bootstrap": 15, "seed": 2}
     expected = select(flights, "CZ", Candidates.polynomial(NAMES, 1), method=METHOD[kind], **options)["CZ"]
     model = kind(**options).fit(X, y, groups=groups)
     kept = [NAMES.index(str(t)) for t in expected.terms]
@@ -80,7 +80,7 @@ def test_an_estimator_gives_what_select_gives_on_recordings(kind, residuals):
 @pytest.mark.parametrize("kind", KINDS)
 def test_with_white_residuals_the_kept_columns_have_their_least_squares_coefficients(kind):
     X, y = problem(5)
-    model = kind(residuals="white").fit(X, y)
+    model = kind(noise="white").fit(X, y)
     plain = LinearRegression().fit(X[:, model.support_], y)
     assert_allclose(model.coef_[model.support_], plain.coef_, rtol=1e-9)
     assert_array_equal(model.coef_[~model.support_], 0.0)
@@ -91,13 +91,13 @@ def test_with_white_residuals_the_kept_columns_have_their_least_squares_coeffici
 
 def test_coloured_residuals_are_accounted_for():
     # With lag-one correlation 0.95 the white rule lets useless columns in, the other does not: 20 flights.
-    extra = {"white": 0, "coloured": 0}
+    extra = {"white": 0, "ar": 0}
     for seed in range(20):
         X, y = problem(seed, rho=0.95, noise=0.3)
-        for residuals in extra:
-            kept = StepwiseRegressor(residuals=residuals, F_in="auto").fit(X, y).get_support(indices=True)
-            extra[residuals] += len(set(kept) - {1, 4, 6})
-    assert extra["coloured"] <= 4  # 5 % chance each; five or more of 20 happen once in 400
+        for noise in extra:
+            kept = StepwiseRegressor(noise=noise, F_in="auto").fit(X, y).get_support(indices=True)
+            extra[noise] += len(set(kept) - {1, 4, 6})
+    assert extra["ar"] <= 4  # 5 % chance each; five or more of 20 happen once in 400
     assert extra["white"] >= 20
 
 
@@ -149,7 +149,7 @@ def test_transform_keeps_the_chosen_columns(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_forced_columns_stay_and_max_terms_holds(kind):
     X, y = problem()
-    model = kind(force=[0, 7], max_terms=3).fit(X, y)
+    model = kind(include=[0, 7], max_terms=3).fit(X, y)
     kept = model.get_support(indices=True)
     assert {0, 7} <= set(kept)
     assert len(kept) <= 3
@@ -158,7 +158,7 @@ def test_forced_columns_stay_and_max_terms_holds(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_constant_response_is_predicted_by_the_constant(kind):
     X, _ = problem()
-    model = kind(force=[2]).fit(X, np.full(600, 3.7))
+    model = kind(include=[2]).fit(X, np.full(600, 3.7))
     assert_allclose(model.predict(X[:9]), 3.7, rtol=1e-15)
     assert_array_equal(model.get_support(indices=True), [2])
     assert model.selection_ is None
@@ -167,8 +167,8 @@ def test_a_constant_response_is_predicted_by_the_constant(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_columns_far_from_zero_keep_their_digits_and_constant_ones_stay_out(kind):
     X, y = problem(4)
-    near = kind(residuals="white").fit(X, y)
-    far = kind(residuals="white").fit(np.column_stack([X + 1e6, np.full(600, 0.1)]), y)
+    near = kind(noise="white").fit(X, y)
+    far = kind(noise="white").fit(np.column_stack([X + 1e6, np.full(600, 0.1)]), y)
     assert_array_equal(far.get_support(indices=True), near.get_support(indices=True))
     # Adding 1e6 to columns of size 0.3 leaves them 1e-10 / 0.3 of their digits.
     assert_allclose(far.coef_[:8], near.coef_, rtol=1e-7, atol=1e-9)
@@ -178,7 +178,7 @@ def test_columns_far_from_zero_keep_their_digits_and_constant_ones_stay_out(kind
 def test_ridge_estimates_are_smaller_and_named_biased(kind):
     X, y = problem(6)
     X[:, 5] = X[:, 4] + 0.001 * X[:, 5]
-    plain, ridge = (kind(force=[4, 5], estimate=e).fit(X, y) for e in ("least_squares", "ridge"))
+    plain, ridge = (kind(include=[4, 5], estimate=e).fit(X, y) for e in ("least_squares", "ridge"))
     assert np.abs(ridge.coef_[[4, 5]]).sum() < np.abs(plain.coef_[[4, 5]]).sum()
     assert "biased" in ridge.selection_.biased
     assert plain.selection_.biased == ""
@@ -195,16 +195,16 @@ def test_more_columns_than_rows_work_and_keep_fewer_than_rows():
 
 def test_a_forced_column_that_is_not_there_is_refused():
     X, y = problem()
-    with pytest.raises(SelectionError, match=r"to force columns \[8\]; X has columns 0 to 7"):
-        StepwiseRegressor(force=[8]).fit(X, y)
+    with pytest.raises(SelectionError, match=r"to include columns \[8\]; X has columns 0 to 7"):
+        StepwiseRegressor(include=[8]).fit(X, y)
 
 
 def test_an_option_that_cannot_be_meant_is_refused():
     X, y = problem()
     with pytest.raises(SelectionError, match="F_out=8 is above F_in=4"):
         StepwiseRegressor(F_out=8.0).fit(X, y)
-    with pytest.raises(SelectionError, match="residuals='pink' is not one of 'coloured'"):
-        OrthogonalRegressor(residuals="pink").fit(X, y)
+    with pytest.raises(SelectionError, match="noise='pink' is not one of 'ar'"):
+        OrthogonalRegressor(noise="pink").fit(X, y)
 
 
 def test_groups_of_another_length_and_too_few_rows_are_refused():

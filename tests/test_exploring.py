@@ -28,7 +28,7 @@ def manoeuvre(k, n=300):
 
 
 FLOWN = [manoeuvre(k) for k in range(4)]
-MODEL = select(FLOWN, ["Cm", "CZ"], Candidates(["alpha", "de"]), force=["alpha", "de"], bootstrap=0).model
+MODEL = select(FLOWN, ["Cm", "CZ"], Candidates(["alpha", "de"]), include=["alpha", "de"], bootstrap=0).model
 
 
 def columns(recordings, terms):

@@ -24,10 +24,10 @@ def pairs(selection):
     return [{str(a.kept), str(a.other)} for a in selection.aliases]
 
 
-@pytest.mark.parametrize(("residuals", "colour"), [("white", "white"), ("coloured", "ar1_0.92")])
-def test_alpha_and_alpha_times_speed_are_aliases_at_nearly_constant_speed(residuals, colour):
+@pytest.mark.parametrize(("noise", "colour"), [("white", "white"), ("ar", "ar1_0.92")])
+def test_alpha_and_alpha_times_speed_are_aliases_at_nearly_constant_speed(noise, colour):
     flights = fly(TRUTH, 0.02, colour, (2000, 2000), **speed(0.001))
-    found = select(flights, "CZ", POOL, F_in="auto", residuals=residuals, bootstrap=0)["CZ"]
+    found = select(flights, "CZ", POOL, F_in="auto", noise=noise, bootstrap=0)["CZ"]
     (alias,) = [a for a in found.aliases if {str(a.kept), str(a.other)} == {"alpha", "V_ratio*alpha"}]
     # Of two the data cannot tell apart, the simpler is in the model.
     assert str(alias.kept) == "alpha"

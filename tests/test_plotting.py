@@ -165,7 +165,7 @@ def test_a_move_of_every_kind_has_its_mark(ax):
     CZ = -5.0 * alpha * V_ratio + 0.001 * rng.standard_normal(2000)
     flight = Recording("steady", 0.02 * np.arange(2000), {"alpha": alpha, "V_ratio": V_ratio, "CZ": CZ})
     pool = Candidates.parse(["alpha", "alpha*V_ratio"])
-    selection = select(flight, "CZ", pool, residuals="white", F_in="auto", bootstrap=0)["CZ"]
+    selection = select(flight, "CZ", pool, noise="white", F_in="auto", bootstrap=0)["CZ"]
     actions = {step.action for step in selection.trace}
     plot_path(selection, ax=ax)
     labels = [text.get_text() for text in ax.get_xticklabels()]

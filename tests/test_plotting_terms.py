@@ -26,7 +26,7 @@ def means(ax, place=0):
 
 
 def test_the_component_is_the_models_own_curve_in_the_channel_and_the_means_lie_on_it(ax):
-    model = select(FLOWN, "Cm", POOL, force=["alpha", "de", "alpha^2"], max_terms=3, bootstrap=0).model
+    model = select(FLOWN, "Cm", POOL, include=["alpha", "de", "alpha^2"], max_terms=3, bootstrap=0).model
     plot_component(model, FLOWN, "Cm", "alpha", bins=10, ax=ax)
     x, y = line(ax, "alpha + alpha^2").get_data()
     assert_allclose(y, model["Cm"]["alpha"] * x + model["Cm"]["alpha^2"] * x**2, rtol=1e-12)
@@ -45,7 +45,7 @@ def test_the_means_leave_the_component_where_the_shape_is_wrong(ax):
 
 
 def test_a_product_is_drawn_against_the_product(ax):
-    model = select(FLOWN, "Cm", POOL, force=["alpha*de"], bootstrap=0).model
+    model = select(FLOWN, "Cm", POOL, include=["alpha*de"], bootstrap=0).model
     plot_component(model, FLOWN, "Cm", "alpha*de", ax=ax)
     x, y = line(ax, "alpha*de").get_data()
     assert_allclose(y, model["Cm"]["alpha*de"] * x, rtol=1e-12)
@@ -72,7 +72,7 @@ def test_with_the_missing_term_the_means_of_the_residual_are_straight(ax):
 
 
 def test_a_coefficient_stands_manoeuvre_by_manoeuvre_with_its_interval(ax):
-    each = [select(r, "Cm", POOL, force=["alpha", "de"], max_terms=2, bootstrap=0).model for r in FLOWN]
+    each = [select(r, "Cm", POOL, include=["alpha", "de"], max_terms=2, bootstrap=0).model for r in FLOWN]
     plot_across(each, "Cm", "de", together=MODEL, ax=ax)
     (bars,) = ax.containers
     assert_allclose(bars.lines[0].get_ydata(), [model["Cm"]["de"] for model in each])

@@ -151,9 +151,7 @@ def assert_same(found, expected, factor=None, rtol=1e-8):
 
 POOL = Candidates.polynomial(SIGNALS, 2)
 seeds = st.integers(0, 30)
-ways = st.sampled_from(
-    [{}, {"residuals": "white"}, {"method": "orthogonal"}, {"method": "best_subset", "max_terms": 4}]
-)
+ways = st.sampled_from([{}, {"noise": "white"}, {"method": "orthogonal"}, {"method": "best_subset", "max_terms": 4}])
 
 
 @given(seeds, ways, st.permutations(range(len(POOL))))
@@ -201,7 +199,7 @@ def test_white_residuals_know_no_order_of_samples_within_a_manoeuvre(seed):
     flown = flights(seed)
     order = np.random.default_rng(seed).permutation(len(flown[0]))
     mixed = [Recording(r.name, r.t, {name: r[name][order] for name in r.names}) for r in flown]
-    way = {**ASKED, "residuals": "white"}
+    way = {**ASKED, "noise": "white"}
     assert_same(select(mixed, "Cm", POOL, **way), select(flown, "Cm", POOL, **way))
 
 

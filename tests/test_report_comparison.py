@@ -17,7 +17,7 @@ ODD = "all <of> it"
 def compared(tmp_path_factory):
     flown = [manoeuvre(k) for k in range(4)]
     pool = Candidates.polynomial(["alpha", "q_hat", "de"], 2)
-    asked = {"stepwise": {"F_in": "auto"}, ODD: {"method": "orthogonal", "residuals": "white"}}
+    asked = {"stepwise": {"F_in": "auto"}, ODD: {"method": "orthogonal", "noise": "white"}}
     found = {name: select(flown[:3], ["Cm", "CZ"], pool, bootstrap=0, **more) for name, more in asked.items()}
     scores = {name: validate(one.model, flown[3:]) for name, one in found.items()}
     pages = {"stepwise": "report_stepwise.html", ODD: "report_all of it.html"}

@@ -7,7 +7,7 @@ from scipy import stats
 from structsel.numerics.moments import accumulate
 from structsel.numerics.robust import inflation, robust_stepwise, robust_threshold
 from structsel.numerics.rows import ArraySignals
-from structsel.selection import Options, select_arrays
+from structsel.selection import SelectOptions, select_arrays
 
 from .pools import ar1, design, monomial_exponents
 
@@ -66,7 +66,7 @@ def test_few_false_terms_enter_under_strongly_coloured_noise():
         flight = [ArraySignals(base, y[None])]
         moments = accumulate(flight, exponents, blocks=30)
         robust += len(robust_stepwise(moments, None, 2999.0, F_in=12.0, F_out=12.0, force=(0,)).selected) - 1
-        plain = select_arrays(flight, exponents, Options(residuals="white", F_in=12.0, bootstrap=0), forced=(0,))
+        plain = select_arrays(flight, exponents, SelectOptions(noise="white", F_in=12.0, bootstrap=0), forced=(0,))
         white += len(plain[0].found.selected) - 1
     assert robust <= 25
     assert white >= 150
@@ -96,7 +96,7 @@ def late_flight(rng, delay):
 def test_whitening_gives_way_where_a_late_channel_leaves_misfit_and_only_there(delay):
     rng = np.random.default_rng(4)
     flights = [late_flight(rng, delay) for _ in range(4)]
-    (outcome,) = select_arrays(flights, monomial_exponents(3, 2), Options(F_in="auto", bootstrap=0))
+    (outcome,) = select_arrays(flights, monomial_exponents(3, 2), SelectOptions(F_in="auto", bootstrap=0))
     assert set(outcome.found.selected) >= {0, 1}
     assert outcome.r2 > 0.8
     if delay == 0:

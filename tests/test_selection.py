@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import statsmodels.api as sm
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
@@ -14,7 +14,7 @@ from structsel.candidates import Candidates, Term
 from structsel.errors import ChannelError, DataError, SelectionError, StructselWarning
 from structsel.model import AeroModel
 from structsel.recording import Recording
-from structsel.selection import Selections, select
+from structsel.selection import Selections, SelectOptions, select
 
 from .flights import fly
 from .pools import ar1
@@ -22,7 +22,7 @@ from .pools import ar1
 TRUTH = {"1": -0.3, "alpha": -4.0, "alpha^2": 9.0, "de": -0.6, "q_hat": -12.0}
 TERMS = {"alpha", "alpha^2", "de", "q_hat"}
 POOL = Candidates.polynomial(["alpha", "q_hat", "de"], 3)  # 19 terms
-WHITE = {"residuals": "white", "bootstrap": 0}
+WHITE = {"noise": "white", "bootstrap": 0}
 
 
 @pytest.fixture(scope="module")
@@ -205,8 +205,8 @@ def test_the_trace_reads_as_a_table_and_as_lines(flights):
 @pytest.mark.parametrize("method", ["stepwise", "orthogonal", "best_subset"])
 def test_every_method_finds_the_terms_of_a_noise_free_response_by_name(method):
     clean = fly(TRUTH, 0.0, lengths=(700, 800))
-    for residuals in ("white", "coloured"):
-        found = select(clean, "CZ", POOL, method=method, residuals=residuals, F_in=12.0, bootstrap=0)["CZ"]
+    for noise in ("white", "ar"):
+        found = select(clean, "CZ", POOL, method=method, noise=noise, F_in=12.0, bootstrap=0)["CZ"]
         assert names(found.terms) == TERMS
         expected = [TRUTH[t] for t in ("1", *map(str, found.terms))]
         assert_allclose(found.values, expected, rtol=1e-7)
@@ -214,15 +214,17 @@ def test_every_method_finds_the_terms_of_a_noise_free_response_by_name(method):
 
 @pytest.mark.parametrize("method", ["stepwise", "orthogonal", "best_subset"])
 def test_forced_terms_stay_by_name_or_term(flights, method):
-    found = select(flights, "CZ", POOL, method=method, force=["de^3", Term("q_hat^2"), "1"], bootstrap=0)["CZ"]
+    found = select(flights, "CZ", POOL, method=method, include=["de^3", Term("q_hat^2"), "1"], bootstrap=0)["CZ"]
     assert {"de^3", "q_hat^2"} <= names(found.terms)
-    found = select(flights, "CZ", POOL, method=method, force="de^3", max_terms=2, bootstrap=0)["CZ"]
+    found = select(flights, "CZ", POOL, method=method, include="de^3", max_terms=2, bootstrap=0)["CZ"]
     assert "de^3" in names(found.terms)
     assert len(found.terms) <= 2
 
 
 def test_a_search_may_start_from_nothing_the_linear_terms_or_all(flights):
-    found = {s: select(flights, "CZ", POOL, start=s, F_in=12.0, **WHITE)["CZ"] for s in ("empty", "linear", "all")}
+    found = {
+        s: select(flights, "CZ", POOL, initial_terms=s, F_in=12.0, **WHITE)["CZ"] for s in ("empty", "linear", "all")
+    }
     assert {names(f.terms) == TERMS for f in found.values()} == {True}
     assert [str(s.term) for s in found["linear"].trace[:3]] == ["alpha", "de", "q_hat"]
     assert [s.action for s in found["all"].trace[:19]] == ["enter"] * 19
@@ -263,7 +265,7 @@ def test_false_discovery_control_asks_less_of_later_terms():
 
 
 def test_the_r2_stop_keeps_what_brings_enough_and_nothing_else(flights):
-    found = select(flights, "CZ", POOL, stop="R2", r2_change=0.01, **WHITE)["CZ"]
+    found = select(flights, "CZ", POOL, stopping_rule="R2", min_r2_gain=0.01, **WHITE)["CZ"]
     r2 = [0.0, *(s.R2 for s in found.trace if s.action == "enter")]
     assert (np.diff(r2) >= 0.01).all()
     X, y = columns(flights, found.terms)
@@ -277,7 +279,7 @@ def test_the_r2_stop_keeps_what_brings_enough_and_nothing_else(flights):
 
 
 def test_the_pse_stop_ends_where_pse_would_rise(flights):
-    found = select(flights, "CZ", POOL, stop="PSE", **WHITE)["CZ"]
+    found = select(flights, "CZ", POOL, stopping_rule="PSE", **WHITE)["CZ"]
     entered = [s.PSE for s in found.trace if s.action == "enter"]
     assert (np.diff(entered) < 0).all()
     X, y = columns(flights, found.terms)
@@ -354,7 +356,7 @@ def test_alpha_squared_gives_way_to_alpha_where_alpha_is_far_from_zero():
     correlation = sm.OLS(y, X).fit().cov_params()
     i, j = (1 + [str(t) for t in both.terms].index(n) for n in ("alpha", "alpha^2"))
     assert correlation[i, j] / np.sqrt(correlation[i, i] * correlation[j, j]) < -0.9
-    forced = select(flights, "CZ", pool, F_in=12.0, correlation_limit=0.9, force=["alpha^2"], bootstrap=0)["CZ"]
+    forced = select(flights, "CZ", pool, F_in=12.0, correlation_limit=0.9, include=["alpha^2"], bootstrap=0)["CZ"]
     assert names(forced.terms) == {"alpha^2", "de"}
 
 
@@ -370,7 +372,7 @@ def test_principal_components_equal_scikit_learns_and_are_called_biased(componen
     near = {"q_hat": lambda c, rng: 0.2 * c["alpha"] + 0.002 * rng.standard_normal(1500)}
     flights = made(lambda c: 1.0 + c["alpha"] + c["q_hat"] - c["de"], **near)
     pool = Candidates.polynomial(["alpha", "de", "q_hat"], 1)
-    options = {"force": pool.names, "estimate": "principal_components", **WHITE}
+    options = {"include": pool.names, "estimate": "principal_components", **WHITE}
     found = select(flights, "CZ", pool, components=components, **options)["CZ"]
     X, y = columns(flights, found.terms)
     X = X[:, 1:]
@@ -394,7 +396,7 @@ def test_ridge_is_called_biased_and_shrinks_what_trades_against_each_other():
     flights = made(lambda c: c["alpha"] + c["q_hat"], noise=0.3, **near)
     pool = Candidates.polynomial(["alpha", "q_hat"], 1)
     plain, ridge = (
-        select(flights, "CZ", pool, force=pool.names, estimate=e, **WHITE)["CZ"] for e in ("least_squares", "ridge")
+        select(flights, "CZ", pool, include=pool.names, estimate=e, **WHITE)["CZ"] for e in ("least_squares", "ridge")
     )
     assert not plain.biased
     assert ridge.biased
@@ -443,7 +445,7 @@ def test_whitening_is_given_up_where_the_residual_is_misfit_and_not_noise():
     (said,) = [d for d in found.doubts if d.startswith("Whitening was given up")]
     assert "look for late channels" in said
     assert found.colours == ()
-    robust = select(late(flights, 10), "CZ", POOL, F_in="auto", residuals="robust", bootstrap=0)["CZ"]
+    robust = select(late(flights, 10), "CZ", POOL, F_in="auto", noise="cluster", bootstrap=0)["CZ"]
     assert found.terms == robust.terms
     assert_allclose(found.values, robust.values, rtol=1e-12)
     assert "Whitening" not in doubts_of(flights)
@@ -451,13 +453,13 @@ def test_whitening_is_given_up_where_the_residual_is_misfit_and_not_noise():
 
 def test_tests_by_blocks_hold_in_coloured_noise():
     # Ten flights with lag-one correlation 0.92; the white rule is right in none of them.
-    exact = {"robust": 0, "white": 0}
+    exact = {"cluster": 0, "white": 0}
     for seed in range(10):
         flights = fly(TRUTH, 0.02, "ar1_0.92", lengths=(2000, 1500, 1800), seed=seed)
-        for residuals in exact:
-            found = select(flights, "CZ", POOL, F_in="auto", residuals=residuals, bootstrap=0)["CZ"]
-            exact[residuals] += names(found.terms) == TERMS
-    assert exact["robust"] >= 8
+        for noise in exact:
+            found = select(flights, "CZ", POOL, F_in="auto", noise=noise, bootstrap=0)["CZ"]
+            exact[noise] += names(found.terms) == TERMS
+    assert exact["cluster"] >= 8
     assert exact["white"] <= 2
 
 
@@ -499,7 +501,7 @@ def test_collinear_terms_and_a_bad_condition_are_named():
     near = {"q_hat": lambda c, rng: c["alpha"] + 1e-4 * rng.standard_normal(1500)}
     flights = made(lambda c: c["alpha"] + c["q_hat"], noise=1e-6, **near)
     pool = Candidates.polynomial(["alpha", "q_hat", "de"], 1)
-    said = doubts_of(flights, pool, force=["alpha", "q_hat"])
+    said = doubts_of(flights, pool, include=["alpha", "q_hat"])
     assert "Collinear (VIF above 10): alpha (" in said
     assert "Condition number" not in said
     # Two channels that hardly move, and move together but for a thousandth: 1 / (1e-4 x 1e-3).
@@ -508,14 +510,14 @@ def test_collinear_terms_and_a_bad_condition_are_named():
         "da": lambda c, rng: 1.0 + 1e-3 * (c["alpha"] + 1e-3 * c["q_hat"]),
     }
     pool = Candidates.parse(["beta", "da", "de"])
-    said = doubts_of(made(lambda c: c["de"], **still), pool, force=["beta", "da"])
+    said = doubts_of(made(lambda c: c["de"], **still), pool, include=["beta", "da"])
     assert "about 7 digits of the values are sure" in said
 
 
 def test_an_oscillation_the_noise_model_cannot_hold_is_named():
     flights = fly(TRUTH, 0.02, "ar2_mode_3Hz", lengths=(2000, 2000))
-    assert "asks for more than AR order 1. Raise max_order" in doubts_of(flights, max_order=1)
-    assert "Raise max_order" not in doubts_of(flights)
+    assert "asks for more than AR order 1. Raise max_ar_order" in doubts_of(flights, max_ar_order=1)
+    assert "Raise max_ar_order" not in doubts_of(flights)
 
 
 def test_terms_most_resamples_leave_out_are_named():
@@ -591,14 +593,14 @@ def test_no_recording_and_no_candidate_are_refused(flights):
 
 
 def test_a_forced_term_outside_the_pool_is_refused(flights):
-    with pytest.raises(SelectionError, match=r"to force de\^4, which is not among the 19 candidates"):
-        select(flights, "CZ", POOL, force=["de^4"])
+    with pytest.raises(SelectionError, match=r"to include de\^4, which is not among the 19 candidates"):
+        select(flights, "CZ", POOL, include=["de^4"])
 
 
 def test_more_forced_terms_than_samples_are_refused():
     short = made(lambda c: c["alpha"], n=15, n_recordings=1)
     with pytest.raises(SelectionError, match="19 terms but has 14 degrees of freedom"):
-        select(short, "CZ", POOL, force=POOL.names)
+        select(short, "CZ", POOL, include=POOL.names)
 
 
 @pytest.mark.parametrize(
@@ -607,12 +609,12 @@ def test_more_forced_terms_than_samples_are_refused():
         ({"F_in": 4.0, "F_out": 5.0}, "F_out=5 is above F_in=4"),
         ({"F_in": "auto", "F_out": 50.0}, "F_out=50 is above the F_in of 9"),
         ({"F_in": -1.0}, "F_in must be above zero"),
-        ({"F_in": "some"}, "give a number, 'auto' or 'fdr'"),
+        ({"F_in": "some"}, "give 'auto', 'fdr' or a number"),
         ({"F_out": -1.0}, "F_out must not be negative"),
         ({"method": "lasso"}, "method='lasso' is not one of 'stepwise', 'orthogonal', 'best_subset'"),
-        ({"residuals": "red"}, "residuals='red'"),
+        ({"noise": "red"}, "noise='red'"),
         ({"criterion": "R2"}, "criterion='R2'"),
-        ({"start": "half"}, "start='half'"),
+        ({"initial_terms": "half"}, "initial_terms='half'"),
         ({"estimate": "lasso"}, "estimate='lasso'"),
         ({"sigma_max": 0.0}, "sigma_max must be above zero"),
         ({"sigma_max": "big"}, "give 'response', 'residual' or a number"),
@@ -630,7 +632,7 @@ def test_an_option_that_cannot_be_meant_is_refused(flights, options, message):
 def test_leaving_out_manoeuvres_needs_something_to_leave_out():
     short = made(lambda c: c["alpha"], n=100, n_recordings=1)
     with pytest.raises(SelectionError, match="needs parts to hold out"):
-        select(short, "CZ", POOL, criterion="manoeuvre", bootstrap=0)
+        select(short, "CZ", POOL, criterion="cv", bootstrap=0)
 
 
 def test_what_a_selection_returns_cannot_be_changed(flights):
@@ -646,7 +648,7 @@ def test_what_a_selection_returns_cannot_be_changed(flights):
 
 def test_collinearity_tables_equal_belsleys_formulas_and_the_parameter_correlation(flights):
     terms = ["alpha", "alpha^2", "q_hat"]
-    found = select(flights, "CZ", Candidates.parse(terms), force=terms, residuals="white", bootstrap=0)["CZ"]
+    found = select(flights, "CZ", Candidates.parse(terms), include=terms, noise="white", bootstrap=0)["CZ"]
     names = ["1", *map(str, found.terms)]
     columns = [np.concatenate([Candidates.parse([t]).evaluate(f)[:, 0] for f in flights]) for t in names[1:]]
     X = np.column_stack([np.ones(len(columns[0])), *columns])
@@ -659,3 +661,38 @@ def test_collinearity_tables_equal_belsleys_formulas_and_the_parameter_correlati
     correlation = found.correlation_frame()
     assert list(correlation.columns) == names
     assert_allclose(np.diag(correlation), 1.0)
+
+
+# --- old names, for one release ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ({"force": ["de^3"]}, {"include": ["de^3"]}),
+        ({"residuals": "robust"}, {"noise": "cluster"}),
+        ({"noise": "coloured"}, {"noise": "ar"}),
+        ({"start": "all"}, {"initial_terms": "all"}),
+        ({"stop": "R2", "r2_change": 0.01}, {"stopping_rule": "R2", "min_r2_gain": 0.01}),
+        ({"max_order": 2}, {"max_ar_order": 2}),
+        ({"criterion": "manoeuvre"}, {"criterion": "cv"}),
+        ({"estimate": "ridge", "components": "manoeuvre"}, {"estimate": "ridge", "components": "cv"}),
+    ],
+)
+def test_old_names_of_options_work_and_warn(flights, old, new):
+    expected = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0, **new)["CZ"]
+    with pytest.warns(DeprecationWarning, match="use ") as seen:
+        found = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0, **old)["CZ"]
+    assert {w.filename for w in seen} == {__file__}
+    assert found.terms == expected.terms
+    assert_array_equal(found.values, expected.values)
+
+
+def test_options_may_be_given_as_one_object_and_single_ones_replaced(flights):
+    options = SelectOptions(F_in=12.0, bootstrap=5, noise="white")
+    as_object = select(flights, "CZ", POOL, options=options, bootstrap=0)["CZ"]
+    as_keywords = select(flights, "CZ", POOL, F_in=12.0, noise="white", bootstrap=0)["CZ"]
+    assert as_object.options == as_keywords.options
+    assert_array_equal(as_object.values, as_keywords.values)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'F_inn'"):
+        select(flights, "CZ", POOL, F_inn=4.0)

@@ -10,14 +10,14 @@ from scipy import stats
 
 from structsel.numerics.rows import ArraySignals
 from structsel.selection.engine import select_arrays
-from structsel.selection.options import Options
+from structsel.selection.settings import SelectOptions
 
 from .flights import cases, signals_of
 from .pools import monomial_exponents
 
 
 def run(case, exponents, forced=(), **options):
-    asked = Options(**{"F_in": "auto", "bootstrap": 0, "workers": 1, **options})
+    asked = SelectOptions(**{"F_in": "auto", "bootstrap": 0, "workers": 1, **options})
     return select_arrays(signals_of(case), exponents, asked, forced)[0]
 
 
@@ -105,12 +105,12 @@ def test_the_automatic_threshold_lets_a_false_term_in_about_once_in_twenty_fligh
     # Responses that are coloured noise and nothing else, 14 candidates, 120 flights: were the chance 5 %, 14 or more
     # would have a term with odds of 1 in 300. The white rule with the same threshold fails in nearly all.
     exponents = monomial_exponents(4, 2)
-    false = {"coloured": 0, "white": 0}
+    false = {"ar": 0, "white": 0}
     for seed in range(120):
         noise = cases.residual("ar1_0.92", 1500, np.random.default_rng([seed, 3]))
         one = [ArraySignals(cases.flight_signals(1500, seed, 4), noise[None])]
-        for residuals in false if seed < 40 else ("coloured",):
-            asked = Options(F_in="auto", residuals=residuals, bootstrap=0, workers=1)
-            false[residuals] += len(select_arrays(one, exponents, asked)[0].found.selected) > 0
-    assert false["coloured"] < 14
+        for noise in false if seed < 40 else ("ar",):
+            asked = SelectOptions(F_in="auto", noise=noise, bootstrap=0, workers=1)
+            false[noise] += len(select_arrays(one, exponents, asked)[0].found.selected) > 0
+    assert false["ar"] < 14
     assert false["white"] > 35  # of 40

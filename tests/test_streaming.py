@@ -60,10 +60,10 @@ def assert_same(found, expected, rtol=1e-10):
 # --- the same answer -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("residuals", ["coloured", "robust", "white"])
-def test_streamed_recordings_give_the_answer_of_recordings_in_memory(folder, residuals):
-    held = select(read_recordings(folder), ["CZ", "CY"], POOL, residuals=residuals, **ASKED)
-    streamed = select(stream_recordings(folder), ["CZ", "CY"], POOL, residuals=residuals, workers=2, **ASKED)
+@pytest.mark.parametrize("noise", ["ar", "cluster", "white"])
+def test_streamed_recordings_give_the_answer_of_recordings_in_memory(folder, noise):
+    held = select(read_recordings(folder), ["CZ", "CY"], POOL, noise=noise, **ASKED)
+    streamed = select(stream_recordings(folder), ["CZ", "CY"], POOL, noise=noise, workers=2, **ASKED)
     assert_same(streamed, held)
 
 
@@ -104,9 +104,9 @@ def test_memory_does_not_grow_with_the_number_of_files(tmp_path):
         some.mkdir()
         for k in range(count):
             write_recording(one, some / f"f{k:02d}.parquet")
-        select(stream_recordings(some), "CZ", POOL, residuals="white", bootstrap=0)
+        select(stream_recordings(some), "CZ", POOL, noise="white", bootstrap=0)
         tracemalloc.start()
-        select(stream_recordings(some), "CZ", POOL, residuals="white", bootstrap=0)
+        select(stream_recordings(some), "CZ", POOL, noise="white", bootstrap=0)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     held = n * len(one.names) * 8
@@ -269,7 +269,7 @@ def test_a_checkpoint_of_other_options_or_other_data_is_refused(folder, kept):
     with pytest.raises(DataError, match="belongs to other data or other options"):
         select(flights, "CZ", POOL, checkpoint=kept, F_in=4.0, bootstrap=20)
     with pytest.raises(DataError, match="belongs to other data or other options"):
-        select(flights, "CZ", POOL, checkpoint=kept, force=["de^2"], **ASKED)
+        select(flights, "CZ", POOL, checkpoint=kept, include=["de^2"], **ASKED)
     with pytest.raises(DataError, match="belongs to other data or other options"):
         select(flights[:-1], "CZ", POOL, checkpoint=kept, **ASKED)
     changed = [flights[0].read().with_channels(alpha=flights[0]["alpha"] * (1.0 + 1e-9)), *flights[1:]]
@@ -358,7 +358,7 @@ def test_workers_of_a_cluster_give_the_answer_of_this_process_and_so_they_do_whe
 @pytest.mark.slow
 def test_recordings_in_memory_go_to_the_workers_too_and_errors_come_back(folder, client):
     flights = read_recordings(folder)[:2]
-    asked = {"residuals": "white", "bootstrap": 0}
+    asked = {"noise": "white", "bootstrap": 0}
     assert_same(select(flights, "CZ", POOL, client=client, **asked), select(flights, "CZ", POOL, **asked))
     with pytest.raises(ChannelError, match="select needs channel 'Cm'"):
         select(stream_recordings(folder), "Cm", POOL, client=client)

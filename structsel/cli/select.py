@@ -40,7 +40,7 @@ from structsel.cli.terminal import Waiting, explain, print_json, say, stdout
 from structsel.errors import SelectionError
 from structsel.recording import Recording, StoredRecording
 from structsel.selection import Selections, select
-from structsel.selection.options import Criterion, Estimate, Residuals, Start, Stop
+from structsel.selection.settings import Criterion, Estimate, InitialTerms, Noise, StoppingRule
 from structsel.validation import Validation, validate
 
 EPILOG = page(
@@ -52,9 +52,9 @@ EPILOG = page(
             "    --held-out m05,m06 --out out/",
         ),
         (
-            "Splines, forced terms, an entry threshold fit for the pool, and why",
+            "Splines, included terms, an entry threshold fit for the pool, and why",
             "structsel select coefficients/ --responses Cm --candidates alpha,q_hat,de \\\n"
-            "    --degree 2 --spline alpha:0.2,0.25 --force alpha,de --f-in auto --trace",
+            "    --degree 2 --spline alpha:0.2,0.25 --include alpha,de --f-in auto --trace",
         ),
         (
             "Every method side by side",
@@ -101,7 +101,7 @@ def run(
         list[str] | None,
         option("--spline", "Spline terms (alpha - knot)+, knots in SI; may be repeated.", _POOL, "CHANNEL:KNOTS"),
     ] = None,
-    force: Annotated[str, option("--force", "Terms always in the model; they join the pool.", _POOL, "TERMS")] = "",
+    include: Annotated[str, option("--include", "Terms always in the model; they join the pool.", _POOL, "TERMS")] = "",
     method: Annotated[
         Literal["stepwise", "orthogonal", "best_subset", "all"],
         option(
@@ -111,10 +111,10 @@ def run(
             "METHOD",
         ),
     ] = "stepwise",
-    residuals: Annotated[
-        Residuals,
-        option("--residuals", "What tests take them for: coloured noise, robust (anything) or white.", _SEARCH, "KIND"),
-    ] = "coloured",
+    noise: Annotated[
+        Noise,
+        option("--noise", "Model of the residuals: ar (autoregressive), cluster (any) or white.", _SEARCH, "MODEL"),
+    ] = "ar",
     f_in: Annotated[
         str,
         option("--f-in", "Partial F to enter: a number (12 in the sources), auto (by pool size) or fdr.", _SEARCH, "F"),
@@ -126,14 +126,18 @@ def run(
         Criterion | None,
         option(
             "--criterion",
-            "Choose among the models visited by PSE, BIC, AICc, adj_R2 or manoeuvre instead.",
+            "Choose among the models visited by PSE, BIC, AICc, adj_R2 or cv instead.",
             _SEARCH,
             "RULE",
         ),
     ] = None,
     max_terms: Annotated[int | None, option("--max-terms", "At most this many terms.", _SEARCH, "N")] = None,
-    start: Annotated[Start, option("--start", "Terms a stepwise search starts from.", _SEARCH)] = "empty",
-    stop: Annotated[Stop, option("--stop", "What besides F ends a stepwise search.", _SEARCH)] = "F",
+    initial_terms: Annotated[
+        InitialTerms, option("--initial-terms", "Terms a stepwise search starts from.", _SEARCH)
+    ] = "empty",
+    stopping_rule: Annotated[
+        StoppingRule, option("--stopping-rule", "What besides F ends a stepwise search.", _SEARCH)
+    ] = "F",
     correlation_limit: Annotated[
         float | None,
         option("--correlation-limit", "Drop the weaker of two terms whose parameters correlate above.", _SEARCH, "R"),
@@ -143,7 +147,7 @@ def run(
     ] = "least_squares",
     components: Annotated[
         str,
-        option("--components", "Principal components: variance, PSE, manoeuvre or a number.", _SEARCH, "RULE"),
+        option("--components", "Principal components: variance, PSE, cv or a number.", _SEARCH, "RULE"),
     ] = "variance",
     bootstrap: Annotated[
         int, option("--bootstrap", "Selections repeated on resampled manoeuvres or blocks; 0: none.", _JUDGE, "N")
@@ -164,8 +168,8 @@ def run(
         str, option("--sigma-max", "PSE's bound: response, residual, or a number.", _FINE, "RULE")
     ] = "response",
     order: Annotated[Literal["greedy", "given"], option("--order", "Of the orthogonal functions.", _FINE)] = "greedy",
-    r2_change: Annotated[float, option("--r2-change", "Least gain in R2, with --stop R2.", _FINE)] = 0.005,
-    max_order: Annotated[int, option("--max-order", "Highest AR order of the residuals.", _FINE, "N")] = 24,
+    min_r2_gain: Annotated[float, option("--min-r2-gain", "Least gain in R2, with --stopping-rule R2.", _FINE)] = 0.005,
+    max_ar_order: Annotated[int, option("--max-ar-order", "Highest AR order of the residuals.", _FINE, "N")] = 24,
     workers: Annotated[int | None, option("--workers", "Threads; as many as the work is worth.", _FINE, "N")] = None,
     stream: Stream = None,
     checkpoint: CheckpointFile = None,
@@ -174,17 +178,17 @@ def run(
     if json and latex:
         raise typer.BadParameter("give one of --json and --latex, not both.")
     wanted = words(responses)
-    pool = build_pool(candidates, degree, terms, spline or [], force)
+    pool = build_pool(candidates, degree, terms, spline or [], include)
     if not wanted:
         raise typer.BadParameter("--responses names none.")
     asked = {
-        "residuals": residuals,
+        "noise": noise,
         "F_in": _number_or("--f-in", f_in, ("auto", "fdr")),
         "F_out": f_out,
-        "force": words(force),
-        "start": start,
-        "stop": stop,
-        "r2_change": r2_change,
+        "include": words(include),
+        "initial_terms": initial_terms,
+        "stopping_rule": stopping_rule,
+        "min_r2_gain": min_r2_gain,
         "criterion": criterion,
         "sigma_max": _number_or("--sigma-max", sigma_max, ("response", "residual")),
         "order": order,
@@ -193,7 +197,7 @@ def run(
         "correlation_limit": correlation_limit,
         "max_terms": max_terms,
         "bootstrap": bootstrap,
-        "max_order": max_order,
+        "max_ar_order": max_ar_order,
         "seed": seed,
         "workers": workers,
     }
@@ -224,7 +228,7 @@ def run(
             print_files(stdout(), str(out), written)
 
 
-def build_pool(candidates: str, degree: int, terms: str, splines: Sequence[str], force: str) -> Candidates:
+def build_pool(candidates: str, degree: int, terms: str, splines: Sequence[str], include: str) -> Candidates:
     """Return the pool that the command line describes.
 
     Raises
@@ -235,7 +239,7 @@ def build_pool(candidates: str, degree: int, terms: str, splines: Sequence[str],
         A term cannot be read.
     """
     pool = Candidates.polynomial(words(candidates), degree) if words(candidates) else Candidates()
-    pool = pool + Candidates.parse([*words(terms), *words(force)])
+    pool = pool + Candidates.parse([*words(terms), *words(include)])
     for text in splines:
         channel, _, places = text.partition(":")
         try:
@@ -289,9 +293,9 @@ def _select_by(
                 if method != "all" or name != "best_subset":
                     raise
                 say("warning", f"best_subset is left out of the comparison: {error}")
-    if method == "all" and asked["residuals"] == "coloured":
+    if method == "all" and asked["noise"] == "ar":
         with Waiting("selecting, white residuals") as waiting:
-            told = {"progress": waiting, "checkpoint": kept("white"), **asked, "residuals": "white"}
+            told = {"progress": waiting, "checkpoint": kept("white"), **asked, "noise": "white"}
             found["stepwise, white"] = select(used, responses, pool, method="stepwise", **told)
     return found
 

@@ -1,18 +1,21 @@
 """Which terms belong in the model: `select`, and what it returns."""
 
+from structsel.deprecation import renamed_names
 from structsel.selection.engine import select_arrays
 from structsel.selection.identifiability import Alias
-from structsel.selection.options import Options
 from structsel.selection.result import HeldOutPart, Selection, Selections, TraceStep
 from structsel.selection.select import select
+from structsel.selection.settings import SelectOptions
 
 __all__ = [
     "Alias",
     "HeldOutPart",
-    "Options",
+    "SelectOptions",
     "Selection",
     "Selections",
     "TraceStep",
     "select",
     "select_arrays",
 ]
+
+__getattr__ = renamed_names(__name__, {"Options": "SelectOptions"})

@@ -9,12 +9,17 @@ import numpy as np
 from structsel.errors import SelectionError
 from structsel.numerics import biased
 from structsel.numerics.arrays import Array
-from structsel.selection.options import Options
 from structsel.selection.search import Fold, centred
+from structsel.selection.settings import SelectOptions
 
 
 def estimate_biased(
-    product: Array, samples: float, kept: Sequence[int], scale: Array, options: Options, folds: Sequence[Fold]
+    product: Array,
+    samples: float,
+    kept: Sequence[int],
+    scale: Array,
+    options: SelectOptions,
+    folds: Sequence[Fold],
 ) -> tuple[Array, Array, str]:
     """Principal-components or ridge estimate of the constant and the kept terms.
 
@@ -40,9 +45,9 @@ def estimate_biased(
     SelectionError
         Held-out error was to choose, and there is nothing to hold out.
     """
-    if options.components == "manoeuvre" and not folds:
+    if options.components == "cv" and not folds:
         raise SelectionError(
-            "select: components='manoeuvre' needs parts to hold out; there is only one block of samples. "
+            "select: components='cv' needs parts to hold out; there is only one block of samples. "
             "Give more recordings, or choose components='PSE'."
         )
     rows = [*kept, product.shape[0] - 2]
@@ -50,7 +55,7 @@ def estimate_biased(
     dof = samples - 1.0
     train, test = ([centred(f[i])[np.ix_(rows, rows)] for f in folds] for i in (0, 1))
     if options.estimate == "ridge":
-        k = biased.ridge_by_folds(train, test) if options.components == "manoeuvre" else biased.ridge_by_gcv(C, dof)
+        k = biased.ridge_by_folds(train, test) if options.components == "cv" else biased.ridge_by_gcv(C, dof)
         result = biased.ridge(C, dof, k)
     else:
         if isinstance(options.components, int):

@@ -10,8 +10,8 @@ from scipy import stats
 from structsel.candidates import Candidates
 from structsel.selection.engine import Outcome
 from structsel.selection.identifiability import Alias
-from structsel.selection.options import Options
 from structsel.selection.search import thresholds
+from structsel.selection.settings import SelectOptions
 
 FEW_BLOCKS = 12  # tests by blocks have one degree of freedom less than these
 SEVERAL = 3  # names spelled out before "and n more"
@@ -26,7 +26,7 @@ def listed(names: Sequence[str]) -> str:
 def find_doubts(
     outcome: Outcome,
     candidates: Candidates,
-    options: Options,
+    options: SelectOptions,
     aliases: Sequence[Alias],
 ) -> tuple[str, ...]:
     """Everything about a result that should make its reader hesitate."""
@@ -50,12 +50,17 @@ def find_doubts(
             f"Only {outcome.n_blocks} blocks of samples stand behind the tests, which finds little and that unsurely. "
             "Record longer, or give more recordings."
         )
-    if outcome.colours and max(c.order for c in outcome.colours) >= options.max_order > 0:
+    if outcome.colours and max(c.order for c in outcome.colours) >= options.max_ar_order > 0:
         doubts.append(
-            f"The residual's colour asks for more than AR order {options.max_order}. Raise max_order, or look for "
-            "an oscillation that was left out."
+            f"The residual's colour asks for more than AR order {options.max_ar_order}. Raise max_ar_order, or look "
+            "for an oscillation that was left out."
         )
-    if options.method == "stepwise" and options.rule is None and options.stop == "F" and options.F_in != "fdr":
+    if (
+        options.method == "stepwise"
+        and options.criterion_used is None
+        and options.stopping_rule == "F"
+        and options.F_in != "fdr"
+    ):
         F_in = thresholds(options, p, found.dof)[0]
         chance = (p - len(kept)) * stats.f.sf(F_in, 1, max(found.dof - len(kept), 1.0))
         if chance > 0.5 and not outcome.by_blocks:
@@ -98,10 +103,10 @@ def find_doubts(
     return tuple(doubts)
 
 
-def _disagreement(outcome: Outcome, names: Sequence[str], options: Options) -> list[str]:
+def _disagreement(outcome: Outcome, names: Sequence[str], options: SelectOptions) -> list[str]:
     """Where the white-noise rule and the one in force keep different terms."""
     now, classical = set(outcome.found.selected), set(outcome.classical.selected)
-    if options.residuals == "white" or now == classical:
+    if options.noise == "white" or now == classical:
         return []
     more = [names[i] for i in outcome.classical.selected if i not in now]
     fewer = [names[i] for i in outcome.found.selected if i not in classical]

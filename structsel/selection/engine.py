@@ -21,10 +21,10 @@ from structsel.numerics.passes import Passes
 from structsel.numerics.rows import Scales, Signals, base_scale
 from structsel.numerics.uncertainty import coloured_covariance
 from structsel.selection.biased import estimate_biased
-from structsel.selection.options import Options
 from structsel.selection.resampling import Bootstrap, HeldOut, predict_held_out, repeat_selection
 from structsel.selection.rivals import Rival, find_rivals
 from structsel.selection.search import ROUNDING, Found, Pool, centred, dependent, prediction_error, solve
+from structsel.selection.settings import SelectOptions
 from structsel.selection.signals import SomeResponses
 from structsel.selection.way import Way, fold_blocks, without
 
@@ -67,7 +67,7 @@ class Outcome:
 def select_arrays(
     manoeuvres: Sequence[Signals],
     exponents: NDArray[np.integer],
-    options: Options,
+    options: SelectOptions,
     forced: Sequence[int] = (),
     start: Sequence[int] = (),
     progress: Progress | None = None,
@@ -81,7 +81,7 @@ def select_arrays(
     ----------
     manoeuvres : sequence of Signals
     exponents : (p, s) int array
-    options : Options
+    options : SelectOptions
     forced, start : sequence of int
         Candidates always in, and in at the start.
     progress : callable, optional
@@ -109,9 +109,9 @@ def select_arrays(
     folds = fold_blocks(white)
     plain = [Way(one_response(white, r), options, pool, folds) for r in range(white.n_responses)]
     classical = [way.find() for way in plain]
-    if options.residuals == "white":
+    if options.noise == "white":
         chosen = [Choice(way, found, ()) for way, found in zip(plain, classical, strict=True)]
-    elif options.residuals == "robust":
+    elif options.noise == "cluster":
         chosen = [by_blocks(way) for way in plain]
     else:
         chosen = _settle(data, plain, classical)
@@ -133,7 +133,7 @@ class Data:
 
     manoeuvres: Sequence[Signals]
     exponents: NDArray[np.integer]
-    options: Options
+    options: SelectOptions
     scales: Scales
     passes: Passes
     stage: Callable[[str], Callable[[int, int], None] | None]
@@ -272,7 +272,7 @@ def _settle(data: Data, plain: list[Way], classical: list[Found]) -> list[Choice
             kept,
             theta,
             pending,
-            data.options.max_order,
+            data.options.max_ar_order,
             floors,
             workers=data.workers,
             progress=data.stage("residual colours"),

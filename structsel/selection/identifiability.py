@@ -13,9 +13,9 @@ EXCITATION = {
     "V": "fly the same inputs at other speeds",
     "qbar": "fly the same inputs at other speeds or heights",
     "mach": "fly the same inputs at another Mach number",
-    "CT": "fly the same inputs at other power settings",
-    "thrust": "fly the same inputs at other power settings",
-    "throttle": "fly the same inputs at other power settings",
+    "CT": "fly the same inputs at other power options",
+    "thrust": "fly the same inputs at other power options",
+    "throttle": "fly the same inputs at other power options",
     "alpha": "fly the same inputs about other trim incidences, or larger pitch inputs",
     "beta": "add rudder inputs or steady sideslips",
     "p_hat": "add aileron inputs (bank to bank)",
@@ -26,7 +26,7 @@ EXCITATION = {
     "de": "move the elevator independently of the motion (an unaugmented doublet or a multisine)",
     "da": "move the ailerons independently of the rudder and the motion",
     "dr": "move the rudder independently of the ailerons and the motion",
-    "df": "repeat at other flap settings",
+    "df": "repeat at other flap options",
 }
 
 

@@ -19,7 +19,7 @@ from structsel.numerics.collinearity import Conditioning
 from structsel.numerics.colour import Colour
 from structsel.rich_text import opening, to_html
 from structsel.selection.identifiability import Alias
-from structsel.selection.options import Options
+from structsel.selection.settings import SelectOptions
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class Selection:
     estimated : str
         How the values were estimated.
     pool : Candidates
-    options : Options
+    options : SelectOptions
     doubts : tuple of str
     region : mapping of channel to (least, greatest)
     recordings : tuple of str
@@ -153,7 +153,7 @@ class Selection:
     biased: bool
     estimated: str
     pool: Candidates
-    options: Options
+    options: SelectOptions
     doubts: tuple[str, ...]
     region: Mapping[str, tuple[float, float]]
     recordings: tuple[str, ...]

@@ -18,8 +18,8 @@ from structsel.numerics.orthogonal import orthogonal
 from structsel.numerics.robust import inflation, robust_stepwise
 from structsel.numerics.stepwise import Path, Step, partial_f, polish, stepwise
 from structsel.numerics.subset import best_subset
-from structsel.selection.options import Options
 from structsel.selection.rivals import find_rivals
+from structsel.selection.settings import SelectOptions
 
 Fold = tuple[Array, Array]
 """Products [1, x, y] of the samples to fit, and of those to predict."""
@@ -84,7 +84,7 @@ def centred(product: Array) -> Array:
     return C
 
 
-def thresholds(options: Options, p: int, dof: float) -> tuple[float, float, NDArray[np.float64] | None]:
+def thresholds(options: SelectOptions, p: int, dof: float) -> tuple[float, float, NDArray[np.float64] | None]:
     """F_in, F_out and, for controlled false discovery, the threshold of each entry."""
     if options.F_in == "fdr":
         steps = criteria.fdr_thresholds(p, dof, 0.05)
@@ -99,7 +99,7 @@ def thresholds(options: Options, p: int, dof: float) -> tuple[float, float, NDAr
     return F_in, F_out, None
 
 
-def sigma_max2(options: Options, C: Array, dof: float, pool: Pool) -> float:
+def sigma_max2(options: SelectOptions, C: Array, dof: float, pool: Pool) -> float:
     """Upper bound of the prediction error's variance that PSE charges for a term."""
     if options.sigma_max == "response":
         return float(C[-1, -1] / (dof + 1.0))
@@ -110,7 +110,7 @@ def sigma_max2(options: Options, C: Array, dof: float, pool: Pool) -> float:
 def find(
     product: Array,
     samples: float,
-    options: Options,
+    options: SelectOptions,
     pool: Pool,
     folds: Sequence[Fold] = (),
     noise_scale: float = 1.0,
@@ -125,7 +125,7 @@ def find(
     samples : float
     pool : Pool
     folds : sequence of Fold
-        For the criterion ``"manoeuvre"``.
+        For the criterion ``"cv"``.
     noise_scale : float
         The response's scale in these products; turns a sigma_max given in its units into theirs.
     blocks : (MomentSet, weights), optional
@@ -134,7 +134,7 @@ def find(
     C = centred(product)
     dof = samples - 1.0
     bound = None if isinstance(options.sigma_max, str) else (options.sigma_max / noise_scale) ** 2
-    needs_bound = options.rule == "PSE" or (options.method == "stepwise" and options.stop == "PSE")
+    needs_bound = options.criterion_used == "PSE" or (options.method == "stepwise" and options.stopping_rule == "PSE")
     if bound is None and needs_bound:
         bound = sigma_max2(options, C, dof, pool)
     if options.method == "stepwise":
@@ -147,13 +147,13 @@ def find(
         best = best_subset(C, dof, force=pool.forced, max_terms=options.max_terms)
         visited = [(b.selected, b.rss) for b in best]
         path = Path(visited[-1][0], np.empty(0), visited[-1][1], (), (), "every size searched", float(C[-1, -1]), dof)
-    rule = options.rule
+    rule = options.criterion_used
     tss = float(C[-1, -1])
     selected, rss, stopped = path.selected, path.rss, path.stopped
     if rule is not None:
         scores = _scores(rule, visited, tss, dof + 1.0, bound, folds)
         selected, rss = visited[int(np.argmin(scores))]
-        stopped = f"least {rule.replace('manoeuvre', 'held-out error')} of {len(visited)} models visited"
+        stopped = f"least {rule.replace('cv', 'held-out error')} of {len(visited)} models visited"
     worth = inflation(*blocks, selected, dof) if blocks is not None else 1.0
     found = Found(selected, rss, tss, path.steps, stopped, dof, dof / worth)
     return _simplest(_uncorrelated(found, C, options, pool.forced), C, pool)
@@ -180,7 +180,7 @@ def _simplest(found: Found, C: Array, pool: Pool) -> Found:
     return replace(found, selected=tuple(kept), rss=rss, steps=tuple(steps))
 
 
-def _uncorrelated(found: Found, C: Array, options: Options, forced: Sequence[int]) -> Found:
+def _uncorrelated(found: Found, C: Array, options: SelectOptions, forced: Sequence[int]) -> Found:
     """Apply [H17]'s rule: of two kept terms whose parameters correlate above the limit, the weaker goes."""
     if options.correlation_limit is None or len(found.selected) < 2:
         return found
@@ -198,7 +198,7 @@ def _uncorrelated(found: Found, C: Array, options: Options, forced: Sequence[int
     return replace(found, selected=kept, rss=rss, steps=tuple(steps), stopped=note if dropped else found.stopped)
 
 
-def _orthogonal(C: Array, dof: float, options: Options, pool: Pool, bound: float | None) -> Path:
+def _orthogonal(C: Array, dof: float, options: SelectOptions, pool: Pool, bound: float | None) -> Path:
     """Orthogonal functions, ranked far enough: on to the last only if PSE is still falling where they end."""
     most = min(C.shape[0] - 1, options.max_terms or C.shape[0] - 1)
     first = most if options.order == "given" else min(most, max(RANK_AT_FIRST, len(pool.forced)))
@@ -209,7 +209,7 @@ def _orthogonal(C: Array, dof: float, options: Options, pool: Pool, bound: float
     return path
 
 
-def _by_blocks(moments: MomentSet, weights: Array | None, dof: float, options: Options, pool: Pool) -> Path:
+def _by_blocks(moments: MomentSet, weights: Array | None, dof: float, options: SelectOptions, pool: Pool) -> Path:
     """Stepwise search with tests by blocks, from nothing and from the linear terms; the better answer.
 
     Early on, when most of the response is unexplained, a product can pass for the linear term it resembles, and no
@@ -236,7 +236,7 @@ def _by_blocks(moments: MomentSet, weights: Array | None, dof: float, options: O
     return min(paths, key=lambda p: n * np.log(max(p.rss, ROUNDING * p.tss)) + len(p.selected) * np.log(max(n, 2.0)))
 
 
-def _by_samples(C: Array, dof: float, options: Options, pool: Pool, bound: float | None) -> Path:
+def _by_samples(C: Array, dof: float, options: SelectOptions, pool: Pool, bound: float | None) -> Path:
     """Modified stepwise regression whose F-tests take samples as independent."""
     F_in, F_out, entry = thresholds(options, C.shape[0] - 1, dof)
     path = stepwise(
@@ -247,12 +247,12 @@ def _by_samples(C: Array, dof: float, options: Options, pool: Pool, bound: float
         force=pool.forced,
         start=pool.start,
         max_terms=options.max_terms,
-        stop=options.stop,
-        r2_change=options.r2_change,
+        stop=options.stopping_rule,
+        r2_change=options.min_r2_gain,
         sigma_max2=bound,
         entry_thresholds=entry,
     )
-    if options.stop == "F" and entry is None:
+    if options.stopping_rule == "F" and entry is None:
         return _polished(path, C, F_in, pool.forced, options.max_terms)
     return path
 
@@ -288,9 +288,9 @@ def _scores(
     bound: float | None,
     folds: Sequence[Fold],
 ) -> list[float]:
-    if rule == "manoeuvre":
+    if rule == "cv":
         if not folds:
-            raise SelectionError("select: criterion 'manoeuvre' needs parts to hold out; there is only one block.")
+            raise SelectionError("select: criterion 'cv' needs parts to hold out; there is only one block.")
         return [
             sum(
                 max(prediction_error(solve(fit, kept), kept, test), ROUNDING * float(test[-1, -1]))

@@ -4,62 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from structsel.candidates import Candidates, Term
 from structsel.cluster import runner_of
+from structsel.deprecation import renamed_arguments
 from structsel.errors import SelectionError
 from structsel.numerics import criteria
 from structsel.numerics.passes import Passes
+from structsel.options import takes_options
 from structsel.recording import Recording, StoredRecording
 from structsel.selection.checkpoint import Checkpoint
 from structsel.selection.doubts import find_doubts
 from structsel.selection.engine import Outcome, Progress, select_arrays
 from structsel.selection.flown import Flight, Flown, look_over
 from structsel.selection.identifiability import Alias, to_separate
-from structsel.selection.options import (
-    Components,
-    Criterion,
-    Estimate,
-    Method,
-    Options,
-    Residuals,
-    Start,
-    Stop,
-)
 from structsel.selection.result import HeldOutPart, Selection, Selections, TraceStep
+from structsel.selection.settings import RENAMED_ARGUMENTS, InitialTerms, SelectOptions
 
 SPELLED_OUT = 12  # recordings of a part held out whose names are all given
 
 
+@renamed_arguments(**RENAMED_ARGUMENTS)
+@takes_options(SelectOptions)
 def select(
     recordings: Flight | Sequence[Flight],
     responses: str | Sequence[str],
     candidates: Candidates,
     *,
-    method: Method = "stepwise",
-    residuals: Residuals = "coloured",
-    F_in: float | Literal["auto", "fdr"] = 4.0,
-    F_out: float | None = None,
-    force: Iterable[Term | str] = (),
-    start: Start = "empty",
-    stop: Stop = "F",
-    r2_change: float = 0.005,
-    criterion: Criterion | None = None,
-    sigma_max: Literal["response", "residual"] | float = "response",
-    order: Literal["greedy", "given"] = "greedy",
-    estimate: Estimate = "least_squares",
-    components: Components = "variance",
-    correlation_limit: float | None = None,
-    max_terms: int | None = None,
-    bootstrap: int = 200,
-    max_order: int = 24,
-    seed: int = 0,
-    workers: int | None = None,
+    options: SelectOptions,
+    include: Iterable[Term | str] = (),
     progress: Progress | None = None,
     checkpoint: str | Path | None = None,
     client: Any = None,
@@ -76,57 +54,18 @@ def select(
         ``"CZ"``, or several; all share one pass over the data.
     candidates : Candidates
         The pool. The constant is always in the model.
-    method : {"stepwise", "orthogonal", "best_subset"}
-        Modified stepwise regression by partial F [C89], [TP1916]; orthogonal functions minimising PSE [H17],
-        [M95]; or the best model of every size, by branch and bound [FW74], for small pools.
-    residuals : {"coloured", "robust", "white"}
-        What tests and errors take the residuals to be. ``"coloured"``: noise that resembles its neighbours, an AR
-        model for each recording, order by BIC, re-estimated until the structure settles; where that predicts
-        unseen recordings clearly worse (so that the residual is misfit, not noise), ``"robust"`` is used instead,
-        and said. ``"robust"``: anything; plain weighting, partial F from the scatter over blocks. ``"white"``: the
-        rule of the sources. A disagreement with the last is always reported.
-    F_in, F_out : float, "auto" or "fdr"
-        Partial F to enter and to stay (F_in where F_out is absent). 12 is the sources' value [C89]; ``"auto"``
-        keeps the chance of any false term near 5 % for this number of candidates; ``"fdr"`` keeps the share of
-        false terms near 5 % [BG09].
-    force : iterable of Term or str
-        Terms always in.
-    start : {"empty", "linear", "all"}
-        What a stepwise search starts from: nothing, the linear terms [TP1916], or all terms [C89].
-    stop : {"F", "R2", "PSE"}
-        What besides F_in ends a stepwise search: a gain in R2 under ``r2_change``, or PSE no longer falling.
-    criterion : {"PSE", "BIC", "AICc", "adj_R2", "manoeuvre"}, optional
-        Choose, among the models the search visited, the one with the least PSE, BIC or AICc, the largest
-        adjusted R2, or the least error in predicting left-out manoeuvres. By default F-tests decide for stepwise,
-        PSE for orthogonal and BIC for best subset.
-    sigma_max : {"response", "residual"} or float
-        PSE's bound on the prediction error: the response's standard deviation [H17], five times the residual's,
-        or a number in the response's units [M95]. Applied to the whitened response where residuals are coloured.
-    order : {"greedy", "given"}
-        Orthogonalise the most useful candidate next [M95], or in the order given and then rank [H17].
-    estimate : {"least_squares", "principal_components", "ridge"}
-        How the kept terms are estimated; the latter two are biased, labelled so, and meant for collinear terms.
-    components : {"variance", "PSE", "manoeuvre"} or int
-        Principal components used: enough for 99 % of the candidates' variance, those of least PSE, those that
-        predict left-out manoeuvres best, or a number. Ridge's k is chosen by generalised cross-validation, or by
-        left-out manoeuvres where ``"manoeuvre"``.
-    correlation_limit : float, optional
-        Drop the weaker of two kept terms whose parameters correlate above this [H17].
-    max_terms : int, optional
-    bootstrap : int
-        Selections repeated on reweighted manoeuvres (from eight on) or blocks; 0 for none.
-    max_order : int
-        Highest AR order offered to the residual colour.
-    seed, workers : int
-        Of the bootstrap; threads, by default as many as the work is worth.
+    options : SelectOptions, optional
+        Every field may be given as a keyword of its own instead: ``select(..., method="orthogonal", bootstrap=0)``.
+    include : iterable of Term or str
+        Terms always in the model.
     progress : callable, optional
         Called with a stage's name, steps done and steps in all.
     checkpoint : str or Path, optional
-        File in which results are kept as they come, and removed when all are there. A run that was broken off goes
-        on where it was, if data and options are the same.
+        File for the results of the passes over the data; removed when the selection is complete. An interrupted
+        run continues after its last complete pass, if data and options are the same.
     client : distributed.Client, optional
-        Of a Dask cluster, whose workers go through the recordings, one part each at a time; they must be able to
-        read the files of `stream_recordings`. The answer is the one this process would give.
+        Of a Dask cluster, whose workers read the recordings, one part each at a time; they must be able to read the
+        files of `stream_recordings`. The result is that of this process.
 
     Returns
     -------
@@ -139,23 +78,21 @@ def select(
         A channel is missing, not finite, or a response does not vary.
         The checkpoint belongs to something else, or cannot be read or written.
     SelectionError
-        An option that cannot be meant, a forced term outside the pool, or more forced terms than samples; a cluster
-        that lost every worker.
+        An invalid option, an included term outside the pool, more included terms than samples, or a cluster that
+        lost every worker.
 
     References
     ----------
     [C89], [TP1916], [H17], [M95], [KM16] ch. 5.
     """
-    given = locals()
-    options = Options(**{f.name: given[f.name] for f in fields(Options)})
     flights = [recordings] if isinstance(recordings, Recording | StoredRecording) else list(recordings)
     wanted = [responses] if isinstance(responses, str) else list(responses)
     runner = runner_of(client)
     stored = any(isinstance(flight, StoredRecording) for flight in flights)
     told = (lambda done, of: progress("looking over", done, of)) if stored and progress is not None else None
-    flown = look_over(flights, candidates, wanted, runner, (workers or 2) if stored else 1, told)
-    forced = _positions(candidates, force)
-    began = _start(candidates, start)
+    flown = look_over(flights, candidates, wanted, runner, (options.workers or 2) if stored else 1, told)
+    forced = _positions(candidates, include)
+    began = _start(candidates, options.initial_terms)
     signals = flown.signals(candidates, wanted)
     with _kept(checkpoint, flown, candidates.names, wanted, forced, replace(options, workers=None)) as memory:
         passes = Passes(runner, memory)
@@ -187,14 +124,14 @@ def _positions(candidates: Candidates, terms: Iterable[Term | str]) -> list[int]
             continue
         if value not in candidates:
             raise SelectionError(
-                f"select is to force {value}, which is not among the {len(candidates)} candidates. "
+                f"select is to include {value}, which is not among the {len(candidates)} candidates. "
                 f"Add it: candidates + Candidates.parse(['{value}'])."
             )
         found.append(candidates.index(value))
     return found
 
 
-def _start(candidates: Candidates, start: Start) -> list[int]:
+def _start(candidates: Candidates, start: InitialTerms) -> list[int]:
     if start == "empty":
         return []
     return [i for i, t in enumerate(candidates) if start == "all" or t.degree == 1]
@@ -244,7 +181,7 @@ def _named(
     outcome: Outcome,
     candidates: Candidates,
     flown: Flown,
-    options: Options,
+    options: SelectOptions,
 ) -> Selection:
     kept = list(outcome.found.selected)
     terms = tuple(candidates[i] for i in kept)

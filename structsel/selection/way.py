@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.moments import MomentSet
-from structsel.selection.options import Options
 from structsel.selection.search import Found, Pool, find
+from structsel.selection.settings import SelectOptions
 
 FOLDS_WITHIN = 4  # parts held out in turn where there is a single manoeuvre
 MOST_FOLDS = 12
@@ -27,7 +27,7 @@ class Way:
     ----------
     moments : MomentSet
         Of one response; whitened, or not.
-    options : Options
+    options : SelectOptions
     pool : Pool
     folds : sequence of (b,) int array
         Blocks of each manoeuvre (or part) that may be held out.
@@ -36,7 +36,7 @@ class Way:
     """
 
     moments: MomentSet
-    options: Options
+    options: SelectOptions
     pool: Pool
     folds: Folds
     by_blocks: bool = False
@@ -45,10 +45,10 @@ class Way:
         """Search the weighted sum of blocks, or the ``product`` that it is; blocks of weight zero are not seen."""
         options = self.options
         if self.by_blocks and options.method != "stepwise" and self.folds:
-            options = replace(options, criterion="manoeuvre")
+            options = replace(options, criterion="cv")
         w = np.ones(self.moments.n_blocks) if weights is None else weights
         pairs = []
-        if options.rule == "manoeuvre":
+        if options.criterion_used == "cv":
             for fold in self.folds:
                 inside = np.isin(np.arange(w.size), fold)
                 if w[inside].any():
