@@ -26,6 +26,7 @@ import structsel as ss
 from structsel.coefficients import compute_all
 from structsel.numerics.arrays import Array
 from structsel.numerics.output_error import fit_output_error
+from structsel.numerics.output_error_problem import OutputErrorProblem
 from structsel.recording import Recording
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -231,7 +232,7 @@ def silverbox_correct() -> Case:
     def predict(thetas: Array) -> Array:
         return np.stack([free_run(x[:2], x[2:5], u, x[5] or 1e-12)[1000:, None] for x in thetas])
 
-    theta = fit_output_error(predict, y[1000:, None], start, scale=scale).theta
+    theta = fit_output_error(OutputErrorProblem(predict, y[1000:, None]), start, scale=scale).theta
     record = record.with_channels(simulated=free_run(theta[:2], theta[2:5], record["input"], theta[5]))
     parts = cut(record, [(105.0, 111.5), (120.0, 126.5), (135.0, 141.5), (150.0, 156.5)])
     return plant_case("nothing", parts, "output", "Silverbox")

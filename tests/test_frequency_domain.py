@@ -6,6 +6,7 @@ from scipy import integrate, signal
 from structsel.errors import DataError, DomainError
 from structsel.numerics import frequency_domain as fd
 from structsel.numerics.output_error import fit_output_error
+from structsel.numerics.output_error_problem import OutputErrorProblem
 
 DT = 0.01
 T = DT * np.arange(2001)  # 20 s
@@ -140,7 +141,7 @@ def test_output_error_in_the_frequency_domain_finds_derivatives_and_delay():
     errors, bounds = [], []
     for _ in range(60):
         Y = fd.transform(y + rng.standard_normal(y.shape) * noise, DT, F, detrend=False)
-        fit = fit_output_error(predict, fd.as_real(Y), truth * [0.6, 1.2, 1.4, 0.7, 0.8, 0.5])
+        fit = fit_output_error(OutputErrorProblem(predict, fd.as_real(Y)), truth * [0.6, 1.2, 1.4, 0.7, 0.8, 0.5])
         assert fit.converged
         errors.append(fit.theta - truth)
         bounds.append(fit.crlb)

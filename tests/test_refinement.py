@@ -181,7 +181,7 @@ def test_a_search_cut_short_says_so_and_carries_its_best():
     found = refine(wrong(), None, as355_flight(), iterations=2, **ALL_OF_IT)
     assert not found.converged
     assert "NOT CONVERGED" in str(found)
-    assert "not settled after 2 steps" in found.doubts[0]
+    assert "not converged after 2 steps" in found.doubts[0]
     assert found.costs[-1] < found.costs[0]
     assert len(found.history()) == 3
 

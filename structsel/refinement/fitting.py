@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from structsel.errors import ModelError, RefinementError
-from structsel.numerics.output_error import GlobalSearch, OutputErrorFit, search_globally
+from structsel.numerics.global_search import GlobalSearch, search_globally
+from structsel.numerics.output_error import OutputErrorFit
+from structsel.numerics.output_error_problem import Constraint, OutputErrorProblem
 from structsel.refinement.flying import LinearFlight
 from structsel.refinement.prediction import PredictionProblem
 from structsel.refinement.problem import Problem
@@ -17,10 +19,8 @@ from structsel.refinement.settings import RefineOptions, StabilityConstraint
 
 _REACH = 4.0  # times its start, either sign: where the evolution looks for a parameter without bounds
 
-Allowed = Callable[[np.ndarray], np.ndarray]
 
-
-def make_constraint(problem: Problem, constraint: StabilityConstraint | None) -> Allowed | None:
+def make_constraint(problem: Problem, constraint: StabilityConstraint | None) -> Constraint | None:
     """Margins of parameter sets, as the kernels take them.
 
     Raises
@@ -44,7 +44,7 @@ def make_constraint(problem: Problem, constraint: StabilityConstraint | None) ->
 
 def evolve(
     problem: Problem,
-    allowed: Allowed | None,
+    allowed: Constraint | None,
     R: np.ndarray | None,
     options: RefineOptions,
     progress: Callable[[str, int, float], None] | None,
@@ -66,10 +66,12 @@ def evolve(
         full[:, searched] = sets
         return full
 
+    reduced = OutputErrorProblem(
+        problem.predict(theta, searched), problem.y, R=R, cost=options.cost, full=options.full_noise,
+        bounds=limits[searched], constraint=None if allowed is None else lambda sets: allowed(whole(sets)),
+    )  # fmt: skip
     found = search_globally(
-        problem.predict(theta, searched), problem.y, limits[searched], R=R, cost=options.cost, full=options.full_noise,
-        constraint=None if allowed is None else lambda sets: allowed(whole(sets)),
-        seed=options.seed, population=options.population, generations=options.generations,
+        reduced, seed=options.seed, population=options.population, generations=options.generations,
         progress=None if progress is None else lambda count, value: progress("evolution", count, value),
     )  # fmt: skip
     return found, whole(found.members) if len(found.members) else theta[None]

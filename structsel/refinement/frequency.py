@@ -8,7 +8,8 @@ import numpy as np
 
 from structsel.errors import DataError, ModelError
 from structsel.numerics.frequency_domain import as_real, choose_frequencies, sampled_response
-from structsel.numerics.output_error import OutputErrorFit, Predict
+from structsel.numerics.output_error import OutputErrorFit
+from structsel.numerics.output_error_problem import Predict
 from structsel.recording import Recording
 from structsel.refinement.flying import Driven, LinearFlight
 from structsel.refinement.parameters import Parameter

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from structsel.numerics.output_error import OutputErrorFit, Predict
+from structsel.numerics.output_error import OutputErrorFit
+from structsel.numerics.output_error_problem import Predict
 from structsel.refinement.problem import Problem, Tracker, filled
 
 _ROUNDS = 15

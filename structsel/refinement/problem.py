@@ -8,10 +8,12 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from structsel.errors import DataError
-from structsel.numerics.output_error import OutputErrorFit, Predict
+from structsel.numerics.output_error import OutputErrorFit
+from structsel.numerics.output_error_problem import Constraint, OutputErrorProblem, Predict
 from structsel.recording import Recording
 from structsel.refinement.parameters import Parameter
 from structsel.refinement.result import OutputFit, judge_output
+from structsel.refinement.settings import RefineOptions
 
 Flyer: TypeAlias = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Model's parameters (m, k), states at the start (m, s), drifts of the states (m, s) and delays (m,) to outputs
@@ -183,6 +185,15 @@ class Problem:
             Where parameter sets have only these columns, the others are held.
         """
         return [self._predict(j, held, free) for j in range(len(self.recordings))]
+
+    def in_numbers(
+        self, R: np.ndarray | None, options: RefineOptions, constraint: Constraint | None
+    ) -> OutputErrorProblem:
+        """The problem as the kernels take it."""
+        return OutputErrorProblem(
+            self.predict(), self.y, R=R, cost=options.cost, full=options.full_noise, affects=self.affects,
+            bounds=self.bounds, constraint=constraint,
+        )  # fmt: skip
 
     def own(self, thetas: np.ndarray) -> np.ndarray:
         """(m, k_model) the model's own parameters of sets (m, k)."""

@@ -94,21 +94,22 @@ def refine(
     allowed = make_constraint(problem, options.constraint)
     R = _covariance(outputs, options)
 
-    def descend(theta: np.ndarray) -> OutputErrorFit:
+    def search_locally(theta: np.ndarray) -> OutputErrorFit:
         return fit_output_error(
-            problem.predict(), problem.y, theta, bounds=problem.bounds, R=R, cost=options.cost,
-            full=options.full_noise, method=options.method, constraint=allowed, affects=problem.affects,
-            scale=problem.scale, iterations=options.iterations, tolerance=options.tolerance,
-            colour=coloured_information if in_time else spectral_information,
+            problem.in_numbers(R, options, allowed), theta, scale=problem.scale, method=options.method,
+            iterations=options.iterations, tolerance=options.tolerance,
+            residual_information=coloured_information if in_time else spectral_information,
             progress=None if progress is None else lambda step, value: progress("descent", step, value),
         )  # fmt: skip
 
     evolved, members = None, problem.theta0[None]
     if options.search is not None:
         evolved, members = evolve(problem, allowed, R, options, progress)
-    fit = min((descend(theta) for theta in members[: max(options.polish, 1)]), key=lambda one: float(one.costs[-1]))
+    fit = min(
+        (search_locally(theta) for theta in members[: max(options.polish, 1)]), key=lambda one: float(one.costs[-1])
+    )
     if isinstance(problem, PredictionProblem):
-        fit = settle(problem, fit, descend)
+        fit = settle(problem, fit, search_locally)
     found = report(
         problem, fit, evolved, options.cost, {"noise": options.noise, "domain": options.domain, "band": band}
     )

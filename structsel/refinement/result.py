@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from structsel.numerics.output_error import GlobalSearch
+from structsel.numerics.global_search import GlobalSearch
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
 
