@@ -17,6 +17,8 @@ from structsel.inputs.information import Information, chosen, information
 from structsel.inputs.mehra_schulz import mehra, schulz
 from structsel.inputs.multisine import multisine
 from structsel.inputs.settings import InputOptions
+from structsel.numerics.output_error import fit_output_error
+from structsel.numerics.output_error_problem import OutputErrorProblem
 from structsel.options import takes_options
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
@@ -318,41 +320,17 @@ def _output_error(
     std: np.ndarray,
     truth: np.ndarray,
 ) -> np.ndarray:
-    """(runs, k) least weighted squares of the outputs' error, by Gauss-Newton with halved steps; nan where lost."""
+    """(runs, k) estimates with known noise by Gauss-Newton from the truth; nan where it does not converge."""
     family = model.family.keep(names, model.theta)
     columns = [model.outputs.index(o) for o in measured]
     u = np.column_stack([inputs[c] for c in model.inputs])
 
-    def error(theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        y = family.simulate(theta, u, inputs.dt)[:, :, columns]
-        return ((readings[rows] - y) / std).reshape(len(rows), -1)
+    def predict(thetas: np.ndarray) -> np.ndarray:
+        return family.simulate(thetas, u, inputs.dt)[:, :, columns]
 
-    theta = np.tile(truth, (len(readings), 1))
-    rows = np.arange(len(readings))
-    cost = np.square(error(theta, rows)).sum(axis=1)
-    moving = np.ones(len(readings), dtype=bool)
-    for _ in range(30):
-        rows = np.flatnonzero(moving)
-        if not rows.size:
-            break
-        S = family.sensitivities(theta[rows], u, inputs.dt)[:, :, columns] / std[:, None]
-        S = S.reshape(len(rows), -1, len(names))
-        size = np.linalg.norm(S, axis=1)
-        S /= size[:, None]
-        gradient = np.einsum("rnk,rn->rk", S, error(theta[rows], rows))
-        move = np.linalg.solve(S.transpose(0, 2, 1) @ S, gradient[:, :, None])[:, :, 0] / size
-        left = np.ones(len(rows), dtype=bool)
-        step = 1.0
-        while left.any() and step > 1e-4:
-            trial = theta[rows[left]] + step * move[left]
-            reached = np.square(error(trial, rows[left])).sum(axis=1)
-            better = reached <= cost[rows[left]]
-            won = rows[left][better]
-            gained = cost[won] - reached[better]
-            theta[won], cost[won] = trial[better], reached[better]
-            moving[won] = gained > 1e-10 * cost[won]
-            left[np.flatnonzero(left)[better]] = False
-            step *= 0.5
-        moving[rows[left]] = False  # no step goes down any more: there
-    theta[moving] = np.nan
-    return theta
+    def estimate(y: np.ndarray) -> np.ndarray:
+        problem = OutputErrorProblem(predict, y, R=std**2, cost="weighted")
+        fit = fit_output_error(problem, truth, method="gauss-newton", iterations=30)
+        return fit.theta if fit.converged else np.full(len(truth), np.nan)
+
+    return np.array([estimate(y) for y in readings])
