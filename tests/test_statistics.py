@@ -24,12 +24,23 @@ def run(case, exponents, forced=(), **options):
 # --- intervals -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("colour", ["ar1_0.92", "smoothed_5pt"])
-def test_intervals_cover_the_truth_in_93_to_97_of_100_where_the_structure_is_given(colour):
+def few_and_many(*numbers):
+    """Cases of each colour: few runs in the default set, which show a gross error, and many in the slow one."""
+    few, many = numbers
+    colours = ("ar1_0.92", "smoothed_5pt")
+    return pytest.mark.parametrize(
+        ("colour", "runs"),
+        [(colours[0], few), *(pytest.param(colour, many, marks=pytest.mark.slow) for colour in colours)],
+    )
+
+
+@few_and_many(30, 250)
+def test_intervals_cover_the_truth_in_93_to_97_of_100_where_the_structure_is_given(colour, runs):
     # 250 runs of 7 terms: 1750 intervals, a standard error of 0.5 % if 95 % is right; 93 and 97 lie four away.
+    # Of the 210 intervals of 30 runs 89.0 to 100 % lie within four standard errors.
     flights = [cases.colour_case(colour, seed, n=2000) for seed in range(5)]
     error, said, textbook = [], [], []
-    for k in range(250):
+    for k in range(runs):
         case = flights[k % 5].redraw(1000 + k)
         found = run(case, case.exponents[list(case.true)], forced=range(7))
         assert_array_equal(found.found.selected, range(7))
@@ -38,21 +49,21 @@ def test_intervals_cover_the_truth_in_93_to_97_of_100_where_the_structure_is_giv
         textbook.append(np.sqrt(np.diag(found.textbook))[1:])
     t = stats.t.ppf(0.975, 2000 - 8)
     inside = np.abs(error) < t * np.array(said)
-    assert 0.93 <= inside.mean() <= 0.97
+    assert abs(inside.mean() - 0.95) <= (0.02 if runs >= 250 else 4.0 * np.sqrt(0.95 * 0.05 / inside.size))
     # The textbook's intervals for white residuals cover far less, which is why they are not the ones printed.
     assert (np.abs(error) < t * np.array(textbook)).mean() < 0.8
-    # The estimates are unbiased: a mean of 250 lies within 3.5 standard errors in 995 of 1000 for all seven.
-    assert np.abs(np.mean(np.array(error) / said, axis=0)).max() < 3.5 / np.sqrt(250)
+    # The estimates are unbiased: the mean of all runs lies within 3.5 standard errors in 995 of 1000 for all seven.
+    assert np.abs(np.mean(np.array(error) / said, axis=0)).max() < 3.5 / np.sqrt(runs)
 
 
-@pytest.mark.parametrize("colour", ["ar1_0.92", "smoothed_5pt"])
-def test_intervals_after_selection_cover_the_truth_in_at_least_90_of_100(colour):
-    # 34 candidates, seven true; a term kept that is not there has zero for its truth. About 560 intervals a
-    # colour: were 95 % right, 90 % would be five standard errors away.
+@few_and_many(10, 80)
+def test_intervals_after_selection_cover_the_truth_in_at_least_90_of_100(colour, runs):
+    # 34 candidates, seven true; a term kept that is not there has zero for its truth. About 560 intervals in 80
+    # runs: were 95 % right, 90 % would be five standard errors away; in 10 runs, two.
     flights = [cases.colour_case(colour, seed, n=2000, n_signals=4) for seed in range(5)]
     assert len(flights[0].exponents) == 34
     inside, exact = [], 0
-    for k in range(80):
+    for k in range(runs):
         case = flights[k % 5].redraw(2000 + k)
         found = run(case, case.exponents, bootstrap=100)
         truth = dict(zip(case.true, case.theta))
@@ -60,27 +71,27 @@ def test_intervals_after_selection_cover_the_truth_in_at_least_90_of_100(colour)
         said = np.fmax(np.sqrt(np.diag(found.covariance)), found.bootstrap.spread)[1:]
         inside += list(np.abs(error) < stats.t.ppf(0.975, found.n - len(found.values)) * said)
         exact += set(found.found.selected) == set(case.true)
-    assert len(inside) > 500
+    assert len(inside) > 6 * runs
     assert np.mean(inside) >= 0.90
-    assert exact >= 64
+    assert exact >= 0.8 * runs
 
 
 # --- structure -------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def recoveries():
-    """Four flights of each of six colours: seven true terms among 164, and what was selected."""
-    every = [cases.colour_case(colour, seed, n=8000) for colour in cases.COLOURS for seed in range(4)]
+@pytest.fixture(scope="module", params=[1, pytest.param(4, marks=pytest.mark.slow)], ids="{} of each".format)
+def recoveries(request):
+    """Flights of each of six colours: seven true terms among 164, and what was selected."""
+    every = [cases.colour_case(colour, seed, n=8000) for colour in cases.COLOURS for seed in range(request.param)]
     return [(case, run(case, case.exponents)) for case in every]
 
 
 def test_the_exact_structure_comes_back_from_164_candidates_in_at_least_8_of_10(recoveries):
     scores = np.array([cases.score(case, found.found.selected) for case, found in recoveries])
     exact, missed, false = scores.sum(axis=0)
-    assert exact >= 20  # of 24
-    assert missed <= 4
-    assert false <= 4
+    assert exact >= 20 / 24 * len(recoveries)
+    assert missed <= len(recoveries) / 6
+    assert false <= len(recoveries) / 6
 
 
 def test_the_model_chosen_never_has_a_worse_bic_than_the_truth(recoveries):
