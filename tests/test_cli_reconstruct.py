@@ -240,7 +240,7 @@ def test_what_stands_is_not_overwritten_unless_asked(folder, common, tmp_path):
 def test_turbulence_is_printed_and_may_be_given(folder, tmp_path):
     # The instruments of the demonstration's aircraft; what noise they have nobody states.
     (tmp_path / "aircraft.toml").write_text(demo._toml(demo_aircraft().to_dict()) + "\n")
-    write_recording(demo_flight("all-axes", 2, turbulence=1.0, duration=15.0), tmp_path / "rough.csv")
+    write_recording(demo_flight("all-axes", 2, turbulence=1.0, duration=8.0), tmp_path / "rough.csv")
     common = (tmp_path / "rough.csv", "--aircraft", tmp_path / "aircraft.toml", "--workers", 1)
     found = run("reconstruct", *common)
     assert re.search(r"turbulence [\d.]+, [\d.]+, [\d.]+ m/s", found.stdout)

@@ -34,6 +34,7 @@ def test_what_recordings_tell_is_what_the_other_effect_and_tolerances_leave_of_t
     assert_allclose(find_separation(bench, one, other).flown, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_manoeuvre_on_the_control_that_barely_moved_tells_two_effects_in_pitch_apart(asked):
     bench, scores = asked
     one, other = scores["wrong-derivative"], scores["downwash-lag"]
@@ -48,6 +49,7 @@ def test_a_manoeuvre_on_the_control_that_barely_moved_tells_two_effects_in_pitch
     assert np.abs(found.inputs["de"]).max() <= 1.001 * largest  # no more than was flown
 
 
+@pytest.mark.slow
 def test_no_manoeuvre_tells_what_is_the_same(asked):
     bench, scores = asked
     one = scores["asymmetry"]

@@ -302,13 +302,14 @@ def test_a_loop_stops_at_the_vertical_and_says_which_part_can_be_used():
     assert f"between(0, {t[steep - 1]:g}) is the longest" in str(caught.value)
 
 
-@pytest.mark.default_cases("0-1.0")
-@pytest.mark.parametrize("turbulence", [1.0, 4.0])
-@pytest.mark.parametrize("which", [0, 1, 3])
-def test_turbulence_is_not_taken_for_a_mistake(which, turbulence):
+@pytest.mark.default_cases("0-1.0-10.0")
+@pytest.mark.parametrize(
+    ("which", "turbulence", "duration"), [(0, 1.0, 10.0), *((i, size, 30.0) for size in (1.0, 4.0) for i in (0, 1, 3))]
+)
+def test_turbulence_is_not_taken_for_a_mistake(which, turbulence, duration):
     # Gusts of 0.8 and 3.2 m/s that the vanes see and the inertial instruments do not, as one air.
     # Where they drown what the accelerometers say, the vane corrections come out absurd, and that is said.
-    found = reconstruct(demo_flight(which, 2, turbulence=turbulence), demo_aircraft())
+    found = reconstruct(demo_flight(which, 2, turbulence=turbulence, duration=duration), demo_aircraft())
     assert all(reason.split(",")[0] in ("Cup", "Calpha0", "Csi") for reason in found.distrust), str(found)
     assert not found.findings
 
