@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from timing import machine, one_blas_thread, publish, say, table
 
 from structsel.numerics.least_squares import refit
-from structsel.numerics.uncertainty import coloured_covariance
+from structsel.numerics.uncertainty import streamed_coloured_covariance
 from structsel.selection import SelectOptions, select_arrays
 
 METHODS = (CLASSICAL, WHITE_PSE, PREWHITENED, PREWHITENED_AUTO)
@@ -81,7 +81,7 @@ def standard_errors(case: object, terms: list[int]) -> list[tuple[NDArray[np.flo
     signals = signals_of(case)  # type: ignore[arg-type]
     exponents = case.exponents[terms]  # type: ignore[attr-defined]
     white = refit(signals, exponents)
-    sandwich = coloured_covariance(signals, exponents, white)
+    sandwich = streamed_coloured_covariance(signals, exponents, white)
     options = SelectOptions(bootstrap=0, workers=1)
     whitened = select_arrays(signals, exponents, options, forced=range(len(terms)))[0]
     place = [list(whitened.found.selected).index(j) + 1 for j in range(len(terms))]

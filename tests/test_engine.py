@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from structsel.numerics.moments import accumulate
+from structsel.numerics.noise_models import random_block_weights
 from structsel.numerics.rows import ArraySignals
-from structsel.numerics.uncertainty import bootstrap_units, bootstrap_weights
 from structsel.selection.engine import select_arrays
+from structsel.selection.resampling import bootstrap_units
 from structsel.selection.settings import SelectOptions
 
 from .flights import cases
@@ -237,7 +238,7 @@ def test_bootstrap_spread_of_forced_terms_is_that_of_weighted_fits_by_statsmodel
     assert found.bootstrap.by == "manoeuvre"
     assert found.bootstrap.units == 9
     units = bootstrap_units(accumulate(flights, POOL))
-    weights = bootstrap_weights(units, 25, np.random.default_rng(3))
+    weights = random_block_weights(units, 25, np.random.default_rng(3))
     each = [weights[:, units == k][:, 0] for k in range(9)]
     X, y = matrix(flights, kept), response(flights)
     fits = [sm.WLS(y, X, weights=np.repeat([w[b] for w in each], 400)).fit().params for b in range(25)]

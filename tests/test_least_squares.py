@@ -5,8 +5,8 @@ import statsmodels.api as sm
 from numpy.testing import assert_allclose
 
 from structsel.errors import SelectionError
-from structsel.numerics.colour import Colour
 from structsel.numerics.least_squares import refit, residual_chunks, residual_colours
+from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.rows import ArraySignals
 
 from .pools import ar1, design, monomial_exponents
@@ -34,7 +34,7 @@ def test_white_refit_equals_statsmodels():
 def test_whitened_refit_equals_statsmodels_generalised_least_squares():
     flight, exponents, X, y = one_flight()
     ar = np.array([0.7, 0.2])
-    fit = refit([flight], exponents, colours=[Colour(ar, 1.0)])
+    fit = refit([flight], exponents, colours=[ARNoise(ar, 1.0)])
     expected = sm.GLSAR(y, X, rho=ar).fit()
     assert_allclose(fit.theta, expected.params, rtol=1e-8)
     assert_allclose(fit.covariance, expected.cov_params(), rtol=1e-7, atol=1e-14)
@@ -43,7 +43,7 @@ def test_whitened_refit_equals_statsmodels_generalised_least_squares():
 def test_manoeuvres_are_weighted_by_their_own_innovation_level():
     a, exponents, Xa, ya = one_flight(seed=1)
     b, _, Xb, yb = one_flight(seed=2)
-    fit = refit([a, b], exponents, colours=[Colour(np.empty(0), 1.0), Colour(np.empty(0), 4.0)])
+    fit = refit([a, b], exponents, colours=[ARNoise(np.empty(0), 1.0), ARNoise(np.empty(0), 4.0)])
     weights = np.r_[np.full(len(ya), 1.0), np.full(len(yb), 1.0 / 16.0)]
     expected = sm.WLS(np.r_[ya, yb], np.vstack([Xa, Xb]), weights=weights).fit()
     assert_allclose(fit.theta, expected.params, rtol=1e-9)

@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 from structsel.errors import SelectionError, TermError
-from structsel.numerics.colour import Colour
 from structsel.numerics.cutting import split_blocks
 from structsel.numerics.distinct import plan_distinct
 from structsel.numerics.moments import (
@@ -18,6 +17,7 @@ from structsel.numerics.moments import (
     sweep_constant,
 )
 from structsel.numerics.monomials import words_of
+from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.rows import CHUNK, ArraySignals
 
 from .pools import design, monomial_exponents
@@ -76,8 +76,8 @@ def test_whitened_products_equal_filtering_every_column_by_scipy():
     exponents = monomial_exponents(3, 2)
     flights = manoeuvres(np.random.default_rng(5), [1400, 600], s=3)
     colours = [
-        [Colour(np.array([0.5, -0.2, 0.1, 0.05, 0.3]), 2.0), Colour(np.array([0.9]), 1.0)],
-        [Colour(np.empty(0), 1.0), Colour(np.array([0.4, 0.1]), 0.5)],
+        [ARNoise(np.array([0.5, -0.2, 0.1, 0.05, 0.3]), 2.0), ARNoise(np.array([0.9]), 1.0)],
+        [ARNoise(np.empty(0), 1.0), ARNoise(np.array([0.4, 0.1]), 0.5)],
     ]
     moments = accumulate_whitened(flights, exponents, colours, blocks=4)
     reach = [5, 2]  # the longest filter of any response in each manoeuvre
@@ -119,7 +119,7 @@ def test_memory_above_the_signals_does_not_grow_with_samples():
         accumulate(flight, exponents, workers=1)
         tracemalloc.start()
         accumulate(flight, exponents, workers=1)
-        accumulate_whitened(flight, exponents, [[Colour(np.full(6, 0.1))]], workers=1)
+        accumulate_whitened(flight, exponents, [[ARNoise(np.full(6, 0.1))]], workers=1)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.05 * peaks[0]

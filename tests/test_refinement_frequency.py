@@ -4,10 +4,10 @@ from numpy.testing import assert_allclose
 
 from structsel.errors import DataError, DomainError, ModelError
 from structsel.model import AeroModel, ResponseModel
-from structsel.numerics.coloured_output import spectral_information
 from structsel.numerics.frequency_domain import sampled_response
 from structsel.numerics.linear_systems import LinearSystem, simulate_linear
 from structsel.numerics.linear_systems.motion import interval
+from structsel.numerics.noise_models import spectral_score_covariance
 from structsel.recording import Recording
 from structsel.refinement import LinearStructure, compare_estimates, equation_error, refine
 from structsel.simulation.linear_library import as355
@@ -142,7 +142,7 @@ def test_errors_allow_for_the_colour_of_the_spectrum():
         s = np.std(v)
         residual = (v - theta @ S[:, :, 0]) / s
         errors.append(theta)
-        claimed.append(np.diag(D @ spectral_information(S, residual[:, None]) @ D) * s**2)
+        claimed.append(np.diag(D @ spectral_score_covariance(S, residual[:, None]) @ D) * s**2)
         white.append(np.diag(D) * s**2)
     ratio = np.var(errors, axis=0) / np.mean(claimed, axis=0)
     assert_allclose(ratio, 1.0, atol=0.25)  # a variance of 400: 7 %, here at 3.5 of that

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from structsel.numerics.colour import Colour
+from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.passes import Part, Piece
 from structsel.numerics.rows import Signals
 
@@ -62,7 +62,7 @@ class Cut:
             ]
         )
 
-    def parts(self, manoeuvres: Sequence[Signals], colours: Sequence[Sequence[Colour]] = ()) -> list[Part]:
+    def parts(self, manoeuvres: Sequence[Signals], colours: Sequence[Sequence[ARNoise]] = ()) -> list[Part]:
         """The blocks with their data, and with the colours of every response in every manoeuvre."""
         return [
             [Piece(manoeuvres[b.manoeuvre], b.start, b.stop, tuple(of[b.manoeuvre] for of in colours)) for b in block]

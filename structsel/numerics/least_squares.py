@@ -17,9 +17,9 @@ from scipy.linalg.lapack import dgeqrf
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.colour import WHITE, Colour, LagMoments, fit_ar, reference_sigma, whiten_rows
 from structsel.numerics.cutting import cut_blocks, whole_manoeuvres
 from structsel.numerics.monomials import plan_rows, words_of
+from structsel.numerics.noise_models import WHITE_NOISE, ARNoise, LagProducts, fit_ar, pooled_innovation_std, prewhiten
 from structsel.numerics.passes import Part, Passes, Piece, Progress
 from structsel.numerics.rows import SLAB, RowMaker, Scales, Signals, base_scale, column_scale
 
@@ -127,7 +127,7 @@ class Factors:
                 if filled + width > buffer.shape[1]:
                     buffer[:, :q], filled = _triangle(buffer[:, :filled]).T, q
                 into = buffer[:, filled : filled + width]
-                whiten_rows(rows, colour.ar, self.levels[r] / colour.sigma, colour.order, into)
+                prewhiten(rows, colour.ar, self.levels[r] / colour.sigma, colour.order, into)
                 filled += width
         return _triangle(buffer[:, :filled])
 
@@ -141,7 +141,7 @@ def refit(
     manoeuvres: Sequence[Signals],
     exponents: NDArray[np.integer],
     response: int = 0,
-    colours: Sequence[Colour] | None = None,
+    colours: Sequence[ARNoise] | None = None,
 ) -> Fit:
     """Fit the constant and these terms by a streamed QR factor; one response of `refit_each`."""
     return refit_each(manoeuvres, [exponents], [colours], [response])[0]
@@ -150,7 +150,7 @@ def refit(
 def refit_each(
     manoeuvres: Sequence[Signals],
     exponents: Sequence[NDArray[np.integer]],
-    colours: Sequence[Sequence[Colour] | None],
+    colours: Sequence[Sequence[ARNoise] | None],
     responses: Sequence[int],
     *,
     scales: Scales | None = None,
@@ -165,7 +165,7 @@ def refit_each(
     manoeuvres : sequence of Signals
     exponents : sequence of (k, s) int array
         The kept terms only, of each response.
-    colours : sequence of (sequence of Colour, or None)
+    colours : sequence of (sequence of ARNoise, or None)
         Of each response, one per manoeuvre; white where None.
     responses : sequence of int
         Which.
@@ -179,10 +179,10 @@ def refit_each(
     """
     scales = scales or base_scale(manoeuvres)
     lengths = [m.n for m in manoeuvres]
-    of = [c if c is not None else [WHITE] * len(manoeuvres) for c in colours]
+    of = [c if c is not None else [WHITE_NOISE] * len(manoeuvres) for c in colours]
     blocks = min(BLOCKS, sum(lengths) // BLOCK_ROWS)  # a block more is a factor more
     cut = cut_blocks(lengths, blocks, max(len(kept) for kept in exponents))
-    job = Factors(exponents, responses, [reference_sigma(c, lengths) for c in of], scales)
+    job = Factors(exponents, responses, [pooled_innovation_std(c, lengths) for c in of], scales)
     made = (passes or Passes()).over(job, cut.parts(manoeuvres, of), workers, progress).table
     fits, at = [], 0
     for kept, colour, response in zip(exponents, of, responses, strict=True):
@@ -291,7 +291,7 @@ class Colours:
             table = np.zeros((len(part), len(self.residuals), 2 + self.max_order))
             for rows, piece in zip(table, part, strict=True):
                 for row, residuals, floor in zip(rows, self.residuals, self.floors, strict=True):
-                    moments = LagMoments(max(0, min(self.max_order, piece.signals.n // 12 - 1)))
+                    moments = LagProducts(max(0, min(self.max_order, piece.signals.n // 12 - 1)))
                     for chunk in residuals.chunks(piece):
                         moments.add(chunk)
                     colour = fit_ar(moments, floor)
@@ -308,7 +308,7 @@ def residual_colours(
     response: int = 0,
     max_order: int = 24,
     floor: float = 0.0,
-) -> list[Colour]:
+) -> list[ARNoise]:
     """An AR model of each manoeuvre's residual of one response; see `colours_each`."""
     return list(colours_each(manoeuvres, [exponents], [theta], [response], max_order, [floor])[0])
 
@@ -325,7 +325,7 @@ def colours_each(
     passes: Passes | None = None,
     workers: int = 1,
     progress: Progress | None = None,
-) -> list[tuple[Colour, ...]]:
+) -> list[tuple[ARNoise, ...]]:
     """AR models of each manoeuvre's residuals, order by BIC, in one pass.
 
     Parameters
@@ -344,7 +344,7 @@ def colours_each(
 
     Returns
     -------
-    list of tuple of Colour
+    list of tuple of ARNoise
         For each response, one per manoeuvre.
     """
     scales = scales or base_scale(manoeuvres)
@@ -352,4 +352,4 @@ def colours_each(
     parts = whole_manoeuvres([m.n for m in manoeuvres]).parts(manoeuvres)
     made = (passes or Passes()).over(Colours(residuals, floors, max_order), parts, workers, progress)
     table = made.values.reshape(len(manoeuvres), len(residuals), 2 + max_order)
-    return [tuple(Colour(row[2 : 2 + int(row[0])].copy(), float(row[1])) for row in of) for of in table.swapaxes(0, 1)]
+    return [tuple(ARNoise(row[2 : 2 + int(row[0])].copy(), float(row[1])) for row in of) for of in table.swapaxes(0, 1)]

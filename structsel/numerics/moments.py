@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.colour import Colour, reference_sigma, whiten_rows
 from structsel.numerics.cutting import cut_blocks
 from structsel.numerics.distinct import DistinctMaker, plan_distinct
 from structsel.numerics.monomials import plan_rows, words_of
+from structsel.numerics.noise_models import ARNoise, pooled_innovation_std, prewhiten
 from structsel.numerics.passes import Part, Passes, Progress
 from structsel.numerics.rows import CHUNK, RowMaker, Scales, Signals, base_scale, column_scale, plain_products
 
@@ -197,7 +197,7 @@ class WhitenedProducts:
                     for r, colour in enumerate(piece.colours):
                         rows[1 + p] = responses[r]
                         into = filtered[:, : b - a]
-                        whiten_rows(rows[: p + 2], colour.ar, self.levels[r] / colour.sigma, reach, into)
+                        prewhiten(rows[: p + 2], colour.ar, self.levels[r] / colour.sigma, reach, into)
                         np.matmul(into, into.T, out=product)
                         totals[r] += product
             return totals.reshape(m, -1)[:, upper].ravel()
@@ -255,7 +255,7 @@ def accumulate(
 def accumulate_whitened(
     manoeuvres: Sequence[Signals],
     exponents: NDArray[np.integer],
-    colours: Sequence[Sequence[Colour]],
+    colours: Sequence[Sequence[ARNoise]],
     *,
     blocks: int = 12,
     workers: int | None = None,
@@ -276,7 +276,7 @@ def accumulate_whitened(
     Returns
     -------
     list of MomentSet
-        With one response each, rows weighted by reference_sigma / sigma_k.
+        With one response each, rows weighted by pooled_innovation_std / sigma_k.
     """
     scales = scales or base_scale(manoeuvres)
     p, m = len(exponents), scales[1].size
@@ -285,7 +285,7 @@ def accumulate_whitened(
     n = cut.n([max(of[k].order for of in colours) for k in range(len(manoeuvres))])
     threads = choose_workers(workers, int(n.sum()), p)
     parts = cut.parts(manoeuvres, colours)
-    job = WhitenedProducts(exponents, scales, [reference_sigma(of, lengths) for of in colours])
+    job = WhitenedProducts(exponents, scales, [pooled_innovation_std(of, lengths) for of in colours])
     packed = (passes or Passes()).over(job, parts, threads, progress).table.reshape(n.size, m, -1)
     scale = column_scale(exponents, *scales)
     of_response = [np.append(scale[: p + 1], scale[p + 1 + r]) for r in range(m)]

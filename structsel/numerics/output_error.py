@@ -25,10 +25,10 @@ import numpy as np
 from scipy import linalg
 
 from structsel.errors import DomainError
-from structsel.numerics.coloured_output import coloured_information
+from structsel.numerics.noise_models import score_covariance
 from structsel.numerics.output_error_problem import OutputErrorProblem
 
-ResidualInformation: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
+ScoreCovariance: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Whitened sensitivities (k, n, c) and residuals (n, c) of a manoeuvre to the middle (k, k) of the sandwich."""
 
 CONVERGED = "the estimates have converged"
@@ -121,7 +121,7 @@ def fit_output_error(
     tolerance: float = 1e-5,
     damping: float = 1e-3,
     factor: float = 10.0,
-    residual_information: ResidualInformation = coloured_information,
+    score: ScoreCovariance = score_covariance,
     progress: Callable[[int, float], None] | None = None,
 ) -> OutputErrorFit:
     """Parameters with the least output error near a start.
@@ -144,8 +144,8 @@ def fit_output_error(
         standard deviation.
     damping, factor : float
         First damping, a fraction of the information's diagonal, and the factor by which it changes.
-    residual_information : callable
-        `coloured_information`, or `spectral_information` for transforms.
+    score : callable
+        `score_covariance`, or `spectral_score_covariance` for transforms.
     progress : callable, optional
         Called with the step's number and the cost.
 
@@ -172,7 +172,7 @@ def fit_output_error(
         j = int(outside[0])
         raise DomainError(f"parameter {j} starts at {theta[j]:g}, outside its bounds {bounds[j].tolist()}.")
     typical = np.where(theta != 0.0, np.abs(theta), 1.0) if scale is None else np.asarray(scale, dtype=float)
-    search = _LocalSearch(problem, bounds, typical, method, tolerance, damping, factor, residual_information)
+    search = _LocalSearch(problem, bounds, typical, method, tolerance, damping, factor, score)
     return search.run(theta, iterations, progress)
 
 
@@ -185,7 +185,7 @@ class _LocalSearch:
     tolerance: float
     damping: float
     factor: float
-    residual_information: ResidualInformation
+    score: ScoreCovariance
     evaluations: int = 0
 
     def run(self, theta: np.ndarray, iterations: int, progress: Callable[[int, float], None] | None) -> OutputErrorFit:
@@ -307,7 +307,7 @@ class _LocalSearch:
             H, _, S, v = self.information(theta, outputs)
             D, undetermined = _invert(H, self.scale)
             blanked = [np.where(sampled, r, np.nan) for sampled, r in zip(problem.sampled, v)]
-            middle = np.sum([self.residual_information(s, r) for s, r in zip(S, blanked)], axis=0)
+            middle = np.sum([self.score(s, r) for s, r in zip(S, blanked)], axis=0)
             if problem.prior is not None:
                 middle = middle + np.diag(problem.prior[1] ** -2.0)
             covariance = _sandwich(D, middle)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.colour import Colour
+from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.rows import Signals
 
 Progress = Callable[[int, int], None]
@@ -33,7 +33,7 @@ class Piece:
     signals: Signals
     start: int
     stop: int
-    colours: tuple[Colour, ...] = ()
+    colours: tuple[ARNoise, ...] = ()
 
 
 Part = Sequence[Piece]

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from structsel.numerics import flight_path as fp
+from structsel.numerics.noise_models import autocorrelation
 from structsel.numerics.unscented import Filtered
 
 _LAGS_SECONDS = 5.0
@@ -111,7 +112,7 @@ def judge(run: Filtered, residuals: np.ndarray, measured: tuple[str, ...], dt: f
         e = e[np.isfinite(e) & ~run.rejected[rows, j]]
         left = residuals[:, j][np.isfinite(residuals[:, j]) & ~run.rejected[:, j]]
         lags = max(1, min(len(e) // 4, round(_LAGS_SECONDS / dt)))
-        rho = autocorrelation(e, lags)
+        rho = autocorrelation(e, lags)[1:] if len(e) > 2 else np.zeros(0)
         bound = 1.96 / np.sqrt(max(len(e), 1))
         channels.append(
             ChannelConsistency(
@@ -134,23 +135,11 @@ def judge(run: Filtered, residuals: np.ndarray, measured: tuple[str, ...], dt: f
     return Consistency(tuple(channels), nis, (float(low), float(high)))
 
 
-def autocorrelation(x: np.ndarray, lags: int) -> np.ndarray:
-    """(lags,) autocorrelation of a sequence about its mean, at lags 1, 2, ..."""
-    n = len(x)
-    if n < 3:
-        return np.zeros(0)
-    x = x - x.mean()
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(x, size)
-    products = np.fft.irfft(spectrum * spectrum.conj(), size)[: lags + 1]
-    return products[1:] / products[0] if products[0] > 0.0 else np.zeros(lags)
-
-
 def inflation_of(x: np.ndarray) -> float:
     """1 + 2 sum of the autocorrelations up to the first below the noise: the cost of colour to a mean."""
     if len(x) < 10:
         return 1.0
-    rho = autocorrelation(x, max(1, len(x) // 5))
+    rho = autocorrelation(x, max(1, len(x) // 5))[1:]
     # A sum over all lags would be noise: stop where they can no longer be told from zero.
     below = np.flatnonzero(rho < 1.0 / np.sqrt(len(x)))
     last = int(below[0]) if below.size else len(rho)

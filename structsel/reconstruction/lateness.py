@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.numerics import flight_path as fp
+from structsel.numerics.noise_models import coloured_covariance
 from structsel.numerics.unscented import FlightPathProblem
-from structsel.reconstruction.consistency import autocorrelation
 
 _LEAST_SAMPLES = 40
 LONGEST_DELAY = 0.5
@@ -73,20 +73,10 @@ def _regress(columns: np.ndarray, e: np.ndarray) -> tuple[float, float]:
     """Coefficient of the first column, and its standard deviation with the residual as coloured as it is."""
     size = np.sqrt(np.mean(columns**2, axis=0))
     size[size == 0.0] = 1.0
-    Q, R = np.linalg.qr(columns / size)
+    scaled = columns / size
+    R = np.linalg.qr(scaled, mode="r")
     if np.abs(np.diag(R)).min() < 1e-6 * np.abs(np.diag(R)).max():
         return 0.0, np.inf
-    theta = np.linalg.solve(R, Q.T @ e)
-    left = e - Q @ (Q.T @ e)
-    direction = np.linalg.inv(R)[0] @ Q.T  # theta[0] is this times e
-    return float(theta[0] / size[0]), float(np.sqrt(_variance_of_sum(direction, left)) / size[0])
-
-
-def _variance_of_sum(weight: np.ndarray, noise: np.ndarray) -> float:
-    """Variance of sum(weight * noise) from the autocorrelation of both."""
-    n = len(noise)
-    lags = max(1, n // 5)
-    own = np.concatenate(([1.0], autocorrelation(noise, lags))) * float(np.mean(noise**2))
-    pairs = np.concatenate(([1.0], autocorrelation(weight, lags))) * float(np.sum(weight**2))
-    taper = 1.0 - np.arange(lags + 1) / (lags + 1)
-    return max(float(own[0] * pairs[0]), float(own[0] * pairs[0] + 2.0 * np.sum((taper * own * pairs)[1:])))
+    theta = np.linalg.lstsq(scaled, e, rcond=None)[0]
+    covariance = coloured_covariance([scaled], [e - scaled @ theta])
+    return float(theta[0] / size[0]), float(np.sqrt(covariance[0, 0]) / size[0])

@@ -15,8 +15,8 @@ from structsel.coefficients import compute_all
 from structsel.errors import DataError, ModelError
 from structsel.model import AeroModel
 from structsel.numerics import frequency_domain as fd
-from structsel.numerics.coloured_output import coloured_information
 from structsel.numerics.differentiation import differentiate
+from structsel.numerics.noise_models import coloured_covariance
 from structsel.recording import Recording
 from structsel.refinement.flying import LinearFlight
 from structsel.refinement.layout import check_recordings
@@ -225,11 +225,12 @@ def _in_time(name: str, equation: _Equation) -> tuple[np.ndarray, np.ndarray, fl
     theta = theta / size
     residuals = [b - a @ theta for a, b in zip(X, y)]
     loss = float(sum(v @ v for v in residuals))
-    s = np.sqrt(loss / max(len(response) - len(theta), 1)) or 1.0
-    D = np.linalg.inv((pooled / size).T @ (pooled / size)) * s**2 / np.outer(size, size)
-    meat = sum(coloured_information((a / s).T[:, :, None], (v / s)[:, None]) for a, v in zip(X, residuals))
     spread = float(np.sum((response - response.mean()) ** 2))
-    return theta[:k], np.sqrt(np.diag(D @ meat @ D))[:k], 1.0 - loss / spread if spread > 0.0 else np.nan
+    return (
+        theta[:k],
+        np.sqrt(np.diag(coloured_covariance(X, residuals)))[:k],
+        1.0 - loss / spread if spread > 0.0 else np.nan,
+    )
 
 
 def _over_band(

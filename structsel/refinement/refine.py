@@ -10,7 +10,7 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import ModelError
 from structsel.model import AeroModel
-from structsel.numerics.coloured_output import coloured_information, spectral_information
+from structsel.numerics.noise_models import score_covariance, spectral_score_covariance
 from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.options import takes_options
 from structsel.recording import Recording
@@ -98,7 +98,7 @@ def refine(
         return fit_output_error(
             problem.in_numbers(R, options, allowed), theta, scale=problem.scale, method=options.method,
             iterations=options.iterations, tolerance=options.tolerance,
-            residual_information=coloured_information if in_time else spectral_information,
+            score=score_covariance if in_time else spectral_score_covariance,
             progress=None if progress is None else lambda step, value: progress("descent", step, value),
         )  # fmt: skip
 

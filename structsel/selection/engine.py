@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.collinearity import Conditioning, condition_indices, vif
-from structsel.numerics.colour import Colour
 from structsel.numerics.least_squares import Fit, colours_each, refit_each
 from structsel.numerics.moments import MomentSet, accumulate, accumulate_whitened, choose_workers
+from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.passes import Passes
 from structsel.numerics.rows import Scales, Signals, base_scale
-from structsel.numerics.uncertainty import coloured_covariance
+from structsel.numerics.uncertainty import streamed_coloured_covariance
 from structsel.selection.biased import estimate_biased
 from structsel.selection.resampling import Bootstrap, HeldOut, predict_held_out, repeat_selection
 from structsel.selection.rivals import Rival, find_rivals
@@ -44,7 +44,7 @@ class Outcome:
     found: Found
     dependent: tuple[int, ...]
     classical: Found
-    colours: tuple[Colour, ...]
+    colours: tuple[ARNoise, ...]
     by_blocks: bool
     n_blocks: int
     settled: bool
@@ -164,7 +164,7 @@ class Choice:
 
     way: Way
     found: Found
-    colours: tuple[Colour, ...]
+    colours: tuple[ARNoise, ...]
     settled: bool = True
     refused: tuple[float, float] | None = None
 
@@ -205,7 +205,7 @@ def _outcome(response: int, data: Data, plain: MomentSet, classical: Found, choi
     if colours:
         covariance = fit.covariance
     else:
-        covariance = coloured_covariance(
+        covariance = streamed_coloured_covariance(
             data.manoeuvres, data.exponents[kept], fit, response, workers=data.workers, **data.given
         )
     total, scale = plain.total(), plain.scale

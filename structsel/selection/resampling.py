@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed
+from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.moments import MomentSet, choose_workers
-from structsel.numerics.uncertainty import bootstrap_units, bootstrap_weights
+from structsel.numerics.noise_models import random_block_weights
 from structsel.selection.search import Found, prediction_error, solve
 from structsel.selection.way import Way, without
 
@@ -99,13 +100,19 @@ def predict_held_out(way: Way, plain: MomentSet) -> HeldOut | None:
     return HeldOut(parts, bool(within), np.array(sse), np.array(tss), np.array(n))
 
 
+def bootstrap_units(moments: MomentSet, fewest: int = 8) -> NDArray[np.int64]:
+    """(B,) unit of each block: its manoeuvre where there are at least ``fewest``, else the block itself."""
+    names, unit = np.unique(moments.manoeuvre, return_inverse=True)
+    return unit if names.size >= fewest else np.arange(moments.n_blocks)
+
+
 def repeat_selection(way: Way, found: Found, progress: Callable[[int, int], None] | None) -> Bootstrap | None:
     """Repeat the selection on randomly weighted blocks; no data are touched."""
     options, moments = way.options, way.moments
     if not options.bootstrap or moments.n_blocks < 2:
         return None
     units = bootstrap_units(moments)
-    weights = bootstrap_weights(units, options.bootstrap, np.random.default_rng(options.seed))
+    weights = random_block_weights(units, options.bootstrap, np.random.default_rng(options.seed))
     kept = list(found.selected)
     counts = np.zeros(moments.n_candidates)
     values = np.full((options.bootstrap, 1 + len(kept)), np.nan)

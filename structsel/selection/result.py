@@ -16,7 +16,7 @@ from structsel.candidates import Candidates, Term
 from structsel.errors import SelectionError
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics.collinearity import Conditioning
-from structsel.numerics.colour import Colour
+from structsel.numerics.noise_models import ARNoise
 from structsel.rich_text import opening, to_html
 from structsel.selection.identifiability import Alias
 from structsel.selection.settings import SelectOptions
@@ -102,7 +102,7 @@ class Selection:
         By models selected without each part.
     held_out_r2, held_out_rms : float
         All parts together; nan where nothing could be held out.
-    colours : tuple of Colour
+    colours : tuple of ARNoise
         One per recording; empty where nothing was whitened.
     by_blocks : bool
         Whether tests took the scatter over blocks.
@@ -143,7 +143,7 @@ class Selection:
     held_out: tuple[HeldOutPart, ...]
     held_out_r2: float
     held_out_rms: float
-    colours: tuple[Colour, ...]
+    colours: tuple[ARNoise, ...]
     by_blocks: bool
     classical: tuple[Term, ...]
     aliases: tuple[Alias, ...]

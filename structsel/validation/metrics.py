@@ -11,6 +11,7 @@ import numpy as np
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from structsel.errors import DataError, DomainError
+from structsel.numerics import noise_models
 
 Normaliser = Literal["rms", "std", "range"]
 
@@ -173,9 +174,7 @@ def autocorrelation(residual: Any, lags: int) -> np.ndarray:
     """
     e = _one(residual, "residual")
     _reaches(e, lags, "Autocorrelation")
-    e = e - e.mean()
-    products = np.array([e[lag:] @ e[: len(e) - lag] for lag in range(lags + 1)])
-    return products / products[0]
+    return noise_models.autocorrelation(e, lags)
 
 
 def white_bound(n: int) -> float:
