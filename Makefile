@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all static check bench fuzz wheel lowest format clean
+.PHONY: demo proof test test-all static check bench fuzz wheel lowest format clean
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -47,6 +47,9 @@ bench: .venv-bench/.installed  ## ratios against X.T @ X and the peers, goals S1
 
 fuzz: $(VENV)/.installed-dev  ## damaged files by the thousand, for every reader; about half an hour
 	OMP_NUM_THREADS=1 STRUCTSEL_FUZZ=200 $(BIN)/python -m pytest tests/test_fuzzing.py -k damaged -q -s
+
+proof: $(VENV)/.installed-dev  ## how often the diagnosis is right: CASES (20) cases of development
+	OMP_NUM_THREADS=1 $(BIN)/python -m proof --cases $(or $(CASES),20) --out out/proof
 
 wheel: $(VENV)/.installed-dev  ## build the wheel, look what is in it, install it by itself and use it
 	rm -rf build out/wheel

@@ -33,7 +33,7 @@ def commands() -> str:
     """The manual page of each command."""
     os.environ |= {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"}
     pages = ["# Commands\n"]
-    for name in ["", *get_command(app).commands]:  # type: ignore[attr-defined]
+    for name in ["", *(n for n, c in get_command(app).commands.items() if not c.hidden)]:  # type: ignore[attr-defined]
         told = CliRunner().invoke(app, [*filter(None, [name]), "--help"]).stdout
         pages.append(f"## structsel {name}\n\n```text\n{told.rstrip()}\n```\n")
     return "\n".join(pages)

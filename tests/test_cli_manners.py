@@ -16,7 +16,7 @@ from structsel.cli import app
 from structsel.model import ResponseModel
 
 PLAIN = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
-COMMANDS = list(get_command(app).commands)
+COMMANDS = [name for name, command in get_command(app).commands.items() if not command.hidden]
 SELECT = ("select", "flights", "--responses", "Cm", "--candidates", "alpha,de", "--bootstrap", "0")
 
 

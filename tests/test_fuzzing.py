@@ -16,12 +16,12 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from typer.main import get_command
 
+from proof.keys import Key
 from structsel import AeroModel, Aircraft, read_recording, write_recording
 from structsel.candidates import Term
 from structsel.cli import app
 from structsel.cli.defaults import load_defaults
 from structsel.errors import AircraftError, DataError, MapError, ModelError, StructselError
-from structsel.proving.keys import Key
 from structsel.readers import apart, limits
 from structsel.readers.channel_map import load_channel_map
 from structsel.recording import Recording

@@ -16,7 +16,6 @@ from structsel.cli import (
     diagnose,
     export,
     inputs,
-    prove,
     reconstruct,
     refine,
     select,
@@ -140,10 +139,16 @@ for _name, _command in {
     "refine": refine,
     "diagnose": diagnose,
     "export": export,
-    "prove": prove,
     "demo": demo,
 }.items():
     app.command(_name, epilog=_command.EPILOG)(mannered(_command.run))
+
+
+@app.command("prove", hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
+def _prove(ctx: typer.Context) -> None:
+    """Moved: ``python -m proof``, from a clone of the repository."""
+    say("error", "'structsel prove' has left the package. Run 'python -m proof' from a clone of the repository.")
+    raise typer.Exit(2)
 
 
 def main() -> None:

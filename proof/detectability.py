@@ -1,0 +1,32 @@
+"""Whether a case can be decided: the log evidence that a perfect account of its effects would reach."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from proof.case_files import Case
+from proof.scenario.measurement import COEFFICIENTS
+from proof.worker import open_case
+from structsel.diagnosis import comparison
+
+
+def log_evidence_of(case: Case, folder: Path) -> float | None:
+    """Log Bayes factor of a perfect account of a case's effects against none; None where it is not known.
+
+    What the effects add is taken to first order along the recordings, so that a free simulation counts as forced.
+
+    Parameters
+    ----------
+    case : Case
+    folder : Path
+        Where it was written.
+    """
+    if not case.contribution:
+        return None
+    compared = comparison(*open_case(folder), hypotheses=())
+    return compared.log_bayes_factor(
+        {
+            recording.name: {c: (recording.t, x) for c, x in zip(COEFFICIENTS, added.T) if c in compared.responses}
+            for recording, added in zip(case.recordings, case.contribution)
+        }
+    )

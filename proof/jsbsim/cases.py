@@ -1,0 +1,295 @@
+"""One concealed case in the making: what is left out, how much of it, the truth flown, the key."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Literal, cast
+
+import numpy as np
+
+from proof.case_files import Case
+from proof.jsbsim import setting
+from proof.jsbsim.aircraft import Plane
+from proof.jsbsim.effects import Drawn, choose, effects_of, unknown_effect
+from proof.jsbsim.faults import Fault
+from proof.jsbsim.flight import Flight, Truth, fly
+from proof.jsbsim.functions import Part, scaled
+from proof.jsbsim.manoeuvres import plan_flights
+from proof.jsbsim.open_loop import fly_free
+from proof.jsbsim.prescribed_motion import coefficients, parts_of
+from proof.jsbsim.readings import channels_of, joined, measured_as_stated, read, restated, told
+from proof.keys import EffectKey, Key
+from proof.scenario.measurement import COEFFICIENTS, OFF_BY, gains
+from proof.scenario.sizing import NotAttainable
+from structsel.errors import SimulationError
+from structsel.recording import Recording
+
+Family = Literal["single", "pair", "null", "outside", "clutter"]
+Severity = Literal["easy", "medium", "hard"]
+
+BANDS = {"easy": (0.3, 0.7), "medium": (0.15, 0.3), "hard": (0.05, 0.15)}
+_DOORS = (
+    {"static-stall", "stall-hysteresis"}, {"configuration-change", "store-release", "mass-error", "icing"},
+    {"actuator-lag", "actuator-rate-limit", "actuator-saturation", "backlash", "augmentation"},
+    {"sensor-scale", "sensor-bias", "position-error", "sensor-misalignment", "sensor-delay", "gust"},
+    {"thrust-scale", "thrust-lag"}, {"compressibility", "flexibility", "control-stretch", "reynolds"},
+)  # fmt: skip
+"""Effects that would come in by the same door do not share a case."""
+
+
+@dataclass(eq=False)
+class Draft:
+    """A case in the making."""
+
+    plane: Plane
+    family: Family
+    severity: Severity
+    wanted: str | None
+    seed: int
+    rng: np.random.Generator
+
+    def case(self) -> Case:
+        """Draw, fly, size, fly again and assemble.
+
+        Raises
+        ------
+        SimulationError, AircraftError, NotAttainable
+            Something of it cannot be flown, stated or made to show.
+        """
+        rng, craft = self.rng, self.plane
+        self.effects = self._choose()
+        needs = [p for e in self.effects for p in e.needs]
+        if len(self.effects) > 1:  # each of several has its share of the eight
+            needs = [p for e in self.effects for p in dict.fromkeys(e.needs)]
+        if rng.random() < 0.15 and "low" not in needs:
+            needs.append("low")
+        if craft.has_brake and rng.random() < 0.1:
+            needs.append("brake")
+        lift = self.effects[0].lift if self.effects else (0.3, 0.6)
+        heights = (4000.0, 8500.0) if lift[0] < 0.2 and craft.mass > 2000.0 else (700.0, 2500.0)
+        dt = 0.02 if any(e.name == "structural-mode" for e in self.effects) else float(rng.choice([0.04, 0.04, 0.02]))
+        plain = plan_flights(craft, needs[:6], dt, rng, lift, heights)
+        self.manoeuvres = [f.manoeuvre for f in plain]
+        store = sum(e.store_mass for e in self.effects)
+        share = float(rng.choice(OFF_BY))
+        self.chain = setting.draw_chain(craft, rng, share=share, store=store, null=self.family == "null")
+        self.wind: dict[str, np.ndarray] = {}
+        if self.family == "null" and self.chain.blind:
+            self.wind = setting.draw_turbulence(self.manoeuvres, craft.aircraft.b, rng)
+            plain = [fly(craft, m, Truth(wind=self.wind)) for m in self.manoeuvres]
+        self.factors = setting.draw_factors(craft, plain, share, rng)
+        for k, drawn in enumerate(self.effects):
+            band = BANDS[self.severity] if k == 0 or self.family == "pair" else (0.02, 0.05)
+            self.effects[k] = self._sized(drawn, plain, float(rng.uniform(*band)))
+        flights = plain
+        if any(e.flies for e in self.effects):
+            flights = self._fly_truth()
+        return self._assemble(flights)
+
+    # --- what is concealed ------------------------------------------------------------------------
+
+    def _choose(self) -> list[Drawn]:
+        if self.family == "null":
+            return []
+        if self.family == "outside":
+            return [unknown_effect(self.plane, self.rng)]
+        there = effects_of(self.plane)
+        if self.wanted is not None and self.wanted not in there:
+            raise SimulationError(
+                f"{self.plane.name} has no effect '{self.wanted}'; it has {', '.join(sorted(there))}."
+            )
+        count = {"single": 1, "pair": 2, "clutter": 3}[self.family]
+        names = [str(n) for n in self.rng.permutation(sorted(there))]
+        if self.wanted is not None:
+            names = [self.wanted, *[n for n in names if n != self.wanted]]
+        chosen: list[str] = []
+        for n in names:
+            if len(chosen) < count and not any(n in doors and other in doors for other in chosen for doors in _DOORS):
+                chosen.append(n)
+        return [choose(self.plane, n, self.rng) for n in chosen]
+
+    def _wrong_parts(self, changed: Sequence[Part] = ()) -> tuple[Part, ...]:
+        """The simulation's parts: some changed, all off by the tolerances."""
+        parts = parts_of(self.plane, changed)
+        return tuple(replace(p, node=scaled(p.node, self.factors[p.name])) if p.axis else p for p in parts)
+
+    # --- sizes ------------------------------------------------------------------------------------
+
+    def _sized(self, drawn: Drawn, flights: Sequence[Flight], target: float) -> Drawn:
+        """The effect at the size that makes the target attainable in its clearest axis, by bisection."""
+        rest = self._residuals(flights, [])
+
+        unit = self._shift(drawn, 1.0, flights) if drawn.linear else []
+
+        def reached(size: float) -> float:
+            shift = [size * u for u in unit] or self._shift(drawn, size, flights)
+            with_it = [r + d for r, d in zip(rest, shift)]
+            return max(gains(with_it, rest).values())
+
+        low, high = drawn.low, drawn.high
+        most = reached(high)
+        if most < min(BANDS["hard"][0], target):
+            raise NotAttainable(f"'{drawn.name}' reaches {most:.3f} on {self.plane.name}, {target:.2f} is wanted")
+        if most < target:
+            return drawn.at(high)
+        if reached(low) > target:
+            return drawn.at(low)
+        for _ in range(14):
+            middle = (low * high) ** 0.5
+            low, high = (middle, high) if reached(middle) < target else (low, middle)
+        return drawn.at(high)
+
+    def _shift(self, drawn: Drawn, size: float, flights: Sequence[Flight]) -> list[np.ndarray]:
+        """What the effect adds to measured less simulated (n, 6), along flights without it."""
+        return [drawn.shift(self.plane, f, size, self.chain) for f in flights]
+
+    def _residuals(self, flights: Sequence[Flight], effects: Sequence[Drawn]) -> list[np.ndarray]:
+        """Measured less simulated, each of the effects concealed."""
+        return [m - s for m, s, _ in (self._one(f, k, effects) for k, f in enumerate(flights))]
+
+    def _one(
+        self, flight: Flight, k: int, effects: Sequence[Drawn]
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Measured and simulated coefficients, and readings, with the faults of the effects in place."""
+        fault = joined([e.fault(e.size) for e in effects if e.fault is not None])
+        stated = restated(self.chain.stated, fault)
+        unseen = any(e.gust is not None for e in self.effects)
+        clean = channels_of(flight, self.chain.truth, Fault(), unseen)
+        faulty = channels_of(flight, self.chain.truth, fault, unseen)
+        readings = read(flight, faulty, self.chain, k)
+        blind = self.chain.blind or any(e.gust is not None for e in effects)
+        off = told(flight, clean, faulty, readings, replace(self.chain, stated=stated, blind=blind), k)
+        changed = [p for e in effects for p in e.without(self.plane)]
+        simulated = coefficients(self.plane, flight, self._wrong_parts(changed), off)
+        return measured_as_stated(flight.t, readings, stated), simulated, readings
+
+    # --- the truth and the case -------------------------------------------------------------------
+
+    def _fly_truth(self) -> list[Flight]:
+        lawful = [e for e in self.effects if e.law is not None]
+        for k, e in enumerate(lawful):
+            self.effects[self.effects.index(e)] = replace(e, place=k)
+            e.law.size = e.size  # type: ignore[union-attr]
+        gusts = [e for e in self.effects if e.gust is not None]
+        truth = Truth(
+            extras=[e.law for e in self.effects if e.law is not None],
+            actuators=dict(a for a in (e.fault(e.size).actuator for e in self.effects if e.fault is not None) if a),
+            wind={m.name: sum((e.wind(m.t, int(m.name[1:]), float(m.start[8])) for e in gusts), np.zeros((len(m.t), 3)))
+                  for m in self.manoeuvres} if gusts else {},
+        )  # fmt: skip
+        stores = [e for e in self.effects if e.store_mass]
+        manoeuvres = [replace(m, store=stores[0].store(m)) if stores else m for m in self.manoeuvres]
+        return [fly(self.plane, m, truth) for m in manoeuvres]
+
+    def _assemble(self, flights: Sequence[Flight]) -> Case:
+        made = [self._one(f, k, self.effects) for k, f in enumerate(flights)]
+        before = [m - s for m, s, _ in made]
+        after = [self._perfect(f, k, self.effects) for k, f in enumerate(flights)]
+        attainable = gains(before, after)
+        fault = joined([e.fault(e.size) for e in self.effects if e.fault is not None])
+        stated = restated(self.chain.stated, fault)
+        names = [f.manoeuvre.name for f in flights]
+        simulated = {
+            n: {"t": f.t, **{a: s[:, k] for k, a in enumerate(COEFFICIENTS)}}
+            for n, f, (_, s, _) in zip(names, flights, made)
+        }
+        form: Literal["forced", "free"] = "forced"
+        only = self.effects[0] if len(self.effects) == 1 else None
+        if only is not None and (only.native or only.law) and not only.store_mass and self.rng.random() < 0.15:
+            flown = fly_free(self.plane, flights, self._wrong_parts(list(only.without(self.plane))), self.chain.truth)
+            if flown is not None:
+                simulated, form = flown, "free"
+        recorded = self._recorded
+        recordings = [Recording(n, f.t, recorded(r)) for n, f, (_, _, r) in zip(names, flights, made)]
+        size = max(attainable.values(), default=0.0)
+        severity = "none" if not self.effects else next((s for s, (low, _) in BANDS.items() if size >= low), "hard")
+        severity = cast(Literal["easy", "medium", "hard", "none"], severity)
+        keyed = sorted((self._key(e, flights) for e in self.effects), key=lambda found: -found[0])
+        keys = tuple(found[1] for found in keyed)
+        if self.wind:
+            keys = (
+                EffectKey(
+                    effect="turbulence", accept=("turbulence",), tie=("unknown",), kinds=("random",), axes=COEFFICIENTS
+                ),
+            )
+        key = Key(
+            verdicts=("mismatch",) if self.effects else ("consistent",), form=form, severity=severity,
+            attainable={a: max(0.0, v) for a, v in attainable.items()}, effects=keys,
+            source=f"jsbsim/{self.plane.name}", family=self.family, seed=self.seed,
+        )  # fmt: skip
+        contribution = self._contribution(flights) if self.effects else ()
+        return Case(f"case-j{self.seed:05d}", stated, recordings, simulated, key, contribution=contribution)
+
+    def _contribution(self, flights: Sequence[Flight]) -> tuple[np.ndarray, ...]:
+        """What the effects add to measured less simulated (n, 6), as instruments without noise would show it."""
+        quiet = copy(self)
+        quiet.chain = replace(self.chain, noise=dict.fromkeys(self.chain.noise, 0.0), colour=0.0)
+        found = quiet._residuals(flights, self.effects)
+        return tuple(x - quiet._perfect(f, k, self.effects) for k, (x, f) in enumerate(zip(found, flights)))
+
+    def _recorded(self, readings: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Channels that the file has: a configuration that is unrecorded is left out."""
+        hidden = {c for e in self.effects for c in e.hidden}
+        moved = {c for m in self.manoeuvres for c in ("df", "gear", "brake") if c in m.commands}
+        keep = {
+            c: v for c, v in readings.items() if c not in ("df", "gear", "brake") or (c in moved and c not in hidden)
+        }
+        return {("speedbrake" if c == "brake" else c): v for c, v in keep.items()}
+
+    def _perfect(self, flight: Flight, k: int, effects: Sequence[Drawn]) -> np.ndarray:
+        """Measured less simulated after a perfect account of the effects given."""
+        gone = [e for e in self.effects if e not in effects]
+        m, s, _ = self._one(flight, k, gone)
+        surfaces = {
+            c: flight[f"real_{c}"] - flight[c] for e in effects for c in e.surfaces if f"real_{c}" in flight.channels
+        }
+        if surfaces:  # a perfect account drives the simulation with the true surface
+            real = replace(
+                flight, channels={c: v for c, v in flight.channels.items() if c not in {f"real_{x}" for x in surfaces}}
+            )
+            m, s, _ = self._one(real, k, gone)
+        extra = sum((e.added(flight) for e in effects if e.law is not None), np.zeros_like(s))
+        if any(e.store_mass for e in effects):
+            lost = (flight["mass"] / flight["mass"][0] - 1.0)[:, None]
+            force = np.column_stack([flight[f"F{c}"] / flight["mass"] for c in "xyz"]) * flight["mass"][0]
+            m[:, :3] += lost * force / (flight["qbar"] * self.plane.aircraft.S)[:, None]
+        return np.asarray(m - s - extra)
+
+    def _key(self, drawn: Drawn, flights: Sequence[Flight]) -> tuple[float, EffectKey]:
+        """By how much an effect acts, and where."""
+        others = [e for e in self.effects if e is not drawn]
+        alone = [self._perfect(f, k, self.effects) for k, f in enumerate(flights)]
+        missing = [self._perfect(f, k, others) for k, f in enumerate(flights)] if others else \
+            [m - s for m, s, _ in (self._one(f, k, self.effects) for k, f in enumerate(flights))]  # fmt: skip
+        shares = gains(missing, alone)
+        clear = sorted(
+            (a for a in COEFFICIENTS if shares[a] > max(0.03, 0.2 * max(shares.values()))), key=lambda a: -shares[a]
+        )
+        axes = tuple(clear) or (max(shares, key=lambda a: shares[a]),)
+        intervals, region = None, None
+        if drawn.local:
+            k = COEFFICIENTS.index(axes[0])
+            shift = [np.abs(b - a)[:, k] for b, a in zip(missing, alone)]
+            limit = 0.12 * max(float(s.max()) for s in shift)
+            intervals = {f.manoeuvre.name: _stretches(f.t, s > limit) for f, s in zip(flights, shift)}
+            if drawn.region in ("h_agl", "alpha"):
+                seen = np.concatenate(
+                    [f["h" if drawn.region == "h_agl" else "alpha"][s > limit] for f, s in zip(flights, shift)]
+                )
+                region = {drawn.region: (float(seen.min()), float(seen.max()))}
+        return max(shares.values()), EffectKey(
+            effect=drawn.name, accept=(drawn.name, *drawn.accept), tie=drawn.tie, kinds=(drawn.kind,), axes=axes,
+            region=region, parameters=drawn.parameters(), intervals=intervals,
+        )  # fmt: skip
+
+
+def _stretches(t: np.ndarray, on: np.ndarray, gap: float = 0.8) -> list[tuple[float, float]]:
+    """Stretches of time in which a flag is up, short gaps closed, blips left out."""
+    if not on.any():
+        return []
+    at = t[on]
+    cuts = np.flatnonzero(np.diff(at) > gap)
+    starts, ends = np.concatenate([at[:1], at[cuts + 1]]), np.concatenate([at[cuts], at[-1:]])
+    return [(float(a), float(b)) for a, b in zip(starts, ends) if b - a > 0.2]

@@ -1,0 +1,292 @@
+"""Physics that a JSBSim aircraft has of its own, found in its functions, and those functions without it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from proof.jsbsim.aircraft import Plane
+from proof.jsbsim.functions import (
+    CL_SQUARED,
+    H_B,
+    Node,
+    Operation,
+    Part,
+    Property,
+    Table,
+    Value,
+    blended,
+    folded,
+    scaled,
+    walk,
+)
+from proof.jsbsim.functions import replace as replace_nodes
+from proof.keys import Kind
+
+ALPHA, BETA, MACH = ("aero/alpha-rad", "aero/alpha-deg"), ("aero/beta-rad", "aero/beta-deg"), ("velocities/mach",)
+SIDESLIP = (*BETA, "aero/mag-beta-rad")
+FLAP = ("fcs/flap-pos-rad", "fcs/flap-pos-deg", "fcs/flap-pos-norm")
+GEAR = ("gear/gear-pos-norm",)
+BRAKE = ("fcs/speedbrake-pos-norm", "fcs/speedbrake-pos-rad")
+WASH = ("propulsion/engine/prop-induced-velocity_fps", "systems/propulsion/thrust-coefficient",
+        "propulsion/engine[0]/thrust-coefficient")  # fmt: skip
+_LONG = ("LIFT", "DRAG", "PITCH")
+_LATERAL = ("SIDE", "ROLL", "YAW")
+_RATES = {f"velocities/{c}{kind}-rad_sec": c for c in "pqr" for kind in ("", "-aero")}
+_CONTROLS = ("elevator", "aileron", "rudder")
+
+
+@dataclass(frozen=True, eq=False)
+class Native:
+    """One piece of an aircraft's own physics.
+
+    Attributes
+    ----------
+    effect : str
+    parts : tuple of Part
+        As a simulation without it has them.
+    needs : tuple of str
+        Purposes of manoeuvres that show it.
+    tie : tuple of str
+    kind : str
+    label : str
+        What is left out.
+    region : str
+        Channel that bounds it; empty where it acts everywhere.
+    """
+
+    effect: str
+    parts: tuple[Part, ...]
+    needs: tuple[str, ...] = ()
+    tie: tuple[str, ...] = ()
+    kind: Kind = "static"
+    label: str = ""
+    region: str = ""
+    lift: tuple[float, float] = (0.3, 0.6)
+    accept: tuple[str, ...] = ()
+
+    def left_in(self, plane: Plane, share: float) -> tuple[Part, ...]:
+        """The parts with a share of the physics left in."""
+        own = {part.name: part for part in plane.parts}
+        return tuple(replace(p, node=blended(own[p.name].node, p.node, share)) for p in self.parts)
+
+
+def find_native(plane: Plane) -> list[Native]:
+    """All that can be left out of an aircraft, by the structure of its functions."""
+    found: list[Native] = []
+    for find in (_ground, _mach, _polar, _stall, _hysteresis, _configuration, _wake, _wash, _crossing, _curved_control,
+                 _wrong, _reynolds):  # fmt: skip
+        found += find(plane)
+    return found
+
+
+def _all_reads(plane: Plane, part: Part) -> frozenset[str]:
+    """Properties that a part reads, itself or through free functions."""
+    free = {p.name: p for p in plane.parts if not p.axis}
+    reads: set[str] = set()
+    waiting = list(part.reads())
+    while waiting:
+        name = waiting.pop()
+        if name in reads:
+            continue
+        reads.add(name)
+        if name in free:
+            waiting += list(free[name].reads())
+    return frozenset(reads)
+
+
+def _frozen(parts: tuple[Part, ...], values: dict[str, float]) -> tuple[Part, ...]:
+    """Those of the parts that read a property, with its value in its place."""
+
+    def change(node: Node) -> Node | None:
+        return Value(node.sign * values[node.name]) if isinstance(node, Property) and node.name in values else None
+
+    return tuple(replace(p, node=folded(replace_nodes(p.node, change))) for p in parts if p.reads() & set(values))
+
+
+def _without(plane: Plane, reads: tuple[str, ...], axes: tuple[str, ...] = ()) -> tuple[Part, ...]:
+    return tuple(
+        replace(p, node=scaled(p.node, 0.0))
+        for p in plane.parts
+        if p.axis and p.reads() & set(reads) and (not axes or p.axis in axes)
+    )
+
+
+def _ground(plane: Plane) -> list[Native]:
+    parts = _frozen(plane.parts, {H_B: 5.0})
+    needs = ("low", "low", "low")
+    return [Native("ground-effect", parts, needs, (), label="in all axes", region="h_agl")] if parts else []
+
+
+def _mach(plane: Plane) -> list[Native]:
+    parts = _frozen(plane.parts, {MACH[0]: 0.2})
+    tie = ("wrong-derivative", "flexibility", "drag-polar")
+    return [Native("compressibility", parts, ("speed", "speed"), tie, label="Mach held at 0.2", lift=(0.12, 0.6))] \
+        if parts else []  # fmt: skip
+
+
+def _polar(plane: Plane) -> list[Native]:
+    made = []
+    parts = _without(plane, (CL_SQUARED,), ("DRAG",))
+    if parts:
+        made.append(Native("drag-polar", parts, ("pull", "speed"), ("missing-term",), label="CL squared in drag"))
+    for part in plane.parts:
+        if part.axis == "DRAG" and part.reads() & set(ALPHA) and not part.reads() & set(MACH):
+            straight = _straightened(part, ALPHA, 0.0, 0.14)
+            if straight is not None:
+                made.append(Native("drag-polar", (straight,), ("pull", "speed"), ("missing-term", "static-stall"),
+                                   label="curvature of drag with incidence"))  # fmt: skip
+    return made
+
+
+def _straightened(part: Part, names: tuple[str, ...], low: float, high: float, extend: bool = False) -> Part | None:
+    """The part with each table in one of the names made linear in it, or its line from low to high kept beyond."""
+    hit = False
+
+    def change(node: Node) -> Node | None:
+        nonlocal hit
+        if not isinstance(node, Table):
+            return None
+        rows = node.inputs[0]
+        if not (isinstance(rows, Property) and rows.name in names):
+            return None
+        unit = 57.29578 if rows.name.endswith("deg") else 1.0
+        x = node.axes[0]
+        inside = (x >= low * unit - 1e-9) & (x <= high * unit + 1e-9)
+        if inside.sum() < 2 or (not extend and inside.sum() < 3):
+            return None
+        centred = x[inside] - x[inside].mean()
+        data = node.data.reshape(len(x), -1)
+        slope = (centred @ data[inside]) / (centred @ centred)
+        middle = data[inside].mean(axis=0)
+        line = middle + (x[:, None] - x[inside].mean()) * slope
+        if extend:
+            keep = x <= high * unit + 1e-9
+            line[keep] = data[keep]
+            last = np.flatnonzero(keep)[-1]
+            line[~keep] = data[last] + (x[~keep, None] - x[last]) * slope
+            far = np.append(x, x[-1] + 0.3 * unit)  # tables are held beyond their ends; a line is not
+            line = np.vstack([line, line[-1] + 0.3 * unit * slope])
+            hit = True
+            return Table(node.inputs, (far, *node.axes[1:]), line.reshape(len(far), *node.data.shape[1:]))
+        hit = True
+        return Table(node.inputs, node.axes, line.reshape(node.data.shape))
+
+    made = replace_nodes(part.node, change)
+    return replace(part, node=made) if hit else None
+
+
+def _stall(plane: Plane) -> list[Native]:
+    """Lift tables go on as they started, and drag and moment tables with them."""
+    parts = []
+    for part in plane.parts:
+        if part.axis == "LIFT" and part.reads() & set(ALPHA):
+            made = _straightened(part, ALPHA, 0.0, 0.16, extend=True)
+            if made is not None:
+                parts.append(made)
+    if not parts:
+        return []
+    hold = {"aero/stall-hyst-norm": 0.0}
+    parts = [next(iter(_frozen((p,), hold)), p) for p in parts]
+    tie = ("missing-term", "stall-hysteresis")
+    return [Native("static-stall", tuple(parts), ("stall", "stall", "stall"), tie, label="lift goes on beyond 9 deg",
+                   region="alpha")]  # fmt: skip
+
+
+def _hysteresis(plane: Plane) -> list[Native]:
+    parts = _frozen(plane.parts, {"aero/stall-hyst-norm": 0.0})
+    return [Native("stall-hysteresis", parts, ("stall", "stall", "stall"), ("static-stall",), "memory",
+                   "lower branch of lift", "alpha")] if parts else []  # fmt: skip
+
+
+def _configuration(plane: Plane) -> list[Native]:
+    made = []
+    for which, names in (("df", FLAP), ("gear", GEAR), ("brake", BRAKE)):
+        parts = _without(plane, names, _LONG)
+        parts = tuple(p for p in parts if not _mixed(plane, p, names))
+        if parts:
+            made.append(Native("configuration-change", parts, (which,) * 4, (), label=which, region=which))
+    return made
+
+
+def _mixed(plane: Plane, part: Part, names: tuple[str, ...]) -> bool:
+    """Whether the part would act without what is moved, too."""
+    own = next(p for p in plane.parts if p.name == part.name)
+    zero = replace_nodes(own.node, lambda n: Value(0.0) if isinstance(n, Property) and n.name in names else None)
+    tables = [n for n in walk(zero) if isinstance(n, Table)]
+    product = isinstance(zero, Operation) and zero.kind == "product"
+    factors = zero.of if isinstance(zero, Operation) else ()
+    gone = product and any(isinstance(n, Value) and n.value == 0.0 for n in factors)
+    held = product and any(
+        isinstance(n, Table) and len(n.inputs) == 1 and isinstance(n.inputs[0], Value)
+        and abs(float(np.interp(0.0, n.axes[0], n.data))) < 1e-9
+        for n in tables
+    )  # fmt: skip
+    return not (gone or held)
+
+
+def _wake(plane: Plane) -> list[Native]:
+    parts = _without(plane, ("aero/alphadot-rad_sec",))
+    tie = ("wrong-derivative", "unsteady-lift", "sensor-delay")
+    return [Native("downwash-lag", parts, ("pitch", "pull", "turn"), tie, "memory", "alpha-dot terms")] if parts else []
+
+
+def _wash(plane: Plane) -> list[Native]:
+    values = {name: 0.0 for name in WASH if name in plane.leaves}
+    parts = _frozen(plane.parts, values) if values else ()
+    tie = ("wrong-derivative", "thrust-line", "thrust-scale")
+    return [Native("slipstream", parts, ("throttle", "throttle", "throttle", "speed"), tie, "propulsive",
+                   "the propeller's wash")] if parts else []  # fmt: skip
+
+
+def _crossing(plane: Plane) -> list[Native]:
+    made = []
+    parts = _without(plane, SIDESLIP, _LONG)
+    if parts:
+        made.append(
+            Native("cross-coupling", parts, ("lateral", "lateral"), ("missing-term",), label="sideslip in drag")
+        )
+    bent = []
+    for part in plane.parts:
+        if part.axis in _LATERAL and part.reads() & set(ALPHA) and (part.reads() & ({*SIDESLIP} | set(_RATES))):
+            bent.append(next(iter(_frozen((part,), {name: 0.05 * (57.3 if "deg" in name else 1) for name in ALPHA}))))
+    if bent:
+        made.append(Native("cross-coupling", tuple(bent), ("lateral", "turn", "stall"),
+                           ("missing-term", "wrong-derivative"),
+                           label="incidence in lateral derivatives"))  # fmt: skip
+    return made
+
+
+def _curved_control(plane: Plane) -> list[Native]:
+    made = []
+    for part in plane.parts:
+        names = tuple(n for n in part.reads() if "pos-rad" in n and any(c in n for c in _CONTROLS))
+        if part.axis in ("PITCH", "ROLL", "YAW") and names:
+            straight = _straightened(part, names, -0.12, 0.12, extend=False)
+            if straight is not None:
+                made.append(Native("control-nonlinearity", (straight,), ("pull", "lateral"), ("missing-term",),
+                                   label=part.name))  # fmt: skip
+    return made
+
+
+def _wrong(plane: Plane) -> list[Native]:
+    """Each derivative that can be wrong."""
+    made = []
+    for part in plane.parts:
+        reads = part.reads()
+        wanted = reads & ({*ALPHA, *BETA} | set(_RATES)) or any(c in n for n in reads for c in _CONTROLS)
+        if part.axis in ("LIFT", "SIDE", "ROLL", "PITCH", "YAW") and wanted and "aero/alphadot-rad_sec" not in reads:
+            needs = ("pitch", "pull") if part.axis in _LONG else ("lateral", "lateral")
+            tie: tuple[str, ...] = ("inertia-error",) if part.axis in ("ROLL", "PITCH", "YAW") else ("mass-error",)
+            if part.axis == "PITCH":
+                tie = (*tie, "cg-shift", "downwash-lag")
+            made.append(Native("wrong-derivative", (replace(part, node=scaled(part.node, 0.0)),), needs, tie,
+                               "parameter",                                part.name))  # fmt: skip
+    return made
+
+
+def _reynolds(plane: Plane) -> list[Native]:
+    parts = _frozen(plane.parts, {"aero/Re": 3e6})
+    return [Native("reynolds", parts, ("speed", "speed"), ("compressibility", "wrong-derivative"),
+                   label="Re held at 3e6")] if parts else []  # fmt: skip

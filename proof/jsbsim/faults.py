@@ -1,0 +1,228 @@
+"""Faults between what happens and what is recorded: sensors, actuators, constants of the aircraft, air."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from proof.jsbsim.flight import Flight
+from proof.keys import Kind
+from structsel.simulation import Instruments
+
+Follow = Callable[[float, float, Mapping[str, float]], float]
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """A fault of some size.
+
+    Attributes
+    ----------
+    scale, bias, delay : mapping of channel to value
+        Of what is recorded.
+    place : mapping of {"accelerometer", "vane"} to (3,) array [m]
+        True less stated place.
+    mix : tuple of (channel, other, angle)
+        The channel takes angle times the other, which loses as much of the channel.
+    mass, inertia : mapping
+        Factors of the stated ones: ``mass``, ``Ix``, ``Iy``, ``Iz``.
+    actuator : (surface, maker of a follower), optional
+    shown : mapping
+        For the key.
+    """
+
+    scale: Mapping[str, float] = field(default_factory=dict)
+    bias: Mapping[str, float] = field(default_factory=dict)
+    delay: Mapping[str, float] = field(default_factory=dict)
+    place: Mapping[str, np.ndarray] = field(default_factory=dict)
+    mix: tuple[tuple[str, str, float], ...] = ()
+    mass: float = 1.0
+    inertia: Mapping[str, float] = field(default_factory=dict)
+    actuator: tuple[str, Callable[[], Follow]] | None = None
+    shown: Mapping[str, float | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class FaultSpec:
+    """A fault as it may be drawn: `make` of (rng) gives a fault for each size, in (low, high)."""
+
+    make: Callable[[np.random.Generator], Callable[[float], Fault]]
+    kind: Kind
+    low: float
+    high: float
+    needs: tuple[str, ...] = ()
+    tie: tuple[str, ...] = ()
+    accept: tuple[str, ...] = ()
+
+
+def _sign(rng: np.random.Generator) -> float:
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def _bias(rng: np.random.Generator) -> Callable[[float], Fault]:
+    channel, s = str(rng.choice(["alpha", "beta", "alpha", "de", "az"])), _sign(rng)
+    unit = {"az": 30.0}.get(channel, 1.0)
+    return lambda x: Fault(bias={channel: s * x * unit}, shown={"channel": channel, "bias": s * x * unit})
+
+
+def _scale(rng: np.random.Generator) -> Callable[[float], Fault]:
+    channel, s = str(rng.choice(["alpha", "alpha", "beta", "az", "de", "q"])), _sign(rng)
+    return lambda x: Fault(scale={channel: s * x}, shown={"channel": channel, "scale": 1.0 + s * x})
+
+
+def _delay(rng: np.random.Generator) -> Callable[[float], Fault]:
+    channel = str(rng.choice(["alpha", "beta", "q", "p", "alpha"]))
+    return lambda x: Fault(delay={channel: x}, shown={"channel": channel, "delay": x})
+
+
+def _place(rng: np.random.Generator) -> Callable[[float], Fault]:
+    sensor, s = str(rng.choice(["accelerometer", "vane"])), _sign(rng)
+    axis = int(rng.choice([0, 2])) if sensor == "accelerometer" else 0
+    names = "xyz"
+    return lambda x: Fault(place={sensor: np.eye(3)[axis] * s * x}, shown={"sensor": sensor, f"d{names[axis]}": s * x})
+
+
+def _misaligned(rng: np.random.Generator) -> Callable[[float], Fault]:
+    one, other = [("ax", "az"), ("r", "p"), ("ay", "az"), ("alpha", "beta")][int(rng.choice([0, 0, 1, 2]))]
+    s = _sign(rng)
+    return lambda x: Fault(mix=((one, other, s * x),), shown={"channels": f"{one}, {other}", "angle": s * x})
+
+
+def _pitot(rng: np.random.Generator) -> Callable[[float], Fault]:
+    s = _sign(rng)
+    return lambda x: Fault(scale={"V": s * x}, shown={"scale of V": 1.0 + s * x})
+
+
+def _mass(rng: np.random.Generator) -> Callable[[float], Fault]:
+    s = _sign(rng)
+    return lambda x: Fault(mass=1.0 + s * x, shown={"stated over true": 1.0 + s * x})
+
+
+def _inertia(rng: np.random.Generator) -> Callable[[float], Fault]:
+    which, s = str(rng.choice(["Ix", "Iy", "Iz"])), _sign(rng)
+    # A stated tensor must stay one of a body: heavier in yaw, lighter in the others, is always possible to half.
+    return lambda x: Fault(inertia={which: 1.0 + s * x}, shown={"moment": which, "stated over true": 1.0 + s * x})
+
+
+def _surface(rng: np.random.Generator) -> str:
+    return str(rng.choice(["de", "de", "da", "dr"]))
+
+
+def _lagged(rng: np.random.Generator) -> Callable[[float], Fault]:
+    surface = _surface(rng)
+
+    def make(tau: float) -> Follow:
+        held: dict[str, float] = {}
+
+        def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
+            x = held.get("x", command)
+            held["x"] = x + (command - x) * (1.0 - math.exp(-dt / tau))
+            return held["x"]
+
+        return follow
+
+    return lambda x: Fault(actuator=(surface, lambda: make(x)), shown={"surface": surface, "tau": x})
+
+
+def _limited(rng: np.random.Generator) -> Callable[[float], Fault]:
+    surface = _surface(rng)
+
+    def make(rate: float) -> Follow:
+        held: dict[str, float] = {}
+
+        def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
+            x = held.get("x", command)
+            held["x"] = x + max(-rate * dt, min(rate * dt, command - x))
+            return held["x"]
+
+        return follow
+
+    return lambda x: Fault(actuator=(surface, lambda: make(1.0 / x)), shown={"surface": surface, "rate": 1.0 / x})
+
+
+def _stopped(rng: np.random.Generator) -> Callable[[float], Fault]:
+    surface = _surface(rng)
+    s = _sign(rng)
+
+    def make(depth: float) -> Follow:
+        # Beyond the position at rest by what leaves 1 / depth of the travel.
+        held: dict[str, float] = {}
+
+        def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
+            rest = held.setdefault("rest", command)
+            stop = s * 0.03 / depth
+            return min(command, rest + stop) if s > 0 else max(command, rest + stop)
+
+        return follow
+
+    return lambda x: Fault(
+        actuator=(surface, lambda: make(x)), shown={"surface": surface, "stop from trim": s * 0.03 / x}
+    )
+
+
+def _play(rng: np.random.Generator) -> Callable[[float], Fault]:
+    surface = _surface(rng)
+
+    def make(width: float) -> Follow:
+        held: dict[str, float] = {}
+
+        def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
+            x = held.get("x", command)
+            held["x"] = max(command - 0.5 * width, min(command + 0.5 * width, x))
+            return held["x"]
+
+        return follow
+
+    return lambda x: Fault(actuator=(surface, lambda: make(x)), shown={"surface": surface, "width": x})
+
+
+def _damper(rng: np.random.Generator) -> Callable[[float], Fault]:
+    surface, rate = [("de", "q"), ("dr", "r"), ("da", "p")][int(rng.integers(3))]
+
+    def make(gain: float) -> Follow:
+        return lambda command, dt, now: command + gain * now[rate]
+
+    return lambda x: Fault(actuator=(surface, lambda: make(x)), shown={"surface": surface, "gain": x, "rate": rate})
+
+
+FAULTS: dict[str, FaultSpec] = {
+    "sensor-bias": FaultSpec(_bias, "sensor", 0.008, 0.08, tie=("steady-wind", "asymmetry", "sensor-scale")),
+    "sensor-scale": FaultSpec(_scale, "sensor", 0.02, 0.4, ("pitch", "lateral"), ("wrong-derivative", "sensor-bias")),
+    "sensor-delay": FaultSpec(_delay, "sensor", 0.02, 0.35, ("pitch", "lateral"), ("unsteady-lift", "actuator-lag")),
+    "sensor-position": FaultSpec(_place, "sensor", 0.25, 12.0, ("pitch", "lateral", "multisine"), ("sensor-delay",)),
+    "sensor-misalignment": FaultSpec(
+        _misaligned, "sensor", 0.008, 0.12, ("pitch", "pull"), ("sensor-bias", "drag-polar")
+    ),
+    "position-error": FaultSpec(_pitot, "sensor", 0.01, 0.12, ("speed",), ("mass-error",)),
+    "mass-error": FaultSpec(_mass, "inertial", 0.012, 0.25, ("pull", "pitch"), ("position-error",)),
+    "inertia-error": FaultSpec(
+        _inertia, "inertial", 0.04, 0.3, ("pitch", "lateral"), ("wrong-derivative", "sensor-scale")
+    ),
+    "actuator-lag": FaultSpec(_lagged, "actuator", 0.03, 0.35, ("pitch", "lateral"), ("sensor-delay",)),
+    "actuator-rate-limit": FaultSpec(_limited, "actuator", 1.0, 60.0, ("pitch", "lateral"), ("actuator-lag",)),
+    "actuator-saturation": FaultSpec(_stopped, "actuator", 0.15, 5.0, ("pitch", "lateral"), ("control-nonlinearity",)),
+    "backlash": FaultSpec(_play, "actuator", 0.002, 0.06, ("pitch", "lateral", "multisine"), ("actuator-lag",)),
+    "augmentation": FaultSpec(_damper, "actuator", 0.01, 1.0, ("pitch", "lateral"), ("wrong-derivative",)),
+}
+
+
+def apply(t: np.ndarray, channels: dict[str, np.ndarray], fault: Fault) -> dict[str, np.ndarray]:
+    """Channels as a fault records them; places are for who makes the channels."""
+    made = dict(channels)
+    for one, other, angle in fault.mix:
+        made[one], made[other] = made[one] + angle * made[other], made[other] - angle * made[one]
+    keep = lambda held: {c: v for c, v in held.items() if c in made}  # noqa: E731
+    return Instruments(scale=keep(fault.scale), bias=keep(fault.bias), delay=keep(fault.delay)).read(t, made)
+
+
+def follow_along(flight: Flight, surface: str, make: Callable[[], Follow]) -> np.ndarray:
+    """Where the surface would have been along a flight without the fault (n,) [rad]."""
+    follow, dt = make(), float(flight.t[1] - flight.t[0])
+    fine = 4
+    command = np.interp(np.arange(len(flight.t) * fine) / fine, np.arange(len(flight.t)), flight[surface])
+    rates = {c: flight[c].tolist() for c in "pqr"}
+    made = [follow(x, dt / fine, {c: v[i // fine] for c, v in rates.items()}) for i, x in enumerate(command.tolist())]
+    return np.array(made[::fine])

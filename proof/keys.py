@@ -1,0 +1,131 @@
+"""The key of a concealed case: what was left out, and what may be said of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
+
+from structsel.atomic import write_text
+from structsel.errors import DataError
+
+Kind = Literal[
+    "static", "memory", "sensor", "actuator", "propulsive", "inertial", "atmospheric", "structural", "parameter",
+    "random",
+]  # fmt: skip
+Verdict = Literal["mismatch", "consistent", "undecidable"]
+Form = Literal["forced", "free", "model", "jsbsim", "python"]
+Severity = Literal["easy", "medium", "hard", "none"]
+Family = Literal["single", "pair", "null", "outside", "clutter"]
+Intervals = dict[str, list[tuple[float, float]]]
+DECIDABLE = 10.0
+"""Log evidence below which an effect cannot be distinguished from what the stated tolerances allow."""
+_FROZEN = ConfigDict(extra="forbid", frozen=True)
+
+
+class EffectKey(BaseModel):
+    """One effect that the simulation lacks.
+
+    Attributes
+    ----------
+    effect : str
+        Its name; ``unknown`` where no name covers it.
+    accept : tuple of str
+        Names as right as the first.
+    tie : tuple of str
+        Names that may be declared ambiguous with it.
+    kinds : tuple of str
+    axes : tuple of str
+        Coefficients (or the channel) in which it shows, the clearest first.
+    region : mapping of channel to (low, high), optional
+        Where it acts; None acts everywhere.
+    parameters : mapping
+        What was put in; under a name that tells its unit where it is not SI.
+    intervals : mapping of recording to stretches [s], optional
+        When it acts; None acts all the time.
+    """
+
+    model_config = _FROZEN
+    effect: str
+    accept: tuple[str, ...]
+    tie: tuple[str, ...] = ()
+    kinds: tuple[Kind, ...]
+    axes: tuple[str, ...]
+    region: dict[str, tuple[float, float]] | None = None
+    parameters: dict[str, float | str] = Field(default_factory=dict)
+    intervals: Intervals | None = None
+
+
+class Key(BaseModel):
+    """What a concealed case hides.
+
+    Attributes
+    ----------
+    verdicts : tuple of str
+        Those that are right.
+    form : {"forced", "free", "model", "jsbsim", "python"}
+        Of the simulation.
+    severity : {"easy", "medium", "hard", "none"}
+    attainable : mapping of coefficient (or channel) to float
+        Share by which a perfect account lowers the rms of measured less simulated.
+    log_evidence : float, optional
+        Log Bayes factor of a perfect account of the effects against none, the stated tolerances free in both; None
+        where it is not known. Keys of older cases call it ``nats``.
+    effects : tuple of EffectKey
+        The largest first; none in a null.
+    source : str
+        Who flew: "own/beaver", "jsbsim/c172p".
+    family : {"single", "pair", "null", "outside", "clutter"}
+    seed : int
+    """
+
+    model_config = _FROZEN
+    verdicts: tuple[Verdict, ...]
+    form: Form
+    severity: Severity
+    attainable: dict[str, float]
+    log_evidence: float | None = Field(default=None, validation_alias=AliasChoices("log_evidence", "nats"))
+    effects: tuple[EffectKey, ...] = ()
+    source: str = ""
+    family: Family = "single"
+    seed: int = 0
+
+    def with_log_evidence(self, value: float | None) -> Key:
+        """The key with the log evidence of a perfect account; where that is too small, "consistent" is right too."""
+        decidable = value is None or value >= DECIDABLE or "consistent" in self.verdicts
+        verdicts = self.verdicts if decidable else (*self.verdicts, "consistent")
+        return self.model_copy(update={"log_evidence": value, "verdicts": verdicts})
+
+    @property
+    def decided(self) -> bool:
+        """Whether the data can distinguish the effects from what the stated tolerances allow."""
+        if self.log_evidence is None:
+            return self.severity in ("easy", "medium")
+        return self.log_evidence >= DECIDABLE
+
+    def write(self, path: str | Path) -> Path:
+        """Write the key as JSON; a key that is there is replaced."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, self.model_dump_json(indent=1) + "\n")
+        return path
+
+    @classmethod
+    def read(cls, path: str | Path) -> Key:
+        """Key from its JSON file.
+
+        Raises
+        ------
+        DataError
+            The file is missing or is no key; the message names it.
+        """
+        path = Path(path)
+        try:
+            return cls.model_validate_json(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            raise DataError(f"key '{path}' cannot be read: {getattr(error, 'strerror', None) or error}.") from error
+        except ValidationError as error:
+            first: Any = error.errors()[0]
+            where = ".".join(map(str, first["loc"])) or "the file"
+            raise DataError(f"key '{path}' cannot be used: {where}: {first['msg']}.") from error

@@ -1,0 +1,337 @@
+"""Effects of propulsion, mass, actuators, air and structure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from proof.polynomial.effects import Concept, Context, Effect, Entry, name, with_terms
+from proof.polynomial.flight import Physics
+from proof.polynomial.instruments import Faults
+from structsel.numerics.turbulence import dryden_gusts, one_minus_cosine
+
+_AXIS = {"de": "Cm", "da": "Cl", "dr": "Cn"}
+JETS = ("citation", "hfb320", "hawk")
+
+
+def _slipstream(c: Context) -> Concept:
+    v = c.craft.value
+    terms = (
+        ("Cm", "CT*de", 2.0 * v("Cm", "de")),
+        ("CZ", "CT*alpha", 0.6 * v("CZ", "alpha")),
+        ("Cm", "CT", -0.08),
+        ("Cn", "CT*dr", 2.0 * v("Cn", "dr")),
+        ("Cn", "CT", -0.02),
+    )
+    return Concept(with_terms(*terms), ("Cm", "CZ", "Cn"), ("thrust-line", "propeller-normal-force"))
+
+
+def _thrust_line(c: Context) -> Concept:
+    offset = c.sign() * 0.15  # of cbar, down
+    tie = ("slipstream",) if c.craft.propeller else ("missing-term",)
+
+    def at(size: float) -> Entry:
+        return Entry(Physics([("Cm", "CT", size * offset)]), parameters={"z": size * offset * c.craft.aircraft.cbar})
+
+    return Concept(at, ("Cm",), tie, high=3.0)
+
+
+def _thrust_scale(c: Context) -> Concept:
+    sign = c.sign()
+
+    def at(size: float) -> Entry:
+        factor = 1.0 + sign * 0.15 * size
+        return Entry(Physics(settings={"thrust_scale": factor}), parameters={"scale": factor})
+
+    return Concept(at, ("CX",), ("thrust-lag", "mass-error"), low=4.0 * c.allowed("thrust") / 0.15, high=3.0)
+
+
+def _thrust_lag(c: Context) -> Concept:
+    def at(size: float) -> Entry:
+        return Entry(Physics(settings={"thrust_lag": 0.8 * size}), parameters={"tau": 0.8 * size})
+
+    return Concept(at, ("CX",), ("thrust-scale",), low=0.1, high=4.0)
+
+
+def _propeller_force(c: Context) -> Concept:
+    air, side = c.craft.aircraft, c.sign()
+    ratio = air.cbar / air.b
+    # Along and across alike: the force acts ahead, and the blade that meets the wind has more of the thrust.
+    terms = (
+        ("CZ", "CT*alpha", -1.2),
+        ("Cm", "CT*alpha", 0.8),
+        ("CY", "CT*beta", -1.2),
+        ("Cn", "CT*beta", -0.8 * ratio),
+        ("Cn", "CT*alpha", side * 0.2),
+        ("Cm", "CT*beta", side * 0.2 / ratio),
+    )
+    return Concept(with_terms(*terms), ("Cn", "Cm", "CZ", "CY"), ("slipstream", "cross-coupling"))
+
+
+def _gyroscopic(c: Context) -> Concept:
+    air = c.craft.aircraft
+    inertia = c.sign() * (8.0 if c.craft.propeller else 4.0)  # kg m^2, of the rotor
+
+    def at(size: float) -> Entry:
+        H = size * inertia
+        terms = [("Cm", "gyro_r", -H / (air.S * air.cbar)), ("Cn", "gyro_q", H / (air.S * air.b))]
+        return Entry(Physics(terms), parameters={"I_rotor": H})
+
+    return Concept(at, ("Cm", "Cn"), ("cross-coupling", "inertia-error"), high=4.0)
+
+
+def _asymmetric_thrust(c: Context) -> Concept:
+    arm = c.sign() * 0.1  # of the span, times the share by which the sides differ
+    chosen = c.some(3, 5)
+    times = c.moments(chosen, 0.05, 0.5)
+    whole = c.steps(times, 0.5)
+
+    def at(size: float) -> Entry:
+        terms = [("Cn", "clock*CT", size * arm), ("Cl", "clock*CT", 0.1 * size * arm)]
+        return Entry(Physics(terms, schedules={"clock": whole}), parameters={"y/b": size * arm})
+
+    return Concept(at, ("Cn", "Cl"), ("asymmetry",), high=3.0, intervals=c.lasting(times))
+
+
+def _mass_error(c: Context) -> Concept:
+    sign, burnt = c.sign(), c.rng.random() < 0.4
+    if burnt:
+        # Fuel used from one manoeuvre to the next: lighter and lighter.
+        share = [k / (len(c.plans) - 1.0) for k in range(len(c.plans))]
+
+    def at(size: float) -> Entry:
+        if not burnt:
+            return Entry(Physics(mass=1.0 + sign * 0.06 * size), parameters={"factor": 1.0 + sign * 0.06 * size})
+        of = [np.full(len(p.schedules), 1.0 - 0.1 * size * s) for p, s in zip(c.plans, share)]
+        return Entry(Physics(mass_of=of), parameters={"burnt": 0.1 * size})
+
+    return Concept(
+        at, ("CZ", "CX", "CY"), ("wrong-derivative", "position-error"), low=4.0 * c.allowed("mass") / 0.06, high=4.0
+    )
+
+
+def _cg_shift(c: Context) -> Concept:
+    air, lateral, sign = c.craft.aircraft, c.rng.random() < 0.3, c.sign()
+    key, length = ("arm_y", 0.02 * air.b) if lateral else ("arm_x", 0.06 * air.cbar)
+
+    def at(size: float) -> Entry:
+        settings = {key: sign * size * length}
+        return Entry(Physics(settings=settings), parameters={"y" if lateral else "x": -sign * size * length})
+
+    low = 4.0 * c.allowed("cg") * air.cbar / length
+    if lateral:
+        return Concept(at, ("Cl", "Cn"), ("asymmetry", "cross-coupling"), low=low, high=4.0)
+    return Concept(at, ("Cm",), ("wrong-derivative", "thrust-line"), low=low, high=4.0)
+
+
+def _inertia_error(c: Context) -> Concept:
+    key, axis = [("Ix", "Cl"), ("Iy", "Cm"), ("Iz", "Cn")][int(c.rng.integers(3))]
+    sign = c.sign()
+
+    def at(size: float) -> Entry:
+        factor = 1.0 + sign * 0.25 * size
+        return Entry(Physics(inertia={key: factor}), parameters={key: factor})
+
+    tie = ("wrong-derivative", "sensor-delay")
+    return Concept(at, (axis,), tie, low=4.0 * c.allowed("inertia") / 0.25, high=2.2)
+
+
+def _store_release(c: Context) -> Concept:
+    times = c.moments(c.some(3, 4))
+    steps, pitch, roll = c.steps(times), c.sign() * 0.012, c.sign() * 0.002
+
+    def at(size: float) -> Entry:
+        gone = min(0.06 * size, 0.3)
+        terms = [("CX", "cfg", 0.006 * size), ("Cm", "cfg", pitch * size), ("Cl", "cfg", roll * size)]
+        physics = Physics(
+            terms, schedules={"cfg": steps}, mass_of=[1.0 - gone * s for s in steps], after=1.0 - 0.6 * gone
+        )
+        return Entry(physics, parameters={"mass released": gone * (c.craft.aircraft.mass or 0.0)})
+
+    return Concept(
+        at, ("CZ", "Cm", "CX", "Cl"), ("configuration-change",), low=0.05, high=4.0, intervals=c.lasting(times)
+    )
+
+
+def _control(c: Context) -> tuple[str, float]:
+    """One of the surfaces, and how far it usually goes from its middle."""
+    control = str(c.rng.choice(["de", "de", "da", "dr"]))
+    values = c.product(control)
+    return control, float(np.quantile(np.abs(values - np.median(values)), 0.99))
+
+
+def _actuator_lag(c: Context) -> Concept:
+    control, _ = _control(c)
+    key = "lag" if c.rng.random() < 0.7 else "delay"
+
+    def at(size: float) -> Entry:
+        return Entry(Physics(surfaces={control: {key: 0.1 * size}}), parameters={"channel": control, key: 0.1 * size})
+
+    tie = ("sensor-delay", "actuator-rate-limit", "wrong-derivative")
+    return Concept(at, (_AXIS[control],), tie, low=max(0.12, 40.0 * c.allowed("delay")), high=4.0)
+
+
+def _rate_limit(c: Context) -> Concept:
+    control, reach = _control(c)
+
+    def at(size: float) -> Entry:
+        rate = reach / (0.25 * size)
+        return Entry(Physics(surfaces={control: {"rate": rate}}), parameters={"channel": control, "rate": rate})
+
+    return Concept(at, (_AXIS[control],), ("actuator-lag",), low=0.15, high=5.0, intervals="active")
+
+
+def _saturation(c: Context) -> Concept:
+    control, _ = _control(c)
+    values = c.product(control)
+    middle, most = float(np.median(values)), float(np.abs(values - np.median(values)).max())
+    both, upper = c.rng.random() < 0.5, c.rng.random() < 0.5
+
+    def at(size: float) -> Entry:
+        reach = most * (1.0 - min(0.35 * size, 0.85))
+        ends = {"high": middle + reach, "low": middle - reach}
+        kept = ends if both else {("high" if upper else "low"): ends["high" if upper else "low"]}
+        return Entry(Physics(surfaces={control: kept}), parameters={"channel": control, **kept})
+
+    return Concept(
+        at, (_AXIS[control],), ("control-nonlinearity",), low=0.05, high=2.4, intervals="active", region=control
+    )
+
+
+def _backlash(c: Context) -> Concept:
+    control, reach = _control(c)
+
+    def at(size: float) -> Entry:
+        play = 0.4 * reach * size
+        return Entry(Physics(surfaces={control: {"play": play}}), parameters={"channel": control, "width": play})
+
+    return Concept(at, (_AXIS[control],), ("actuator-lag", "friction"), low=0.05, high=3.5)
+
+
+def _augmentation(c: Context) -> Concept:
+    control, key, rate, axis, kinds = [
+        ("de", "aug_q", "q", "Cm", "q"),
+        ("da", "aug_p", "p", "Cl", "p"),
+        ("dr", "aug_r", "r", "Cn", "r"),
+    ][int(c.rng.integers(3))]
+    held = float(np.concatenate([f.state(rate) for f in c.base]).std())
+    surface = float(c.product(control).std())
+    always = c.rng.random() < 0.3
+    off = [] if always else c.some(3, 5)
+    half = {k: float(c.rng.uniform(0.35, 0.65) * c.plans[k].duration) for k in off if c.rng.random() < 0.5}
+    # The plans say "on"; where the system is off that is taken away.
+    schedules = [
+        -(p.t < half.get(k, np.inf)).astype(float) if k in off else np.zeros(len(p.schedules))
+        for k, p in enumerate(c.plans)
+    ]
+    intervals = {
+        name(k): [(0.0, p.duration)] if k not in off else [(round(half[k], 2), p.duration)] if k in half else []
+        for k, p in enumerate(c.plans)
+    }
+
+    def at(size: float) -> Entry:
+        gain = 0.5 * size * surface / max(held, 1e-3)
+        physics = Physics(surfaces={control: {key: gain}}, schedules={"aug": schedules})
+        return Entry(physics, parameters={"channel": control, f"gain on {kinds}": gain})
+
+    tie = ("wrong-derivative",) if always else ()
+    return Concept(at, (axis,), tie, high=3.0, intervals=None if always else intervals)
+
+
+def _steady_wind(c: Context) -> Concept:
+    way = float(c.rng.uniform(0.0, 2.0 * np.pi))
+
+    def at(size: float) -> Entry:
+        wind = {"wind_n": 8.0 * size * np.cos(way), "wind_e": 8.0 * size * np.sin(way)}
+        return Entry(Physics(settings=wind), parameters=dict(wind))
+
+    return Concept(at, ("vn", "ve"), ("sensor-bias", "wind-shear"), low=0.2, high=2.5)
+
+
+def _wind_shear(c: Context) -> Concept:
+    way = float(c.rng.uniform(0.0, 2.0 * np.pi))
+    still = float(np.mean(np.concatenate([f.state("h") for f in c.base])))  # m, where no wind blows
+
+    def at(size: float) -> Entry:
+        shear = {"shear_n": 0.06 * size * np.cos(way), "shear_e": 0.06 * size * np.sin(way)}
+        return Entry(Physics(settings={**shear, "shear_h": still}), parameters=shear)
+
+    return Concept(at, ("vn", "ve"), ("steady-wind", "gust"), low=0.02, high=4.0)
+
+
+def _gust(c: Context) -> Concept:
+    side = c.rng.random() < 0.3
+    chosen = c.some(3, 5)
+    starts, lengths = c.moments(chosen, 0.2, 0.8), c.rng.uniform(0.5, 2.0, len(c.plans))
+    signs = [c.sign() for _ in c.plans]
+    unit = [
+        np.zeros(len(p.schedules)) if a is None else one_minus_cosine(p.t, a, float(d), s * 0.05 * p.V)
+        for p, a, d, s in zip(c.plans, starts, lengths, signs)
+    ]
+    intervals = {
+        name(k): [] if a is None else [(round(a, 2), round(a + float(lengths[k]), 2))] for k, a in enumerate(starts)
+    }
+
+    def at(size: float) -> Entry:
+        column = "gv" if side else "gw"
+        return Entry(Physics(schedules={column: [size * u for u in unit]}), Faults(blind=True), {"angle": 0.05 * size})
+
+    axes = ("CY", "Cn", "Cl") if side else ("CZ", "Cm", "CX")
+    return Concept(at, axes, ("turbulence", "configuration-change"), high=3.0, intervals=intervals)
+
+
+def turbulence_at(c: Context) -> list[np.ndarray]:
+    """(steps, 6) gusts of each manoeuvre, of one metre per second along w, scale as at medium height."""
+    seeds = c.rng.integers(2**31, size=len(c.plans))
+    scale = float(c.rng.uniform(150.0, 500.0))
+    return [
+        dryden_gusts(p.t, p.V, c.craft.aircraft.b, np.full(3, scale), np.ones(3), np.random.default_rng(int(s)))
+        for p, s in zip(c.plans, seeds)
+    ]
+
+
+def _turbulence(c: Context) -> Concept:
+    gusts, blind = turbulence_at(c), c.rng.random() < 0.3
+
+    def at(size: float) -> Entry:
+        schedules = {n: [size * g[:, j] for g in gusts] for j, n in enumerate(("gu", "gv", "gw", "gp", "gq", "gr"))}
+        return Entry(Physics(schedules=schedules), Faults(blind=blind, calm=not blind), {"sigma": size})
+
+    return Concept(at, ("CZ", "CY", "Cm", "Cl", "Cn", "CX"), ("gust", "unknown"), low=0.05, high=3.0)
+
+
+def _slosh(c: Context) -> Concept:
+    settings = {
+        "slosh_frequency": float(c.rng.uniform(2.0, 4.5)),
+        "slosh_damping": float(c.rng.uniform(0.03, 0.1)),
+        "slosh_length": 0.8,
+    }
+    force = -0.15
+    at = with_terms(("CY", "slosh", force), ("Cl", "slosh", -0.05 * force), settings=settings)
+    return Concept(at, ("CY", "Cl"), ("structural-mode",), low=0.02, high=4.0)
+
+
+_THRUSTS = ("throttle", "throttle", "speeds")
+_QUICK = ("large", "large", "elevator", "aileron", "rudder")
+EFFECTS = (
+    Effect("slipstream", ("propulsive",), _slipstream, (*_THRUSTS, "throttle"), ("beaver",)),
+    Effect("thrust-line", ("propulsive",), _thrust_line, _THRUSTS),
+    Effect("thrust-scale", ("propulsive",), _thrust_scale, _THRUSTS),
+    Effect("thrust-lag", ("propulsive",), _thrust_lag, (*_THRUSTS, "throttle")),
+    Effect("propeller-normal-force", ("propulsive",), _propeller_force, (*_THRUSTS, "pulls", "sideslip"), ("beaver",)),
+    Effect("engine-gyroscopic", ("propulsive",), _gyroscopic, ("throttle", "rudder", "elevator"), channels=("rpm",)),
+    Effect("asymmetric-thrust", ("propulsive",), _asymmetric_thrust, ("throttle", "throttle"), JETS),
+    Effect("mass-error", ("inertial",), _mass_error, ("pulls", "turns")),
+    Effect("cg-shift", ("inertial",), _cg_shift, ("pulls", "turns", "large")),
+    Effect("inertia-error", ("inertial",), _inertia_error, ("elevator", "aileron", "rudder")),
+    Effect("store-release", ("inertial",), _store_release, ("flap", "flap")),
+    Effect("actuator-lag", ("actuator",), _actuator_lag, _QUICK),
+    Effect("actuator-rate-limit", ("actuator",), _rate_limit, _QUICK),
+    Effect("actuator-saturation", ("actuator",), _saturation, _QUICK),
+    Effect("backlash", ("actuator",), _backlash, (*_QUICK, "multisine")),
+    Effect("augmentation", ("actuator",), _augmentation, _QUICK[2:]),
+    Effect("steady-wind", ("atmospheric",), _steady_wind, ("turns", "turns"), channels=("vn",), form="free"),
+    Effect("wind-shear", ("atmospheric",), _wind_shear, ("pulls", "pulls", "speeds"), channels=("vn",), form="free"),
+    Effect("gust", ("atmospheric",), _gust),
+    Effect("turbulence", ("random",), _turbulence),
+    Effect("slosh", ("inertial",), _slosh, ("rudder", "aileron", "sideslip", "turns")),
+)

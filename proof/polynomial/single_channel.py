@@ -1,0 +1,266 @@
+"""Plants that are no aircraft: a response channel, and what the simulation of it lacks.
+
+Eight recordings each. An oscillator m y'' + c y' + k y = u with an end stop, a cubic spring, Bouc-Wen hysteresis or
+friction that the simulation does not have; a rotor whose inflow follows the pitch of its blades late.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from proof.case_files import Case
+from proof.keys import EffectKey, Form, Key, Kind
+from proof.polynomial.effects import name
+from proof.scenario.sizing import NotAttainable
+from structsel.aircraft import Aircraft, Tolerances
+from structsel.recording import Recording
+
+_SUBSTEPS = 4
+Values = dict[str, float]
+
+
+@dataclass(frozen=True)
+class _Plant:
+    """What is missing, of which kind, and how it is confused."""
+
+    effect: str
+    kind: Kind
+    tie: tuple[str, ...]
+
+
+PLANTS = {
+    p.effect: p
+    for p in (
+        _Plant("stiffening", "static", ("missing-term",)),
+        _Plant("mechanical-hysteresis", "memory", ("friction", "backlash")),
+        _Plant("friction", "actuator", ("backlash", "mechanical-hysteresis")),
+        _Plant("saturation", "static", ("control-nonlinearity",)),
+        _Plant("rotor-inflow-lag", "memory", ("actuator-lag", "sensor-delay")),
+    )
+}
+
+
+def make_plant(effect: str, severity_share: float, seed: int, attempt: int, form: Form) -> Case:
+    """A case of a response channel.
+
+    Parameters
+    ----------
+    effect : str
+        Of `PLANTS`.
+    severity_share : float
+        Attainable share aimed at.
+
+    Raises
+    ------
+    NotAttainable
+        Where the effect cannot be made that large or small.
+    """
+    rng = np.random.default_rng([seed, attempt, 5])
+    rotor = effect == "rotor-inflow-lag"
+    rate, duration = (50.0, 30.0) if rotor else (100.0, 20.0)
+    t = np.arange(round(duration * rate) + 1) / rate
+    u = _inputs(t, rng, steps=rotor)
+    tolerance = Tolerances() if rng.random() < 0.4 else Tolerances(main=0.01, secondary=0.03)
+    p = _rotor(rng) if rotor else _oscillator(rng)
+    wrong = {n: v * (1.0 + 0.5 * float(tolerance.main) * float(rng.standard_normal())) for n, v in p.items()}
+    channel = "q" if rotor else ("a" if form == "forced" else "y")
+    number, noise = list(PLANTS).index(effect), int(rng.integers(2**31))
+    linear = _fly(t, u, p, number, 0.0, 0.0)
+    most = 0.0 if rotor else float(np.abs(linear["y"]).max())
+
+    def at(size: float) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+        # The stop draws nearer as the size grows.
+        limit = most / (1.0 + size)
+        truth = _fly(t, u, p, number, size, limit)
+        noisy = _read(truth, np.random.default_rng(noise))
+        without = _fly(t, u, {**p, **wrong}, number, 0.0, 0.0)
+        perfect = _fly(t, u, {**p, **wrong}, number, size, limit)
+        if channel == "a":
+            # At the recorded states: what is left out is the force itself.
+            S1 = _forced(u, truth, {**p, **wrong}) + truth["force"]
+            return noisy, _forced(u, truth, {**p, **wrong}), S1
+        return noisy, without[channel], perfect[channel]
+
+    # An inflow's lag is no less than 0.03 s.
+    low, high, size = np.log(0.15 if rotor else 1e-3), np.log(8.0), 1.0
+    for _ in range(10):
+        size = float(np.exp(0.5 * (low + high)))
+        noisy, S0, S1 = at(size)
+        share = _share(noisy[channel], S0, S1)
+        low, high = (np.log(size), high) if share < severity_share else (low, np.log(size))
+    if not 0.05 < share < 0.97:
+        raise NotAttainable(effect)
+    severity = "easy" if share >= 0.30 else "medium" if share >= 0.15 else "hard"
+    aircraft = Aircraft.from_dict(
+        {
+            "name": f"plant {seed}",
+            "mass": 2200.0 if rotor else 1.0,
+            "S": 1.0,
+            "b": 1.0,
+            "cbar": 1.0,
+            "tolerances": tolerance.model_dump(),
+        }
+    )
+    kept = ("u", "q", "theta") if rotor else ("u", "y", "v", "a") if channel == "a" else ("u", "y")
+    recordings = [
+        Recording(name(k), t, {("dlon" if rotor and n == "u" else n): noisy[n][k] for n in kept}) for k in range(8)
+    ]
+    simulated = {name(k): {"t": t, channel: S0[k]} for k in range(8)}
+    plant = PLANTS[effect]
+    entry = EffectKey(
+        effect=effect,
+        accept=(effect,),
+        tie=plant.tie,
+        kinds=(plant.kind,),
+        axes=(channel,),
+        parameters={**_physical(effect, size, most), **p},
+    )
+    key = Key(
+        verdicts=("mismatch",),
+        form="forced" if channel == "a" else "free",
+        severity=severity,  # type: ignore[arg-type]
+        attainable={channel: share},
+        effects=(entry,),
+        source=f"own/{'rotor' if rotor else 'oscillator'}",
+        seed=seed,
+    )
+    return Case(f"case-{seed:05d}", aircraft, recordings, simulated, key)
+
+
+def _physical(effect: str, size: float, most: float) -> Values:
+    """The size as the parameter that it stands for."""
+    return {
+        "stiffening": {"k3/k": 0.3 * size},
+        "mechanical-hysteresis": {"kz/k": 0.3 * size},
+        "friction": {"force/k": 0.15 * size},
+        "saturation": {"limit": most / (1.0 + size)},
+        "rotor-inflow-lag": {"tau": 0.2 * size},
+    }[effect]
+
+
+def _share(measured: np.ndarray, before: np.ndarray, after: np.ndarray) -> float:
+    b, a = (float(np.sqrt(np.mean((measured - s) ** 2))) for s in (before, after))
+    return 1.0 - a / b
+
+
+def _inputs(t: np.ndarray, rng: np.random.Generator, steps: bool) -> np.ndarray:
+    """(8, n) inputs of several sizes: multisines, pulses and sweeps."""
+    made = []
+    for k in range(8):
+        size = float(rng.choice([0.4, 0.7, 1.0, 1.4]))
+        if k % 3 == 0 or (not steps and k % 3 == 1):
+            f = np.arange(1, 36 if steps else 60) / t[-1] * (2 if k % 2 and not steps else 1)
+            wave = np.cos(2 * np.pi * np.outer(f, t) + rng.uniform(0, 2 * np.pi, (f.size, 1))).sum(axis=0) / np.sqrt(
+                f.size / 2
+            )
+        elif k % 3 == 1:
+            edges = np.sort(rng.uniform(1.0, t[-1] - 1.0, 12))
+            wave = np.where(np.searchsorted(edges, t) % 2 == 1, 1.0, -1.0) * (t > edges[0])
+        else:
+            fast = 1.0 if steps else 2.5
+            wave = np.sin(2 * np.pi * (0.1 * t + 0.5 * (fast / t[-1]) * t**2)) * np.clip(t, 0.0, 1.0)
+        made.append(size * wave)
+    return np.array(made)
+
+
+def _oscillator(rng: np.random.Generator) -> Values:
+    omega = 2 * np.pi * rng.uniform(0.8, 1.8)
+    return {"c": float(2 * rng.uniform(0.05, 0.2) * omega), "k": float(omega**2), "g": float(omega**2)}
+
+
+@njit(cache=True)
+def _extra(effect, k, c, y, v, z, size, limit):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Acceleration that the simulation lacks; number of `PLANTS`."""
+    if size <= 0.0:
+        return 0.0
+    if effect == 0:
+        return -size * 0.3 * k * y**3
+    if effect == 1:
+        return -size * 0.3 * k * z
+    if effect == 2:
+        return -size * 0.15 * k * np.tanh(v / 0.05) * (1.0 + 0.4 * np.exp(-((v / 0.3) ** 2)))
+    if effect == 3 and abs(y) > limit:
+        # A stop: a stiff spring, and some loss, beyond the limit.
+        return -10.0 * k * (abs(y) - limit) * np.sign(y) - 3.0 * c * v
+    return 0.0
+
+
+@njit(cache=True)
+def _slope(rotor, effect, p, size, limit, x, u, out):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    if rotor:
+        # Pitch: q' = g tilt - m q - k theta; the tilt follows the actuator by the inflow's lag.
+        lag = 0.2 * size
+        tilt = x[3] if lag > 1e-4 else x[2]
+        out[0], out[1] = p[2] * tilt - p[3] * x[0] - p[1] * x[1], x[0]
+        out[2], out[3] = p[4] * (u - x[2]), (x[2] - x[3]) / max(lag, 4e-3)
+        return
+    y, v, z = x[0], x[1], x[2]
+    out[0] = v
+    out[1] = p[2] * u - p[0] * v - p[1] * y + _extra(effect, p[1], p[0], y, v, z, size, limit)
+    # Bouc-Wen: z' = A v - beta |v| z - gamma v |z|
+    out[2], out[3] = 2.0 * v - 1.4 * abs(v) * z - 0.6 * v * abs(z), 0.0
+
+
+@njit(cache=True)
+def _march(rotor, effect, p, size, limit, dt, u, substeps):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """(4, recordings, n) states from rest by classical Runge-Kutta, inputs linear between samples."""
+    out = np.zeros((4, *u.shape))
+    h = dt / substeps
+    k1, k2, k3, k4 = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
+    for m in range(u.shape[0]):
+        x = np.zeros(4)
+        for i in range(u.shape[1] - 1):
+            rise = u[m, i + 1] - u[m, i]
+            for j in range(substeps):
+                first = u[m, i] + rise * j / substeps
+                middle, last = first + 0.5 * rise / substeps, first + rise / substeps
+                _slope(rotor, effect, p, size, limit, x, first, k1)
+                _slope(rotor, effect, p, size, limit, x + 0.5 * h * k1, middle, k2)
+                _slope(rotor, effect, p, size, limit, x + 0.5 * h * k2, middle, k3)
+                _slope(rotor, effect, p, size, limit, x + h * k3, last, k4)
+                x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            out[:, m, i + 1] = x
+    return out
+
+
+_ORDER = "ckgma"
+"""Parameters in the order in which compiled code takes them."""
+
+
+def _fly(t: np.ndarray, u: np.ndarray, p: Values, effect: int, size: float, limit: float) -> dict[str, np.ndarray]:
+    rotor = "m" in p
+    values = np.array([p.get(n, 0.0) for n in _ORDER])
+    x = _march(rotor, effect, values, size, limit, t[1] - t[0], u, _SUBSTEPS)
+    if rotor:
+        return {"q": x[0], "theta": x[1], "u": u}
+    y, v, z = x[:3]
+    force = np.vectorize(_extra)(effect, p["k"], p["c"], y, v, z, size, limit)
+    made = {"y": y, "v": v, "force": force, "u": u}
+    return {**made, "a": _forced(u, made, p) + force}
+
+
+def _forced(u: np.ndarray, at: dict[str, np.ndarray], p: Values) -> np.ndarray:
+    return p["g"] * u - p["c"] * at["v"] - p["k"] * at["y"]
+
+
+def _rotor(rng: np.random.Generator) -> Values:
+    return {
+        "m": float(rng.uniform(1.0, 2.2)),
+        "g": float(rng.uniform(0.3, 0.6)),
+        "k": float(rng.uniform(0.3, 0.8)),
+        "a": float(rng.uniform(25.0, 40.0)),
+    }
+
+
+def _read(truth: dict[str, np.ndarray], rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Readings with noise; the input is known well, biases differ from recording to recording."""
+    made = {}
+    for channel, values in truth.items():
+        scale = float(values.std())
+        part = 0.002 if channel == "u" else 0.05 if channel in ("q", "theta") else 0.015
+        noise = rng.standard_normal(values.shape) + 0.5 * rng.standard_normal((len(values), 1)) * (channel != "u")
+        made[channel] = values + part * scale * noise
+    return made

@@ -1,0 +1,1 @@
+"""What both plants share: errors of simulation and instruments, sizes and intervals of effects, shapes of inputs."""
