@@ -327,6 +327,7 @@ def test_two_workers_give_what_one_gives(noise):
         assert_array_equal(a.bootstrap.inclusion, b.bootstrap.inclusion)
 
 
+@pytest.mark.slow
 def test_memory_above_the_signals_does_not_grow_with_the_samples():
     # 164 candidates; as a matrix they would be 26 MB and 157 MB.
     exponents = monomial_exponents(8, 3)

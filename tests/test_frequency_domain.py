@@ -55,6 +55,7 @@ def test_equation_error_finds_the_parameters_without_noise_whatever_trend_there_
     assert fit.r2 == pytest.approx(1.0)
 
 
+@pytest.mark.default_cases("own frequencies")
 @pytest.mark.parametrize("spacing", [1.0, 0.25], ids=["own frequencies", "four times as close"])
 def test_equation_error_scatters_as_its_covariance_says(spacing):
     X = regressors()

@@ -251,6 +251,7 @@ with output.claims():
 """
 
 
+@pytest.mark.slow
 def test_the_lock_of_a_killed_run_does_not_hold(select):
     other = subprocess.Popen([sys.executable, "-c", _HOLDS, select[-1]], stdout=subprocess.PIPE, text=True)
     try:

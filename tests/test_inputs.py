@@ -335,13 +335,15 @@ def test_no_input_tells_more_by_a_criterion_than_the_one_optimised_for_it(compar
     assert "optimal A" in str(comparison)
 
 
-def test_estimates_from_500_flights_scatter_as_the_bound_says(comparison):
-    # The standard deviation of 500 estimates has a standard error of 3.2 %; 3.5 of them over 54 parameters and inputs.
-    found = {u.name: scatter(short_period(), u, noise=NOISE, runs=500, seed=5) for u in comparison.inputs}
+@pytest.mark.parametrize("runs", [40, pytest.param(500, marks=pytest.mark.slow)])
+def test_estimates_from_many_flights_scatter_as_the_bound_says(comparison, runs):
+    # The standard deviation of 500 estimates has a standard error of 3.2 %, of 40 estimates 11 %; 3.5 of them over 54
+    # parameters and inputs.
+    found = {u.name: scatter(short_period(), u, noise=NOISE, runs=runs, seed=5) for u in comparison.inputs}
     for name, result in found.items():
         table = result.to_frame()
         assert result.lost == 0
-        assert_allclose(table["ratio"], 1.0, atol=3.5 / np.sqrt(2 * 499), err_msg=name)
+        assert_allclose(table["ratio"], 1.0, atol=3.5 / np.sqrt(2 * (runs - 1)), err_msg=name)
         assert (np.abs(table["bias"]) < 4 * table["bias_error"]).all(), name
     total = {name: np.sum((s.std / np.abs(s.truth)) ** 2) for name, s in found.items()}
     assert total["optimal A"] < min(total[k] for k in ("doublet", "3-2-1-1", "Mehra", "Schulz"))

@@ -79,6 +79,7 @@ def test_hawk_steps_impulses_and_doublets_give_back_every_derivative_without_noi
                     assert_allclose(got[term], value, rtol=1e-6)
 
 
+@pytest.mark.default_cases("stepwise")
 @pytest.mark.parametrize("method", ["stepwise", "orthogonal"])
 def test_hawk_derivatives_lie_within_their_intervals_when_accelerations_are_noisy(method):
     # 1 % noise, 12 flights' worth of seeds: of all 95 % intervals, between 92 and 98 % hold the truth (480 of them

@@ -110,6 +110,7 @@ def test_blocks_cover_every_sample_once(lengths, wanted):
         assert all(a.stop == b.start for a, b in pairwise(own))
 
 
+@pytest.mark.slow
 def test_memory_above_the_signals_does_not_grow_with_samples():
     exponents = monomial_exponents(8, 3)
     rng = np.random.default_rng(7)
