@@ -82,7 +82,7 @@ print(table)
 # A manoeuvre that was never used, with the recorded inputs from the recorded start
 
 # %%
-after = ss.replay(found.model, craft.aircraft, held_out, outputs=["alpha", "q", "theta", "az"])
+after = ss.resimulate(found.model, craft.aircraft, held_out, outputs=["alpha", "q", "theta", "az"])
 print(after)
 
 by_regression, by_flights = (abs(table.values / table.truth[:, None] - 1.0)).T

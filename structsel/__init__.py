@@ -1,8 +1,8 @@
 """structsel: flight recordings in, an aerodynamic model out whose structure the data chose.
 
 The journey: `read_recording`, `reconstruct`, `compute_coefficients`, `Candidates`, `select`, `AeroModel`, `validate`.
-What was chosen is flown by `trim`, `simulate`, `refine` and `replay`; `design_inputs` says what to fly. `compare` and
-`diagnose` say where another simulation parts from the recordings, and which physics it leaves out.
+The model is simulated by `trim`, `simulate`, `refine` and `resimulate`; `design_inputs` says what to fly. `compare`
+and `diagnose` say where another simulation parts from the recordings, and which physics it leaves out.
 """
 
 from structsel.aircraft import Aircraft
@@ -10,6 +10,7 @@ from structsel.candidates import Candidates, Factor, Term
 from structsel.coefficients import compute_all, compute_coefficients
 from structsel.comparison import Mismatch, compare
 from structsel.demo import demo_flights
+from structsel.deprecation import renamed_names
 from structsel.diagnosis import Diagnosis, diagnose
 from structsel.errors import StructselError, StructselWarning
 from structsel.exploring import explore_residuals
@@ -52,9 +53,11 @@ from structsel.simulation import (
     trim,
 )
 from structsel.simulation.jsbsim import JSBSimAircraft, open_jsbsim
-from structsel.validation import Ensemble, Replay, Validation, ensemble, replay, validate
+from structsel.validation import Ensemble, Resimulation, Validation, ensemble, resimulate, validate
 
 __version__ = "0.1.0"
+
+__getattr__ = renamed_names(__name__, {"Replay": "Resimulation", "replay": "resimulate"})
 
 __all__ = [
     "Actuator",
@@ -80,7 +83,7 @@ __all__ = [
     "Reconstructions",
     "Recording",
     "Refinement",
-    "Replay",
+    "Resimulation",
     "ResponseModel",
     "Selection",
     "Selections",
@@ -112,7 +115,7 @@ __all__ = [
     "reconstruct",
     "reconstruct_all",
     "refine",
-    "replay",
+    "resimulate",
     "select",
     "simulate",
     "stream_recordings",

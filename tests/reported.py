@@ -14,7 +14,7 @@ from structsel import (
     ready,
     reconstruct,
     refine,
-    replay,
+    resimulate,
     select,
     validate,
 )
@@ -84,7 +84,7 @@ def refined():
     outputs = ["alpha", "q", "theta", "az"]
     found = refine(model, craft.aircraft, flights[:1], free=free, outputs=outputs, starts=["w", "q", "theta"])
     pair = {"before": model, "after": found.model}
-    return found, flights, {name: replay(one, craft.aircraft, flights[1:]) for name, one in pair.items()}
+    return found, flights, {name: resimulate(one, craft.aircraft, flights[1:]) for name, one in pair.items()}
 
 
 @cache

@@ -127,7 +127,7 @@ def test_windows_agree_with_a_simulator_that_flies_the_wrong_model_itself():
     along = [Told(f, {"delivered": f.simulated}) for f in made]
     found = rows(fly_windows(along, 2.0))
     stiff = rows(fly_windows([replace(one, flight=replace(one.flight, surrogate=None)) for one in along], 2.0))
-    flown = ss.replay(wrong, craft.aircraft, flights, outputs=["V", "alpha", "q", "theta"], window=2.0)
+    flown = ss.resimulate(wrong, craft.aircraft, flights, outputs=["V", "alpha", "q", "theta"], window=2.0)
     for channel in ("V", "alpha", "q", "theta"):
         itself = flown.score(channel, "all", "windows").rms_error
         assert_allclose(found[channel].stages["delivered"].rms, itself, rtol=0.06)

@@ -12,14 +12,15 @@ from rich.text import Text
 from structsel.cli.tables import fact_line, plain_table, print_doubts
 from structsel.cli.terminal import in_commands
 from structsel.inputs import Information, InputComparison, Scatter
+from structsel.metrics import in_tables
 from structsel.nomenclature import is_known, unit_of
 from structsel.numerics.linear_systems import Modes
 from structsel.recording import Recording
 from structsel.refinement import Estimate, Refinement
 from structsel.report.words import figure
 from structsel.simulation import Trim
-from structsel.validation import Replay
-from structsel.validation.replayed import KINDS, shown
+from structsel.validation import Resimulation
+from structsel.validation.resimulation import KINDS, table_heads
 
 _MOTION = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "h", "ax", "ay", "az")
 _PER_RECORDING = ("start", "jump", "drift", "bias")
@@ -86,23 +87,24 @@ def print_flight(console: Console, flight: Recording, recorded: Recording | None
     console.print()
 
 
-def print_replay(console: Console, result: Replay, title: str) -> None:
+def print_replay(console: Console, result: Resimulation, title: str) -> None:
     """Print the scores of flights with recorded inputs, in windows and whole, and where they parted."""
     console.print(Text(title, "bold"))
     several = len(result.recordings) > 1
-    heads = ("output", f"{result.window:g} s: R2", "RRMSE", "TIC", "band", "whole: R2", "RRMSE", "TIC", "band")
+    first, *more = table_heads()
+    heads = ("output", f"{result.window:g} s: {first}", *more, f"whole: {first}", *more)
     for name in (*(r.name for r in result.recordings), *(("all",) if several else ())):
         if several:
             console.print(Text(name, "bold" if name == "all" else ""))
         table = plain_table(*heads, words=result.outputs)
         for output in result.outputs:
-            both = [x for kind in KINDS for x in shown(result.score(output, name, kind))]
+            both = [x for kind in KINDS for x in result.score(output, name, kind).table_cells()]
             table.add_row(output, *both)
         console.print(table)
     bands = ", ".join(f"{n} {figure(b, 3)} {unit_of(n)}" for n, b in result.bands.items())
     note = f"{result.window:g} s: windows that each start from what was recorded. whole: from the first sample on. "
     console.print(Text(f"{note}band: share of samples within {bands}.", "dim"))
-    print_doubts(console, result.partings())
+    print_doubts(console, result.divergence_notes())
     print_doubts(console, result.doubts)
     console.print()
 
@@ -133,15 +135,21 @@ def print_refinement(console: Console, result: Refinement) -> None:
     if own:
         console.print(table)
     table = plain_table(
-        "output", "recording", "n", "rms", "R2", "TIC", words=[f.recording for f in result.fits], left=2
+        "output",
+        "recording",
+        "n",
+        "rms",
+        *(m.label for m in in_tables(brief=True)),
+        words=[f.recording for f in result.fits],
+        left=2,
     )
     for f in sorted(result.fits, key=lambda f: [*result.noise_std].index(f.output)):
         table.add_row(
             f.output,
             Text(f.recording),
             str(f.n),
-            figure(f.rms, 3),
-            *(f"{x:.4f}" if math.isfinite(x) else "-" for x in (f.r2, f.tic)),
+            figure(f.rms_error, 3),
+            *f.cells(brief=True),
         )
     console.print(table)
     print_doubts(console, map(in_commands, result.doubts))

@@ -34,7 +34,7 @@ from structsel.recording import Recording
 from structsel.refinement import Refinement, refine
 from structsel.report import write_report
 from structsel.simulation import LinearModel, ReadyAircraft
-from structsel.validation import Replay, replay
+from structsel.validation import Resimulation, resimulate
 
 EPILOG = page(
     [
@@ -248,7 +248,7 @@ def _refine(
         )
 
 
-def _judge(craft: Craft, found: Refinement, judges: Sequence[Recording]) -> dict[str, Replay]:
+def _judge(craft: Craft, found: Refinement, judges: Sequence[Recording]) -> dict[str, Resimulation]:
     """Replays of what was held out, before and after.
 
     Raises
@@ -262,10 +262,10 @@ def _judge(craft: Craft, found: Refinement, judges: Sequence[Recording]) -> dict
         raise typer.BadParameter("--held-out is judged by replay, which flies model files and ready aircraft only.")
     flies = {"air": craft.air, "definitions": craft.definitions}
     pair = {"before": craft.model, "after": found.model}
-    return {name: replay(model, craft.aircraft, judges, **flies) for name, model in pair.items()}  # type: ignore[arg-type]
+    return {name: resimulate(model, craft.aircraft, judges, **flies) for name, model in pair.items()}  # type: ignore[arg-type]
 
 
-def _as_dict(found: Refinement, judged: Mapping[str, Replay], failed: RefinementError | None) -> dict[str, Any]:
+def _as_dict(found: Refinement, judged: Mapping[str, Resimulation], failed: RefinementError | None) -> dict[str, Any]:
     more: dict[str, Any] = {"held_out": {name: one.to_dict() for name, one in judged.items()}}
     return {**found.to_dict(), **more, "error": None if failed is None else str(failed)}
 
@@ -274,7 +274,7 @@ def _write(
     out: Path,
     found: Refinement,
     recordings: Sequence[Recording],
-    judged: Mapping[str, Replay],
+    judged: Mapping[str, Resimulation],
     failed: RefinementError | None,
     plots: bool,
 ) -> list[str]:

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from structsel.metrics import in_tables
 from structsel.recording import Recording
 from structsel.report.words import figure
 from structsel.selection import Selection
@@ -139,15 +140,14 @@ def print_validation(console: Console, validation: Validation, title: str) -> No
     v = validation
     console.print(Text(title, "bold"))
     names = [score.recording for score in v.scores]
-    table = plain_table("response", "recording", "n", "R2", "RRMSE", "TIC", "corr", "residual", words=names, left=2)
+    table = plain_table("response", "recording", "n", *(m.label for m in in_tables()), "residual", words=names, left=2)
     alone = len(v.scores) == len(v.pooled)
     for pooled in v.pooled:
         rows = [s for s in v.scores if s.response == pooled.response]
         for s in rows if alone else [*rows, pooled]:
-            colour = "white" if s.white else ("coloured" if math.isfinite(s.ljung_box_p) else "-")
+            residual = "white" if s.white else ("coloured" if math.isfinite(s.ljung_box_p) else "-")
             style = "bold" if s is pooled else ""
-            figures = (f"{x:.4f}" if math.isfinite(x) else "-" for x in (s.r2, s.rrmse, s.tic, s.correlation))
-            table.add_row(s.response, Text(s.recording), str(s.n), *figures, colour, style=style)
+            table.add_row(s.response, Text(s.recording), str(s.n), *s.cells(), residual, style=style)
     console.print(table)
     size = {"rms": "rms", "std": "standard deviation", "range": "range"}[v.normaliser]
     note = f"RRMSE: rms error over the {size} of the measured response. TIC: 0 perfect, 1 useless."

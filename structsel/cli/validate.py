@@ -32,7 +32,7 @@ from structsel.cli.tables import print_files, print_validation
 from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.model import AeroModel
 from structsel.simulation import Air
-from structsel.validation import Replay, replay, validate
+from structsel.validation import Resimulation, resimulate, validate
 
 EPILOG = page(
     [
@@ -93,7 +93,7 @@ def run(
         if reconstruct:
             recorded = reconstruct_paths(recorded, craft).recordings
         with Waiting("flying") as waiting:
-            found = replay(
+            found = resimulate(
                 held, craft, recorded, outputs=words(outputs) or None, window=window, normaliser=normaliser,
                 air=Air(rho=rho), definitions=read_definitions(define), progress=waiting,
             )  # fmt: skip
@@ -109,7 +109,7 @@ def run(
         print_validation(stdout(), result, f"{model.name} against {len(flown)} recording{'s' * (len(flown) != 1)}")
 
 
-def _tell(found: Replay, model: str, out: Path | None, plots: bool, json: bool) -> None:
+def _tell(found: Resimulation, model: str, out: Path | None, plots: bool, json: bool) -> None:
     written = _write(out, found, plots) if out is not None else []
     if json:
         print_json(found.to_dict())
@@ -120,7 +120,7 @@ def _tell(found: Replay, model: str, out: Path | None, plots: bool, json: bool) 
         print_files(stdout(), str(out), written)
 
 
-def _write(out: Path, found: Replay, plots: bool) -> list[str]:
+def _write(out: Path, found: Resimulation, plots: bool) -> list[str]:
     """Write everything, or nothing; return the names written."""
     with output_folder(out) as folder:
         (folder / "replay.json").write_text(json_text(found.to_dict()), encoding="utf-8")

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from structsel.plotting.axes import DOUBT, KEPT, MEASURED, MODELLED, label, new_axes, thin
 from structsel.recording import Recording
 from structsel.refinement import Refinement
-from structsel.validation import Replay
-from structsel.validation.replay import window_rows
+from structsel.validation import Resimulation
+from structsel.validation.resimulate import window_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,12 +44,12 @@ def plot_flight(flight: Recording, channel: str, *, recorded: Recording | None =
     return _explain(ax) if alone else ax
 
 
-def plot_replay(result: Replay, recording: str, output: str, *, ax: Axes | None = None) -> Axes:
+def plot_replay(result: Resimulation, recording: str, output: str, *, ax: Axes | None = None) -> Axes:
     """Draw one output as recorded, flown whole, and flown in windows, with its proof-of-match band.
 
     Parameters
     ----------
-    result : Replay
+    result : Resimulation
     recording : str
         Its name.
     output : str
@@ -68,7 +68,7 @@ def plot_replay(result: Replay, recording: str, output: str, *, ax: Axes | None 
     ax.plot([], [], color=DOUBT, lw=1.4, label=f"windows of {result.window:g} s")
     _line(ax, whole, output, MODELLED, "whole", 0.8)
     _frame(ax, measured[output])
-    for one in result.departures:
+    for one in result.divergences:
         if one.recording == recording and one.kind == "whole":
             ax.axvline(one.at, color=MODELLED, lw=0.8, ls=":")
     ax.set_ylabel(label(output, measured.units))
@@ -89,7 +89,7 @@ def draw_flight(flight: Recording, recorded: Recording | None = None) -> Figure:
     return figure
 
 
-def draw_replay(result: Replay) -> Iterator[tuple[str, Figure]]:
+def draw_replay(result: Resimulation) -> Iterator[tuple[str, Figure]]:
     """Figures of a replay, one for each recording.
 
     Yields

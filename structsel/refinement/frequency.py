@@ -14,7 +14,7 @@ from structsel.recording import Recording
 from structsel.refinement.flying import Driven, LinearFlight
 from structsel.refinement.parameters import Parameter
 from structsel.refinement.problem import FlightModel, Problem, filled
-from structsel.refinement.result import OutputFit, judge_output
+from structsel.refinement.result import OutputFit, compare_output
 
 
 class FrequencyProblem(Problem):
@@ -98,7 +98,7 @@ class FrequencyProblem(Problem):
         fits: list[OutputFit] = []
         modelled, residuals = [], {}
         for r, y, z in zip(self.recordings, self.y, fit.outputs):
-            fits += [judge_output(r.name, name, y[:, c], z[:, c]) for c, name in enumerate(self.outputs)]
+            fits += [compare_output(r.name, name, y[:, c], z[:, c]) for c, name in enumerate(self.outputs)]
             half = len(y) // 2
             residuals[r.name] = {
                 name: y[:half, c] - z[:half, c] + 1j * (y[half:, c] - z[half:, c])

@@ -12,7 +12,7 @@ from structsel.numerics.output_error import OutputErrorFit
 from structsel.numerics.output_error_problem import Constraint, OutputErrorProblem, Predict
 from structsel.recording import Recording
 from structsel.refinement.parameters import Parameter
-from structsel.refinement.result import OutputFit, judge_output
+from structsel.refinement.result import OutputFit, compare_output
 from structsel.refinement.settings import RefineOptions
 
 Flyer: TypeAlias = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -231,7 +231,7 @@ class Problem:
         fits: list[OutputFit] = []
         modelled, residuals = [], {}
         for r, z, v in zip(self.recordings, fit.outputs, fit.residuals):
-            fits += [judge_output(r.name, name, r[name], z[:, c]) for c, name in enumerate(self.outputs)]
+            fits += [compare_output(r.name, name, r[name], z[:, c]) for c, name in enumerate(self.outputs)]
             flown = {name: np.array(z[:, c]) for c, name in enumerate(self.outputs)}
             modelled.append(r.with_channels(note=f"outputs {self.said} by refine", **flown))  # type: ignore[arg-type]
             residuals[r.name] = {name: np.array(v[:, c]) for c, name in enumerate(self.outputs)}

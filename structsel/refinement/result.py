@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from structsel.deprecation import renamed_attribute
+from structsel.metrics import MetricValues, compute_metrics, in_tables
 from structsel.numerics.global_search import GlobalSearch
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
@@ -45,38 +47,37 @@ class Estimate:
     at_bound: bool
 
 
-@dataclass(frozen=True)
-class OutputFit:
-    """How near one output of one recording came.
+@dataclass(frozen=True, kw_only=True)
+class OutputFit(MetricValues):
+    """Metrics of one output of one recording.
 
     Attributes
     ----------
     recording, output : str
     n : int
         Samples.
-    rms : float
-        Of the residuals, unit of the output.
-    r2, tic : float
-        Share of the variance explained, and Theil's coefficient: 0 perfect, 1 useless.
+    metrics : mapping of str to float
+        By name, also as attributes: ``fit.rms_error`` in the unit of the output, ``fit.r2``, ``fit.tic``.
     """
 
     recording: str
     output: str
     n: int
-    rms: float
-    r2: float
-    tic: float
+
+    rms = renamed_attribute("rms_error")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fit as one flat row; ``rms`` is the old name of ``rms_error``."""
+        return {
+            "recording": self.recording, "output": self.output, "n": self.n, "rms": self.rms_error, **self.metrics
+        }  # fmt: skip
 
 
-def judge_output(recording: str, output: str, measured: np.ndarray, modelled: np.ndarray) -> OutputFit:
+def compare_output(recording: str, output: str, measured: np.ndarray, modelled: np.ndarray) -> OutputFit:
     """Fit of one output, over the samples there are."""
-    with np.errstate(all="ignore"):
-        seen = np.isfinite(measured)
-        y, z = measured[seen], modelled[seen]
-        rms = float(np.sqrt(np.mean((y - z) ** 2)))
-        spread, size = float(np.std(y)), float(np.sqrt(np.mean(y**2)) + np.sqrt(np.mean(z**2)))
-    r2 = 1.0 - (rms / spread) ** 2 if spread > 0.0 else np.nan
-    return OutputFit(recording, output, int(seen.sum()), rms, r2, rms / size if size > 0.0 else np.nan)
+    sampled = np.isfinite(measured)
+    values = compute_metrics(measured[sampled], modelled[sampled], undefined="nan")
+    return OutputFit(recording=recording, output=output, n=int(sampled.sum()), metrics=values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +221,7 @@ class Refinement:
             "doubts": list(self.doubts),
             "parameters": self.to_frame().to_dict("records"),
             "noise_std": dict(self.noise_std),
-            "fits": [fit.__dict__ for fit in self.fits],
+            "fits": [fit.to_dict() for fit in self.fits],
             "costs": self.costs.tolist(),
             "generations": [] if self.search is None else self.search.costs.tolist(),
             "recordings": [r.name for r in self.simulated],
@@ -248,7 +249,9 @@ class Refinement:
             lines.append(f"  {e.name:<{wide}}{e.value:>13.5g}{e.std:>11.2g}{e.std_white:>11.2g}{e.start:>13.5g}{mark}")
         lines.append("")
         for f in self.fits:
-            lines.append(f"  {f.recording} {f.output:<7} rms {f.rms:.3g}, R2 {f.r2:.4f}, TIC {f.tic:.4f}")
+            named = zip((metric.label for metric in in_tables(brief=True)), f.cells(brief=True))
+            values = ", ".join(f"{label} {cell}" for label, cell in named)
+            lines.append(f"  {f.recording} {f.output:<7} rms {f.rms_error:.3g}, {values}")
         lines += [f"  ! {text}" for text in self.doubts]
         return "\n".join(lines)
 

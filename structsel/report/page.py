@@ -18,7 +18,7 @@ from structsel.refinement import Refinement
 from structsel.report import comparison, diagnosis, flight_path, refinement, selection
 from structsel.report.sheet import Sheet
 from structsel.selection import Selection, Selections
-from structsel.validation import Replay, Validation
+from structsel.validation import Resimulation, Validation
 
 Result = Diagnosis | Selection | Selections | Reconstruction | Reconstructions | Refinement
 _HERE = Path(__file__).parent
@@ -29,7 +29,7 @@ def write_report(
     path: str | Path,
     *,
     recordings: Sequence[Recording] = (),
-    judged: Validation | Mapping[str, Replay] | None = None,
+    judged: Validation | Mapping[str, Resimulation] | None = None,
     reasons: Sequence[str] = (),
     provenance: Mapping[str, Any] | None = None,
 ) -> Path:
@@ -42,7 +42,7 @@ def write_report(
     recordings : sequence of Recording
         Those a selection or a refinement was made from: they are drawn, and their files named. Long ones are thinned
         for the figures, by their least and greatest samples. The other results hold their own.
-    judged : Validation, or mapping of str to Replay, optional
+    judged : Validation, or mapping of str to Resimulation, optional
         What held-out recordings say of a selection; of a model before and after its refinement.
     reasons : sequence of str
         Why not to believe a selection or a refinement; said first.
@@ -118,7 +118,7 @@ def render(
     result: Result,
     *,
     recordings: Sequence[Recording] = (),
-    judged: Validation | Mapping[str, Replay] | None = None,
+    judged: Validation | Mapping[str, Resimulation] | None = None,
     reasons: Sequence[str] = (),
     provenance: Mapping[str, Any] | None = None,
 ) -> str:

@@ -22,10 +22,11 @@ from structsel.report.sheet import (
     interval_bar,
     list_sources,
     merge_remarks,
+    metric_columns,
 )
 from structsel.report.words import counted, figure, fixed, in_unit, listed, percent
-from structsel.validation import Replay
-from structsel.validation.replayed import KINDS, shown
+from structsel.validation import Resimulation
+from structsel.validation.resimulation import KINDS
 
 _PER_RECORDING = ("start", "jump", "drift", "bias")
 _INPUTS = ("de", "da", "dr", "df", "throttle", "thrust")
@@ -39,13 +40,13 @@ _LEGEND = (
 
 
 def sheet_of(
-    found: Refinement, recordings: Sequence[Recording], judged: Mapping[str, Replay], reasons: Sequence[str]
+    found: Refinement, recordings: Sequence[Recording], judged: Mapping[str, Resimulation], reasons: Sequence[str]
 ) -> Sheet:
     """The page of a refinement; `recordings` are those it was made of, `judged` replays of others."""
     settled = found.converged and not reasons
     said = [("", text) for text in found.doubts]
     for name, one in judged.items():
-        said += [(f"{name} the refinement", text) for text in (*one.partings(), *one.doubts)]
+        said += [(f"{name} the refinement", text) for text in (*one.divergence_notes(), *one.doubts)]
     charts = [_descent(found)] if len(found.costs) > 1 else []
     ended = () if found.converged else (f"NOT CONVERGED: {found.message}. What follows is the best found.",)
     sections = [
@@ -78,7 +79,7 @@ def sheet_of(
     )
 
 
-def _headline(found: Refinement, judged: Mapping[str, Replay], settled: bool) -> list[str]:
+def _headline(found: Refinement, judged: Mapping[str, Resimulation], settled: bool) -> list[str]:
     how = "The search settled" if settled else "The search did not settle"
     known = [f.r2 for f in found.fits if math.isfinite(f.r2)]
     near = f" with R² from {fixed(min(known), 3)} to {fixed(max(known), 3)}" if known else ""
@@ -141,26 +142,25 @@ def _fits(found: Refinement) -> Table:
     order = list(found.noise_std)
     own = found.simulated[0].units if found.simulated else {}
     rows = tuple(
-        (f.output, f.recording, str(f.n), in_unit(f.rms, unit_of(f.output, own)), fixed(f.r2), fixed(f.tic))
+        (f.output, f.recording, str(f.n), in_unit(f.rms_error, unit_of(f.output, own)), *f.cells(brief=True))
         for f in sorted(found.fits, key=lambda f: order.index(f.output))
     )
-    heads = columns(output="name", recording="word", samples="number", rms_error="number",
-                    **{"R²": "number"}, TIC="number")  # fmt: skip
+    heads = columns(output="name", recording="word", samples="number", rms_error="number", **metric_columns())
     return Table(heads, rows)
 
 
-def _judgement(judged: Mapping[str, Replay]) -> Section:
+def _judgement(judged: Mapping[str, Resimulation]) -> Section:
     kinds = {"windows": "in windows", "whole": "whole"}
     rows = []
     for output in next(iter(judged.values())).outputs:
         for name, one in judged.items():
-            both = [x for kind in KINDS for x in shown(one.score(output, "all", kind))]
+            both = [x for kind in KINDS for x in one.score(output, "all", kind).table_cells()]
             rows.append((output, name, *both))
+    numbers = {**metric_columns(), "in band": "number"}
     heads = (
         *columns(output="name", refinement="word"),
-        *(c for kind in KINDS for c in columns(**{f"{kinds[kind]}: R²": "number", "RRMSE": "number", "TIC": "number",
-                                                  "in band": "number"})),
-    )  # fmt: skip
+        *(column for kind in KINDS for column in columns(**_first_marked(kinds[kind], numbers))),
+    )
     first = next(iter(judged.values()))
     note = (
         f"In windows of {figure(first.window)} s that each start from what was recorded, and whole, from the first "
@@ -168,6 +168,11 @@ def _judgement(judged: Mapping[str, Replay]) -> Section:
     )
     return Section("On recordings held out", text=("Flown with their recorded inputs; never refined on.",),
                    tables=(Table(heads, tuple(rows), "", note),))  # fmt: skip
+
+
+def _first_marked(mark: str, heads: Mapping[str, str]) -> dict[str, str]:
+    """Columns whose first heading says what they are all of."""
+    return {f"{mark}: {name}" if i == 0 else name: kind for i, (name, kind) in enumerate(heads.items())}
 
 
 def _search(found: Refinement) -> str:

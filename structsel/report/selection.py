@@ -22,6 +22,7 @@ from structsel.report.sheet import (
     interval_bar,
     list_sources,
     merge_remarks,
+    metric_columns,
 )
 from structsel.report.words import counted, explained, figure, fixed, listed, percent
 from structsel.selection import Selection, Selections
@@ -165,9 +166,8 @@ def _judgement(judged: Validation) -> Section:
         mine = [s for s in judged.scores if s.response == pooled.response]
         for s in mine if len(mine) == 1 else [*mine, pooled]:
             residual = "white" if s.white else "coloured" if math.isfinite(s.ljung_box_p) else "-"
-            rows.append((s.response, s.recording, str(s.n), *(fixed(x) for x in (s.r2, s.rrmse, s.tic)), residual))
-    heads = columns(response="name", recording="word", samples="number", **{"R²": "number"}, RRMSE="number",
-                    TIC="number", residual="word")  # fmt: skip
+            rows.append((s.response, s.recording, str(s.n), *s.cells(brief=True), residual))
+    heads = columns(response="name", recording="word", samples="number", **metric_columns(), residual="word")
     note = "RRMSE: rms error over that of the measured response. TIC: Theil's coefficient, 0 perfect, 1 useless."
     return Section("On recordings held out", text=("These were never selected from.",),
                    tables=(Table(heads, tuple(rows), "", note),))  # fmt: skip

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from structsel.metrics import in_tables
 from structsel.provenance import file_of, sha256_of
 from structsel.recording import Recording
 from structsel.report.words import counted, figure, listed
@@ -131,6 +132,11 @@ class Sheet:
 def columns(**kinds: str) -> tuple[Column, ...]:
     """Columns by name; underscores stand for blanks."""
     return tuple(Column(name.replace("_", " "), kind) for name, kind in kinds.items())  # type: ignore[arg-type]
+
+
+def metric_columns() -> dict[str, str]:
+    """Columns of the metrics in short tables, as `columns` takes them."""
+    return {metric.label.replace("R2", "R²"): "number" for metric in in_tables(brief=True)}
 
 
 def interval_bar(name: str, value: float, low: float, high: float) -> Bar | None:

@@ -1,38 +1,55 @@
-"""How well a model holds on recordings and flies them, and how its values scatter over manoeuvres."""
+"""Validation of a model on recordings: its responses, its simulation, and the scatter of values over manoeuvres."""
 
-from structsel.validation.ensembles import Ensemble, ensemble
-from structsel.validation.metrics import (
+from structsel.deprecation import renamed_names
+from structsel.metrics import (
     adjusted_r2,
     autocorrelation,
+    bias,
     correlation,
     durbin_watson,
     ljung_box,
+    metric,
     r2,
+    rms_error,
     rrmse,
     tic,
     white_bound,
 )
-from structsel.validation.replay import BANDS, recorded_start, replay
-from structsel.validation.replayed import Departure, Replay, ReplayScore
-from structsel.validation.scores import Score, Validation, validate
+from structsel.validation.ensembles import Ensemble, ensemble
+from structsel.validation.resimulate import BANDS, recorded_start, resimulate
+from structsel.validation.resimulation import Divergence, Resimulation, ResimulationScore
+from structsel.validation.validate import Score, Validation, validate
+
+__getattr__ = renamed_names(
+    __name__,
+    {
+        "Departure": "Divergence",
+        "Replay": "Resimulation",
+        "ReplayScore": "ResimulationScore",
+        "replay": "resimulate",
+    },
+)
 
 __all__ = [
     "BANDS",
-    "Departure",
+    "Divergence",
     "Ensemble",
-    "Replay",
-    "ReplayScore",
+    "Resimulation",
+    "ResimulationScore",
     "Score",
     "Validation",
     "adjusted_r2",
     "autocorrelation",
+    "bias",
     "correlation",
     "durbin_watson",
     "ensemble",
     "ljung_box",
+    "metric",
     "r2",
     "recorded_start",
-    "replay",
+    "resimulate",
+    "rms_error",
     "rrmse",
     "tic",
     "validate",

@@ -1,23 +1,189 @@
-"""Measures of fit and of whiteness.
+"""Metrics of fit, by name, and tests of whiteness.
 
 Arrays in, one number or array out. ``measured`` and ``modelled`` are (n,) arrays of one response.
+
+A function decorated with `metric` is registered: `validate`, `resimulate` and `refine` compute it for every response,
+and their tables, frames, JSON and reports show it. A metric may also be registered from outside the package::
+
+    @metric(label="max error", best=0.0, unit="response")
+    def largest_error(measured, modelled):
+        return float(np.abs(measured - modelled).max())
 """
 
 from __future__ import annotations
 
-from typing import Any, Literal
+import functools
+import inspect
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from statsmodels.stats.diagnostic import acorr_ljungbox
+from statsmodels.stats.stattools import durbin_watson as durbin_watson_of
 
 from structsel.errors import DataError, DomainError
 from structsel.numerics import noise_models
 
 Normaliser = Literal["rms", "std", "range"]
+_Function = TypeVar("_Function", bound=Callable[..., float])
 
 
+@dataclass(frozen=True)
+class Metric:
+    """A registered metric.
+
+    Attributes
+    ----------
+    name : str
+        Of the function; the name in frames and JSON.
+    function : callable
+        Takes measured and modelled, and further arguments that it names.
+    label : str
+        Heading of its column in tables.
+    best : float
+        Value of a perfect model.
+    unit : str
+        Empty, or ``"response"``; a metric with a unit stands in frames and JSON but in no table of several responses.
+    brief : bool
+        Whether it stands in short tables too.
+    """
+
+    name: str
+    function: Callable[..., float]
+    label: str
+    best: float
+    unit: str
+    brief: bool
+
+
+_METRICS: dict[str, Metric] = {}
+
+
+def metric(*, label: str, best: float, unit: str = "", brief: bool = True) -> Callable[[_Function], _Function]:
+    """Register a function of measured and modelled response as a metric; see `Metric`.
+
+    Raises
+    ------
+    DomainError
+        Another metric has that name.
+    """
+
+    def register(function: _Function) -> _Function:
+        name = function.__name__
+        if name in _METRICS:
+            raise DomainError(f"There is a metric '{name}' already. Give the function another name.")
+        _METRICS[name] = Metric(name, function, label, best, unit, brief)
+        return function
+
+    return register
+
+
+def metrics() -> Mapping[str, Metric]:
+    """The registered metrics by name, in order of registration."""
+    return MappingProxyType(_METRICS)
+
+
+def in_tables(*, brief: bool = False) -> tuple[Metric, ...]:
+    """Metrics with a column in tables; those of short tables only if `brief`."""
+    return tuple(m for m in _METRICS.values() if not m.unit and (m.brief or not brief))
+
+
+def remove_metric(name: str) -> None:
+    """Remove a metric; nothing happens where there is none of that name."""
+    _METRICS.pop(name, None)
+
+
+def compute_metrics(
+    measured: Any,
+    modelled: Any,
+    *,
+    undefined: Literal["raise", "nan"] = "raise",
+    skip: Collection[str] = (),
+    **settings: Any,
+) -> dict[str, float]:
+    """Every registered metric of one response.
+
+    Parameters
+    ----------
+    measured, modelled : (n,) array
+    undefined : {"raise", "nan"}
+        Whether to raise where a metric is not defined for these samples, or where there are none.
+    skip : collection of str
+        Metrics that are not computed; they are nan.
+    **settings
+        Arguments of some metrics, such as ``normaliser`` and ``n_terms``. A metric that needs one not given is left
+        out.
+
+    Returns
+    -------
+    dict of str to float
+
+    Raises
+    ------
+    DomainError
+        A metric is not defined, unless `undefined` is ``"nan"``.
+    """
+    found = {}
+    for one in _METRICS.values():
+        if one.name in skip:
+            found[one.name] = math.nan
+            continue
+        needed, known = _settings_of(one.function)
+        if not needed <= settings.keys():
+            continue
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                given = {k: settings[k] for k in known & settings.keys()}
+                found[one.name] = float(one.function(measured, modelled, **given))
+        except (DomainError, DataError):
+            if undefined == "raise":
+                raise
+            found[one.name] = math.nan
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class MetricValues:
+    """Base of scores: every metric is an attribute, ``score.tic``.
+
+    Attributes
+    ----------
+    metrics : mapping of str to float
+        By name; nan where a metric is not defined.
+    """
+
+    metrics: Mapping[str, float]
+
+    def __getattr__(self, name: str) -> float:
+        try:
+            return self.__dict__["metrics"][name]
+        except KeyError:
+            raise AttributeError(f"'{type(self).__name__}' has no attribute or metric '{name}'", name=name) from None
+
+    def cells(self, *, brief: bool = False, digits: int = 4) -> list[str]:
+        """Text of each metric that stands in tables; see `in_tables`."""
+        return [_cell(self.metrics.get(m.name, math.nan), digits) for m in in_tables(brief=brief)]
+
+
+def _cell(value: float, digits: int) -> str:
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.{digits}f}" if abs(value) < 100.0 else f"{value:.2g}"
+
+
+@functools.cache
+def _settings_of(function: Callable[..., float]) -> tuple[set[str], set[str]]:
+    """Names of a metric's arguments after the two responses: those without a default, and all."""
+    more = list(inspect.signature(function).parameters.values())[2:]
+    return {p.name for p in more if p.default is p.empty}, {p.name for p in more}
+
+
+@metric(label="R2", best=1.0)
 def r2(measured: Any, modelled: Any) -> float:
-    """Share of the measured variance that the model explains::
+    """Fraction of the measured variance that the model explains::
 
         R^2 = 1 - sum (y - yhat)^2 / sum (y - ybar)^2
 
@@ -47,6 +213,7 @@ def r2(measured: Any, modelled: Any) -> float:
     return float(1.0 - np.sum((y - yhat) ** 2) / np.sum((y - y.mean()) ** 2))
 
 
+@metric(label="adj R2", best=1.0, brief=False)
 def adjusted_r2(measured: Any, modelled: Any, n_terms: int) -> float:
     """R^2 corrected for the number of terms::
 
@@ -72,6 +239,7 @@ def adjusted_r2(measured: Any, modelled: Any, n_terms: int) -> float:
     return 1.0 - (1.0 - r2(y, yhat)) * (len(y) - 1) / dof
 
 
+@metric(label="RRMSE", best=0.0)
 def rrmse(measured: Any, modelled: Any, normaliser: Normaliser = "rms") -> float:
     """Root mean squared error over a size of the measured response.
 
@@ -101,6 +269,7 @@ def rrmse(measured: Any, modelled: Any, normaliser: Normaliser = "rms") -> float
     return float(np.sqrt(np.mean((y - yhat) ** 2)) / size)
 
 
+@metric(label="TIC", best=0.0)
 def tic(measured: Any, modelled: Any) -> float:
     """Theil's inequality coefficient, 0 perfect and 1 useless::
 
@@ -128,6 +297,7 @@ def tic(measured: Any, modelled: Any) -> float:
     return float(np.sqrt(np.mean((y - yhat) ** 2)) / size)
 
 
+@metric(label="corr", best=1.0, brief=False)
 def correlation(measured: Any, modelled: Any) -> float:
     """Pearson's correlation coefficient of measured and modelled response.
 
@@ -145,8 +315,22 @@ def correlation(measured: Any, modelled: Any) -> float:
     y, yhat = _pair(measured, modelled)
     _varies(y, "Correlation", "measured response")
     _varies(yhat, "Correlation", "modelled response")
-    y, yhat = y - y.mean(), yhat - yhat.mean()
-    return float(y @ yhat / np.sqrt((y @ y) * (yhat @ yhat)))
+    return float(np.corrcoef(y, yhat)[0, 1])
+
+
+@metric(label="rms error", best=0.0, unit="response", brief=False)
+def rms_error(measured: Any, modelled: Any) -> float:
+    """Root mean squared error, in the unit of the response."""
+    y, yhat = _pair(measured, modelled)
+    with np.errstate(over="ignore"):
+        return float(np.sqrt(np.mean((y - yhat) ** 2)))
+
+
+@metric(label="bias", best=0.0, unit="response", brief=False)
+def bias(measured: Any, modelled: Any) -> float:
+    """Mean of measured less modelled, in the unit of the response."""
+    y, yhat = _pair(measured, modelled)
+    return float(np.mean(y - yhat))
 
 
 def autocorrelation(residual: Any, lags: int) -> np.ndarray:
@@ -222,7 +406,7 @@ def durbin_watson(residual: Any) -> float:
     e = _one(residual, "residual")
     if not np.any(e):
         raise DomainError("Durbin-Watson needs a residual that is not zero throughout.")
-    return float(np.sum(np.diff(e) ** 2) / np.sum(e**2))
+    return float(durbin_watson_of(e))
 
 
 def _reaches(residual: np.ndarray, lags: int, measure: str) -> None:

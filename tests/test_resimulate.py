@@ -1,4 +1,4 @@
-"""replay(): flights with recorded inputs, whole and in windows."""
+"""resimulate(): flights with recorded inputs, whole and in windows."""
 
 import pickle
 
@@ -15,7 +15,7 @@ from structsel import (
     ResponseModel,
     linearise,
     ready,
-    replay,
+    resimulate,
     simulate,
     trim,
 )
@@ -23,7 +23,7 @@ from structsel.errors import ChannelError, DataError, DomainError, ModelError
 from structsel.inputs import doublet, frequency_sweep, information, name_derivatives, three_two_one_one
 from structsel.plotting import draw_flight, draw_inputs, draw_replay, plot_replay
 from structsel.validation import r2, rrmse, tic
-from structsel.validation.replay import window_rows
+from structsel.validation.resimulate import window_rows
 
 CRAFT = ready("citation")
 TRIM = CRAFT.trim()
@@ -49,17 +49,17 @@ def flight():
 
 
 def test_the_model_that_made_a_flight_flies_it_exactly_whole_and_in_windows(flight):
-    found = replay(CRAFT.model, CRAFT.aircraft, flight)
-    assert found.departures == ()
+    found = resimulate(CRAFT.model, CRAFT.aircraft, flight)
+    assert found.divergences == ()
     for one in found.scores:
-        assert one.flown == 1.0
+        assert one.reached == 1.0
         assert one.rms_error < 1e-9 * max(1.0, np.abs(flight[one.output]).max())
         assert one.inside == 1.0
 
 
 def test_scores_are_those_of_the_metrics_over_the_flights_it_returns(flight):
     other = flown("m02", -0.015)
-    found = replay(changed(alpha=-0.4), CRAFT.aircraft, [flight, other], outputs=["q", "alpha"], normaliser="std")
+    found = resimulate(changed(alpha=-0.4), CRAFT.aircraft, [flight, other], outputs=["q", "alpha"], normaliser="std")
     for kind, flights in (("whole", found.whole), ("windows", found.windows)):
         y = np.concatenate([flight["q"], other["q"]])
         z = np.concatenate([one["q"] for one in flights])
@@ -73,7 +73,7 @@ def test_scores_are_those_of_the_metrics_over_the_flights_it_returns(flight):
 
 
 def test_each_window_starts_from_what_was_recorded(flight):
-    found = replay(changed(alpha=-0.3), CRAFT.aircraft, flight, window=2.0)
+    found = resimulate(changed(alpha=-0.3), CRAFT.aircraft, flight, window=2.0)
     firsts = [rows.start for rows in window_rows(flight, 2.0)]
     assert firsts == [0, 50, 100, 150, 200, 250]
     assert_allclose(found.windows[0]["q"][firsts], flight["q"][firsts], atol=1e-12)
@@ -91,15 +91,15 @@ def test_outputs_are_read_where_the_instruments_stand():
     u = doublet("de", 0.03, duration=8.0, dt=0.04)
     schedule = Recording("m01", u.t, {"de": TRIM["de"] + u["de"]})
     record = simulate(CRAFT.model, craft, schedule, start=TRIM, instruments=Instruments())
-    found = replay(CRAFT.model, craft, record)
+    found = resimulate(CRAFT.model, craft, record)
     assert max(one.rms_error for one in found.scores) < 1e-8
-    elsewhere = replay(CRAFT.model, CRAFT.aircraft, record)
+    elsewhere = resimulate(CRAFT.model, CRAFT.aircraft, record)
     # At the vane alpha is less by q x / V, with x = 6 m.
     off = record["alpha"] - elsewhere.whole[0]["alpha"]
     assert_allclose(off, -record["q"] * 6.0 / record["V"], atol=4e-4)
 
 
-def test_an_aircraft_unstable_in_open_loop_parts_when_flown_whole_and_is_judged_in_windows():
+def test_an_aircraft_unstable_in_open_loop_diverges_as_a_whole_and_is_judged_in_windows():
     # A gyro that is slightly off starts each flight with a turn; flown whole, that grows with 1.2 per second.
     unstable = changed(alpha=0.8)
     steady = trim(unstable, CRAFT.aircraft, 120.0, 7500.0)
@@ -109,31 +109,31 @@ def test_an_aircraft_unstable_in_open_loop_parts_when_flown_whole_and_is_judged_
     schedule = Recording("m01", u.t, {"de": steady["de"] + u["de"]})
     record = simulate(unstable, CRAFT.aircraft, schedule, start=steady)
     off = record.with_channels(q=record["q"] + 0.002)
-    found = replay(unstable, CRAFT.aircraft, off, window=1.0, outputs=["alpha", "theta"])
+    found = resimulate(unstable, CRAFT.aircraft, off, window=1.0, outputs=["alpha", "theta"])
     windows, whole = (found.score("alpha", kind=kind).rms_error for kind in ("windows", "whole"))
     assert windows < 0.05 * whole
-    wild = replay(changed(alpha=3.0), CRAFT.aircraft, flown())
-    (parted,) = [one for one in wild.departures if "measured range" in one.why]
+    wild = resimulate(changed(alpha=3.0), CRAFT.aircraft, flown())
+    (parted,) = [one for one in wild.divergences if "measured range" in one.why]
     assert 0.0 < parted.at < 3.0
-    assert f"parts at t = {parted.at:g} s" in str(wild)
+    assert f"diverges at t = {parted.at:g} s" in str(wild)
 
 
 def test_a_flight_that_blows_up_is_named_with_the_time_and_scored_to_there(flight):
-    found = replay(changed(alpha=60.0, q_hat=90.0), CRAFT.aircraft, flight)
-    whole = next(one for one in found.departures if one.kind == "whole" and "measured range" not in one.why)
+    found = resimulate(changed(alpha=60.0, q_hat=90.0), CRAFT.aircraft, flight)
+    whole = next(one for one in found.divergences if one.kind == "whole" and "measured range" not in one.why)
     reached = int(np.isfinite(found.whole[0]["q"]).sum())
     assert whole.at == pytest.approx(flight.t[reached])
     score = found.score("q")
-    assert score.flown == pytest.approx(reached / len(flight))
-    assert score.inside <= score.flown  # what was not flown was not inside
+    assert score.reached == pytest.approx(reached / len(flight))
+    assert score.inside <= score.reached  # what was not flown was not inside
     assert found.to_dict()["departures"][0]["recording"] == "m01"
-    assert "more of its windows break off" in str(found)
+    assert "more of its windows diverge" in str(found)
 
 
 def test_gaps_of_an_output_are_passed_over_and_a_still_channel_has_no_r2(flight):
     gaps = flight["q"].copy()
     gaps[20:60] = np.nan
-    found = replay(CRAFT.model, CRAFT.aircraft, flight.with_channels(q=gaps, beta=0.0), outputs=["q", "beta"])
+    found = resimulate(CRAFT.model, CRAFT.aircraft, flight.with_channels(q=gaps, beta=0.0), outputs=["q", "beta"])
     assert found.score("q").n == len(flight) - 40
     assert found.score("q").rms_error < 1e-9
     assert np.isnan(found.score("beta").r2)
@@ -142,9 +142,9 @@ def test_gaps_of_an_output_are_passed_over_and_a_still_channel_has_no_r2(flight)
 
 def test_bands_may_be_given_and_decide_what_is_inside(flight):
     model = changed(alpha=-0.45)
-    error = np.abs(replay(model, CRAFT.aircraft, flight).whole[0]["q"] - flight["q"])
+    error = np.abs(resimulate(model, CRAFT.aircraft, flight).whole[0]["q"] - flight["q"])
     half = float(np.median(error))
-    found = replay(model, CRAFT.aircraft, flight, bands={"q": half})
+    found = resimulate(model, CRAFT.aircraft, flight, bands={"q": half})
     assert found.score("q").inside == pytest.approx(0.5, abs=0.01)
 
 
@@ -155,13 +155,13 @@ def test_longitudinal_models_start_without_lateral_motion_and_need_no_altitude_w
     record = craft.simulate(Recording("m01", u.t, {"de": trim["de"] + u["de"]}), start=trim)
     record = Recording("m01", u.t, {c: record[c] for c in record.names if c != "h"}, provenance=record.provenance)
     record = record.with_channels(p=0.1, phi=0.05)
-    found = replay(craft.model, craft.aircraft, record, air=craft.air, definitions=craft.definitions)
+    found = resimulate(craft.model, craft.aircraft, record, air=craft.air, definitions=craft.definitions)
     assert found.outputs == ("V", "alpha", "q", "theta", "ax", "az")
     assert found.score("q").r2 > 1.0 - 1e-9
 
 
-def test_what_cannot_be_replayed_is_refused_with_the_reason(flight):
-    fly = lambda *more, **options: replay(CRAFT.model, CRAFT.aircraft, *more, **options)  # noqa: E731
+def test_what_cannot_be_simulated_is_refused_with_the_reason(flight):
+    fly = lambda *more, **options: resimulate(CRAFT.model, CRAFT.aircraft, *more, **options)  # noqa: E731
     with pytest.raises(DataError, match="given none"):
         fly([])
     with pytest.raises(DataError, match="m01 more than once"):
@@ -181,13 +181,28 @@ def test_what_cannot_be_replayed_is_refused_with_the_reason(flight):
         fly(flight.with_channels(theta=lost))
 
 
-def test_a_replay_pickles_is_frozen_and_tells_what_was_fitted(flight):
+def test_a_resimulation_pickles_is_frozen_and_tells_what_was_fitted(flight):
     model = AeroModel(CRAFT.model.responses, "known", ("m01",))
-    found = replay(model, CRAFT.aircraft, flight)
+    found = resimulate(model, CRAFT.aircraft, flight)
     assert pickle.loads(pickle.dumps(found)).to_dict() == found.to_dict()
     assert "used to identify" in found.doubts[0]
     with pytest.raises(ModelError, match="No score of 'h'"):
         found.score("h")
+
+
+def test_the_old_names_work_and_warn(flight):
+    with pytest.warns(DeprecationWarning, match="use resimulate instead"):
+        from structsel import replay
+    found = replay(CRAFT.model, CRAFT.aircraft, flight, outputs=["q"])
+    with pytest.warns(DeprecationWarning, match="use divergences instead"):
+        assert found.departures == ()
+    with pytest.warns(DeprecationWarning, match="use divergence_notes instead"):
+        assert found.partings() == []
+    with pytest.warns(DeprecationWarning, match="use reached instead"):
+        assert found.scores[0].flown == 1.0
+    with pytest.warns(DeprecationWarning, match="use Resimulation instead"):
+        from structsel.validation import Replay
+    assert isinstance(found, Replay)
 
 
 # --- derivatives by name ----------------------------------------------------------------------------
@@ -223,13 +238,13 @@ def test_other_states_have_no_named_derivatives():
 # --- figures ----------------------------------------------------------------------------------------
 
 
-def test_the_figure_of_a_replay_shows_the_record_both_flights_the_band_and_where_they_part(flight):
-    found = replay(changed(alpha=3.0), CRAFT.aircraft, flight)
+def test_the_figure_of_a_resimulation_shows_the_record_both_flights_the_band_and_where_they_part(flight):
+    found = resimulate(changed(alpha=3.0), CRAFT.aircraft, flight)
     ax = plot_replay(found, "m01", "alpha")
     lines = {line.get_label(): line for line in ax.get_lines()}
     assert_allclose(lines["recorded"].get_ydata(), flight["alpha"])
     assert_allclose(lines["whole"].get_ydata(), found.whole[0]["alpha"])
-    parted = next(one.at for one in found.departures if one.kind == "whole")
+    parted = next(one.at for one in found.divergences if one.kind == "whole")
     assert any(np.allclose(line.get_xdata(), parted) for line in ax.get_lines() if len(line.get_xdata()) == 2)
     low, high = ax.get_ylim()
     assert high - low <= 4.0 * np.ptp(flight["alpha"]) + 1e-12  # the record stays readable

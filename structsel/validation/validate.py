@@ -4,26 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
+from structsel import metrics
 from structsel.errors import DataError, DomainError, ModelError
+from structsel.metrics import MetricValues, compute_metrics, in_tables
 from structsel.model import AeroModel
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
-from structsel.validation import metrics
 
 _FEWEST = 10
 _WHITE = 0.05
+_WHITENESS = ("bound", "outside", "ljung_box", "ljung_box_p", "durbin_watson", "white")
 
 
-@dataclass(frozen=True, eq=False)
-class Score:
-    """How well one response of a model holds on one recording, or on all of them together.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Score(MetricValues):
+    """Metrics and whiteness of one response of a model on one recording, or on all of them together.
 
     Attributes
     ----------
@@ -31,30 +33,20 @@ class Score:
         The recording is ``"all"`` for the pooled score.
     n : int
         Samples.
-    r2, adjusted_r2, rrmse, tic, correlation : float
-        See the functions of these names; the correlation is nan where the model is constant.
-    rms_error : float [response unit]
-    bias : float [response unit]
-        Mean of measured less modelled.
+    metrics : mapping of str to float
+        By name, also as attributes: ``score.r2``. The correlation is nan where the model is constant.
     autocorrelation : (lags + 1,) array
         Of the residual, lag zero first; nan where the model is exact.
     bound : float
         95 % bound of the autocorrelation of white residuals.
     outside : float
-        Share of the lags beyond the bound; about 0.05 for white residuals.
+        Fraction of the lags beyond the bound; about 0.05 for white residuals.
     ljung_box, ljung_box_p, durbin_watson : float
     """
 
     response: str
     recording: str
     n: int
-    r2: float
-    adjusted_r2: float
-    rrmse: float
-    tic: float
-    correlation: float
-    rms_error: float
-    bias: float
     autocorrelation: np.ndarray
     bound: float
     outside: float
@@ -64,15 +56,15 @@ class Score:
 
     @property
     def white(self) -> bool:
-        """Whether Ljung-Box finds no colour in the residual at 5 %."""
+        """Whether Ljung-Box finds no autocorrelation of the residual at 5 %."""
         return bool(self.ljung_box_p > _WHITE)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the score as plain numbers, None for what is not defined."""
-        held = {f.name: getattr(self, f.name) for f in fields(self)}
-        held["autocorrelation"] = [_known(v) for v in self.autocorrelation.tolist()]
-        held["white"] = self.white
-        return {key: _known(v) if isinstance(v, float) else v for key, v in held.items()}
+        row: dict[str, Any] = {"response": self.response, "recording": self.recording, "n": self.n, **self.metrics}
+        row["autocorrelation"] = [_known(v) for v in self.autocorrelation.tolist()]
+        row |= {name: getattr(self, name) for name in _WHITENESS}
+        return {key: _known(v) if isinstance(v, float) else v for key, v in row.items()}
 
 
 @dataclass(frozen=True)
@@ -133,21 +125,21 @@ class Validation:
         alone = len(self.scores) == len(self.pooled)  # one recording is its own pool
         rows = [*self.scores, *(() if alone else self.pooled)]
         wide = max([9, *(len(s.recording) for s in rows)])
-        heads = ["n", "R2", "adj R2", "RRMSE", "TIC", "corr", "DW", "beyond"]
+        heads = ["n", *(metric.label for metric in in_tables()), "DW", "beyond"]
         top = [f"  {'response':<8}", f"{'recording':<{wide}}", *(f"{head:>7}" for head in heads), "residual"]
         lines = ["  ".join(top)]
         for s in sorted(rows, key=lambda s: [p.response for p in self.pooled].index(s.response)):
-            figures = [s.r2, s.adjusted_r2, s.rrmse, s.tic, s.correlation, s.durbin_watson]
-            shown = "  ".join(f"{v:>7.3f}" if math.isfinite(v) else f"{'-':>7}" for v in figures)
-            share = f"{100 * s.outside:>5.0f} %" if math.isfinite(s.outside) else f"{'-':>7}"
-            colour = "white" if s.white else ("coloured" if math.isfinite(s.ljung_box_p) else "none")
-            lines.append(f"  {s.response:<8}  {s.recording:<{wide}}  {s.n:>7}  {shown}  {share}  {colour}")
+            statistic = f"{s.durbin_watson:.3f}" if math.isfinite(s.durbin_watson) else "-"
+            beyond = f"{100 * s.outside:.0f} %" if math.isfinite(s.outside) else "-"
+            numbers = "  ".join(f"{cell:>7}" for cell in (str(s.n), *s.cells(digits=3), statistic, beyond))
+            residual = "white" if s.white else ("coloured" if math.isfinite(s.ljung_box_p) else "none")
+            lines.append(f"  {s.response:<8}  {s.recording:<{wide}}  {numbers}  {residual}")
         size = {"rms": "the rms", "std": "the standard deviation", "range": "the range"}[self.normaliser]
         head = f"Model {self.model!r} against recordings" if self.model else "Model against recordings"
         notes = [
             f"RRMSE is the rms error over {size} of the measured response; TIC is 0 perfect, 1 useless.",
             "beyond: lags whose residual autocorrelation passes the 95 % bound of white noise, 5 % expected;",
-            "residual: white where Ljung-Box finds no colour at 5 %.",
+            "residual: white where Ljung-Box finds no autocorrelation at 5 %.",
             *(f"Doubt: {doubt}" for doubt in self.doubts),
         ]
         return "\n".join([head, *lines, *notes])
@@ -246,26 +238,15 @@ def _score(
     """Score one response on the pieces together, lags kept inside each."""
     y, yhat = (np.concatenate(parts) for parts in zip(*pieces))
     n_terms = sum(not term.is_constant for term in model[name].terms)
+    constant = np.ptp(yhat) == 0  # no correlation then, and the other metrics are defined
     try:
-        fit: dict[str, Any] = {
-            "r2": metrics.r2(y, yhat),
-            "adjusted_r2": metrics.adjusted_r2(y, yhat, n_terms),
-            "rrmse": metrics.rrmse(y, yhat, normaliser),
-            "tic": metrics.tic(y, yhat),
-            "correlation": metrics.correlation(y, yhat) if np.ptp(yhat) > 0 else math.nan,
-        }
+        values = compute_metrics(
+            y, yhat, skip=("correlation",) if constant else (), n_terms=n_terms, normaliser=normaliser
+        )
     except DomainError as error:
         raise DomainError(f"{name} on '{recording}': {error}") from error
     residuals = [measured - modelled for measured, modelled in pieces]
-    return Score(
-        name,
-        recording,
-        len(y),
-        **fit,
-        rms_error=float(np.sqrt(np.mean((y - yhat) ** 2))),
-        bias=float(np.mean(y - yhat)),
-        **_whiteness(residuals, lags),
-    )
+    return Score(response=name, recording=recording, n=len(y), metrics=values, **_whiteness(residuals, lags))
 
 
 def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> dict[str, Any]:
