@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo proof test test-all static check bench fuzz wheel lowest format clean
+.PHONY: demo proof test test-slow test-all static check bench fuzz wheel lowest format clean
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -18,14 +18,20 @@ $(VENV)/.installed-dev: $(VENV)/.installed
 demo: $(VENV)/.installed  ## run the main job on an embedded flight
 	$(BIN)/structsel demo --out out/demo
 
-# Two processes with one thread each; tests of one file go to the same process, for they share what they compute.
+# Kernels are compiled once, and then two processes of one thread each run the tests. Tests of one file go to the same
+# process: they share what they compute. TESTS=tests/test_cli.py runs this file only.
+COMPILE = OMP_NUM_THREADS=1 $(BIN)/python -m tests.compile_kernels
 PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 test: $(VENV)/.installed-dev  ## run the default set of tests, in about five minutes
+	$(COMPILE)
 	$(PYTEST) -m "not slow" $(TESTS)
 
-test-all: $(VENV)/.installed-dev  ## run every test, the slow ones too
-	$(PYTEST) -m "" $(TESTS)
+test-slow: $(VENV)/.installed-dev  ## run the tests that the default set leaves out
+	$(COMPILE)
+	$(PYTEST) -m slow $(TESTS)
+
+test-all: test test-slow  ## run every test
 
 static: $(VENV)/.installed-dev  ## format, lint, import order, types
 	$(BIN)/ruff format --check .
@@ -56,11 +62,11 @@ wheel: $(VENV)/.installed-dev  ## build the wheel, look what is in it, install i
 	$(BIN)/python -m build --quiet --wheel --outdir out/wheel .
 	$(BIN)/python .ci/check_wheel.py out/wheel/*.whl
 
-# Direct dependencies as old as pyproject.toml allows, theirs as new as fits; TESTS=tests/test_cli.py runs these only.
+# Direct dependencies as old as pyproject.toml allows, theirs as new as fits.
 lowest: $(VENV)/.installed-dev  ## run the tests with the oldest dependencies allowed
 	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python out/lowest
 	$(BIN)/python -m uv pip install --quiet --python out/lowest/bin/python --resolution lowest-direct -e ".[test]"
-	OMP_NUM_THREADS=1 out/lowest/bin/python -m pytest -n 2 --dist loadfile $(TESTS)
+	$(MAKE) test test-slow BIN=out/lowest/bin
 
 format: $(VENV)/.installed-dev  ## put the code in order
 	$(BIN)/ruff format .
