@@ -19,7 +19,7 @@ HIGHEST = 6.0
 _BANDS = 14
 _EDGE = 1.0  # s
 _PICKS = 8
-_SCREENED = 80
+_FREE = 1e-3  # precision (inverse standard deviation) of values that are not held to their tolerances
 _WORTH = 0.03  # of what is left, that a further column must take
 _GENERIC = (
     "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "CT", "V", "alpha_dot_hat", "beta_dot_hat", "df",
@@ -199,7 +199,7 @@ def _residual(
         left = y - X @ fit[:k] - Z @ fit[k:]
         free = 1.0 - (turned**2).sum(axis=0)
         if turn < 2 and further is not None:
-            X = np.column_stack([X, further[:, _helpful(rows, left * weight, further, weight)]])
+            X = np.column_stack([X, further[:, _helpful(rows, y * weight, further, weight)]])
         held = _smooth_spectrum(flights, bins, np.split(left, cuts), np.split(free, cuts), edges)
         weight = np.concatenate(
             [np.exp(-np.interp(np.log(frequencies(f, b)), np.log(edges), held)) for f, b in zip(flights, bins)]
@@ -207,26 +207,38 @@ def _residual(
     return np.split(left, cuts), np.split(free, cuts)
 
 
-def _helpful(rows: Array, left: Array, further: Array, weight: Array) -> list[int]:
-    """Columns that lower what is left most, one after another, until none lowers it by more than chance."""
-    size = np.sqrt(weight**2 @ further**2)
-    alike = np.abs((left * weight) @ further) / np.where(size > 0.0, size, np.inf)
-    some = np.argsort(-alike)[:_SCREENED]
-    Q = np.linalg.qr(rows)[0]
-    F = further[:, some] * weight[:, None]
+def _helpful(rows: Array, y: Array, further: Array, weight: Array) -> list[int]:
+    """Columns that lower what is left most, one after another, until none lowers it by more than chance.
+
+    Parameters
+    ----------
+    rows : (n, k) array
+        Weighted columns that explain already, in units of the noise. Many are collinear.
+    y : (n,) array
+        Weighted coefficients.
+    further : (n, p) array
+    weight : (n,) array
+    """
+    n, k = len(y), rows.shape[1]
+    # Below the rows stands a weak prior: of collinear columns the directions that no sample determines would
+    # otherwise be rounding errors, and what they take away would be random.
+    Q = np.linalg.qr(np.vstack([rows, _FREE * np.eye(k)]))[0]
+    F = np.vstack([further * weight[:, None], np.zeros((k, further.shape[1]))])
     before = (F**2).sum(axis=0)
     F = F - Q @ (Q.T @ F)
+    left = np.concatenate([y, np.zeros(k)])
     left = left - Q @ (Q.T @ left)
+    freedom = max(1.0, n - float((Q[:n] ** 2).sum()))
     kept: list[int] = []
     for _ in range(_PICKS):
         power = (F**2).sum(axis=0)
         free = power > 1e-3 * before
         gain = np.where(free, (F.T @ left) ** 2 / np.where(free, power, 1.0), 0.0)
         j = int(np.argmax(gain))
-        noise = float(left @ left) / max(1, len(left) - rows.shape[1])
-        if gain[j] < max(5.0 * np.log(further.shape[1] + 1.0) * noise, _WORTH * float(left @ left)):
+        total = float(left @ left)
+        if gain[j] < max(5.0 * np.log(further.shape[1] + 1.0) * total / freedom, _WORTH * total):
             break
-        kept.append(int(some[j]))
+        kept.append(j)
         q = F[:, j] / np.sqrt(power[j])
         left = left - q * (q @ left)
         F = F - np.outer(q, q @ F)
