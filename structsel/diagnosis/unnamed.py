@@ -9,11 +9,10 @@ import numpy as np
 from structsel.comparison.locating.ceiling import explainable
 from structsel.comparison.locating.turbulence import Turbulence
 from structsel.diagnosis import judging
-from structsel.diagnosis.ranking import Ranking
+from structsel.diagnosis.ranking import NAMED, Ranking
 from structsel.diagnosis.result import UNNAMED, Bars, Finding, Physics
 from structsel.numerics.arrays import Array
 
-_REPEATABLE = 0.35  # share of what is left that a learner foretells on other flights
 _MATERIAL = 0.10  # share by which that would lower the error
 
 
@@ -41,14 +40,15 @@ def find_unknown(
     bench = ranking.bench
     got, delivered = judging.measured(bench), judging.as_delivered(bench)
     after = judging.refitted(delivered, judging.held_out(bench))
+    # Of a response that leaves little more than its noise no half can be predicted: the learner need not be asked.
     most = {
         c: judging.rms(after, c) / judging.rms(delivered, c)
         for c in told
-        if ceiling.get(c, 0.0) > _REPEATABLE and judging.rms(delivered, c) > 0.0 and not judging.is_noise(bench, c)
+        if judging.rms(delivered, c) > 0.0 and not judging.is_noise(bench, c)
     }
     asked = [c for c, w in most.items() if w > _MATERIAL]
     share = explainable(bench.flights, left, asked) if asked else {}
-    worth = {c: most[c] * (1.0 - np.sqrt(1.0 - s)) for c, s in share.items() if s > _REPEATABLE}
+    worth = {c: most[c] * (1.0 - np.sqrt(1.0 - s)) for c, s in share.items() if s > NAMED}
     axes = tuple(sorted((c for c, w in worth.items() if w > _MATERIAL), key=lambda c: -worth[c]))
     if not axes:
         return []

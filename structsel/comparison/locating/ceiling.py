@@ -31,6 +31,7 @@ _HELD_TO = (1.0, 30.0, 1000.0)
 _PER_HERTZ = 2.2  # samples kept per hertz of the band
 _FOLDS = 4
 _SAMPLES = 2500
+_RESOLUTION = 1e-6  # of a channel's range: samples closer together are equal, so that no tree splits what is one value
 
 
 def explainable(
@@ -144,6 +145,8 @@ def _foretell(X: Array, products: Array, Y: Array, group: Array) -> Array:
     ridge = np.array([_shares(Y, told, group) for told in straight])
     best = np.argmax(ridge, axis=0)
     bent = np.empty_like(Y)
+    span = np.ptp(X, axis=0)
+    X = np.round((X - X.min(axis=0)) / (_RESOLUTION * np.where(span > 0.0, span, 1.0)))
     trees = HistGradientBoostingRegressor(
         max_iter=40, learning_rate=0.12, max_leaf_nodes=8, min_samples_leaf=25, max_bins=48, early_stopping=False
     )
