@@ -1,7 +1,5 @@
 """How likely effects are: the formula, what is taken where an effect acts, and the weights' own fit."""
 
-import importlib.util
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,19 +8,11 @@ from scipy.fft import dct
 from scipy.special import softmax
 from statsmodels.discrete.conditional_models import ConditionalLogit
 
+from proof import calibrate
 from structsel.diagnosis import judging, scoring, weighing
 from structsel.diagnosis.assembling import Member, jackknifed, shares
 from structsel.effects.base import Parameter
 from structsel.numerics.evidence import Trial
-
-
-@pytest.fixture(scope="module")
-def learning():
-    path = Path(__file__).parents[1] / "benchmarks" / "chances.py"
-    spec = importlib.util.spec_from_file_location("chances", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_chances_are_a_softmax_with_nothing_among_the_choices():
@@ -141,7 +131,7 @@ def test_the_jackknife_of_a_mean_is_its_standard_error():
     assert jackknifed(without[:1]) == pytest.approx([0.0])
 
 
-def test_weights_are_those_of_statsmodels_conditional_logit(learning):
+def test_weights_are_those_of_statsmodels_conditional_logit():
     rng = np.random.default_rng(4)
     truth, count = np.array([-1.0, 2.0, 0.5]), 300
     rounds, x, y, group = [], [], [], []
@@ -154,21 +144,21 @@ def test_weights_are_those_of_statsmodels_conditional_logit(learning):
         x += [np.zeros(3), *seen]
         y += [k == chosen for k in range(1 + len(features))]
         group += [i] * (1 + len(features))
-    X, there, right = (padded[..., :2] if padded.ndim == 3 else padded for padded in padded_of(learning, rounds))
-    found = learning.fit(X, there, right, mild=0.0)
+    X, there, right = (padded[..., :2] if padded.ndim == 3 else padded for padded in padded_of(rounds))
+    found = calibrate.fit(X, there, right, mild=0.0)
     theirs = ConditionalLogit(np.array(y, dtype=float), np.array(x), groups=np.array(group)).fit(disp=0)
     assert found == pytest.approx(theirs.params, abs=2e-3)
     assert found == pytest.approx(truth, abs=0.5)
 
 
-def padded_of(learning, rounds):
+def padded_of(rounds):
     """As the script pads features, of which these have two."""
-    names = learning.weighing.FEATURES
+    names = calibrate.weighing.FEATURES
     wide = [
         {**r, "rows": [{**row, "features": [*row["features"], *[0.0] * (len(names) - 2)]} for row in r["rows"]]}
         for r in rounds
     ]
-    return learning.padded(wide)
+    return calibrate.padded(wide)
 
 
 @pytest.mark.parametrize(
