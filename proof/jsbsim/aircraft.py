@@ -172,13 +172,6 @@ def plane(name: str) -> Plane:
         return Plane(name)
 
 
-def changed_xml(name: str, parts: tuple[Part, ...]) -> str:
-    """XML of an aircraft with some aerodynamic functions replaced."""
-    tree = ET.parse(original(name))
-    _replace(tree.getroot(), parts)
-    return ET.tostring(tree.getroot(), encoding="unicode")
-
-
 def _replace(root: ET.Element, parts: tuple[Part, ...]) -> None:
     new = {part.name: part for part in parts}
     for function in root.iter("function"):

@@ -81,21 +81,6 @@ def find_native(plane: Plane) -> list[Native]:
     return found
 
 
-def _all_reads(plane: Plane, part: Part) -> frozenset[str]:
-    """Properties that a part reads, itself or through free functions."""
-    free = {p.name: p for p in plane.parts if not p.axis}
-    reads: set[str] = set()
-    waiting = list(part.reads())
-    while waiting:
-        name = waiting.pop()
-        if name in reads:
-            continue
-        reads.add(name)
-        if name in free:
-            waiting += list(free[name].reads())
-    return frozenset(reads)
-
-
 def _frozen(parts: tuple[Part, ...], values: dict[str, float]) -> tuple[Part, ...]:
     """Those of the parts that read a property, with its value in its place."""
 

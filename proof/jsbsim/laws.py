@@ -136,7 +136,7 @@ def reynolds(now: Now, given: dict[str, float], a: Aircraft) -> tuple[float, ...
 
 def flexible(now: Now, given: dict[str, float], a: Aircraft) -> tuple[float, ...]:
     """Derivatives that fall with dynamic pressure."""
-    soft = 0.3 * now["qbar"] / given["qbar"] if given else 0.3 * now["qbar"] / 5000.0
+    soft = 0.3 * now["qbar"] / 5000.0
     return 0, soft * 0.3 * now["beta"], soft * 5.0 * now["alpha"], soft * 0.05 * now["beta"], \
         soft * (0.5 * now["alpha"] + 0.8 * now.get("de", 0.0)), 0  # fmt: skip
 

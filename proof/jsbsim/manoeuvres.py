@@ -90,7 +90,7 @@ Plan = Callable[[Plane, Point, np.ndarray, np.random.Generator], dict[str, np.nd
 
 def plan(plane: Plane, name: str, purpose: str, point: Point, dt: float, rng: np.random.Generator) -> Manoeuvre:
     """One manoeuvre of a purpose, of `PURPOSES`."""
-    length = rng.uniform(24.0, 34.0) if purpose != "free" else rng.uniform(14.0, 18.0)
+    length = rng.uniform(24.0, 34.0)
     t = np.round(np.arange(-LEAD, length, dt), 9)
     t = t - t[np.argmin(np.abs(t))]
     commands = PURPOSES[purpose](plane, point, t, rng)
@@ -238,7 +238,7 @@ def _config(plane: Plane, at: Point, t: np.ndarray, rng: np.random.Generator, wh
 
 PURPOSES: dict[str, Plan] = {
     "pitch": _pitch, "lateral": _lateral, "multisine": _multisine, "throttle": _throttle, "speed": _speed,
-    "turn": _turn, "pull": _pull, "stall": _stall, "low": _low, "free": _pitch,
+    "turn": _turn, "pull": _pull, "stall": _stall, "low": _low,
     **{which: partial(_config, which=which) for which in ("df", "gear", "brake")},
 }  # fmt: skip
 

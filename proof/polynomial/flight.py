@@ -38,8 +38,6 @@ class Physics:
         Factor of the inertia after a release.
     schedules : dict of column to list of (steps,) arrays
         Of each manoeuvre, added to the plan's.
-    sensors : dict
-        Faults by name, see `proof.polynomial.instruments`.
     """
 
     terms: list[Term] = field(default_factory=list)
@@ -50,7 +48,6 @@ class Physics:
     mass_of: list[np.ndarray] | None = None
     after: float = 1.0
     schedules: dict[str, list[np.ndarray]] = field(default_factory=dict)
-    sensors: dict[str, float] = field(default_factory=dict)
 
     def joined(self, other: Physics) -> Physics:
         """Both at once. Settings of the same name are the other's."""
@@ -72,7 +69,6 @@ class Physics:
             self.mass_of if other.mass_of is None else other.mass_of,
             self.after * other.after,
             schedules,
-            {**self.sensors, **other.sensors},
         )
 
 

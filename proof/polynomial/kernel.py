@@ -38,7 +38,6 @@ _S = {name: i for i, name in enumerate(SETTINGS)}
 _C = {name: i for i, name in enumerate(CRAFT)}
 _T = {name: i for i, name in enumerate(SCHEDULES)}
 _N = len(VARIABLES)
-_KAPPA_R = 1.4 * 287.05287
 # Compiled code reads plain integers.
 (_V0, _RHO0, _GL0, _RISE, _TAIL, _FIN, _GSC, _GRATE, _SSL, _SAL, _TAU1, _TAU2, _SLW, _SLZ, _SLL, _TSC, _TLAG,
  _SHN, _SHE, _SHH, _WN, _WE, _ARMX, _ARMY, _GH) = range(len(SETTINGS))  # fmt: skip
@@ -50,7 +49,7 @@ _G0 = 9.80665
 
 
 @njit(cache=True)
-def _fill(s, deflection, now, thrust, rpm, alpha_dot, craft, settings, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _fill(s, deflection, now, thrust, rpm, craft, settings, x):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Row of variables at a state; returns qbar, V, rho, mach."""
     u, v, w = s[0] - now[_GU], s[1] - now[_GV], s[2] - now[_GW]
     V = np.sqrt(u * u + v * v + w * w)
@@ -240,7 +239,7 @@ def fly(  # type: ignore[no-untyped-def]  # pragma: no cover
         which = 0 if mass > 0.999 * whole_mass else 1
         inertia, inverse = inertias[which], inverses[which]
         # One Runge-Kutta step.
-        qbar, V, rho, mach = _fill(s, surface, now, thrust, rpm, alpha_dot, craft, settings, x)
+        qbar, V, rho, mach = _fill(s, surface, now, thrust, rpm, craft, settings, x)
         _loads(base_rows, base_values, rows, values, settings, craft, x, whole, extra)
         _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craft, settings, k1, force)
         if n == 0:
@@ -262,17 +261,17 @@ def fly(  # type: ignore[no-untyped-def]  # pragma: no cover
         before = x[1]
         for j in range(19):
             mid[j] = s[j] + 0.5 * dt * k1[j]
-        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, alpha_dot, craft, settings, x)
+        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, craft, settings, x)
         _loads(base_rows, base_values, rows, values, settings, craft, x, whole, extra)
         _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craft, settings, k2, force)
         for j in range(19):
             mid[j] = s[j] + 0.5 * dt * k2[j]
-        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, alpha_dot, craft, settings, x)
+        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, craft, settings, x)
         _loads(base_rows, base_values, rows, values, settings, craft, x, whole, extra)
         _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craft, settings, k3, force)
         for j in range(19):
             mid[j] = s[j] + dt * k3[j]
-        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, alpha_dot, craft, settings, x)
+        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, craft, settings, x)
         _loads(base_rows, base_values, rows, values, settings, craft, x, whole, extra)
         _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craft, settings, k4, force)
         for j in range(19):

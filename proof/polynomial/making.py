@@ -112,9 +112,7 @@ class Outcome:
         return float(np.exp(middle))
 
 
-def draw_scene(
-    effects: Sequence[Effect], base: Craft, seed: int, states: str, attempt: int = 0, background: bool = True
-) -> Scene:
+def draw_scene(effects: Sequence[Effect], base: Craft, seed: int, states: str, attempt: int = 0) -> Scene:
     """Aircraft, manoeuvres, instruments and errors within the tolerances."""
     rng = np.random.default_rng([seed, attempt, 1])
     truth = base.sister(rng)
@@ -151,20 +149,16 @@ def draw_scene(
         "delay": {n: abs(factor("delay") - 1.0) for n in ("alpha", "beta", "V")},
     }
     shift = [half * float(tolerances.lever_arm) * float(z) * 0.5 for z in rng.standard_normal(3)]  # type: ignore[arg-type]
-    entry = (
-        Entry(
-            Physics(
-                mass=factor("mass"),
-                inertia={k: factor("inertia") for k in ("Ix", "Iy", "Iz")},
-                settings={"arm_x": half * float(tolerances.cg) * float(rng.standard_normal()) * stated.cbar},  # type: ignore[arg-type]
-            ),
-            Faults(
-                place={"accelerometer": (shift[0], 0.0, 0.0)},
-                mix=[("ax", "az", half * float(tolerances.alignment) * float(rng.standard_normal()))],
-            ),
-        )
-        if background
-        else Entry()
+    entry = Entry(
+        Physics(
+            mass=factor("mass"),
+            inertia={k: factor("inertia") for k in ("Ix", "Iy", "Iz")},
+            settings={"arm_x": half * float(tolerances.cg) * float(rng.standard_normal()) * stated.cbar},  # type: ignore[arg-type]
+        ),
+        Faults(
+            place={"accelerometer": (shift[0], 0.0, 0.0)},
+            mix=[("ax", "az", half * float(tolerances.alignment) * float(rng.standard_normal()))],
+        ),
     )
     biases = [{n: s * float(rng.standard_normal()) for n, s in ins.BIAS.items()} for _ in plans]
     terms = truth.off(rng, share * float(tolerances.main), share * float(tolerances.secondary))  # type: ignore[arg-type]
@@ -194,7 +188,7 @@ def draw_scene(
         entry,
         {n: s * level for n, s in ins.NOISE.items()} | {"thrust": _THRUST_NOISE},
         biases,
-        wrong if background else {},
+        wrong,
         seed,
     )
 
@@ -216,22 +210,8 @@ def play(scene: Scene, entry: Entry) -> Outcome:
         faulty = ins.channels_of(f, air, scene.ground, scene.channels, faults, k)
         seed = 1000 * scene.seed + k
         noise = {**scene.noise, "thrust": scene.noise["thrust"] * float(np.mean(faulty["thrust"]))}
-        readings = ins.read(
-            f.t,
-            faulty,
-            noise,
-            scene.biases[k],
-            seed,
-            scene.wrong,
-        )
-        better = ins.read(
-            f.t,
-            clean,
-            noise,
-            scene.biases[k],
-            seed,
-            scene.wrong,
-        )
+        readings = ins.read(f.t, faulty, noise, scene.biases[k], seed, scene.wrong)
+        better = ins.read(f.t, clean, noise, scene.biases[k], seed, scene.wrong)
         rng = np.random.default_rng([scene.seed, 7, k])
         if scene.states == ins.RAW:
             told, ideal = ins.told_raw(readings, air), ins.told_raw(better, air)
