@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import root
 
-from proof.polynomial.kernel import CRAFT, GAINS
-from proof.polynomial.terms import AXES, INDEX, VARIABLES, compile_terms, evaluate
+from proof.polynomial.kernel import CONSTANTS, GAINS
+from proof.polynomial.terms import INDEX, VARIABLES, compile_terms, evaluate
 from structsel.aircraft import Aircraft
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.simulation import ready
@@ -30,7 +30,7 @@ _MAIN = {
 
 
 @dataclass(frozen=True)
-class Craft:
+class TruthAircraft:
     """An aircraft that flies.
 
     Attributes
@@ -43,7 +43,7 @@ class Craft:
     stall : float [rad]
         Where its wing may be taken to stall.
     engine : mapping
-        Entries of `CRAFT` after the thrust line.
+        Entries of `CONSTANTS` after the thrust line.
     propeller : bool
     """
 
@@ -61,20 +61,20 @@ class Craft:
         return next((v for a, w, v in self.terms if (a, w) == (axis, text)), 0.0)
 
     def constants(self) -> np.ndarray:
-        """As `CRAFT`."""
+        """As `CONSTANTS`."""
         air, line = self.aircraft, self.aircraft.thrust
         held = {"S": air.S, "b": air.b, "cbar": air.cbar, "tx": line.offset[0], "tz": line.offset[2]}
         held |= {"tilt": line.inclination, "engine_H": 0.0, **self.engine}
-        return np.array([held[name] for name in CRAFT])
+        return np.array([held[name] for name in CONSTANTS])
 
-    def sister(self, rng: np.random.Generator, spread: float = 0.05) -> Craft:
+    def perturbed_copy(self, rng: np.random.Generator, spread: float = 0.05) -> TruthAircraft:
         """An aircraft of the same kind, every derivative its own."""
         changed = tuple(
             (a, w, v * (1.0 + spread * float(np.clip(rng.standard_normal(), -2, 2)))) for a, w, v in self.terms
         )
         return replace(self, terms=changed)
 
-    def off(self, rng: np.random.Generator, main: float, secondary: float) -> tuple[Term, ...]:
+    def with_parameter_errors(self, rng: np.random.Generator, main: float, secondary: float) -> tuple[Term, ...]:
         """Terms of a simulation that is off by its tolerances."""
         return tuple(
             (a, w, v * (1.0 + (main if w in _MAIN[a] else secondary) * float(rng.standard_normal())))
@@ -142,7 +142,7 @@ def _published(name: str) -> dict[str, dict[str, float]]:
     return {r: {str(t): float(v) for t, v in zip(model[r].terms, model[r].values)} for r in model.responses}
 
 
-def _beaver() -> Craft:
+def _beaver() -> TruthAircraft:
     pressure = 1.0 / 0.1161  # rise of total pressure per CT
     made: dict[str, dict[str, float]] = {}
     for axis, held in _published("beaver").items():
@@ -156,18 +156,20 @@ def _beaver() -> Craft:
     assert aircraft is not None
     engine = {"static_thrust": 7500.0, "V_thrust": 60.0, "h_power": 1.0, "spool": 0.25, "rpm_idle": 1500.0,
               "rpm_range": 900.0}  # fmt: skip
-    return Craft("beaver", aircraft, _terms(made), (41.0, 57.0), (500.0, 2500.0), 0.25, engine, propeller=True)
+    return TruthAircraft("beaver", aircraft, _terms(made), (41.0, 57.0), (500.0, 2500.0), 0.25, engine, propeller=True)
 
 
-def _citation() -> Craft:
+def _citation() -> TruthAircraft:
     aircraft = ready("citation").aircraft
     assert aircraft is not None
     engine = {"static_thrust": 22000.0, "V_thrust": 500.0, "h_power": 0.8, "spool": 0.8, "rpm_idle": 8000.0,
               "rpm_range": 8000.0}  # fmt: skip
-    return Craft("citation", aircraft, _terms(_published("citation")), (95.0, 150.0), (2500.0, 9000.0), 0.19, engine)
+    return TruthAircraft(
+        "citation", aircraft, _terms(_published("citation")), (95.0, 150.0), (2500.0, 9000.0), 0.19, engine
+    )
 
 
-def _hfb320() -> Craft:
+def _hfb320() -> TruthAircraft:
     wind = {
         axis: {t.replace("q_ratio", "q_hat"): v for t, v in held.items()} for axis, held in _published("hfb320").items()
     }
@@ -200,7 +202,7 @@ def _hfb320() -> Craft:
     assert aircraft is not None
     engine = {"static_thrust": 36000.0, "V_thrust": 500.0, "h_power": 0.8, "spool": 0.9, "rpm_idle": 7000.0,
               "rpm_range": 9000.0}  # fmt: skip
-    return Craft("hfb320", aircraft, _terms(made), (90.0, 140.0), (1500.0, 7000.0), 0.21, engine)
+    return TruthAircraft("hfb320", aircraft, _terms(made), (90.0, 140.0), (1500.0, 7000.0), 0.21, engine)
 
 
 def _over_speed(held: Mapping[str, float]) -> list[tuple[str, float]]:
@@ -219,7 +221,7 @@ def _joined(text: str) -> str:
     return "*".join(name if power == 1 else f"{name}^{power}" for name, power in powers.items())
 
 
-def _hawk() -> Craft:
+def _hawk() -> TruthAircraft:
     long, lat = ready("hawk").linear["longitudinal"], ready("hawk").linear["lateral"]
     at = long.condition
     m, S, b, Ix, Iy, Iz = (float(at[k]) for k in ("mass", "S", "b", "Ix", "Iy", "Iz"))
@@ -242,20 +244,17 @@ def _hawk() -> Craft:
     aircraft = Aircraft(name="Hawk", mass=m, S=S, b=b, cbar=c, inertia={"Ix": Ix, "Iy": Iy, "Iz": Iz, "Ixz": at["Ixz"]})
     engine = {"static_thrust": 23000.0, "V_thrust": 700.0, "h_power": 0.8, "spool": 0.7, "rpm_idle": 7000.0,
               "rpm_range": 7000.0}  # fmt: skip
-    return Craft("hawk", aircraft, _terms(made), (100.0, 190.0), (1500.0, 8000.0), 0.22, engine)
+    return TruthAircraft("hawk", aircraft, _terms(made), (100.0, 190.0), (1500.0, 8000.0), 0.22, engine)
 
 
 _MADE = {"beaver": _beaver, "citation": _citation, "hfb320": _hfb320, "hawk": _hawk}
-CRAFTS = tuple(_MADE)
-"""Names `craft` knows."""
-_HELD: dict[str, Craft] = {}
+AIRCRAFT_NAMES = tuple(_MADE)
+"""Names `truth` knows."""
+_HELD: dict[str, TruthAircraft] = {}
 
 
-def craft(name: str) -> Craft:
+def truth_aircraft(name: str) -> TruthAircraft:
     """A base aircraft by name."""
     if name not in _HELD:
         _HELD[name] = _MADE[name]()
     return _HELD[name]
-
-
-__all__ = ["AXES", "CRAFTS", "Craft", "craft"]

@@ -8,21 +8,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proof.keys import Form, Intervals, Kind
-from proof.polynomial.aircraft import Craft
-from proof.polynomial.flight import Flown, Physics
-from proof.polynomial.instruments import Faults
-from proof.polynomial.manoeuvres import Plan, Sizes, sizes
+from proof.polynomial.aircraft import TruthAircraft
+from proof.polynomial.flight import InjectedPhysics, TruthFlight
+from proof.polynomial.instruments import InstrumentErrors
+from proof.polynomial.manoeuvres import InputSizes, Manoeuvre, input_sizes
 from proof.polynomial.terms import AXES, INDEX
 from structsel.aircraft import Tolerances
 
 
 @dataclass(frozen=True, eq=False)
-class Context:
+class EffectContext:
     """Where an effect is to act: aircraft, manoeuvres, and the flights without it."""
 
-    craft: Craft
-    plans: Sequence[Plan]
-    base: Sequence[Flown]
+    truth: TruthAircraft
+    manoeuvres: Sequence[Manoeuvre]
+    base: Sequence[TruthFlight]
     settings: Mapping[str, float]
     tolerances: Tolerances
     rng: np.random.Generator
@@ -31,7 +31,7 @@ class Context:
         """One way or the other."""
         return float(self.rng.choice([-1.0, 1.0]))
 
-    def allowed(self, name: str) -> float:
+    def tolerance(self, name: str) -> float:
         """A tolerance as a number."""
         value = getattr(self.tolerances, name)
         return float(value) if not isinstance(value, str) else {"exact": 0.0, "free": 1.0}[value]
@@ -45,37 +45,38 @@ class Context:
             made = made * whole[:, INDEX[name]] ** int(power or 1)
         return made
 
-    def worth(self, axis: str, text: str) -> float:
+    def equal_scatter(self, axis: str, text: str) -> float:
         """The value at which a term scatters as much as the whole coefficient does."""
         values = np.concatenate([f.coefs for f in self.base])[:, AXES.index(axis)]
         return float(values.std() / max(self.product(text).std(), 1e-9))
 
-    def inputs(self, k: int) -> Sizes:
+    def usual_inputs(self, k: int) -> InputSizes:
         """Usual inputs in a manoeuvre."""
-        plan = self.plans[k]
-        return sizes(self.craft, plan.V, plan.h, plan.trim["alpha"])
+        manoeuvre = self.manoeuvres[k]
+        return input_sizes(self.truth, manoeuvre.V, manoeuvre.h, manoeuvre.trim["alpha"])
 
-    def some(self, least: int, most: int) -> list[int]:
+    def choose_manoeuvres(self, least: int, most: int) -> list[int]:
         """Some of the manoeuvres."""
         count = int(self.rng.integers(least, most + 1))
-        return sorted(int(k) for k in self.rng.choice(len(self.plans), count, replace=False))
+        return sorted(int(k) for k in self.rng.choice(len(self.manoeuvres), count, replace=False))
 
-    def moments(self, chosen: Sequence[int], low: float = 0.25, high: float = 0.7) -> list[float | None]:
+    def draw_times(self, chosen: Sequence[int], low: float = 0.25, high: float = 0.7) -> list[float | None]:
         """A time in each chosen manoeuvre [s], None in the others."""
         return [
-            float(p.duration * self.rng.uniform(low, high)) if k in chosen else None for k, p in enumerate(self.plans)
+            float(p.duration * self.rng.uniform(low, high)) if k in chosen else None
+            for k, p in enumerate(self.manoeuvres)
         ]
 
     def steps(self, times: Sequence[float | None], ramp: float = 0.02) -> list[np.ndarray]:
         """Schedules that rise from 0 to 1 at the times."""
         return [
             np.zeros(len(p.schedules)) if a is None else np.clip((p.t - a) / ramp, 0.0, 1.0)
-            for p, a in zip(self.plans, times)
+            for p, a in zip(self.manoeuvres, times)
         ]
 
-    def lasting(self, times: Sequence[float | None]) -> Intervals:
+    def intervals_after(self, times: Sequence[float | None]) -> Intervals:
         """From each time to the end of its manoeuvre."""
-        return {name(k): [] if a is None else [(round(a, 2), self.plans[k].duration)] for k, a in enumerate(times)}
+        return {name(k): [] if a is None else [(round(a, 2), self.manoeuvres[k].duration)] for k, a in enumerate(times)}
 
 
 def name(k: int) -> str:
@@ -84,35 +85,35 @@ def name(k: int) -> str:
 
 
 @dataclass
-class Entry:
+class Injection:
     """What enters at one size: into the flight, into the instruments; numbers for the key."""
 
-    physics: Physics = field(default_factory=Physics)
-    faults: Faults = field(default_factory=Faults)
+    physics: InjectedPhysics = field(default_factory=InjectedPhysics)
+    errors: InstrumentErrors = field(default_factory=InstrumentErrors)
     parameters: dict[str, float | str] = field(default_factory=dict)
 
 
 @dataclass
-class Concept:
+class EffectDesign:
     """An effect with all drawn but its size.
 
     Attributes
     ----------
-    at : function of the size to Entry
+    at : function of the size to Injection
         At size 1 the effect is of ordinary strength.
     axes : tuple of str
         In which it shows, the clearest first.
     accept, tie : tuple of str
         Beside the effect's own name, and those it may be confused with.
     low, high : float
-        Sizes between which it is plausible and beyond the tolerances.
+        InputSizes between which it is plausible and beyond the tolerances.
     intervals : Intervals or "active" or None
         When it acts; "active" finds that from what it does.
     region : str
         Channel that bounds it, for "active".
     """
 
-    at: Callable[[float], Entry]
+    at: Callable[[float], Injection]
     axes: tuple[str, ...]
     tie: tuple[str, ...] = ()
     accept: tuple[str, ...] = ()
@@ -131,9 +132,9 @@ class Effect:
     name : str
         Of EFFECTS; "unknown" outside.
     kinds : tuple of str
-    make : function of Context to Concept
+    make : function of EffectContext to EffectDesign
     needs : purposes the set of manoeuvres must hold
-    crafts : names of aircraft it suits; empty suits all
+    aircraft : names of aircraft it suits; empty suits all
     bands : int
         Of heights, two where density must vary apart from speed.
     channels : what is recorded beside the usual
@@ -143,21 +144,23 @@ class Effect:
 
     name: str
     kinds: tuple[Kind, ...]
-    make: Callable[[Context], Concept]
+    make: Callable[[EffectContext], EffectDesign]
     needs: tuple[str, ...] = ()
-    crafts: tuple[str, ...] = ()
+    aircraft: tuple[str, ...] = ()
     bands: int = 1
     channels: tuple[str, ...] = ()
     form: Form | None = None
     label: str = ""
 
 
-def with_terms(*terms: tuple[str, str, float], settings: Mapping[str, float] | None = None) -> Callable[[float], Entry]:
+def with_terms(
+    *terms: tuple[str, str, float], settings: Mapping[str, float] | None = None
+) -> Callable[[float], Injection]:
     """Terms times the size."""
     held = dict(settings or {})
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         scaled = [(axis, text, size * value) for axis, text, value in terms]
-        return Entry(Physics(scaled, held), parameters={**{f"{a}:{x}": v for a, x, v in scaled}, **held})
+        return Injection(InjectedPhysics(scaled, held), parameters={**{f"{a}:{x}": v for a, x, v in scaled}, **held})
 
     return at

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from proof.polynomial.effects import Concept, Context, Effect, Entry, name, with_terms
-from proof.polynomial.flight import Physics
-from proof.polynomial.instruments import Faults
+from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection, name, with_terms
+from proof.polynomial.flight import InjectedPhysics
+from proof.polynomial.instruments import InstrumentErrors
 from structsel.numerics.turbulence import dryden_gusts, one_minus_cosine
 
 _AXIS = {"de": "Cm", "da": "Cl", "dr": "Cn"}
 JETS = ("citation", "hfb320", "hawk")
 
 
-def _slipstream(c: Context) -> Concept:
-    v = c.craft.value
+def _slipstream(c: EffectContext) -> EffectDesign:
+    v = c.truth.value
     terms = (
         ("Cm", "CT*de", 2.0 * v("Cm", "de")),
         ("CZ", "CT*alpha", 0.6 * v("CZ", "alpha")),
@@ -22,38 +22,40 @@ def _slipstream(c: Context) -> Concept:
         ("Cn", "CT*dr", 2.0 * v("Cn", "dr")),
         ("Cn", "CT", -0.02),
     )
-    return Concept(with_terms(*terms), ("Cm", "CZ", "Cn"), ("thrust-line", "propeller-normal-force"))
+    return EffectDesign(with_terms(*terms), ("Cm", "CZ", "Cn"), ("thrust-line", "propeller-normal-force"))
 
 
-def _thrust_line(c: Context) -> Concept:
+def _thrust_line(c: EffectContext) -> EffectDesign:
     offset = c.sign() * 0.15  # of cbar, down
-    tie = ("slipstream",) if c.craft.propeller else ("missing-term",)
+    tie = ("slipstream",) if c.truth.propeller else ("missing-term",)
 
-    def at(size: float) -> Entry:
-        return Entry(Physics([("Cm", "CT", size * offset)]), parameters={"z": size * offset * c.craft.aircraft.cbar})
+    def at(size: float) -> Injection:
+        return Injection(
+            InjectedPhysics([("Cm", "CT", size * offset)]), parameters={"z": size * offset * c.truth.aircraft.cbar}
+        )
 
-    return Concept(at, ("Cm",), tie, high=3.0)
+    return EffectDesign(at, ("Cm",), tie, high=3.0)
 
 
-def _thrust_scale(c: Context) -> Concept:
+def _thrust_scale(c: EffectContext) -> EffectDesign:
     sign = c.sign()
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         factor = 1.0 + sign * 0.15 * size
-        return Entry(Physics(settings={"thrust_scale": factor}), parameters={"scale": factor})
+        return Injection(InjectedPhysics(settings={"thrust_scale": factor}), parameters={"scale": factor})
 
-    return Concept(at, ("CX",), ("thrust-lag", "mass-error"), low=4.0 * c.allowed("thrust") / 0.15, high=3.0)
-
-
-def _thrust_lag(c: Context) -> Concept:
-    def at(size: float) -> Entry:
-        return Entry(Physics(settings={"thrust_lag": 0.8 * size}), parameters={"tau": 0.8 * size})
-
-    return Concept(at, ("CX",), ("thrust-scale",), low=0.1, high=4.0)
+    return EffectDesign(at, ("CX",), ("thrust-lag", "mass-error"), low=4.0 * c.tolerance("thrust") / 0.15, high=3.0)
 
 
-def _propeller_force(c: Context) -> Concept:
-    air, side = c.craft.aircraft, c.sign()
+def _thrust_lag(c: EffectContext) -> EffectDesign:
+    def at(size: float) -> Injection:
+        return Injection(InjectedPhysics(settings={"thrust_lag": 0.8 * size}), parameters={"tau": 0.8 * size})
+
+    return EffectDesign(at, ("CX",), ("thrust-scale",), low=0.1, high=4.0)
+
+
+def _propeller_force(c: EffectContext) -> EffectDesign:
+    air, side = c.truth.aircraft, c.sign()
     ratio = air.cbar / air.b
     # Along and across alike: the force acts ahead, and the blade that meets the wind has more of the thrust.
     terms = (
@@ -64,150 +66,161 @@ def _propeller_force(c: Context) -> Concept:
         ("Cn", "CT*alpha", side * 0.2),
         ("Cm", "CT*beta", side * 0.2 / ratio),
     )
-    return Concept(with_terms(*terms), ("Cn", "Cm", "CZ", "CY"), ("slipstream", "cross-coupling"))
+    return EffectDesign(with_terms(*terms), ("Cn", "Cm", "CZ", "CY"), ("slipstream", "cross-coupling"))
 
 
-def _gyroscopic(c: Context) -> Concept:
-    air = c.craft.aircraft
-    inertia = c.sign() * (8.0 if c.craft.propeller else 4.0)  # kg m^2, of the rotor
+def _gyroscopic(c: EffectContext) -> EffectDesign:
+    air = c.truth.aircraft
+    inertia = c.sign() * (8.0 if c.truth.propeller else 4.0)  # kg m^2, of the rotor
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         H = size * inertia
         terms = [("Cm", "gyro_r", -H / (air.S * air.cbar)), ("Cn", "gyro_q", H / (air.S * air.b))]
-        return Entry(Physics(terms), parameters={"I_rotor": H})
+        return Injection(InjectedPhysics(terms), parameters={"I_rotor": H})
 
-    return Concept(at, ("Cm", "Cn"), ("cross-coupling", "inertia-error"), high=4.0)
+    return EffectDesign(at, ("Cm", "Cn"), ("cross-coupling", "inertia-error"), high=4.0)
 
 
-def _asymmetric_thrust(c: Context) -> Concept:
+def _asymmetric_thrust(c: EffectContext) -> EffectDesign:
     arm = c.sign() * 0.1  # of the span, times the share by which the sides differ
-    chosen = c.some(3, 5)
-    times = c.moments(chosen, 0.05, 0.5)
+    chosen = c.choose_manoeuvres(3, 5)
+    times = c.draw_times(chosen, 0.05, 0.5)
     whole = c.steps(times, 0.5)
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         terms = [("Cn", "clock*CT", size * arm), ("Cl", "clock*CT", 0.1 * size * arm)]
-        return Entry(Physics(terms, schedules={"clock": whole}), parameters={"y/b": size * arm})
+        return Injection(InjectedPhysics(terms, schedules={"clock": whole}), parameters={"y/b": size * arm})
 
-    return Concept(at, ("Cn", "Cl"), ("asymmetry",), high=3.0, intervals=c.lasting(times))
+    return EffectDesign(at, ("Cn", "Cl"), ("asymmetry",), high=3.0, intervals=c.intervals_after(times))
 
 
-def _mass_error(c: Context) -> Concept:
+def _mass_error(c: EffectContext) -> EffectDesign:
     sign, burnt = c.sign(), c.rng.random() < 0.4
     if burnt:
         # Fuel used from one manoeuvre to the next: lighter and lighter.
-        share = [k / (len(c.plans) - 1.0) for k in range(len(c.plans))]
+        share = [k / (len(c.manoeuvres) - 1.0) for k in range(len(c.manoeuvres))]
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         if not burnt:
-            return Entry(Physics(mass=1.0 + sign * 0.06 * size), parameters={"factor": 1.0 + sign * 0.06 * size})
-        of = [np.full(len(p.schedules), 1.0 - 0.1 * size * s) for p, s in zip(c.plans, share)]
-        return Entry(Physics(mass_of=of), parameters={"burnt": 0.1 * size})
+            return Injection(
+                InjectedPhysics(mass=1.0 + sign * 0.06 * size), parameters={"factor": 1.0 + sign * 0.06 * size}
+            )
+        of = [np.full(len(p.schedules), 1.0 - 0.1 * size * s) for p, s in zip(c.manoeuvres, share)]
+        return Injection(InjectedPhysics(mass_of=of), parameters={"burnt": 0.1 * size})
 
-    return Concept(
-        at, ("CZ", "CX", "CY"), ("wrong-derivative", "position-error"), low=4.0 * c.allowed("mass") / 0.06, high=4.0
+    return EffectDesign(
+        at, ("CZ", "CX", "CY"), ("wrong-derivative", "position-error"), low=4.0 * c.tolerance("mass") / 0.06, high=4.0
     )
 
 
-def _cg_shift(c: Context) -> Concept:
-    air, lateral, sign = c.craft.aircraft, c.rng.random() < 0.3, c.sign()
+def _cg_shift(c: EffectContext) -> EffectDesign:
+    air, lateral, sign = c.truth.aircraft, c.rng.random() < 0.3, c.sign()
     key, length = ("arm_y", 0.02 * air.b) if lateral else ("arm_x", 0.06 * air.cbar)
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         settings = {key: sign * size * length}
-        return Entry(Physics(settings=settings), parameters={"y" if lateral else "x": -sign * size * length})
+        return Injection(
+            InjectedPhysics(settings=settings), parameters={"y" if lateral else "x": -sign * size * length}
+        )
 
-    low = 4.0 * c.allowed("cg") * air.cbar / length
+    low = 4.0 * c.tolerance("cg") * air.cbar / length
     if lateral:
-        return Concept(at, ("Cl", "Cn"), ("asymmetry", "cross-coupling"), low=low, high=4.0)
-    return Concept(at, ("Cm",), ("wrong-derivative", "thrust-line"), low=low, high=4.0)
+        return EffectDesign(at, ("Cl", "Cn"), ("asymmetry", "cross-coupling"), low=low, high=4.0)
+    return EffectDesign(at, ("Cm",), ("wrong-derivative", "thrust-line"), low=low, high=4.0)
 
 
-def _inertia_error(c: Context) -> Concept:
+def _inertia_error(c: EffectContext) -> EffectDesign:
     key, axis = [("Ix", "Cl"), ("Iy", "Cm"), ("Iz", "Cn")][int(c.rng.integers(3))]
     sign = c.sign()
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         factor = 1.0 + sign * 0.25 * size
-        return Entry(Physics(inertia={key: factor}), parameters={key: factor})
+        return Injection(InjectedPhysics(inertia={key: factor}), parameters={key: factor})
 
     tie = ("wrong-derivative", "sensor-delay")
-    return Concept(at, (axis,), tie, low=4.0 * c.allowed("inertia") / 0.25, high=2.2)
+    return EffectDesign(at, (axis,), tie, low=4.0 * c.tolerance("inertia") / 0.25, high=2.2)
 
 
-def _store_release(c: Context) -> Concept:
-    times = c.moments(c.some(3, 4))
+def _store_release(c: EffectContext) -> EffectDesign:
+    times = c.draw_times(c.choose_manoeuvres(3, 4))
     steps, pitch, roll = c.steps(times), c.sign() * 0.012, c.sign() * 0.002
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         gone = min(0.06 * size, 0.3)
         terms = [("CX", "cfg", 0.006 * size), ("Cm", "cfg", pitch * size), ("Cl", "cfg", roll * size)]
-        physics = Physics(
+        physics = InjectedPhysics(
             terms, schedules={"cfg": steps}, mass_of=[1.0 - gone * s for s in steps], after=1.0 - 0.6 * gone
         )
-        return Entry(physics, parameters={"mass released": gone * (c.craft.aircraft.mass or 0.0)})
+        return Injection(physics, parameters={"mass released": gone * (c.truth.aircraft.mass or 0.0)})
 
-    return Concept(
-        at, ("CZ", "Cm", "CX", "Cl"), ("configuration-change",), low=0.05, high=4.0, intervals=c.lasting(times)
+    return EffectDesign(
+        at, ("CZ", "Cm", "CX", "Cl"), ("configuration-change",), low=0.05, high=4.0, intervals=c.intervals_after(times)
     )
 
 
-def _control(c: Context) -> tuple[str, float]:
+def _control(c: EffectContext) -> tuple[str, float]:
     """One of the surfaces, and how far it usually goes from its middle."""
     control = str(c.rng.choice(["de", "de", "da", "dr"]))
     values = c.product(control)
     return control, float(np.quantile(np.abs(values - np.median(values)), 0.99))
 
 
-def _actuator_lag(c: Context) -> Concept:
+def _actuator_lag(c: EffectContext) -> EffectDesign:
     control, _ = _control(c)
     key = "lag" if c.rng.random() < 0.7 else "delay"
 
-    def at(size: float) -> Entry:
-        return Entry(Physics(surfaces={control: {key: 0.1 * size}}), parameters={"channel": control, key: 0.1 * size})
+    def at(size: float) -> Injection:
+        return Injection(
+            InjectedPhysics(surfaces={control: {key: 0.1 * size}}), parameters={"channel": control, key: 0.1 * size}
+        )
 
     tie = ("sensor-delay", "actuator-rate-limit", "wrong-derivative")
-    return Concept(at, (_AXIS[control],), tie, low=max(0.12, 40.0 * c.allowed("delay")), high=4.0)
+    return EffectDesign(at, (_AXIS[control],), tie, low=max(0.12, 40.0 * c.tolerance("delay")), high=4.0)
 
 
-def _rate_limit(c: Context) -> Concept:
+def _rate_limit(c: EffectContext) -> EffectDesign:
     control, reach = _control(c)
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         rate = reach / (0.25 * size)
-        return Entry(Physics(surfaces={control: {"rate": rate}}), parameters={"channel": control, "rate": rate})
+        return Injection(
+            InjectedPhysics(surfaces={control: {"rate": rate}}), parameters={"channel": control, "rate": rate}
+        )
 
-    return Concept(at, (_AXIS[control],), ("actuator-lag",), low=0.15, high=5.0, intervals="active")
+    return EffectDesign(at, (_AXIS[control],), ("actuator-lag",), low=0.15, high=5.0, intervals="active")
 
 
-def _saturation(c: Context) -> Concept:
+def _saturation(c: EffectContext) -> EffectDesign:
     control, _ = _control(c)
     values = c.product(control)
     middle, most = float(np.median(values)), float(np.abs(values - np.median(values)).max())
     both, upper = c.rng.random() < 0.5, c.rng.random() < 0.5
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         reach = most * (1.0 - min(0.35 * size, 0.85))
         ends = {"high": middle + reach, "low": middle - reach}
         kept = ends if both else {("high" if upper else "low"): ends["high" if upper else "low"]}
-        return Entry(Physics(surfaces={control: kept}), parameters={"channel": control, **kept})
+        return Injection(InjectedPhysics(surfaces={control: kept}), parameters={"channel": control, **kept})
 
-    return Concept(
+    return EffectDesign(
         at, (_AXIS[control],), ("control-nonlinearity",), low=0.05, high=2.4, intervals="active", region=control
     )
 
 
-def _backlash(c: Context) -> Concept:
+def _backlash(c: EffectContext) -> EffectDesign:
     control, reach = _control(c)
 
-    def at(size: float) -> Entry:
-        play = 0.4 * reach * size
-        return Entry(Physics(surfaces={control: {"play": play}}), parameters={"channel": control, "width": play})
+    def at(size: float) -> Injection:
+        width = 0.4 * reach * size
+        return Injection(
+            InjectedPhysics(surfaces={control: {"backlash": width}}),
+            parameters={"channel": control, "width": width},
+        )
 
-    return Concept(at, (_AXIS[control],), ("actuator-lag", "friction"), low=0.05, high=3.5)
+    return EffectDesign(at, (_AXIS[control],), ("actuator-lag", "friction"), low=0.05, high=3.5)
 
 
-def _augmentation(c: Context) -> Concept:
+def _augmentation(c: EffectContext) -> EffectDesign:
     control, key, rate, axis, kinds = [
         ("de", "aug_q", "q", "Cm", "q"),
         ("da", "aug_p", "p", "Cl", "p"),
@@ -216,90 +229,98 @@ def _augmentation(c: Context) -> Concept:
     held = float(np.concatenate([f.state(rate) for f in c.base]).std())
     surface = float(c.product(control).std())
     always = c.rng.random() < 0.3
-    off = [] if always else c.some(3, 5)
-    half = {k: float(c.rng.uniform(0.35, 0.65) * c.plans[k].duration) for k in off if c.rng.random() < 0.5}
+    off = [] if always else c.choose_manoeuvres(3, 5)
+    half = {k: float(c.rng.uniform(0.35, 0.65) * c.manoeuvres[k].duration) for k in off if c.rng.random() < 0.5}
     # The plans say "on"; where the system is off that is taken away.
     schedules = [
         -(p.t < half.get(k, np.inf)).astype(float) if k in off else np.zeros(len(p.schedules))
-        for k, p in enumerate(c.plans)
+        for k, p in enumerate(c.manoeuvres)
     ]
     intervals = {
         name(k): [(0.0, p.duration)] if k not in off else [(round(half[k], 2), p.duration)] if k in half else []
-        for k, p in enumerate(c.plans)
+        for k, p in enumerate(c.manoeuvres)
     }
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         gain = 0.5 * size * surface / max(held, 1e-3)
-        physics = Physics(surfaces={control: {key: gain}}, schedules={"aug": schedules})
-        return Entry(physics, parameters={"channel": control, f"gain on {kinds}": gain})
+        physics = InjectedPhysics(surfaces={control: {key: gain}}, schedules={"aug": schedules})
+        return Injection(physics, parameters={"channel": control, f"gain on {kinds}": gain})
 
     tie = ("wrong-derivative",) if always else ()
-    return Concept(at, (axis,), tie, high=3.0, intervals=None if always else intervals)
+    return EffectDesign(at, (axis,), tie, high=3.0, intervals=None if always else intervals)
 
 
-def _steady_wind(c: Context) -> Concept:
+def _steady_wind(c: EffectContext) -> EffectDesign:
     way = float(c.rng.uniform(0.0, 2.0 * np.pi))
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         wind = {"wind_n": 8.0 * size * np.cos(way), "wind_e": 8.0 * size * np.sin(way)}
-        return Entry(Physics(settings=wind), parameters=dict(wind))
+        return Injection(InjectedPhysics(settings=wind), parameters=dict(wind))
 
-    return Concept(at, ("vn", "ve"), ("sensor-bias", "wind-shear"), low=0.2, high=2.5)
+    return EffectDesign(at, ("vn", "ve"), ("sensor-bias", "wind-shear"), low=0.2, high=2.5)
 
 
-def _wind_shear(c: Context) -> Concept:
+def _wind_shear(c: EffectContext) -> EffectDesign:
     way = float(c.rng.uniform(0.0, 2.0 * np.pi))
     still = float(np.mean(np.concatenate([f.state("h") for f in c.base])))  # m, where no wind blows
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         shear = {"shear_n": 0.06 * size * np.cos(way), "shear_e": 0.06 * size * np.sin(way)}
-        return Entry(Physics(settings={**shear, "shear_h": still}), parameters=shear)
+        return Injection(InjectedPhysics(settings={**shear, "shear_h": still}), parameters=shear)
 
-    return Concept(at, ("vn", "ve"), ("steady-wind", "gust"), low=0.02, high=4.0)
+    return EffectDesign(at, ("vn", "ve"), ("steady-wind", "gust"), low=0.02, high=4.0)
 
 
-def _gust(c: Context) -> Concept:
+def _gust(c: EffectContext) -> EffectDesign:
     side = c.rng.random() < 0.3
-    chosen = c.some(3, 5)
-    starts, lengths = c.moments(chosen, 0.2, 0.8), c.rng.uniform(0.5, 2.0, len(c.plans))
-    signs = [c.sign() for _ in c.plans]
+    chosen = c.choose_manoeuvres(3, 5)
+    starts, lengths = c.draw_times(chosen, 0.2, 0.8), c.rng.uniform(0.5, 2.0, len(c.manoeuvres))
+    signs = [c.sign() for _ in c.manoeuvres]
     unit = [
         np.zeros(len(p.schedules)) if a is None else one_minus_cosine(p.t, a, float(d), s * 0.05 * p.V)
-        for p, a, d, s in zip(c.plans, starts, lengths, signs)
+        for p, a, d, s in zip(c.manoeuvres, starts, lengths, signs)
     ]
     intervals = {
         name(k): [] if a is None else [(round(a, 2), round(a + float(lengths[k]), 2))] for k, a in enumerate(starts)
     }
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         column = "gv" if side else "gw"
-        return Entry(Physics(schedules={column: [size * u for u in unit]}), Faults(blind=True), {"angle": 0.05 * size})
+        return Injection(
+            InjectedPhysics(schedules={column: [size * u for u in unit]}),
+            InstrumentErrors(vanes_blind=True),
+            {"angle": 0.05 * size},
+        )
 
     axes = ("CY", "Cn", "Cl") if side else ("CZ", "Cm", "CX")
-    return Concept(at, axes, ("turbulence", "configuration-change"), high=3.0, intervals=intervals)
+    return EffectDesign(at, axes, ("turbulence", "configuration-change"), high=3.0, intervals=intervals)
 
 
-def turbulence_at(c: Context) -> list[np.ndarray]:
+def turbulence_at(c: EffectContext) -> list[np.ndarray]:
     """(steps, 6) gusts of each manoeuvre, of one metre per second along w, scale as at medium height."""
-    seeds = c.rng.integers(2**31, size=len(c.plans))
+    seeds = c.rng.integers(2**31, size=len(c.manoeuvres))
     scale = float(c.rng.uniform(150.0, 500.0))
     return [
-        dryden_gusts(p.t, p.V, c.craft.aircraft.b, np.full(3, scale), np.ones(3), np.random.default_rng(int(s)))
-        for p, s in zip(c.plans, seeds)
+        dryden_gusts(p.t, p.V, c.truth.aircraft.b, np.full(3, scale), np.ones(3), np.random.default_rng(int(s)))
+        for p, s in zip(c.manoeuvres, seeds)
     ]
 
 
-def _turbulence(c: Context) -> Concept:
+def _turbulence(c: EffectContext) -> EffectDesign:
     gusts, blind = turbulence_at(c), c.rng.random() < 0.3
 
-    def at(size: float) -> Entry:
+    def at(size: float) -> Injection:
         schedules = {n: [size * g[:, j] for g in gusts] for j, n in enumerate(("gu", "gv", "gw", "gp", "gq", "gr"))}
-        return Entry(Physics(schedules=schedules), Faults(blind=blind, calm=not blind), {"sigma": size})
+        return Injection(
+            InjectedPhysics(schedules=schedules),
+            InstrumentErrors(vanes_blind=blind, without_gusts=not blind),
+            {"sigma": size},
+        )
 
-    return Concept(at, ("CZ", "CY", "Cm", "Cl", "Cn", "CX"), ("gust", "unknown"), low=0.05, high=3.0)
+    return EffectDesign(at, ("CZ", "CY", "Cm", "Cl", "Cn", "CX"), ("gust", "unknown"), low=0.05, high=3.0)
 
 
-def _slosh(c: Context) -> Concept:
+def _slosh(c: EffectContext) -> EffectDesign:
     settings = {
         "slosh_frequency": float(c.rng.uniform(2.0, 4.5)),
         "slosh_damping": float(c.rng.uniform(0.03, 0.1)),
@@ -307,7 +328,7 @@ def _slosh(c: Context) -> Concept:
     }
     force = -0.15
     at = with_terms(("CY", "slosh", force), ("Cl", "slosh", -0.05 * force), settings=settings)
-    return Concept(at, ("CY", "Cl"), ("structural-mode",), low=0.02, high=4.0)
+    return EffectDesign(at, ("CY", "Cl"), ("structural-mode",), low=0.02, high=4.0)
 
 
 _THRUSTS = ("throttle", "throttle", "speeds")

@@ -13,18 +13,18 @@ from proof.case_files import Case
 from proof.keys import EffectKey, Form
 from proof.polynomial import effects_aerodynamic, effects_instruments, effects_systems, unmodelled
 from proof.polynomial import instruments as ins
-from proof.polynomial.aircraft import CRAFTS, craft
-from proof.polynomial.effects import Concept, Context, Effect, Entry
-from proof.polynomial.flight import fly_truth
+from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
+from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection
+from proof.polynomial.flight import simulate_truth
 from proof.polynomial.handing import assemble, describe, make_single, make_windy, severity_of
-from proof.polynomial.instruments import Faults
-from proof.polynomial.making import SHARES, Outcome, Scene, draw_scene, find_size, play
-from proof.polynomial.single_channel import PLANTS, make_plant
+from proof.polynomial.instruments import InstrumentErrors
+from proof.polynomial.making import SHARES, Scenario, ScenarioResult, draw_scenario, scale_effect, simulate_scenario
+from proof.polynomial.single_channel import SINGLE_CHANNEL, make_single_channel
 from proof.polynomial.terms import AXES
 from proof.scenario.sizing import NotAttainable
 
 SINGLES: tuple[Effect, ...] = effects_aerodynamic.EFFECTS + effects_systems.EFFECTS + effects_instruments.EFFECTS
-NAMES = tuple(sorted({e.name for e in SINGLES} | set(PLANTS)))
+NAMES = tuple(sorted({e.name for e in SINGLES} | set(SINGLE_CHANNEL)))
 """Effects that can be drawn."""
 NULLS = ("plain", "biases", "coloured", "turbulence")
 _WINDY = ("steady-wind", "wind-shear")
@@ -49,12 +49,12 @@ def make(family: str, rng: np.random.Generator, seed: int, attempt: int, effect:
         return _several("pair" if family == "pair" else "clutter", rng, seed, attempt, form, severity)
     if family == "outside":
         chosen = unmodelled.EFFECTS[int(rng.integers(len(unmodelled.EFFECTS)))]
-        case = make_single(chosen, _craft(chosen, rng), severity, seed, "forced", states, attempt)
+        case = make_single(chosen, _aircraft_for(chosen, rng), severity, seed, "forced", states, attempt)
         verdicts = ("mismatch", "consistent") if "turbulence" in case.key.effects[0].tie else ("mismatch",)
         return replace(case, key=case.key.model_copy(update={"family": "outside", "verdicts": verdicts}))
     name = effect or str(rng.choice(NAMES))
-    if name in PLANTS:
-        return make_plant(
+    if name in SINGLE_CHANNEL:
+        return make_single_channel(
             name, float(rng.uniform(*SHARES[severity])), seed, attempt, "free" if rng.random() < 0.6 else "forced"
         )
     able = [e for e in SINGLES if e.name == name]
@@ -62,38 +62,45 @@ def make(family: str, rng: np.random.Generator, seed: int, attempt: int, effect:
         raise KeyError(f"no effect '{name}' can be drawn; there are {', '.join(NAMES)}")
     chosen = able[int(rng.integers(len(able)))]
     if name in _WINDY:
-        return make_windy(chosen, _craft(chosen, rng), severity, seed, attempt)
+        return make_windy(chosen, _aircraft_for(chosen, rng), severity, seed, attempt)
     if name == "turbulence":
         states = ins.RECONSTRUCTED
-    case = make_single(chosen, _craft(chosen, rng), severity, seed, form, states, attempt)
+    case = make_single(chosen, _aircraft_for(chosen, rng), severity, seed, form, states, attempt)
     if name == "turbulence":
         return replace(case, key=case.key.model_copy(update={"verdicts": ("consistent",)}))
     return case
 
 
-def _craft(effect: Effect, rng: np.random.Generator) -> str:
-    return str(rng.choice(effect.crafts or CRAFTS))
+def _aircraft_for(effect: Effect, rng: np.random.Generator) -> str:
+    return str(rng.choice(effect.aircraft or AIRCRAFT_NAMES))
 
 
-def _context(scene: Scene, seed: Sequence[int]) -> Context:
-    base = fly_truth(scene.craft, scene.plans, scene.background.physics, scene.settings, scene.rate)
-    return Context(
-        scene.craft, scene.plans, base, scene.settings, scene.aircraft.tolerances, np.random.default_rng(list(seed))
+def _context(scenario: Scenario, seed: Sequence[int]) -> EffectContext:
+    base = simulate_truth(
+        scenario.truth, scenario.manoeuvres, scenario.background.physics, scenario.settings, scenario.rate
+    )
+    return EffectContext(
+        scenario.truth,
+        scenario.manoeuvres,
+        base,
+        scenario.settings,
+        scenario.aircraft.tolerances,
+        np.random.default_rng(list(seed)),
     )
 
 
 def _null(rng: np.random.Generator, seed: int, attempt: int, form: Form, states: str) -> Case:
     """Nothing left out: errors within the tolerances, noise, biases, perhaps turbulence."""
     kind = NULLS[int(rng.integers(len(NULLS)))]
-    scene = draw_scene([], craft(str(rng.choice(CRAFTS))), seed, states, attempt)
-    entry, effects = Entry(), []
+    scenario = draw_scenario([], truth_aircraft(str(rng.choice(AIRCRAFT_NAMES))), seed, states, attempt)
+    injection, effects = Injection(), []
     if kind == "biases":
-        scene.biases = [{n: 2.0 * b for n, b in held.items()} for held in scene.biases]
+        scenario.biases = [{n: 2.0 * b for n, b in held.items()} for held in scenario.biases]
     if kind == "coloured":
-        entry = Entry(faults=Faults(bias=_coloured(scene, rng)))
+        injection = Injection(errors=InstrumentErrors(bias=_coloured(scenario, rng)))
     if kind == "turbulence":
-        concept = next(e for e in SINGLES if e.name == "turbulence").make(_context(scene, (seed, attempt, 3)))
-        entry = concept.at(float(rng.uniform(0.15, 0.9)))
+        design = next(e for e in SINGLES if e.name == "turbulence").make(_context(scenario, (seed, attempt, 3)))
+        injection = design.at(float(rng.uniform(0.15, 0.9)))
         effects = [
             EffectKey(
                 effect="turbulence",
@@ -101,22 +108,22 @@ def _null(rng: np.random.Generator, seed: int, attempt: int, form: Form, states:
                 tie=("unknown",),
                 kinds=("random",),
                 axes=AXES,
-                parameters=entry.parameters,
+                parameters=injection.parameters,
             )
         ]
-    outcome = play(scene, entry)
-    case = assemble(scene, outcome, form, effects, "none", "null", ("consistent",))
+    result = simulate_scenario(scenario, injection)
+    case = assemble(scenario, result, form, effects, "none", "null", ("consistent",))
     return replace(case, key=case.key.model_copy(update={"attainable": dict.fromkeys(AXES, 0.0)}))
 
 
-def _coloured(scene: Scene, rng: np.random.Generator) -> dict[str, list[np.ndarray]]:
+def _coloured(scenario: Scenario, rng: np.random.Generator) -> dict[str, list[np.ndarray]]:
     """Noise that keeps for a fraction of a second, of a size like the white noise's."""
     made: dict[str, list[np.ndarray]] = {}
     for channel in ("ax", "ay", "az", "alpha", "beta", "p", "q", "r"):
-        keep = float(np.exp(-1.0 / (scene.rate * rng.uniform(0.1, 0.5))))
-        counts = [round(p.duration * scene.rate) + 1 for p in scene.plans]
+        keep = float(np.exp(-1.0 / (scenario.rate * rng.uniform(0.1, 0.5))))
+        counts = [round(p.duration * scenario.rate) + 1 for p in scenario.manoeuvres]
         made[channel] = [
-            scene.noise[channel] * np.sqrt(1.0 - keep**2) * lfilter([1.0], [1.0, -keep], rng.standard_normal(n))
+            scenario.noise[channel] * np.sqrt(1.0 - keep**2) * lfilter([1.0], [1.0, -keep], rng.standard_normal(n))
             for n in counts
         ]
     return made
@@ -126,8 +133,8 @@ def _several(
     family: Literal["pair", "clutter"], rng: np.random.Generator, seed: int, attempt: int, form: Form, severity: str
 ) -> Case:
     """Two effects of like size, or a main one among small ones."""
-    base = craft(str(rng.choice(CRAFTS)))
-    able = [e for e in SINGLES if (not e.crafts or base.name in e.crafts) and e.name not in (*_WINDY, "turbulence")]
+    base = truth_aircraft(str(rng.choice(AIRCRAFT_NAMES)))
+    able = [e for e in SINGLES if (not e.aircraft or base.name in e.aircraft) and e.name not in (*_WINDY, "turbulence")]
     count = 2 if family == "pair" else int(rng.integers(3, 5))
     chosen: list[Effect] = []
     for i in rng.permutation(len(able)):
@@ -135,33 +142,33 @@ def _several(
             chosen.append(able[i])
     # Every effect gets the manoeuvres it needs most.
     shortened = [replace(e, needs=e.needs[: 6 // count + 1]) for e in chosen]
-    scene = draw_scene(shortened, base, seed, ins.RECONSTRUCTED, attempt)
-    parts: list[tuple[Effect, Concept, Entry, Outcome]] = []
+    scenario = draw_scenario(shortened, base, seed, ins.RECONSTRUCTED, attempt)
+    parts: list[tuple[Effect, EffectDesign, Injection, ScenarioResult]] = []
     taken: tuple[str, ...] = ()
     for i, effect in enumerate(chosen):
-        context = _context(scene, (seed, attempt, 20 + i))
-        concept = effect.make(context)
+        context = _context(scenario, (seed, attempt, 20 + i))
+        design = effect.make(context)
         wanted = rng.uniform(*(SHARES[severity] if i == 0 or family == "pair" else _SMALL))
-        _, entry, outcome = find_size(
-            scene, concept, float(max(wanted, 0.1) if family == "pair" else wanted), fixed=taken
+        _, injection, result = scale_effect(
+            scenario, design, float(max(wanted, 0.1) if family == "pair" else wanted), fixed=taken
         )
         if i == 0 or family == "pair":
             # A tolerance may have kept it from being as small as wanted, or plausibility from being as large.
-            if outcome.expected(concept.axes) < 0.06:
+            if result.expected(design.axes) < 0.06:
                 raise NotAttainable(effect.name)
-        elif outcome.expected(concept.axes) > 0.12:
+        elif result.expected(design.axes) > 0.12:
             raise NotAttainable(f"{effect.name} is not small")
-        parts.append((effect, concept, entry, outcome))
-        taken += concept.axes
+        parts.append((effect, design, injection, result))
+        taken += design.axes
     parts = sorted(parts, key=lambda p: -p[3].expected(p[1].axes))
     whole = parts[0][2]
-    for _, _, entry, _ in parts[1:]:
-        whole = Entry(whole.physics.joined(entry.physics), whole.faults.joined(entry.faults))
-    outcome = play(scene, whole)
-    if max(outcome.attainable.values()) < 0.05:
+    for _, _, injection, _ in parts[1:]:
+        whole = Injection(whole.physics.joined(injection.physics), whole.errors.joined(injection.errors))
+    result = simulate_scenario(scenario, whole)
+    if max(result.attainable.values()) < 0.05:
         raise NotAttainable("they hide each other")
-    keys = [describe(e, c, entry, alone) for e, c, entry, alone in parts]
-    return assemble(scene, outcome, form, keys, severity_of(max(outcome.attainable.values())), family)
+    keys = [describe(e, c, injection, alone) for e, c, injection, alone in parts]
+    return assemble(scenario, result, form, keys, severity_of(max(result.attainable.values())), family)
 
 
 def _apart(one: Effect, other: Effect) -> bool:

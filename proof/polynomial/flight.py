@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from proof.polynomial.aircraft import Craft, Term
-from proof.polynomial.kernel import READS, SCHEDULES, SETTINGS, STATES, SURFACE, fly
-from proof.polynomial.manoeuvres import DT, SETTLING, Plan
+from proof.polynomial.aircraft import Term, TruthAircraft
+from proof.polynomial.kernel import READS, SCHEDULES, SETTINGS, STATES, SURFACE, simulate_flight
+from proof.polynomial.manoeuvres import DT, SETTLING, Manoeuvre
 from proof.polynomial.terms import INDEX, Terms, compile_terms
 from proof.scenario.sizing import NotAttainable
 from structsel.numerics.atmosphere import standard_atmosphere
@@ -20,7 +20,7 @@ CONTROLS = ("de", "da", "dr")
 
 
 @dataclass
-class Physics:
+class InjectedPhysics:
     """What the truth has and the simulation lacks; parts add up with `joined`.
 
     Attributes
@@ -49,7 +49,7 @@ class Physics:
     after: float = 1.0
     schedules: dict[str, list[np.ndarray]] = field(default_factory=dict)
 
-    def joined(self, other: Physics) -> Physics:
+    def joined(self, other: InjectedPhysics) -> InjectedPhysics:
         """Both at once. Settings of the same name are the other's."""
         surfaces = {
             c: {**self.surfaces.get(c, {}), **other.surfaces.get(c, {})} for c in {*self.surfaces, *other.surfaces}
@@ -60,7 +60,7 @@ class Physics:
         inertia = dict(self.inertia)
         for name, factor in other.inertia.items():
             inertia[name] = inertia.get(name, 1.0) * factor
-        return Physics(
+        return InjectedPhysics(
             self.terms + other.terms,
             {**self.settings, **other.settings},
             surfaces,
@@ -73,7 +73,7 @@ class Physics:
 
 
 @dataclass
-class Flown:
+class TruthFlight:
     """One manoeuvre as it was: at the centre of gravity, without noise.
 
     Attributes
@@ -85,7 +85,7 @@ class Flown:
         As `READS`.
     """
 
-    plan: Plan
+    manoeuvre: Manoeuvre
     t: np.ndarray
     states: np.ndarray
     table: np.ndarray
@@ -102,30 +102,34 @@ class Flown:
         return self.table[:, INDEX[name]]
 
 
-def settings_of(craft: Craft, plans: Sequence[Plan], ground: float) -> dict[str, float]:
+def settings_of(truth: TruthAircraft, manoeuvres: Sequence[Manoeuvre], ground: float) -> dict[str, float]:
     """References of the variables: the middle of what is flown."""
-    V = float(np.mean([p.V for p in plans]))
-    _, _, rho, sound = standard_atmosphere(np.array([p.h for p in plans]))
+    V = float(np.mean([p.V for p in manoeuvres]))
+    _, _, rho, sound = standard_atmosphere(np.array([p.h for p in manoeuvres]))
     held = {**SETTINGS, "V0": V, "rho0": float(np.mean(rho)), "ground_h": ground}
     held["glauert0"] = float(1.0 / np.sqrt(1.0 - (V / np.mean(sound)) ** 2) - 1.0)
-    if craft.aircraft.V0:
-        held["V0"] = craft.aircraft.V0
+    if truth.aircraft.V0:
+        held["V0"] = truth.aircraft.V0
     return held
 
 
-def fly_truth(
-    craft: Craft, plans: Sequence[Plan], physics: Physics, settings: Mapping[str, float], rate: float
-) -> list[Flown]:
+def simulate_truth(
+    truth: TruthAircraft,
+    manoeuvres: Sequence[Manoeuvre],
+    physics: InjectedPhysics,
+    settings: Mapping[str, float],
+    rate: float,
+) -> list[TruthFlight]:
     """Fly the manoeuvres with the added physics, at a rate of samples [1/s].
 
     Raises
     ------
     NotAttainable
     """
-    base, added = compile_terms(craft.terms), compile_terms(physics.terms)
+    base, added = compile_terms(truth.terms), compile_terms(physics.terms)
     held = {**settings, **physics.settings}
     values = np.array([held[name] for name in SETTINGS])
-    tensor = craft.aircraft.require_inertia("fly_truth").tensor.copy()
+    tensor = truth.aircraft.require_inertia("fly_truth").tensor.copy()
     for name, factor in physics.inertia.items():
         i, j = "xyz".index(name[1]), "xyz".index(name[-1])
         tensor[i, j] *= factor
@@ -138,18 +142,18 @@ def fly_truth(
             for c in CONTROLS
         ]
     )
-    flown = []
-    for k, plan in enumerate(plans):
-        schedules = plan.schedules.copy()
+    flights = []
+    for k, manoeuvre in enumerate(manoeuvres):
+        schedules = manoeuvre.schedules.copy()
         for name, arrays in physics.schedules.items():
             schedules[:, _column(name)] += arrays[k]
         schedules[:, _column("mass")] *= physics.mass * (1.0 if physics.mass_of is None else physics.mass_of[k])
-        start = _start(plan, craft)
-        trim = plan.trim
-        trims = np.array([trim["de"], trim["alpha"], trim["alpha"], trim["throttle"], plan.V])
-        flown.append(
+        start = _start(manoeuvre, truth)
+        trim = manoeuvre.trim
+        trims = np.array([trim["de"], trim["alpha"], trim["alpha"], trim["throttle"], manoeuvre.V])
+        flights.append(
             _run(
-                plan,
+                manoeuvre,
                 start,
                 schedules,
                 rate,
@@ -158,26 +162,26 @@ def fly_truth(
                 added,
                 tensors,
                 inverses,
-                craft.constants(),
+                truth.constants(),
                 values,
-                craft.gains(plan.V, plan.h),
+                truth.gains(manoeuvre.V, manoeuvre.h),
                 trims,
                 surfaces,
             )
         )
-    return flown
+    return flights
 
 
-def fly_simulation(
-    craft: Craft,
+def simulate_model(
+    truth: TruthAircraft,
     terms: Sequence[Term],
-    flown: Flown,
+    flight: TruthFlight,
     start: np.ndarray,
     controls: Mapping[str, np.ndarray],
     thrust: np.ndarray,
     settings: Mapping[str, float],
     rate: float,
-) -> Flown:
+) -> TruthFlight:
     """Fly a simulation open loop from a start, with recorded controls and thrust held over each sample.
 
     Raises
@@ -185,17 +189,17 @@ def fly_simulation(
     NotAttainable
     """
     hold = round(1.0 / (rate * DT))
-    schedules = np.zeros(((len(flown.t) - 1) * hold + 1, flown.plan.schedules.shape[1]))
+    schedules = np.zeros(((len(flight.t) - 1) * hold + 1, flight.manoeuvre.schedules.shape[1]))
     for name, values in {**controls, "thrust": np.maximum(thrust, 0.0)}.items():
         schedules[:, _column(name)] = np.repeat(values, hold)[: len(schedules)]
-    for name, value in {"alpha": -9.0, "mass": craft.aircraft.mass or 0.0, "throttle": 0.5}.items():
+    for name, value in {"alpha": -9.0, "mass": truth.aircraft.mass or 0.0, "throttle": 0.5}.items():
         schedules[:, _column(name)] = value
     clean = np.array([[{**dict.fromkeys(SURFACE, 0.0), **_CLEAN}[f] for f in SURFACE]] * 3)
-    tensor = craft.aircraft.require_inertia("fly_simulation").tensor
+    tensor = truth.aircraft.require_inertia("fly_simulation").tensor
     tensors = np.array([tensor, tensor])
     nothing = compile_terms([])
     return _run(
-        flown.plan,
+        flight.manoeuvre,
         start,
         schedules,
         rate,
@@ -204,7 +208,7 @@ def fly_simulation(
         nothing,
         tensors,
         np.linalg.inv(tensors),
-        craft.constants(),
+        truth.constants(),
         np.array([settings[n] for n in SETTINGS]),
         np.zeros(9),
         np.zeros(5),
@@ -213,7 +217,7 @@ def fly_simulation(
 
 
 def _run(
-    plan: Plan,
+    manoeuvre: Manoeuvre,
     start: np.ndarray,
     schedules: np.ndarray,
     rate: float,
@@ -227,9 +231,9 @@ def _run(
     gains: np.ndarray,
     trims: np.ndarray,
     surfaces: np.ndarray,
-) -> Flown:
+) -> TruthFlight:
     every = round(1.0 / (rate * DT))
-    rows, *logged = fly(
+    rows, *logged = simulate_flight(
         start,
         schedules,
         DT,
@@ -244,19 +248,19 @@ def _run(
         gains,
         trims,
         surfaces,
-        float(plan.hold),
+        float(manoeuvre.hold),
     )
     states, table, coefs, extras, reads = logged
     if rows < len(states):
-        raise NotAttainable(plan.purpose)
+        raise NotAttainable(manoeuvre.purpose)
     t = np.arange(rows) / rate
-    return Flown(plan, t, states, table, coefs, extras, dict(zip(READS, reads.T)))
+    return TruthFlight(manoeuvre, t, states, table, coefs, extras, dict(zip(READS, reads.T)))
 
 
-def _start(plan: Plan, craft: Craft) -> np.ndarray:
+def _start(manoeuvre: Manoeuvre, truth: TruthAircraft) -> np.ndarray:
     start = np.zeros(len(STATES))
-    start[0:3] = body_velocity(plan.V, plan.trim["alpha"], 0.0)
-    start[7], start[8], start[11] = plan.trim["alpha"], 0.3, plan.h
+    start[0:3] = body_velocity(manoeuvre.V, manoeuvre.trim["alpha"], 0.0)
+    start[7], start[8], start[11] = manoeuvre.trim["alpha"], 0.3, manoeuvre.h
     return start
 
 

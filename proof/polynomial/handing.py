@@ -10,24 +10,34 @@ import numpy as np
 from proof.case_files import Case
 from proof.keys import EffectKey, Family, Form, Intervals, Key, Severity, Verdict
 from proof.polynomial import instruments as ins
-from proof.polynomial.aircraft import craft
-from proof.polynomial.effects import Concept, Context, Effect, Entry, name
-from proof.polynomial.flight import fly_simulation, fly_truth
-from proof.polynomial.instruments import Channels, Faults
-from proof.polynomial.making import SHARES, Outcome, Scene, contribution_of, draw_scene, find_size, play
+from proof.polynomial.aircraft import truth_aircraft
+from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection, name
+from proof.polynomial.flight import simulate_model, simulate_truth
+from proof.polynomial.instruments import Channels, InstrumentErrors
+from proof.polynomial.making import (
+    SHARES,
+    Scenario,
+    ScenarioResult,
+    contribution_of,
+    draw_scenario,
+    scale_effect,
+    simulate_scenario,
+)
 from proof.polynomial.terms import AXES
 from proof.scenario.sizing import NotAttainable
 from structsel.recording import Recording
 
 
-def find_active(outcome: Outcome, axis: str, region: str) -> tuple[Intervals, dict[str, tuple[float, float]] | None]:
+def find_active(
+    result: ScenarioResult, axis: str, region: str
+) -> tuple[Intervals, dict[str, tuple[float, float]] | None]:
     """When the effect carries more than a quarter of its most, and the range of a channel in which it does."""
     i = AXES.index(axis)
-    most = max(float(np.quantile(np.abs(d[:, i]), 0.995)) for d in outcome.delta)
+    most = max(float(np.quantile(np.abs(d[:, i]), 0.995)) for d in result.delta)
     made: Intervals = {}
     seen = []
-    for k, d in enumerate(outcome.delta):
-        t = outcome.flown[k].t
+    for k, d in enumerate(result.delta):
+        t = result.flights[k].t
         on = np.abs(d[:, i]) > 0.25 * most
         edges = np.flatnonzero(np.diff(np.concatenate(([0], on.astype(int), [0]))))
         spans = [[float(t[a]), float(t[b - 1])] for a, b in zip(edges[::2], edges[1::2])]
@@ -39,49 +49,49 @@ def find_active(outcome: Outcome, axis: str, region: str) -> tuple[Intervals, di
                 joined.append([a, b])
         made[name(k)] = [(round(a, 2), round(b, 2)) for a, b in joined if b - a > 0.15]
         if region:
-            seen.append(outcome.clean[k][region][on])
+            seen.append(result.clean[k][region][on])
     if not region or not any(len(s) for s in seen):
         return made, None
     whole = np.concatenate(seen)
     return made, {region: (float(whole.min()), float(whole.max()))}
 
 
-def describe(effect: Effect, concept: Concept, entry: Entry, outcome: Outcome) -> EffectKey:
+def describe(effect: Effect, design: EffectDesign, injection: Injection, result: ScenarioResult) -> EffectKey:
     """The key's entry of one effect, axes ordered by what is attainable in them."""
-    share = outcome.attainable
-    axes = sorted((a for a in concept.axes if share[a] > 0.01), key=lambda a: -share[a]) or [concept.axes[0]]
-    intervals, region = None if isinstance(concept.intervals, str) else concept.intervals, None
-    if concept.intervals == "active":
-        intervals, region = find_active(outcome, axes[0], concept.region)
+    share = result.attainable
+    axes = sorted((a for a in design.axes if share[a] > 0.01), key=lambda a: -share[a]) or [design.axes[0]]
+    intervals, region = None if isinstance(design.intervals, str) else design.intervals, None
+    if design.intervals == "active":
+        intervals, region = find_active(result, axes[0], design.region)
     parameters: dict[str, float | str] = {"what": effect.label} if effect.label else {}
     return EffectKey(
         effect=effect.name,
-        accept=(effect.name, *concept.accept),
-        tie=concept.tie,
+        accept=(effect.name, *design.accept),
+        tie=design.tie,
         kinds=effect.kinds,
         axes=tuple(axes),
         region=region,
-        parameters={**parameters, **entry.parameters},
+        parameters={**parameters, **injection.parameters},
         intervals=intervals,
     )
 
 
-def recordings_of(scene: Scene, outcome: Outcome) -> list[Recording]:
+def recordings_of(scenario: Scenario, result: ScenarioResult) -> list[Recording]:
     """What is handed over."""
     made = []
-    for k, f in enumerate(outcome.flown):
-        held = dict(outcome.readings[k])
+    for k, f in enumerate(result.flights):
+        held = dict(result.readings[k])
         held["mach"] = held["V"] / (f.reads["V"] / f.reads["mach"])
         made.append(Recording(name(k), f.t, held))
     return made
 
 
-def forced(outcome: Outcome) -> dict[str, Channels]:
+def forced(result: ScenarioResult) -> dict[str, Channels]:
     """Simulated coefficients at what the simulation was told."""
-    return {name(k): {"t": f.t, **dict(zip(AXES, outcome.simulated[k].T))} for k, f in enumerate(outcome.flown)}
+    return {name(k): {"t": f.t, **dict(zip(AXES, result.simulated[k].T))} for k, f in enumerate(result.flights)}
 
 
-def free(scene: Scene, outcome: Outcome, wind: Mapping[str, float] | None = None) -> dict[str, Channels]:
+def free(scenario: Scenario, result: ScenarioResult, wind: Mapping[str, float] | None = None) -> dict[str, Channels]:
     """The simulation flown open loop with what was recorded, from where the recording began.
 
     Raises
@@ -89,24 +99,24 @@ def free(scene: Scene, outcome: Outcome, wind: Mapping[str, float] | None = None
     NotAttainable
     """
     made = {}
-    for k, f in enumerate(outcome.flown):
-        faulty = outcome.faulty[k]
+    for k, f in enumerate(result.flights):
+        faulty = result.faulty[k]
         controls = {n: faulty[n] for n in ("de", "da", "dr")}
-        if "df" in scene.channels:
+        if "df" in scenario.channels:
             controls["df"] = faulty["df"]
-        stated = replace(scene.craft, aircraft=scene.aircraft, terms=scene.sim_terms)
-        run = fly_simulation(
+        stated = replace(scenario.truth, aircraft=scenario.aircraft, terms=scenario.sim_terms)
+        run = simulate_model(
             stated,
-            scene.sim_terms,
+            scenario.sim_terms,
             f,
             f.states[0],
             controls,
             faulty["thrust"],
-            {**scene.settings, **(wind or {})},
-            scene.rate,
+            {**scenario.settings, **(wind or {})},
+            scenario.rate,
         )
-        extra = tuple(c for c in scene.channels if c not in ("df", "rpm"))
-        held = ins.channels_of(run, scene.aircraft, scene.ground, extra, Faults(), k)
+        extra = tuple(c for c in scenario.channels if c not in ("df", "rpm"))
+        held = ins.channels_of(run, scenario.aircraft, scenario.ground, extra, InstrumentErrors(), k)
         held["thrust"], held["throttle"] = faulty["thrust"], faulty["throttle"]
         held["qbar"] = 0.5 * held["rho"] * held["V"] ** 2
         held["mach"] = run.reads["mach"]
@@ -122,7 +132,7 @@ def free(scene: Scene, outcome: Outcome, wind: Mapping[str, float] | None = None
 
 
 def make_single(
-    effect: Effect, craft_name: str, severity: str, seed: int, form: Form, states: str, attempt: int = 0
+    effect: Effect, aircraft_name: str, severity: str, seed: int, form: Form, states: str, attempt: int = 0
 ) -> Case:
     """A case with one effect.
 
@@ -131,17 +141,21 @@ def make_single(
     NotAttainable
         Where it cannot be flown, or would not show at all; draw anew.
     """
-    scene = draw_scene([effect], craft(craft_name), seed, states, attempt)
-    base = fly_truth(scene.craft, scene.plans, scene.background.physics, scene.settings, scene.rate)
+    scenario = draw_scenario([effect], truth_aircraft(aircraft_name), seed, states, attempt)
+    base = simulate_truth(
+        scenario.truth, scenario.manoeuvres, scenario.background.physics, scenario.settings, scenario.rate
+    )
     rng = np.random.default_rng([seed, attempt, 2])
-    concept = effect.make(Context(scene.craft, scene.plans, base, scene.settings, scene.aircraft.tolerances, rng))
-    _, entry, outcome = find_size(scene, concept, float(rng.uniform(*SHARES[severity])))
-    key = describe(effect, concept, entry, outcome)
-    share = outcome.share(concept.axes)
+    design = effect.make(
+        EffectContext(scenario.truth, scenario.manoeuvres, base, scenario.settings, scenario.aircraft.tolerances, rng)
+    )
+    _, injection, result = scale_effect(scenario, design, float(rng.uniform(*SHARES[severity])))
+    key = describe(effect, design, injection, result)
+    share = result.share(design.axes)
     if share < 0.05:
         raise NotAttainable(f"{effect.name} does not show")
-    severity = severity_of(max(outcome.attainable[a] for a in concept.axes))
-    return assemble(scene, outcome, form, [key], severity, "single")
+    severity = severity_of(max(result.attainable[a] for a in design.axes))
+    return assemble(scenario, result, form, [key], severity, "single")
 
 
 def severity_of(share: float) -> Severity:
@@ -150,8 +164,8 @@ def severity_of(share: float) -> Severity:
 
 
 def assemble(
-    scene: Scene,
-    outcome: Outcome,
+    scenario: Scenario,
+    result: ScenarioResult,
     form: Form,
     effects: Sequence[EffectKey],
     severity: Severity,
@@ -161,33 +175,33 @@ def assemble(
     """The case and its key."""
     if form == "free":
         try:
-            simulated = free(scene, outcome)
+            simulated = free(scenario, result)
         except NotAttainable:
             form = "forced"
     if form == "forced":
-        simulated = forced(outcome)
+        simulated = forced(result)
     key = Key(
         verdicts=verdicts,
         form=form,
         severity=severity,
-        attainable=outcome.attainable,
+        attainable=result.attainable,
         effects=tuple(effects),
-        source=f"own/{scene.craft.name}",
+        source=f"own/{scenario.truth.name}",
         family=family,
-        seed=scene.seed,
+        seed=scenario.seed,
     )  # type: ignore[arg-type]
     return Case(
-        f"case-{scene.seed:05d}",
-        scene.aircraft,
-        recordings_of(scene, outcome),
+        f"case-{scenario.seed:05d}",
+        scenario.aircraft,
+        recordings_of(scenario, result),
         simulated,
         key,
         # What shows in velocities alone brings nothing to the coefficients.
-        contribution=contribution_of(scene, outcome) if any(a in AXES for e in effects for a in e.axes) else (),
+        contribution=contribution_of(scenario, result) if any(a in AXES for e in effects for a in e.axes) else (),
     )
 
 
-def make_windy(effect: Effect, craft_name: str, severity: str, seed: int, attempt: int = 0) -> Case:
+def make_windy(effect: Effect, aircraft_name: str, severity: str, seed: int, attempt: int = 0) -> Case:
     """A wind that the simulation, flown free, does not know: it shows in the velocities over the ground.
 
     Raises
@@ -195,18 +209,22 @@ def make_windy(effect: Effect, craft_name: str, severity: str, seed: int, attemp
     NotAttainable
         Where it cannot be flown or does not show.
     """
-    scene = draw_scene([effect], craft(craft_name), seed, ins.RECONSTRUCTED, attempt)
-    base = fly_truth(scene.craft, scene.plans, scene.background.physics, scene.settings, scene.rate)
+    scenario = draw_scenario([effect], truth_aircraft(aircraft_name), seed, ins.RECONSTRUCTED, attempt)
+    base = simulate_truth(
+        scenario.truth, scenario.manoeuvres, scenario.background.physics, scenario.settings, scenario.rate
+    )
     rng = np.random.default_rng([seed, attempt, 2])
-    concept = effect.make(Context(scene.craft, scene.plans, base, scene.settings, scene.aircraft.tolerances, rng))
-    wanted, low, high = float(rng.uniform(*SHARES[severity])), np.log(concept.low), np.log(concept.high)
+    design = effect.make(
+        EffectContext(scenario.truth, scenario.manoeuvres, base, scenario.settings, scenario.aircraft.tolerances, rng)
+    )
+    wanted, low, high = float(rng.uniform(*SHARES[severity])), np.log(design.low), np.log(design.high)
     for _ in range(6):
-        entry = concept.at(float(np.exp(0.5 * (low + high))))
-        outcome = play(scene, entry)
-        still, blown = free(scene, outcome), free(scene, outcome, entry.physics.settings)
+        injection = design.at(float(np.exp(0.5 * (low + high))))
+        result = simulate_scenario(scenario, injection)
+        still, blown = free(scenario, result), free(scenario, result, injection.physics.settings)
         shares = {}
         for channel in ("vn", "ve", "vd", "V", "h"):
-            seen = np.concatenate([r[channel] for r in outcome.readings])
+            seen = np.concatenate([r[channel] for r in result.readings])
             b, a = (
                 np.sqrt(np.mean((seen - np.concatenate([run[channel] for run in runs.values()])) ** 2))
                 for runs in (still, blown)
@@ -220,10 +238,10 @@ def make_windy(effect: Effect, craft_name: str, severity: str, seed: int, attemp
     key = EffectKey(
         effect=effect.name,
         accept=(effect.name,),
-        tie=concept.tie,
+        tie=design.tie,
         kinds=effect.kinds,
         axes=axes,
-        parameters=entry.parameters,
+        parameters=injection.parameters,
     )
-    case = assemble(scene, outcome, "free", [key], severity_of(max(shares.values())), "single")
+    case = assemble(scenario, result, "free", [key], severity_of(max(shares.values())), "single")
     return replace(case, key=case.key.model_copy(update={"attainable": {**dict.fromkeys(AXES, 0.0), **shares}}))

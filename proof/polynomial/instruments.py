@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proof.polynomial.aircraft import Term
-from proof.polynomial.flight import CONTROLS, Flown
+from proof.polynomial.flight import CONTROLS, TruthFlight
 from proof.polynomial.terms import INDEX, compile_terms, evaluate
 from proof.scenario.measurement import slow
 from structsel.aircraft import Aircraft
@@ -54,7 +54,7 @@ RAW, RECONSTRUCTED = "raw", "reconstructed"
 
 
 @dataclass
-class Faults:
+class InstrumentErrors:
     """What is wrong with the instruments, the same in every manoeuvre unless it is a step.
 
     Attributes
@@ -66,9 +66,9 @@ class Faults:
         True less stated place [m].
     mix : list of (channel, other, angle)
         The channel takes angle times the other, which loses as much of the channel.
-    blind : bool
+    vanes_blind : bool
         The vanes do not feel gusts.
-    calm : bool
+    without_gusts : bool
         The simulation is told the motion without gusts, though the vanes feel them.
     """
 
@@ -77,64 +77,64 @@ class Faults:
     bias: dict[str, list[np.ndarray]] = field(default_factory=dict)
     place: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     mix: list[tuple[str, str, float]] = field(default_factory=list)
-    blind: bool = False
-    calm: bool = False
+    vanes_blind: bool = False
+    without_gusts: bool = False
 
-    def joined(self, other: Faults) -> Faults:
+    def joined(self, other: InstrumentErrors) -> InstrumentErrors:
         """Both at once."""
-        return Faults(
+        return InstrumentErrors(
             {**self.scale, **other.scale},
             {**self.delay, **other.delay},
             {**self.bias, **other.bias},
             {**self.place, **other.place},
             self.mix + other.mix,
-            self.blind or other.blind,
-            self.calm or other.calm,
+            self.vanes_blind or other.vanes_blind,
+            self.without_gusts or other.without_gusts,
         )
 
 
-def inertial_air(flown: Flown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def inertial_air(flight: TruthFlight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """V, alpha, beta without gusts."""
-    return rb.air_data(*(flown.state(n) for n in "uvw"))
+    return rb.air_data(*(flight.state(n) for n in "uvw"))
 
 
 def channels_of(
-    flown: Flown, aircraft: Aircraft, ground: float, extra: Sequence[str], faults: Faults, k: int
+    flight: TruthFlight, aircraft: Aircraft, ground: float, extra: Sequence[str], errors: InstrumentErrors, k: int
 ) -> Channels:
     """Channels at the instruments' places without noise, with the faults."""
-    t, reads = flown.t, flown.reads
-    rates = tuple(flown.state(n) for n in "pqr")
+    t, reads = flight.t, flight.reads
+    rates = tuple(flight.state(n) for n in "pqr")
     dots = tuple(reads[n] for n in ("p_dot", "q_dot", "r_dot"))
-    gusts = (0.0, 0.0, 0.0) if faults.blind else tuple(reads[n] for n in ("gu", "gv", "gw"))
-    boom = aircraft.position("vane") + np.array(faults.place.get("vane", (0.0, 0.0, 0.0)))
+    gusts = (0.0, 0.0, 0.0) if errors.vanes_blind else tuple(reads[n] for n in ("gu", "gv", "gw"))
+    boom = aircraft.position("vane") + np.array(errors.place.get("vane", (0.0, 0.0, 0.0)))
     moved = cross(rates, boom)
-    V, alpha, beta = rb.air_data(*(flown.state(n) - g + d for n, g, d in zip("uvw", gusts, moved)))
-    seat = aircraft.position("accelerometer") + np.array(faults.place.get("accelerometer", (0.0, 0.0, 0.0)))
+    V, alpha, beta = rb.air_data(*(flight.state(n) - g + d for n, g, d in zip("uvw", gusts, moved)))
+    seat = aircraft.position("accelerometer") + np.array(errors.place.get("accelerometer", (0.0, 0.0, 0.0)))
     tangential, centripetal = cross(dots, seat), cross(rates, cross(rates, seat))
     force = [reads[n] + a + c for n, a, c in zip(("ax", "ay", "az"), tangential, centripetal)]
     made: Channels = {"V": V, "alpha": alpha, "beta": beta, **dict(zip("pqr", rates))}
-    made |= {n: flown.state(n) for n in ("phi", "theta", "psi", "h")}
+    made |= {n: flight.state(n) for n in ("phi", "theta", "psi", "h")}
     made |= dict(zip(("ax", "ay", "az"), force))
     made |= {n: reads[n] for n in (*CONTROLS, "throttle")}
-    made |= {"thrust": reads["thrust_model"], "rho": reads["rho"], "h_agl": flown.state("h") - ground}
+    made |= {"thrust": reads["thrust_model"], "rho": reads["rho"], "h_agl": flight.state("h") - ground}
     if "rpm" in extra:
         made["rpm"] = reads["rpm"]
     if "df" in extra:
         made["df"] = reads["df"]
     if "vn" in extra:
-        made |= dict(zip(("vn", "ve", "vd"), _ground_velocity(flown)))
-    for name, other, angle in faults.mix:
+        made |= dict(zip(("vn", "ve", "vd"), _ground_velocity(flight)))
+    for name, other, angle in errors.mix:
         made[name], made[other] = made[name] + angle * made[other], made[other] - angle * made[name]
-    for name, arrays in faults.bias.items():
+    for name, arrays in errors.bias.items():
         made[name] = made[name] + arrays[k]
-    if faults.scale or faults.delay:
-        made = Instruments(scale=faults.scale, delay=faults.delay).read(t, made)
+    if errors.scale or errors.delay:
+        made = Instruments(scale=errors.scale, delay=errors.delay).read(t, made)
     return made
 
 
-def _ground_velocity(flown: Flown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    x, y, h = (flown.state(n) for n in ("x", "y", "h"))
-    return tuple(np.gradient(z, flown.t, edge_order=2) * s for z, s in ((x, 1.0), (y, 1.0), (h, -1.0)))  # type: ignore[return-value]
+def _ground_velocity(flight: TruthFlight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    x, y, h = (flight.state(n) for n in ("x", "y", "h"))
+    return tuple(np.gradient(z, flight.t, edge_order=2) * s for z, s in ((x, 1.0), (y, 1.0), (h, -1.0)))  # type: ignore[return-value]
 
 
 def read(
@@ -160,42 +160,44 @@ def read(
 
 
 def simulated(
-    terms: Sequence[Term], flown: Flown, aircraft: Aircraft, told: Mapping[str, np.ndarray], V0: float
+    terms: Sequence[Term], flight: TruthFlight, aircraft: Aircraft, given: Mapping[str, np.ndarray], V0: float
 ) -> np.ndarray:
     """(n, 6) coefficients of the simulation at what it is told.
 
-    `told`: V, alpha, beta at the centre of gravity, p, q, r, de, da, dr, thrust, rho.
+    `given`: V, alpha, beta at the centre of gravity, p, q, r, de, da, dr, thrust, rho.
     """
-    table = flown.table.copy()
-    V = told["V"]
+    table = flight.table.copy()
+    V = given["V"]
     for name in ("alpha", "beta", *CONTROLS):
-        table[:, INDEX[name]] = told[name]
+        table[:, INDEX[name]] = given[name]
     for rate, length in (("p", aircraft.b), ("q", aircraft.cbar), ("r", aircraft.b)):
-        table[:, INDEX[f"{rate}_hat"]] = told[rate] * length / (2.0 * V)
-    table[:, INDEX["CT"]] = told["thrust"] / (0.5 * told["rho"] * V**2 * aircraft.S)
+        table[:, INDEX[f"{rate}_hat"]] = given[rate] * length / (2.0 * V)
+    table[:, INDEX["CT"]] = given["thrust"] / (0.5 * given["rho"] * V**2 * aircraft.S)
     table[:, INDEX["dV"]] = V / V0 - 1.0
     return evaluate(*compile_terms(terms), table)
 
 
-def told_smooth(flown: Flown, clean: Channels, faulty: Channels, calm: bool, rng: np.random.Generator) -> Channels:
+def reconstructed_states(
+    flight: TruthFlight, clean: Channels, faulty: Channels, calm: bool, rng: np.random.Generator
+) -> Channels:
     """Nearly what was: the truth, what a fault makes of it, and a slow error as a reconstruction has."""
     V, alpha, beta = (
-        inertial_air(flown) if calm else (flown.reads["V"], flown.variable("alpha"), flown.variable("beta"))
+        inertial_air(flight) if calm else (flight.reads["V"], flight.variable("alpha"), flight.variable("beta"))
     )
     held = {
         "V": V,
         "alpha": alpha,
         "beta": beta,
-        **{n: flown.state(n) for n in "pqr"},
+        **{n: flight.state(n) for n in "pqr"},
         **{n: clean[n] for n in CONTROLS},
     }
     held = {n: x + faulty[n] - clean[n] for n, x in held.items()}
     for name, size in (("V", 0.05), ("alpha", 2e-4), ("beta", 2e-4)):
-        held[name] = held[name] + size * slow(len(flown.t), rng, 0.97)
+        held[name] = held[name] + size * slow(len(flight.t), rng, 0.97)
     return {**held, "thrust": faulty["thrust"], "rho": clean["rho"]}
 
 
-def told_raw(readings: Channels, aircraft: Aircraft) -> Channels:
+def raw_states(readings: Channels, aircraft: Aircraft) -> Channels:
     """The channels themselves, vanes carried to the centre of gravity."""
     V, alpha, beta, p, q, r = (readings[n] for n in ("V", "alpha", "beta", "p", "q", "r"))
     V, alpha, beta = rb.air_data_at_cg(V, alpha, beta, p, q, r, tuple(aircraft.position("vane")))

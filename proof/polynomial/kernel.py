@@ -22,26 +22,26 @@ SETTINGS = {
     "ground_h": 0.0,
 }  # fmt: skip
 """Settings of the air and of the added physics, with the values that add none."""
-CRAFT = ("S", "b", "cbar", "tx", "tz", "tilt", "static_thrust", "V_thrust", "h_power", "spool", "rpm_idle", "rpm_range",
-         "engine_H")  # fmt: skip
+CONSTANTS = ("S", "b", "cbar", "tx", "tz", "tilt", "static_thrust", "V_thrust", "h_power", "spool", "rpm_idle",
+             "rpm_range", "engine_H")  # fmt: skip
 SCHEDULES = ("de", "da", "dr", "theta", "phi", "alpha", "h", "throttle", "df", "cfg", "ice", "clock", "mass", "free",
              "aug", "thrust", "gu", "gv", "gw", "gp", "gq", "gr")  # fmt: skip
 """Of one manoeuvre: excitation of the surfaces, references, throttle, flap and so on, gusts along body axes."""
 GAINS = ("q", "theta", "p", "phi", "r", "alpha", "h", "h_dot", "V")
-SURFACE = ("lag", "rate", "low", "high", "play", "delay", "aug_q", "aug_alpha", "aug_p", "aug_r", "aug_beta")
+SURFACE = ("lag", "rate", "low", "high", "backlash", "delay", "aug_q", "aug_alpha", "aug_p", "aug_r", "aug_beta")
 """Of each of de, da, dr: what stands between the command, which is recorded, and the surface."""
 READS = ("ax", "ay", "az", "p_dot", "q_dot", "r_dot", "rho", "qbar", "mach", "V", "thrust", "thrust_model", "throttle",
          "rpm", "mass", "de", "da", "dr", "de_true", "da_true", "dr_true", "gu", "gv", "gw", "cfg", "df")  # fmt: skip
 """What is logged beside states, variables and coefficients."""
 
 _S = {name: i for i, name in enumerate(SETTINGS)}
-_C = {name: i for i, name in enumerate(CRAFT)}
+_C = {name: i for i, name in enumerate(CONSTANTS)}
 _T = {name: i for i, name in enumerate(SCHEDULES)}
 _N = len(VARIABLES)
 # Compiled code reads plain integers.
 (_V0, _RHO0, _GL0, _RISE, _TAIL, _FIN, _GSC, _GRATE, _SSL, _SAL, _TAU1, _TAU2, _SLW, _SLZ, _SLL, _TSC, _TLAG,
  _SHN, _SHE, _SHH, _WN, _WE, _ARMX, _ARMY, _GH) = range(len(SETTINGS))  # fmt: skip
-(_CS, _CB, _CC, _TX, _TZ, _TILT, _TST, _VT, _HP, _SPOOL, _RPM0, _RPM1, _EH) = range(len(CRAFT))
+(_CS, _CB, _CC, _TX, _TZ, _TILT, _TST, _VT, _HP, _SPOOL, _RPM0, _RPM1, _EH) = range(len(CONSTANTS))
 (_DE, _DA, _DR, _THETA, _PHI, _ALPHA, _H, _THR, _DF, _CFG, _ICE, _CLOCK, _MASS, _FREE, _AUG, _THRUST,
  _GU, _GV, _GW, _GP, _GQ, _GR) = range(len(SCHEDULES))  # fmt: skip
 _LIFT, _CT, _CZ = INDEX["CL"], INDEX["CT"], 2
@@ -49,20 +49,20 @@ _G0 = 9.80665
 
 
 @njit(cache=True)
-def _fill(s, deflection, now, thrust, rpm, craft, settings, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _fill(s, deflection, now, thrust, rpm, truth, settings, x):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Row of variables at a state; returns qbar, V, rho, mach."""
     u, v, w = s[0] - now[_GU], s[1] - now[_GV], s[2] - now[_GW]
     V = np.sqrt(u * u + v * v + w * w)
     alpha, beta = np.arctan2(w, u), np.arcsin(v / V)
     _, _, rho, sound = standard_air(s[11], 0.0)
     qbar, mach = 0.5 * rho * V * V, V / sound
-    b, c = craft[_CB], craft[_CC]
+    b, c = truth[_CB], truth[_CC]
     x[0], x[1], x[2] = 1.0, alpha, beta
     x[3] = (s[3] - now[_GP]) * b / (2.0 * V)
     x[4] = (s[4] - now[_GQ]) * c / (2.0 * V)
     x[5] = (s[5] - now[_GR]) * b / (2.0 * V)
     x[6], x[7], x[8], x[9] = deflection[0], deflection[1], deflection[2], now[_DF]
-    x[10] = thrust / (qbar * craft[_CS])
+    x[10] = thrust / (qbar * truth[_CS])
     x[11] = V / settings[_V0] - 1.0
     x[12], x[13] = abs(alpha), abs(beta)
     x[14], x[15], x[16] = abs(deflection[0]), abs(deflection[1]), abs(deflection[2])
@@ -87,7 +87,7 @@ def _fill(s, deflection, now, thrust, rpm, craft, settings, x):  # type: ignore[
 
 
 @njit(cache=True)
-def _loads(base_rows, base_values, rows, values, settings, craft, x, whole, extra):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _loads(base_rows, base_values, rows, values, settings, truth, x, whole, extra):  # type: ignore[no-untyped-def]  # pragma: no cover
     """All coefficients, and those of the added physics alone."""
     whole[:] = 0.0
     extra[:] = 0.0
@@ -98,26 +98,26 @@ def _loads(base_rows, base_values, rows, values, settings, craft, x, whole, extr
         whole[j] += extra[j]
     # A centre of gravity that lies elsewhere: the moment is about the true one.
     dx, dy = settings[_ARMX], settings[_ARMY]
-    extra[4] += whole[2] * dx / craft[_CC]
-    extra[5] += -whole[1] * dx / craft[_CB] + whole[0] * dy / craft[_CB]
-    extra[3] += -whole[2] * dy / craft[_CB]
-    whole[4] += whole[2] * dx / craft[_CC]
-    whole[5] += -whole[1] * dx / craft[_CB] + whole[0] * dy / craft[_CB]
-    whole[3] += -whole[2] * dy / craft[_CB]
+    extra[4] += whole[2] * dx / truth[_CC]
+    extra[5] += -whole[1] * dx / truth[_CB] + whole[0] * dy / truth[_CB]
+    extra[3] += -whole[2] * dy / truth[_CB]
+    whole[4] += whole[2] * dx / truth[_CC]
+    whole[5] += -whole[1] * dx / truth[_CB] + whole[0] * dy / truth[_CB]
+    whole[3] += -whole[2] * dy / truth[_CB]
 
 
 @njit(cache=True)
-def _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craft, settings, out, force):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, truth, settings, out, force):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Derivative of the state; specific force at the centre of gravity on the way."""
-    qS = qbar * craft[_CS]
-    tilt = craft[_TILT]
+    qS = qbar * truth[_CS]
+    tilt = truth[_TILT]
     Tx, Tz = thrust * np.cos(tilt), -thrust * np.sin(tilt)
     force[0], force[1], force[2] = (qS * whole[0] + Tx) / mass, qS * whole[1] / mass, (qS * whole[2] + Tz) / mass
-    L = qS * craft[_CB] * whole[3]
-    M = qS * craft[_CC] * whole[4] + craft[_TZ] * Tx - craft[_TX] * Tz
-    N = qS * craft[_CB] * whole[5]
+    L = qS * truth[_CB] * whole[3]
+    M = qS * truth[_CC] * whole[4] + truth[_TZ] * Tx - truth[_TX] * Tz
+    N = qS * truth[_CB] * whole[5]
     u, v, w, p, q, r, phi, theta, psi = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8]
-    hx = inertia[0, 0] * p + inertia[0, 2] * r + craft[_EH]
+    hx = inertia[0, 0] * p + inertia[0, 2] * r + truth[_EH]
     hy, hz = inertia[1, 1] * q, inertia[2, 0] * p + inertia[2, 2] * r
     L -= q * hz - r * hy
     M -= r * hx - p * hz
@@ -139,9 +139,9 @@ def _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craf
     out[9] = north + settings[_WN] + settings[_SHN] * (s[11] - settings[_SHH])
     out[10] = east + settings[_WE] + settings[_SHE] * (s[11] - settings[_SHH])
     out[11] = up
-    chord, alpha = craft[_CC], x[1]
+    chord, alpha = truth[_CC], x[1]
     out[12] = x[25] * V / (settings[_TAIL] * chord)
-    out[13] = x[26] * V / (settings[_FIN] * craft[_CB])
+    out[13] = x[26] * V / (settings[_FIN] * truth[_CB])
     out[14] = 0.0455 * 2.0 * V / chord * (alpha - s[14])
     out[15] = 0.3 * 2.0 * V / chord * (alpha - s[15])
     out[16] = 0.0
@@ -154,8 +154,8 @@ def _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craf
 
 
 @njit(cache=True)
-def fly(  # type: ignore[no-untyped-def]  # pragma: no cover
-    start, schedules, dt, every, first, base_rows, base_values, rows, values, inertias, inverses, craft, settings,
+def simulate_flight(  # type: ignore[no-untyped-def]  # pragma: no cover
+    start, schedules, dt, every, first, base_rows, base_values, rows, values, inertias, inverses, truth, settings,
     gains, trims, surfaces, height_hold,
 ):  # fmt: skip
     """Fly one manoeuvre.
@@ -171,10 +171,10 @@ def fly(  # type: ignore[no-untyped-def]  # pragma: no cover
     s, x = start.copy(), np.zeros(_N)
     whole, extra, force = np.zeros(6), np.zeros(6), np.zeros(3)
     k1, k2, k3, k4, mid = np.zeros(19), np.zeros(19), np.zeros(19), np.zeros(19), np.zeros(19)
-    command, played, position, surface = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    command, after_backlash, position, surface = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     history = np.zeros((steps, 3))
     command[0] = trims[0]
-    played[:] = command
+    after_backlash[:] = command
     position[:] = command
     throttle = trims[3]
     spooled, lagged, alpha_dot, row = -1.0, -1.0, 0.0, 0
@@ -206,13 +206,13 @@ def fly(  # type: ignore[no-untyped-def]  # pragma: no cover
             back = int(a[5] / dt)
             seen = history[max(n - back, 0), j]
             if a[4] > 0.0:
-                if seen > played[j] + 0.5 * a[4]:
-                    played[j] = seen - 0.5 * a[4]
-                elif seen < played[j] - 0.5 * a[4]:
-                    played[j] = seen + 0.5 * a[4]
+                if seen > after_backlash[j] + 0.5 * a[4]:
+                    after_backlash[j] = seen - 0.5 * a[4]
+                elif seen < after_backlash[j] - 0.5 * a[4]:
+                    after_backlash[j] = seen + 0.5 * a[4]
             else:
-                played[j] = seen
-            move = played[j] - position[j]
+                after_backlash[j] = seen
+            move = after_backlash[j] - position[j]
             if a[0] > 0.0:
                 move *= 1.0 - np.exp(-dt / a[0])
             move = min(max(move, -a[1] * dt), a[1] * dt)
@@ -223,8 +223,8 @@ def fly(  # type: ignore[no-untyped-def]  # pragma: no cover
             )
         # The engine: the thrust the model says, and the one there is.
         _, _, rho, _ = standard_air(s[11], 0.0)
-        static = craft[_TST] * throttle * (rho / 1.225) ** craft[_HP] / (1.0 + V / craft[_VT])
-        spooled = static if spooled < 0.0 else spooled + (static - spooled) * (1.0 - np.exp(-dt / craft[_SPOOL]))
+        static = truth[_TST] * throttle * (rho / 1.225) ** truth[_HP] / (1.0 + V / truth[_VT])
+        spooled = static if spooled < 0.0 else spooled + (static - spooled) * (1.0 - np.exp(-dt / truth[_SPOOL]))
         lagged = (
             spooled
             if lagged < 0.0 or settings[_TLAG] <= 0.0
@@ -234,14 +234,14 @@ def fly(  # type: ignore[no-untyped-def]  # pragma: no cover
         if now[_THRUST] >= 0.0:
             thrust = now[_THRUST]
             spooled = thrust
-        rpm = craft[_RPM0] + craft[_RPM1] * spooled / max(craft[_TST], 1.0)
+        rpm = truth[_RPM0] + truth[_RPM1] * spooled / max(truth[_TST], 1.0)
         mass = now[_MASS]
         which = 0 if mass > 0.999 * whole_mass else 1
         inertia, inverse = inertias[which], inverses[which]
         # One Runge-Kutta step.
-        qbar, V, rho, mach = _fill(s, surface, now, thrust, rpm, craft, settings, x)
-        _loads(base_rows, base_values, rows, values, settings, craft, x, whole, extra)
-        _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craft, settings, k1, force)
+        qbar, V, rho, mach = _fill(s, surface, now, thrust, rpm, truth, settings, x)
+        _loads(base_rows, base_values, rows, values, settings, truth, x, whole, extra)
+        _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, truth, settings, k1, force)
         if n == 0:
             s[12], s[13], s[14], s[15] = x[1], x[2], x[1], x[1]
             s[16] = 0.5 * (1.0 - np.tanh(settings[_SSL] * (x[1] - settings[_SAL])))
@@ -261,19 +261,19 @@ def fly(  # type: ignore[no-untyped-def]  # pragma: no cover
         before = x[1]
         for j in range(19):
             mid[j] = s[j] + 0.5 * dt * k1[j]
-        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, craft, settings, x)
-        _loads(base_rows, base_values, rows, values, settings, craft, x, whole, extra)
-        _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craft, settings, k2, force)
+        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, truth, settings, x)
+        _loads(base_rows, base_values, rows, values, settings, truth, x, whole, extra)
+        _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, truth, settings, k2, force)
         for j in range(19):
             mid[j] = s[j] + 0.5 * dt * k2[j]
-        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, craft, settings, x)
-        _loads(base_rows, base_values, rows, values, settings, craft, x, whole, extra)
-        _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craft, settings, k3, force)
+        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, truth, settings, x)
+        _loads(base_rows, base_values, rows, values, settings, truth, x, whole, extra)
+        _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, truth, settings, k3, force)
         for j in range(19):
             mid[j] = s[j] + dt * k3[j]
-        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, craft, settings, x)
-        _loads(base_rows, base_values, rows, values, settings, craft, x, whole, extra)
-        _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, craft, settings, k4, force)
+        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, truth, settings, x)
+        _loads(base_rows, base_values, rows, values, settings, truth, x, whole, extra)
+        _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, truth, settings, k4, force)
         for j in range(19):
             s[j] += dt / 6.0 * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j])
         alpha_dot += 0.3 * ((x[1] - before) / dt - alpha_dot)

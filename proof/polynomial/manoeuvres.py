@@ -7,20 +7,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from proof.polynomial.aircraft import Craft
+from proof.polynomial.aircraft import TruthAircraft
 from proof.polynomial.kernel import SCHEDULES
 from structsel.numerics.atmosphere import standard_atmosphere
 
 DT = 0.01
 """Step of the flight [s]."""
 SETTLING = 5.0
-"""Flown before the recording begins [s]."""
+"""TruthFlight before the recording begins [s]."""
 _COLUMN = {name: i for i, name in enumerate(SCHEDULES)}
 _3211, _DOUBLET, _121 = (3, -2, 1, -1), (1, -1), (1, -2, 1)
 
 
 @dataclass
-class Plan:
+class Manoeuvre:
     """One manoeuvre to be flown.
 
     Attributes
@@ -32,7 +32,7 @@ class Plan:
     duration : float [s]
         Of the recording.
     trim : dict
-        As `Craft.trim` gives it.
+        As `TruthAircraft.trim` gives it.
     schedules : (steps, SCHEDULES) array
         From `SETTLING` before the recording to its end.
     hold : bool
@@ -71,7 +71,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Sizes:
+class InputSizes:
     """Inputs that move this aircraft about as much as any other: [rad], and [s] for the pulses of 3-2-1-1s."""
 
     de: float
@@ -80,17 +80,17 @@ class Sizes:
     unit: float
 
 
-def sizes(craft: Craft, V: float, h: float, alpha: float = 0.0) -> Sizes:
+def input_sizes(truth: TruthAircraft, V: float, h: float, alpha: float = 0.0) -> InputSizes:
     """From the main derivatives: about 0.05 rad of incidence, 0.05 rad of sideslip, 0.2 rad/s of roll."""
-    air = craft.aircraft
+    air = truth.aircraft
     rho = float(standard_atmosphere(h)[2])
     qS = 0.5 * rho * V**2 * air.S
-    stiff = max(-craft.value("Cm", "alpha") - 2.0 * alpha * craft.value("Cm", "alpha^2"), 0.25)
+    stiff = max(-truth.value("Cm", "alpha") - 2.0 * alpha * truth.value("Cm", "alpha^2"), 0.25)
     omega = np.sqrt(qS * air.cbar * stiff / air.require_inertia("sizes").Iy)
-    de = 0.045 * stiff / abs(craft.value("Cm", "de")) * 1.4
-    da = 0.20 * air.b / (2 * V) * abs(craft.value("Cl", "p_hat") / craft.value("Cl", "da"))
-    dr = 0.05 * max(craft.value("Cn", "beta"), 0.05) / abs(craft.value("Cn", "dr"))
-    return Sizes(
+    de = 0.045 * stiff / abs(truth.value("Cm", "de")) * 1.4
+    da = 0.20 * air.b / (2 * V) * abs(truth.value("Cl", "p_hat") / truth.value("Cl", "da"))
+    dr = 0.05 * max(truth.value("Cn", "beta"), 0.05) / abs(truth.value("Cn", "dr"))
+    return InputSizes(
         float(np.clip(de, 0.01, 0.12)),
         float(np.clip(da, 0.02, 0.2)),
         float(np.clip(dr, 0.02, 0.15)),
@@ -98,166 +98,166 @@ def sizes(craft: Craft, V: float, h: float, alpha: float = 0.0) -> Sizes:
     )
 
 
-def _follow(plan: Plan, craft: Craft, t0: float, t1: float, wanted: np.ndarray) -> None:
+def _follow(manoeuvre: Manoeuvre, truth: TruthAircraft, t0: float, t1: float, wanted: np.ndarray) -> None:
     """Have the pilot follow an incidence, with the elevator that it takes."""
-    on = (plan.t >= t0) & (plan.t < t1)
-    plan.column("alpha")[on] = wanted[on]
-    slope = -(craft.value("Cm", "alpha") + 2.0 * plan.trim["alpha"] * craft.value("Cm", "alpha^2"))
-    plan.column("de")[on] += slope / craft.value("Cm", "de") * (wanted[on] - plan.trim["alpha"])
+    on = (manoeuvre.t >= t0) & (manoeuvre.t < t1)
+    manoeuvre.column("alpha")[on] = wanted[on]
+    slope = -(truth.value("Cm", "alpha") + 2.0 * manoeuvre.trim["alpha"] * truth.value("Cm", "alpha^2"))
+    manoeuvre.column("de")[on] += slope / truth.value("Cm", "de") * (wanted[on] - manoeuvre.trim["alpha"])
 
 
-Purpose = Callable[[Plan, Craft, Sizes, np.random.Generator], None]
+Purpose = Callable[[Manoeuvre, TruthAircraft, InputSizes, np.random.Generator], None]
 
 
 def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
-def _elevator(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _elevator(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     sign, k = _sign(rng), rng.uniform(0.7, 1.2)
-    end = plan.pulses("de", _3211, 2.0, s.unit, sign * k * s.de)
-    end = plan.pulses("de", _DOUBLET, end + rng.uniform(2.0, 4.0), 1.2 * s.unit, -sign * k * s.de)
-    if end + 8.0 < plan.duration:
-        plan.pulses("de", _3211, end + 3.0, 0.7 * s.unit, -sign * 0.6 * s.de)
-    _free(plan, 1.5, plan.duration)
+    end = manoeuvre.pulses("de", _3211, 2.0, s.unit, sign * k * s.de)
+    end = manoeuvre.pulses("de", _DOUBLET, end + rng.uniform(2.0, 4.0), 1.2 * s.unit, -sign * k * s.de)
+    if end + 8.0 < manoeuvre.duration:
+        manoeuvre.pulses("de", _3211, end + 3.0, 0.7 * s.unit, -sign * 0.6 * s.de)
+    _free(manoeuvre, 1.5, manoeuvre.duration)
 
 
-def _aileron(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _aileron(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     sign, k = _sign(rng), rng.uniform(0.7, 1.2)
-    end = plan.pulses("da", _121, 2.0, 1.0, sign * k * s.da)
-    end = plan.pulses("da", _3211, end + 2.5, 0.5, -sign * k * s.da)
-    end = plan.pulses("de", _DOUBLET, end + 1.5, s.unit, 0.7 * s.de)
-    if end + 5.0 < plan.duration:
-        plan.pulses("da", _DOUBLET, end + 2.0, 0.8, sign * s.da)
-    _free(plan, 1.5, plan.duration)
+    end = manoeuvre.pulses("da", _121, 2.0, 1.0, sign * k * s.da)
+    end = manoeuvre.pulses("da", _3211, end + 2.5, 0.5, -sign * k * s.da)
+    end = manoeuvre.pulses("de", _DOUBLET, end + 1.5, s.unit, 0.7 * s.de)
+    if end + 5.0 < manoeuvre.duration:
+        manoeuvre.pulses("da", _DOUBLET, end + 2.0, 0.8, sign * s.da)
+    _free(manoeuvre, 1.5, manoeuvre.duration)
 
 
-def _rudder(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _rudder(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     sign, k = _sign(rng), rng.uniform(0.7, 1.2)
-    end = plan.pulses("dr", _DOUBLET, 2.0, 1.1, sign * k * s.dr)
-    end = plan.pulses("dr", _3211, end + 4.0, 0.6, -sign * k * s.dr)
-    end = plan.pulses("da", _DOUBLET, end + 2.0, 0.8, sign * s.da)
-    if end + 5.0 < plan.duration:
-        plan.pulses("de", _DOUBLET, end + 1.0, s.unit, 0.6 * s.de)
-    _free(plan, 1.5, plan.duration)
+    end = manoeuvre.pulses("dr", _DOUBLET, 2.0, 1.1, sign * k * s.dr)
+    end = manoeuvre.pulses("dr", _3211, end + 4.0, 0.6, -sign * k * s.dr)
+    end = manoeuvre.pulses("da", _DOUBLET, end + 2.0, 0.8, sign * s.da)
+    if end + 5.0 < manoeuvre.duration:
+        manoeuvre.pulses("de", _DOUBLET, end + 1.0, s.unit, 0.6 * s.de)
+    _free(manoeuvre, 1.5, manoeuvre.duration)
 
 
-def _multisine(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _multisine(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     """All three controls on harmonics of their own, random phases."""
-    t = plan.t
-    on = np.clip(t / 2.0, 0.0, 1.0) * np.clip((plan.duration - t) / 2.0, 0.0, 1.0)
+    t = manoeuvre.t
+    on = np.clip(t / 2.0, 0.0, 1.0) * np.clip((manoeuvre.duration - t) / 2.0, 0.0, 1.0)
     for i, (name, size) in enumerate((("de", s.de), ("da", s.da), ("dr", s.dr))):
-        k = np.arange(2 + i, int(1.6 * plan.duration), 3)
-        wave = np.cos(2 * np.pi * np.outer(t, k) / plan.duration + rng.uniform(0, 2 * np.pi, k.size)).sum(axis=1)
-        plan.column(name)[:] += on * 0.45 * size * wave / np.sqrt(0.5 * k.size)
-    _free(plan, 0.0, plan.duration)
+        k = np.arange(2 + i, int(1.6 * manoeuvre.duration), 3)
+        wave = np.cos(2 * np.pi * np.outer(t, k) / manoeuvre.duration + rng.uniform(0, 2 * np.pi, k.size)).sum(axis=1)
+        manoeuvre.column(name)[:] += on * 0.45 * size * wave / np.sqrt(0.5 * k.size)
+    _free(manoeuvre, 0.0, manoeuvre.duration)
 
 
-def _turns(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _turns(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     sign, bank = _sign(rng), rng.uniform(0.5, 0.85)
-    third = plan.duration / 3.2
-    plan.ramp("phi", 1.0, 2.2, sign * bank)
-    plan.ramp("phi", third, third + 2.0, -2.0 * sign * bank)
-    plan.ramp("phi", 2.3 * third, 2.3 * third + 1.5, sign * bank)
-    plan.column("theta")[:] += 0.06 * np.abs(plan.column("phi")) * np.abs(plan.column("phi"))
-    plan.pulses("de", _DOUBLET, 0.6 * third, s.unit, 0.8 * s.de)
-    plan.pulses("de", _DOUBLET, 1.8 * third, s.unit, -0.8 * s.de)
+    third = manoeuvre.duration / 3.2
+    manoeuvre.ramp("phi", 1.0, 2.2, sign * bank)
+    manoeuvre.ramp("phi", third, third + 2.0, -2.0 * sign * bank)
+    manoeuvre.ramp("phi", 2.3 * third, 2.3 * third + 1.5, sign * bank)
+    manoeuvre.column("theta")[:] += 0.06 * np.abs(manoeuvre.column("phi")) * np.abs(manoeuvre.column("phi"))
+    manoeuvre.pulses("de", _DOUBLET, 0.6 * third, s.unit, 0.8 * s.de)
+    manoeuvre.pulses("de", _DOUBLET, 1.8 * third, s.unit, -0.8 * s.de)
 
 
-def _throttle(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
-    base = plan.trim["throttle"]
+def _throttle(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
+    base = manoeuvre.trim["throttle"]
     high, low = min(base + rng.uniform(0.3, 0.55), 1.0), max(base - rng.uniform(0.25, 0.45), 0.05)
-    fifth = plan.duration / 5.0
+    fifth = manoeuvre.duration / 5.0
     for start, level, before in (
         (1.0, high, base),
         (1.0 + fifth, low, high),
         (1.0 + 2.3 * fifth, high, low),
         (1.0 + 3.4 * fifth, base, high),
     ):
-        plan.ramp("throttle", start, start + 0.25, level - before)
-    plan.pulses("de", _DOUBLET, 1.0 + 0.4 * fifth, s.unit, 0.8 * s.de)
-    plan.pulses("de", _DOUBLET, 1.0 + 1.5 * fifth, s.unit, -0.8 * s.de)
-    plan.pulses("de", _3211, 1.0 + 2.6 * fifth, 0.6 * s.unit, 0.6 * s.de)
-    plan.pulses("dr", _DOUBLET, 1.0 + 3.5 * fifth, 0.9, 0.7 * s.dr)
+        manoeuvre.ramp("throttle", start, start + 0.25, level - before)
+    manoeuvre.pulses("de", _DOUBLET, 1.0 + 0.4 * fifth, s.unit, 0.8 * s.de)
+    manoeuvre.pulses("de", _DOUBLET, 1.0 + 1.5 * fifth, s.unit, -0.8 * s.de)
+    manoeuvre.pulses("de", _3211, 1.0 + 2.6 * fifth, 0.6 * s.unit, 0.6 * s.de)
+    manoeuvre.pulses("dr", _DOUBLET, 1.0 + 3.5 * fifth, 0.9, 0.7 * s.dr)
 
 
-def _speeds(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _speeds(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     """Decelerate, then accelerate, level."""
-    base = plan.trim["throttle"]
-    half, first = plan.duration / 2.0, _sign(rng)
+    base = manoeuvre.trim["throttle"]
+    half, first = manoeuvre.duration / 2.0, _sign(rng)
     low, high = max(base - 0.5, 0.03), min(base + 0.6, 1.0)
     one, two = (low, high) if first > 0 else (high, low)
-    plan.ramp("throttle", 0.5, 1.5, one - base)
-    plan.ramp("throttle", half, half + 1.0, two - one)
-    plan.pulses("de", _DOUBLET, 0.6 * half, s.unit, 0.6 * s.de)
-    plan.pulses("de", _DOUBLET, 1.6 * half, s.unit, -0.6 * s.de)
+    manoeuvre.ramp("throttle", 0.5, 1.5, one - base)
+    manoeuvre.ramp("throttle", half, half + 1.0, two - one)
+    manoeuvre.pulses("de", _DOUBLET, 0.6 * half, s.unit, 0.6 * s.de)
+    manoeuvre.pulses("de", _DOUBLET, 1.6 * half, s.unit, -0.6 * s.de)
 
 
-def _pulls(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _pulls(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     """Pushes and pulls of incidence, within the usual range and somewhat beyond."""
-    trim = plan.trim["alpha"]
-    up = min(0.80 * craft.stall, trim + 0.09) - trim
+    trim = manoeuvre.trim["alpha"]
+    up = min(0.80 * truth.stall, trim + 0.09) - trim
     period = rng.uniform(4.0, 7.0)
-    wanted = trim + 0.7 * up * np.sin(2 * np.pi * (plan.t - 1.0) / period) + 0.15 * up
-    _follow(plan, craft, 1.0, plan.duration - 2.5, wanted)
-    plan.ramp("throttle", 0.5, 1.0, 0.1)
+    wanted = trim + 0.7 * up * np.sin(2 * np.pi * (manoeuvre.t - 1.0) / period) + 0.15 * up
+    _follow(manoeuvre, truth, 1.0, manoeuvre.duration - 2.5, wanted)
+    manoeuvre.ramp("throttle", 0.5, 1.0, 0.1)
 
 
-def _stall(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _stall(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     """Slowly up to beyond the stall with the power back, then one or two quick excursions about it."""
-    trim, peak = plan.trim["alpha"], craft.stall + rng.uniform(0.04, 0.07)
-    rise = min(0.5 * plan.duration, rng.uniform(7.0, 11.0))
-    shape_t = [1.0, 1.0 + rise, 3.0 + rise, 4.2 + rise, 5.2 + rise, 6.2 + rise, 7.4 + rise, plan.duration]
-    low, near = min(trim, 0.5 * craft.stall), craft.stall - 0.03
+    trim, peak = manoeuvre.trim["alpha"], truth.stall + rng.uniform(0.04, 0.07)
+    rise = min(0.5 * manoeuvre.duration, rng.uniform(7.0, 11.0))
+    shape_t = [1.0, 1.0 + rise, 3.0 + rise, 4.2 + rise, 5.2 + rise, 6.2 + rise, 7.4 + rise, manoeuvre.duration]
+    low, near = min(trim, 0.5 * truth.stall), truth.stall - 0.03
     shape = [trim, peak, near - 0.03, peak - 0.01, near - 0.05, peak, low, low]
-    _follow(plan, craft, 1.0, plan.duration + 1.0, np.interp(plan.t, shape_t, shape))
-    plan.ramp("throttle", 0.5, 1.5, -0.7 * plan.trim["throttle"])
-    plan.ramp("throttle", 7.5 + rise, 8.5 + rise, 0.5)
+    _follow(manoeuvre, truth, 1.0, manoeuvre.duration + 1.0, np.interp(manoeuvre.t, shape_t, shape))
+    manoeuvre.ramp("throttle", 0.5, 1.5, -0.7 * manoeuvre.trim["throttle"])
+    manoeuvre.ramp("throttle", 7.5 + rise, 8.5 + rise, 0.5)
 
 
-def _low_pass(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _low_pass(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     """Down towards the ground, along it, and away."""
-    b, t = craft.aircraft.b, plan.t
+    b, t = truth.aircraft.b, manoeuvre.t
     depth = rng.uniform(0.16, 0.30)
-    d = plan.duration
+    d = manoeuvre.duration
     profile = np.interp(t, [0.0, 0.12 * d, 0.42 * d, 0.62 * d, 0.9 * d, d], [0.0, 0.0, 1.0, 1.0, 0.1, 0.1])
-    plan.column("h")[:] = plan.h - profile * (1.5 - depth) * b
-    plan.hold = True
-    plan.pulses("de", _DOUBLET, 0.5 * d, s.unit, 0.25 * s.de)
+    manoeuvre.column("h")[:] = manoeuvre.h - profile * (1.5 - depth) * b
+    manoeuvre.hold = True
+    manoeuvre.pulses("de", _DOUBLET, 0.5 * d, s.unit, 0.25 * s.de)
 
 
-def _sideslip(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _sideslip(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     """Steady sideslips to both sides, with elevator pulses in them."""
-    sign, d = _sign(rng), plan.duration
+    sign, d = _sign(rng), manoeuvre.duration
     for start, side in ((1.0, sign), (0.5 * d, -sign)):
-        plan.ramp("dr", start, start + 1.0, side * 1.5 * s.dr)
-        plan.ramp("phi", start, start + 1.0, -side * 0.06)
-        plan.ramp("dr", start + 0.36 * d, start + 0.36 * d + 1.0, -side * 1.5 * s.dr)
-        plan.ramp("phi", start + 0.36 * d, start + 0.36 * d + 1.0, side * 0.06)
-        plan.pulses("de", _DOUBLET, start + 3.0, s.unit, 0.5 * s.de)
+        manoeuvre.ramp("dr", start, start + 1.0, side * 1.5 * s.dr)
+        manoeuvre.ramp("phi", start, start + 1.0, -side * 0.06)
+        manoeuvre.ramp("dr", start + 0.36 * d, start + 0.36 * d + 1.0, -side * 1.5 * s.dr)
+        manoeuvre.ramp("phi", start + 0.36 * d, start + 0.36 * d + 1.0, side * 0.06)
+        manoeuvre.pulses("de", _DOUBLET, start + 3.0, s.unit, 0.5 * s.de)
 
 
-def _large(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _large(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     """Pulses of all sizes on all controls, some quick and large."""
     start = 1.0
-    while start < plan.duration - 3.0:
+    while start < manoeuvre.duration - 3.0:
         name = str(rng.choice(["de", "da", "dr"]))
         k = float(rng.choice([0.4, 0.9, 1.6]))
-        start = plan.pulses(name, (1, -1), start, rng.uniform(0.35, 0.7), _sign(rng) * k * getattr(s, name)) + 1.2
-    _free(plan, 0.5, plan.duration)
+        start = manoeuvre.pulses(name, (1, -1), start, rng.uniform(0.35, 0.7), _sign(rng) * k * getattr(s, name)) + 1.2
+    _free(manoeuvre, 0.5, manoeuvre.duration)
 
 
-def _flap(plan: Plan, craft: Craft, s: Sizes, rng: np.random.Generator) -> None:
+def _flap(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     """Elevator and aileron work about the time at which the configuration changes."""
-    plan.pulses("de", _DOUBLET, 2.0, s.unit, 0.6 * s.de)
-    plan.pulses("da", _DOUBLET, 0.3 * plan.duration, 0.9, 0.7 * s.da)
-    plan.pulses("de", _3211, 0.62 * plan.duration, 0.7 * s.unit, 0.6 * s.de)
+    manoeuvre.pulses("de", _DOUBLET, 2.0, s.unit, 0.6 * s.de)
+    manoeuvre.pulses("da", _DOUBLET, 0.3 * manoeuvre.duration, 0.9, 0.7 * s.da)
+    manoeuvre.pulses("de", _3211, 0.62 * manoeuvre.duration, 0.7 * s.unit, 0.6 * s.de)
 
 
-def _free(plan: Plan, start: float, end: float) -> None:
+def _free(manoeuvre: Manoeuvre, start: float, end: float) -> None:
     """The pilot lets go, but for a quarter."""
-    t = plan.t
-    plan.column("free")[(t >= start) & (t < end)] = 1.0
+    t = manoeuvre.t
+    manoeuvre.column("free")[(t >= start) & (t < end)] = 1.0
 
 
 PURPOSES: dict[str, Purpose] = {
@@ -278,9 +278,15 @@ PURPOSES: dict[str, Purpose] = {
 USUAL = ("elevator", "aileron", "rudder", "multisine", "turns", "throttle", "speeds", "pulls", "sideslip", "large")
 
 
-def make_plan(
-    purpose: str, craft: Craft, V: float, h: float, duration: float, rng: np.random.Generator, ground: float = 0.0
-) -> Plan:
+def make_manoeuvre(
+    purpose: str,
+    truth: TruthAircraft,
+    V: float,
+    h: float,
+    duration: float,
+    rng: np.random.Generator,
+    ground: float = 0.0,
+) -> Manoeuvre:
     """A manoeuvre from a trimmed start.
 
     Parameters
@@ -290,38 +296,38 @@ def make_plan(
         A low pass begins 1.5 spans above the `ground` [m] whatever h is.
     """
     if purpose == "low-pass":
-        h = ground + 1.5 * craft.aircraft.b
-    V = _speed_at(craft, h, 0.7) if purpose == "stall" else max(V, _speed_at(craft, h, 0.6))
-    plan = Plan(purpose, V, h, duration, craft.trim(V, h))
+        h = ground + 1.5 * truth.aircraft.b
+    V = _speed_at(truth, h, 0.7) if purpose == "stall" else max(V, _speed_at(truth, h, 0.6))
+    manoeuvre = Manoeuvre(purpose, V, h, duration, truth.trim(V, h))
     steps = round((duration + SETTLING) / DT) + 1
-    plan.schedules = np.zeros((steps, len(SCHEDULES)))
+    manoeuvre.schedules = np.zeros((steps, len(SCHEDULES)))
     for name, value in {
-        "da": plan.trim["da"],
-        "dr": plan.trim["dr"],
-        "theta": plan.trim["alpha"],
+        "da": manoeuvre.trim["da"],
+        "dr": manoeuvre.trim["dr"],
+        "theta": manoeuvre.trim["alpha"],
         "alpha": -9.0,
         "h": h,
-        "throttle": plan.trim["throttle"],
-        "mass": craft.aircraft.mass or 0.0,
+        "throttle": manoeuvre.trim["throttle"],
+        "mass": truth.aircraft.mass or 0.0,
         "aug": 1.0,
         "thrust": -1.0,
     }.items():
-        plan.column(name)[:] = value
-    PURPOSES[purpose](plan, craft, sizes(craft, V, h, plan.trim["alpha"]), rng)
-    return plan
+        manoeuvre.column(name)[:] = value
+    PURPOSES[purpose](manoeuvre, truth, input_sizes(truth, V, h, manoeuvre.trim["alpha"]), rng)
+    return manoeuvre
 
 
-def _speed_at(craft: Craft, h: float, share: float) -> float:
+def _speed_at(truth: TruthAircraft, h: float, share: float) -> float:
     """Speed of level flight at a share of the stalling incidence."""
-    low, high = 0.4 * craft.speeds[0], 1.3 * craft.speeds[1]
+    low, high = 0.4 * truth.speeds[0], 1.3 * truth.speeds[1]
     for _ in range(12):
         V = 0.5 * (low + high)
-        low, high = (V, high) if craft.trim(V, h)["alpha"] > share * craft.stall else (low, V)
+        low, high = (V, high) if truth.trim(V, h)["alpha"] > share * truth.stall else (low, V)
     return V
 
 
-def draw_plans(
-    craft: Craft,
+def draw_manoeuvres(
+    truth: TruthAircraft,
     needed: Sequence[str],
     rng: np.random.Generator,
     *,
@@ -329,7 +335,7 @@ def draw_plans(
     duration: float = 30.0,
     ground: float = 0.0,
     bands: Sequence[tuple[float, float]] | None = None,
-) -> list[Plan]:
+) -> list[Manoeuvre]:
     """A mixed set: what is needed, and other manoeuvres, at speeds and heights of the aircraft's range.
 
     `bands` are (low, high) heights to choose from; by default one band somewhere in the range.
@@ -338,7 +344,7 @@ def draw_plans(
     purposes = [*needed, *others][:count]
     while len(purposes) < count:
         purposes.append(str(rng.choice(USUAL)))
-    (low, high), (bottom, top) = craft.speeds, craft.heights
+    (low, high), (bottom, top) = truth.speeds, truth.heights
     if bands is None:
         middle = rng.uniform(bottom + 0.15 * (top - bottom), top - 0.15 * (top - bottom))
         bands = [(middle - 0.12 * (top - bottom), middle + 0.12 * (top - bottom))]
@@ -347,5 +353,5 @@ def draw_plans(
         purpose = str(purposes[k])
         V = low + (high - low) * {"stall": 0.15, "low-pass": 0.15}.get(purpose, rng.uniform(0.12, 0.92))
         band = bands[int(rng.integers(len(bands)))]
-        made.append(make_plan(purpose, craft, float(V), float(rng.uniform(*band)), duration, rng, ground))
+        made.append(make_manoeuvre(purpose, truth, float(V), float(rng.uniform(*band)), duration, rng, ground))
     return made

@@ -23,7 +23,7 @@ Values = dict[str, float]
 
 
 @dataclass(frozen=True)
-class _Plant:
+class _System:
     """What is missing, of which kind, and how it is confused."""
 
     effect: str
@@ -31,25 +31,25 @@ class _Plant:
     tie: tuple[str, ...]
 
 
-PLANTS = {
+SINGLE_CHANNEL = {
     p.effect: p
     for p in (
-        _Plant("stiffening", "static", ("missing-term",)),
-        _Plant("mechanical-hysteresis", "memory", ("friction", "backlash")),
-        _Plant("friction", "actuator", ("backlash", "mechanical-hysteresis")),
-        _Plant("saturation", "static", ("control-nonlinearity",)),
-        _Plant("rotor-inflow-lag", "memory", ("actuator-lag", "sensor-delay")),
+        _System("stiffening", "static", ("missing-term",)),
+        _System("mechanical-hysteresis", "memory", ("friction", "backlash")),
+        _System("friction", "actuator", ("backlash", "mechanical-hysteresis")),
+        _System("saturation", "static", ("control-nonlinearity",)),
+        _System("rotor-inflow-lag", "memory", ("actuator-lag", "sensor-delay")),
     )
 }
 
 
-def make_plant(effect: str, severity_share: float, seed: int, attempt: int, form: Form) -> Case:
+def make_single_channel(effect: str, severity_share: float, seed: int, attempt: int, form: Form) -> Case:
     """A case of a response channel.
 
     Parameters
     ----------
     effect : str
-        Of `PLANTS`.
+        Of `SINGLE_CHANNEL`.
     severity_share : float
         Attainable share aimed at.
 
@@ -67,7 +67,7 @@ def make_plant(effect: str, severity_share: float, seed: int, attempt: int, form
     p = _rotor(rng) if rotor else _oscillator(rng)
     wrong = {n: v * (1.0 + 0.5 * float(tolerance.main) * float(rng.standard_normal())) for n, v in p.items()}
     channel = "q" if rotor else ("a" if form == "forced" else "y")
-    number, noise = list(PLANTS).index(effect), int(rng.integers(2**31))
+    number, noise = list(SINGLE_CHANNEL).index(effect), int(rng.integers(2**31))
     linear = _fly(t, u, p, number, 0.0, 0.0)
     most = 0.0 if rotor else float(np.abs(linear["y"]).max())
 
@@ -109,8 +109,8 @@ def make_plant(effect: str, severity_share: float, seed: int, attempt: int, form
         Recording(name(k), t, {("dlon" if rotor and n == "u" else n): noisy[n][k] for n in kept}) for k in range(8)
     ]
     simulated = {name(k): {"t": t, channel: S0[k]} for k in range(8)}
-    plant = PLANTS[effect]
-    entry = EffectKey(
+    plant = SINGLE_CHANNEL[effect]
+    injection = EffectKey(
         effect=effect,
         accept=(effect,),
         tie=plant.tie,
@@ -123,7 +123,7 @@ def make_plant(effect: str, severity_share: float, seed: int, attempt: int, form
         form="forced" if channel == "a" else "free",
         severity=severity,  # type: ignore[arg-type]
         attainable={channel: share},
-        effects=(entry,),
+        effects=(injection,),
         source=f"own/{'rotor' if rotor else 'oscillator'}",
         seed=seed,
     )
@@ -173,7 +173,7 @@ def _oscillator(rng: np.random.Generator) -> Values:
 
 @njit(cache=True)
 def _extra(effect, k, c, y, v, z, size, limit):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Acceleration that the simulation lacks; number of `PLANTS`."""
+    """Acceleration that the simulation lacks; number of `SINGLE_CHANNEL`."""
     if size <= 0.0:
         return 0.0
     if effect == 0:
@@ -205,7 +205,7 @@ def _slope(rotor, effect, p, size, limit, x, u, out):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
-def _march(rotor, effect, p, size, limit, dt, u, substeps):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _integrate(rotor, effect, p, size, limit, dt, u, substeps):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """(4, recordings, n) states from rest by classical Runge-Kutta, inputs linear between samples."""
     out = np.zeros((4, *u.shape))
     h = dt / substeps
@@ -233,7 +233,7 @@ _ORDER = "ckgma"
 def _fly(t: np.ndarray, u: np.ndarray, p: Values, effect: int, size: float, limit: float) -> dict[str, np.ndarray]:
     rotor = "m" in p
     values = np.array([p.get(n, 0.0) for n in _ORDER])
-    x = _march(rotor, effect, values, size, limit, t[1] - t[0], u, _SUBSTEPS)
+    x = _integrate(rotor, effect, values, size, limit, t[1] - t[0], u, _SUBSTEPS)
     if rotor:
         return {"q": x[0], "theta": x[1], "u": u}
     y, v, z = x[:3]

@@ -1,4 +1,4 @@
-"""Physics that no name of the library covers; the right answer is "unknown"."""
+"""InjectedPhysics that no name of the library covers; the right answer is "unknown"."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from scipy.signal import lfilter, sawtooth
 
 from proof.keys import Kind
-from proof.polynomial.effects import Concept, Context, Effect, Entry
-from proof.polynomial.flight import Physics
+from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection
+from proof.polynomial.flight import InjectedPhysics
 
 _ANY: tuple[Kind, ...] = ("static", "memory", "random", "structural", "atmospheric")
 Signal = Callable[[np.ndarray, np.random.Generator], np.ndarray]
@@ -46,33 +46,36 @@ def _chaos(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def _clocked(
     signal: Signal, pairs: Sequence[tuple[str, str]], tie: tuple[str, ...] = ()
-) -> Callable[[Context], Concept]:
-    def make(c: Context) -> Concept:
+) -> Callable[[EffectContext], EffectDesign]:
+    def make(c: EffectContext) -> EffectDesign:
         axis, text = pairs[int(c.rng.integers(len(pairs)))]
         unit = c.sign() * float(
             np.concatenate([f.coefs for f in c.base])[:, ("CX", "CY", "CZ", "Cl", "Cm", "Cn").index(axis)].std()
         )
         if text != "clock":
             unit /= max(float(c.product(text.replace("clock*", "")).std()), 1e-9)
-        schedules = [signal(p.t, c.rng) for p in c.plans]
+        schedules = [signal(p.t, c.rng) for p in c.manoeuvres]
 
-        def at(size: float) -> Entry:
+        def at(size: float) -> Injection:
             value = 0.5 * size * unit
-            return Entry(
-                Physics([(axis, text, value)], schedules={"clock": schedules}), parameters={f"{axis}:{text}": value}
+            return Injection(
+                InjectedPhysics([(axis, text, value)], schedules={"clock": schedules}),
+                parameters={f"{axis}:{text}": value},
             )
 
-        return Concept(at, (axis,), tie)
+        return EffectDesign(at, (axis,), tie)
 
     return make
 
 
-def _of(pairs: Sequence[tuple[str, str]]) -> Callable[[Context], Concept]:
-    def make(c: Context) -> Concept:
+def _of(pairs: Sequence[tuple[str, str]]) -> Callable[[EffectContext], EffectDesign]:
+    def make(c: EffectContext) -> EffectDesign:
         axis, text = pairs[int(c.rng.integers(len(pairs)))]
-        value = c.sign() * c.worth(axis, text)
-        return Concept(
-            lambda size: Entry(Physics([(axis, text, size * value)]), parameters={f"{axis}:{text}": size * value}),
+        value = c.sign() * c.equal_scatter(axis, text)
+        return EffectDesign(
+            lambda size: Injection(
+                InjectedPhysics([(axis, text, size * value)]), parameters={f"{axis}:{text}": size * value}
+            ),
             (axis,),
         )
 

@@ -17,13 +17,13 @@ from proof.detectability import log_evidence_of
 from proof.generate import draw_case
 from proof.keys import DECIDABLE
 from proof.polynomial import instruments
-from proof.polynomial.aircraft import CRAFTS, craft
-from proof.polynomial.effects import Context, Entry
+from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
+from proof.polynomial.effects import EffectContext, Injection
 from proof.polynomial.families import NAMES, SINGLES
-from proof.polynomial.flight import STATES, Physics, fly_truth, settings_of
-from proof.polynomial.making import draw_scene, play
-from proof.polynomial.manoeuvres import make_plan
-from proof.polynomial.single_channel import PLANTS
+from proof.polynomial.flight import STATES, InjectedPhysics, settings_of, simulate_truth
+from proof.polynomial.making import draw_scenario, simulate_scenario
+from proof.polynomial.manoeuvres import make_manoeuvre
+from proof.polynomial.single_channel import SINGLE_CHANNEL
 from proof.polynomial.terms import AXES, compile_terms, evaluate
 from proof.polynomial.unmodelled import EFFECTS as OUTSIDE
 from structsel import compute_coefficients
@@ -34,68 +34,74 @@ from structsel.numerics import rigid_body as rb
 EXAMPLES = Path(__file__).parents[2] / "shared" / "data" / "diagnose-examples"
 
 
-@pytest.mark.parametrize("name", CRAFTS)
+@pytest.mark.parametrize("name", AIRCRAFT_NAMES)
 def test_a_truth_flight_obeys_the_rigid_body_equations_of_the_package(name):
-    made = craft(name)
-    plan = make_plan(
+    made = truth_aircraft(name)
+    manoeuvre = make_manoeuvre(
         "multisine", made, float(np.mean(made.speeds)), float(np.mean(made.heights)), 4.0, np.random.default_rng(1)
     )
-    flown = fly_truth(made, [plan], Physics(), settings_of(made, [plan], 0.0), 50.0)[0]
-    air, r = made.aircraft, flown.reads
+    flight = simulate_truth(made, [manoeuvre], InjectedPhysics(), settings_of(made, [manoeuvre], 0.0), 50.0)[0]
+    air, r = made.aircraft, flight.reads
     slope = rb.state_derivative(
-        flown.states[:, :12].T, flown.coefs.T, r["rho"], air.mass, air.inertia.tensor, air.S, air.b, air.cbar,
+        flight.states[:, :12].T, flight.coefs.T, r["rho"], air.mass, air.inertia.tensor, air.S, air.b, air.cbar,
         r["thrust"], air.thrust.offset, air.thrust.inclination,
     )  # fmt: skip
     for row, channel in ((3, "p_dot"), (4, "q_dot"), (5, "r_dot")):
         assert_allclose(r[channel], slope[row], atol=1e-9)
     # And the states move as their derivatives say.
-    u = flown.state("u")
-    assert_allclose(np.gradient(u, flown.t)[5:-5], slope[STATES.index("u")][5:-5], atol=0.03)
+    u = flight.state("u")
+    assert_allclose(np.gradient(u, flight.t)[5:-5], slope[STATES.index("u")][5:-5], atol=0.03)
 
 
 def test_in_sheared_air_the_motion_over_the_ground_is_that_of_all_forces():
-    made = craft("citation")
-    plan = make_plan("pulls", made, 120.0, 5000.0, 20.0, np.random.default_rng(3))
-    air = Physics(settings={"shear_n": 0.05, "shear_e": -0.02, "shear_h": 5000.0})
-    flown = fly_truth(made, [plan], air, settings_of(made, [plan], 0.0), 50.0)[0]
+    made = truth_aircraft("citation")
+    manoeuvre = make_manoeuvre("pulls", made, 120.0, 5000.0, 20.0, np.random.default_rng(3))
+    air = InjectedPhysics(settings={"shear_n": 0.05, "shear_e": -0.02, "shear_h": 5000.0})
+    flight = simulate_truth(made, [manoeuvre], air, settings_of(made, [manoeuvre], 0.0), 50.0)[0]
     over_ground = np.column_stack(
-        [np.gradient(flown.state(c), flown.t) * s for c, s in (("x", 1), ("y", 1), ("h", -1))]
+        [np.gradient(flight.state(c), flight.t) * s for c, s in (("x", 1), ("y", 1), ("h", -1))]
     )
-    force = np.column_stack([flown.reads[c] for c in ("ax", "ay", "az")])
-    frame = rb.body_to_earth(*(flown.state(c) for c in ("phi", "theta", "psi")))
+    force = np.column_stack([flight.reads[c] for c in ("ax", "ay", "az")])
+    frame = rb.body_to_earth(*(flight.state(c) for c in ("phi", "theta", "psi")))
     expected = np.einsum("nij,nj->ni", frame, force) + np.array([0.0, 0.0, 9.80665])
-    found = np.gradient(over_ground, flown.t, axis=0)
-    assert np.ptp(flown.state("h")) > 10.0
+    found = np.gradient(over_ground, flight.t, axis=0)
+    assert np.ptp(flight.state("h")) > 10.0
     assert_allclose(found[5:-5, :2], expected[5:-5, :2], atol=0.05)  # a step of a control moves the third by more
 
 
 def test_a_trimmed_aircraft_that_nobody_disturbs_flies_on_level():
-    made = craft("citation")
-    plan = make_plan("flap", made, 120.0, 5000.0, 4.0, np.random.default_rng(0))
+    made = truth_aircraft("citation")
+    manoeuvre = make_manoeuvre("flap", made, 120.0, 5000.0, 4.0, np.random.default_rng(0))
     for name in ("de", "phi"):
-        plan.column(name)[:] = 0.0
-    plan.column("da")[:] = plan.trim["da"]
-    flown = fly_truth(made, [plan], Physics(), settings_of(made, [plan], 0.0), 25.0)[0]
-    assert abs(flown.state("h") - 5000.0).max() < 1.0
-    assert abs(flown.reads["V"] - 120.0).max() < 0.2
+        manoeuvre.column(name)[:] = 0.0
+    manoeuvre.column("da")[:] = manoeuvre.trim["da"]
+    flight = simulate_truth(made, [manoeuvre], InjectedPhysics(), settings_of(made, [manoeuvre], 0.0), 25.0)[0]
+    assert abs(flight.state("h") - 5000.0).max() < 1.0
+    assert abs(flight.reads["V"] - 120.0).max() < 0.2
 
 
 @pytest.mark.parametrize("effect", [*SINGLES, *OUTSIDE], ids=lambda e: e.label or e.name)
 def test_each_effect_can_be_flown_and_shows_in_its_own_axes(effect):
-    base = (effect.crafts or CRAFTS)[0]
-    scene = draw_scene([effect], craft(base), 4, "reconstructed")
-    flights = fly_truth(scene.craft, scene.plans, scene.background.physics, scene.settings, scene.rate)
+    base = (effect.aircraft or AIRCRAFT_NAMES)[0]
+    scenario = draw_scenario([effect], truth_aircraft(base), 4, "reconstructed")
+    flights = simulate_truth(
+        scenario.truth, scenario.manoeuvres, scenario.background.physics, scenario.settings, scenario.rate
+    )
     rng = np.random.default_rng(4)
-    concept = effect.make(Context(scene.craft, scene.plans, flights, scene.settings, scene.aircraft.tolerances, rng))
-    outcome = play(scene, concept.at(float(np.clip(0.5, concept.low, concept.high))))
+    design = effect.make(
+        EffectContext(
+            scenario.truth, scenario.manoeuvres, flights, scenario.settings, scenario.aircraft.tolerances, rng
+        )
+    )
+    result = simulate_scenario(scenario, design.at(float(np.clip(0.5, design.low, design.high))))
     if effect.channels == ("vn",):
         # A wind changes nothing but what is seen of the ground.
-        assert max(np.abs(d).max() for d in outcome.delta) < 1e-9
+        assert max(np.abs(d).max() for d in result.delta) < 1e-9
         return
-    moved = np.sqrt(np.mean(np.concatenate(outcome.delta) ** 2, axis=0))
-    there = np.sqrt(np.mean(np.concatenate(outcome.after) ** 2, axis=0))
-    assert max(moved[AXES.index(a)] / there[AXES.index(a)] for a in concept.axes) > 0.1
-    assert all(np.isfinite(d).all() for d in outcome.before)
+    moved = np.sqrt(np.mean(np.concatenate(result.delta) ** 2, axis=0))
+    there = np.sqrt(np.mean(np.concatenate(result.after) ** 2, axis=0))
+    assert max(moved[AXES.index(a)] / there[AXES.index(a)] for a in design.axes) > 0.1
+    assert all(np.isfinite(d).all() for d in result.before)
 
 
 def test_the_same_seed_gives_the_same_files_and_another_seed_others(tmp_path):
@@ -153,25 +159,25 @@ def test_ground_effect_acts_near_the_ground_only():
 
 @pytest.mark.parametrize("seed", [31, 32, 33])
 def test_a_null_differs_by_no_more_than_noise_biases_and_tolerances(seed):
-    scene = draw_scene([], craft(CRAFTS[seed % len(CRAFTS)]), seed, "reconstructed")
-    outcome = play(scene, Entry())
-    assert max(np.abs(d).max() for d in outcome.delta) < 1e-12
-    air, allowed = scene.aircraft, scene.aircraft.tolerances
-    table = np.concatenate([f.table for f in outcome.flown])
+    scenario = draw_scenario([], truth_aircraft(AIRCRAFT_NAMES[seed % len(AIRCRAFT_NAMES)]), seed, "reconstructed")
+    result = simulate_scenario(scenario, Injection())
+    assert max(np.abs(d).max() for d in result.delta) < 1e-12
+    air, allowed = scenario.aircraft, scenario.aircraft.tolerances
+    table = np.concatenate([f.table for f in result.flights])
     variance = 0.0
-    for axis, text, value in scene.craft.terms:
+    for axis, text, value in scenario.truth.terms:
         if axis == "CZ":
             part = evaluate(*compile_terms([(axis, text, value)]), table)[:, AXES.index("CZ")]
             variance += (allowed.secondary if text not in ("1", "alpha", "de", "df") else allowed.main) ** 2 * np.mean(
                 part**2
             )
-    qbar = np.concatenate([r["qbar"] for r in outcome.readings])
-    read = ((scene.noise["az"] + 0.06) * air.mass / (qbar.mean() * air.S)) ** 2
-    scale = (allowed.mass + 2 * 0.4 / scene.plans[0].V) * np.abs(
-        np.concatenate([f.coefs[:, 2] for f in outcome.flown])
+    qbar = np.concatenate([r["qbar"] for r in result.readings])
+    read = ((scenario.noise["az"] + 0.06) * air.mass / (qbar.mean() * air.S)) ** 2
+    scale = (allowed.mass + 2 * 0.4 / scenario.manoeuvres[0].V) * np.abs(
+        np.concatenate([f.coefs[:, 2] for f in result.flights])
     ).mean()
-    slope = (allowed.vane_scale * 0.1 * scene.craft.value("CZ", "alpha")) ** 2
-    rms = np.sqrt(np.mean(np.concatenate(outcome.before)[:, AXES.index("CZ")] ** 2))
+    slope = (allowed.vane_scale * 0.1 * scenario.truth.value("CZ", "alpha")) ** 2
+    rms = np.sqrt(np.mean(np.concatenate(result.before)[:, AXES.index("CZ")] ** 2))
     assert rms < 3.0 * np.sqrt(variance + read + scale**2 + slope)
 
 
@@ -190,7 +196,7 @@ def test_more_than_forty_names_can_be_drawn_and_all_of_them_are_names_of_the_lib
     known = {line.split("`")[1] for line in listed.read_text().splitlines() if line.startswith("| `")}
     assert set(NAMES) <= known
     assert known - set(NAMES) <= {"unknown"}
-    assert all(set(e.tie) <= known for e in PLANTS.values())
+    assert all(set(e.tie) <= known for e in SINGLE_CHANNEL.values())
 
 
 def test_a_key_is_read_back_as_it_was_written(tmp_path):
