@@ -65,10 +65,10 @@ def draw_case(
 def drawable(source: str) -> frozenset[str]:
     """Effects of which a source has cases."""
     if source == "jsbsim":
-        from proof.jsbsim.catalogue import LAWS
+        from proof.jsbsim.catalogue import ADDED_FORCES
         from proof.jsbsim.faults import FAULTS
 
-        return frozenset({*LAWS, *FAULTS, "gust", "wrong-derivative"})
+        return frozenset({*ADDED_FORCES, *FAULTS, "gust", "wrong-derivative"})
     from proof.polynomial.families import NAMES
 
     return frozenset(NAMES)
@@ -85,14 +85,14 @@ def _polynomial(seed: int, attempt: int, family: str | None, effect: str | None,
 def _jsbsim(
     seed: int, attempt: int, family: str | None, effect: str | None, severity: str | None, aircraft: str | None
 ) -> Case:
-    from proof.jsbsim.aircraft import FLEET, Plane
-    from proof.jsbsim.cases import BANDS, Draft
+    from proof.jsbsim.aircraft import FLEET, JSBSimPlant
+    from proof.jsbsim.cases import BANDS, CaseBuilder
 
     rng = np.random.default_rng([seed, attempt, 0x5B])
     name = aircraft or str(rng.choice(FLEET))
     drawn: Any = family or _choice(rng, JSBSIM)
     aim: Any = severity or str(rng.choice(list(BANDS)))
-    return Draft(Plane(name), drawn, aim, effect, seed, rng).case()
+    return CaseBuilder(JSBSimPlant(name), drawn, aim, effect, seed, rng).case()
 
 
 def _choice(rng: np.random.Generator, chances: Mapping[str, float]) -> str:

@@ -140,9 +140,12 @@ def summarise(scores: Sequence[CaseScore]) -> Summary:
 
 
 def _share(
-    name: str, flags: Iterable[bool | None], aim: float | None = None, better: Literal["high", "low"] = "high",
+    name: str,
+    flags: Iterable[bool | None],
+    aim: float | None = None,
+    better: Literal["high", "low"] = "high",
     top: float = math.inf,
-) -> Figure:  # fmt: skip
+) -> Figure:
     held = [bool(f) for f in flags if f is not None]
     k, n = sum(held), len(held)
     return Figure(name, k / n if n else math.nan, n, aim, better, _limits(k, n) if n else None, top)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from proof.jsbsim.functions import Part, Property, Table, read_parts, to_xml, walk
+from proof.jsbsim.functions import AeroFunction, Property, Table, read_functions, to_xml, walk
 from structsel.errors import SimulationError
 from structsel.simulation.jsbsim.craft import JSBSimAircraft
 from structsel.simulation.jsbsim.machine import quietly
@@ -22,7 +22,7 @@ FLEET = ("c172p", "c172r", "c172x", "pa28", "J3Cub", "t6texan2", "DHC6", "OV10",
          "MD11", "T37", "A4", "F80C", "f15", "F4N")  # fmt: skip
 """Aircraft of JSBSim that trim and fly well."""
 FT, LBF = 0.3048, 4.4482216152605
-_PUSHES = ("x", "y", "z", "l", "m", "n")
+_FORCES = ("x", "y", "z", "l", "m", "n")
 _SIDES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 FLAPS = tuple(f"fcs/flap-pos-{unit}" for unit in ("rad", "deg", "norm"))
 _FLAP_SPAN = 0.6  # rad, full flap where the aerodynamics read a share only
@@ -37,20 +37,20 @@ def original(name: str) -> Path:
     return Path(jsbsim.get_default_root_dir()) / "aircraft" / name / f"{name}.xml"
 
 
-class Plane(JSBSimAircraft):
+class JSBSimPlant(JSBSimAircraft):
     """One aircraft of JSBSim with what a truth needs besides.
 
     Parameters
     ----------
     name : str
         Of JSBSim's.
-    parts : tuple of Part, optional
+    functions : tuple of AeroFunction, optional
         Aerodynamic functions that take the place of those of the same name.
 
     Attributes
     ----------
-    parts : tuple of Part
-    leaves : tuple of str
+    functions : tuple of AeroFunction
+    properties : tuple of str
         Properties that the parts read and nobody but JSBSim knows.
     mass : float [kg]
     flap : float [rad]
@@ -59,53 +59,53 @@ class Plane(JSBSimAircraft):
         From the lowest wheel to the centre of gravity.
     """
 
-    def __init__(self, name: str, parts: tuple[Part, ...] | None = None):
+    def __init__(self, name: str, functions: tuple[AeroFunction, ...] | None = None):
         source = original(name)
         with quietly(), tempfile.TemporaryDirectory() as folder:
-            super().__init__(_copy(source, Path(folder), parts), None, "flat", None)
+            super().__init__(_copy(source, Path(folder), functions), None, "flat", None)
         self.name = name
         self.mass = float(self.aircraft.mass or 0.0)
-        self.parts = parts or read_parts(source)
-        free = {part.name for part in self.parts if not part.axis}
-        read = set().union(*(part.reads() for part in self.parts))
+        self.functions = functions or read_functions(source)
+        free = {function.name for function in self.functions if not function.axis}
+        read = set().union(*(function.reads() for function in self.functions))
         manager = self._machine.fdm.get_property_manager()
-        self.leaves = tuple(sorted(p for p in read - free if manager.hasNode(p)))
-        if lost := sorted(read - free - set(self.leaves)):
+        self.properties = tuple(sorted(p for p in read - free if manager.hasNode(p)))
+        if lost := sorted(read - free - set(self.properties)):
             raise SimulationError(f"JSBSim's {name} has no property '{lost[0]}', which its aerodynamics read.")
-        self._leaf_nodes = [manager.get_node(p) for p in self.leaves]
-        self._push = [
+        self._property_nodes = [manager.get_node(p) for p in self.properties]
+        self._force_nodes = [
             manager.get_node(f"external_reactions/push-{c}/magnitude" + ("" if c in "xyz" else "-lbsft"))
-            for c in _PUSHES
+            for c in _FORCES
         ]
-        self._gust = [manager.get_node(f"atmosphere/gust-{c}-fps") for c in ("north", "east", "down")]
+        self._wind_nodes = [manager.get_node(f"atmosphere/gust-{c}-fps") for c in ("north", "east", "down")]
         self._store = f"inertia/pointmass-weight-lbs[{_count_masses(source)}]"
         for c in "xyz":
             centre = self._machine.fdm[f"inertia/cg-{c}-in"]
-            for push in _PUSHES[:3]:
+            for push in _FORCES[:3]:
                 self._machine.fdm[f"external_reactions/push-{push}/location-{c}-in"] = centre
         self._flap_nodes = [manager.get_node(p) if manager.hasNode(p) else None for p in FLAPS]
         self.flap = self._flap_span()
         self.clearance = self._lowest()
-        self._brakes = [p for p in self.leaves if "speedbrake" in p]
+        self._brakes = [p for p in self.properties if "speedbrake" in p]
         self.has_brake = bool(self._brakes)
 
     # --- what the loop of a flight sets and reads --------------------------------------------------
 
-    def push(self, force: np.ndarray, moment: np.ndarray) -> None:
+    def set_external_force(self, force: np.ndarray, moment: np.ndarray) -> None:
         """Force [N] at and moment [N m] about the centre of gravity, from the next step on."""
-        for node, value in zip(self._push, (*(force / LBF), *(moment / (LBF * FT)))):
+        for node, value in zip(self._force_nodes, (*(force / LBF), *(moment / (LBF * FT)))):
             node.set_double_value(float(value))
 
-    def blow(self, wind: np.ndarray) -> None:
+    def set_wind(self, wind: np.ndarray) -> None:
         """Velocity of the air (3,) [m/s], north east down."""
-        for node, value in zip(self._gust, wind):
+        for node, value in zip(self._wind_nodes, wind):
             node.set_double_value(float(value) / FT)
 
-    def load(self, mass: float) -> None:
+    def set_store_mass(self, mass: float) -> None:
         """Mass [kg] of a store at the centre of gravity."""
         self._machine.fdm[self._store] = mass * 9.80665 / LBF
 
-    def configure(self, settings: Mapping[str, float]) -> None:
+    def set_controls(self, settings: Mapping[str, float]) -> None:
         """Surfaces, throttle, and ``df`` [rad], ``gear``, ``brake`` (0..1)."""
         rest = {c: v for c, v in settings.items() if c not in ("df", "brake")}
         self._machine.set(rest)
@@ -124,9 +124,9 @@ class Plane(JSBSimAircraft):
                 node.set_double_value(scale * settings["brake"])
                 node.set_attribute(self._machine._writable, False)
 
-    def read_leaves(self) -> list[float]:
-        """Values of `leaves` now, in JSBSim's units."""
-        return [node.get_double_value() for node in self._leaf_nodes]
+    def read_properties(self) -> list[float]:
+        """Values of `properties` now, in JSBSim's units."""
+        return [node.get_double_value() for node in self._property_nodes]
 
     @property
     def machine(self) -> Any:
@@ -149,8 +149,8 @@ class Plane(JSBSimAircraft):
 
     def _flap_span(self) -> float:
         spans = []
-        for part in self.parts:
-            for table in (n for n in walk(part.node) if isinstance(n, Table)):
+        for function in self.functions:
+            for table in (n for n in walk(function.node) if isinstance(n, Table)):
                 for child, breaks in zip(table.inputs, table.axes):
                     if isinstance(child, Property) and child.name == "fcs/flap-pos-deg":
                         spans.append(math.radians(float(breaks[-1])))
@@ -166,31 +166,31 @@ class Plane(JSBSimAircraft):
 
 
 @lru_cache(maxsize=4)
-def plane(name: str) -> Plane:
+def load_plant(name: str) -> JSBSimPlant:
     """The aircraft, loaded once."""
     with quietly():
-        return Plane(name)
+        return JSBSimPlant(name)
 
 
-def _replace(root: ET.Element, parts: tuple[Part, ...]) -> None:
-    new = {part.name: part for part in parts}
-    for function in root.iter("function"):
-        if part := new.get(str(function.get("name"))):
-            for child in list(function):
-                function.remove(child)
-            function.append(to_xml(part.node))
+def _replace(root: ET.Element, functions: tuple[AeroFunction, ...]) -> None:
+    new = {function.name: function for function in functions}
+    for element in root.iter("function"):
+        if function := new.get(str(element.get("name"))):
+            for child in list(element):
+                element.remove(child)
+            element.append(to_xml(function.node))
 
 
-def _copy(source: Path, folder: Path, parts: tuple[Part, ...] | None) -> Path:
+def _copy(source: Path, folder: Path, functions: tuple[AeroFunction, ...] | None) -> Path:
     """Copy of an aircraft's XML, its own engines and systems beside it, that can be pushed and loaded."""
     tree = ET.parse(source)
     root = tree.getroot()
-    if parts:
-        _replace(root, parts)
+    if functions:
+        _replace(root, functions)
     pushes = root.find("external_reactions")
     if pushes is None:
         pushes = ET.SubElement(root, "external_reactions")
-    for k, name in enumerate(_PUSHES):
+    for k, name in enumerate(_FORCES):
         push = ET.SubElement(pushes, "force" if k < 3 else "moment", name=f"push-{name}", frame="BODY")
         if k < 3:
             _vector(ET.SubElement(push, "location", unit="IN"), (0.0, 0.0, 0.0))

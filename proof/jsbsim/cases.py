@@ -11,15 +11,15 @@ import numpy as np
 
 from proof.case_files import Case
 from proof.jsbsim import setting
-from proof.jsbsim.aircraft import Plane
-from proof.jsbsim.effects import Drawn, choose, effects_of, unknown_effect
+from proof.jsbsim.aircraft import JSBSimPlant
+from proof.jsbsim.effects import SelectedEffect, choose, effects_of, unknown_effect
 from proof.jsbsim.faults import Fault
-from proof.jsbsim.flight import Flight, Truth, fly
-from proof.jsbsim.functions import Part, scaled
+from proof.jsbsim.flight import Additions, TruthFlight, simulate_manoeuvre
+from proof.jsbsim.functions import AeroFunction, scaled
 from proof.jsbsim.manoeuvres import plan_flights
-from proof.jsbsim.open_loop import fly_free
-from proof.jsbsim.prescribed_motion import coefficients, parts_of
-from proof.jsbsim.readings import channels_of, joined, measured_as_stated, read, restated, told
+from proof.jsbsim.open_loop import simulate_open_loop
+from proof.jsbsim.prescribed_motion import coefficients, functions_with
+from proof.jsbsim.readings import channels_of, joined, measured_as_stated, read, restated, state_offsets
 from proof.keys import EffectKey, Key
 from proof.scenario.measurement import COEFFICIENTS, OFF_BY, gains
 from proof.scenario.sizing import NotAttainable
@@ -30,7 +30,7 @@ Family = Literal["single", "pair", "null", "outside", "clutter"]
 Severity = Literal["easy", "medium", "hard"]
 
 BANDS = {"easy": (0.3, 0.7), "medium": (0.15, 0.3), "hard": (0.05, 0.15)}
-_DOORS = (
+_EXCLUSIVE = (
     {"static-stall", "stall-hysteresis"}, {"configuration-change", "store-release", "mass-error", "icing"},
     {"actuator-lag", "actuator-rate-limit", "actuator-saturation", "backlash", "augmentation"},
     {"sensor-scale", "sensor-bias", "position-error", "sensor-misalignment", "sensor-delay", "gust"},
@@ -40,10 +40,10 @@ _DOORS = (
 
 
 @dataclass(eq=False)
-class Draft:
+class CaseBuilder:
     """A case in the making."""
 
-    plane: Plane
+    plant: JSBSimPlant
     family: Family
     severity: Severity
     wanted: str | None
@@ -58,7 +58,7 @@ class Draft:
         SimulationError, AircraftError, NotAttainable
             Something of it cannot be flown, stated or made to show.
         """
-        rng, craft = self.rng, self.plane
+        rng, craft = self.rng, self.plant
         self.effects = self._choose()
         needs = [p for e in self.effects for p in e.needs]
         if len(self.effects) > 1:  # each of several has its share of the eight
@@ -74,31 +74,31 @@ class Draft:
         self.manoeuvres = [f.manoeuvre for f in plain]
         store = sum(e.store_mass for e in self.effects)
         share = float(rng.choice(OFF_BY))
-        self.chain = setting.draw_chain(craft, rng, share=share, store=store, null=self.family == "null")
+        self.instruments = setting.draw_instruments(craft, rng, share=share, store=store, null=self.family == "null")
         self.wind: dict[str, np.ndarray] = {}
-        if self.family == "null" and self.chain.blind:
+        if self.family == "null" and self.instruments.blind:
             self.wind = setting.draw_turbulence(self.manoeuvres, craft.aircraft.b, rng)
-            plain = [fly(craft, m, Truth(wind=self.wind)) for m in self.manoeuvres]
+            plain = [simulate_manoeuvre(craft, m, Additions(wind=self.wind)) for m in self.manoeuvres]
         self.factors = setting.draw_factors(craft, plain, share, rng)
-        for k, drawn in enumerate(self.effects):
+        for k, selected in enumerate(self.effects):
             band = BANDS[self.severity] if k == 0 or self.family == "pair" else (0.02, 0.05)
-            self.effects[k] = self._sized(drawn, plain, float(rng.uniform(*band)))
+            self.effects[k] = self._scaled(selected, plain, float(rng.uniform(*band)))
         flights = plain
-        if any(e.flies for e in self.effects):
-            flights = self._fly_truth()
+        if any(e.needs_simulation for e in self.effects):
+            flights = self._simulate_truth()
         return self._assemble(flights)
 
     # --- what is concealed ------------------------------------------------------------------------
 
-    def _choose(self) -> list[Drawn]:
+    def _choose(self) -> list[SelectedEffect]:
         if self.family == "null":
             return []
         if self.family == "outside":
-            return [unknown_effect(self.plane, self.rng)]
-        there = effects_of(self.plane)
+            return [unknown_effect(self.plant, self.rng)]
+        there = effects_of(self.plant)
         if self.wanted is not None and self.wanted not in there:
             raise SimulationError(
-                f"{self.plane.name} has no effect '{self.wanted}'; it has {', '.join(sorted(there))}."
+                f"{self.plant.name} has no effect '{self.wanted}'; it has {', '.join(sorted(there))}."
             )
         count = {"single": 1, "pair": 2, "clutter": 3}[self.family]
         names = [str(n) for n in self.rng.permutation(sorted(there))]
@@ -106,90 +106,92 @@ class Draft:
             names = [self.wanted, *[n for n in names if n != self.wanted]]
         chosen: list[str] = []
         for n in names:
-            if len(chosen) < count and not any(n in doors and other in doors for other in chosen for doors in _DOORS):
+            if len(chosen) < count and not any(
+                n in doors and other in doors for other in chosen for doors in _EXCLUSIVE
+            ):
                 chosen.append(n)
-        return [choose(self.plane, n, self.rng) for n in chosen]
+        return [choose(self.plant, n, self.rng) for n in chosen]
 
-    def _wrong_parts(self, changed: Sequence[Part] = ()) -> tuple[Part, ...]:
+    def _wrong_parts(self, changed: Sequence[AeroFunction] = ()) -> tuple[AeroFunction, ...]:
         """The simulation's parts: some changed, all off by the tolerances."""
-        parts = parts_of(self.plane, changed)
-        return tuple(replace(p, node=scaled(p.node, self.factors[p.name])) if p.axis else p for p in parts)
+        functions = functions_with(self.plant, changed)
+        return tuple(replace(p, node=scaled(p.node, self.factors[p.name])) if p.axis else p for p in functions)
 
     # --- sizes ------------------------------------------------------------------------------------
 
-    def _sized(self, drawn: Drawn, flights: Sequence[Flight], target: float) -> Drawn:
+    def _scaled(self, selected: SelectedEffect, flights: Sequence[TruthFlight], target: float) -> SelectedEffect:
         """The effect at the size that makes the target attainable in its clearest axis, by bisection."""
         rest = self._residuals(flights, [])
 
-        unit = self._shift(drawn, 1.0, flights) if drawn.linear else []
+        unit = self._contributions(selected, 1.0, flights) if selected.linear else []
 
         def reached(size: float) -> float:
-            shift = [size * u for u in unit] or self._shift(drawn, size, flights)
-            with_it = [r + d for r, d in zip(rest, shift)]
+            contribution = [size * u for u in unit] or self._contributions(selected, size, flights)
+            with_it = [r + d for r, d in zip(rest, contribution)]
             return max(gains(with_it, rest).values())
 
-        low, high = drawn.low, drawn.high
+        low, high = selected.low, selected.high
         most = reached(high)
         if most < min(BANDS["hard"][0], target):
-            raise NotAttainable(f"'{drawn.name}' reaches {most:.3f} on {self.plane.name}, {target:.2f} is wanted")
+            raise NotAttainable(f"'{selected.name}' reaches {most:.3f} on {self.plant.name}, {target:.2f} is wanted")
         if most < target:
-            return drawn.at(high)
+            return selected.at(high)
         if reached(low) > target:
-            return drawn.at(low)
+            return selected.at(low)
         for _ in range(14):
             middle = (low * high) ** 0.5
             low, high = (middle, high) if reached(middle) < target else (low, middle)
-        return drawn.at(high)
+        return selected.at(high)
 
-    def _shift(self, drawn: Drawn, size: float, flights: Sequence[Flight]) -> list[np.ndarray]:
+    def _contributions(self, selected: SelectedEffect, size: float, flights: Sequence[TruthFlight]) -> list[np.ndarray]:
         """What the effect adds to measured less simulated (n, 6), along flights without it."""
-        return [drawn.shift(self.plane, f, size, self.chain) for f in flights]
+        return [selected.contribution(self.plant, f, size, self.instruments) for f in flights]
 
-    def _residuals(self, flights: Sequence[Flight], effects: Sequence[Drawn]) -> list[np.ndarray]:
+    def _residuals(self, flights: Sequence[TruthFlight], effects: Sequence[SelectedEffect]) -> list[np.ndarray]:
         """Measured less simulated, each of the effects concealed."""
         return [m - s for m, s, _ in (self._one(f, k, effects) for k, f in enumerate(flights))]
 
     def _one(
-        self, flight: Flight, k: int, effects: Sequence[Drawn]
+        self, flight: TruthFlight, k: int, effects: Sequence[SelectedEffect]
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Measured and simulated coefficients, and readings, with the faults of the effects in place."""
         fault = joined([e.fault(e.size) for e in effects if e.fault is not None])
-        stated = restated(self.chain.stated, fault)
+        stated = restated(self.instruments.stated, fault)
         unseen = any(e.gust is not None for e in self.effects)
-        clean = channels_of(flight, self.chain.truth, Fault(), unseen)
-        faulty = channels_of(flight, self.chain.truth, fault, unseen)
-        readings = read(flight, faulty, self.chain, k)
-        blind = self.chain.blind or any(e.gust is not None for e in effects)
-        off = told(flight, clean, faulty, readings, replace(self.chain, stated=stated, blind=blind), k)
-        changed = [p for e in effects for p in e.without(self.plane)]
-        simulated = coefficients(self.plane, flight, self._wrong_parts(changed), off)
+        clean = channels_of(flight, self.instruments.truth, Fault(), unseen)
+        faulty = channels_of(flight, self.instruments.truth, fault, unseen)
+        readings = read(flight, faulty, self.instruments, k)
+        blind = self.instruments.blind or any(e.gust is not None for e in effects)
+        off = state_offsets(flight, clean, faulty, readings, replace(self.instruments, stated=stated, blind=blind), k)
+        changed = [p for e in effects for p in e.without(self.plant)]
+        simulated = coefficients(self.plant, flight, self._wrong_parts(changed), off)
         return measured_as_stated(flight.t, readings, stated), simulated, readings
 
     # --- the truth and the case -------------------------------------------------------------------
 
-    def _fly_truth(self) -> list[Flight]:
-        lawful = [e for e in self.effects if e.law is not None]
+    def _simulate_truth(self) -> list[TruthFlight]:
+        lawful = [e for e in self.effects if e.added_force is not None]
         for k, e in enumerate(lawful):
             self.effects[self.effects.index(e)] = replace(e, place=k)
-            e.law.size = e.size  # type: ignore[union-attr]
+            e.added_force.size = e.size  # type: ignore[union-attr]
         gusts = [e for e in self.effects if e.gust is not None]
-        truth = Truth(
-            extras=[e.law for e in self.effects if e.law is not None],
+        additions = Additions(
+            added=[e.added_force for e in self.effects if e.added_force is not None],
             actuators=dict(a for a in (e.fault(e.size).actuator for e in self.effects if e.fault is not None) if a),
             wind={m.name: sum((e.wind(m.t, int(m.name[1:]), float(m.start[8])) for e in gusts), np.zeros((len(m.t), 3)))
                   for m in self.manoeuvres} if gusts else {},
         )  # fmt: skip
         stores = [e for e in self.effects if e.store_mass]
         manoeuvres = [replace(m, store=stores[0].store(m)) if stores else m for m in self.manoeuvres]
-        return [fly(self.plane, m, truth) for m in manoeuvres]
+        return [simulate_manoeuvre(self.plant, m, additions) for m in manoeuvres]
 
-    def _assemble(self, flights: Sequence[Flight]) -> Case:
+    def _assemble(self, flights: Sequence[TruthFlight]) -> Case:
         made = [self._one(f, k, self.effects) for k, f in enumerate(flights)]
         before = [m - s for m, s, _ in made]
         after = [self._perfect(f, k, self.effects) for k, f in enumerate(flights)]
         attainable = gains(before, after)
         fault = joined([e.fault(e.size) for e in self.effects if e.fault is not None])
-        stated = restated(self.chain.stated, fault)
+        stated = restated(self.instruments.stated, fault)
         names = [f.manoeuvre.name for f in flights]
         simulated = {
             n: {"t": f.t, **{a: s[:, k] for k, a in enumerate(COEFFICIENTS)}}
@@ -197,10 +199,17 @@ class Draft:
         }
         form: Literal["forced", "free"] = "forced"
         only = self.effects[0] if len(self.effects) == 1 else None
-        if only is not None and (only.native or only.law) and not only.store_mass and self.rng.random() < 0.15:
-            flown = fly_free(self.plane, flights, self._wrong_parts(list(only.without(self.plane))), self.chain.truth)
-            if flown is not None:
-                simulated, form = flown, "free"
+        if (
+            only is not None
+            and (only.built_in or only.added_force)
+            and not only.store_mass
+            and self.rng.random() < 0.15
+        ):
+            simulated_flight = simulate_open_loop(
+                self.plant, flights, self._wrong_parts(list(only.without(self.plant))), self.instruments.truth
+            )
+            if simulated_flight is not None:
+                simulated, form = simulated_flight, "free"
         recorded = self._recorded
         recordings = [Recording(n, f.t, recorded(r)) for n, f, (_, _, r) in zip(names, flights, made)]
         size = max(attainable.values(), default=0.0)
@@ -217,15 +226,15 @@ class Draft:
         key = Key(
             verdicts=("mismatch",) if self.effects else ("consistent",), form=form, severity=severity,
             attainable={a: max(0.0, v) for a, v in attainable.items()}, effects=keys,
-            source=f"jsbsim/{self.plane.name}", family=self.family, seed=self.seed,
+            source=f"jsbsim/{self.plant.name}", family=self.family, seed=self.seed,
         )  # fmt: skip
         contribution = self._contribution(flights) if self.effects else ()
         return Case(f"case-j{self.seed:05d}", stated, recordings, simulated, key, contribution=contribution)
 
-    def _contribution(self, flights: Sequence[Flight]) -> tuple[np.ndarray, ...]:
+    def _contribution(self, flights: Sequence[TruthFlight]) -> tuple[np.ndarray, ...]:
         """What the effects add to measured less simulated (n, 6), as instruments without noise would show it."""
         quiet = copy(self)
-        quiet.chain = replace(self.chain, noise=dict.fromkeys(self.chain.noise, 0.0), colour=0.0)
+        quiet.instruments = replace(self.instruments, noise=dict.fromkeys(self.instruments.noise, 0.0), colour=0.0)
         found = quiet._residuals(flights, self.effects)
         return tuple(x - quiet._perfect(f, k, self.effects) for k, (x, f) in enumerate(zip(found, flights)))
 
@@ -238,7 +247,7 @@ class Draft:
         }
         return {("speedbrake" if c == "brake" else c): v for c, v in keep.items()}
 
-    def _perfect(self, flight: Flight, k: int, effects: Sequence[Drawn]) -> np.ndarray:
+    def _perfect(self, flight: TruthFlight, k: int, effects: Sequence[SelectedEffect]) -> np.ndarray:
         """Measured less simulated after a perfect account of the effects given."""
         gone = [e for e in self.effects if e not in effects]
         m, s, _ = self._one(flight, k, gone)
@@ -250,16 +259,16 @@ class Draft:
                 flight, channels={c: v for c, v in flight.channels.items() if c not in {f"real_{x}" for x in surfaces}}
             )
             m, s, _ = self._one(real, k, gone)
-        extra = sum((e.added(flight) for e in effects if e.law is not None), np.zeros_like(s))
+        extra = sum((e.added(flight) for e in effects if e.added_force is not None), np.zeros_like(s))
         if any(e.store_mass for e in effects):
             lost = (flight["mass"] / flight["mass"][0] - 1.0)[:, None]
             force = np.column_stack([flight[f"F{c}"] / flight["mass"] for c in "xyz"]) * flight["mass"][0]
-            m[:, :3] += lost * force / (flight["qbar"] * self.plane.aircraft.S)[:, None]
+            m[:, :3] += lost * force / (flight["qbar"] * self.plant.aircraft.S)[:, None]
         return np.asarray(m - s - extra)
 
-    def _key(self, drawn: Drawn, flights: Sequence[Flight]) -> tuple[float, EffectKey]:
+    def _key(self, selected: SelectedEffect, flights: Sequence[TruthFlight]) -> tuple[float, EffectKey]:
         """By how much an effect acts, and where."""
-        others = [e for e in self.effects if e is not drawn]
+        others = [e for e in self.effects if e is not selected]
         alone = [self._perfect(f, k, self.effects) for k, f in enumerate(flights)]
         missing = [self._perfect(f, k, others) for k, f in enumerate(flights)] if others else \
             [m - s for m, s, _ in (self._one(f, k, self.effects) for k, f in enumerate(flights))]  # fmt: skip
@@ -269,20 +278,29 @@ class Draft:
         )
         axes = tuple(clear) or (max(shares, key=lambda a: shares[a]),)
         intervals, region = None, None
-        if drawn.local:
+        if selected.local:
             k = COEFFICIENTS.index(axes[0])
-            shift = [np.abs(b - a)[:, k] for b, a in zip(missing, alone)]
-            limit = 0.12 * max(float(s.max()) for s in shift)
-            intervals = {f.manoeuvre.name: _stretches(f.t, s > limit) for f, s in zip(flights, shift)}
-            if drawn.region in ("h_agl", "alpha"):
+            contribution = [np.abs(b - a)[:, k] for b, a in zip(missing, alone)]
+            limit = 0.12 * max(float(s.max()) for s in contribution)
+            intervals = {f.manoeuvre.name: _stretches(f.t, s > limit) for f, s in zip(flights, contribution)}
+            if selected.region in ("h_agl", "alpha"):
                 seen = np.concatenate(
-                    [f["h" if drawn.region == "h_agl" else "alpha"][s > limit] for f, s in zip(flights, shift)]
+                    [
+                        f["h" if selected.region == "h_agl" else "alpha"][s > limit]
+                        for f, s in zip(flights, contribution)
+                    ]
                 )
-                region = {drawn.region: (float(seen.min()), float(seen.max()))}
+                region = {selected.region: (float(seen.min()), float(seen.max()))}
         return max(shares.values()), EffectKey(
-            effect=drawn.name, accept=(drawn.name, *drawn.accept), tie=drawn.tie, kinds=(drawn.kind,), axes=axes,
-            region=region, parameters=drawn.parameters(), intervals=intervals,
-        )  # fmt: skip
+            effect=selected.name,
+            accept=(selected.name, *selected.accept),
+            tie=selected.tie,
+            kinds=(selected.kind,),
+            axes=axes,
+            region=region,
+            parameters=selected.parameters(),
+            intervals=intervals,
+        )
 
 
 def _stretches(t: np.ndarray, on: np.ndarray, gap: float = 0.8) -> list[tuple[float, float]]:

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from proof.jsbsim.aircraft import Plane
+from proof.jsbsim.aircraft import JSBSimPlant
 from proof.jsbsim.functions import (
     CL_SQUARED,
     H_B,
+    AeroFunction,
     Node,
     Operation,
-    Part,
     Property,
     Table,
     Value,
@@ -38,13 +38,13 @@ _CONTROLS = ("elevator", "aileron", "rudder")
 
 
 @dataclass(frozen=True, eq=False)
-class Native:
+class BuiltInEffect:
     """One piece of an aircraft's own physics.
 
     Attributes
     ----------
     effect : str
-    parts : tuple of Part
+    functions : tuple of AeroFunction
         As a simulation without it has them.
     needs : tuple of str
         Purposes of manoeuvres that show it.
@@ -57,7 +57,7 @@ class Native:
     """
 
     effect: str
-    parts: tuple[Part, ...]
+    functions: tuple[AeroFunction, ...]
     needs: tuple[str, ...] = ()
     tie: tuple[str, ...] = ()
     kind: Kind = "static"
@@ -66,66 +66,86 @@ class Native:
     lift: tuple[float, float] = (0.3, 0.6)
     accept: tuple[str, ...] = ()
 
-    def left_in(self, plane: Plane, share: float) -> tuple[Part, ...]:
+    def left_in(self, plant: JSBSimPlant, share: float) -> tuple[AeroFunction, ...]:
         """The parts with a share of the physics left in."""
-        own = {part.name: part for part in plane.parts}
-        return tuple(replace(p, node=blended(own[p.name].node, p.node, share)) for p in self.parts)
+        own = {function.name: function for function in plant.functions}
+        return tuple(replace(p, node=blended(own[p.name].node, p.node, share)) for p in self.functions)
 
 
-def find_native(plane: Plane) -> list[Native]:
+def find_built_in(plant: JSBSimPlant) -> list[BuiltInEffect]:
     """All that can be left out of an aircraft, by the structure of its functions."""
-    found: list[Native] = []
+    found: list[BuiltInEffect] = []
     for find in (_ground, _mach, _polar, _stall, _hysteresis, _configuration, _wake, _wash, _crossing, _curved_control,
                  _wrong, _reynolds):  # fmt: skip
-        found += find(plane)
+        found += find(plant)
     return found
 
 
-def _frozen(parts: tuple[Part, ...], values: dict[str, float]) -> tuple[Part, ...]:
+def _frozen(functions: tuple[AeroFunction, ...], values: dict[str, float]) -> tuple[AeroFunction, ...]:
     """Those of the parts that read a property, with its value in its place."""
 
     def change(node: Node) -> Node | None:
         return Value(node.sign * values[node.name]) if isinstance(node, Property) and node.name in values else None
 
-    return tuple(replace(p, node=folded(replace_nodes(p.node, change))) for p in parts if p.reads() & set(values))
+    return tuple(replace(p, node=folded(replace_nodes(p.node, change))) for p in functions if p.reads() & set(values))
 
 
-def _without(plane: Plane, reads: tuple[str, ...], axes: tuple[str, ...] = ()) -> tuple[Part, ...]:
+def _without(plant: JSBSimPlant, reads: tuple[str, ...], axes: tuple[str, ...] = ()) -> tuple[AeroFunction, ...]:
     return tuple(
         replace(p, node=scaled(p.node, 0.0))
-        for p in plane.parts
+        for p in plant.functions
         if p.axis and p.reads() & set(reads) and (not axes or p.axis in axes)
     )
 
 
-def _ground(plane: Plane) -> list[Native]:
-    parts = _frozen(plane.parts, {H_B: 5.0})
+def _ground(plant: JSBSimPlant) -> list[BuiltInEffect]:
+    functions = _frozen(plant.functions, {H_B: 5.0})
     needs = ("low", "low", "low")
-    return [Native("ground-effect", parts, needs, (), label="in all axes", region="h_agl")] if parts else []
+    return (
+        [BuiltInEffect("ground-effect", functions, needs, (), label="in all axes", region="h_agl")] if functions else []
+    )
 
 
-def _mach(plane: Plane) -> list[Native]:
-    parts = _frozen(plane.parts, {MACH[0]: 0.2})
+def _mach(plant: JSBSimPlant) -> list[BuiltInEffect]:
+    functions = _frozen(plant.functions, {MACH[0]: 0.2})
     tie = ("wrong-derivative", "flexibility", "drag-polar")
-    return [Native("compressibility", parts, ("speed", "speed"), tie, label="Mach held at 0.2", lift=(0.12, 0.6))] \
-        if parts else []  # fmt: skip
+    return (
+        [
+            BuiltInEffect(
+                "compressibility", functions, ("speed", "speed"), tie, label="Mach held at 0.2", lift=(0.12, 0.6)
+            )
+        ]
+        if functions
+        else []
+    )
 
 
-def _polar(plane: Plane) -> list[Native]:
+def _polar(plant: JSBSimPlant) -> list[BuiltInEffect]:
     made = []
-    parts = _without(plane, (CL_SQUARED,), ("DRAG",))
-    if parts:
-        made.append(Native("drag-polar", parts, ("pull", "speed"), ("missing-term",), label="CL squared in drag"))
-    for part in plane.parts:
-        if part.axis == "DRAG" and part.reads() & set(ALPHA) and not part.reads() & set(MACH):
-            straight = _straightened(part, ALPHA, 0.0, 0.14)
+    functions = _without(plant, (CL_SQUARED,), ("DRAG",))
+    if functions:
+        made.append(
+            BuiltInEffect("drag-polar", functions, ("pull", "speed"), ("missing-term",), label="CL squared in drag")
+        )
+    for function in plant.functions:
+        if function.axis == "DRAG" and function.reads() & set(ALPHA) and not function.reads() & set(MACH):
+            straight = _straightened(function, ALPHA, 0.0, 0.14)
             if straight is not None:
-                made.append(Native("drag-polar", (straight,), ("pull", "speed"), ("missing-term", "static-stall"),
-                                   label="curvature of drag with incidence"))  # fmt: skip
+                made.append(
+                    BuiltInEffect(
+                        "drag-polar",
+                        (straight,),
+                        ("pull", "speed"),
+                        ("missing-term", "static-stall"),
+                        label="curvature of drag with incidence",
+                    )
+                )
     return made
 
 
-def _straightened(part: Part, names: tuple[str, ...], low: float, high: float, extend: bool = False) -> Part | None:
+def _straightened(
+    function: AeroFunction, names: tuple[str, ...], low: float, high: float, extend: bool = False
+) -> AeroFunction | None:
     """The part with each table in one of the names made linear in it, or its line from low to high kept beyond."""
     hit = False
 
@@ -158,46 +178,54 @@ def _straightened(part: Part, names: tuple[str, ...], low: float, high: float, e
         hit = True
         return Table(node.inputs, node.axes, line.reshape(node.data.shape))
 
-    made = replace_nodes(part.node, change)
-    return replace(part, node=made) if hit else None
+    made = replace_nodes(function.node, change)
+    return replace(function, node=made) if hit else None
 
 
-def _stall(plane: Plane) -> list[Native]:
+def _stall(plant: JSBSimPlant) -> list[BuiltInEffect]:
     """Lift tables go on as they started, and drag and moment tables with them."""
-    parts = []
-    for part in plane.parts:
-        if part.axis == "LIFT" and part.reads() & set(ALPHA):
-            made = _straightened(part, ALPHA, 0.0, 0.16, extend=True)
+    functions = []
+    for function in plant.functions:
+        if function.axis == "LIFT" and function.reads() & set(ALPHA):
+            made = _straightened(function, ALPHA, 0.0, 0.16, extend=True)
             if made is not None:
-                parts.append(made)
-    if not parts:
+                functions.append(made)
+    if not functions:
         return []
     hold = {"aero/stall-hyst-norm": 0.0}
-    parts = [next(iter(_frozen((p,), hold)), p) for p in parts]
+    functions = [next(iter(_frozen((p,), hold)), p) for p in functions]
     tie = ("missing-term", "stall-hysteresis")
-    return [Native("static-stall", tuple(parts), ("stall", "stall", "stall"), tie, label="lift goes on beyond 9 deg",
-                   region="alpha")]  # fmt: skip
+    return [
+        BuiltInEffect(
+            "static-stall",
+            tuple(functions),
+            ("stall", "stall", "stall"),
+            tie,
+            label="lift goes on beyond 9 deg",
+            region="alpha",
+        )
+    ]
 
 
-def _hysteresis(plane: Plane) -> list[Native]:
-    parts = _frozen(plane.parts, {"aero/stall-hyst-norm": 0.0})
-    return [Native("stall-hysteresis", parts, ("stall", "stall", "stall"), ("static-stall",), "memory",
-                   "lower branch of lift", "alpha")] if parts else []  # fmt: skip
+def _hysteresis(plant: JSBSimPlant) -> list[BuiltInEffect]:
+    functions = _frozen(plant.functions, {"aero/stall-hyst-norm": 0.0})
+    return [BuiltInEffect("stall-hysteresis", functions, ("stall", "stall", "stall"), ("static-stall",), "memory",
+                   "lower branch of lift", "alpha")] if functions else []  # fmt: skip
 
 
-def _configuration(plane: Plane) -> list[Native]:
+def _configuration(plant: JSBSimPlant) -> list[BuiltInEffect]:
     made = []
     for which, names in (("df", FLAP), ("gear", GEAR), ("brake", BRAKE)):
-        parts = _without(plane, names, _LONG)
-        parts = tuple(p for p in parts if not _mixed(plane, p, names))
-        if parts:
-            made.append(Native("configuration-change", parts, (which,) * 4, (), label=which, region=which))
+        functions = _without(plant, names, _LONG)
+        functions = tuple(p for p in functions if not _mixed(plant, p, names))
+        if functions:
+            made.append(BuiltInEffect("configuration-change", functions, (which,) * 4, (), label=which, region=which))
     return made
 
 
-def _mixed(plane: Plane, part: Part, names: tuple[str, ...]) -> bool:
+def _mixed(plant: JSBSimPlant, function: AeroFunction, names: tuple[str, ...]) -> bool:
     """Whether the part would act without what is moved, too."""
-    own = next(p for p in plane.parts if p.name == part.name)
+    own = next(p for p in plant.functions if p.name == function.name)
     zero = replace_nodes(own.node, lambda n: Value(0.0) if isinstance(n, Property) and n.name in names else None)
     tables = [n for n in walk(zero) if isinstance(n, Table)]
     product = isinstance(zero, Operation) and zero.kind == "product"
@@ -211,67 +239,91 @@ def _mixed(plane: Plane, part: Part, names: tuple[str, ...]) -> bool:
     return not (gone or held)
 
 
-def _wake(plane: Plane) -> list[Native]:
-    parts = _without(plane, ("aero/alphadot-rad_sec",))
+def _wake(plant: JSBSimPlant) -> list[BuiltInEffect]:
+    functions = _without(plant, ("aero/alphadot-rad_sec",))
     tie = ("wrong-derivative", "unsteady-lift", "sensor-delay")
-    return [Native("downwash-lag", parts, ("pitch", "pull", "turn"), tie, "memory", "alpha-dot terms")] if parts else []
+    return (
+        [BuiltInEffect("downwash-lag", functions, ("pitch", "pull", "turn"), tie, "memory", "alpha-dot terms")]
+        if functions
+        else []
+    )
 
 
-def _wash(plane: Plane) -> list[Native]:
-    values = {name: 0.0 for name in WASH if name in plane.leaves}
-    parts = _frozen(plane.parts, values) if values else ()
+def _wash(plant: JSBSimPlant) -> list[BuiltInEffect]:
+    values = {name: 0.0 for name in WASH if name in plant.properties}
+    functions = _frozen(plant.functions, values) if values else ()
     tie = ("wrong-derivative", "thrust-line", "thrust-scale")
-    return [Native("slipstream", parts, ("throttle", "throttle", "throttle", "speed"), tie, "propulsive",
-                   "the propeller's wash")] if parts else []  # fmt: skip
+    return [BuiltInEffect("slipstream", functions, ("throttle", "throttle", "throttle", "speed"), tie, "propulsive",
+                   "the propeller's wash")] if functions else []  # fmt: skip
 
 
-def _crossing(plane: Plane) -> list[Native]:
+def _crossing(plant: JSBSimPlant) -> list[BuiltInEffect]:
     made = []
-    parts = _without(plane, SIDESLIP, _LONG)
-    if parts:
+    functions = _without(plant, SIDESLIP, _LONG)
+    if functions:
         made.append(
-            Native("cross-coupling", parts, ("lateral", "lateral"), ("missing-term",), label="sideslip in drag")
+            BuiltInEffect(
+                "cross-coupling", functions, ("lateral", "lateral"), ("missing-term",), label="sideslip in drag"
+            )
         )
     bent = []
-    for part in plane.parts:
-        if part.axis in _LATERAL and part.reads() & set(ALPHA) and (part.reads() & ({*SIDESLIP} | set(_RATES))):
-            bent.append(next(iter(_frozen((part,), {name: 0.05 * (57.3 if "deg" in name else 1) for name in ALPHA}))))
+    for function in plant.functions:
+        if (
+            function.axis in _LATERAL
+            and function.reads() & set(ALPHA)
+            and (function.reads() & ({*SIDESLIP} | set(_RATES)))
+        ):
+            bent.append(
+                next(iter(_frozen((function,), {name: 0.05 * (57.3 if "deg" in name else 1) for name in ALPHA})))
+            )
     if bent:
-        made.append(Native("cross-coupling", tuple(bent), ("lateral", "turn", "stall"),
+        made.append(BuiltInEffect("cross-coupling", tuple(bent), ("lateral", "turn", "stall"),
                            ("missing-term", "wrong-derivative"),
                            label="incidence in lateral derivatives"))  # fmt: skip
     return made
 
 
-def _curved_control(plane: Plane) -> list[Native]:
+def _curved_control(plant: JSBSimPlant) -> list[BuiltInEffect]:
     made = []
-    for part in plane.parts:
-        names = tuple(n for n in part.reads() if "pos-rad" in n and any(c in n for c in _CONTROLS))
-        if part.axis in ("PITCH", "ROLL", "YAW") and names:
-            straight = _straightened(part, names, -0.12, 0.12, extend=False)
+    for function in plant.functions:
+        names = tuple(n for n in function.reads() if "pos-rad" in n and any(c in n for c in _CONTROLS))
+        if function.axis in ("PITCH", "ROLL", "YAW") and names:
+            straight = _straightened(function, names, -0.12, 0.12, extend=False)
             if straight is not None:
-                made.append(Native("control-nonlinearity", (straight,), ("pull", "lateral"), ("missing-term",),
-                                   label=part.name))  # fmt: skip
+                made.append(BuiltInEffect("control-nonlinearity", (straight,), ("pull", "lateral"), ("missing-term",),
+                                   label=function.name))  # fmt: skip
     return made
 
 
-def _wrong(plane: Plane) -> list[Native]:
+def _wrong(plant: JSBSimPlant) -> list[BuiltInEffect]:
     """Each derivative that can be wrong."""
     made = []
-    for part in plane.parts:
-        reads = part.reads()
+    for function in plant.functions:
+        reads = function.reads()
         wanted = reads & ({*ALPHA, *BETA} | set(_RATES)) or any(c in n for n in reads for c in _CONTROLS)
-        if part.axis in ("LIFT", "SIDE", "ROLL", "PITCH", "YAW") and wanted and "aero/alphadot-rad_sec" not in reads:
-            needs = ("pitch", "pull") if part.axis in _LONG else ("lateral", "lateral")
-            tie: tuple[str, ...] = ("inertia-error",) if part.axis in ("ROLL", "PITCH", "YAW") else ("mass-error",)
-            if part.axis == "PITCH":
+        if (
+            function.axis in ("LIFT", "SIDE", "ROLL", "PITCH", "YAW")
+            and wanted
+            and "aero/alphadot-rad_sec" not in reads
+        ):
+            needs = ("pitch", "pull") if function.axis in _LONG else ("lateral", "lateral")
+            tie: tuple[str, ...] = ("inertia-error",) if function.axis in ("ROLL", "PITCH", "YAW") else ("mass-error",)
+            if function.axis == "PITCH":
                 tie = (*tie, "cg-shift", "downwash-lag")
-            made.append(Native("wrong-derivative", (replace(part, node=scaled(part.node, 0.0)),), needs, tie,
-                               "parameter",                                part.name))  # fmt: skip
+            made.append(
+                BuiltInEffect(
+                    "wrong-derivative",
+                    (replace(function, node=scaled(function.node, 0.0)),),
+                    needs,
+                    tie,
+                    "parameter",
+                    function.name,
+                )
+            )
     return made
 
 
-def _reynolds(plane: Plane) -> list[Native]:
-    parts = _frozen(plane.parts, {"aero/Re": 3e6})
-    return [Native("reynolds", parts, ("speed", "speed"), ("compressibility", "wrong-derivative"),
-                   label="Re held at 3e6")] if parts else []  # fmt: skip
+def _reynolds(plant: JSBSimPlant) -> list[BuiltInEffect]:
+    functions = _frozen(plant.functions, {"aero/Re": 3e6})
+    return [BuiltInEffect("reynolds", functions, ("speed", "speed"), ("compressibility", "wrong-derivative"),
+                   label="Re held at 3e6")] if functions else []  # fmt: skip

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from proof.jsbsim.flight import Flight
+from proof.jsbsim.flight import TruthFlight
 from proof.keys import Kind
 from structsel.simulation import Instruments
 
-Follow = Callable[[float, float, Mapping[str, float]], float]
+Follower = Callable[[float, float, Mapping[str, float]], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Fault:
     mass, inertia : mapping
         Factors of the stated ones: ``mass``, ``Ix``, ``Iy``, ``Iz``.
     actuator : (surface, maker of a follower), optional
-    shown : mapping
+    key_parameters : mapping
         For the key.
     """
 
@@ -41,8 +41,8 @@ class Fault:
     mix: tuple[tuple[str, str, float], ...] = ()
     mass: float = 1.0
     inertia: Mapping[str, float] = field(default_factory=dict)
-    actuator: tuple[str, Callable[[], Follow]] | None = None
-    shown: Mapping[str, float | str] = field(default_factory=dict)
+    actuator: tuple[str, Callable[[], Follower]] | None = None
+    key_parameters: Mapping[str, float | str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -65,46 +65,50 @@ def _sign(rng: np.random.Generator) -> float:
 def _bias(rng: np.random.Generator) -> Callable[[float], Fault]:
     channel, s = str(rng.choice(["alpha", "beta", "alpha", "de", "az"])), _sign(rng)
     unit = {"az": 30.0}.get(channel, 1.0)
-    return lambda x: Fault(bias={channel: s * x * unit}, shown={"channel": channel, "bias": s * x * unit})
+    return lambda x: Fault(bias={channel: s * x * unit}, key_parameters={"channel": channel, "bias": s * x * unit})
 
 
 def _scale(rng: np.random.Generator) -> Callable[[float], Fault]:
     channel, s = str(rng.choice(["alpha", "alpha", "beta", "az", "de", "q"])), _sign(rng)
-    return lambda x: Fault(scale={channel: s * x}, shown={"channel": channel, "scale": 1.0 + s * x})
+    return lambda x: Fault(scale={channel: s * x}, key_parameters={"channel": channel, "scale": 1.0 + s * x})
 
 
 def _delay(rng: np.random.Generator) -> Callable[[float], Fault]:
     channel = str(rng.choice(["alpha", "beta", "q", "p", "alpha"]))
-    return lambda x: Fault(delay={channel: x}, shown={"channel": channel, "delay": x})
+    return lambda x: Fault(delay={channel: x}, key_parameters={"channel": channel, "delay": x})
 
 
 def _place(rng: np.random.Generator) -> Callable[[float], Fault]:
     sensor, s = str(rng.choice(["accelerometer", "vane"])), _sign(rng)
     axis = int(rng.choice([0, 2])) if sensor == "accelerometer" else 0
     names = "xyz"
-    return lambda x: Fault(place={sensor: np.eye(3)[axis] * s * x}, shown={"sensor": sensor, f"d{names[axis]}": s * x})
+    return lambda x: Fault(
+        place={sensor: np.eye(3)[axis] * s * x}, key_parameters={"sensor": sensor, f"d{names[axis]}": s * x}
+    )
 
 
 def _misaligned(rng: np.random.Generator) -> Callable[[float], Fault]:
     one, other = [("ax", "az"), ("r", "p"), ("ay", "az"), ("alpha", "beta")][int(rng.choice([0, 0, 1, 2]))]
     s = _sign(rng)
-    return lambda x: Fault(mix=((one, other, s * x),), shown={"channels": f"{one}, {other}", "angle": s * x})
+    return lambda x: Fault(mix=((one, other, s * x),), key_parameters={"channels": f"{one}, {other}", "angle": s * x})
 
 
-def _pitot(rng: np.random.Generator) -> Callable[[float], Fault]:
+def _static_pressure_error(rng: np.random.Generator) -> Callable[[float], Fault]:
     s = _sign(rng)
-    return lambda x: Fault(scale={"V": s * x}, shown={"scale of V": 1.0 + s * x})
+    return lambda x: Fault(scale={"V": s * x}, key_parameters={"scale of V": 1.0 + s * x})
 
 
 def _mass(rng: np.random.Generator) -> Callable[[float], Fault]:
     s = _sign(rng)
-    return lambda x: Fault(mass=1.0 + s * x, shown={"stated over true": 1.0 + s * x})
+    return lambda x: Fault(mass=1.0 + s * x, key_parameters={"stated over true": 1.0 + s * x})
 
 
 def _inertia(rng: np.random.Generator) -> Callable[[float], Fault]:
     which, s = str(rng.choice(["Ix", "Iy", "Iz"])), _sign(rng)
     # A stated tensor must stay one of a body: heavier in yaw, lighter in the others, is always possible to half.
-    return lambda x: Fault(inertia={which: 1.0 + s * x}, shown={"moment": which, "stated over true": 1.0 + s * x})
+    return lambda x: Fault(
+        inertia={which: 1.0 + s * x}, key_parameters={"moment": which, "stated over true": 1.0 + s * x}
+    )
 
 
 def _surface(rng: np.random.Generator) -> str:
@@ -114,7 +118,7 @@ def _surface(rng: np.random.Generator) -> str:
 def _lagged(rng: np.random.Generator) -> Callable[[float], Fault]:
     surface = _surface(rng)
 
-    def make(tau: float) -> Follow:
+    def make(tau: float) -> Follower:
         held: dict[str, float] = {}
 
         def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
@@ -124,13 +128,13 @@ def _lagged(rng: np.random.Generator) -> Callable[[float], Fault]:
 
         return follow
 
-    return lambda x: Fault(actuator=(surface, lambda: make(x)), shown={"surface": surface, "tau": x})
+    return lambda x: Fault(actuator=(surface, lambda: make(x)), key_parameters={"surface": surface, "tau": x})
 
 
 def _limited(rng: np.random.Generator) -> Callable[[float], Fault]:
     surface = _surface(rng)
 
-    def make(rate: float) -> Follow:
+    def make(rate: float) -> Follower:
         held: dict[str, float] = {}
 
         def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
@@ -140,14 +144,16 @@ def _limited(rng: np.random.Generator) -> Callable[[float], Fault]:
 
         return follow
 
-    return lambda x: Fault(actuator=(surface, lambda: make(1.0 / x)), shown={"surface": surface, "rate": 1.0 / x})
+    return lambda x: Fault(
+        actuator=(surface, lambda: make(1.0 / x)), key_parameters={"surface": surface, "rate": 1.0 / x}
+    )
 
 
 def _stopped(rng: np.random.Generator) -> Callable[[float], Fault]:
     surface = _surface(rng)
     s = _sign(rng)
 
-    def make(depth: float) -> Follow:
+    def make(depth: float) -> Follower:
         # Beyond the position at rest by what leaves 1 / depth of the travel.
         held: dict[str, float] = {}
 
@@ -159,14 +165,14 @@ def _stopped(rng: np.random.Generator) -> Callable[[float], Fault]:
         return follow
 
     return lambda x: Fault(
-        actuator=(surface, lambda: make(x)), shown={"surface": surface, "stop from trim": s * 0.03 / x}
+        actuator=(surface, lambda: make(x)), key_parameters={"surface": surface, "stop from trim": s * 0.03 / x}
     )
 
 
-def _play(rng: np.random.Generator) -> Callable[[float], Fault]:
+def _backlash(rng: np.random.Generator) -> Callable[[float], Fault]:
     surface = _surface(rng)
 
-    def make(width: float) -> Follow:
+    def make(width: float) -> Follower:
         held: dict[str, float] = {}
 
         def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
@@ -176,16 +182,18 @@ def _play(rng: np.random.Generator) -> Callable[[float], Fault]:
 
         return follow
 
-    return lambda x: Fault(actuator=(surface, lambda: make(x)), shown={"surface": surface, "width": x})
+    return lambda x: Fault(actuator=(surface, lambda: make(x)), key_parameters={"surface": surface, "width": x})
 
 
-def _damper(rng: np.random.Generator) -> Callable[[float], Fault]:
+def _stability_augmentation(rng: np.random.Generator) -> Callable[[float], Fault]:
     surface, rate = [("de", "q"), ("dr", "r"), ("da", "p")][int(rng.integers(3))]
 
-    def make(gain: float) -> Follow:
+    def make(gain: float) -> Follower:
         return lambda command, dt, now: command + gain * now[rate]
 
-    return lambda x: Fault(actuator=(surface, lambda: make(x)), shown={"surface": surface, "gain": x, "rate": rate})
+    return lambda x: Fault(
+        actuator=(surface, lambda: make(x)), key_parameters={"surface": surface, "gain": x, "rate": rate}
+    )
 
 
 FAULTS: dict[str, FaultSpec] = {
@@ -196,7 +204,7 @@ FAULTS: dict[str, FaultSpec] = {
     "sensor-misalignment": FaultSpec(
         _misaligned, "sensor", 0.008, 0.12, ("pitch", "pull"), ("sensor-bias", "drag-polar")
     ),
-    "position-error": FaultSpec(_pitot, "sensor", 0.01, 0.12, ("speed",), ("mass-error",)),
+    "position-error": FaultSpec(_static_pressure_error, "sensor", 0.01, 0.12, ("speed",), ("mass-error",)),
     "mass-error": FaultSpec(_mass, "inertial", 0.012, 0.25, ("pull", "pitch"), ("position-error",)),
     "inertia-error": FaultSpec(
         _inertia, "inertial", 0.04, 0.3, ("pitch", "lateral"), ("wrong-derivative", "sensor-scale")
@@ -204,8 +212,10 @@ FAULTS: dict[str, FaultSpec] = {
     "actuator-lag": FaultSpec(_lagged, "actuator", 0.03, 0.35, ("pitch", "lateral"), ("sensor-delay",)),
     "actuator-rate-limit": FaultSpec(_limited, "actuator", 1.0, 60.0, ("pitch", "lateral"), ("actuator-lag",)),
     "actuator-saturation": FaultSpec(_stopped, "actuator", 0.15, 5.0, ("pitch", "lateral"), ("control-nonlinearity",)),
-    "backlash": FaultSpec(_play, "actuator", 0.002, 0.06, ("pitch", "lateral", "multisine"), ("actuator-lag",)),
-    "augmentation": FaultSpec(_damper, "actuator", 0.01, 1.0, ("pitch", "lateral"), ("wrong-derivative",)),
+    "backlash": FaultSpec(_backlash, "actuator", 0.002, 0.06, ("pitch", "lateral", "multisine"), ("actuator-lag",)),
+    "augmentation": FaultSpec(
+        _stability_augmentation, "actuator", 0.01, 1.0, ("pitch", "lateral"), ("wrong-derivative",)
+    ),
 }
 
 
@@ -218,7 +228,7 @@ def apply(t: np.ndarray, channels: dict[str, np.ndarray], fault: Fault) -> dict[
     return Instruments(scale=keep(fault.scale), bias=keep(fault.bias), delay=keep(fault.delay)).read(t, made)
 
 
-def follow_along(flight: Flight, surface: str, make: Callable[[], Follow]) -> np.ndarray:
+def follow_along(flight: TruthFlight, surface: str, make: Callable[[], Follower]) -> np.ndarray:
     """Where the surface would have been along a flight without the fault (n,) [rad]."""
     follow, dt = make(), float(flight.t[1] - flight.t[0])
     fine = 4

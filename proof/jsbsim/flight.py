@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from proof.jsbsim.aircraft import Plane
+from proof.jsbsim.aircraft import JSBSimPlant
 from structsel.errors import SimulationError
 from structsel.numerics.rigid_body import STATES
 from structsel.simulation.jsbsim.machine import quietly
@@ -24,7 +24,7 @@ _LIVE = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "h", *RATES, "rho"
          "Px", "Py", "Pz", "Ax", "Ay", "Az", "Fx", "Fy", "Fz")  # fmt: skip
 
 
-class Extra(Protocol):
+class AddedEffect(Protocol):
     """Physics that JSBSim has not: coefficients from what the aircraft does, step by step."""
 
     def start(self, now: Mapping[str, float], dt: float) -> None:
@@ -66,7 +66,7 @@ class Manoeuvre:
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
+class TruthFlight:
     """What happened, sample by sample, at the centre of gravity.
 
     Attributes
@@ -76,19 +76,19 @@ class Flight:
     channels : mapping of str to (n,) array
         States, accelerations, air data, forces [N], moments [N m]; ``de`` ... as commanded, ``real_de`` ... where an
         actuator stands between; ``thrust``.
-    leaves : mapping of property to (n,) array
+    properties : mapping of property to (n,) array
     extra : (n, 6) array
         Coefficients of all that was added, together.
     shares : tuple of (n, 6) arrays
-        Of each `Extra`, in their order.
+        Of each `AddedEffect`, in their order.
     now : tuple of mappings
-        What an `Extra` is given, at each sample.
+        What an `AddedEffect` is given, at each sample.
     """
 
     manoeuvre: Manoeuvre
     t: np.ndarray
     channels: Mapping[str, np.ndarray]
-    leaves: Mapping[str, np.ndarray]
+    properties: Mapping[str, np.ndarray]
     extra: np.ndarray
     shares: tuple[np.ndarray, ...] = ()
     now: tuple[Mapping[str, float], ...] = ()
@@ -98,19 +98,19 @@ class Flight:
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class Additions:
     """What differs from plain flight.
 
     Attributes
     ----------
-    extras : sequence of Extra
+    added : sequence of AddedEffect
     actuators : mapping of surface to a maker of (command, dt, now) -> angle
     wind : callable of (n,) clock to (n, 3) array [m/s], north east down, optional
     pilot : bool
         Without, the commands are flown open loop.
     """
 
-    extras: Sequence[Extra] = ()
+    added: Sequence[AddedEffect] = ()
     actuators: Mapping[str, Callable[[], Callable[[float, float, Mapping[str, float]], float]]] = field(
         default_factory=dict
     )
@@ -118,7 +118,7 @@ class Truth:
     pilot: bool = True
 
 
-def fly(plane: Plane, manoeuvre: Manoeuvre, truth: Truth) -> Flight:
+def simulate_manoeuvre(plant: JSBSimPlant, manoeuvre: Manoeuvre, additions: Additions) -> TruthFlight:
     """Fly a manoeuvre.
 
     Raises
@@ -129,63 +129,63 @@ def fly(plane: Plane, manoeuvre: Manoeuvre, truth: Truth) -> Flight:
     t = manoeuvre.t
     count = max(1, round(float(t[1] - t[0]) / STEP))
     dt = float(t[1] - t[0]) / count
-    wind = truth.wind.get(manoeuvre.name)
-    pilot = _Pilot(manoeuvre, truth.pilot)
+    wind = additions.wind.get(manoeuvre.name)
+    pilot = AttitudeHold(manoeuvre, additions.pilot)
     number = float("".join(filter(str.isdigit, manoeuvre.name)) or 0)
-    moved = {surface: make() for surface, make in truth.actuators.items()}
-    lengths = np.array([plane.aircraft.b, plane.aircraft.cbar, plane.aircraft.b])
+    moved = {surface: make() for surface, make in additions.actuators.items()}
+    lengths = np.array([plant.aircraft.b, plant.aircraft.cbar, plant.aircraft.b])
     pushed = np.zeros(6)
     rows: list[list[float]] = []
     with quietly():
-        machine = plane.machine
-        plane.blow(np.zeros(3) if wind is None else wind[0])
-        plane.load(manoeuvre.store[0] if manoeuvre.store else 0.0)
-        plane.push(np.zeros(3), np.zeros(3))
+        machine = plant.machine
+        plant.set_wind(np.zeros(3) if wind is None else wind[0])
+        plant.set_store_mass(manoeuvre.store[0] if manoeuvre.store else 0.0)
+        plant.set_external_force(np.zeros(3), np.zeros(3))
         settings = pilot.settings(0, 0.0, None)
-        plane.configure(settings)
+        plant.set_controls(settings)
         machine.place(manoeuvre.start, {c: v for c, v in settings.items() if c not in ("df", "brake")})
-        plane.configure(settings)
-        now = _now(plane, settings, float(t[0]), number)
-        for extra in truth.extras:
+        plant.set_controls(settings)
+        now = _now(plant, settings, float(t[0]), number)
+        for extra in additions.added:
             extra.start(now, dt)
         applied, real = np.zeros(6), {c: settings[c] for c in moved}
-        rows.append(_row(plane, settings, real, applied))
-        seen, each, shares = [now], np.zeros((len(truth.extras), 6)), [np.zeros((len(truth.extras), 6))]
+        rows.append(_row(plant, settings, real, applied))
+        seen, each, shares = [now], np.zeros((len(additions.added), 6)), [np.zeros((len(additions.added), 6))]
         for i in range(len(t) - 1):
             for k in range(1, count + 1):
                 at = float(t[i]) + k * dt
                 if manoeuvre.store and at >= manoeuvre.store[1]:
-                    plane.load(0.0)
+                    plant.set_store_mass(0.0)
                 if wind is not None:
-                    plane.blow(wind[i] + (wind[i + 1] - wind[i]) * (k / count))
+                    plant.set_wind(wind[i] + (wind[i + 1] - wind[i]) * (k / count))
                 settings = pilot.settings(i, k / count, now)
                 real = {c: follow(settings[c], dt, now) for c, follow in moved.items()}
-                plane.configure({**settings, **real})
-                if truth.extras:
-                    each = np.array([extra.coefficients(now) for extra in truth.extras]) * now["qbar"]
-                    pushed = each.sum(axis=0) / now["qbar"] * now["qbar"] * plane.aircraft.S
-                    plane.push(pushed[:3], pushed[3:] * lengths)
+                plant.set_controls({**settings, **real})
+                if additions.added:
+                    each = np.array([extra.coefficients(now) for extra in additions.added]) * now["qbar"]
+                    pushed = each.sum(axis=0) / now["qbar"] * now["qbar"] * plant.aircraft.S
+                    plant.set_external_force(pushed[:3], pushed[3:] * lengths)
                 machine.step(dt)
-                whole = k == count or truth.extras or moved
-                now = _now(plane, {**settings, **real}, at, number) if whole else _brief(plane)
-            if truth.extras:  # the force was held over the step, airspeed was not
-                applied = pushed / (now["qbar"] * plane.aircraft.S)
+                whole = k == count or additions.added or moved
+                now = _now(plant, {**settings, **real}, at, number) if whole else _brief(plant)
+            if additions.added:  # the force was held over the step, airspeed was not
+                applied = pushed / (now["qbar"] * plant.aircraft.S)
             shares.append(each / now["qbar"])
             seen.append(now)
-            rows.append(_row(plane, settings, real, applied))
-            _stay_safe(plane, now, at, manoeuvre.name)
-    flown = _flight(plane, manoeuvre, settings, real, np.array(rows))
-    first = len(seen) - len(flown.t)
+            rows.append(_row(plant, settings, real, applied))
+            _check_limits(plant, now, at, manoeuvre.name)
+    simulated_flight = _flight(plant, manoeuvre, settings, real, np.array(rows))
+    first = len(seen) - len(simulated_flight.t)
     by = np.array(shares)[first:]
-    return replace(flown, now=tuple(seen[first:]), shares=tuple(by[:, k] for k in range(by.shape[1])))
+    return replace(simulated_flight, now=tuple(seen[first:]), shares=tuple(by[:, k] for k in range(by.shape[1])))
 
 
-def _now(plane: Plane, settings: Mapping[str, float], t: float, number: float) -> dict[str, float]:
-    value = plane.machine.value
+def _now(plant: JSBSimPlant, settings: Mapping[str, float], t: float, number: float) -> dict[str, float]:
+    value = plant.machine.value
     now = {c: value(c) for c in _LIVE}
-    leaf = plane.machine.fdm
+    leaf = plant.machine.fdm
     u, v, w = now["u"], now["v"], now["w"]
-    if _blown(plane):
+    if _in_wind(plant):
         u, v, w = (leaf[f"velocities/{c}-aero-fps"] * 0.3048 for c in "uvw")
     V = math.sqrt(u * u + v * v + w * w)
     now |= settings
@@ -196,35 +196,38 @@ def _now(plane: Plane, settings: Mapping[str, float], t: float, number: float) -
         "beta_dot": (now["v_dot"] - v / V * (u * now["u_dot"] + v * now["v_dot"] + w * now["w_dot"]) / V) / V,
         "number": number,
     }  # fmt: skip
-    line = plane.aircraft.thrust.direction
+    line = plant.aircraft.thrust.direction
     now["thrust"] = float(line[0] * now["Px"] + line[1] * now["Py"] + line[2] * now["Pz"])
-    qS = max(now["qbar"], 1.0) * plane.aircraft.S
+    qS = max(now["qbar"], 1.0) * plant.aircraft.S
     now |= {f"C{c.upper()}": now[f"A{c}"] / qS for c in "xyz"}
     now |= {f"a{c}": now[f"F{c}"] / now["mass"] for c in "xyz"}
     return now
 
 
-def _brief(plane: Plane) -> dict[str, float]:
+def _brief(plant: JSBSimPlant) -> dict[str, float]:
     """What the pilot looks at."""
-    value = plane.machine.value
+    value = plant.machine.value
     now = {c: value(c) for c in ("u", "v", "w", "p", "q", "r", "phi", "theta", "h")}
     now["alpha"] = math.atan2(now["w"], now["u"])
     now["V"] = math.sqrt(now["u"] ** 2 + now["v"] ** 2 + now["w"] ** 2)
     return now
 
 
-def _blown(plane: Plane) -> bool:
-    return any(node.get_double_value() for node in plane._gust)
+def _in_wind(plant: JSBSimPlant) -> bool:
+    return any(node.get_double_value() for node in plant._wind_nodes)
 
 
-def _row(plane: Plane, settings: Mapping[str, float], real: Mapping[str, float], extra: np.ndarray) -> list[float]:
-    value = plane.machine.value
-    aero = [plane.machine.fdm[f"velocities/{c}-aero-fps"] * 0.3048 for c in "uvw"]
-    return [*(value(c) for c in _READ), *aero, *settings.values(), *real.values(), *extra, *plane.read_leaves()]
+def _row(
+    plant: JSBSimPlant, settings: Mapping[str, float], real: Mapping[str, float], extra: np.ndarray
+) -> list[float]:
+    value = plant.machine.value
+    aero = [plant.machine.fdm[f"velocities/{c}-aero-fps"] * 0.3048 for c in "uvw"]
+    return [*(value(c) for c in _READ), *aero, *settings.values(), *real.values(), *extra, *plant.read_properties()]
 
 
-def _flight(plane: Plane, manoeuvre: Manoeuvre, settings: Mapping[str, float], real: Mapping[str, float],
-            rows: np.ndarray) -> Flight:  # fmt: skip
+def _flight(
+    plant: JSBSimPlant, manoeuvre: Manoeuvre, settings: Mapping[str, float], real: Mapping[str, float], rows: np.ndarray
+) -> TruthFlight:
     names = [*_READ, "u_air", "v_air", "w_air", *settings, *(f"real_{c}" for c in real)]
     n = len(names)
     channels = {name: rows[:, k].copy() for k, name in enumerate(names)}
@@ -232,25 +235,25 @@ def _flight(plane: Plane, manoeuvre: Manoeuvre, settings: Mapping[str, float], r
     V = np.sqrt(u * u + v * v + w * w)
     channels |= {"V": V, "alpha": np.arctan2(w, u), "beta": np.arcsin(v / V), "qbar": 0.5 * channels["rho"] * V * V}
     channels["psi"] = np.unwrap(channels["psi"])
-    line = plane.aircraft.thrust.direction
+    line = plant.aircraft.thrust.direction
     channels["thrust"] = sum(line[k] * channels[f"P{c}"] for k, c in enumerate("xyz"))
-    leaves = {p: rows[:, n + 6 + k].copy() for k, p in enumerate(plane.leaves)}
+    properties = {p: rows[:, n + 6 + k].copy() for k, p in enumerate(plant.properties)}
     on = manoeuvre.t > -1e-9
     t = np.round(manoeuvre.t[on], 9)
-    channels, leaves = ({c: v[on] for c, v in held.items()} for held in (channels, leaves))
-    return Flight(manoeuvre, t, channels, leaves, rows[on, n : n + 6])
+    channels, properties = ({c: v[on] for c, v in held.items()} for held in (channels, properties))
+    return TruthFlight(manoeuvre, t, channels, properties, rows[on, n : n + 6])
 
 
-def _stay_safe(plane: Plane, now: Mapping[str, float], t: float, name: str) -> None:
+def _check_limits(plant: JSBSimPlant, now: Mapping[str, float], t: float, name: str) -> None:
     if not all(math.isfinite(x) for x in now.values()):
         raise SimulationError(f"'{name}' is no longer finite at {t:.1f} s.")
-    if now["h"] < plane.clearance + 0.05:
+    if now["h"] < plant.clearance + 0.05:
         raise SimulationError(f"'{name}' touches the ground at {t:.1f} s.")
     if abs(now["theta"]) > 0.8 or abs(now["phi"]) > 1.2 or abs(now["alpha"]) > 0.5 or abs(now["beta"]) > 0.35:
         raise SimulationError(f"'{name}' departs at {t:.1f} s.")
 
 
-class _Pilot:
+class AttitudeHold:
     """Commands and light stabilisation."""
 
     def __init__(self, manoeuvre: Manoeuvre, closed: bool):
@@ -263,10 +266,11 @@ class _Pilot:
         self.last = len(manoeuvre.t) - 1
         self.held: dict[str, float] = {}
 
-    def settings(self, i: int, part: float, now: Mapping[str, float] | None) -> dict[str, float]:
-        part = part if self.closed else 0.0  # without a pilot they are held over each sample
+    def settings(self, i: int, fraction: float, now: Mapping[str, float] | None) -> dict[str, float]:
+        """Controls at a fraction of the way from sample i to the next."""
+        fraction = fraction if self.closed else 0.0  # without a pilot they are held over each sample
         after = min(i + 1, self.last)
-        asked = {c: v[i] + (v[after] - v[i]) * part for c, v in self.commands.items()}
+        asked = {c: v[i] + (v[after] - v[i]) * fraction for c, v in self.commands.items()}
         made = {c: (asked[c] if c in asked and c in ("df", "gear", "brake") else v) for c, v in self.base.items()}
         for c in ("de", "da", "dr", "throttle"):
             if c in made:

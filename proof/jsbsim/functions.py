@@ -75,7 +75,7 @@ Node = Value | Property | Table | Operation
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class AeroFunction:
     """One named function: of an axis, or free (``axis`` is empty) and read by others."""
 
     name: str
@@ -120,9 +120,9 @@ def folded(node: Node) -> Node:
             at = cast(Value, inputs.pop(k)).value
             x = axes.pop(k)
             cell = int(np.clip(np.searchsorted(x, at, side="right") - 1, 0, max(len(x) - 2, 0)))
-            part = float(np.clip((at - x[cell]) / (x[cell + 1] - x[cell]), 0.0, 1.0)) if len(x) > 1 else 0.0
+            function = float(np.clip((at - x[cell]) / (x[cell + 1] - x[cell]), 0.0, 1.0)) if len(x) > 1 else 0.0
             low, high = np.take(data, cell, axis=k), np.take(data, min(cell + 1, len(x) - 1), axis=k)
-            data = low + part * (high - low)
+            data = low + function * (high - low)
         return Table(tuple(inputs), tuple(axes), data) if inputs else Value(float(data))
 
     return replace(node, change)
@@ -182,7 +182,7 @@ def to_xml(node: Node) -> ET.Element:
 
 
 @lru_cache(maxsize=64)
-def read_parts(path: Path) -> tuple[Part, ...]:
+def read_functions(path: Path) -> tuple[AeroFunction, ...]:
     """Aerodynamic functions of an aircraft's XML, in the order in which JSBSim evaluates them.
 
     Raises
@@ -193,7 +193,7 @@ def read_parts(path: Path) -> tuple[Part, ...]:
     section = ET.parse(path).getroot().find("aerodynamics")
     if section is None:
         raise SimulationError(f"'{path}' has no aerodynamics.")
-    found: list[Part] = []
+    found: list[AeroFunction] = []
     for child in section:
         if child.tag == "function":
             found.append(_read_part(child, ""))
@@ -208,9 +208,9 @@ def read_parts(path: Path) -> tuple[Part, ...]:
 # --- reading and looking up ----------------------------------------------------------------------------
 
 
-def _read_part(element: ET.Element, axis: str) -> Part:
+def _read_part(element: ET.Element, axis: str) -> AeroFunction:
     inside = [child for child in element if child.tag != "description"]
-    return Part(str(element.get("name")), axis, _read_node(inside[0]))
+    return AeroFunction(str(element.get("name")), axis, _read_node(inside[0]))
 
 
 def _read_node(element: ET.Element) -> Node:
@@ -287,14 +287,14 @@ def _look_up(at: list[Any], axes: tuple[np.ndarray, ...], data: np.ndarray) -> A
             cells.append((np.zeros(np.shape(x), dtype=int), np.zeros(np.shape(x))))
             continue
         cell = np.clip(np.searchsorted(breaks, x, side="right") - 1, 0, len(breaks) - 2)
-        part = np.clip((x - breaks[cell]) / (breaks[cell + 1] - breaks[cell]), 0.0, 1.0)
-        cells.append((cell, part))
+        function = np.clip((x - breaks[cell]) / (breaks[cell + 1] - breaks[cell]), 0.0, 1.0)
+        cells.append((cell, function))
     for corner in range(2 ** len(axes)):
         weight: Any = 1.0
         index = []
-        for k, (cell, part) in enumerate(cells):
+        for k, (cell, function) in enumerate(cells):
             up = corner >> k & 1
-            weight = weight * (part if up else 1.0 - part)
+            weight = weight * (function if up else 1.0 - function)
             index.append(np.minimum(cell + up, data.shape[k] - 1))
         total = total + weight * data[tuple(index)]
     return total

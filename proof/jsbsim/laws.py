@@ -16,8 +16,8 @@ Make = Callable[[np.random.Generator, Aircraft, dict[int, float]], tuple[Formula
 
 
 @dataclass(eq=False)
-class Law:
-    """A formula of what the aircraft does, times a size; satisfies `flying.Extra`.
+class AddedForce:
+    """A formula of what the aircraft does, times a size; satisfies `flying.AddedEffect`.
 
     Attributes
     ----------

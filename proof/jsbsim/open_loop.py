@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proof.jsbsim.aircraft import Plane
+from proof.jsbsim.aircraft import JSBSimPlant
 from proof.jsbsim.faults import Fault
-from proof.jsbsim.flight import Flight, Manoeuvre, Truth, fly
-from proof.jsbsim.functions import Part
+from proof.jsbsim.flight import Additions, Manoeuvre, TruthFlight, simulate_manoeuvre
+from proof.jsbsim.functions import AeroFunction
 from proof.jsbsim.readings import channels_of
 from structsel.aircraft import Aircraft
 from structsel.errors import SimulationError
@@ -20,11 +20,12 @@ _CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "h", "a
              "throttle", "thrust", "qbar", "mach")  # fmt: skip
 
 
-def fly_free(plane: Plane, flights: Sequence[Flight], parts: tuple[Part, ...], truth: Aircraft
-             ) -> dict[str, dict[str, np.ndarray]] | None:  # fmt: skip
+def simulate_open_loop(
+    plant: JSBSimPlant, flights: Sequence[TruthFlight], functions: tuple[AeroFunction, ...], truth: Aircraft
+) -> dict[str, dict[str, np.ndarray]] | None:
     """Channels per manoeuvre; None where one leaves its truth too far behind."""
     try:
-        other = Plane(plane.name, parts)
+        other = JSBSimPlant(plant.name, functions)
     except SimulationError:
         return None
     made = {}
@@ -34,12 +35,12 @@ def fly_free(plane: Plane, flights: Sequence[Flight], parts: tuple[Part, ...], t
         moving = {c: flight[c] - controls[c] if c in ("de", "da", "dr", "throttle") else flight[c] for c in controls}
         again = Manoeuvre(flight.manoeuvre.name, "free", flight.t, state, controls, moving, {})
         try:
-            flown = fly(other, again, Truth(pilot=False))
+            simulated_flight = simulate_manoeuvre(other, again, Additions(pilot=False))
         except SimulationError:
             return None
-        if any(np.abs(flown[c] - flight[c]).max() > limit for c, limit in _FAR.items()):
+        if any(np.abs(simulated_flight[c] - flight[c]).max() > limit for c, limit in _FAR.items()):
             return None
-        channels = channels_of(flown, truth, Fault(), False)
+        channels = channels_of(simulated_flight, truth, Fault(), False)
         channels |= {"qbar": 0.5 * channels["rho"] * channels["V"] ** 2, "mach": channels["V"] / channels["sound"]}
-        made[flight.manoeuvre.name] = {"t": flown.t, **{c: channels[c] for c in _CHANNELS if c in channels}}
+        made[flight.manoeuvre.name] = {"t": simulated_flight.t, **{c: channels[c] for c in _CHANNELS if c in channels}}
     return made

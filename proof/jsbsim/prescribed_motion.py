@@ -6,106 +6,112 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from proof.jsbsim.aircraft import FT, LBF, Plane
-from proof.jsbsim.flight import Flight
-from proof.jsbsim.functions import AXES, CL_SQUARED, H_B, Part, evaluate
+from proof.jsbsim.aircraft import FT, LBF, JSBSimPlant
+from proof.jsbsim.flight import TruthFlight
+from proof.jsbsim.functions import AXES, CL_SQUARED, H_B, AeroFunction, evaluate
 
 SEEN = ("V", "alpha", "beta", "p", "q", "r", "h", "de", "da", "dr")
 """Channels at which a simulation may be computed with other values than the true ones."""
 _SURFACES = {"de": ("elevator-pos", 1.0), "dr": ("rudder-pos", 1.0)}
 
 
-def parts_of(plane: Plane, changed: Sequence[Part] = ()) -> tuple[Part, ...]:
+def functions_with(plant: JSBSimPlant, changed: Sequence[AeroFunction] = ()) -> tuple[AeroFunction, ...]:
     """The aircraft's parts, with some in place of those of the same name."""
-    new = {part.name: part for part in changed}
-    return tuple(new.get(part.name, part) for part in plane.parts)
+    new = {function.name: function for function in changed}
+    return tuple(new.get(function.name, function) for function in plant.functions)
 
 
-def coefficients(plane: Plane, flight: Flight, parts: Sequence[Part], off: Mapping[str, np.ndarray] | None = None
-                 ) -> np.ndarray:  # fmt: skip
+def coefficients(
+    plant: JSBSimPlant,
+    flight: TruthFlight,
+    functions: Sequence[AeroFunction],
+    off: Mapping[str, np.ndarray] | None = None,
+) -> np.ndarray:
     """CX, CY, CZ, Cl, Cm, Cn (n, 6) of everything but gravity and the declared thrust.
 
     Parameters
     ----------
-    plane : Plane
-    flight : Flight
-    parts : sequence of Part
-        All of them; see `parts_of`.
+    plant : JSBSimPlant
+    flight : TruthFlight
+    functions : sequence of AeroFunction
+        All of them; see `functions_with`.
     off : mapping of channel to (n,) array
         What is added to the true states, of `SEEN`: errors of reconstruction, a faulty sensor.
     """
     off = off or {}
-    values, qbar, alpha, beta = _values(plane, flight, off)
-    made = _axes(parts, values)
+    values, qbar, alpha, beta = _values(plant, flight, off)
+    made = _axes(functions, values)
     lift = made["LIFT"]
-    plain = lift if not off and tuple(parts) == plane.parts else None
-    if any(CL_SQUARED in part.reads() for part in parts) and plain is None:
+    plain = lift if not off and tuple(functions) == plant.functions else None
+    if any(CL_SQUARED in function.reads() for function in functions) and plain is None:
         # JSBSim's is of the step before; the difference that the simulation makes is added to it.
-        base, q0, *_ = _values(plane, flight, {})
-        area = plane.aircraft.S / FT**2
-        before = (_axes(plane.parts, base)["LIFT"] / (q0 / LBF * FT**2 * area)) ** 2
+        base, q0, *_ = _values(plant, flight, {})
+        area = plant.aircraft.S / FT**2
+        before = (_axes(plant.functions, base)["LIFT"] / (q0 / LBF * FT**2 * area)) ** 2
         after = (lift / (qbar / LBF * FT**2 * area)) ** 2
         values[CL_SQUARED] = values[CL_SQUARED] + after - before
-        made = _axes(parts, values)
-    force, moment = _body(plane, made, alpha, beta)
-    rest_force, rest_moment = _rest(plane, flight)
-    lengths = np.array([plane.aircraft.b, plane.aircraft.cbar, plane.aircraft.b])
-    qS = (qbar * plane.aircraft.S)[:, None]
-    q0S = (flight["qbar"] * plane.aircraft.S)[:, None]
+        made = _axes(functions, values)
+    force, moment = _body(plant, made, alpha, beta)
+    rest_force, rest_moment = _rest(plant, flight)
+    lengths = np.array([plant.aircraft.b, plant.aircraft.cbar, plant.aircraft.b])
+    qS = (qbar * plant.aircraft.S)[:, None]
+    q0S = (flight["qbar"] * plant.aircraft.S)[:, None]
     return np.hstack([force / qS + rest_force / q0S, (moment / qS + rest_moment / q0S) / lengths])
 
 
-def contributions(plane: Plane, flight: Flight, parts: Sequence[Part]) -> dict[str, np.ndarray]:
+def contributions(plant: JSBSimPlant, flight: TruthFlight, functions: Sequence[AeroFunction]) -> dict[str, np.ndarray]:
     """Each part of an axis, as a coefficient of its own axis (n,)."""
-    values, qbar, *_ = _values(plane, flight, {})
-    scale = qbar * plane.aircraft.S / LBF
-    arms = {"ROLL": plane.aircraft.b, "PITCH": plane.aircraft.cbar, "YAW": plane.aircraft.b}
+    values, qbar, *_ = _values(plant, flight, {})
+    scale = qbar * plant.aircraft.S / LBF
+    arms = {"ROLL": plant.aircraft.b, "PITCH": plant.aircraft.cbar, "YAW": plant.aircraft.b}
     made = {}
-    for part in parts:
-        found = evaluate(part.node, values) + np.zeros(len(flight.t))
-        if part.axis:
-            made[part.name] = found / (scale * arms.get(part.axis, 1.0 * FT) / FT)
+    for function in functions:
+        found = evaluate(function.node, values) + np.zeros(len(flight.t))
+        if function.axis:
+            made[function.name] = found / (scale * arms.get(function.axis, 1.0 * FT) / FT)
         else:
-            values[part.name] = found
+            values[function.name] = found
     return made
 
 
-def _rest(plane: Plane, flight: Flight) -> tuple[np.ndarray, np.ndarray]:
+def _rest(plant: JSBSimPlant, flight: TruthFlight) -> tuple[np.ndarray, np.ndarray]:
     """Force and moment of neither aerodynamics nor declared thrust nor extras: what a propeller does besides."""
-    line = plane.aircraft.thrust
-    qS = (flight["qbar"] * plane.aircraft.S)[:, None]
-    lengths = np.array([plane.aircraft.b, plane.aircraft.cbar, plane.aircraft.b])
+    line = plant.aircraft.thrust
+    qS = (flight["qbar"] * plant.aircraft.S)[:, None]
+    lengths = np.array([plant.aircraft.b, plant.aircraft.cbar, plant.aircraft.b])
     thrust = flight["thrust"][:, None]
     force = np.column_stack([flight[f"F{c}"] - flight[f"A{c}"] for c in "xyz"]) - thrust * line.direction
     moment = np.column_stack([flight[f"M{c}"] - flight[f"A{c}"] for c in "lmn"]) - thrust * line.arm
     return force - flight.extra[:, :3] * qS, moment - flight.extra[:, 3:] * qS * lengths
 
 
-def _axes(parts: Sequence[Part], values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _axes(functions: Sequence[AeroFunction], values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     made = {axis: np.zeros(len(values["n"])) for axis in AXES}
-    for part in parts:
-        found = evaluate(part.node, values)
-        if part.axis:
-            made[part.axis] = made[part.axis] + found
+    for function in functions:
+        found = evaluate(function.node, values)
+        if function.axis:
+            made[function.axis] = made[function.axis] + found
         else:
-            values[part.name] = found + np.zeros(len(values["n"]))
+            values[function.name] = found + np.zeros(len(values["n"]))
     return made
 
 
-def _body(plane: Plane, made: Mapping[str, np.ndarray], alpha: np.ndarray, beta: np.ndarray
-          ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def _body(
+    plant: JSBSimPlant, made: Mapping[str, np.ndarray], alpha: np.ndarray, beta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Force [N], and moment [N m] about the centre of gravity."""
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
     D, Y, L = -made["DRAG"] * LBF, made["SIDE"] * LBF, -made["LIFT"] * LBF
     force = np.column_stack([ca * cb * D - ca * sb * Y - sa * L, sb * D + cb * Y, sa * cb * D - sa * sb * Y + ca * L])
     about = np.column_stack([made[a] for a in ("ROLL", "PITCH", "YAW")]) * LBF * FT
-    return force, about + np.cross(plane.reference_points["aerodynamic"], force)
+    return force, about + np.cross(plant.reference_points["aerodynamic"], force)
 
 
-def _values(plane: Plane, flight: Flight, off: Mapping[str, np.ndarray]
-            ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+def _values(
+    plant: JSBSimPlant, flight: TruthFlight, off: Mapping[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
     """Properties at the states as seen; qbar, alpha, beta there."""
-    values = dict(flight.leaves)
+    values = dict(flight.properties)
     values["n"] = flight.t
     V, alpha, beta = (flight[c] + off.get(c, 0.0) for c in ("V", "alpha", "beta"))
     qbar = 0.5 * flight["rho"] * V * V
@@ -118,12 +124,12 @@ def _values(plane: Plane, flight: Flight, off: Mapping[str, np.ndarray]
         "aero/alpha-rad": off.get("alpha", 0.0), "aero/alpha-deg": np.degrees(off.get("alpha", 0.0)),
         "aero/alpha-wing-rad": off.get("alpha", 0.0),
         "aero/beta-rad": off.get("beta", 0.0), "aero/beta-deg": np.degrees(off.get("beta", 0.0)),
-        "aero/alphadot-rad_sec": late, H_B: off.get("h", 0.0) / plane.aircraft.b,
+        "aero/alphadot-rad_sec": late, H_B: off.get("h", 0.0) / plant.aircraft.b,
         **{f"velocities/{c}{kind}-rad_sec": off.get(c, 0.0) for c in "pqr" for kind in ("", "-aero")},
-        "fcs/left-aileron-pos-rad": plane.machine.senses["da"] * off.get("da", 0.0),
-        "fcs/right-aileron-pos-rad": -plane.machine.senses["da"] * off.get("da", 0.0),
-        "fcs/elevator-pos-rad": plane.machine.senses["de"] * off.get("de", 0.0),
-        "fcs/rudder-pos-rad": plane.machine.senses["dr"] * off.get("dr", 0.0),
+        "fcs/left-aileron-pos-rad": plant.machine.senses["da"] * off.get("da", 0.0),
+        "fcs/right-aileron-pos-rad": -plant.machine.senses["da"] * off.get("da", 0.0),
+        "fcs/elevator-pos-rad": plant.machine.senses["de"] * off.get("de", 0.0),
+        "fcs/rudder-pos-rad": plant.machine.senses["dr"] * off.get("dr", 0.0),
     }  # fmt: skip
     for name, change in more.items():
         if name in values:
@@ -141,7 +147,7 @@ def _values(plane: Plane, flight: Flight, off: Mapping[str, np.ndarray]
     return values, qbar, alpha, beta
 
 
-def flight_surface(flight: Flight, off: Mapping[str, np.ndarray]) -> np.ndarray:
+def flight_surface(flight: TruthFlight, off: Mapping[str, np.ndarray]) -> np.ndarray:
     """Elevator as seen (n,) [rad]."""
     true = flight.channels.get("real_de", flight["de"])
     return np.asarray(true + off.get("de", 0.0))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from proof.jsbsim.faults import Fault, apply
-from proof.jsbsim.flight import Flight
+from proof.jsbsim.flight import TruthFlight
 from proof.jsbsim.prescribed_motion import SEEN
 from proof.scenario.measurement import measured, slow
 from structsel.aircraft import Aircraft
@@ -26,7 +26,7 @@ THRUST_NOISE = 0.003  # of its mean
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class InstrumentSet:
     """Everything of the instruments that a case keeps from manoeuvre to manoeuvre.
 
     Attributes
@@ -58,7 +58,7 @@ class Chain:
     seed: int
 
 
-def channels_of(flight: Flight, truth: Aircraft, fault: Fault, blind: bool) -> dict[str, np.ndarray]:
+def channels_of(flight: TruthFlight, truth: Aircraft, fault: Fault, blind: bool) -> dict[str, np.ndarray]:
     """Channels at the instruments' places, as the faulty ones give them, without noise."""
     rates = [flight[c] for c in "pqr"]
     dots = [flight[f"{c}_dot"] for c in "pqr"]
@@ -80,20 +80,27 @@ def channels_of(flight: Flight, truth: Aircraft, fault: Fault, blind: bool) -> d
     return apply(flight.t, made, fault)
 
 
-def read(flight: Flight, clean: Mapping[str, np.ndarray], chain: Chain, number: int) -> dict[str, np.ndarray]:
+def read(
+    flight: TruthFlight, clean: Mapping[str, np.ndarray], instruments: InstrumentSet, number: int
+) -> dict[str, np.ndarray]:
     """Readings: the errors within tolerance, this manoeuvre's biases, noise."""
-    rng = np.random.default_rng([chain.seed, number, 7])
-    bias = {c: s * rng.standard_normal() for c, s in chain.bias.items() if c in clean}
+    rng = np.random.default_rng([instruments.seed, number, 7])
+    bias = {c: s * rng.standard_normal() for c, s in instruments.bias.items() if c in clean}
     level = float(np.abs(clean["thrust"]).mean())
-    noise = {c: s for c, s in chain.noise.items() if c in clean} | {"thrust": chain.noise["thrust"] * level}
+    noise = {c: s for c, s in instruments.noise.items() if c in clean} | {"thrust": instruments.noise["thrust"] * level}
     seed = int(rng.integers(2**31))
     keep = lambda held: {c: v for c, v in held.items() if c in clean}  # noqa: E731
-    wrong = Instruments(scale=keep(chain.scale) | {"thrust": chain.thrust}, delay=keep(chain.delay), bias=bias,
-                        noise=noise, seed=seed)  # fmt: skip
+    wrong = Instruments(
+        scale=keep(instruments.scale) | {"thrust": instruments.thrust},
+        delay=keep(instruments.delay),
+        bias=bias,
+        noise=noise,
+        seed=seed,
+    )
     made = wrong.read(flight.t, {c: v for c, v in clean.items() if c != "sound"})
-    if chain.colour:
+    if instruments.colour:
         for c in ("alpha", "beta", "V", "ax", "ay", "az", "p", "q", "r"):
-            made[c] = made[c] + chain.colour * chain.noise[c] * slow(len(flight.t), rng, 0.9)
+            made[c] = made[c] + instruments.colour * instruments.noise[c] * slow(len(flight.t), rng, 0.9)
     made["qbar"] = 0.5 * made["rho"] * made["V"] ** 2
     made["mach"] = made["V"] / clean["sound"]
     made["h_agl"] = np.maximum(made["h_agl"], 0.0)
@@ -107,13 +114,19 @@ def measured_as_stated(t: np.ndarray, held: Mapping[str, np.ndarray], aircraft: 
     return measured(t, held, aircraft, mass=mass, inertia=tensor, thrust=held["thrust"])
 
 
-def told(flight: Flight, clean: Mapping[str, np.ndarray], faulty: Mapping[str, np.ndarray],
-         readings: Mapping[str, np.ndarray], chain: Chain, number: int) -> dict[str, np.ndarray]:  # fmt: skip
+def state_offsets(
+    flight: TruthFlight,
+    clean: Mapping[str, np.ndarray],
+    faulty: Mapping[str, np.ndarray],
+    readings: Mapping[str, np.ndarray],
+    instruments: InstrumentSet,
+    number: int,
+) -> dict[str, np.ndarray]:
     """What is added to the true states where the simulation is computed: `prescribed_motion.SEEN`."""
-    rng = np.random.default_rng([chain.seed, number, 11])
+    rng = np.random.default_rng([instruments.seed, number, 11])
     places = [c for c in SEEN if c in clean]
-    if chain.raw:
-        boom = tuple(chain.stated.position("vane"))
+    if instruments.raw:
+        boom = tuple(instruments.stated.position("vane"))
         air, rates = [readings[c] for c in ("V", "alpha", "beta")], [readings[c] for c in "pqr"]
         V, alpha, beta = rb.air_data_at_cg(air[0], air[1], air[2], rates[0], rates[1], rates[2], boom)
         # Near the ground the height above it is what a simulation is asked at; terrain is at zero.
@@ -125,8 +138,8 @@ def told(flight: Flight, clean: Mapping[str, np.ndarray], faulty: Mapping[str, n
     for surface in ("de", "da", "dr"):  # the simulation is driven by what was recorded
         if f"real_{surface}" in flight.channels:
             off[surface] = off[surface] + flight[surface] - flight[f"real_{surface}"]
-    if not chain.raw:
-        if chain.blind:
+    if not instruments.raw:
+        if instruments.blind:
             for c, x in zip(("V", "alpha", "beta"), rb.air_data(*(flight[c] for c in "uvw"))):
                 off[c] = off[c] + x - flight[c]
         for c, size in (("V", 0.05), ("alpha", 2e-4), ("beta", 2e-4)):

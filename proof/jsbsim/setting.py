@@ -7,10 +7,10 @@ from typing import Literal
 
 import numpy as np
 
-from proof.jsbsim.aircraft import Plane
-from proof.jsbsim.flight import Flight, Manoeuvre
+from proof.jsbsim.aircraft import JSBSimPlant
+from proof.jsbsim.flight import Manoeuvre, TruthFlight
 from proof.jsbsim.prescribed_motion import contributions
-from proof.jsbsim.readings import BIAS, NOISE, THRUST_NOISE, Chain
+from proof.jsbsim.readings import BIAS, NOISE, THRUST_NOISE, InstrumentSet
 from structsel.aircraft import Aircraft, Simulation, Tolerances
 from structsel.numerics.turbulence import dryden_gusts, dryden_scales
 
@@ -19,12 +19,14 @@ _TOLERANCES = {"main": 0.01, "secondary": 0.03, "mass": 0.003, "inertia": 0.01, 
 _MAIN = 0.2  # of its axis' rms; a part above it has the tolerance of a main derivative
 
 
-def draw_chain(plane: Plane, rng: np.random.Generator, *, share: float, store: float, null: bool) -> Chain:
+def draw_instruments(
+    plant: JSBSimPlant, rng: np.random.Generator, *, share: float, store: float, null: bool
+) -> InstrumentSet:
     """Instruments, and what aircraft.toml says of the aircraft: all off by its tolerances.
 
     Parameters
     ----------
-    plane : Plane
+    plant : JSBSimPlant
     rng : numpy Generator
     share : float
         Of the tolerances, by which things are off.
@@ -33,7 +35,7 @@ def draw_chain(plane: Plane, rng: np.random.Generator, *, share: float, store: f
     null : bool
         Whether the air may be turbulent and the noise coloured.
     """
-    true, draw = plane.aircraft, rng.standard_normal
+    true, draw = plant.aircraft, rng.standard_normal
     t = {name: share * sd for name, sd in _TOLERANCES.items()}
     level = float(rng.uniform(1.0, 1.7))
     seat = np.array([rng.uniform(-0.06, 0.08) * true.b, 0.0, rng.uniform(-0.1, 0.1)])
@@ -42,7 +44,7 @@ def draw_chain(plane: Plane, rng: np.random.Generator, *, share: float, store: f
     off_seat, off_boom = t["lever_arm"] * draw(3) * [1, 0, 1], t["lever_arm"] * draw(3) * [1, 0, 0]
     raw = bool(rng.random() < 0.15)
     blind = bool(null and rng.random() < 0.4)
-    told: Literal["raw", "reconstructed"] = "raw" if raw and not blind else "reconstructed"
+    state_offsets: Literal["raw", "reconstructed"] = "raw" if raw and not blind else "reconstructed"
 
     def make(name: str, mass: float, moments: dict[str, float], seat: np.ndarray, boom: np.ndarray) -> Aircraft:
         places = {"accelerometer": seat, "vane": boom}
@@ -56,13 +58,13 @@ def draw_chain(plane: Plane, rng: np.random.Generator, *, share: float, store: f
             inertia=moments,
             tolerances=Tolerances(**_TOLERANCES),
             sensors={n: {"position": tuple(place.round(3).tolist())} for n, place in places.items()},
-            simulation=Simulation(states=told if rng.random() < 0.5 else None),
+            simulation=Simulation(states=state_offsets if rng.random() < 0.5 else None),
         )
 
-    truth = make("truth", plane.mass, inertia, seat, boom)
-    mass = (plane.mass + store) * (1.0 + t["mass"] * float(draw()))
+    truth = make("truth", plant.mass, inertia, seat, boom)
+    mass = (plant.mass + store) * (1.0 + t["mass"] * float(draw()))
     moments = {c: v * (1.0 + t["inertia"] * float(draw())) for c, v in inertia.items()}
-    return Chain(
+    return InstrumentSet(
         truth=truth,
         stated=make(f"aircraft {int(rng.integers(1, 999)):03d}", mass, moments, seat + off_seat, boom + off_boom),
         noise={c: level * v for c, v in NOISE.items()} | {"thrust": THRUST_NOISE},
@@ -70,17 +72,19 @@ def draw_chain(plane: Plane, rng: np.random.Generator, *, share: float, store: f
         scale={c: t["vane_scale"] * float(draw()) for c in ("alpha", "beta")},
         delay={c: max(0.0, t["delay"] * float(draw())) for c in ("alpha", "beta", "V", "de", "da", "dr")},
         thrust=t["thrust"] * float(draw()),
-        raw=told == "raw",
+        raw=state_offsets == "raw",
         blind=blind,
         colour=float(rng.uniform(1.0, 2.0)) if null and not blind and rng.random() < 0.4 else 0.0,
         seed=int(rng.integers(2**31)),
     )
 
 
-def draw_factors(plane: Plane, flights: Sequence[Flight], share: float, rng: np.random.Generator) -> dict[str, float]:
+def draw_factors(
+    plant: JSBSimPlant, flights: Sequence[TruthFlight], share: float, rng: np.random.Generator
+) -> dict[str, float]:
     """Factor of each part of an axis in the simulation: off by a share of the tolerances."""
-    held = [contributions(plane, f, plane.parts) for f in flights[:4]]
-    axes = {p.name: p.axis for p in plane.parts if p.axis}
+    held = [contributions(plant, f, plant.functions) for f in flights[:4]]
+    axes = {p.name: p.axis for p in plant.functions if p.axis}
     sizes = {n: float(np.sqrt(np.mean(np.concatenate([h[n] for h in held]) ** 2))) for n in axes}
     total = {axis: sum(sizes[n] for n, a in axes.items() if a == axis) for axis in set(axes.values())}
     kinds = {n: "main" if sizes[n] > _MAIN * total[a] else "secondary" for n, a in axes.items()}

@@ -9,13 +9,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 jsbsim = pytest.importorskip("jsbsim", reason="JSBSim is not installed")
 
 from proof.generate import draw_case  # noqa: E402
-from proof.jsbsim.aircraft import Plane, plane  # noqa: E402
+from proof.jsbsim.aircraft import JSBSimPlant, load_plant  # noqa: E402
 from proof.jsbsim.effects import effects_of  # noqa: E402
-from proof.jsbsim.effects_built_in import find_native  # noqa: E402
-from proof.jsbsim.flight import LEAD, Manoeuvre, Truth, fly  # noqa: E402
-from proof.jsbsim.laws import Law  # noqa: E402
+from proof.jsbsim.effects_built_in import find_built_in  # noqa: E402
+from proof.jsbsim.flight import LEAD, Additions, Manoeuvre, simulate_manoeuvre  # noqa: E402
+from proof.jsbsim.laws import AddedForce  # noqa: E402
 from proof.jsbsim.manoeuvres import find_point  # noqa: E402
-from proof.jsbsim.prescribed_motion import coefficients, parts_of  # noqa: E402
+from proof.jsbsim.prescribed_motion import coefficients, functions_with  # noqa: E402
 
 AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 
@@ -32,7 +32,7 @@ def true_coefficients(aircraft, flight):
 @pytest.fixture(scope="module")
 def low_pass():
     """Twelve seconds of a Cessna going down to the ground."""
-    craft = plane("c172p")
+    craft = load_plant("c172p")
     point = find_point(craft, np.random.default_rng(3), low=True, lift=(0.5, 0.6))
     t = np.round(np.arange(-LEAD, 12.0, 0.04), 9)
     h = np.interp(t, [1.0, 9.0], [0.0, 3.0 - point.h])
@@ -44,9 +44,9 @@ def low_pass():
 
 def test_the_functions_evaluated_over_a_flight_are_those_that_jsbsim_flew(low_pass):
     craft, manoeuvre = low_pass
-    flight = fly(craft, manoeuvre, Truth())
+    flight = simulate_manoeuvre(craft, manoeuvre, Additions())
     assert flight["h"].min() < 0.6 * craft.aircraft.b  # tables of ground effect are in it
-    ours = coefficients(craft, flight, craft.parts)
+    ours = coefficients(craft, flight, craft.functions)
     theirs = true_coefficients(craft.aircraft, flight)
     assert_allclose(ours, theirs, atol=1e-9)
 
@@ -54,16 +54,16 @@ def test_the_functions_evaluated_over_a_flight_are_those_that_jsbsim_flew(low_pa
 def test_ground_effect_taken_out_of_the_functions_is_what_a_changed_aircraft_flies_without(low_pass):
     # The changed functions written as XML and flown by JSBSim, against the same functions over arrays.
     craft, manoeuvre = low_pass
-    native = next(n for n in find_native(craft) if n.effect == "ground-effect")
-    parts = parts_of(craft, native.left_in(craft, 0.4))
-    other = Plane("c172p", parts)
-    flight = fly(other, manoeuvre, Truth())
+    built_in = next(n for n in find_built_in(craft) if n.effect == "ground-effect")
+    functions = functions_with(craft, built_in.left_in(craft, 0.4))
+    other = JSBSimPlant("c172p", functions)
+    flight = simulate_manoeuvre(other, manoeuvre, Additions())
     assert_allclose(
-        coefficients(other, flight, parts),
+        coefficients(other, flight, functions),
         true_coefficients(other.aircraft, flight),
         atol=1e-9,
     )
-    lacking = coefficients(other, flight, craft.parts) - true_coefficients(other.aircraft, flight)
+    lacking = coefficients(other, flight, craft.functions) - true_coefficients(other.aircraft, flight)
     near = flight["h"] < 0.5 * craft.aircraft.b
     assert np.all(lacking[near, 2] < 0.0)  # the ground's lift, up
     assert abs(lacking[0, 2]) < 0.3 * np.abs(lacking[:, 2]).max()
@@ -71,11 +71,11 @@ def test_ground_effect_taken_out_of_the_functions_is_what_a_changed_aircraft_fli
 
 def test_a_law_put_into_the_truth_acts_on_the_aircraft_with_the_coefficients_it_states(low_pass):
     craft, manoeuvre = low_pass
-    law = Law(lambda now, memory, dt: (0.0, 0.002, -0.01, 0.0005, 0.004 * now["alpha"], 0.0))
-    flight = fly(craft, manoeuvre, Truth(extras=[law]))
+    added_force = AddedForce(lambda now, memory, dt: (0.0, 0.002, -0.01, 0.0005, 0.004 * now["alpha"], 0.0))
+    flight = simulate_manoeuvre(craft, manoeuvre, Additions(added=[added_force]))
     m = craft.aircraft.mass
     qS = flight["qbar"] * craft.aircraft.S
-    acted = true_coefficients(craft.aircraft, flight) - coefficients(craft, flight, craft.parts)
+    acted = true_coefficients(craft.aircraft, flight) - coefficients(craft, flight, craft.functions)
     # What is left of all forces is the law's, held over a step in which the airspeed changes by little.
     assert_allclose(acted[1:, 2], -0.01, atol=1e-5)
     assert_allclose(acted[1:, 4], 0.004 * flight["alpha"][1:], atol=1e-5)
@@ -117,8 +117,8 @@ def test_a_case_is_complete_and_its_key_says_what_a_perfect_account_gains():
 
 
 def test_every_aircraft_of_the_fleet_has_effects_of_its_own_and_put_in():
-    assert "ground-effect" in effects_of(plane("c172p"))
-    native = {n.effect for n in find_native(plane("c172p"))}
-    assert {"ground-effect", "drag-polar", "static-stall", "stall-hysteresis", "downwash-lag", "slipstream"} <= native
-    assert "compressibility" in {n.effect for n in find_native(plane("global5000"))}
-    assert len(effects_of(plane("c172p"))) > 30
+    assert "ground-effect" in effects_of(load_plant("c172p"))
+    built_in = {n.effect for n in find_built_in(load_plant("c172p"))}
+    assert {"ground-effect", "drag-polar", "static-stall", "stall-hysteresis", "downwash-lag", "slipstream"} <= built_in
+    assert "compressibility" in {n.effect for n in find_built_in(load_plant("global5000"))}
+    assert len(effects_of(load_plant("c172p"))) > 30
