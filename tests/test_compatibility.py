@@ -89,6 +89,7 @@ def spread_of_errors(seeds, n, colour):
     return np.array(white), np.array(coloured)
 
 
+@pytest.mark.slow
 def test_values_scatter_over_flights_as_their_bound_says():
     white, coloured = spread_of_errors(range(40), 400, 0.0)
     # 40 x 16 errors, not independent within a flight: 95.4 % within two standard deviations, give or take 2 %.
@@ -97,8 +98,9 @@ def test_values_scatter_over_flights_as_their_bound_says():
     assert np.mean(np.abs(coloured) < 2.0) > 0.92
 
 
-def test_coloured_residuals_widen_the_std_to_what_the_scatter_is():
-    white, coloured = spread_of_errors(range(30), 900, 0.8)
+@pytest.mark.parametrize("flights", [8, pytest.param(30, marks=pytest.mark.slow)])
+def test_coloured_residuals_widen_the_std_to_what_the_scatter_is(flights):
+    white, coloured = spread_of_errors(range(flights), 900, 0.8)
     assert np.sqrt(np.mean(white**2)) > 1.8  # the bound believes three times what there is to know
     assert 0.85 < np.sqrt(np.mean(coloured**2)) < 1.25
     assert np.mean(np.abs(coloured) < 2.0) > 0.89

@@ -115,6 +115,7 @@ def _stubborn():
     return "half a table"
 
 
+@pytest.mark.default_cases("_spin")
 @pytest.mark.parametrize("never_ending", [_spin, _stubborn])
 def test_a_reader_that_never_ends_is_stopped_through_whatever_it_catches_and_not_believed(tmp_path, never_ending):
     (tmp_path / "r.log").write_bytes(b"x")

@@ -62,6 +62,7 @@ def test_a_free_pool_on_hfb320_finds_the_drag_polar_and_the_main_derivatives(hfb
     assert any("One manoeuvre only" in d for d in found["CL"].doubts)
 
 
+@pytest.mark.slow
 def test_six_axes_of_attas_hold_on_manoeuvres_left_out(attas):
     pool = ss.Candidates.polynomial(["alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr"], 2)
     found = ss.select(attas, ["CX", "CY", "CZ", "Cl", "Cm", "Cn"], pool, F_in="auto", bootstrap=0)

@@ -50,6 +50,7 @@ def test_without_noise_the_23_parameters_come_back_to_the_solvers_accuracy():
     assert_allclose(found.values, TRUTH, rtol=2e-4, atol=2e-5)
 
 
+@pytest.mark.default_cases("ml")
 @pytest.mark.parametrize("cost", ["ml", "weighted"])
 def test_evolution_then_descent_finds_the_as355_from_signs_and_rough_sizes(cost):
     # Sizes within a factor of three, signs from physics, as [A10] has them; from here descent alone ends elsewhere.

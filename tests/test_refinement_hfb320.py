@@ -42,6 +42,7 @@ def test_the_books_start_leads_to_one_answer(best, record):
     assert np.abs((other.values - best.values) / best.std).max() < 0.01
 
 
+@pytest.mark.slow
 def test_scipys_integrator_finds_no_lower_cost_anywhere_near(best, record):
     # The book's equations through solve_ivp: the curvature of the sum of squares says how far a change of half a
     # standard deviation (Cramer-Rao) in one parameter must raise it: by a quarter at least.
@@ -70,6 +71,7 @@ def test_output_error_fits_better_than_the_published_values_which_allow_for_turb
     assert any("residuals are coloured" in doubt for doubt in best.doubts)
 
 
+@pytest.mark.slow
 def test_a_poor_start_that_descent_alone_cannot_fly_arrives_with_evolution_first(best, record):
     start = hfb320.poor_start(best.values, seed=0)
     with pytest.raises(RefinementError, match="cannot fly"):
@@ -80,6 +82,7 @@ def test_a_poor_start_that_descent_alone_cannot_fly_arrives_with_evolution_first
     assert "evolution: 60 generations" in str(found)
 
 
+@pytest.mark.slow
 def test_filter_error_reproduces_the_published_estimates_from_a_poor_start(best, record):
     # Every parameter off by up to a factor of three, signs at random: in open loop this start cannot be flown.
     start = hfb320.poor_start(hfb320.PUBLISHED, seed=0)

@@ -68,15 +68,27 @@ def test_every_file_of_a_selection_is_written_alike_twice(flown, tmp_path, monke
     assert {p.name: p.read_bytes() for p in (tmp_path / "second").iterdir()} == first
 
 
-def test_flight_paths_are_the_same_again_and_by_two_processes():
+@pytest.fixture(scope="module")
+def paths():
+    """Two recordings with their aircraft, and their flight paths by this process."""
     flights = demo_instruments("all-axes", 2, duration=6.0)
     measured = [flights.measured, flights.measured.between(0.0, 4.0)]
     measured[1] = Recording("part", measured[1].t, measured[1].channels, measured[1].units)
-    first, again = (reconstruct_all(measured, flights.aircraft, workers=1) for _ in range(2))
+    return measured, flights.aircraft, reconstruct_all(measured, flights.aircraft, workers=1)
+
+
+def test_flight_paths_are_the_same_again(paths):
+    measured, aircraft, first = paths
+    again = reconstruct_all(measured, aircraft, workers=1)
     assert json.dumps(again.to_dict()) == json.dumps(first.to_dict())
     for a, b in zip(again.recordings, first.recordings):
         assert all(np.array_equal(a[name], b[name], equal_nan=True) for name in b.names)
-    both = reconstruct_all(measured, flights.aircraft, workers=2)
+
+
+@pytest.mark.slow
+def test_flight_paths_are_the_same_by_two_processes(paths):
+    measured, aircraft, first = paths
+    both = reconstruct_all(measured, aircraft, workers=2)
     assert_close(both.to_dict(), first.to_dict())
     for a, b in zip(both.recordings, first.recordings):
         for name in b.names:

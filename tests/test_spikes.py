@@ -56,6 +56,7 @@ def test_spikes_planted_in_real_motion_are_found_and_nothing_else(name):
     assert others <= 0.02 * planted
 
 
+@pytest.mark.default_cases("8.0-0.85")
 @pytest.mark.parametrize(("size", "share"), [(8.0, 0.85), (12.0, 0.99)])
 def test_spikes_of_eight_sigma_on_white_noise_are_found_nine_times_in_ten_and_of_twelve_always(size, share):
     found = 0
