@@ -21,9 +21,9 @@ from structsel.diagnosis import judging
 from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.held_out_simulation import simulate_held_out
 from structsel.diagnosis.modelling import corrected_model
 from structsel.diagnosis.ranking import Ranking, rank
-from structsel.diagnosis.replaying import replay_windows
 from structsel.diagnosis.result import Diagnosis, Pull, Verdict
 from structsel.diagnosis.selftest import self_test
 from structsel.diagnosis.separating import with_separation
@@ -139,7 +139,7 @@ def conclude(
         turbulence = unfelt(flights, not_borne_out(ranking.scores))
     if turbulence is not None:
         findings.append(turbulent(turbulence, ranking, told))
-    replayed = replay_windows(ranking)
+    replayed = simulate_held_out(ranking)
     corrected = corrected_model(prepared, ranking) if ranking.steps else None
     remarks += corrected.remarks if corrected is not None else ()
     # Where gusts push the aircraft about, tolerances are pulled by what follows its motion; not by what inputs drive.

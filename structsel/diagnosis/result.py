@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from structsel.diagnosis.held_out_result import HeldOutSimulation
 from structsel.diagnosis.judging import Fit
-from structsel.diagnosis.replayed import Replay
 from structsel.effects.base import Estimate
 from structsel.model import AeroModel
 from structsel.numerics.arrays import Array
@@ -224,7 +224,7 @@ class Diagnosis:
         The self-test: ``size`` (smallest share of the rms, in its clearest response, at which it would be named) and,
         per rival, nats that tell them apart at the size found or usual.
     seconds : float
-    replayed : Replay or None
+    replayed : HeldOutSimulation or None
         The simulation flown again in short windows, on recordings not used for fitting.
     """
 
@@ -242,7 +242,7 @@ class Diagnosis:
     traces: Mapping[str, Trace] = field(default_factory=dict)
     detects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     seconds: float = 0.0
-    replayed: Replay | None = None
+    replayed: HeldOutSimulation | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Content of diagnosis.json."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from structsel.diagnosis.replayed import Replay, ReplayRow, Stretch
+from structsel.diagnosis.held_out_result import ChannelScores, ExampleWindows, HeldOutSimulation
 from structsel.diagnosis.result import Bars, Diagnosis, Finding, Trace
 from structsel.diagnosis.story import (
     HARD_PULL,
@@ -88,7 +88,7 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _windows(replay: Replay, stretch: Stretch) -> dict[str, Any]:
+def _windows(replay: HeldOutSimulation, stretch: ExampleWindows) -> dict[str, Any]:
     """Time history of the channel that gained most, with its band, in windows of the first and the last stage."""
     band = next(row.band for row in replay.rows if row.channel == stretch.channel)
     factor, unit = displayed(unit_of(stretch.channel))
@@ -111,7 +111,7 @@ def _windows(replay: Replay, stretch: Stretch) -> dict[str, Any]:
     )
 
 
-def _replayed(replay: Replay | None) -> dict[str, Any] | None:
+def _replayed(replay: HeldOutSimulation | None) -> dict[str, Any] | None:
     """Table of what was flown again; None where nothing was asked to fly."""
     if replay is None:
         return None
@@ -125,7 +125,7 @@ def _replayed(replay: Replay | None) -> dict[str, Any] | None:
     }
 
 
-def _replay_row(row: ReplayRow) -> dict[str, Any]:
+def _replay_row(row: ChannelScores) -> dict[str, Any]:
     factor, _ = displayed(row.unit)
     each = row.stages.values()
     return {

@@ -17,9 +17,16 @@ from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.surrogate import Surrogate
 from structsel.demo import demo_flights
 from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.held_out_result import ChannelScores, HeldOutSimulation, WindowScore
+from structsel.diagnosis.held_out_simulation import (
+    PredictedCoefficients,
+    predicted_differences,
+    predictions_by_stage,
+    simulate_held_out,
+    simulate_stages,
+    window_length,
+)
 from structsel.diagnosis.ranking import rank
-from structsel.diagnosis.replayed import Near, Replay, ReplayRow
-from structsel.diagnosis.replaying import Told, fly_windows, foretold, replay_windows, told_by_stage, window_of
 from structsel.diagnosis.signatures import work_out
 from structsel.effects import HYPOTHESES
 from structsel.inputs import three_two_one_one
@@ -45,7 +52,9 @@ def clean():
 def told(flight, *, only=COEFFICIENTS, **more):
     """Exact coefficients in perfect air first, then with something added."""
     exact = {c: flight.simulated[c] for c in only} | {k: np.zeros(len(flight)) for k in AIR}
-    return Told(flight, {"delivered": {c: x + more.get(c, 0.0) for c, x in exact.items()}, "refitted": exact})
+    return PredictedCoefficients(
+        flight, {"delivered": {c: x + more.get(c, 0.0) for c, x in exact.items()}, "refitted": exact}
+    )
 
 
 def rows(replay):
@@ -59,7 +68,7 @@ def ramp(rate, seconds, dt):
 
 
 def test_exact_coefficients_fly_what_was_flown(clean):
-    found = rows(fly_windows([told(f) for f in clean], 2.0))
+    found = rows(simulate_stages([told(f) for f in clean], 2.0))
     assert list(found) == ["V", "alpha", "beta", "p", "q", "r", "phi", "theta"]
     for channel, row in found.items():
         moved = max(np.ptp(f.raw[channel]) for f in clean)
@@ -71,7 +80,7 @@ def test_exact_coefficients_fly_what_was_flown(clean):
 def test_a_wrong_moment_drifts_as_mechanics_says(clean):
     f = clean[0]
     off = 2e-3
-    found = rows(fly_windows([told(f, Cm=off)], 1.0))
+    found = rows(simulate_stages([told(f, Cm=off)], 1.0))
     rate = float(np.mean(f["qbar"])) * f.craft.S * f.craft.cbar * off / f.craft.inertia.Iy
     assert_allclose(found["q"].stages["delivered"].rms, ramp(rate, 1.0, f.dt), rtol=0.03)
     # An angle that grows with t^2 / 2.
@@ -83,14 +92,14 @@ def test_a_wrong_moment_drifts_as_mechanics_says(clean):
 
 def test_a_wrong_drag_slows_down_as_mechanics_says(clean):
     f = clean[0]
-    found = rows(fly_windows([told(f, CX=-0.01)], 2.0))
+    found = rows(simulate_stages([told(f, CX=-0.01)], 2.0))
     rate = 0.01 * float(np.mean(f["qbar"])) * f.craft.S / f.craft.mass
     assert_allclose(found["V"].stages["delivered"].rms, ramp(rate, 2.0, f.dt), rtol=0.05)
 
 
 def test_a_rate_that_readings_have_by_themselves_moves_the_reading(clean):
     f = clean[0]
-    found = rows(fly_windows([told(f, k_theta=0.01, k_V=0.1)], 1.0))
+    found = rows(simulate_stages([told(f, k_theta=0.01, k_V=0.1)], 1.0))
     assert_allclose(found["theta"].stages["delivered"].rms, ramp(0.01, 1.0, f.dt), rtol=0.03)
     # Gravity along the axis takes off what the false pitch brings.
     assert_allclose(found["V"].stages["delivered"].rms, ramp(0.1, 1.0, f.dt), rtol=0.6)
@@ -103,7 +112,7 @@ def test_damping_of_the_simulation_holds_the_drift_back(clean):
     stand_in = Surrogate({"q_hat": 0.0}, {"q_hat": 1.0}, {"Cm": (("q_hat",),)}, {"Cm": np.array([damping])},
                          {"Cm": 0.0}, {"Cm": 1.0})  # fmt: skip
     held = replace(f, surrogate=stand_in)
-    found = rows(fly_windows([told(held, Cm=off)], 3.0))
+    found = rows(simulate_stages([told(held, Cm=off)], 3.0))
     moment = float(np.mean(f["qbar"])) * f.craft.S * f.craft.cbar / f.craft.inertia.Iy
     a = -damping * moment * f.craft.cbar / (2.0 * float(np.mean(f["V"])))
     t = f.dt * np.arange(1, round(3.0 / f.dt) + 1)
@@ -124,9 +133,9 @@ def test_windows_agree_with_a_simulator_that_flies_the_wrong_model_itself():
         u = three_two_one_one("de", size, step, duration=16.0, dt=0.02)
         flights.append(craft.simulate(ss.Recording(f"m{k}", u.t, {"de": trim["de"] + u["de"]}), start=trim))
     made = prepare(wrong, flights, craft.aircraft).flights
-    along = [Told(f, {"delivered": f.simulated}) for f in made]
-    found = rows(fly_windows(along, 2.0))
-    stiff = rows(fly_windows([replace(one, flight=replace(one.flight, surrogate=None)) for one in along], 2.0))
+    along = [PredictedCoefficients(f, {"delivered": f.simulated}) for f in made]
+    found = rows(simulate_stages(along, 2.0))
+    stiff = rows(simulate_stages([replace(one, flight=replace(one.flight, surrogate=None)) for one in along], 2.0))
     flown = ss.resimulate(wrong, craft.aircraft, flights, outputs=["V", "alpha", "q", "theta"], window=2.0)
     for channel in ("V", "alpha", "q", "theta"):
         itself = flown.score(channel, "all", "windows").rms_error
@@ -136,9 +145,9 @@ def test_windows_agree_with_a_simulator_that_flies_the_wrong_model_itself():
 
 
 def test_responses_that_the_simulation_does_not_tell_are_taken_as_measured(clean):
-    found = rows(fly_windows([told(f, only=("CX", "CZ", "Cm")) for f in clean], 2.0))
+    found = rows(simulate_stages([told(f, only=("CX", "CZ", "Cm")) for f in clean], 2.0))
     assert list(found) == ["V", "alpha", "q", "theta"]
-    whole = rows(fly_windows([told(f) for f in clean], 2.0))
+    whole = rows(simulate_stages([told(f) for f in clean], 2.0))
     for channel, row in found.items():
         assert row.stages["refitted"].rms < 0.005 * max(np.ptp(f.raw[channel]) for f in clean)
         assert_allclose(row.band, whole[channel].band)
@@ -147,15 +156,15 @@ def test_responses_that_the_simulation_does_not_tell_are_taken_as_measured(clean
 def test_forces_alone_fly_an_aircraft_without_moments_of_inertia(clean):
     craft = clean[0].craft.model_copy(update={"inertia": None})
     bare = [replace(f, craft=craft, surrogate=None) for f in clean]
-    found = rows(fly_windows([told(f, only=("CX", "CY", "CZ"), CX=-0.01) for f in bare], 2.0))
+    found = rows(simulate_stages([told(f, only=("CX", "CY", "CZ"), CX=-0.01) for f in bare], 2.0))
     assert list(found) == ["V", "alpha", "beta"]
     assert found["alpha"].stages["refitted"].rms < 0.005 * max(np.ptp(f.raw["alpha"]) for f in clean)
-    assert window_of(bare) == 2.0
+    assert window_length(bare) == 2.0
 
 
 def test_without_coefficients_nothing_flies_and_it_says_so():
     plant = SimpleNamespace(channels={"level": np.zeros(5)}, simulated={"level": np.zeros(5)})
-    found = replay_windows(SimpleNamespace(bench=SimpleNamespace(flights=(plant,))))
+    found = simulate_held_out(SimpleNamespace(bench=SimpleNamespace(flights=(plant,))))
     assert "no aerodynamic coefficient" in found.reason
     assert found.to_dict() == {"reason": found.reason}
     assert str(found) == f"not flown in windows: {found.reason}"
@@ -165,7 +174,7 @@ def test_a_motion_that_explodes_is_told_and_not_scored(clean):
     f = clean[0]
     wild = Surrogate({"q_hat": 0.0}, {"q_hat": 1.0}, {"Cm": (("q_hat",),)}, {"Cm": np.array([1e6])},
                      {"Cm": 0.0}, {"Cm": 1.0})  # fmt: skip
-    found = fly_windows([told(replace(f, surrogate=wild), Cm=0.1)], 3.0)
+    found = simulate_stages([told(replace(f, surrogate=wild), Cm=0.1)], 3.0)
     assert found.rows == ()
     assert found.reason
 
@@ -178,10 +187,10 @@ def test_windows_take_two_short_periods_of_the_simulation(clean):
         slope = -((2.0 * np.pi / period) ** 2) / moment
         stand_in = Surrogate({"alpha": 0.0}, {"alpha": 1.0}, {"Cm": (("alpha",),)}, {"Cm": np.array([slope])},
                              {"Cm": 0.0}, {"Cm": 1.0})  # fmt: skip
-        return window_of([replace(f, surrogate=stand_in)])
+        return window_length([replace(f, surrogate=stand_in)])
 
     assert_allclose([length(1.1), length(0.2), length(5.0)], [2.2, 1.0, 3.0], rtol=1e-6)
-    assert window_of([f]) == 2.0
+    assert window_length([f]) == 2.0
 
 
 def ranked(name, *effects):
@@ -201,7 +210,7 @@ def ground():
 
 @needs_examples
 def test_with_the_physics_flights_not_used_for_it_are_flown_nearer(ground):
-    found = rows(replay_windows(ground))
+    found = rows(simulate_held_out(ground))
     theta = found["theta"].stages
     assert theta["physics"].rms < 0.6 * min(theta["delivered"].rms, theta["refitted"].rms)
     assert theta["physics"].tic < 0.6 * theta["delivered"].tic
@@ -215,7 +224,7 @@ def test_with_the_physics_flights_not_used_for_it_are_flown_nearer(ground):
 def test_what_flies_is_what_the_bars_judge(ground):
     for bench in (ground.bench, ground.bench.keeping([]), ground.bench.as_delivered):
         for m, (r, y, B) in enumerate(zip(bench.rows, bench.base.y, bench.base.B)):
-            added = foretold(bench, m, m)
+            added = predicted_differences(bench, m, m)
             left = {c: x - added.get(c, 0.0) for c, x in r.flight.difference.items()}
             rows_left = r.whiten({c: x[:, None] for c, x in as_spectra(left, r.flight).items()})[:, 0]
             judged = y - B @ bench.base.solved[m + 1]
@@ -224,7 +233,7 @@ def test_what_flies_is_what_the_bars_judge(ground):
 
 @needs_examples
 def test_levels_are_as_measured_and_all_else_is_as_told(ground):
-    for one in told_by_stage(ground):
+    for one in predictions_by_stage(ground):
         f = one.flight
         for c in COEFFICIENTS:
             moved = one.stages["delivered"][c] - f.simulated[c]
@@ -235,7 +244,7 @@ def test_levels_are_as_measured_and_all_else_is_as_told(ground):
 
 @needs_examples
 def test_what_is_written_is_plain_and_has_its_units(ground):
-    found = replay_windows(ground)
+    found = simulate_held_out(ground)
     plain = json.loads(json.dumps(found.to_dict()))
     assert plain["window"]["unit"] == "s"
     assert 1.0 <= plain["window"]["value"] <= 3.0
@@ -250,22 +259,22 @@ def test_what_is_written_is_plain_and_has_its_units(ground):
 @needs_examples
 def test_where_nothing_was_taken_in_there_are_two_stages(ground):
     bare = replace(ground, steps=())
-    stages = {tuple(one.stages) for one in told_by_stage(bare)}
+    stages = {tuple(one.stages) for one in predictions_by_stage(bare)}
     assert stages == {("delivered", "refitted")}
-    assert replay_windows(bare).stretch.flown.keys() == {"delivered", "refitted"}
+    assert simulate_held_out(bare).stretch.flown.keys() == {"delivered", "refitted"}
 
 
 @needs_examples
 def test_only_flights_held_out_are_flown(ground):
     groups = [(1, 3)]
     bench = Bench.set_up(ground.bench.flights, (), groups)
-    flown = list(told_by_stage(replace(ground, start=bench, steps=())))
+    flown = list(predictions_by_stage(replace(ground, start=bench, steps=())))
     assert [one.flight.name for one in flown] == ["m02", "m04"]
 
 
 @needs_examples
 def test_the_stretch_drawn_is_that_of_the_channel_that_gained_most(ground):
-    found = replay_windows(ground)
+    found = simulate_held_out(ground)
     drawn = found.stretch
     assert drawn.channel == found.gained.channel
     gap = np.isnan(drawn.measured)
@@ -280,7 +289,7 @@ def test_the_stretch_drawn_is_that_of_the_channel_that_gained_most(ground):
 
 @needs_examples
 def test_the_page_shows_the_table_and_the_windows(ground):
-    page = render(diagnosis(GROUND, replayed=replay_windows(ground)))
+    page = render(diagnosis(GROUND, replayed=simulate_held_out(ground)))
     assert "Flown again in short windows" in page
     assert '<div id="windows" class="chart">' in page
     assert "theta of m0" in page or "alpha of m0" in page
@@ -288,13 +297,13 @@ def test_the_page_shows_the_table_and_the_windows(ground):
 
 def test_the_page_says_why_nothing_was_flown_and_leaves_out_what_was_not_asked():
     assert "Flown again" not in render(diagnosis(GROUND))
-    assert "Not done: no inertia." in render(diagnosis(GROUND, replayed=Replay(reason="no inertia")))
+    assert "Not done: no inertia." in render(diagnosis(GROUND, replayed=HeldOutSimulation(reason="no inertia")))
 
 
 def test_channels_gain_by_the_last_stage_over_the_first():
     def row(channel, *rms):
-        return ReplayRow(channel, "rad", 0.1, 0.2, {str(k): Near(x, 0.1, 0.9) for k, x in enumerate(rms)})
+        return ChannelScores(channel, "rad", 0.1, 0.2, {str(k): WindowScore(x, 0.1, 0.9) for k, x in enumerate(rms)})
 
-    found = Replay((row("alpha", 2.0, 2.0, 1.0), row("q", 2.0, 0.1, 1.5), row("V", 0.0, 0.0)), 2.0, 3)
+    found = HeldOutSimulation((row("alpha", 2.0, 2.0, 1.0), row("q", 2.0, 0.1, 1.5), row("V", 0.0, 0.0)), 2.0, 3)
     assert found.gained.channel == "alpha"
-    assert Replay().gained is None
+    assert HeldOutSimulation().gained is None

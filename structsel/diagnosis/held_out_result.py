@@ -15,7 +15,7 @@ _WRITTEN = {"delivered": "before", "refitted": "refitted", "physics": "after"}
 
 
 @dataclass(frozen=True)
-class Near:
+class WindowScore:
     """How near one channel came at one stage.
 
     Attributes
@@ -38,7 +38,7 @@ class Near:
 
 
 @dataclass(frozen=True)
-class ReplayRow:
+class ChannelScores:
     """One channel.
 
     Attributes
@@ -48,7 +48,7 @@ class ReplayRow:
         Root mean square of the readings less the smoothed ones.
     band : float [unit]
         Half-width.
-    stages : mapping of stage to Near
+    stages : mapping of stage to WindowScore
         Of ``delivered``, ``refitted`` and, where an effect was found, ``physics``.
     """
 
@@ -56,7 +56,7 @@ class ReplayRow:
     unit: str
     noise: float
     band: float
-    stages: Mapping[str, Near]
+    stages: Mapping[str, WindowScore]
 
     @property
     def left(self) -> float:
@@ -66,7 +66,7 @@ class ReplayRow:
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class ExampleWindows:
     """Windows to draw: those where the channel that gained most gained most.
 
     Attributes
@@ -87,29 +87,29 @@ class Stretch:
 
 
 @dataclass(frozen=True, eq=False)
-class Replay:
+class HeldOutSimulation:
     """The simulation flown in short windows on flights not used for fitting, at three stages.
 
     Attributes
     ----------
-    rows : tuple of ReplayRow
+    rows : tuple of ChannelScores
         Channels that the recordings have and the simulation moves.
     seconds : float [s]
         Length of a window.
     windows : int
-    stretch : Stretch or None
+    stretch : ExampleWindows or None
     reason : str
         Why nothing was flown; else empty.
     """
 
-    rows: tuple[ReplayRow, ...] = ()
+    rows: tuple[ChannelScores, ...] = ()
     seconds: float = 0.0
     windows: int = 0
-    stretch: Stretch | None = None
+    stretch: ExampleWindows | None = None
     reason: str = ""
 
     @property
-    def gained(self) -> ReplayRow | None:
+    def gained(self) -> ChannelScores | None:
         """Row of the channel whose error falls most; None without rows."""
         return min(self.rows, key=lambda row: row.left, default=None)
 
