@@ -119,7 +119,7 @@ def test_selection_and_equation_error_give_one_regression_the_same_standard_erro
             Recording(f"f{seed}", np.arange(n) * 0.02, {"alpha": alpha, "q_hat": q_hat, "CZ": CZ}, {"alpha": "rad"})
         )
     names = ["alpha", "q_hat"]
-    selections = select(flights, ["CZ"], Candidates(names), force=names, residuals="white", bootstrap=0)
+    selections = select(flights, ["CZ"], Candidates(names), include=names, noise="white", bootstrap=0)
     selected = selections["CZ"]
     estimated = equation_error(selections.model, None, flights)
     assert_allclose(estimated.values, selected.values, rtol=1e-9)
