@@ -253,9 +253,9 @@ def test_drop_correlated_keeps_forced_terms_and_ends_when_only_they_correlate():
     C = products(X, y)
     _, dropped = drop_correlated(C, 199.0, range(7), 0.8)
     weaker = dropped[0].index
-    kept, _ = drop_correlated(C, 199.0, range(7), 0.8, force=[weaker])
+    kept, _ = drop_correlated(C, 199.0, range(7), 0.8, include=[weaker])
     assert weaker in kept
-    kept, dropped = drop_correlated(C, 199.0, range(7), 0.01, force=range(7))
+    kept, dropped = drop_correlated(C, 199.0, range(7), 0.01, include=range(7))
     assert kept == tuple(range(7))
     assert dropped == ()
 

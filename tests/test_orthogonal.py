@@ -43,7 +43,7 @@ def test_given_order_ranks_by_the_reduction_each_had_in_its_own_place():
 @pytest.mark.parametrize("order", ["greedy", "given"])
 def test_every_model_on_the_path_decomposes_to_its_least_squares_fit(order):
     X, y, *_ = problem(2)
-    path = orthogonal(products(X, y), 119.0, order=order, force=[5])
+    path = orthogonal(products(X, y), 119.0, order=order, include=[5])
     assert path.order[0] == 5
     for n in range(len(path.order) + 1):
         A = np.column_stack([np.ones(120), X[:, list(path.order[:n])]])

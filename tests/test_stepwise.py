@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from structsel.errors import SelectionError
+from structsel.numerics.best_subset import best_subset
 from structsel.numerics.criteria import fdr_thresholds
 from structsel.numerics.orthogonal import orthogonal
-from structsel.numerics.stepwise import partial_f, polish, search, stepwise
-from structsel.numerics.subset import best_subset
+from structsel.numerics.stepwise import forward_selection, partial_f, refine_subset, stepwise
+from structsel.numerics.stepwise_kernel import stepwise_search
 
 
 def products(X, y):
@@ -41,9 +42,9 @@ def first_zero_rss(subsets):
 SELECTORS = {
     "stepwise": lambda C, dof: stepwise(C, dof),
     "stepwise, classical": lambda C, dof: stepwise(C, dof, F_in=12, F_out=12),
-    "stepwise from all": lambda C, dof: stepwise(C, dof, start=range(C.shape[0] - 1)),
+    "stepwise from all": lambda C, dof: stepwise(C, dof, initial=range(C.shape[0] - 1)),
     "stepwise, false discovery": lambda C, dof: stepwise(C, dof, entry_thresholds=fdr_thresholds(C.shape[0] - 1, dof)),
-    "polish": lambda C, dof: polish(C, dof, (), np.log(dof)),
+    "refine_subset": lambda C, dof: refine_subset(C, dof, (), np.log(dof)),
     "orthogonal": lambda C, dof: orthogonal(C, dof, sigma_max2=1e-6 * C[-1, -1] / dof),
     "best subset": lambda C, dof: first_zero_rss(best_subset(C, dof)),
 }
@@ -69,7 +70,7 @@ def test_every_selector_finds_a_noise_free_models_own_terms_in_any_order_and_sca
 @pytest.mark.parametrize("seed", range(6))
 def test_partial_f_partial_r_and_r2_of_every_step_equal_statsmodels(seed, start):
     X, y, *_ = problem(seed, noise=3.0)
-    path = stepwise(products(X, y), len(y) - 1, start=range(12) if start == "all" else ())
+    path = stepwise(products(X, y), len(y) - 1, initial=range(12) if start == "all" else ())
     inside = []
     for step in path.steps:
         before = list(inside)
@@ -157,7 +158,7 @@ def test_the_search_always_ends_by_itself(thresholds):
 def test_forced_terms_enter_first_and_stay():
     X, y, true, _ = problem(1)
     useless = [j for j in range(12) if j not in true][:2]
-    path = stepwise(products(X, y), 119.0, F_in=12, F_out=12, force=useless)
+    path = stepwise(products(X, y), 119.0, F_in=12, F_out=12, include=useless)
     assert list(path.selected[:2]) == useless
     assert set(true) < set(path.selected)
 
@@ -173,7 +174,7 @@ def test_r2_stop_leaves_out_what_gains_less_than_the_change_asked():
     X, y, *_ = problem(4, noise=2.0)
     C = products(X, y)
     long = stepwise(C, 119.0, F_in=0.1, F_out=0.0, swap=False)
-    short = stepwise(C, 119.0, F_in=0.1, F_out=0.0, swap=False, stop="R2", r2_change=0.02)
+    short = stepwise(C, 119.0, F_in=0.1, F_out=0.0, swap=False, min_gain=0.02)
     r2 = np.concatenate([[0.0], [1.0 - s.rss / long.tss for s in long.steps]])
     n = int(np.argmax(np.diff(r2) < 0.02))
     assert 0 < n < len(long.steps)
@@ -185,12 +186,50 @@ def test_pse_stop_ends_where_the_next_term_would_raise_pse():
     X, y, *_ = problem(4, noise=2.0)
     C = products(X, y)
     long = stepwise(C, 119.0, F_in=0.1, F_out=0.0, swap=False)
-    short = stepwise(C, 119.0, F_in=0.1, F_out=0.0, swap=False, stop="PSE")
+    short = stepwise(C, 119.0, F_in=0.1, F_out=0.0, swap=False, min_gain=1.0 / 120)
     rss = np.array([long.tss] + [s.rss for s in long.steps])
     pse = rss / 120 + long.tss / 120 * (1 + np.arange(rss.size)) / 120
     n = int(np.argmax(np.diff(pse) > 0.0))
     assert 0 < n < len(long.steps)
     assert short.selected == long.selected[:n]
+
+
+def test_three_columns_worked_by_hand():
+    # x1 and x2 orthogonal, x3 = x1 + x2, each of length 1 or sqrt 2; y = 3 x1 + x2 + 1 e: products by hand.
+    C = np.array([[1.0, 0, 1, 3], [0, 1, 1, 1], [1, 1, 2, 4], [3, 1, 4, 11]])
+    path = stepwise(C, 100.0, F_in=4.0, F_out=4.0)
+    # x1 explains 9 of 11, x3 16/2 = 8, x2 1. After x1, x2 and x3 both leave x2: 1 of the 2 left, F = 1 / (1 / 98).
+    assert [(s.action, s.index) for s in path.steps] == [("enter", 0), ("enter", 1)]
+    assert_allclose([s.rss for s in path.steps], [2.0, 1.0])
+    assert_allclose([s.F for s in path.steps], [9.0 / (2.0 / 99.0), 98.0])
+    assert_allclose(path.theta, [3.0, 1.0])
+    assert path.refused == (2,)
+    # From x3 alone, 3 are left; exchanging it for x1, or taking x1 and x2 for it, leaves 2 and 1.
+    better = refine_subset(C, 100.0, [2], 4.0, depth=2)
+    assert sorted(better.selected) in ([0, 1], [0, 2], [1, 2])
+    assert_allclose(better.rss, 1.0)
+
+
+def test_forward_selection_adds_the_largest_weighted_gain_until_it_is_too_small_a_fraction_of_what_is_left():
+    X, y, *_ = problem(6, noise=2.0)
+    weights = np.where(np.arange(12) % 3 == 0, 0.01, 1.0)
+    path = forward_selection(products(X, y), 119.0, 0.05, weights=weights)
+    Z, left, kept = X - X.mean(axis=0), y - y.mean(), []
+    while True:
+        size = np.sum(Z**2, axis=0)
+        free = size > 1e-9 * 120
+        gain = np.where(free, (Z.T @ left) ** 2 / np.where(free, size, 1.0), 0.0)
+        j = int(np.argmax(weights * gain))
+        if gain[j] < 0.05 * left @ left:
+            break
+        kept.append(j)
+        q = Z[:, j] / np.sqrt(size[j])
+        left = left - q * (q @ left)
+        Z = Z - np.outer(q, q @ Z)
+    assert len(kept) > 1
+    assert list(path.selected) == kept
+    assert_allclose(path.rss, left @ left, rtol=1e-9)
+    assert set(kept) != set(forward_selection(products(X, y), 119.0, 0.05).selected)
 
 
 def test_exact_copies_sums_and_constants_are_refused():
@@ -204,7 +243,7 @@ def test_exact_copies_sums_and_constants_are_refused():
     assert set(path.selected) | set(path.refused) == set(range(6))
     assert len(path.selected) == 3
     assert 5 in path.refused
-    everything = stepwise(C, 199.0, start=range(6))
+    everything = stepwise(C, 199.0, initial=range(6))
     assert sorted(everything.selected) == [0, 1, 2]
     assert [s.index for s in everything.steps if s.action == "refuse"] == [3, 4, 5]
 
@@ -219,7 +258,7 @@ def test_more_candidates_than_samples_still_finds_the_few_that_matter():
     greedy = stepwise(products(X, rng.normal(size=30)), 29.0, F_in=0.0, F_out=0.0, swap=False)
     assert len(greedy.selected) <= 28
     with pytest.raises(SelectionError, match="start from 80 terms but has 29 degrees of freedom"):
-        stepwise(products(X, y), 29.0, start=range(80))
+        stepwise(products(X, y), 29.0, initial=range(80))
 
 
 def test_search_answers_as_the_readable_form_does_on_two_threads():
@@ -227,7 +266,9 @@ def test_search_answers_as_the_readable_form_does_on_two_threads():
     none = np.empty(0, np.int64)
 
     def fast(C):
-        return search(C, 119.0, np.full(12, 4.0), 4.0, none, none, 12, 0.0, True, 1e-9, np.empty((0, 7)))
+        return stepwise_search(
+            C, 119.0, np.full(12, 4.0), 4.0, none, none, 12, 0.0, np.ones(12), True, 1e-9, np.empty((0, 7))
+        )
 
     with ThreadPoolExecutor(2) as pool:
         answers = list(pool.map(fast, Cs))
@@ -262,7 +303,7 @@ def test_polish_reaches_the_global_optimum_of_bic_nearly_always_and_never_passes
         C, penalty = products(X, y), np.log(40.0)
         best = brute_force_criterion(C, 39.0, penalty)
         for depth in missed:
-            path = polish(C, 39.0, (), penalty, depth=depth)
+            path = refine_subset(C, 39.0, (), penalty, depth=depth)
             value = 39.0 * np.log(path.rss) + penalty * len(path.selected)
             assert value > best - 1e-8
             missed[depth] += value > best + 1e-8
@@ -279,7 +320,7 @@ def test_polish_ends_where_no_move_of_its_depth_would_lower_the_criterion(depth,
         X, y, *_ = problem(seed, n=80, p=6, k=3, noise=1.5, shared=1.5)
         X = np.hstack([X, X + apart * np.random.default_rng(seed).normal(size=X.shape)])
         C, penalty = products(X, y), np.log(80.0)
-        path = polish(C, 79.0, (), penalty, depth=depth)
+        path = refine_subset(C, 79.0, (), penalty, depth=depth)
         kept = set(path.selected)
         value = 79.0 * np.log(path.rss) + penalty * len(kept)
         for out, into in zip(gone, more):
@@ -296,7 +337,7 @@ def test_polish_never_ends_above_where_it_began_and_keeps_forced_terms():
         C, penalty = products(X, y), np.log(60.0)
         start = partial_f(C, 59.0, true)
         forced = next(j for j in range(15) if j not in true)
-        path = polish(C, 59.0, [*true, forced], penalty, force=[forced])
+        path = refine_subset(C, 59.0, [*true, forced], penalty, include=[forced])
         assert forced in path.selected
         begin = partial_f(C, 59.0, [*true, forced])[2]
         assert begin < start[2]
@@ -311,7 +352,7 @@ def test_polish_replaces_one_stand_in_by_the_two_it_hid():
     c = (a - b) + 0.05 * rng.normal(size=400)
     y = a - b + 0.002 * rng.normal(size=400)
     C = products(np.column_stack([a, b, c]), y)
-    assert sorted(polish(C, 399.0, [2], 6.0, depth=2).selected) == [0, 1]
+    assert sorted(refine_subset(C, 399.0, [2], 6.0, depth=2).selected) == [0, 1]
 
 
 def test_f_out_above_f_in_is_refused_with_the_reason():
@@ -336,9 +377,7 @@ def test_bad_input_is_refused_in_words():
     with pytest.raises(SelectionError, match="more than one degree of freedom"):
         stepwise(C, 0.0)
     with pytest.raises(SelectionError, match="from 0 to 11; found \\[12\\]"):
-        stepwise(C, 119.0, force=[12])
-    with pytest.raises(SelectionError, match='"F", "R2" or "PSE"'):
-        stepwise(C, 119.0, stop="r2")
+        stepwise(C, 119.0, include=[12])
     with pytest.raises(SelectionError, match="square"):
         stepwise(C[:-1], 119.0)
     with pytest.raises(SelectionError, match=r"candidates \[1\] are constant or depend"):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import COEFFICIENTS
 from structsel.numerics.arrays import Array
+from structsel.numerics.stepwise import forward_selection
 
 CONFIGURATION = ("df", "gear", "brake", "speedbrake", "speed_brake", "spoiler", "flap", "slat")
 """Channels of what is let down, or held into the stream, now and then."""
@@ -261,19 +262,10 @@ def _moves(flights: Sequence[Flight], channel: str) -> bool:
 
 def _choose(S: Array, samples: int, liking: Array) -> list[int]:
     """Columns that carry their share of the variance of y, largest gain first, from products of them and, last, y."""
-    S, size, total = S.copy(), np.diag(S)[:-1].copy(), float(S[-1, -1])
-    if not size.size or total <= 0.0:
+    if len(S) < 2 or S[-1, -1] <= 0.0:
         return []
-    kept: list[int] = []
     # Much of what a stand-in leaves is what its form misses, not noise: a term must also carry its share.
-    while len(kept) < min(len(size), 20):
-        norms, with_y = np.diag(S)[:-1], S[:-1, -1]
-        free = norms > 1e-6 * size
-        gains = np.where(free, with_y**2 / np.where(free, norms, 1.0), 0.0)
-        j = int(np.argmax(gains * liking))
-        if gains[j] * liking[j] < _SHARE * total or gains[j] < _CLEAR * float(S[-1, -1]) / samples:
-            break
-        kept.append(j)
-        S = S - np.outer(S[j], S[j]) / norms[j]
-        S[j] = S[:, j] = 0.0
-    return kept
+    path = forward_selection(
+        S, float(samples), _CLEAR / samples, max_terms=20, min_gain=_SHARE, weights=liking, min_tolerance=1e-6
+    )
+    return list(path.selected)

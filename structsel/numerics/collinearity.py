@@ -27,7 +27,7 @@ from structsel.numerics.biased import (
     ridge_by_folds,
     ridge_by_gcv,
 )
-from structsel.numerics.stepwise import _indices, check_products, partial_f
+from structsel.numerics.stepwise import candidate_numbers, check_products, partial_f
 
 __all__ = [
     "BiasedEstimate",
@@ -203,7 +203,7 @@ class Dropped:
 
 
 def drop_correlated(
-    C: ArrayLike, dof: float, selected: Sequence[int], limit: float = 0.9, *, force: Sequence[int] = ()
+    C: ArrayLike, dof: float, selected: Sequence[int], limit: float = 0.9, *, include: Sequence[int] = ()
 ) -> tuple[tuple[int, ...], tuple[Dropped, ...]]:
     """Leave out terms until no two coefficients correlate above a limit.
 
@@ -216,7 +216,7 @@ def drop_correlated(
     dof : float [-]
     selected : sequence of int
     limit : float [-]
-    force : sequence of int
+    include : sequence of int
         Terms that stay; two forced ones that correlate are left as they are.
 
     Returns
@@ -238,8 +238,8 @@ def drop_correlated(
     C = check_products(C, dof, "drop_correlated")
     if not 0.0 < limit <= 1.0:
         raise SelectionError(f"drop_correlated needs a limit between 0 and 1; found {limit:g}. 0.9 is usual.")
-    kept = [int(j) for j in _indices(selected, C.shape[0] - 1, "drop_correlated", "selected")]
-    forced = {int(j) for j in force}
+    kept = [int(j) for j in candidate_numbers(selected, C.shape[0] - 1, "drop_correlated", "selected")]
+    forced = {int(j) for j in include}
     dropped = []
     while len(kept) > 1:
         R = np.triu(np.abs(parameter_correlation(C, kept)), 1)

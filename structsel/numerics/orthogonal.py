@@ -1,4 +1,4 @@
-"""Orthogonal functions made of the candidates, ranked by what each takes off the cost.
+"""Orthogonal functions made of the candidates, ranked by the reduction of the cost.
 
 Arrays only, on the centred cross-products; the constant is p_0 and is already swept out.
 """
@@ -13,19 +13,27 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from structsel.errors import SelectionError
+from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import pse
-from structsel.numerics.stepwise import Path, Step, _check_room, _indices, _traced, check_products, search
-from structsel.numerics.triangular import ENTER
+from structsel.numerics.stepwise import (
+    SearchPath,
+    SearchStep,
+    candidate_numbers,
+    check_products,
+    check_size,
+    run_kernel,
+)
+from structsel.numerics.stepwise_kernel import ACTION, ENTER, INDEX, PARTIAL_R, UNEXPLAINED, stepwise_search
 
 
 @dataclass(frozen=True)
-class OrthogonalPath(Path):
-    """A :class:`Path` that also holds every model on the way, to choose another size.
+class OrthogonalPath(SearchPath):
+    """A :class:`SearchPath` that also holds every model on the way, to choose another size.
 
     Attributes
     ----------
     order : tuple of int
-        All ranked candidates, best first (forced ones before them).
+        All ranked candidates, best first (included ones before them).
     cost_reduction : (m,) array [response^2]
         (p_j'y)^2 / (p_j'p_j) of each, as it was ranked.
     rss_path : (m+1,) array [response^2]
@@ -40,14 +48,14 @@ class OrthogonalPath(Path):
     """
 
     order: tuple[int, ...]
-    cost_reduction: NDArray[np.float64]
-    rss_path: NDArray[np.float64]
-    pse_path: NDArray[np.float64]
+    cost_reduction: Array
+    rss_path: Array
+    pse_path: Array
     sigma_max2: float
-    factor: NDArray[np.float64]
-    products: NDArray[np.float64]
+    factor: Array
+    products: Array
 
-    def coefficients(self, n: int) -> NDArray[np.float64]:
+    def coefficients(self, n: int) -> Array:
         """Physical coefficients of the model of the first n ranked terms.
 
         Parameters
@@ -71,13 +79,13 @@ def orthogonal(
     *,
     sigma_max2: float | None = None,
     order: str = "greedy",
-    force: Sequence[int] = (),
+    include: Sequence[int] = (),
     max_terms: int | None = None,
-    tol: float = 1e-9,
+    min_tolerance: float = 1e-9,
 ) -> OrthogonalPath:
     """Choose terms by orthogonal functions and the least predicted squared error.
 
-    Each candidate is made orthogonal to those before it, and takes (p_j'y)^2 / (p_j'p_j) off the cost::
+    Each candidate is made orthogonal to those before it, and reduces the cost by (p_j'y)^2 / (p_j'p_j)::
 
         p_j = x_j - sum_{k<j} gamma_kj p_k,   gamma_kj = p_k'x_j / (p_k'p_k)
         PSE(n) = rss(n) / N + sigma_max2 (n + 1) / N,   N = dof + 1
@@ -91,21 +99,21 @@ def orthogonal(
     sigma_max2 : float [response^2], optional
         Default tss / N, as in [H17].
     order : {"greedy", "given"}
-        "greedy": the next function is always the one that takes most off the cost [M95]. "given":
+        "greedy": the next function is always the one that reduces the cost most [M95]. "given":
         orthogonalise in the candidates' order, then rank by cost reduction [H17]; the ranking depends
         on that order, since what two candidates share is credited to the first.
-    force : sequence of int
+    include : sequence of int
         Candidates that come first and always stay.
     max_terms : int, optional
-    tol : float [-]
-        Refuse a candidate of whose centred variance the earlier ones leave no more than this share.
+    min_tolerance : float [-]
+        Refuse a candidate of whose centred variance the earlier ones leave no more than this fraction.
 
     Returns
     -------
     OrthogonalPath
         Its coefficients are the exact decomposition of the kept functions into the kept terms, that is
         their least-squares fit; rss_path and pse_path are those of the physical models. Where a perfect
-        fit is reached, terms that carry nothing are left out of the path.
+        fit is reached, terms that explain nothing are left out of the path.
 
     Raises
     ------
@@ -121,49 +129,47 @@ def orthogonal(
     p = C.shape[0] - 1
     tss, n = float(C[-1, -1]), dof + 1.0
     bound = tss / n if sigma_max2 is None else float(sigma_max2)
-    forced = _indices(force, p, "orthogonal", "force")
+    included = candidate_numbers(include, p, "orthogonal", "include")
     most = p if max_terms is None else int(max_terms)
     none = np.empty(0, np.int64)
-    _check_room(forced, none, dof, most, "orthogonal")
+    check_size(included, none, dof, most, "orthogonal")
     if order == "greedy":
         F_in, begin = np.zeros(p), none
     elif order == "given":
         F_in, begin = np.full(p, np.inf), np.arange(p, dtype=np.int64)
-        _check_room(forced, begin, dof, p, "orthogonal")
+        check_size(included, begin, dof, p, "orthogonal")
     else:
         raise SelectionError(f'orthogonal takes order "greedy" or "given"; found {order!r}. Choose one of them.')
 
-    def run(
-        first: NDArray[np.int64],
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_], int]:
-        (chosen, _, _, refused, why, moves), trace = _traced(
-            search, C, float(dof), F_in, -1.0, forced, first, most, 0.0, False, float(tol)
+    def rank(first: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
+        """Candidates in order of entry, the cost reduction of each candidate, and those refused."""
+        (chosen, _, _, refused, _, moves), trace = run_kernel(
+            *(stepwise_search, C, float(dof), F_in, -1.0, included, first, most, 0.0, np.ones(p), False),
+            float(min_tolerance),
         )
-        trace = trace[:moves]
-        trace = trace[trace[:, 0] == ENTER]
-        before = np.concatenate([[1.0], trace[:-1, 5]])
+        entries = trace[:moves][trace[:moves, ACTION] == ENTER]
+        before = np.concatenate([[1.0], entries[:-1, UNEXPLAINED]])
         gains = np.zeros(p)
-        gains[trace[:, 1].astype(int)] = trace[:, 4] ** 2 * before * tss
-        return chosen, gains, refused, why
+        gains[entries[:, INDEX].astype(int)] = entries[:, PARTIAL_R] ** 2 * before * tss
+        return chosen, gains, refused
 
-    ranked, gains, refused, _ = run(begin)
+    ranked, gains, refused = rank(begin)
     if order == "given":
-        # A stable sort of the entered ones; the forced ones stay in front.
-        free = ranked[forced.size :] if forced.size else ranked
-        free = free[np.argsort(-gains[free], kind="stable")][: max(0, most - forced.size)]
-        begin = free.astype(np.int64)
-        ranked, _, _, _ = run(begin)
-    return _assemble(C, dof, ranked, gains, refused, bound, forced)
+        # A stable sort of the entered ones; the included ones stay in front.
+        free = ranked[included.size :]
+        free = free[np.argsort(-gains[free], kind="stable")][: max(0, most - included.size)]
+        ranked, _, _ = rank(free.astype(np.int64))
+    return _assemble(C, dof, ranked, gains, refused, bound, included)
 
 
 def _assemble(
-    C: NDArray[np.float64],
+    C: Array,
     dof: float,
     ranked: NDArray[np.int64],
-    gains: NDArray[np.float64],
+    gains: Array,
     refused: NDArray[np.bool_],
     bound: float,
-    forced: NDArray[np.int64],
+    included: NDArray[np.int64],
 ) -> OrthogonalPath:
     tss = float(C[-1, -1])
     m = ranked.size
@@ -172,16 +178,16 @@ def _assemble(
     z = solve_triangular(factor, C[ranked, -1] / scale, trans="T") if m else np.empty(0)
     rss_path = np.maximum(tss - np.concatenate([[0.0], np.cumsum(z * z)]), 0.0)
     pse_path = pse(rss_path, tss, dof + 1.0, np.arange(m + 1), bound)
-    least = int(np.isin(ranked, forced).sum())
+    least = int(np.isin(ranked, included).sum())
     n = least + int(np.argmin(pse_path[least:]))
     factor = factor * scale
     kept = tuple(int(j) for j in ranked)
     steps = []
     for i in range(m):
-        share = min(float(z[i] ** 2 / rss_path[i]), 1.0) if rss_path[i] > 0.0 else 1.0
-        F = share * (dof - i - 1) / (1.0 - share) if share < 1.0 else float("inf")
-        r = float(np.sign(z[i]) * np.sqrt(share))
-        steps.append(Step("enter", kept[i], -1, F, r, float(rss_path[i + 1]), i + 1))
+        partial_r2 = min(float(z[i] ** 2 / rss_path[i]), 1.0) if rss_path[i] > 0.0 else 1.0
+        F = partial_r2 * (dof - i - 1) / (1.0 - partial_r2) if partial_r2 < 1.0 else float("inf")
+        r = float(np.sign(z[i]) * np.sqrt(partial_r2))
+        steps.append(SearchStep("enter", kept[i], -1, F, r, float(rss_path[i + 1]), i + 1))
     theta = solve_triangular(factor[:n, :n], z[:n]) if n else np.empty(0)
     reductions = gains[ranked]
     for array in (theta, reductions, rss_path, pse_path, factor, z):

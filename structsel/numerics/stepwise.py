@@ -1,8 +1,8 @@
-"""Modified stepwise regression on the centred cross-products of candidates and response.
+"""Structure search on the centred cross-products of candidates and response.
 
-Arrays only. Every search sees C = Z'Z of the centred columns Z = [x_1 ... x_p, y] and ``dof``, the
-samples less those swept out for the constant (N - 1), so it costs the same for a minute of flight or
-a day. It works on the correlation form, so scaling a candidate changes nothing but its coefficient.
+Arrays only. Every search takes C = Z'Z of the centred columns Z = [x_1 ... x_p, y] and ``dof``, the samples less those
+swept out for the constant (N - 1), so it costs the same for a minute of flight or a day. It works on the correlation
+form, so scaling a candidate changes nothing but its coefficient.
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from structsel.errors import SelectionError
-from structsel.numerics.triangular import climb, search
-
-__all__ = ["Path", "Step", "check_products", "climb", "partial_f", "polish", "search", "stepwise"]
+from structsel.numerics.arrays import Array
+from structsel.numerics.stepwise_kernel import penalised_search, stepwise_search
 
 ACTIONS = ("enter", "leave", "swap", "refuse")
 STOPS = (
@@ -34,20 +33,20 @@ STOPS = (
 
 
 @dataclass(frozen=True)
-class Step:
+class SearchStep:
     """One move of a search.
 
     Attributes
     ----------
     action : {"enter", "leave", "swap", "refuse"}
-        Forced and starting terms enter too. "refuse": a forced or starting term that is constant or
-        that the terms already in explain.
+        Included and initial terms enter too. "refuse": such a term that is constant or that the terms already in
+        explain.
     index : int
         Candidate (column of C) that moved; of a swap the one that came in.
     other : int
         Candidate a swap put out, else -1.
     F : float [-]
-        Partial F of the candidate beside the other terms; inf if it leaves nothing unexplained.
+        Partial F of the candidate given the other terms; inf if it leaves nothing unexplained.
     partial_r : float [-]
         Its partial correlation with the response, given the other terms.
     rss : float [response^2]
@@ -66,7 +65,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Path:
+class SearchPath:
     """What a search kept, and how it came to it.
 
     Attributes
@@ -76,10 +75,9 @@ class Path:
     theta : (k,) array [response per candidate]
         Their least-squares coefficients, in that order.
     rss : float [response^2]
-    steps : tuple of Step
+    steps : tuple of SearchStep
     refused : tuple of int
-        Candidates outside that are constant or dependent on the kept ones within tol: these data cannot
-        tell them apart.
+        Candidates outside that are constant, or aliased with the kept ones within the tolerance.
     stopped : str
         Why the search ended, in words.
     tss : float [response^2]
@@ -89,9 +87,9 @@ class Path:
     """
 
     selected: tuple[int, ...]
-    theta: NDArray[np.float64]
+    theta: Array
     rss: float
-    steps: tuple[Step, ...]
+    steps: tuple[SearchStep, ...]
     refused: tuple[int, ...]
     stopped: str
     tss: float
@@ -99,24 +97,15 @@ class Path:
 
     @property
     def r2(self) -> float:
-        """Share of the response's variance explained, R^2 [-]."""
+        """Fraction of the response's variance explained, R^2 [-]."""
         return 1.0 - self.rss / self.tss
 
 
-def check_products(C: ArrayLike, dof: float, who: str) -> NDArray[np.float64]:
-    """Return C as the kernels need it, or say what is wrong with it.
+# ---------------------------------------------------------------- checks, for every method on cross-products
 
-    Parameters
-    ----------
-    C : (p+1, p+1) array
-        Centred cross-products of the candidates and, last, the response.
-    dof : float
-    who : str
-        Function to name in the message.
 
-    Returns
-    -------
-    C : (p+1, p+1) array, C-contiguous float64, writeable
+def check_products(C: ArrayLike, dof: float, who: str) -> Array:
+    """Return C (p+1, p+1) as the kernels need it: C-contiguous float64, writeable; `who` is named in the messages.
 
     Raises
     ------
@@ -141,7 +130,7 @@ def check_products(C: ArrayLike, dof: float, who: str) -> NDArray[np.float64]:
         )
     if not dof > 1.0:
         raise SelectionError(
-            f"{who} needs more than one degree of freedom beside the constant; found {dof:g}. Use a longer recording."
+            f"{who} needs more than one degree of freedom besides the constant; found {dof:g}. Use a longer recording."
         )
     if not C[-1, -1] > 0.0:
         raise SelectionError(
@@ -151,7 +140,8 @@ def check_products(C: ArrayLike, dof: float, who: str) -> NDArray[np.float64]:
     return C
 
 
-def _indices(values: Sequence[int], p: int, who: str, what: str) -> NDArray[np.int64]:
+def candidate_numbers(values: Sequence[int], p: int, who: str, what: str) -> NDArray[np.int64]:
+    """Columns of C without repetition, or a `SelectionError` that states the wrong ones."""
     array = np.asarray(list(dict.fromkeys(int(v) for v in values)), dtype=np.int64)
     if array.size and (array.min() < 0 or array.max() >= p):
         bad = [int(v) for v in array if not 0 <= v < p]
@@ -162,29 +152,33 @@ def _indices(values: Sequence[int], p: int, who: str, what: str) -> NDArray[np.i
     return array
 
 
-def _check_room(force: NDArray[np.int64], start: NDArray[np.int64], dof: float, max_terms: int, who: str) -> None:
-    wanted = np.union1d(force, start).size
+def check_size(include: NDArray[np.int64], initial: NDArray[np.int64], dof: float, max_terms: int, who: str) -> None:
+    """Raise `SelectionError` where the terms a search starts from are more than the samples or max_terms allow."""
+    wanted = np.union1d(include, initial).size
     if wanted >= dof:
         raise SelectionError(
             f"{who} is to start from {wanted} terms but has {dof:g} degrees of freedom. Start from fewer "
-            "terms (start=() adds them one by one) or use more samples."
+            "terms (initial=() adds them one by one) or use more samples."
         )
-    if force.size > max_terms:
+    if include.size > max_terms:
         raise SelectionError(
-            f"{who} is to keep {force.size} forced terms but max_terms is {max_terms}. Raise max_terms or force fewer."
+            f"{who} is to include {include.size} terms but max_terms is {max_terms}. Raise max_terms or include fewer."
         )
 
 
-def _path(answer: Any, trace: NDArray[np.float64], tss: float, dof: float) -> Path:
+# ---------------------------------------------------------------- searches
+
+
+def _path(answer: Any, trace: Array, tss: float, dof: float) -> SearchPath:
     chosen, theta, rss, refused, why, moves = answer
     theta.setflags(write=False)
     steps = tuple(
-        Step(ACTIONS[int(a)], int(i), int(o), float(F), float(r), float(left) * tss, int(k))
+        SearchStep(ACTIONS[int(a)], int(i), int(o), float(F), float(r), float(left) * tss, int(k))
         for a, i, o, F, r, left, k in trace[:moves]
     )
     kept = tuple(int(j) for j in chosen)
     out = tuple(int(j) for j in np.flatnonzero(refused))
-    return Path(kept, theta, float(rss), steps, out, STOPS[why], tss, dof)
+    return SearchPath(kept, theta, float(rss), steps, out, STOPS[why], tss, dof)
 
 
 def stepwise(
@@ -193,16 +187,15 @@ def stepwise(
     *,
     F_in: float = 4.0,
     F_out: float = 4.0,
-    force: Sequence[int] = (),
-    start: Sequence[int] = (),
+    include: Sequence[int] = (),
+    initial: Sequence[int] = (),
     max_terms: int | None = None,
     swap: bool = True,
-    stop: str = "F",
-    r2_change: float = 0.005,
-    sigma_max2: float | None = None,
-    tol: float = 1e-9,
+    min_gain: float = 0.0,
+    weights: ArrayLike | None = None,
+    min_tolerance: float = 1e-9,
     entry_thresholds: ArrayLike | None = None,
-) -> Path:
+) -> SearchPath:
     """Choose terms by modified stepwise regression.
 
     The candidate with the largest partial correlation enters if its partial F reaches F_in; after
@@ -222,29 +215,29 @@ def stepwise(
         Samples less those swept out for the constant (N - 1), or the effective number.
     F_in, F_out : float [-]
         Partial F to enter and to stay. The sources use 12.
-    force : sequence of int
+    include : sequence of int
         Candidates that enter first and never leave.
-    start : sequence of int
+    initial : sequence of int
         Candidates in at the start, free to leave: the linear terms [TP1916], or all [C89]. Of
         dependent ones the later is refused.
     max_terms : int, optional
         Most terms kept, the constant not counted.
     swap : bool
-    stop : {"F", "R2", "PSE"}
-        What, beside F_in, an entry must bring: "R2" a rise of R^2 by r2_change; "PSE" a fall of
-        rss / N + sigma_max2 n / N, that is g_j above sigma_max2.
-    r2_change : float [-]
-    sigma_max2 : float [response^2], optional
-        Default: the variance of the response, tss / N with N = dof + 1.
-    tol : float [-]
-        Refuse a candidate of whose centred variance the kept terms leave no more than this share.
+    min_gain : float [-]
+        Fraction of tss that a term must explain to enter, besides F_in: a rise of R^2, or sigma_max2 / tss where
+        PSE = rss / N + sigma_max2 n / N must fall.
+    weights : (p,) array [-], optional
+        The candidate to enter is the one whose weight times what it explains is largest; min_gain is compared with
+        that product. Prior preference of some candidates; all 1 by default.
+    min_tolerance : float [-]
+        Refuse a candidate of whose centred variance the kept terms leave no more than this fraction.
     entry_thresholds : (p,) array [-], optional
         In place of F_in: what the first, second, ... term needs to enter (:func:`fdr_thresholds`). With k
         terms in, F_out is at most the k-th of them.
 
     Returns
     -------
-    Path
+    SearchPath
 
     Raises
     ------
@@ -280,26 +273,60 @@ def stepwise(
             )
     if np.isnan(thresholds).any() or np.isnan(F_out):
         raise SelectionError("stepwise needs numbers for F_in and F_out; found NaN. The usual values are 4 to 12.")
-    tss = float(C[-1, -1])
-    if stop == "F":
-        min_gain = 0.0
-    elif stop == "R2":
-        min_gain = float(r2_change)
-    elif stop == "PSE":
-        min_gain = 1.0 / (dof + 1.0) if sigma_max2 is None else float(sigma_max2) / tss
-    else:
-        raise SelectionError(f'stepwise stops on "F", "R2" or "PSE"; found {stop!r}. Choose one of the three.')
-    forced = _indices(force, p, "stepwise", "force")
-    begin = _indices(start, p, "stepwise", "start")
+    included = candidate_numbers(include, p, "stepwise", "include")
+    begin = candidate_numbers(initial, p, "stepwise", "initial")
     most = p if max_terms is None else int(max_terms)
-    _check_room(forced, begin, dof, most, "stepwise")
-    answer, trace = _traced(
-        search, C, float(dof), thresholds, float(F_out), forced, begin, most, min_gain, bool(swap), float(tol)
+    check_size(included, begin, dof, most, "stepwise")
+    preference = np.ones(p) if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
+    answer, trace = run_kernel(
+        *(stepwise_search, C, float(dof), thresholds, float(F_out), included, begin, most, float(min_gain)),
+        *(preference, bool(swap), float(min_tolerance)),
     )
-    return _path(answer, trace, tss, float(dof))
+    return _path(answer, trace, float(C[-1, -1]), float(dof))
 
 
-def _traced(kernel: Any, C: NDArray[np.float64], *arguments: Any) -> tuple[Any, NDArray[np.float64]]:
+def forward_selection(
+    C: ArrayLike,
+    dof: float,
+    min_fraction: float,
+    *,
+    include: Sequence[int] = (),
+    max_terms: int | None = None,
+    min_gain: float = 0.0,
+    weights: ArrayLike | None = None,
+    min_tolerance: float = 1e-9,
+) -> SearchPath:
+    """Add the best candidate while it explains at least a fraction of what the kept terms leave; none leaves.
+
+    Parameters
+    ----------
+    C, include, max_terms, min_gain, weights, min_tolerance
+        As in :func:`stepwise`.
+    dof : float [-]
+        As in :func:`stepwise`; without influence on what is chosen while it exceeds the number of terms.
+    min_fraction : float [-]
+        g_j / rss that a term needs to enter, from 0 to below 1; a / n for g_j above a times the mean square left
+        of n samples.
+
+    Returns
+    -------
+    SearchPath
+
+    Raises
+    ------
+    SelectionError
+        As :func:`stepwise`.
+    """
+    left = np.maximum(float(dof) - np.arange(np.shape(C)[0] - 1) - 1.0, 0.0)
+    # g / (rss - g) >= f / (1 - f) is g >= f rss; nothing explains more than all.
+    thresholds = min_fraction / (1.0 - min_fraction) * left if min_fraction < 1.0 else np.full(left.size, np.inf)
+    return stepwise(
+        C, dof, F_out=0.0, include=include, max_terms=max_terms, swap=False, min_gain=min_gain, weights=weights,
+        min_tolerance=min_tolerance, entry_thresholds=thresholds,
+    )  # fmt: skip
+
+
+def run_kernel(kernel: Any, C: Array, *arguments: Any) -> tuple[Any, Array]:
     """Call a kernel with a trace long enough for its moves."""
     rows = 4 * C.shape[0] + 200
     while True:
@@ -310,35 +337,34 @@ def _traced(kernel: Any, C: NDArray[np.float64], *arguments: Any) -> tuple[Any, 
         rows = answer[-1]
 
 
-def polish(
+def refine_subset(
     C: ArrayLike,
     dof: float,
     selected: Sequence[int],
     penalty: float,
     *,
-    force: Sequence[int] = (),
+    include: Sequence[int] = (),
     max_terms: int | None = None,
     depth: int = 2,
-    tol: float = 1e-9,
-) -> Path:
+    min_tolerance: float = 1e-9,
+) -> SearchPath:
     """Improve a selection until no small move lowers dof log(rss) + penalty k.
 
     Parameters
     ----------
-    C, dof, force, tol
+    C, dof, include, max_terms, min_tolerance
         As in :func:`stepwise`.
     selected : sequence of int
         Terms to start from.
     penalty : float [-]
         What one term costs: (dof / N) log(N) gives BIC exactly, 2 about AIC.
-    max_terms : int, optional
     depth : {1, 2, 3}
         1: one term in, out or exchanged. 2: also two in, two out, two for one and one for two. 3: also two
         for two.
 
     Returns
     -------
-    Path
+    SearchPath
         Its steps begin with ``selected`` entering.
 
     Raises
@@ -346,22 +372,22 @@ def polish(
     SelectionError
         As :func:`stepwise`, or depth is none of the three.
     """
-    C = check_products(C, dof, "polish")
+    C = check_products(C, dof, "refine_subset")
     p = C.shape[0] - 1
     if depth not in (1, 2, 3):
-        raise SelectionError(f"polish needs depth 1, 2 or 3; found {depth!r}. 2 is the usual choice.")
-    forced = _indices(force, p, "polish", "force")
-    begin = _indices(selected, p, "polish", "selected")
+        raise SelectionError(f"refine_subset needs depth 1, 2 or 3; found {depth!r}. 2 is the usual choice.")
+    included = candidate_numbers(include, p, "refine_subset", "include")
+    begin = candidate_numbers(selected, p, "refine_subset", "selected")
     most = p if max_terms is None else int(max_terms)
-    _check_room(forced, begin, dof, most, "polish")
-    answer, trace = _traced(climb, C, float(dof), float(penalty), forced, begin, most, int(depth), float(tol))
+    check_size(included, begin, dof, most, "refine_subset")
+    answer, trace = run_kernel(
+        *(penalised_search, C, float(dof), float(penalty), included, begin, most, int(depth), float(min_tolerance))
+    )
     return _path(answer, trace, float(C[-1, -1]), float(dof))
 
 
-def partial_f(
-    C: ArrayLike, dof: float, selected: Sequence[int]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Least squares with the given terms, and each one's partial F beside the others.
+def partial_f(C: ArrayLike, dof: float, selected: Sequence[int]) -> tuple[Array, Array, float]:
+    """Least squares with the given terms, and each one's partial F given the others.
 
     Parameters
     ----------
@@ -383,26 +409,23 @@ def partial_f(
     """
     C = check_products(C, dof, "partial_f")
     p = C.shape[0] - 1
-    begin = _indices(selected, p, "partial_f", "selected")
+    begin = candidate_numbers(selected, p, "partial_f", "selected")
     none = np.empty(0, np.int64)
-    _check_room(none, begin, dof, p, "partial_f")
-    nothing = np.empty((0, 7))
+    check_size(none, begin, dof, p, "partial_f")
     # Nothing passes these thresholds: the search only takes the terms in and estimates.
-    chosen, theta, rss, *_ = search(
-        C, float(dof), np.full(p, np.inf), -1.0, begin, none, begin.size, 0.0, False, 1e-12, nothing
-    )
+    chosen, theta, rss, *_ = stepwise_search(
+        C, float(dof), np.full(p, np.inf), -1.0, begin, none, begin.size, 0.0, np.ones(p), False, 1e-12,
+        np.empty((0, 7)),
+    )  # fmt: skip
     if chosen.size < begin.size:
         lost = sorted(set(begin.tolist()) - set(chosen.tolist()))
         raise SelectionError(
             f"partial_f needs independent terms; candidates {lost} are constant or depend on the others. "
             "Leave them out."
         )
-    inverse = np.linalg.inv(C[np.ix_(chosen, chosen)] / np.outer(_root(C, chosen), _root(C, chosen)))
-    loss = (theta * _root(C, chosen)) ** 2 / np.diag(inverse)
+    root = np.sqrt(np.diag(C)[chosen])
+    inverse = np.linalg.inv(C[np.ix_(chosen, chosen)] / np.outer(root, root))
+    loss = (theta * root) ** 2 / np.diag(inverse)
     with np.errstate(divide="ignore"):
         F = loss * (dof - chosen.size) / rss
     return theta, F, float(rss)
-
-
-def _root(C: NDArray[np.float64], chosen: NDArray[np.int64]) -> NDArray[np.float64]:
-    return np.sqrt(np.diag(C)[chosen])

@@ -12,12 +12,12 @@ from scipy import linalg
 from structsel.errors import SelectionError
 from structsel.numerics import criteria
 from structsel.numerics.arrays import Array
+from structsel.numerics.best_subset import best_subset
+from structsel.numerics.cluster_stepwise import cluster_stepwise, samples_per_independent_sample
 from structsel.numerics.collinearity import drop_correlated
 from structsel.numerics.moments import MomentSet, sweep_constant
 from structsel.numerics.orthogonal import orthogonal
-from structsel.numerics.robust import inflation, robust_stepwise
-from structsel.numerics.stepwise import Path, Step, partial_f, polish, stepwise
-from structsel.numerics.subset import best_subset
+from structsel.numerics.stepwise import SearchPath, SearchStep, partial_f, refine_subset, stepwise
 from structsel.selection.rivals import find_rivals
 from structsel.selection.settings import SelectOptions
 
@@ -58,7 +58,7 @@ class Found:
         Candidates kept, in order of entry.
     rss, tss : float
         In the (scaled, whitened) units of the moments.
-    steps : tuple of Step
+    steps : tuple of SearchStep
     stopped : str
     dof : float
         Samples less one.
@@ -69,7 +69,7 @@ class Found:
     selected: tuple[int, ...]
     rss: float
     tss: float
-    steps: tuple[Step, ...]
+    steps: tuple[SearchStep, ...]
     stopped: str
     dof: float
     effective_dof: float
@@ -103,7 +103,7 @@ def sigma_max2(options: SelectOptions, C: Array, dof: float, pool: Pool) -> floa
     """Upper bound of the prediction error's variance that PSE charges for a term."""
     if options.sigma_max == "response":
         return float(C[-1, -1] / (dof + 1.0))
-    path = stepwise(C, dof, force=pool.forced, start=pool.start, max_terms=options.max_terms)
+    path = stepwise(C, dof, include=pool.forced, initial=pool.start, max_terms=options.max_terms)
     return 25.0 * path.rss / max(dof - len(path.selected), 1.0)
 
 
@@ -144,9 +144,11 @@ def find(
         path = _orthogonal(C, dof, options, pool, bound)
         visited = _visited(path)
     else:
-        best = best_subset(C, dof, force=pool.forced, max_terms=options.max_terms)
+        best = best_subset(C, dof, include=pool.forced, max_terms=options.max_terms)
         visited = [(b.selected, b.rss) for b in best]
-        path = Path(visited[-1][0], np.empty(0), visited[-1][1], (), (), "every size searched", float(C[-1, -1]), dof)
+        path = SearchPath(
+            visited[-1][0], np.empty(0), visited[-1][1], (), (), "every size searched", float(C[-1, -1]), dof
+        )
     rule = options.criterion_used
     tss = float(C[-1, -1])
     selected, rss, stopped = path.selected, path.rss, path.stopped
@@ -154,7 +156,7 @@ def find(
         scores = _scores(rule, visited, tss, dof + 1.0, bound, folds)
         selected, rss = visited[int(np.argmin(scores))]
         stopped = f"least {rule.replace('cv', 'held-out error')} of {len(visited)} models visited"
-    worth = inflation(*blocks, selected, dof) if blocks is not None else 1.0
+    worth = samples_per_independent_sample(*blocks, selected, dof) if blocks is not None else 1.0
     found = Found(selected, rss, tss, path.steps, stopped, dof, dof / worth)
     return _simplest(_uncorrelated(found, C, options, pool.forced), C, pool)
 
@@ -176,7 +178,7 @@ def _simplest(found: Found, C: Array, pool: Pool) -> Found:
         kept[kept.index(move.kept)] = move.rival
         _, F, rss = partial_f(C, found.dof, kept)
         F_new = float(F[kept.index(move.rival)])
-        steps.append(Step("simplify", move.rival, move.kept, F_new, move.correlation, rss, len(kept)))
+        steps.append(SearchStep("simplify", move.rival, move.kept, F_new, move.correlation, rss, len(kept)))
     return replace(found, selected=tuple(kept), rss=rss, steps=tuple(steps))
 
 
@@ -184,7 +186,7 @@ def _uncorrelated(found: Found, C: Array, options: SelectOptions, forced: Sequen
     """Apply [H17]'s rule: of two kept terms whose parameters correlate above the limit, the weaker goes."""
     if options.correlation_limit is None or len(found.selected) < 2:
         return found
-    kept, dropped = drop_correlated(C, found.dof, found.selected, options.correlation_limit, force=forced)
+    kept, dropped = drop_correlated(C, found.dof, found.selected, options.correlation_limit, include=forced)
     steps = list(found.steps)
     remaining = list(found.selected)
     for drop in dropped:
@@ -192,24 +194,24 @@ def _uncorrelated(found: Found, C: Array, options: SelectOptions, forced: Sequen
         at = remaining.index(drop.index)
         remaining.pop(at)
         _, _, rss = partial_f(C, found.dof, remaining)
-        steps.append(Step("leave", drop.index, -1, float(F[at]), drop.correlation, rss, len(remaining)))
+        steps.append(SearchStep("leave", drop.index, -1, float(F[at]), drop.correlation, rss, len(remaining)))
     rss = steps[-1].rss if dropped else found.rss
     note = f"{found.stopped}; {len(dropped)} dropped, parameters correlated above {options.correlation_limit:g}"
     return replace(found, selected=kept, rss=rss, steps=tuple(steps), stopped=note if dropped else found.stopped)
 
 
-def _orthogonal(C: Array, dof: float, options: SelectOptions, pool: Pool, bound: float | None) -> Path:
+def _orthogonal(C: Array, dof: float, options: SelectOptions, pool: Pool, bound: float | None) -> SearchPath:
     """Orthogonal functions, ranked far enough: on to the last only if PSE is still falling where they end."""
     most = min(C.shape[0] - 1, options.max_terms or C.shape[0] - 1)
     first = most if options.order == "given" else min(most, max(RANK_AT_FIRST, len(pool.forced)))
     for limit in (first, most):
-        path = orthogonal(C, dof, sigma_max2=bound, order=options.order, force=pool.forced, max_terms=limit)
+        path = orthogonal(C, dof, sigma_max2=bound, order=options.order, include=pool.forced, max_terms=limit)
         if len(path.selected) < 0.8 * limit:
             break
     return path
 
 
-def _by_blocks(moments: MomentSet, weights: Array | None, dof: float, options: SelectOptions, pool: Pool) -> Path:
+def _by_blocks(moments: MomentSet, weights: Array | None, dof: float, options: SelectOptions, pool: Pool) -> SearchPath:
     """Stepwise search with tests by blocks, from nothing and from the linear terms; the better answer.
 
     Early on, when most of the response is unexplained, a product can pass for the linear term it resembles, and no
@@ -219,24 +221,24 @@ def _by_blocks(moments: MomentSet, weights: Array | None, dof: float, options: S
     linear = tuple(int(j) for j in np.flatnonzero(pool.degrees == 1))
     starts = [pool.start] if pool.start else list(dict.fromkeys([(), linear]))
     paths = [
-        robust_stepwise(
+        cluster_stepwise(
             moments,
             weights,
             dof,
             F_in=F_in,
             F_out=F_out,
-            force=pool.forced,
-            start=start,
+            include=pool.forced,
+            initial=start,
             max_terms=options.max_terms,
         )
         for start in starts
     ]
-    worth = max(inflation(moments, weights, path.selected, dof) for path in paths)
+    worth = max(samples_per_independent_sample(moments, weights, path.selected, dof) for path in paths)
     n = dof / worth
     return min(paths, key=lambda p: n * np.log(max(p.rss, ROUNDING * p.tss)) + len(p.selected) * np.log(max(n, 2.0)))
 
 
-def _by_samples(C: Array, dof: float, options: SelectOptions, pool: Pool, bound: float | None) -> Path:
+def _by_samples(C: Array, dof: float, options: SelectOptions, pool: Pool, bound: float | None) -> SearchPath:
     """Modified stepwise regression whose F-tests take samples as independent."""
     F_in, F_out, entry = thresholds(options, C.shape[0] - 1, dof)
     path = stepwise(
@@ -244,12 +246,10 @@ def _by_samples(C: Array, dof: float, options: SelectOptions, pool: Pool, bound:
         dof,
         F_in=F_in,
         F_out=F_out,
-        force=pool.forced,
-        start=pool.start,
+        include=pool.forced,
+        initial=pool.start,
         max_terms=options.max_terms,
-        stop=options.stopping_rule,
-        r2_change=options.min_r2_gain,
-        sigma_max2=bound,
+        min_gain=_least_gain(options, bound, float(C[-1, -1])),
         entry_thresholds=entry,
     )
     if options.stopping_rule == "F" and entry is None:
@@ -257,16 +257,23 @@ def _by_samples(C: Array, dof: float, options: SelectOptions, pool: Pool, bound:
     return path
 
 
-def _polished(path: Path, C: Array, F_in: float, forced: Sequence[int], max_terms: int | None) -> Path:
+def _least_gain(options: SelectOptions, bound: float | None, tss: float) -> float:
+    """Fraction of the sum of squares that an entering term must explain besides its F."""
+    if options.stopping_rule == "R2":
+        return options.min_r2_gain
+    return bound / tss if options.stopping_rule == "PSE" and bound is not None else 0.0
+
+
+def _polished(path: SearchPath, C: Array, F_in: float, forced: Sequence[int], max_terms: int | None) -> SearchPath:
     """Escape where one term stands in for two, or two for one, which single exchanges cannot."""
     if len(path.selected) > PAIRS_UP_TO:
         return path
-    better = polish(C, path.dof, path.selected, F_in, force=forced, max_terms=max_terms)
+    better = refine_subset(C, path.dof, path.selected, F_in, include=forced, max_terms=max_terms)
     moves = better.steps[len(path.selected) :]
     return replace(better, steps=(*path.steps, *moves), stopped=path.stopped) if moves else path
 
 
-def _visited(path: Path) -> list[tuple[tuple[int, ...], float]]:
+def _visited(path: SearchPath) -> list[tuple[tuple[int, ...], float]]:
     """Every model along a path, from the constant alone."""
     inside: list[int] = []
     models: list[tuple[tuple[int, ...], float]] = [((), path.tss)]

@@ -1,10 +1,15 @@
 """The best subset of every size, exactly, by branch and bound on the centred cross-products.
 
-Arrays only. The tree is that of leaps and bounds [FW74]: a node keeps some candidates, has dropped others
-and is undecided on the rest. No model below it fits better than the node's kept and undecided candidates
-together, so a branch that drops candidate a is left out when everything without a already fits worse than
-the best model known of the smallest size in that branch. Undecided candidates are sorted at every
-node by what dropping them costs, which makes the largest branches the first to go.
+Arrays only. The tree is that of leaps and bounds [FW74]. A node keeps some candidates, has dropped others and is
+undecided on the rest; S holds what the kept ones leave of the products of the undecided ones and, last, the response.
+No model below a node fits better than its kept and undecided candidates together. So the branch that keeps the first
+undecided candidates and drops candidate a has the bound::
+
+    rss(all undecided) + theta_a^2 / (S^-1)_aa
+
+the residual without a. It is left out when that is no better than the best model known of the smallest size in the
+branch. Undecided candidates are sorted at every node by what dropping them costs, which makes the largest branches the
+first to go.
 """
 
 from __future__ import annotations
@@ -18,7 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from structsel.errors import SelectionError
-from structsel.numerics.stepwise import _check_room, _indices, check_products, search
+from structsel.numerics.arrays import Array
+from structsel.numerics.stepwise import candidate_numbers, check_products, check_size
+from structsel.numerics.stepwise_kernel import stepwise_search
 
 MOST_CANDIDATES = 40
 
@@ -34,11 +41,11 @@ class Subset:
     theta : (k,) array [response per candidate]
         Their least-squares coefficients, in that order.
     rss : float [response^2]
-        Least residual sum of squares of any model of this size (that holds the forced terms).
+        Least residual sum of squares of any model of this size (with the included terms).
     """
 
     selected: tuple[int, ...]
-    theta: NDArray[np.float64]
+    theta: Array
     rss: float
 
     @property
@@ -48,25 +55,27 @@ class Subset:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _prepare(S, active, m, tol, bound):  # type: ignore[no-untyped-def]
-    """Drop candidates the kept ones explain, sort the rest, bound each branch; returns how many are left.
-
-    S (m+1, m+1) holds what the kept candidates leave of the undecided ones and, last, the response.
-    """
-    keep = 0
+def _drop_explained(S, active, m, tol):  # type: ignore[no-untyped-def]
+    """Close the gaps of candidates that the kept ones explain; returns how many are left."""
+    left = 0
     for a in range(m + 1):
         if a == m or S[a, a] > tol:
             for c in range(m + 1):
-                S[keep, c] = S[a, c]
+                S[left, c] = S[a, c]
             for c in range(m + 1):
-                S[c, keep] = S[c, a]
+                S[c, left] = S[c, a]
             if a < m:
-                active[keep] = active[a]
-            keep += 1
-    m = keep - 1
+                active[left] = active[a]
+            left += 1
+    return left - 1
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _factor(S, m, tol):  # type: ignore[no-untyped-def]
+    """U with S = U'U, zero rows for candidates that depend on earlier ones, and the smallest pivot."""
     U = np.zeros((m + 1, m + 1))
     smallest = 1.0
-    for a in range(m):  # factor of the undecided ones, skipping those that depend on earlier ones
+    for a in range(m):
         for c in range(a, m + 1):
             value = S[a, c]
             for i in range(a):
@@ -77,39 +86,45 @@ def _prepare(S, active, m, tol, bound):  # type: ignore[no-untyped-def]
         root = 1.0 / np.sqrt(pivot) if pivot > tol else 0.0
         for c in range(a, m + 1):
             U[a, c] *= root
+    return U, smallest
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _losses(U, m):  # type: ignore[no-untyped-def]
+    """What dropping each candidate adds to rss, theta_a^2 / (S^-1)_aa, by row a of T = U^-1."""
+    loss, T = np.zeros(m), np.zeros(m)
+    for a in range(m):
+        theta = norm = 0.0
+        for c in range(a, m):
+            value = 1.0 if c == a else 0.0
+            for i in range(a, c):
+                value -= T[i] * U[i, c]
+            T[c] = value / U[c, c]
+            theta += T[c] * U[c, m]
+            norm += T[c] * T[c]
+        loss[a] = theta * theta / norm
+    return loss
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _prepare(S, active, m, tol, bound):  # type: ignore[no-untyped-def]
+    """Drop explained candidates, bound each branch, sort by what dropping costs; returns how many are left."""
+    m = _drop_explained(S, active, m, tol)
+    U, smallest = _factor(S, m, tol)
     rss = S[m, m]
     for a in range(m):
         rss -= U[a, m] * U[a, m]
-    loss, worth, rank = np.zeros(m), np.zeros(m), np.zeros(m, np.int64)
     if smallest > tol:
-        T = np.zeros(m)
-        for a in range(m):  # row a of U^-1: theta_a = T z, (S^-1)_aa = T T'
-            theta = norm = 0.0
-            for c in range(a, m):
-                value = 1.0 if c == a else 0.0
-                for i in range(a, c):
-                    value -= T[i] * U[i, c]
-                T[c] = value / U[c, c]
-                theta += T[c] * U[c, m]
-                norm += T[c] * T[c]
-            loss[a] = theta * theta / norm
-            worth[a] = loss[a]
-    else:
+        loss = _losses(U, m)
+        worth = loss
+        # The losses carry a rounding error of about eps / smallest pivot; a bound must not be too high.
+        trust = max(0.0, 1.0 - 1e-13 / smallest)
+    else:  # dependent candidates: nothing is known of the losses, and each is judged by itself
+        loss, worth, trust = np.zeros(m), np.zeros(m), 0.0
         for a in range(m):
             worth[a] = S[a, m] * S[a, m] / S[a, a]
-    for a in range(m):  # by insertion: what costs most to drop comes first
-        c = a
-        while c > 0 and worth[rank[c - 1]] < worth[a]:
-            rank[c] = rank[c - 1]
-            c -= 1
-        rank[c] = a
-    # The losses carry a rounding error of about eps / smallest pivot; a bound must not be too high.
-    trust = max(0.0, 1.0 - 1e-13 / smallest) if smallest > tol else 0.0
-    copy, names = np.empty((m, m + 1)), np.empty(m, np.int64)
-    for a in range(m):
-        names[a] = active[a]
-        for c in range(m + 1):
-            copy[a, c] = S[a, c]
+    rank = np.argsort(-worth, kind="mergesort")
+    copy, names = S[: m + 1, : m + 1].copy(), active[:m].copy()
     for a in range(m):
         active[a] = names[rank[a]]
         bound[a] = max(rss, 0.0) * (1.0 - 1e-12) + loss[rank[a]] * trust
@@ -187,8 +202,8 @@ def best_subset(
     dof: float,
     *,
     max_terms: int | None = None,
-    force: Sequence[int] = (),
-    tol: float = 1e-9,
+    include: Sequence[int] = (),
+    min_tolerance: float = 1e-9,
 ) -> list[Subset]:
     """Find the model of least residual sum of squares for every number of terms.
 
@@ -200,22 +215,22 @@ def best_subset(
         Samples less those swept out for the constant (N - 1), or the effective number.
     max_terms : int, optional
         Largest size wanted, the constant not counted.
-    force : sequence of int
+    include : sequence of int
         Candidates in every model.
-    tol : float [-]
-        Models in which a candidate keeps no more than this share of its centred variance beside the
+    min_tolerance : float [-]
+        Models in which a candidate keeps no more than this fraction of its centred variance given the
         others are refused.
 
     Returns
     -------
     subsets : list of Subset
-        One for each size from the number of forced terms up, ascending; sizes of which every model is
+        One for each size from the number of included terms up, ascending; sizes of which every model is
         refused are missing.
 
     Raises
     ------
     SelectionError
-        More than 40 candidates beside the forced ones; forced ones that depend on one another; and as
+        More than 40 candidates besides the included ones; included ones that depend on one another; and as
         :func:`structsel.numerics.stepwise.stepwise`.
 
     References
@@ -224,42 +239,42 @@ def best_subset(
     """
     C = check_products(C, dof, "best_subset")
     p = C.shape[0] - 1
-    forced = np.sort(_indices(force, p, "best_subset", "force"))
+    included = np.sort(candidate_numbers(include, p, "best_subset", "include"))
     most = min(p if max_terms is None else int(max_terms), int(np.ceil(dof)) - 1)
-    _check_room(forced, np.empty(0, np.int64), dof, most, "best_subset")
+    check_size(included, np.empty(0, np.int64), dof, most, "best_subset")
     varying = np.diag(C)[:p] > 0.0
-    free = np.setdiff1d(np.flatnonzero(varying), forced)
+    free = np.setdiff1d(np.flatnonzero(varying), included)
     if free.size > MOST_CANDIDATES:
         raise SelectionError(
-            f"best_subset is practical up to {MOST_CANDIDATES} candidates beside the forced ones; found "
+            f"best_subset is practical up to {MOST_CANDIDATES} candidates besides the included ones; found "
             f"{free.size}. Choose terms by stepwise or orthogonal first and search among those, or improve "
-            "their answer with polish."
+            "their answer with refine_subset."
         )
     R = C / np.outer(*(2 * (np.sqrt(np.where(np.diag(C) > 0.0, np.diag(C), 1.0)),)))
-    for i, j in enumerate(forced):  # sweep the forced ones out
-        if not varying[j] or R[j, j] <= tol:
+    for i, j in enumerate(included):  # sweep the included ones out
+        if not varying[j] or R[j, j] <= min_tolerance:
             raise SelectionError(
-                f"best_subset needs independent forced terms; candidate {int(j)} is constant or depends on "
-                f"{[int(v) for v in forced[:i]]}. Do not force it."
+                f"best_subset needs independent included terms; candidate {int(j)} is constant or depends on "
+                f"{[int(v) for v in included[:i]]}. Do not include it."
             )
         R = R - np.outer(R[:, j], R[j]) / R[j, j]
     columns = np.append(free, p)
-    most = min(most - forced.size, free.size)
+    most = min(most - included.size, free.size)
     best = np.full(most + 1, np.inf)
     sets = np.zeros((most + 1, free.size), dtype=np.bool_)
     best[0] = max(R[p, p], 0.0)
-    _good_start(C, dof, forced, free, best, sets, tol)
+    _good_start(C, dof, included, free, best, sets, min_tolerance)
     if free.size and most:
-        _leaps(np.ascontiguousarray(R[np.ix_(columns, columns)]), most, best, sets, float(tol))
-    return [_fit(C, np.union1d(forced, free[sets[k]])) for k in range(most + 1) if np.isfinite(best[k])]
+        _leaps(np.ascontiguousarray(R[np.ix_(columns, columns)]), most, best, sets, float(min_tolerance))
+    return [_fit(C, np.union1d(included, free[sets[k]])) for k in range(most + 1) if np.isfinite(best[k])]
 
 
 def _good_start(
-    C: NDArray[np.float64],
+    C: Array,
     dof: float,
-    forced: NDArray[np.int64],
+    included: NDArray[np.int64],
     free: NDArray[np.int64],
-    best: NDArray[np.float64],
+    best: Array,
     sets: NDArray[np.bool_],
     tol: float,
 ) -> None:
@@ -267,28 +282,19 @@ def _good_start(
     p = C.shape[0] - 1
     begin = np.empty(0, np.int64)
     for k in range(1, best.size):
-        chosen, _, rss, *_ = search(
-            C,
-            float(dof),
-            np.zeros(p),
-            -1.0,
-            forced,
-            begin,
-            forced.size + k,
-            0.0,
-            True,
-            float(tol),
+        chosen, _, rss, *_ = stepwise_search(
+            C, float(dof), np.zeros(p), -1.0, included, begin, included.size + k, 0.0, np.ones(p), True, float(tol),
             np.empty((0, 7)),
-        )
-        if chosen.size != forced.size + k:
+        )  # fmt: skip
+        if chosen.size != included.size + k:
             break
-        # A hair above, so that the exact search finds the same model itself and no rounding hides it.
+        # Slightly above, so that the exact search finds the same model itself and no rounding hides it.
         best[k] = rss / C[p, p] * (1.0 + 1e-9) + 1e-15
         sets[k] = np.isin(free, chosen)
         begin = chosen
 
 
-def _fit(C: NDArray[np.float64], chosen: NDArray[np.int64]) -> Subset:
+def _fit(C: Array, chosen: NDArray[np.int64]) -> Subset:
     scale = np.sqrt(np.diag(C)[chosen])
     if not chosen.size:
         return Subset((), np.empty(0), float(C[-1, -1]))

@@ -4,8 +4,8 @@ import statsmodels.api as sm
 from numpy.testing import assert_allclose
 from scipy import stats
 
+from structsel.numerics.cluster_stepwise import cluster_F_threshold, cluster_stepwise, samples_per_independent_sample
 from structsel.numerics.moments import accumulate
-from structsel.numerics.robust import inflation, robust_stepwise, robust_threshold
 from structsel.numerics.rows import ArraySignals
 from structsel.selection import SelectOptions, select_arrays
 
@@ -27,7 +27,7 @@ def clusters(moments):
 def test_partial_f_of_kept_terms_is_the_cluster_robust_one_of_statsmodels():
     base, exponents, X, y = one_flight(np.random.default_rng(1))
     moments = accumulate([ArraySignals(base, y[None])], exponents, blocks=20)
-    path = robust_stepwise(moments, None, 3999.0, F_in=4.0, F_out=0.0, force=(0, 1), max_terms=2)
+    path = cluster_stepwise(moments, None, 3999.0, F_in=4.0, F_out=0.0, include=(0, 1), max_terms=2)
     model = sm.OLS(y, X[:, [0, 1, 2]]).fit(
         cov_type="cluster", cov_kwds={"groups": clusters(moments), "use_correction": False}
     )
@@ -44,14 +44,14 @@ def test_weight_zero_is_the_same_as_leaving_a_block_out():
     weights = np.ones(20)
     weights[10:] = 0.0
     half = accumulate([ArraySignals(base[:, :2000], y[None, :2000])], exponents, blocks=10)
-    a = robust_stepwise(moments, weights, 1999.0)
-    b = robust_stepwise(half, None, 1999.0)
+    a = cluster_stepwise(moments, weights, 1999.0)
+    b = cluster_stepwise(half, None, 1999.0)
     assert a.selected == b.selected
     assert_allclose(a.rss * moments.scale[-1] ** 2, b.rss * half.scale[-1] ** 2, rtol=1e-8)
 
 
 def test_thresholds_are_equally_improbable():
-    F = robust_threshold(12.0, 5000.0, 20)
+    F = cluster_F_threshold(12.0, 5000.0, 20)
     assert_allclose(stats.f.sf(F, 1, 19), stats.f.sf(12.0, 1, 5000), rtol=1e-9)
     assert F > 12.0
 
@@ -65,7 +65,7 @@ def test_few_false_terms_enter_under_strongly_coloured_noise():
         y = X[:, 1] + ar1(rng, 3000, 0.98)
         flight = [ArraySignals(base, y[None])]
         moments = accumulate(flight, exponents, blocks=30)
-        robust += len(robust_stepwise(moments, None, 2999.0, F_in=12.0, F_out=12.0, force=(0,)).selected) - 1
+        robust += len(cluster_stepwise(moments, None, 2999.0, F_in=12.0, F_out=12.0, include=(0,)).selected) - 1
         plain = select_arrays(flight, exponents, SelectOptions(noise="white", F_in=12.0, bootstrap=0), forced=(0,))
         white += len(plain[0].found.selected) - 1
     assert robust <= 25
@@ -77,7 +77,7 @@ def test_samples_worth_one_grow_with_colour():
     for rho in (0.0, 0.95):
         base, exponents, _, y = one_flight(np.random.default_rng(3), n=20_000, rho=rho)
         moments = accumulate([ArraySignals(base, y[None])], exponents, blocks=40)
-        values.append(inflation(moments, None, (0, 1, 4), 19_999.0))
+        values.append(samples_per_independent_sample(moments, None, (0, 1, 4), 19_999.0))
     assert values[0] < 4.0
     assert values[1] > 8.0
 

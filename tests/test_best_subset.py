@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.errors import SelectionError
+from structsel.numerics.best_subset import best_subset
 from structsel.numerics.orthogonal import orthogonal
-from structsel.numerics.stepwise import polish, stepwise
-from structsel.numerics.subset import best_subset
+from structsel.numerics.stepwise import refine_subset, stepwise
 from tests.test_stepwise import problem, products
 
 
@@ -28,7 +28,7 @@ def brute_force(C, force=()):
 def test_best_subset_equals_brute_force_on_500_problems_and_the_greedy_answers_often_do():
     # A set counts if it is the best of its own size. Measured: stepwise 0.988 (0.978 without exchanges),
     # orthogonal 0.888, polish 0.998.
-    hits = {"stepwise": 0, "orthogonal": 0, "polish": 0, "stepwise, no swap": 0}
+    hits = {"stepwise": 0, "orthogonal": 0, "refine_subset": 0, "stepwise, no swap": 0}
     problems = 500
     for seed in range(problems):
         rng = np.random.default_rng(seed)
@@ -45,14 +45,14 @@ def test_best_subset_equals_brute_force_on_500_problems_and_the_greedy_answers_o
             "stepwise": stepwise(C, 49.0),
             "stepwise, no swap": stepwise(C, 49.0, swap=False),
             "orthogonal": orthogonal(C, 49.0),
-            "polish": polish(C, 49.0, (), np.log(50.0)),
+            "refine_subset": refine_subset(C, 49.0, (), np.log(50.0)),
         }
         for name, path in found.items():
             selected = tuple(sorted(path.selected))
             hits[name] += not selected or truth[len(selected)][1] == selected
     shares = {name: count / problems for name, count in hits.items()}
     assert shares["stepwise"] >= 0.97
-    assert shares["polish"] >= 0.99
+    assert shares["refine_subset"] >= 0.99
     assert shares["orthogonal"] >= 0.86
     assert shares["stepwise"] >= shares["stepwise, no swap"]
 
@@ -62,7 +62,7 @@ def test_forced_terms_are_in_every_model():
         X, y, *_ = problem(seed, n=60, p=9)
         C = products(X, y)
         truth = brute_force(C, force=(2, 6))
-        subsets = best_subset(C, 59.0, force=[6, 2])
+        subsets = best_subset(C, 59.0, include=[6, 2])
         assert [s.n_terms for s in subsets] == list(range(2, 10))
         for subset in subsets:
             assert subset.selected == truth[subset.n_terms][1]
@@ -107,7 +107,7 @@ def test_thirty_correlated_candidates_are_within_reach_and_no_greedy_answer_is_b
     X, y, *_ = problem(7, n=400, p=30, k=8, noise=3.0, shared=2.0)
     C = products(X, y)
     subsets = best_subset(C, 399.0)
-    for path in (stepwise(C, 399.0), orthogonal(C, 399.0), polish(C, 399.0, (), 6.0)):
+    for path in (stepwise(C, 399.0), orthogonal(C, 399.0), refine_subset(C, 399.0, (), 6.0)):
         assert subsets[len(path.selected)].rss <= path.rss * (1.0 + 1e-10)
 
 
@@ -124,4 +124,4 @@ def test_what_is_out_of_reach_is_refused_with_a_remedy():
         best_subset(products(X, X[:, 0]), 59.0)
     X[:, 1] = X[:, 0]
     with pytest.raises(SelectionError, match=r"candidate 1 is constant or depends on \[0\]"):
-        best_subset(products(X[:, :5], X[:, 2]), 59.0, force=[0, 1])
+        best_subset(products(X[:, :5], X[:, 2]), 59.0, include=[0, 1])
