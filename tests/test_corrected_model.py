@@ -16,7 +16,7 @@ from structsel.candidates import Term
 from structsel.comparison.flight import prepare_flight
 from structsel.comparison.preparing import prepare as prepare_both
 from structsel.comparison.surrogate import Surrogate, identify
-from structsel.diagnosis.adding import Addition, Case, addition_of
+from structsel.diagnosis.adding import Addition, addition_of
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.extending import Extended, as_models
 from structsel.diagnosis.modelling import corrected_model
@@ -24,7 +24,7 @@ from structsel.diagnosis.patching import patched_aircraft
 from structsel.diagnosis.ranking import rank
 from structsel.diagnosis.signatures import work_out
 from structsel.effects import HYPOTHESES
-from structsel.effects.base import Estimate
+from structsel.effects.base import Estimate, ModelCase
 from structsel.errors import ChannelError, ModelError, StructselWarning
 from structsel.model import AeroModel, Quantity, ResponseModel, State
 from structsel.numerics.flight_dynamics import outputs_index, slopes
@@ -228,7 +228,7 @@ def as_added(effect, variant, flights):
     theta = np.array([np.clip(p.sd, p.low, p.high) for p in variant.parameters])
     told = {p.name: Estimate(x, 0.1 * abs(x), p.unit) for p, x in zip(variant.parameters, theta)}
     told |= {n: Estimate(x, 0.1 * abs(x), variant.units.get(n, "-")) for n, x in variant.shape.items()}
-    case = Case(variant, told, CRAFT, dict(OWN.responses), flights)
+    case = ModelCase(variant, told, CRAFT, dict(OWN.responses), flights)
     return addition_of(effect, case, theta, np.diag((0.1 * theta) ** 2)), theta
 
 
@@ -347,7 +347,7 @@ def test_a_lag_found_flies_nearer_to_the_truth_than_the_simulation_did():
 
 def effect(name, terms=None, **parts):
     made = {c: {Term(t): np.array([v]) for t, v in mine.items()} for c, mine in (terms or {}).items()}
-    return Addition(name, np.ones(1), np.eye(1) * 0.01, terms=made, **parts)
+    return Addition(effect=name, theta=np.ones(1), covariance=np.eye(1) * 0.01, terms=made, **parts)
 
 
 def test_a_patched_aircraft_differs_from_the_original_by_the_term(tmp_path):

@@ -8,11 +8,12 @@ import numpy as np
 
 from structsel.comparison.preparing import Prepared
 from structsel.comparison.responses import COEFFICIENTS
-from structsel.diagnosis.adding import Case, addition_of
+from structsel.diagnosis.adding import addition_of
 from structsel.diagnosis.assembling import contributions, estimates
 from structsel.diagnosis.extending import Extended, as_models
 from structsel.diagnosis.patching import Patched, patched_aircraft
 from structsel.diagnosis.ranking import Ranking
+from structsel.effects.base import ModelCase
 from structsel.model import AeroModel
 
 
@@ -61,7 +62,7 @@ def corrected_model(prepared: Prepared, ranking: Ranking) -> CorrectedModel | No
         wide = np.array([told[n].std for n in names]) / np.sqrt(np.diag(spread))
         one = addition_of(
             signature.hypothesis,
-            Case(signature.variant, told, flights[0].craft, base, flights),
+            ModelCase(signature.variant, told, flights[0].craft, base, flights),
             bench.base.posterior.mean[part] * sds,
             spread * np.outer(wide, wide),
         )

@@ -7,16 +7,29 @@ from functools import partial
 
 import numpy as np
 
+from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.comparison.plant import answers
 from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.sensitivity import reading
 from structsel.effects import plants
-from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import (
+    Columns,
+    Flights,
+    Found,
+    Hypothesis,
+    ModelCase,
+    ModelForm,
+    Parameter,
+    Variant,
+    Weights,
+)
 from structsel.effects.changes import confined
+from structsel.effects.model_forms import MakeModel, add_term, derivative, one_hot, state_after
 from structsel.effects.operators import actuate, lag, late, spaced
 from structsel.effects.signals import CONTROLS, available, coefficients, gathered, mean_slope, moves, signature
 from structsel.effects.wording import SURFACES, shown
+from structsel.model import Quantity, State
 from structsel.numerics.arrays import Array
 
 Surface = Callable[[Flight], Array]
@@ -98,8 +111,15 @@ def _lag_variants(flights: Flights) -> list[Variant]:
             for tau in spaced(max(0.02, 0.75 * dt), 0.35, 7):
                 late_by = partial(_behind, operator=operator, tau=tau)
                 columns = displaced(*((c, 0, departure(c, late_by, tau)) for c in controls))
-                made.append(Variant((Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau),), columns, about=about))
+                model = _late_model(tuple(CONTROLS) if about == ALL else tuple(controls), name)
+                parameter = Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau)
+                made.append(Variant((parameter,), columns, about=about, model=model))
     return made + plants.late_answers(flights)
+
+
+def _late_model(controls: Sequence[str], kind: str) -> MakeModel:
+    follows = state_after(controls, kind, "late", lambda case: {"tau": case.quantity(kind)})
+    return lambda case: follows(case) if case.estimates[kind].value > 0.0 else None
 
 
 def _lag_says(found: Found) -> str:
@@ -126,6 +146,7 @@ def _rate_variants(flights: Flights) -> list[Variant]:
                     (_SHARE,),
                     followed(control, partial(_actuated, rate=limit)),
                     {"rate": limit}, {"rate": "rad/s"}, SURFACES[control],
+                    model=state_after([control], "rate limit", "limited", lambda case: {"rate": case.quantity("rate")}),
                 )
             )  # fmt: skip
     return made
@@ -138,8 +159,19 @@ def _rate_says(found: Found) -> str:
 # Stops
 
 
+def _stops(case: ModelCase, side: str) -> dict[str, Quantity]:
+    """Limits of the travel on one side or both."""
+    stop = case.quantity("stop")
+    return {
+        "upper": {"high": stop},
+        "lower": {"low": stop},
+        "both": {"low": Quantity(-stop.value, stop.std, stop.unit), "high": stop},
+    }[side]
+
+
 def _stop_variants(flights: Flights) -> list[Variant]:
     made = []
+    sides = {"upper": "upper side", "lower": "lower side", "both": "either way"}
     for control in used_controls(flights):
         values = gathered(flights, control)
         low, high = float(values.min()), float(values.max())
@@ -154,15 +186,17 @@ def _stop_variants(flights: Flights) -> list[Variant]:
                         (_SHARE,),
                         followed(control, partial(_stopped, low=limits[0], high=limits[1])),
                         {"stop": limits[0] if name == "lower" else limits[1]}, {"stop": "rad"},
-                        f"{SURFACES[control]}, {'either way' if name == 'both' else name + ' side'}",
+                        f"{SURFACES[control]}, {sides[name]}",
+                        model=state_after([control], "stops", "stopped", partial(_stops, side=name)),
+                        words={"surface": SURFACES[control], "side": sides[name]},
                     )
                 )  # fmt: skip
     return made
 
 
 def _stop_says(found: Found) -> str:
-    surface, side = found.variant.about.split(", ")
-    return f"The {surface} stops at {shown(found, 'stop')} ({side}) although more was asked of it."
+    words = found.variant.words
+    return f"The {words['surface']} stops at {shown(found, 'stop')} ({words['side']}) although more was asked of it."
 
 
 # Play
@@ -184,6 +218,7 @@ def _play_variants(flights: Flights) -> list[Variant]:
                     (_SHARE,),
                     followed(control, partial(_actuated, backlash=width)),
                     {"width": width}, {"width": "rad"}, SURFACES[control],
+                    model=state_after([control], "backlash", "play", lambda case: {"width": case.quantity("width")}),
                 )
             )  # fmt: skip
     return made
@@ -213,15 +248,12 @@ def _feedback_variants(flights: Flights) -> list[Variant]:
         if control not in used or not available(flights, signal):
             continue
         gain = Parameter(f"gain of {signal}", unit, sd, -10.0 * sd, 10.0 * sd)
-        made.append(_fed_back(control, (gain,), (partial(_felt, signal=signal),), f"{signal} to"))
+        made.append(_fed_back(control, (gain,), (signal,), f"{signal} to"))
         if signal in ("p", "q", "r"):
             made += [
-                _fed_back(
-                    control, (gain,), (partial(_felt, signal=signal, washout=tau),),
-                    f"{signal}, washed out over {tau:g} s, to",
-                )
+                _fed_back(control, (gain,), (signal,), f"{signal}, washed out over {tau:g} s, to", tau)
                 for tau in _WASHOUTS
-            ]  # fmt: skip
+            ]
     for control, pair in (("de", ("q", "alpha")), ("de", ("q", "theta")), ("dr", ("r", "beta")), ("da", ("p", "phi"))):
         if control in used and all(available(flights, s) for s in pair):
             deviations = {s: (sd, unit) for c, s, sd, unit in _FEEDBACKS if c == control}
@@ -229,15 +261,42 @@ def _feedback_variants(flights: Flights) -> list[Variant]:
                 Parameter(f"gain of {s}", unit, sd, -10.0 * sd, 10.0 * sd)
                 for s, (sd, unit) in ((s, deviations[s]) for s in pair)
             )
-            made.append(_fed_back(control, gains, [partial(_felt, signal=s) for s in pair], f"{' and '.join(pair)} to"))
+            made.append(_fed_back(control, gains, pair, f"{' and '.join(pair)} to"))
     # A damper may be on in some manoeuvres and off in others, and nobody wrote down which.
     some = [confined(flights, v) for v in made if len(v.parameters) == 1]
     return [*made, *(v for v in some if v is not None)]
 
 
-def _fed_back(control: str, gains: tuple[Parameter, ...], signals: Sequence[Surface], about: str) -> Variant:
-    columns = displaced(*((control, j, signal) for j, signal in enumerate(signals)))
-    return Variant(gains, columns, about=f"{about} {SURFACES[control]}")
+def _fed_back(
+    control: str, gains: tuple[Parameter, ...], signals: Sequence[str], about: str, washout: float | None = None
+) -> Variant:
+    columns = displaced(*((control, j, partial(_felt, signal=s, washout=washout)) for j, s in enumerate(signals)))
+    model = partial(_feedback_model, control=control, signals=signals, washout=washout)
+    return Variant(gains, columns, about=f"{about} {SURFACES[control]}", model=model)
+
+
+def _feedback_model(case: ModelCase, control: str, signals: Sequence[str], washout: float | None) -> ModelForm | None:
+    """A surface that moves with the motion: its own terms once more, times the signals that move it."""
+    if case.variant.only_in or any("mode" in f.recorded for f in case.flights):
+        return None
+    states: dict[str, State] = {}
+    moved: list[Term] = []
+    for signal in signals:
+        if washout is not None:
+            states[f"{signal}_slow"] = State("lag", signal, {"tau": Quantity(washout, unit="s")})
+            moved.append(Term(f"({signal} - {signal}_slow)"))
+        else:
+            moved.append(Term(signal))
+    terms: Weights = {}
+    for response, model in case.base.items():
+        for term, value in zip(model.terms, model.values.tolist()):
+            slope = derivative(term, control)
+            if slope is None:
+                return None
+            for j, signal_term in enumerate(moved):
+                for part, factor in slope:
+                    add_term(terms, response, part * signal_term, factor * value * one_hot(j, len(moved)))
+    return ModelForm(states=states, terms=terms)
 
 
 def _feedback_says(found: Found) -> str:

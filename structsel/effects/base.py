@@ -6,7 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from structsel.aircraft import Aircraft
+from structsel.candidates import Term
 from structsel.comparison.flight import Flight
+from structsel.model import Quantity, ResponseModel, State
 from structsel.numerics.arrays import Array
 
 Kind = Literal[
@@ -15,6 +18,7 @@ Kind = Literal[
 ]  # fmt: skip
 Flights = Sequence[Flight]
 Columns = Mapping[str, Array]
+Weights = dict[str, dict[Term, Array]]
 
 _LEAST_LEFT = 0.1  # of what would be without, where an effect is estimated to have taken most of it
 
@@ -71,6 +75,11 @@ class Variant:
         The same as terms of a model, where it has such.
     only_in : tuple of str
         Manoeuvres it is confined to, where these were chosen by the differences; empty for all.
+    model : callable, optional
+        `ModelCase` to the `ModelForm` that the estimated effect is in a model, or None where it is none there. Where
+        it is not given, terms are found whose sums the columns are, if there are any.
+    words : mapping of str to str
+        Parts of the sentence that states it.
     """
 
     parameters: tuple[Parameter, ...]
@@ -80,6 +89,8 @@ class Variant:
     about: str = ""
     terms: tuple[str, ...] = ()
     only_in: tuple[str, ...] = ()
+    model: Callable[[ModelCase], ModelForm | None] | None = None
+    words: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -89,6 +100,69 @@ class Estimate:
     value: float
     std: float
     unit: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModelForm:
+    """Terms and states of one effect.
+
+    Attributes
+    ----------
+    terms : mapping of response to mapping of Term to (k,) array
+        Value of each term per unit of the effect's k linear parameters. Responses may be CL and CD beside CX and CZ.
+    fixed : mapping of response to mapping of Term to float
+        Terms whose values do not depend on the parameters.
+    states : mapping of name to State
+    replaced : mapping of response to mapping of channel to formula
+        Replaces a channel in the terms that the simulation has.
+    """
+
+    terms: Weights = field(default_factory=dict)
+    fixed: Mapping[str, Mapping[Term, float]] = field(default_factory=dict)
+    states: Mapping[str, State] = field(default_factory=dict)
+    replaced: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelCase:
+    """An effect with its estimates, and the simulation and flights it was estimated with.
+
+    Attributes
+    ----------
+    variant : Variant
+    estimates : mapping of parameter to Estimate
+    craft : Aircraft
+    base : mapping of response to ResponseModel
+        The simulation.
+    flights : sequence of Flight
+    """
+
+    variant: Variant
+    estimates: Mapping[str, Estimate]
+    craft: Aircraft
+    base: Mapping[str, ResponseModel]
+    flights: Sequence[Flight]
+
+    def quantity(self, name: str, scale: float = 1.0, unit: str | None = None) -> Quantity:
+        """A parameter: of the shape as the form has it, else as estimated."""
+        e = self.estimates[name]
+        value = self.variant.shape.get(name, e.value)
+        return Quantity(float(value) * scale, e.std * abs(scale), e.unit if unit is None else unit)
+
+    @property
+    def used_channels(self) -> set[str]:
+        """Channels that the simulation's terms contain."""
+        return {c for model in self.base.values() for c in model.channels}
+
+    def lift(self) -> list[tuple[Term, float]]:
+        """Terms of the simulated lift coefficient CL, with their values."""
+        if "CL" in self.base:
+            return list(zip(self.base["CL"].terms, self.base["CL"].values.tolist()))
+        made = []
+        for c, turned, sign in (("CX", Term("sin(alpha)"), 1.0), ("CZ", Term("cos(alpha)"), -1.0)):
+            if c in self.base:
+                made += [(t * turned, sign * v) for t, v in zip(self.base[c].terms, self.base[c].values.tolist())]
+        return made
 
 
 @dataclass(frozen=True)

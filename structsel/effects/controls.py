@@ -113,7 +113,9 @@ def _bent(
 
     parameter = Parameter(f"{control} loss", "-", 0.25, -1.2, 1.2)
     given = shape or {}
-    return Variant((parameter,), columns, given, dict.fromkeys(given, "rad"), f"{control}: {about}{where}", (term,))
+    words = {"control": control, "law": f"{about}{where}", "where": where}
+    units = dict.fromkeys(given, "rad")
+    return Variant((parameter,), columns, given, units, f"{control}: {about}{where}", (term,), words=words)
 
 
 def _needs_bend(flights: Flights) -> str:
@@ -131,16 +133,14 @@ def _needs_bend(flights: Flights) -> str:
 def _says_bend(found: Found) -> str:
     variant = found.variant
     name = variant.parameters[0].name
-    control, _, about = variant.about.partition(": ")
+    control, law = variant.words["control"], variant.words["law"]
     percent = found.text(name, 100.0, "%")
     if "beyond" in variant.shape:
         start = np.rad2deg(variant.shape["beyond"])
-        return f"Beyond {start:.1f} deg the slope of {control} falls by {percent}{about.partition('deflection')[2]}."
-    if about.startswith("d^2"):
-        return (
-            f"The effect of {control} differs between its two sides by {percent} at the largest deflection ({about})."
-        )
-    return f"At its largest deflection {control} has lost {percent} of its effect ({about})."
+        return f"Beyond {start:.1f} deg the slope of {control} falls by {percent}{variant.words['where']}."
+    if law.startswith("d^2"):
+        return f"The effect of {control} differs between its two sides by {percent} at the largest deflection ({law})."
+    return f"At its largest deflection {control} has lost {percent} of its effect ({law})."
 
 
 # --- structure that gives way ----------------------------------------------------------------------------------------

@@ -7,9 +7,21 @@ from functools import partial
 
 import numpy as np
 
+from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import COEFFICIENTS
-from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import (
+    Columns,
+    Flights,
+    Found,
+    Hypothesis,
+    ModelCase,
+    ModelForm,
+    Parameter,
+    Variant,
+    Weights,
+)
+from structsel.effects.model_forms import add_term, one_hot
 from structsel.effects.operators import lag, lags, late, separation, spaced
 from structsel.effects.signals import (
     available,
@@ -22,6 +34,7 @@ from structsel.effects.signals import (
     reach,
     signature,
 )
+from structsel.model import Quantity, State
 from structsel.numerics.arrays import Array
 
 _HIGH = 0.14  # rad, incidence below which wings do not stall
@@ -33,7 +46,7 @@ _INDICIAL = {
     "aspect ratio 3": ((0.283, 0.540),),
 }
 _LIFT_CHORDS = (2.0, 4.0, 8.0, 16.0, 32.0)
-WHATEVER_THE_LIFT = "beyond attached flow, whatever the lift"
+_WHATEVER_THE_LIFT = "beyond attached flow, whatever the lift"
 _SHARP = 25.0  # 1/rad, of separation that acts on each coefficient by itself
 _TAIL_CHORDS = (2.5, 4.0, 6.0)
 _ROTOR_CHANNELS = ("collective", "dcol", "d0", "theta0", "dlon", "dlat", "rotor_rpm", "nr")
@@ -84,7 +97,9 @@ def _stall_variants(flights: Flights) -> list[Variant]:
         for tau1, tau2 in _CHORDS[:3]:
             shape = {"onset": float(onset), "sharpness": _SHARP, "tau1": tau1 * chord, "tau2": tau2 * chord}
             columns = partial(_separated, where=float(onset), tau1=tau1, tau2=tau2)
-            made.append(Variant((lost, *parameters[1:]), columns, shape, units, WHATEVER_THE_LIFT))
+            made.append(
+                Variant((lost, *parameters[1:]), columns, shape, units, _WHATEVER_THE_LIFT, model=_separated_model)
+            )
         for sharp, beyond_steady in ((18.0, False), (40.0, False), (25.0, True)):
             for tau1, tau2 in _CHORDS:
                 shape = {"onset": float(onset), "sharpness": sharp, "tau1": tau1 * chord, "tau2": tau2 * chord}
@@ -103,9 +118,38 @@ def _stall_variants(flights: Flights) -> list[Variant]:
                         shape,
                         units,
                         about,
+                        model=partial(_stalling_model, beyond_steady=beyond_steady),
                     )
                 )
     return made
+
+
+def _separation_state(case: ModelCase) -> State:
+    """State of the separation point, which follows the angle of attack."""
+    return State("separation", "alpha", {name: case.quantity(name) for name in ("onset", "sharpness", "tau1", "tau2")})
+
+
+def _separated_model(case: ModelCase) -> ModelForm:
+    drag = Term("(1 - x_sep)")
+    sides = enumerate((("CZ", 1.0), ("CX", -1.0), ("Cm", -1.0)))
+    terms = {c: {drag: s * one_hot(j, 3)} for j, (c, s) in sides}
+    return ModelForm(states={"x_sep": _separation_state(case)}, terms=terms)
+
+
+def _stalling_model(case: ModelCase, beyond_steady: bool) -> ModelForm:
+    """Lift lost, drag and moment by the point of separation."""
+    state = _separation_state(case)
+    lost, drag = Term("(0.25*(1 + sqrt(x_sep))^2 - 1)"), Term("(1 - x_sep)")
+    if beyond_steady:
+        steady = f"0.5*(1 - tanh({state['sharpness']!r}*(alpha - {state['onset']!r})))"
+        lost = Term(f"((1 + sqrt(x_sep))^2/(1 + sqrt({steady}))^2 - 1)")
+        drag = Term(f"({steady} - x_sep)")
+    terms: Weights = {}
+    for term, value in case.lift():
+        add_term(terms, "CL", term * lost, value * one_hot(0, 3))
+    add_term(terms, "CD", drag, one_hot(1, 3))
+    add_term(terms, "Cm", drag, -one_hot(2, 3))
+    return ModelForm(states={"x_sep": state}, terms=terms)
 
 
 def _stall_needs(flights: Flights) -> str:
@@ -167,8 +211,21 @@ def _wakes(parameters: tuple[Parameter, ...], angle: str, length: str, moved: tu
     made = [Variant(parameters, _wake(angle, length, moved, None), about="by its rate", terms=term)]
     for chords in _TAIL_CHORDS:
         columns = _wake(angle, length, moved, chords)
-        made.append(Variant(parameters, columns, {"way": chords}, {"way": "chords"}, "as a delay", term))
+        model = partial(_wake_model, angle=angle, length=length, moved=moved)
+        shape, units = {"way": chords}, {"way": "chords"}
+        made.append(Variant(parameters, columns, shape, units, "as a delay", term, model=model))
     return made
+
+
+def _wake_model(case: ModelCase, angle: str, length: str, moved: tuple[str, ...]) -> ModelForm:
+    """A wake that reaches the tail after it has travelled there."""
+    chords = case.quantity("way")
+    way = case.quantity("way", case.craft.cbar, "m")
+    # The rate is the change over the time that the wake travels; by the hat it is made dimensionless with.
+    size = getattr(case.craft, length) / (2.0 * chords.value * case.craft.cbar)
+    term = Term(f"({angle} - {angle}_late)")
+    terms = {c: {term: size * one_hot(j, len(moved))} for j, c in enumerate(moved)}
+    return ModelForm(states={f"{angle}_late": State("delay", angle, {"way": way})}, terms=terms)
 
 
 def _wake_says(found: Found) -> str:
@@ -194,14 +251,41 @@ def _lift_variants(flights: Flights) -> list[Variant]:
         *(Parameter(f"share of the {what}", "-", 0.7, -1.0, 2.0) for what in ("axial force", "moment")),
     )
     made = [
-        Variant(parameters, partial(_building, parts=parts), about=f"indicial lift of {name}")
+        Variant(
+            parameters,
+            partial(_building, parts=parts),
+            about=f"indicial lift of {name}",
+            model=partial(_building_model, parts=parts),
+        )
         for name, parts in _INDICIAL.items()
     ]
     for chords in _LIFT_CHORDS:
         # A = 1 makes it a lag of all the lift; the share says of how much.
         parts = ((1.0, 0.5 / chords),)
-        made.append(Variant(parameters, partial(_building, parts=parts), {"lag": chords}, {"lag": "chords"}, "one lag"))
+        columns, shape, units = partial(_building, parts=parts), {"lag": chords}, {"lag": "chords"}
+        made.append(Variant(parameters, columns, shape, units, "one lag", model=_building_model))
     return made
+
+
+def _building_model(case: ModelCase, parts: tuple[tuple[float, float], ...] = ()) -> ModelForm:
+    """Part of the angle of attack acts late: indicial parts as given, else one lag as estimated."""
+    cbar = case.craft.cbar
+    late = [(A, Quantity(cbar / (2.0 * b), unit="m")) for A, b in parts] or [(1.0, case.quantity("lag", cbar, "m"))]
+    states: dict[str, State] = {}
+    replaced: dict[str, dict[str, str]] = {}
+    for name, what, responses in (
+        ("share", "lift", ("CZ", "CL")), ("share of the axial force", "axial", ("CX", "CD")),
+        ("share of the moment", "moment", ("Cm",)),
+    ):  # fmt: skip
+        share, mine = case.quantity(name), []
+        for k, (A, way) in enumerate(late, 1):
+            mine.append(f"alpha_{what}{k if len(late) > 1 else ''}")
+            states[mine[-1]] = State(
+                "lag", "alpha", {"way": way, "share": Quantity(share.value * A, share.std * A, share.unit)}
+            )
+        formula = " + ".join(mine) + f" - {len(mine) - 1}*alpha" * (len(mine) > 1)
+        replaced |= {c: {"alpha": formula} for c in responses if c in case.base}
+    return ModelForm(states=states, replaced=replaced)
 
 
 def _lift_says(found: Found) -> str:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import COEFFICIENTS, KINEMATIC
-from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import Columns, Flights, Found, Hypothesis, ModelCase, ModelForm, Parameter, Variant
+from structsel.effects.model_forms import one_hot
 from structsel.effects.signals import (
     CHANNELS_OF,
     LATERAL,
@@ -147,7 +150,18 @@ def _whole_scaled(flights: Flights, response: str, channel: str) -> Variant | No
     if spread(flights, beside(flights, part, (channel,))) < 0.1 * spread(flights, part):
         return None
     parameter = Parameter(f"{response}_{channel} relative", "-", 0.3, -1.5, 1.5)
-    return _one(response, part, parameter, f"all of {channel} in {response}", (channel,))
+    variant = _one(response, part, parameter, f"all of {channel} in {response}", (channel,))
+    model = partial(_whole_scaled_model, response=response, channel=channel)
+    return replace(variant, model=model, words={"scaled": f"{channel} in {response}"})
+
+
+def _whole_scaled_model(case: ModelCase, response: str, channel: str) -> ModelForm | None:
+    """Every term of the response that contains the channel, by one factor."""
+    if response not in case.base:
+        return None
+    model = case.base[response]
+    terms = {t: v * one_hot(0, 1) for t, v in zip(model.terms, model.values.tolist()) if channel in t.channels}
+    return ModelForm(terms={response: terms}) if terms else None
 
 
 def _says_value(found: Found) -> str:
@@ -155,7 +169,7 @@ def _says_value(found: Found) -> str:
     value = found.text(name)
     if name.endswith(" relative"):
         share = found.text(name, 100.0, "%")
-        return f"What the simulation makes of {found.variant.about.removeprefix('all of ')} is off by {share}."
+        return f"What the simulation makes of {found.variant.words['scaled']} is off by {share}."
     return f"The simulation has a wrong value for {found.variant.about}: it should be changed by {value}."
 
 

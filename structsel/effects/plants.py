@@ -166,7 +166,9 @@ def _saturation(flights: Flights) -> list[Variant]:
                 def cut(f: Flight, r: str = response, ends: tuple[float, float] = ends) -> Columns:
                     return {r: (np.clip(f.simulated[r], *ends) - f.simulated[r])[:, None]} if r in f.simulated else {}
 
-                made.append(Variant((share,), cut, {"limit": level}, {"limit": ""}, f"{response}, {side} side"))
+                words = {"channel": response, "side": f"{side} side"}
+                about = f"{response}, {side} side"
+                made.append(Variant((share,), cut, {"limit": level}, {"limit": ""}, about, words=words))
         made += _end_stops(plant, held)
         if plant.source:
             largest = float(np.abs(np.concatenate([f.raw[plant.source] for f in held])).max())
@@ -185,6 +187,7 @@ def _saturation(flights: Flights) -> list[Variant]:
                         {"limit": s * largest},
                         {"limit": ""},
                         f"{plant.source}, the input, either way",
+                        words={"channel": plant.source, "side": "the input, either way"},
                     )
                 )
     return made
@@ -244,8 +247,9 @@ def _needs(flights: Flights) -> str:
 def _limit_says(found: Found) -> str:
     if "stop" in found.estimates:
         return f"The motion runs into {found.variant.about} at {found.text('limit')}, where the simulation goes on."
-    channel, side = found.variant.about.split(", ", 1)
-    return f"{channel} stops at {found.text('limit')} ({side}), beyond which the simulation goes on."
+    words = found.variant.words
+    limit = found.text("limit")
+    return f"{words['channel']} stops at {limit} ({words['side']}), beyond which the simulation goes on."
 
 
 HYPOTHESES: tuple[Hypothesis, ...] = (

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import COEFFICIENTS
-from structsel.effects.base import Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import Flights, Found, Hypothesis, ModelCase, ModelForm, Parameter, Variant
 from structsel.effects.operators import lag, onsets, shape_of, since, spaced, told_onsets
 from structsel.effects.propeller import propeller_variants, slipstream_variants
 from structsel.effects.signals import FORCES, Parts, available, gathered, lacking, moves, of_parts
+from structsel.model import State
 from structsel.numerics.arrays import Array
 
-AXIAL = "along the axis alone"
+_AXIAL = "along the axis alone"
 _ONSETS = 5  # manoeuvres in which thrust may become asymmetric
 
 
@@ -28,7 +31,7 @@ def _along_thrust(flight: Flight, CT: Array, part: str = "") -> Parts:
     direction, arm = flight.craft.thrust.direction, flight.craft.thrust.arm
     lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
     made = [(r, 0, CT * d) for r, d in zip(FORCES, direction)]
-    if part == AXIAL:
+    if part == _AXIAL:
         return made[:1]
     return made + [(r, 0, CT * a / length) for r, a, length in zip(("Cl", "Cm", "Cn"), arm, lengths)]
 
@@ -59,7 +62,7 @@ def _line_says(found: Found) -> str:
 
 def _parts(flights: Flights) -> tuple[str, ...]:
     """All of the thrust; and its part along the axis, where its line is stated for a moment, or not as it is flown."""
-    return ("", AXIAL) if any(flights[0].craft.thrust.arm) else ("",)
+    return ("", _AXIAL) if any(flights[0].craft.thrust.arm) else ("",)
 
 
 def _scale_variants(flights: Flights) -> list[Variant]:
@@ -88,10 +91,25 @@ def _lag_variants(flights: Flights) -> list[Variant]:
         return _along_thrust(f, (lag(f["thrust"], f.dt, tau) - f["thrust"]) / (f["qbar"] * f.craft.S * tau), part)
 
     return [
-        of_parts((Parameter("lag", "s", tau, 0.4 * tau, 1.7 * tau),), partial(behind, tau=tau, part=part), part)
+        replace(
+            of_parts((Parameter("lag", "s", tau, 0.4 * tau, 1.7 * tau),), partial(behind, tau=tau, part=part), part),
+            model=partial(_late_thrust_model, axial=part == _AXIAL),
+        )
         for part in _parts(flights)
         for tau in spaced(0.1, 6.0, 11)
     ]
+
+
+def _late_thrust_model(case: ModelCase, axial: bool) -> ModelForm | None:
+    if case.estimates["lag"].value <= 0.0:
+        return None
+    line, craft = case.craft.thrust, case.craft
+    term = Term("(thrust_late - thrust)/qbar")
+    sizes = [*line.direction, *(a / length for a, length in zip(line.arm, (craft.b, craft.cbar, craft.b)))]
+    fixed = {
+        c: {term: float(s) / craft.S} for c, s in zip(COEFFICIENTS, sizes) if s != 0.0 and (c == "CX" or not axial)
+    }
+    return ModelForm(states={"thrust_late": State("lag", "thrust", {"tau": case.quantity("lag")})}, fixed=fixed)
 
 
 # Rotor

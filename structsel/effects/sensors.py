@@ -97,6 +97,7 @@ def _delay_variants(flights: Flights) -> list[Variant]:
                     (Parameter("delay", "s", tau, 0.5 * tau, 1.6 * tau),),
                     wrong_readings(partial(_late_readings, channels=channels, tau=tau)),
                     about=name,
+                    words={"be": "are" if len(channels) > 1 else "is"},
                 )
             )
     return made
@@ -113,8 +114,7 @@ def _late_readings(flight: Flight, channels: Sequence[str], tau: float) -> list[
 
 
 def _delay_says(found: Found) -> str:
-    be = "are" if found.variant.about in ("the air data", "the accelerometers") else "is"
-    return f"{capital(found)} {be} late by {found.text('delay')}."
+    return f"{capital(found)} {found.variant.words['be']} late by {found.text('delay')}."
 
 
 # Places
@@ -224,18 +224,21 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
                     tuple(Parameter(f"about {_AXES[i]}", "rad", 0.02, -0.15, 0.15) for i in axes),
                     wrong_readings(partial(_turnings, triads=parts, axes=axes)),
                     about=name,
+                    words={"be": "is" if name.endswith("unit") else "are"},
                 )
             )
     for one, other in _MIXED:
         if available(flights, one) and available(flights, other):
             taken = wrong_readings(partial(_taken_in, one=one, other=other))
-            made.append(Variant((turning,), taken, about=f"{INSTRUMENTS[one]} alone, by a share of {other}"))
+            about, words = f"{INSTRUMENTS[one]} alone, by a share of {other}", {"one": INSTRUMENTS[one], "other": other}
+            made.append(Variant((turning,), taken, about=about, words=words))
     if available(flights, "alpha") and available(flights, "beta"):
         made.append(
             Variant(
                 (Parameter("about x", "rad", 0.04, -0.3, 0.3),),
                 wrong_readings(lambda f: [_rolled_boom(f)]),
                 about="the boom with its vanes",
+                words={"be": "is"},
             )
         )
     return made
@@ -243,12 +246,10 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
 
 def _misalignment_says(found: Found) -> str:
     if "share" in found.estimates:
-        one, _, other = found.variant.about.partition(" alone, by a share of ")
+        one, other = found.variant.words["one"], found.variant.words["other"]
         return f"{one[0].upper()}{one[1:]} takes a share of {other}, as if turned by {shown(found, 'share')}."
     by = ", ".join(f"{shown(found, f'about {x}')} about body {x}" for x in _AXES if f"about {x}" in found.estimates)
-    return f"{capital(found)} are mounted turned by {by}.".replace("unit are", "unit is").replace(
-        "vanes are", "vanes is"
-    )
+    return f"{capital(found)} {found.variant.words['be']} mounted turned by {by}."
 
 
 # Pitot and static
@@ -262,11 +263,13 @@ def _position_error_variants(flights: Flights) -> list[Variant]:
             (factor,),
             wrong_readings(lambda f: [{"V": f["V"]}]),
             about="airspeed and dynamic pressure",
+            words={"cause": "the pressures"},
         ),
         Variant(
             (Parameter("factor", "-", 0.1, -0.5, 0.5),),
             wrong_readings(lambda f: [{"qbar_ratio": f["qbar_ratio"]}]),
             about="dynamic pressure alone",
+            words={"cause": "the density or the static pressure"},
         ),
         Variant(
             (Parameter("factor per rad", "1/rad", 0.3, -3.0, 3.0),),
@@ -277,16 +280,11 @@ def _position_error_variants(flights: Flights) -> list[Variant]:
 
 
 def _position_error_says(found: Found) -> str:
-    about = found.variant.about
     if "factor per rad" in found.estimates:
-        return (
-            f"{capital(found)}: the error grows by {found.text('factor per rad', 100.0 * np.pi / 180.0, '% per deg')}."
-        )
-    which = "the pressures" if "airspeed" in about else "the density or the static pressure"
-    return (
-        f"{capital(found)} read too much by {percent(found, 'factor')}: "
-        f"{which} are off, and all coefficients with them."
-    )
+        per_degree = found.text("factor per rad", 100.0 * np.pi / 180.0, "% per deg")
+        return f"{capital(found)}: the error grows by {per_degree}."
+    factor, cause = percent(found, "factor"), found.variant.words["cause"]
+    return f"{capital(found)} read too much by {factor}: {cause} are off, and all coefficients with them."
 
 
 _SCALE_SEPARATED = "manoeuvres in which the channel moves at different speeds and powers, beside attitude and gyros"
