@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from proof.case_files import Case
+from proof.scenario.declared import DeclaredEffect, declare
 from proof.scenario.sizing import NotAttainable
+from structsel import effects
+from structsel.effects import Hypothesis
 from structsel.errors import AircraftError, SimulationError
 
 _TRIES = 12
@@ -62,16 +65,29 @@ def draw_case(
     )
 
 
+def declared_effects(hypotheses: Sequence[Hypothesis] | None = None) -> tuple[DeclaredEffect, ...]:
+    """Effects of structsel's library that declare their case; see `structsel.effects.TruthCase`.
+
+    Raises
+    ------
+    DataError
+        A declaration that neither plant can take.
+    """
+    known = effects.HYPOTHESES if hypotheses is None else hypotheses
+    return tuple(declare(h.effect, h.kind, h.truth) for h in known if h.truth is not None)
+
+
 def drawable(source: str) -> frozenset[str]:
     """Effects of which a source has cases."""
+    declared = {d.name for d in declared_effects()}
     if source == "jsbsim":
         from proof.jsbsim.catalogue import ADDED_FORCES
         from proof.jsbsim.faults import FAULTS
 
-        return frozenset({*ADDED_FORCES, *FAULTS, "gust", "wrong-derivative"})
+        return frozenset({*ADDED_FORCES, *FAULTS, "gust", "wrong-derivative"} | declared)
     from proof.polynomial.families import NAMES
 
-    return frozenset(NAMES)
+    return frozenset({*NAMES} | declared)
 
 
 def _polynomial(seed: int, attempt: int, family: str | None, effect: str | None, severity: str | None) -> Case:
@@ -79,7 +95,9 @@ def _polynomial(seed: int, attempt: int, family: str | None, effect: str | None,
 
     rng = np.random.default_rng([seed, attempt, 11])
     drawn, aim = _choice(rng, POLYNOMIAL), _choice(rng, SEVERITIES)  # drawn even where given: the stream stays alike
-    return make("single" if effect else family or drawn, rng, seed, attempt, effect, severity or aim)
+    return make(
+        "single" if effect else family or drawn, rng, seed, attempt, effect, severity or aim, declared_effects()
+    )
 
 
 def _jsbsim(
@@ -92,7 +110,7 @@ def _jsbsim(
     name = aircraft or str(rng.choice(FLEET))
     drawn: Any = family or _choice(rng, JSBSIM)
     aim: Any = severity or str(rng.choice(list(BANDS)))
-    return CaseBuilder(JSBSimPlant(name), drawn, aim, effect, seed, rng).case()
+    return CaseBuilder(JSBSimPlant(name), drawn, aim, effect, seed, rng, declared_effects()).case()
 
 
 def _choice(rng: np.random.Generator, chances: Mapping[str, float]) -> str:

@@ -21,6 +21,7 @@ from proof.jsbsim.open_loop import simulate_open_loop
 from proof.jsbsim.prescribed_motion import coefficients, functions_with
 from proof.jsbsim.readings import channels_of, joined, measured_as_stated, read, restated, state_offsets
 from proof.keys import EffectKey, Key
+from proof.scenario.declared import DeclaredEffect
 from proof.scenario.measurement import COEFFICIENTS, OFF_BY, gains
 from proof.scenario.sizing import NotAttainable
 from structsel.errors import SimulationError
@@ -49,6 +50,7 @@ class CaseBuilder:
     wanted: str | None
     seed: int
     rng: np.random.Generator
+    declared: Sequence[DeclaredEffect] = ()
 
     def case(self) -> Case:
         """Draw, fly, size, fly again and assemble.
@@ -95,7 +97,7 @@ class CaseBuilder:
             return []
         if self.family == "outside":
             return [unknown_effect(self.plant, self.rng)]
-        there = effects_of(self.plant)
+        there = effects_of(self.plant, self.declared)
         if self.wanted is not None and self.wanted not in there:
             raise SimulationError(
                 f"{self.plant.name} has no effect '{self.wanted}'; it has {', '.join(sorted(there))}."
@@ -110,7 +112,7 @@ class CaseBuilder:
                 n in doors and other in doors for other in chosen for doors in _EXCLUSIVE
             ):
                 chosen.append(n)
-        return [choose(self.plant, n, self.rng) for n in chosen]
+        return [choose(self.plant, n, self.rng, self.declared) for n in chosen]
 
     def _wrong_parts(self, changed: Sequence[AeroFunction] = ()) -> tuple[AeroFunction, ...]:
         """The simulation's parts: some changed, all off by the tolerances."""

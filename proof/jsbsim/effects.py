@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from proof.jsbsim.aircraft import JSBSimPlant
 from proof.jsbsim.catalogue import ADDED_FORCES, UNMODELLED, AddedForceSpec
 from proof.jsbsim.effects_built_in import BuiltInEffect, find_built_in
+from proof.jsbsim.effects_declared import declared_force
 from proof.jsbsim.faults import FAULTS, Fault, follow_along
 from proof.jsbsim.flight import Manoeuvre, TruthFlight
 from proof.jsbsim.functions import AeroFunction
@@ -17,6 +18,7 @@ from proof.jsbsim.laws import AddedForce
 from proof.jsbsim.prescribed_motion import SEEN, coefficients, functions_with
 from proof.jsbsim.readings import InstrumentSet, channels_of, measured_as_stated, restated
 from proof.keys import Kind
+from proof.scenario.declared import DeclaredEffect
 
 _NATIVE_FIRST = 0.7
 
@@ -182,13 +184,15 @@ class SelectedEffect:
         return dict(self.fault(self.size).key_parameters)
 
 
-def effects_of(plant: JSBSimPlant) -> tuple[str, ...]:
+def effects_of(plant: JSBSimPlant, declared: Sequence[DeclaredEffect] = ()) -> tuple[str, ...]:
     """Names of the effects that can be concealed with an aircraft."""
     propeller = is_propeller(plant)
     laws = [n for n, specs in ADDED_FORCES.items() if specs[0].power in ("", "propeller" if propeller else "jet")]
     surfaces = set(plant.controls)
     faults = [n for n in FAULTS if {"de", "da", "dr"} <= surfaces]
-    return tuple(sorted({"gust", *(n.effect for n in find_built_in(plant)), *laws, *faults}))
+    return tuple(
+        sorted({"gust", *(n.effect for n in find_built_in(plant)), *laws, *faults, *(d.name for d in declared)})
+    )
 
 
 def is_propeller(plant: JSBSimPlant) -> bool:
@@ -196,8 +200,12 @@ def is_propeller(plant: JSBSimPlant) -> bool:
     return plant.machine.fdm.get_property_manager().hasNode("propulsion/engine/propeller-rpm")
 
 
-def choose(plant: JSBSimPlant, name: str, rng: np.random.Generator) -> SelectedEffect:
+def choose(
+    plant: JSBSimPlant, name: str, rng: np.random.Generator, declared: Sequence[DeclaredEffect] = ()
+) -> SelectedEffect:
     """One effect of a name."""
+    if one := next((d for d in declared if d.name == name), None):
+        return _of_law(plant, name, declared_force(one), rng)
     if name == "gust":
         events = {int(m): float(rng.uniform(6.0, 16.0)) for m in rng.choice(np.arange(1, 9), 4, replace=False)}
         return SelectedEffect(name, "atmospheric", ("turbulence", "sensor-delay"), (), ("pitch",), low=0.8, high=12.0,

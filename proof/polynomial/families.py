@@ -15,12 +15,14 @@ from proof.polynomial import effects_aerodynamic, effects_instruments, effects_s
 from proof.polynomial import instruments as ins
 from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
 from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection
+from proof.polynomial.effects_declared import declared_effect
 from proof.polynomial.flight import simulate_truth
 from proof.polynomial.handing import assemble, describe, make_single, make_windy, severity_of
 from proof.polynomial.instruments import InstrumentErrors
 from proof.polynomial.making import SHARES, Scenario, ScenarioResult, draw_scenario, scale_effect, simulate_scenario
 from proof.polynomial.single_channel import SINGLE_CHANNEL, make_single_channel
 from proof.polynomial.terms import AXES
+from proof.scenario.declared import DeclaredEffect
 from proof.scenario.sizing import NotAttainable
 
 SINGLES: tuple[Effect, ...] = effects_aerodynamic.EFFECTS + effects_systems.EFFECTS + effects_instruments.EFFECTS
@@ -31,8 +33,16 @@ _WINDY = ("steady-wind", "wind-shear")
 _SMALL = (0.03, 0.06)
 
 
-def make(family: str, rng: np.random.Generator, seed: int, attempt: int, effect: str | None, severity: str) -> Case:
-    """A case of a family; see `proof.generate.draw_case`.
+def make(
+    family: str,
+    rng: np.random.Generator,
+    seed: int,
+    attempt: int,
+    effect: str | None,
+    severity: str,
+    declared: Sequence[DeclaredEffect] = (),
+) -> Case:
+    """A case of a family; see `proof.generate.draw_case`. Declared effects join the singles.
 
     Raises
     ------
@@ -52,14 +62,16 @@ def make(family: str, rng: np.random.Generator, seed: int, attempt: int, effect:
         case = make_single(chosen, _aircraft_for(chosen, rng), severity, seed, "forced", states, attempt)
         verdicts = ("mismatch", "consistent") if "turbulence" in case.key.effects[0].tie else ("mismatch",)
         return replace(case, key=case.key.model_copy(update={"family": "outside", "verdicts": verdicts}))
-    name = effect or str(rng.choice(NAMES))
+    singles = (*SINGLES, *map(declared_effect, declared))
+    names = (*NAMES, *(d.name for d in declared))
+    name = effect or str(rng.choice(names))
     if name in SINGLE_CHANNEL:
         return make_single_channel(
             name, float(rng.uniform(*SHARES[severity])), seed, attempt, "free" if rng.random() < 0.6 else "forced"
         )
-    able = [e for e in SINGLES if e.name == name]
+    able = [e for e in singles if e.name == name]
     if not able:
-        raise KeyError(f"no effect '{name}' can be drawn; there are {', '.join(NAMES)}")
+        raise KeyError(f"no effect '{name}' can be drawn; there are {', '.join(names)}")
     chosen = able[int(rng.integers(len(able)))]
     if name in _WINDY:
         return make_windy(chosen, _aircraft_for(chosen, rng), severity, seed, attempt)

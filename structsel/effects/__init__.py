@@ -16,7 +16,7 @@ from structsel.effects import (
     static,
     structural,
 )
-from structsel.effects.base import Estimate, Found, Hypothesis, Kind, Parameter, Variant
+from structsel.effects.base import BandNoise, Estimate, Found, Hypothesis, Kind, Parameter, TruthCase, Variant
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     *parameters.HYPOTHESES,
@@ -34,4 +34,4 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 )
 """Every effect that can be named, with what it needs and what it does to the differences."""
 
-__all__ = ["HYPOTHESES", "Estimate", "Found", "Hypothesis", "Kind", "Parameter", "Variant"]
+__all__ = ["HYPOTHESES", "BandNoise", "Estimate", "Found", "Hypothesis", "Kind", "Parameter", "TruthCase", "Variant"]

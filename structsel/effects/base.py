@@ -193,6 +193,56 @@ class Found:
 
 
 @dataclass(frozen=True)
+class BandNoise:
+    """Random forcing of unit variance in a band of frequencies, for a `TruthCase`.
+
+    Attributes
+    ----------
+    low, high : float [Hz]
+    beyond : str
+        Variable that makes it stronger; empty where nothing does.
+    onset : float
+        Value of that variable above which it begins; the noise is multiplied by the excess.
+    """
+
+    low: float
+    high: float
+    beyond: str = ""
+    onset: float = 0.0
+
+
+@dataclass(frozen=True)
+class TruthCase:
+    """How the proof of the diagnosis puts the effect into a truth. Data only; the package ``proof`` picks it up.
+
+    Write it from the literature, with another formula, other states or another parametrisation than the effect's own
+    variants: a diagnosis that is proved against its own formula proves nothing. A test refuses a term that equals a
+    column of the effect, unless the effect is a plain term by nature (kinds ``parameter`` and ``sensor``).
+
+    Attributes
+    ----------
+    terms : mapping of coefficient to mapping of formula to value
+        What a truth of size 1 adds. A formula is a product of powers, "CT*de" or "alpha^2*beta", of 1, alpha, beta,
+        p_hat, q_hat, r_hat, de, da, dr, CT, CL, abs_alpha, abs_beta, abs_de, abs_da, abs_dr and the signals.
+    sizes : (low, high)
+        Between which the proof seeks the size that shows as much as it wants.
+    manoeuvres : tuple of str
+        That show it: elevator, aileron, rudder, multisine, turn, throttle, speed, pull-up, stall, low-pass, sideslip,
+        large.
+    ties : tuple of str
+        Effects that may be declared ambiguous with it.
+    signals : mapping of name to BandNoise
+        At most one.
+    """
+
+    terms: Mapping[str, Mapping[str, float]]
+    sizes: tuple[float, float] = (0.02, 5.0)
+    manoeuvres: tuple[str, ...] = ()
+    ties: tuple[str, ...] = ()
+    signals: Mapping[str, BandNoise] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Hypothesis:
     """Physics that a simulation may lack.
 
@@ -219,6 +269,8 @@ class Hypothesis:
         Of the effect as against the others.
     event : bool
         True where what it does at moments sought in the differences is of those, so that others cannot foretell it.
+    truth : TruthCase, optional
+        Its case in the proof, where the proof has no module of its own for it.
     """
 
     effect: str
@@ -232,3 +284,4 @@ class Hypothesis:
     check: str = ""
     log_prior: float = 0.0
     event: bool = False
+    truth: TruthCase | None = None

@@ -1,0 +1,75 @@
+"""Whether the declared case of an effect is another formula than the effect's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from proof.scenario.declared import DeclaredEffect, declare, product
+from structsel.comparison.flight import Flight
+from structsel.effects import Hypothesis
+
+PLAIN = ("parameter", "sensor")
+"""Kinds that are plain terms by nature: there is one way to write them."""
+_ALIKE = 0.9999
+
+
+def copied_terms(hypothesis: Hypothesis, flights: Sequence[Flight]) -> list[str]:
+    """Declared terms that a column of one of the effect's forms equals along some flights, up to a factor.
+
+    Random signals are not compared.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        With a declared case.
+    flights : sequence of Flight
+        Prepared, so that both sides are computed from the same channels.
+
+    Returns
+    -------
+    list of str
+        "Cm: alpha*q_hat", ...; empty where the case is independent, or need not be.
+    """
+    if hypothesis.truth is None or hypothesis.kind in PLAIN:
+        return []
+    declared = declare(hypothesis.effect, hypothesis.kind, hypothesis.truth)
+    added = _along(declared, flights)
+    copied = []
+    for variant in hypothesis.variants(flights):
+        columns = [variant.columns(f) for f in flights]
+        for (axis, formula), x in added.items():
+            held = [c[axis] if axis in c else np.zeros((len(f), len(variant.parameters)))
+                    for c, f in zip(columns, flights)]  # fmt: skip
+            if any(_alike(x, column) for column in np.vstack(held).T):
+                copied.append(f"{axis}: {formula}")
+    return list(dict.fromkeys(copied))
+
+
+def _along(declared: DeclaredEffect, flights: Sequence[Flight]) -> dict[tuple[str, str], np.ndarray]:
+    """Each declared term without a signal along all flights, one after another."""
+    made = {}
+    for axis, factors, _ in declared.terms:
+        if not {name for name, _ in factors} & set(declared.truth.signals):
+            text = "*".join(f"{name}^{power}" if power > 1 else name for name, power in factors)
+            made[axis, text] = np.concatenate([np.broadcast_to(product(factors, _values(f)), len(f)) for f in flights])
+    return made
+
+
+def _values(f: Flight) -> dict[str, np.ndarray]:
+    """Variables of formulas along a prepared flight."""
+    qbar = 0.5 * f["rho"] * f["V"] ** 2
+    made = {"1": np.ones(len(f)), "CT": f["thrust"] / (qbar * f.craft.S)}
+    made |= {name: f[name] if name in f.channels else np.zeros(len(f)) for name in ("alpha", "beta", "de", "da", "dr")}
+    lengths = {"p": f.craft.b, "q": f.craft.cbar, "r": f.craft.b}
+    made |= {f"{rate}_hat": f[rate] * length / (2.0 * f["V"]) for rate, length in lengths.items()}
+    made |= {f"abs_{name}": np.abs(made[name]) for name in ("alpha", "beta", "de", "da", "dr")}
+    made["CL"] = f.simulated["CX"] * np.sin(f["alpha"]) - f.simulated["CZ"] * np.cos(f["alpha"])
+    return made
+
+
+def _alike(x: np.ndarray, y: np.ndarray) -> bool:
+    """Whether two regressors are one up to a factor: their cosine is 1."""
+    size = float(np.linalg.norm(x) * np.linalg.norm(y))
+    return size > 0.0 and abs(float(x @ y)) > _ALIKE * size
