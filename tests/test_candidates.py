@@ -303,12 +303,14 @@ def test_a_pool_about_a_reference_spans_the_same_models(signals):
 
 def test_pools_join_without_duplicates_and_give_up_terms():
     pool = Candidates(["de", "alpha", "1"]) + Candidates(["alpha", "alpha*de"]) + Term("alpha^2")
-    assert pool.names == ["alpha", "de", "alpha^2", "alpha*de"]
+    assert pool.names == ["de", "alpha", "alpha*de", "alpha^2"]  # the order given, what is new last
     assert pool == Candidates.parse(["alpha*de", "alpha^2", "de", "alpha"])
+    assert hash(pool) == hash(Candidates.parse(["alpha*de", "alpha^2", "de", "alpha"]))
+    assert pool != Candidates(["de", "alpha"])
     assert "de*alpha" in pool
     assert Term("beta") not in pool
-    assert pool[3] == Term("alpha*de")
-    assert pool.index("de") == 1
+    assert pool[2] == Term("alpha*de")
+    assert pool.index("de") == 0
     assert pool.channels == ("alpha", "de")
     assert pool.without("alpha", lambda term: term.degree == 2).names == ["de"]
 

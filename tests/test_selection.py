@@ -696,3 +696,15 @@ def test_options_may_be_given_as_one_object_and_single_ones_replaced(flights):
     assert_array_equal(as_object.values, as_keywords.values)
     with pytest.raises(TypeError, match="unexpected keyword argument 'F_inn'"):
         select(flights, "CZ", POOL, F_inn=4.0)
+
+
+@pytest.mark.parametrize("order", [["alpha", "q_hat"], ["q_hat", "alpha"]])
+def test_orthogonal_functions_are_made_in_the_order_the_candidates_were_given(order):
+    # Two candidates that share most of their motion: the one given first is credited with what they share.
+    rng = np.random.default_rng(11)
+    shared = ar1(rng, 2000, 0.95)
+    channels = {name: shared + 0.3 * ar1(rng, 2000, 0.9) for name in ("alpha", "q_hat")}
+    channels["CZ"] = channels["alpha"] + channels["q_hat"] + 0.1 * rng.standard_normal(2000)
+    flight = Recording("f", np.arange(2000) * 0.02, channels)
+    found = select(flight, "CZ", Candidates(order), method="orthogonal", order="given", **WHITE)["CZ"]
+    assert [str(step.term) for step in found.trace if step.action == "enter"] == order

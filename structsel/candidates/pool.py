@@ -19,11 +19,14 @@ from structsel.rich_text import to_html
 _LARGEST = 100_000
 
 
-@dataclass(frozen=True, init=False, repr=False)
+@dataclass(frozen=True, init=False, repr=False, eq=False)
 class Candidates:
-    """An immutable pool of terms without duplicates, ordered by degree and then as `Term` orders.
+    """An immutable pool of terms without duplicates, in the order given.
 
-    The constant is always implied and never listed: ``"1"`` is accepted and adds nothing.
+    `polynomial` and `splines` order their terms by degree and then as `Term` orders; a sum of pools has the terms of
+    the first before the new ones of the second. ``select(method="orthogonal", order="given")`` orthogonalises in this
+    order. Like dicts, pools of the same terms are equal whatever their order. The constant is always implied and never
+    listed: ``"1"`` is accepted and adds nothing.
 
     Parameters
     ----------
@@ -33,7 +36,7 @@ class Candidates:
     --------
     >>> pool = Candidates.polynomial(["alpha", "de"], 2) + Candidates.splines("alpha", [0.2])
     >>> pool.names
-    ['alpha', '(alpha - 0.2)+', 'de', 'alpha^2', 'alpha*de', 'de^2']
+    ['alpha', 'de', 'alpha^2', 'alpha*de', 'de^2', '(alpha - 0.2)+']
     """
 
     terms: tuple[Term, ...]
@@ -41,8 +44,8 @@ class Candidates:
     def __init__(self, terms: Iterable[Term | str] = ()):
         if isinstance(terms, str):
             raise TermError(f"Candidates takes a list of terms; found the text {terms!r}. Write [{terms!r}].")
-        unique = {term for term in map(_as_term, terms) if not term.is_constant}
-        object.__setattr__(self, "terms", tuple(sorted(unique)))
+        unique = dict.fromkeys(term for term in map(_as_term, terms) if not term.is_constant)
+        object.__setattr__(self, "terms", tuple(unique))
 
     @classmethod
     def parse(cls, texts: Iterable[str]) -> Candidates:
@@ -114,7 +117,7 @@ class Candidates:
                     powers[factor] = powers.get(factor, 0) + 1
                 if max(powers.values()) <= highest:
                     terms.append(Term(powers))
-        return cls(terms)
+        return cls(sorted(terms))
 
     @classmethod
     def splines(
@@ -147,7 +150,7 @@ class Candidates:
             own = [Term(Factor.step(channel, knot)) for knot in knots]
         else:
             own = [Term({Factor.spline(channel, knot): degree}) for knot in knots]
-        return cls(spline * other for spline in own for other in others)
+        return cls(sorted(spline * other for spline in own for other in others))
 
     def __add__(self, other: Candidates | Term | str) -> Candidates:
         """Return the union, without duplicates."""
@@ -205,6 +208,12 @@ class Candidates:
             )
         moved = {Factor.channel(name): Factor.offset(name, value) for name, value in references.items()}
         return Candidates(term.replace(lambda factor: moved.get(factor, factor)) for term in self.terms)
+
+    def __eq__(self, other: object) -> bool:
+        return set(self.terms) == set(other.terms) if isinstance(other, Candidates) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self.terms))
 
     def __len__(self) -> int:
         return len(self.terms)
