@@ -6,8 +6,9 @@ from dataclasses import replace
 import pytest
 
 from structsel.diagnosis.result import Pull
-from structsel.diagnosis.story import chance, estimate_text, no_model, range_text, tell
+from structsel.diagnosis.story import no_model, tell
 from structsel.effects.base import Estimate
+from structsel.formatting import format_estimate, format_probability, format_range
 from tests.diagnoses import GROUND, NAMES, TURBULENCE, VANE, diagnosis, fits
 
 
@@ -131,7 +132,7 @@ def test_the_story_fits_on_a_screen_and_four_findings_with_everything_on_two():
 def test_figures_that_are_not_known_are_left_out_rather_than_printed():
     unknown = replace(GROUND, explainable=math.nan, explained=math.nan, share=math.nan)
     assert "nan" not in tell(diagnosis(unknown))
-    assert "nan" not in estimate_text(Estimate(0.25, math.nan, "s"))
+    assert "nan" not in format_estimate(0.25, math.nan, "s")
 
 
 @pytest.mark.parametrize(
@@ -148,18 +149,18 @@ def test_figures_that_are_not_known_are_left_out_rather_than_printed():
     ],
 )
 def test_an_estimate_has_the_digits_it_is_known_to_and_angles_are_in_degrees(estimate, text):
-    assert estimate_text(estimate) == text
+    assert format_estimate(estimate.value, estimate.std, estimate.unit) == text
 
 
 def test_a_region_is_in_the_units_people_read_and_may_be_open():
-    assert range_text("alpha", (math.radians(11.0), math.radians(20.0))) == "alpha 11 to 20 deg"
-    assert range_text("h_agl", (-math.inf, 5.4)) == "h_agl below 5.4 m"
-    assert range_text("V", (60.0, math.inf)) == "V above 60 m/s"
+    assert format_range("alpha", (math.radians(11.0), math.radians(20.0))) == "alpha 11 to 20 deg"
+    assert format_range("h_agl", (-math.inf, 5.4)) == "h_agl below 5.4 m"
+    assert format_range("V", (60.0, math.inf)) == "V above 60 m/s"
 
 
 @pytest.mark.parametrize(("p", "text"), [(0.94, "94 %"), (0.9999, "> 99 %"), (0.003, "< 1 %")])
 def test_no_probability_is_called_certain(p, text):
-    assert chance(p) == text
+    assert format_probability(p) == text
 
 
 def test_str_of_a_diagnosis_is_its_story():

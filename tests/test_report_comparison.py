@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from structsel import Candidates, select, validate
+from structsel.formatting import format_number
 from structsel.report import write_comparison
-from structsel.report.words import figure
 from tests.reported import manoeuvre
 from tests.test_report import Page
 
@@ -33,7 +33,7 @@ def test_methods_stand_side_by_side_with_their_values_and_scores(compared):
     apart = [response for response, (a, b) in kept.items() if a != b]
     assert apart  # or the page would have nothing to show
     assert all(f"{response}: all keep" in told for response in apart)
-    values = " ".join(figure(float(one["Cm"].values[0])) for one in compared.found.values())
+    values = " ".join(format_number(float(one["Cm"].values[0])) for one in compared.found.values())
     assert f"1 {values} 2 of 2" in told
     for response in ("Cm", "CZ"):
         scores = [one.score(response) for one in compared.scores.values()]
@@ -44,7 +44,9 @@ def test_methods_stand_side_by_side_with_their_values_and_scores(compared):
 def test_a_term_that_one_method_leaves_out_shows_as_a_dash(compared):
     first, second = (one["CZ"] for one in compared.found.values())
     only = next(iter(set(first.terms) ^ set(second.terms)))
-    values = [figure(dict(zip(s.terms, s.values[1:]))[only]) if only in s.terms else "-" for s in (first, second)]
+    values = [
+        format_number(dict(zip(s.terms, s.values[1:]))[only]) if only in s.terms else "-" for s in (first, second)
+    ]
     assert f"{only} {' '.join(values)} 1 of 2" in compared.page.words()
 
 

@@ -11,13 +11,13 @@ from rich.text import Text
 
 from structsel.cli.tables import fact_line, plain_table, print_doubts
 from structsel.cli.terminal import in_commands
+from structsel.formatting import format_number
 from structsel.inputs import Information, InputComparison, Scatter
 from structsel.metrics import in_tables
 from structsel.nomenclature import is_known, unit_of
 from structsel.numerics.linear_systems import Modes
 from structsel.recording import Recording
 from structsel.refinement import Estimate, Refinement
-from structsel.report.words import figure
 from structsel.simulation import Trim
 from structsel.validation import Resimulation
 from structsel.validation.resimulation import KINDS, table_heads
@@ -32,7 +32,7 @@ def print_trim(console: Console, trim: Trim, name: str) -> None:
     """Print a steady flight: what holds it, and how nearly it is balanced."""
     held = trim.to_dict()
     console.print(Text.assemble((name, "bold"), "  steady flight"))
-    facts = [("V", f"{figure(held['V'])} m/s"), ("h", f"{figure(held['h'])} m")]
+    facts = [("V", f"{format_number(held['V'])} m/s"), ("h", f"{format_number(held['h'])} m")]
     facts += [("climb", f"{math.degrees(trim.climb):.4g} deg")] * bool(trim.climb)
     facts += [("turn", f"{math.degrees(trim.turn_rate):.4g} deg/s")] * bool(trim.turn_rate)
     console.print(fact_line(facts))
@@ -40,11 +40,11 @@ def print_trim(console: Console, trim: Trim, name: str) -> None:
     table.columns[2].justify = table.columns[4].justify = "left"
     for n in _ANGLES:
         if held[n] or n in ("alpha", "theta"):
-            table.add_row(n, figure(held[n]), f" {unit_of(n)}", f"{math.degrees(held[n]):.3f}", "")
+            table.add_row(n, format_number(held[n]), f" {unit_of(n)}", f"{math.degrees(held[n]):.3f}", "")
     for n, value in trim.controls.items():
         angle = f"{math.degrees(value):.3f}" if unit_of(n) == "rad" else ""
         unit = unit_of(n) if is_known(n) else ""
-        table.add_row(n, figure(value), f" {unit}", angle, " found" if n in trim.free else " given")
+        table.add_row(n, format_number(value), f" {unit}", angle, " found" if n in trim.free else " given")
     console.print(table)
     worst = max(trim.unbalance, key=lambda n: abs(trim.unbalance[n]))
     console.print(Text(f"unbalanced at most {abs(trim.unbalance[worst]):.1g} in {worst}", "dim"))
@@ -60,10 +60,14 @@ def print_modes(console: Console, modes: Modes, title: str) -> None:
     table.columns[0].no_wrap = True
     for i, z in enumerate(modes.eigenvalues):
         half = modes.time_to_half[i]
-        when = figure(half, 3) if np.isfinite(half) else f"{figure(modes.time_to_double[i], 3)} double"
-        figures = (figure(modes.frequency[i]), f"{modes.damping[i]:.4f}", figure(modes.time_constant[i], 3))
+        when = format_number(half, 3) if np.isfinite(half) else f"{format_number(modes.time_to_double[i], 3)} double"
+        figures = (
+            format_number(modes.frequency[i]),
+            f"{modes.damping[i]:.4f}",
+            format_number(modes.time_constant[i], 3),
+        )
         imaginary = f"{z.imag:.5f}" if z.imag else "-"
-        row = (modes.names[i], f"{z.real:.5f}", imaginary, *figures, when, figure(modes.period[i], 3))
+        row = (modes.names[i], f"{z.real:.5f}", imaginary, *figures, when, format_number(modes.period[i], 3))
         table.add_row(*row, style="red" if z.real > 0.0 else "")
     console.print(table)
     console.print()
@@ -82,7 +86,7 @@ def print_flight(console: Console, flight: Recording, recorded: Recording | None
         if recorded is not None:
             seen = recorded[n][np.isfinite(recorded[n])] if n in recorded else np.empty(0)
             row += [seen.min(), seen.max()] if len(seen) else [math.nan, math.nan]
-        table.add_row(n, flight.unit(n), *(figure(float(x)) for x in row))
+        table.add_row(n, flight.unit(n), *(format_number(float(x)) for x in row))
     console.print(table)
     console.print()
 
@@ -101,7 +105,7 @@ def print_replay(console: Console, result: Resimulation, title: str) -> None:
             both = [x for kind in KINDS for x in result.score(output, name, kind).table_cells()]
             table.add_row(output, *both)
         console.print(table)
-    bands = ", ".join(f"{n} {figure(b, 3)} {unit_of(n)}" for n, b in result.bands.items())
+    bands = ", ".join(f"{n} {format_number(b, 3)} {unit_of(n)}" for n, b in result.bands.items())
     note = f"{result.window:g} s: windows that each start from what was recorded. whole: from the first sample on. "
     console.print(Text(f"{note}band: share of samples within {bands}.", "dim"))
     print_doubts(console, result.divergence_notes())
@@ -123,8 +127,8 @@ def print_refinement(console: Console, result: Refinement) -> None:
     heads = ("value", "std error", "CRLB", "95 % low", "95 % high", "start", "")
     table = plain_table("parameter", *heads, words=[e.name for e in shared])
     for e in shared:
-        bounds = (figure(e.value - 1.96 * e.std), figure(e.value + 1.96 * e.std))
-        table.add_row(Text(e.name), *_estimate(e), *bounds, figure(e.start), _mark(e))
+        bounds = (format_number(e.value - 1.96 * e.std), format_number(e.value + 1.96 * e.std))
+        table.add_row(Text(e.name), *_estimate(e), *bounds, format_number(e.start), _mark(e))
     if shared:
         console.print(table)
     own = [e for e in result.estimates if e.kind in _PER_RECORDING]
@@ -148,7 +152,7 @@ def print_refinement(console: Console, result: Refinement) -> None:
             f.output,
             Text(f.recording),
             str(f.n),
-            figure(f.rms_error, 3),
+            format_number(f.rms_error, 3),
             *f.cells(brief=True),
         )
     console.print(table)
@@ -157,7 +161,7 @@ def print_refinement(console: Console, result: Refinement) -> None:
 
 
 def _estimate(estimate: Estimate) -> tuple[str, str, str]:
-    return figure(estimate.value), figure(estimate.std, 2), figure(estimate.std_white, 2)
+    return format_number(estimate.value), format_number(estimate.std, 2), format_number(estimate.std_white, 2)
 
 
 def _mark(estimate: Estimate) -> Text:
@@ -168,13 +172,18 @@ def print_information(console: Console, found: Information) -> None:
     """Print the Cramer-Rao bounds that an input reaches."""
     table = plain_table("parameter", "value", "bound", "% of value", words=found.parameters)
     for name, value, std in zip(found.parameters, found.values, found.crlb):
-        table.add_row(name, figure(value), figure(std, 3), figure(100.0 * std / abs(value), 3) if value else "-")
+        table.add_row(
+            name,
+            format_number(value),
+            format_number(std, 3),
+            format_number(100.0 * std / abs(value), 3) if value else "-",
+        )
     console.print(table)
 
 
 def print_inputs_compared(console: Console, found: InputComparison) -> None:
     """Print kinds of input at equal energy by what they tell, in % of each parameter."""
-    console.print(Text.assemble(("Inputs", "bold"), f"  energy {figure(found.energy)} each"))
+    console.print(Text.assemble(("Inputs", "bold"), f"  energy {format_number(found.energy)} each"))
     frame = found.to_frame()
     rows = frame.to_dict("records")
     for first in range(0, len(found.parameters), _TOGETHER):
@@ -182,10 +191,10 @@ def print_inputs_compared(console: Console, found: InputComparison) -> None:
         table = plain_table("input", "peak", "A", "D", *found.parameters[some], words=frame["input"])
         for row in rows:
             shares = (100.0 * row[f"std_{p}"] / size for p, size in zip(found.parameters[some], found.sizes[some]))
-            figures = (figure(row[key], 3) for key in ("peak", "A", "D"))
-            table.add_row(row["input"], *figures, *(figure(x, 3) for x in shares))
+            figures = (format_number(row[key], 3) for key in ("peak", "A", "D"))
+            table.add_row(row["input"], *figures, *(format_number(x, 3) for x in shares))
         console.print(table)
-    sizes = ", ".join(f"{p} {figure(s)}" for p, s in zip(found.parameters, found.sizes))
+    sizes = ", ".join(f"{p} {format_number(s)}" for p, s in zip(found.parameters, found.sizes))
     note = f"least standard deviation by Cramer and Rao, in % of {sizes}; A: sum of their squares, D: their volume."
     console.print(Text(note, "dim"))
     for u, info in zip(found.inputs, found.found):

@@ -27,9 +27,9 @@ from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.tables import print_files
 from structsel.cli.terminal import Waiting, json_text, print_json, stdout
+from structsel.formatting import format_number
 from structsel.inputs import Information, InputComparison, InputDesign, Scatter
 from structsel.recording import Recording, write_recording
-from structsel.report.words import figure
 from structsel.simulation import LinearModel, ReadyAircraft
 
 EPILOG = page(
@@ -266,10 +266,10 @@ def _print(found: Recording | InputDesign | InputComparison, info: Information |
     console.print(f"{found.name}, {len(found)} samples, {found.duration:g} s, every {found.dt:g} s", markup=False)
     for name in found.names:
         peak = max(found[name].max(), -found[name].min())
-        rms = figure(float((found[name] ** 2).mean() ** 0.5))
+        rms = format_number(float((found[name] ** 2).mean() ** 0.5))
         factor = f", peak factor {signals.peak_factor(found[name]):.3f}" if peak else ""
-        console.print(f"  {name}  peak {figure(float(peak))}, rms {rms}{factor}")
-    console.print(f"  energy {figure(signals.energy(found))}")
+        console.print(f"  {name}  peak {format_number(float(peak))}, rms {rms}{factor}")
+    console.print(f"  energy {format_number(signals.energy(found))}")
     if info is not None:
         print_information(console, info)
 

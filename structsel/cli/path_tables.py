@@ -10,8 +10,8 @@ from rich.text import Text
 
 from structsel.cli.tables import fact_line, indented, plain_table, print_doubts
 from structsel.cli.terminal import in_commands
+from structsel.formatting import format_number
 from structsel.reconstruction import CONSTANTS, Reconstruction, Reconstructions
-from structsel.report.words import figure
 
 LEGEND = (
     "std: of the estimate, with allowance for coloured residuals; residual: rms of measured less reconstructed; "
@@ -27,7 +27,7 @@ def print_reconstruction(console: Console, result: Reconstruction) -> None:
         table = plain_table("constant", "meaning", "value", "std", "unit", words=_meanings(), left=2)
         table.columns[-1].justify = "left"
         for c in result.constants:
-            table.add_row(c.name, CONSTANTS[c.name][0], figure(c.value), figure(c.std, 2), f" {c.unit}")
+            table.add_row(c.name, CONSTANTS[c.name][0], format_number(c.value), format_number(c.std, 2), f" {c.unit}")
         console.print(table)
     _print_fixed(console, [result])
     _print_channels(console, result)
@@ -52,14 +52,14 @@ def print_methods(console: Console, by_method: Mapping[str, Reconstruction]) -> 
             figures = []
             for one in results:
                 mine = next((c for c in one.constants if c.name == name), None)
-                figures += [figure(mine.value), figure(mine.std, 2)] if mine is not None else [".", ""]
+                figures += [format_number(mine.value), format_number(mine.std, 2)] if mine is not None else [".", ""]
             table.add_row(name, *figures, f" {CONSTANTS[name][1]}")
         console.print(table)
     _print_fixed(console, results)
     table = plain_table("residual rms", *by_method, "unit", words=["residual rms"])
     table.columns[-1].justify = "left"
     for channel in results[0].consistency.channels:
-        left = (figure(one.consistency[channel.channel].residual_rms, 3) for one in results)
+        left = (format_number(one.consistency[channel.channel].residual_rms, 3) for one in results)
         table.add_row(channel.channel, *left, f" {_unit(results[0], channel.channel)}")
     console.print(table)
     said: dict[str, list[str]] = {}
@@ -96,7 +96,14 @@ def print_constants(console: Console, results: Reconstructions, method: str) -> 
             scatter = float(values.std(ddof=1)) if len(found) > 1 else float("nan")
             std = float(np.mean([c.std for c in found]))
             unit = f" {CONSTANTS[name][1]}"
-            table.add_row(name, str(len(found)), figure(float(values.mean())), figure(scatter, 2), figure(std, 2), unit)
+            table.add_row(
+                name,
+                str(len(found)),
+                format_number(float(values.mean())),
+                format_number(scatter, 2),
+                format_number(std, 2),
+                unit,
+            )
         console.print(table)
     console.print()
 
@@ -125,12 +132,12 @@ def _print_channels(console: Console, result: Reconstruction) -> None:
     table.columns[3].justify = "left"
     seen = {c.channel: c for c in result.consistency.channels}
     for level in sorted(result.noise, key=lambda level: level.channel not in seen):
-        row = [level.channel, level.unit, figure(level.std, 3), f" {level.source}"]
+        row = [level.channel, level.unit, format_number(level.std, 3), f" {level.source}"]
         c = seen.get(level.channel)
         if c is not None:
             next_one = float(c.autocorrelation[0]) if len(c.autocorrelation) else float("nan")
             corr = f"{next_one:+.2f}" if np.isfinite(next_one) else "-"
-            row += [figure(c.residual_rms, 3), f"{c.variance:.2f}", corr, str(c.rejected)]
+            row += [format_number(c.residual_rms, 3), f"{c.variance:.2f}", corr, str(c.rejected)]
         else:
             row += ["", "", "", ""]
         table.add_row(*row)
@@ -139,7 +146,7 @@ def _print_channels(console: Console, result: Reconstruction) -> None:
     low, high = together.nis_band
     facts = [("NIS", f"{together.nis:.3f}"), ("95 % band", f"{low:.3f} to {high:.3f}")]
     if any(result.gust):
-        facts.append(("turbulence", ", ".join(figure(std, 2) for std in result.gust) + " m/s"))
+        facts.append(("turbulence", ", ".join(format_number(std, 2) for std in result.gust) + " m/s"))
     console.print(fact_line(facts))
 
 

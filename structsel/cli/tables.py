@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from structsel.formatting import format_number
 from structsel.metrics import in_tables
 from structsel.recording import Recording
-from structsel.report.words import figure
 from structsel.selection import Selection
 from structsel.validation import Validation
 
@@ -87,18 +87,18 @@ def print_selection(console: Console, selection: Selection) -> None:
             shown = [Text("-") if math.isnan(share) else Text(f"{100 * share:.0f}%", style)]
         table.add_row(
             Text(row["term"]),
-            figure(row["value"]),
-            figure(row["std_error"], 2),
-            figure(row["low95"]),
-            figure(row["high95"]),
-            figure(row["partial_F"], 3),
+            format_number(row["value"]),
+            format_number(row["std_error"], 2),
+            format_number(row["low95"]),
+            format_number(row["high95"]),
+            format_number(row["partial_F"], 3),
             *shown,
-            figure(row["vif"], 2),
+            format_number(row["vif"], 2),
         )
     console.print(table)
-    fit = [("n", str(s.n)), ("R2", f"{s.r2:.4f}"), ("adj.", f"{s.adjusted_r2:.4f}"), ("rms", figure(s.rms, 3))]
+    fit = [("n", str(s.n)), ("R2", f"{s.r2:.4f}"), ("adj.", f"{s.adjusted_r2:.4f}"), ("rms", format_number(s.rms, 3))]
     if math.isfinite(s.held_out_r2):
-        fit += [("left out: R2", f"{s.held_out_r2:.4f}"), ("rms", figure(s.held_out_rms, 3))]
+        fit += [("left out: R2", f"{s.held_out_r2:.4f}"), ("rms", format_number(s.held_out_rms, 3))]
     console.print(fact_line(fit))
     print_doubts(console, s.doubts)
     console.print()
@@ -110,7 +110,7 @@ def print_trace(console: Console, selection: Selection) -> None:
     moved = [f"{s.other} -> {s.term}" if s.other is not None else str(s.term) for s in selection.trace]
     table = plain_table("move", "term", "F", "partial r", "terms", "R2", "PSE", "BIC", words=moved, left=2)
     for term, s in zip(moved, selection.trace):
-        figures = (figure(s.F, 3), f"{s.partial_r:+.3f}", str(s.n_terms), f"{s.R2:.4f}", figure(s.PSE, 3))
+        figures = (format_number(s.F, 3), f"{s.partial_r:+.3f}", str(s.n_terms), f"{s.R2:.4f}", format_number(s.PSE, 3))
         table.add_row(s.action, Text(term), *figures, f"{s.BIC:.0f}")
     console.print(table)
     console.print()
@@ -123,14 +123,14 @@ def print_comparison(console: Console, response: str, by_method: Mapping[str, Se
     table = plain_table("term", *by_method, words=("rms, parts left out", *map(str, terms)))
     values = {m: dict(zip(("1", *map(str, s.terms)), s.values)) for m, s in by_method.items()}
     for term in ("1", *map(str, terms)):
-        table.add_row(Text(term), *(figure(v[term]) if term in v else "." for v in values.values()))
+        table.add_row(Text(term), *(format_number(v[term]) if term in v else "." for v in values.values()))
     table.add_section()
     chosen = by_method.values()
     table.add_row("terms", *(str(len(s.terms)) for s in chosen))
     table.add_row("R2", *(f"{s.r2:.4f}" for s in chosen))
     table.add_row("R2, parts left out", *(f"{s.held_out_r2:.4f}" for s in chosen))
-    table.add_row("rms, parts left out", *(figure(s.held_out_rms, 3) for s in chosen))
-    table.add_row("highest VIF", *(figure(float(s.vif.max()), 2) if len(s.vif) else "-" for s in chosen))
+    table.add_row("rms, parts left out", *(format_number(s.held_out_rms, 3) for s in chosen))
+    table.add_row("highest VIF", *(format_number(float(s.vif.max()), 2) if len(s.vif) else "-" for s in chosen))
     console.print(table)
     console.print()
 
@@ -169,7 +169,7 @@ def print_recording(console: Console, recording: Recording) -> None:
     )
     table.columns[-1].justify = "left"
     for name, summary in r.to_dict()["channels"].items():
-        numbers = (figure(summary[key]) for key in ("min", "mean", "max"))
+        numbers = (format_number(summary[key]) for key in ("min", "mean", "max"))
         marks = Text(" " + ", ".join(dict.fromkeys(found.get(name, []))), "yellow")
         table.add_row(Text(name), Text(summary["unit"]), *numbers, marks)
     console.print(table)
@@ -189,7 +189,7 @@ def print_truth(console: Console, selection: Selection, truth: Mapping[str, floa
     for term in terms:
         true, row = truth.get(term), rows.get(term)
         if row is None:
-            table.add_row(Text(term), figure(true), "-", "", "", "", "", Text("missed", "red"))
+            table.add_row(Text(term), format_number(true), "-", "", "", "", "", Text("missed", "red"))
             continue
         if true is None:
             verdict = Text("false", "red")
@@ -197,8 +197,13 @@ def print_truth(console: Console, selection: Selection, truth: Mapping[str, floa
             inside = row["low95"] <= true <= row["high95"]
             verdict = Text("yes" if inside else "no", "green" if inside else "yellow")
         share = "-" if math.isnan(row["inclusion"]) else f"{100 * row['inclusion']:.0f}%"
-        numbers = (figure(row["value"]), figure(row["std_error"], 2), figure(row["low95"]), figure(row["high95"]))
-        table.add_row(Text(term), figure(true), *numbers, share, verdict)
+        numbers = (
+            format_number(row["value"]),
+            format_number(row["std_error"], 2),
+            format_number(row["low95"]),
+            format_number(row["high95"]),
+        )
+        table.add_row(Text(term), format_number(true), *numbers, share, verdict)
     console.print(table)
     facts = [("n", str(s.n)), ("R2", f"{s.r2:.4f}"), ("left out: R2", f"{s.held_out_r2:.4f}")]
     console.print(fact_line(facts))

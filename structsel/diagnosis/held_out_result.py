@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from structsel.formatting import display_unit
 from structsel.numerics.arrays import Array
 
 _WRITTEN = {"delivered": "before", "refitted": "refitted", "physics": "after"}
@@ -138,7 +139,6 @@ class HeldOutSimulation:
         }
 
     def __str__(self) -> str:
-        from structsel.diagnosis.story import displayed  # the story knows the results, not the reverse
 
         if self.reason:
             return f"not flown in windows: {self.reason}"
@@ -149,7 +149,7 @@ class HeldOutSimulation:
             f"  {'':<6}{'rms error':>{9 * n}}  {'':<6}{'TIC':>{7 * n}}{'in the band':>{7 * n}}",
         ]
         for r in self.rows:
-            factor, unit = displayed(r.unit)
+            factor, unit = display_unit(r.unit)
             each = r.stages.values()
             rms = "".join(f"{factor * near.rms:9.2g}" for near in each)
             tic = "".join(f"{near.tic:7.3f}" for near in each)

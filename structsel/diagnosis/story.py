@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 
 from structsel.comparison.responses import COEFFICIENTS
 from structsel.diagnosis.result import UNNAMED, Diagnosis, Finding, Pull
 from structsel.effects.base import Estimate
-from structsel.nomenclature import UNKNOWN, unit_of
+from structsel.formatting import display_unit, format_estimate, format_probability, format_range, join_names
 
 WIDTH = 80
+_and = partial(join_names, most=None)
 HARD_PULL = 2.0
 """Standard deviations beyond which a tolerance was pulled hard."""
 _LABEL = 11  # columns that a label stands in
@@ -102,49 +104,9 @@ def no_model(diagnosis: Diagnosis) -> str:
     return "the simulation with what was found could not be put as the terms of one"
 
 
-def chance(probability: float) -> str:
-    """A probability in percent, never more certain than a sample of flights can be."""
-    if probability > 0.99:
-        return "> 99 %"
-    return "< 1 %" if probability < 0.01 else f"{100.0 * probability:.0f} %"
-
-
-def estimate_text(estimate: Estimate, sign: str = "+-") -> str:
-    """An estimate with as many digits as it is known to, angles in degrees."""
-    factor, unit = displayed(estimate.unit)
-    value, std = factor * estimate.value, factor * estimate.std
-    shown = f" {unit}" if unit else ""
-    if not (math.isfinite(std) and std > 0.0):
-        return f"{value:.3g}{shown}"
-    if not 1e-3 <= max(abs(value), std) < 1e5:
-        return f"{value:.3g} {sign} {std:.1g}{shown}"
-    # One digit of what is uncertain; two where the first is a 1.
-    digits = -math.floor(math.log10(std)) + (f"{std:e}"[0] == "1")
-    return f"{value:.{max(digits, 0)}f} {sign} {std:.{max(digits, 0)}f}{shown}"
-
-
-def displayed(unit: str) -> tuple[float, str]:
-    """Factor to the unit that people read, and its name; nothing for a pure number."""
-    if unit == "rad" or unit.startswith(("rad/", "rad ")):
-        return 180.0 / math.pi, "deg" + unit[3:]
-    if unit == "relative":
-        return 100.0, "%"
-    return 1.0, "" if unit in ("-", UNKNOWN) else unit
-
-
-def range_text(channel: str, limits: Sequence[float]) -> str:
-    """Where on a channel an effect acts, ``alpha 11.5 to 20.1 deg``."""
-    factor, unit = displayed(unit_of(channel))
-    low, high = (factor * x for x in limits)
-    shown = f" {unit}" if unit else ""
-    if not math.isfinite(low):
-        return f"{channel} below {high:.3g}{shown}"
-    return f"{channel} {low:.3g} to {high:.3g}{shown}" if math.isfinite(high) else f"{channel} above {low:.3g}{shown}"
-
-
 def pull_text(pull: Pull) -> str:
     """How far a tolerance was pulled, in its standard deviations and in its unit."""
-    factor, unit = displayed(pull.unit)
+    factor, unit = display_unit(pull.unit)
     return f"{pull.name} {pull.sigmas:+.1f} sigma ({f'{factor * pull.value:+.2g} {unit}'.strip()})"
 
 
@@ -161,27 +123,27 @@ def tied(finding: Finding) -> list[str]:
 
 def _headed(finding: Finding) -> str:
     if not finding.ambiguous_with:
-        return f"{finding.effect} ({chance(finding.physics[0].probability)})"
-    return f"{_and([finding.effect, *tied(finding)], 'or')} (together {chance(together(finding))})"
+        return f"{finding.effect} ({format_probability(finding.physics[0].probability)})"
+    return f"{_and([finding.effect, *tied(finding)], last='or')} (together {format_probability(together(finding))})"
 
 
 def _tell_finding(number: int, finding: Finding) -> Iterator[str]:
     first, *others = finding.physics
     share = f"; {100.0 * finding.share:.0f} % of all explained" if finding.share > 0.0 else ""
-    head = f"{finding.effect}: {chance(first.probability)}, {finding.kind}, in {_and(finding.axes)}{share}"
+    head = f"{finding.effect}: {format_probability(first.probability)}, {finding.kind}, in {_and(finding.axes)}{share}"
     yield from _wrap(head, f"{number}. ", "   ")
     yield from _wrap(first.says, "   ", "   ")
     yield from _labelled("where", _places(finding, _STRETCHES if number == 1 else _STRETCHES // 2))
     if number == 1:  # of the others the sentence gives them
-        yield from _labelled("values", ", ".join(f"{name} {estimate_text(e)}" for name, e in first.parameters.items()))
+        yield from _labelled("values", _values(first.parameters))
     yield from _labelled("but", first.plausible)
     yield from _errors(number, finding)
     if number == 1:
         yield from _labelled("explains", _explains(finding))
-    rivals = [f"{p.effect} {chance(p.probability)}" for p in others if p.probability > _LEAST_RIVAL]
+    rivals = [f"{p.effect} {format_probability(p.probability)}" for p in others if p.probability > _LEAST_RIVAL]
     if finding.ambiguous_with:
-        others_too = _and(tied(finding), "or")
-        yield from _labelled("tie", f"{others_too} would do as well (together {chance(together(finding))})")
+        others_too = _and(tied(finding), last="or")
+        yield from _labelled("tie", f"{others_too} would do as well (together {format_probability(together(finding))})")
     elif rivals:
         yield from _labelled("or", ", ".join(rivals[:_RIVALS]))
     yield from _labelled("to tell" if finding.ambiguous_with else "to be sure", finding.to_separate)
@@ -189,9 +151,13 @@ def _tell_finding(number: int, finding: Finding) -> Iterator[str]:
         yield from _labelled("look at", first.check)
 
 
+def _values(parameters: Mapping[str, Estimate]) -> str:
+    return ", ".join(f"{name} {format_estimate(e.value, e.std, e.unit)}" for name, e in parameters.items())
+
+
 def _places(finding: Finding, most: int) -> str:
     """Region and stretches of time; the longest where there are too many."""
-    parts = [range_text(channel, limits) for channel, limits in finding.region.items()]
+    parts = [format_range(channel, limits) for channel, limits in finding.region.items()]
     stretches = [(name, a, b) for name, each in finding.intervals.items() for a, b in each]
     longest = sorted(stretches, key=lambda s: s[1] - s[2])[:most]
     shown: dict[str, list[str]] = {}
@@ -256,7 +222,7 @@ def _flown_again(diagnosis: Diagnosis) -> str:
     row = diagnosis.replayed.gained if diagnosis.replayed else None
     if row is None or diagnosis.replayed is None:
         return ""
-    factor, unit = displayed(row.unit)
+    factor, unit = display_unit(row.unit)
     names = ("as delivered", "refitted", "with it" if len(diagnosis.findings) == 1 else "with all")
     rms = [f"{factor * near.rms:.2g}" for near in row.stages.values()]
     told = ", ".join([f"{rms[0]} {unit} rms {names[0]}", *(f"{x} {name}" for x, name in zip(rms[1:], names[1:]))])
@@ -289,11 +255,6 @@ def _self_test(diagnosis: Diagnosis) -> str:
     least = [f"{e} from {100.0 * sizes[e]:.0f} %" if math.isfinite(sizes[e]) else f"{e} not at all" for e in hardest]
     told = f"{small} of {len(sizes)} effects would be named here at {100.0 * _SMALL:.0f} % of a response's rms"
     return told + (f"; hardest {', '.join(least)}" if least else "")
-
-
-def _and(words: Iterable[str], last: str = "and") -> str:
-    *head, tail = list(words) or [""]
-    return f"{', '.join(head)} {last} {tail}" if head else tail
 
 
 def _wrap(text: str, first: str = "", then: str = "") -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structsel.diagnosis.story import displayed
+from structsel.formatting import display_unit
 from structsel.nomenclature import UNKNOWN, latex_of, unit_of
 from structsel.numerics.binning import bin_means, split_into_stretches
 from structsel.recording import Recording
@@ -38,7 +38,7 @@ def unit_label(name: str, units: Mapping[str, str] | None = None) -> str:
 def as_read(name: str, units: Mapping[str, str] | None = None) -> tuple[float, str]:
     """Factor to the unit that people read, degrees for radians, and symbol and unit for an axis."""
     unit = unit_of(name, units)
-    factor, shown = displayed(unit)
+    factor, shown = display_unit(unit)
     return factor, f"{symbol(name)} [{shown or '-'}]" if unit != UNKNOWN else symbol(name)
 
 

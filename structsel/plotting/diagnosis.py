@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from structsel.diagnosis.result import Diagnosis, Finding
-from structsel.diagnosis.story import displayed
 from structsel.diagnosis.views import (
     acting_range,
     bin_residuals,
@@ -18,6 +17,7 @@ from structsel.diagnosis.views import (
     worth_showing,
 )
 from structsel.errors import DataError
+from structsel.formatting import display_unit
 from structsel.plotting.axes import DOUBT, KEPT, MEASURED, MODELLED, OTHER, new_axes, symbol, thin
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def plot_time_history(diagnosis: Diagnosis, *, recording: str = "", response: st
         raise DataError(f"the diagnosis keeps no time history of '{name}'; it has {_have(diagnosis.traces)}.")
     trace = diagnosis.traces[name]
     ax = new_axes(ax)
-    factor, unit = displayed(unit_shown(response))
+    factor, unit = display_unit(unit_shown(response))
     some = thin(len(trace.t))
     shown = (
         (trace.measured, MEASURED, "measured", 2.2),
@@ -107,8 +107,8 @@ def plot_residual_over(
     if not channel or any(channel not in one.channels for one in diagnosis.traces.values()):
         raise DataError(f"the diagnosis keeps no time history of channel '{channel}' in every recording.")
     ax = new_axes(ax)
-    along, along_unit = displayed(unit_shown(channel))
-    factor, unit = displayed(unit_shown(response))
+    along, along_unit = display_unit(unit_shown(channel))
+    factor, unit = display_unit(unit_shown(response))
     region = effect.region.get(channel)
     acts = acting_range(diagnosis, effect, channel)
     binned = bin_residuals(diagnosis, response, channel, acts)

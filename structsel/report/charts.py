@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from structsel.formatting import format_number
 from structsel.numerics.arrays import Array
 from structsel.numerics.binning import BinMeans, bin_means, split_into_stretches
 from structsel.report.thinning import keep_extremes
-from structsel.report.words import figure
 
 MOST_VALUES = 400_000
 """About so many in all time histories of a page; more are thinned. Each takes five and a third bytes."""
@@ -80,7 +80,7 @@ def chart_data(
     if longest[0] > 1.0:
         one = flights[longest[1]]
         seconds = float(one.t[-1] - one.t[0]) / shares[longest[1]]
-        thinned = f"{figure(4.0 * seconds, 2)} s"
+        thinned = f"{format_number(4.0 * seconds, 2)} s"
     return {
         "recordings": {name: _pack_flight(one, units, shares[name]) for name, one in flights.items()},
         "responses": responses,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from structsel.formatting import count_of, format_decimals, format_number, join_names
 from structsel.recording import Recording
 from structsel.report.selection import figures_of
 from structsel.report.sheet import (
@@ -16,7 +17,6 @@ from structsel.report.sheet import (
     list_sources,
     merge_remarks,
 )
-from structsel.report.words import counted, figure, fixed, listed
 from structsel.selection import Selection, Selections
 from structsel.validation import Validation
 
@@ -58,7 +58,7 @@ def sheet_of(
         sections=(*([_contents(pages)] if pages else ()), *(_section(r, by_method[r], judged) for r in responses)),
         doubts=doubts,
         notes=(),
-        done=(f"The same data and candidates by {listed(methods, len(methods))}.",),
+        done=(f"The same data and candidates by {join_names(methods, len(methods))}.",),
         sources=list_sources(recordings, first[responses[0]].recordings, held),
         history=conversions(recordings),
         data=figures_of(dict(zip(_INKS, found.items())), recordings),
@@ -67,25 +67,25 @@ def sheet_of(
 
 
 def _about(methods: Sequence[str], one: Selection, held: Sequence[str]) -> str:
-    judges = f"; {listed(held)} held out to judge" if held else ""
-    return f"{counted(len(methods), 'way')} of selecting from {counted(len(one.recordings), 'recording')}{judges}."
+    judges = f"; {join_names(held)} held out to judge" if held else ""
+    return f"{count_of(len(methods), 'way')} of selecting from {count_of(len(one.recordings), 'recording')}{judges}."
 
 
 def _headline(agreed: Sequence[str], apart: Sequence[str], methods: Sequence[str]) -> str:
-    count = counted(len(methods), "method")
+    count = count_of(len(methods), "method")
     if not apart:
-        return f"All {count} keep the same terms of {listed(agreed)}."
+        return f"All {count} keep the same terms of {join_names(agreed)}."
     if not agreed:
-        return f"The {count} differ about the terms of {listed(apart)}."
-    return f"The {count} keep the same terms of {listed(agreed)}, and differ about {listed(apart)}."
+        return f"The {count} differ about the terms of {join_names(apart)}."
+    return f"The {count} keep the same terms of {join_names(agreed)}, and differ about {join_names(apart)}."
 
 
 def _parting(response: str, by_method: Mapping[str, Selection]) -> str:
     """Which terms some keep and others do not."""
     kept = [set(s.terms) for s in by_method.values()]
     shared, disputed = set.intersection(*kept), set.union(*kept)
-    sure = f"all keep {listed(map(str, sorted(shared)))}" if shared else "no term is kept by all"
-    return f"{response}: {sure}; only some keep {listed(map(str, sorted(disputed - shared)))}."
+    sure = f"all keep {join_names(map(str, sorted(shared)))}" if shared else "no term is kept by all"
+    return f"{response}: {sure}; only some keep {join_names(map(str, sorted(disputed - shared)))}."
 
 
 def _contents(pages: Mapping[str, str]) -> Section:
@@ -100,7 +100,7 @@ def _section(response: str, by_method: Mapping[str, Selection], judged: Mapping[
     rows = tuple(
         (
             term,
-            *(figure(v.get(term)) for v in values.values()),
+            *(format_number(v.get(term)) for v in values.values()),
             f"{sum(term in v for v in values.values())} of {len(values)}",
         )
         for term in terms
@@ -108,16 +108,16 @@ def _section(response: str, by_method: Mapping[str, Selection], judged: Mapping[
     chosen = list(by_method.values())
     measures = [
         ("terms", *(str(len(s.terms)) for s in chosen)),
-        ("R²", *(fixed(s.r2) for s in chosen)),
-        ("R², left out", *(fixed(s.held_out_r2) for s in chosen)),
-        ("rms error, left out", *(figure(s.held_out_rms, 3) for s in chosen)),
-        ("highest VIF", *(figure(float(s.vif.max()), 2) if len(s.vif) else "-" for s in chosen)),
+        ("R²", *(format_decimals(s.r2) for s in chosen)),
+        ("R², left out", *(format_decimals(s.held_out_r2) for s in chosen)),
+        ("rms error, left out", *(format_number(s.held_out_rms, 3) for s in chosen)),
+        ("highest VIF", *(format_number(float(s.vif.max()), 2) if len(s.vif) else "-" for s in chosen)),
         ("doubts", *(str(len(s.doubts)) for s in chosen)),
     ]
     if judged:
         scores = [judged[method].score(response) for method in by_method]
-        measures.append(("R², held out", *(fixed(s.r2) for s in scores)))
-        measures.append(("RRMSE, held out", *(fixed(s.rrmse) for s in scores)))
+        measures.append(("R², held out", *(format_decimals(s.r2) for s in scores)))
+        measures.append(("RRMSE, held out", *(format_decimals(s.rrmse) for s in scores)))
     tables = (
         Table((Column("term", "name"), *numbers, Column("kept by")), rows, "Terms and values"),
         Table((Column("measure", "name"), *numbers), tuple(measures), "How well each explains and predicts"),

@@ -9,19 +9,7 @@ import numpy as np
 
 from structsel.diagnosis.held_out_result import ChannelScores, ExampleWindows, HeldOutSimulation
 from structsel.diagnosis.result import Bars, Diagnosis, Finding, Trace
-from structsel.diagnosis.story import (
-    HARD_PULL,
-    about,
-    chance,
-    displayed,
-    estimate_text,
-    headline,
-    no_model,
-    range_text,
-    tied,
-    together,
-    untested,
-)
+from structsel.diagnosis.story import HARD_PULL, about, headline, no_model, tied, together, untested
 from structsel.diagnosis.views import (
     STAGES,
     Binned,
@@ -33,9 +21,18 @@ from structsel.diagnosis.views import (
     unit_shown,
     worth_showing,
 )
+from structsel.formatting import (
+    display_unit,
+    format_decimals,
+    format_estimate,
+    format_in_unit,
+    format_number,
+    format_percent,
+    format_probability,
+    format_range,
+)
 from structsel.nomenclature import unit_of
 from structsel.report.charts import Flight, chart, chart_data, pack_number
-from structsel.report.words import figure, in_unit, percent, three_digits
 
 _STAGES = dict(zip(STAGES, ("as delivered", "refitted", "with the physics")))
 
@@ -50,7 +47,7 @@ def page_of(diagnosis: Diagnosis) -> dict[str, Any]:
         "shares": [_share(k, f) for k, f in enumerate(diagnosis.findings)],
         "data": figures_of(diagnosis),
         "shaded": "Shaded: where a finding acts.",
-        "remaining": [(c, three_digits(r), white) for c, (r, white) in diagnosis.remaining.items()],
+        "remaining": [(c, format_decimals(r, 3), white) for c, (r, white) in diagnosis.remaining.items()],
         "pulls": [_pull(p.name, p.sigmas, p.value, p.std, p.unit) for p in diagnosis.pulls],
         "untested": untested(diagnosis),
         "detects": _detects(diagnosis),
@@ -62,7 +59,7 @@ def page_of(diagnosis: Diagnosis) -> dict[str, Any]:
 def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
     """Data of the figures, in the units that people read; plain values that JSON holds."""
     responses, channels = shown_responses(diagnosis), moving_channels(diagnosis)
-    units = {name: displayed(unit_shown(name)) for name in (*responses, *channels)}
+    units = {name: display_unit(unit_shown(name)) for name in (*responses, *channels)}
     ranges = {c: _range(diagnosis, c) for c in channels}
     binned = {
         r: {c: _pack_bins(bin_residuals(diagnosis, r, c, ranges[c]), units[r][0], units[c][0]) for c in channels}
@@ -91,14 +88,14 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
 def _windows(replay: HeldOutSimulation, stretch: ExampleWindows) -> dict[str, Any]:
     """Time history of the channel that gained most, with its band, in windows of the first and the last stage."""
     band = next(row.band for row in replay.rows if row.channel == stretch.channel)
-    factor, unit = displayed(unit_of(stretch.channel))
+    factor, unit = display_unit(unit_of(stretch.channel))
     first, last = (list(stretch.flown)[i] for i in (0, -1))
     lines = [("band", "other", stretch.smoothed + edge) for edge in (-band, band)]
     lines += [("measured", "measured", stretch.measured)]
     lines += [(_STAGES[stage], stage, stretch.flown[stage]) for stage in (first, last)]
     says = (
         f"{stretch.channel} of {stretch.recording} in windows that start from the recorded state: measured, with its "
-        f"band of ± {in_unit(band, unit_of(stretch.channel), 2)}, {_STAGES[first]} and {_STAGES[last]}."
+        f"band of ± {format_in_unit(band, unit_of(stretch.channel), 2)}, {_STAGES[first]} and {_STAGES[last]}."
     )
     return chart(
         "windows",
@@ -126,14 +123,14 @@ def _replayed(replay: HeldOutSimulation | None) -> dict[str, Any] | None:
 
 
 def _replay_row(row: ChannelScores) -> dict[str, Any]:
-    factor, _ = displayed(row.unit)
+    factor, _ = display_unit(row.unit)
     each = row.stages.values()
     return {
         "channel": row.channel,
-        "rms": [figure(factor * near.rms, 2) for near in each],
-        "tic": [three_digits(near.tic) for near in each],
-        "inside": [percent(near.inside) for near in each],
-        "band": f"± {in_unit(row.band, row.unit, 2)}",
+        "rms": [format_number(factor * near.rms, 2) for near in each],
+        "tic": [format_decimals(near.tic, 3) for near in each],
+        "inside": [format_percent(near.inside) for near in each],
+        "band": f"± {format_in_unit(row.band, row.unit, 2)}",
     }
 
 
@@ -168,27 +165,30 @@ def _finding(place: int, finding: Finding) -> dict[str, Any]:
         "effect": finding.effect,
         "kind": finding.kind,
         "axes": ", ".join(finding.axes),
-        "chance": chance(first.probability),
-        "percent": percent(first.probability),
-        "share": percent(finding.share),
+        "chance": format_probability(first.probability),
+        "percent": format_percent(first.probability),
+        "share": format_percent(finding.share),
         "says": first.says,
         "plausible": first.plausible,
         "check": first.check,
         "terms": ", ".join(first.terms),
-        "regions": [range_text(c, limits) for c, limits in finding.region.items()],
+        "regions": [format_range(c, limits) for c, limits in finding.region.items()],
         "stretches": [
             (name, ", ".join(f"{a:.1f} to {b:.1f}" for a, b in each))
             for name, each in finding.intervals.items()
             if each
         ],
-        "parameters": [(name, estimate_text(e, "±")) for name, e in first.parameters.items()],
-        "rivals": [(p.effect, chance(p.probability), percent(p.probability), p.says) for p in finding.physics],
+        "parameters": [(name, format_estimate(e.value, e.std, e.unit, "±")) for name, e in first.parameters.items()],
+        "rivals": [
+            (p.effect, format_probability(p.probability), format_percent(p.probability), p.says)
+            for p in finding.physics
+        ],
         "ties": tied(finding),
-        "together": chance(together(finding)),
+        "together": format_probability(together(finding)),
         "to_separate": finding.to_separate,
         "bars": _bars(finding),
-        "explained": percent(finding.explained),
-        "explainable": percent(finding.explainable),
+        "explained": format_percent(finding.explained),
+        "explainable": format_percent(finding.explainable),
     }
 
 
@@ -204,7 +204,11 @@ def _stages(bars: Bars, longest: float) -> list[dict[str, Any]]:
     made = []
     for stage, name in _STAGES.items():
         fit = getattr(bars, stage)
-        numbers = {"rrmse": three_digits(fit.rrmse), "r2": three_digits(fit.r2), "tic": three_digits(fit.tic)}
+        numbers = {
+            "rrmse": format_decimals(fit.rrmse, 3),
+            "r2": format_decimals(fit.r2, 3),
+            "tic": format_decimals(fit.tic, 3),
+        }
         made.append({"stage": stage, "name": name, "long": round(100.0 * fit.rrmse / longest, 1), **numbers})
     return made
 
@@ -216,12 +220,12 @@ def _share(place: int, finding: Finding) -> dict[str, Any]:
         for x in (finding.explained, finding.explainable)
     )
     return {"place": place, "name": finding.effect, "axes": ", ".join(finding.axes), "told": told, "most": most,
-            "explained": percent(finding.explained), "explainable": percent(finding.explainable),
-            "share": percent(finding.share)}  # fmt: skip
+            "explained": format_percent(finding.explained), "explainable": format_percent(finding.explainable),
+            "share": format_percent(finding.share)}  # fmt: skip
 
 
 def _pull(name: str, sigmas: float, value: float, std: float, unit: str) -> dict[str, Any]:
-    factor, shown = displayed(unit)
+    factor, shown = display_unit(unit)
     return {
         "name": name,
         "sigmas": f"{sigmas:+.1f}",

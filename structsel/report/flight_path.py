@@ -8,12 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from structsel.diagnosis.story import displayed
+from structsel.formatting import (
+    count_of,
+    display_unit,
+    format_decimals,
+    format_estimate,
+    format_in_unit,
+    format_number,
+    join_names,
+)
 from structsel.nomenclature import unit_of
 from structsel.reconstruction import CONSTANTS, Reconstruction, Reconstructions
 from structsel.report.charts import Flight, chart_data, moving
 from structsel.report.sheet import Remark, Section, Sheet, Table, columns, conversions, list_sources, merge_remarks
-from structsel.report.words import counted, figure, fixed, in_unit, listed, sized
 
 _INPUTS = ("de", "da", "dr", "df", "throttle", "thrust", "qbar", "mach")
 _FOUND = 4.0  # standard deviations beyond which a constant is clearly found
@@ -70,22 +77,22 @@ def sheet_of(found: Reconstructions) -> Sheet:
 def _headline(found: Reconstructions, trusted: Sequence[Reconstruction]) -> tuple[str, str]:
     count = len(found) + len(found.failed)
     if count == 1:
-        first = f"The flight path of {listed(one.name for one in found)} can{'' if trusted else 'not'} be trusted."
+        first = f"The flight path of {join_names(one.name for one in found)} can{'' if trusted else 'not'} be trusted."
     elif len(trusted) == count:
         first = f"All {count} manoeuvres can be trusted."
     else:
         not_these = [one.name for one in found if not one.trusted]
         told = (
-            [f"{listed(not_these)} contradict{'s itself' if len(not_these) == 1 else ' themselves'}"]
+            [f"{join_names(not_these)} contradict{'s itself' if len(not_these) == 1 else ' themselves'}"]
             if not_these
             else []
         )
-        told += [f"{listed(found.failed)} could not be reconstructed"] if found.failed else []
-        first = f"{len(trusted)} of {count} manoeuvres can be trusted: {listed(told)}."
+        told += [f"{join_names(found.failed)} could not be reconstructed"] if found.failed else []
+        first = f"{len(trusted)} of {count} manoeuvres can be trusted: {join_names(told)}."
     clear = _clearest(trusted or list(found))
     if not clear:
         return first, f"No error of an instrument stands out{' in all of them alike' * (len(found) > 1)}."
-    return first, f"The clearest errors of instruments: {listed(clear)}."
+    return first, f"The clearest errors of instruments: {join_names(clear)}."
 
 
 def _clearest(results: Sequence[Reconstruction]) -> list[str]:
@@ -98,7 +105,9 @@ def _clearest(results: Sequence[Reconstruction]) -> list[str]:
         std = max(each, scatter) / math.sqrt(len(values))
         value = float(values.mean())
         if name not in _WIND and std > 0.0 and abs(value) > _FOUND * std:
-            ranked.append((abs(value) / std, f"{CONSTANTS[name][0]} {sized(value, std, CONSTANTS[name][1])}"))
+            ranked.append(
+                (abs(value) / std, f"{CONSTANTS[name][0]} {format_estimate(value, std, CONSTANTS[name][1], '±')}")
+            )
     return [text for _, text in sorted(ranked, reverse=True)[:_TOLD]]
 
 
@@ -114,7 +123,7 @@ def _by_name(results: Sequence[Reconstruction]) -> list[tuple[str, np.ndarray, n
 def _about(found: Reconstructions) -> str:
     flown = found.recordings
     seconds = sum(r.duration for r in flown)
-    return f"{counted(len(flown), 'manoeuvre')}, {sum(map(len, flown))} samples, {figure(seconds)} s in all."
+    return f"{count_of(len(flown), 'manoeuvre')}, {sum(map(len, flown))} samples, {format_number(seconds)} s in all."
 
 
 def _reasons(found: Reconstructions) -> tuple[Remark, ...]:
@@ -126,9 +135,9 @@ def _overview(found: Reconstructions) -> Section:
     rows = []
     for one in found:
         low, high = one.consistency.nis_band
-        gust = " ".join(figure(std, 2) for std in one.gust) if any(one.gust) else "none"
-        mine = (f"{one.recording.duration:.1f}", str(len(one.recording)), fixed(one.consistency.nis, 3))
-        band = f"{fixed(low, 3)} to {fixed(high, 3)}"
+        gust = " ".join(format_number(std, 2) for std in one.gust) if any(one.gust) else "none"
+        mine = (f"{one.recording.duration:.1f}", str(len(one.recording)), format_decimals(one.consistency.nis, 3))
+        band = f"{format_decimals(low, 3)} to {format_decimals(high, 3)}"
         rows.append((one.name, *mine, band, gust, "trusted" if one.trusted else "NOT TRUSTED"))
     rows += [(name, "-", "-", "-", "-", "-", "not reconstructed") for name in found.failed]
     heads = columns(
@@ -142,9 +151,9 @@ def _constants(trusted: Sequence[Reconstruction]) -> list[Section]:
     rows = []
     for name, values, stds in _by_name(trusted):
         meaning, unit = CONSTANTS[name]
-        scatter = in_unit(float(values.std(ddof=1)), unit, 2) if len(values) > 1 else "-"
-        rows.append((name, str(len(values)), in_unit(float(values.mean()), unit), scatter,
-                     in_unit(float(stds.mean()), unit, 2), meaning))  # fmt: skip
+        scatter = format_in_unit(float(values.std(ddof=1)), unit, 2) if len(values) > 1 else "-"
+        rows.append((name, str(len(values)), format_in_unit(float(values.mean()), unit), scatter,
+                     format_in_unit(float(stds.mean()), unit, 2), meaning))  # fmt: skip
     if not rows or len(trusted) < 2:
         return []
     heads = columns(constant="name", manoeuvres="number", mean="number", scatter="number", mean_std="number",
@@ -156,20 +165,24 @@ def _constants(trusted: Sequence[Reconstruction]) -> list[Section]:
 def _section(one: Reconstruction, *, folded: bool) -> Section:
     tables = []
     if one.constants:
-        errors = tuple((c.name, sized(c.value, c.std, c.unit), CONSTANTS[c.name][0]) for c in one.constants)
+        errors = tuple(
+            (c.name, format_estimate(c.value, c.std, c.unit, "±"), CONSTANTS[c.name][0]) for c in one.constants
+        )
         tables.append(
             Table(columns(constant="name", value="number", meaning="text"), errors, "Errors of the instruments")
         )
     tables.append(_channels(one))
     late = [d for d in one.delays if d.significant]
     if late:
-        delays = tuple((d.channel, sized(1e3 * d.delay, 1e3 * d.std, "ms")) for d in late)
+        delays = tuple((d.channel, format_estimate(1e3 * d.delay, 1e3 * d.std, "ms", "±")) for d in late)
         tables.append(Table(columns(channel="name", late_by="number"), delays, "Delays"))
     low, high = one.consistency.nis_band
-    text = [f"NIS {fixed(one.consistency.nis, 3)}; {fixed(low, 3)} to {fixed(high, 3)} would be right."]
+    text = [f"NIS {format_decimals(one.consistency.nis, 3)}; expected {low:.3f} to {high:.3f}."]
     if any(one.gust):
-        each = ", ".join(figure(std, 2) for std in one.gust)
-        text.append(f"Turbulence allowed for: {each} m/s along x, y and z, dying away in {figure(one.gust_time, 2)} s.")
+        each = ", ".join(format_number(std, 2) for std in one.gust)
+        text.append(
+            f"Turbulence allowed for: {each} m/s along x, y and z, dying away in {format_number(one.gust_time, 2)} s."
+        )
     chips = ("trusted" if one.trusted else "NOT TRUSTED", f"{one.recording.duration:.1f} s")
     return Section(one.name, chips, (), tuple(text), tuple(tables), (), folded)
 
@@ -178,13 +191,15 @@ def _channels(one: Reconstruction) -> Table:
     seen = {c.channel: c for c in one.consistency.channels}
     rows = []
     for level in sorted(one.noise, key=lambda level: level.channel not in seen):
-        row = (level.channel, in_unit(level.std, level.unit), level.source)
+        row = (level.channel, format_in_unit(level.std, level.unit), level.source)
         if (c := seen.get(level.channel)) is None:
             rows.append((*row, "", "", "", ""))
             continue
         next_one = float(c.autocorrelation[0]) if len(c.autocorrelation) else math.nan
         follows = f"{next_one:+.2f}" if math.isfinite(next_one) else "-"
-        rows.append((*row, in_unit(c.residual_rms, level.unit), fixed(c.variance, 2), follows, str(c.rejected)))
+        rows.append(
+            (*row, format_in_unit(c.residual_rms, level.unit), format_decimals(c.variance, 2), follows, str(c.rejected))
+        )
     heads = columns(channel="name", noise="number", source="word", residual="number", variance="number", next="number",
                     rejected="number")  # fmt: skip
     return Table(heads, tuple(rows), "Channels")
@@ -195,7 +210,7 @@ def _done(found: Reconstructions) -> tuple[str, ...]:
     for method in dict.fromkeys(one.method for one in found):
         mine = [one for one in found if one.method == method]
         states = list(dict.fromkeys(name for one in mine for name in one.states))
-        said.append(f"Flight paths by {_METHODS[method]}. Estimated: {listed(states, 40)}.")
+        said.append(f"Flight paths by {_METHODS[method]}. Estimated: {join_names(states, 40)}.")
     return tuple(said)
 
 
@@ -214,6 +229,6 @@ def _figures(found: Reconstructions) -> dict[str, Any]:
         flights[one.name] = Flight(one.recording.t, each, {c: one.recording[c] for c in channels})
     own = results[0].recording.units if results else {}
     names = {*channels, *(r for one in flights.values() for r in one.responses)}
-    units = {name: displayed(unit_of(name, own)) for name in names}
+    units = {name: display_unit(unit_of(name, own)) for name in names}
     stages = {"physics": "reconstructed"}
     return chart_data(flights, stages, units, verb="reconstructed", surprise="Normalised innovation")

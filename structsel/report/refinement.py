@@ -8,7 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from structsel.diagnosis.story import displayed
+from structsel.formatting import (
+    count_of,
+    display_unit,
+    format_decimals,
+    format_in_unit,
+    format_number,
+    format_percent,
+    join_names,
+)
 from structsel.nomenclature import unit_of
 from structsel.recording import Recording
 from structsel.refinement import Estimate, Refinement
@@ -24,7 +32,6 @@ from structsel.report.sheet import (
     merge_remarks,
     metric_columns,
 )
-from structsel.report.words import counted, figure, fixed, in_unit, listed, percent
 from structsel.validation import Resimulation
 from structsel.validation.resimulation import KINDS
 
@@ -50,7 +57,7 @@ def sheet_of(
     charts = [_descent(found)] if len(found.costs) > 1 else []
     ended = () if found.converged else (f"NOT CONVERGED: {found.message}. What follows is the best found.",)
     sections = [
-        Section("Parameters", (counted(len(found.estimates), "parameter"),), tables=tuple(_parameters(found))),
+        Section("Parameters", (count_of(len(found.estimates), "parameter"),), tables=tuple(_parameters(found))),
         Section("Outputs", tables=(_fits(found),)),
     ]
     if judged:
@@ -82,32 +89,32 @@ def sheet_of(
 def _headline(found: Refinement, judged: Mapping[str, Resimulation], settled: bool) -> list[str]:
     how = "The search settled" if settled else "The search did not settle"
     known = [f.r2 for f in found.fits if math.isfinite(f.r2)]
-    near = f" with R² from {fixed(min(known), 3)} to {fixed(max(known), 3)}" if known else ""
-    said = [f"{how}: the model flies {listed(found.noise_std)}{near}."]
+    near = f" with R² from {format_decimals(min(known), 3)} to {format_decimals(max(known), 3)}" if known else ""
+    said = [f"{how}: the model flies {join_names(found.noise_std)}{near}."]
     ranked = [e for e in found.estimates if e.kind == "model" and math.isfinite(e.std) and e.std > 0.0]
     if ranked:
         most = max(ranked, key=lambda e: abs(e.value - e.start) / e.std)
         if abs(most.value - most.start) > _SURE * most.std:
-            said.append(f"Moved furthest: {most.name}, from {figure(most.start)} to {_sized(most)}.")
+            said.append(f"Moved furthest: {most.name}, from {format_number(most.start)} to {_sized(most)}.")
     if {"before", "after"} <= set(judged):
         shared = [o for o in judged["after"].outputs if o in found.noise_std]
         ratio = {o: judged["after"].score(o).rms_error / judged["before"].score(o).rms_error for o in shared}
         left = sorted((x, o) for o, x in ratio.items() if math.isfinite(x))
         if left:
-            least, most_left = (f"{percent(x)} of what it was ({o})" for x, o in (left[0], left[-1]))
+            least, most_left = (f"{format_percent(x)} of what it was ({o})" for x, o in (left[0], left[-1]))
             reach = f"{least} to {most_left}" if len(left) > 1 else least
             said.append(f"On flights held out, flown whole, the rms error is {reach}.")
     return said
 
 
 def _sized(e: Estimate) -> str:
-    return f"{figure(e.value)} ± {figure(e.std, 2)}"
+    return f"{format_number(e.value)} ± {format_number(e.std, 2)}"
 
 
 def _about(found: Refinement, held: Sequence[Recording]) -> str:
-    judges = f"; {listed(dict.fromkeys(r.name for r in held))} held out to judge" if held else ""
+    judges = f"; {join_names(dict.fromkeys(r.name for r in held))} held out to judge" if held else ""
     samples = sum(map(len, found.simulated))
-    return f"{found.title} on {counted(len(found.simulated), 'recording')}, {samples} samples{judges}."
+    return f"{found.title} on {count_of(len(found.simulated), 'recording')}, {samples} samples{judges}."
 
 
 def _parameters(found: Refinement) -> list[Table]:
@@ -135,14 +142,14 @@ def _place(e: Estimate) -> str:
 def _estimate(e: Estimate, name: str) -> tuple[Any, ...]:
     bar = interval_bar(name, e.value, e.value - _SURE * e.std, e.value + _SURE * e.std)
     remark = "at bound" if e.at_bound else "not determined" if math.isinf(e.std) else ""
-    return _sized(e), bar, figure(e.std_white, 2), figure(e.start), remark
+    return _sized(e), bar, format_number(e.std_white, 2), format_number(e.start), remark
 
 
 def _fits(found: Refinement) -> Table:
     order = list(found.noise_std)
     own = found.simulated[0].units if found.simulated else {}
     rows = tuple(
-        (f.output, f.recording, str(f.n), in_unit(f.rms_error, unit_of(f.output, own)), *f.cells(brief=True))
+        (f.output, f.recording, str(f.n), format_in_unit(f.rms_error, unit_of(f.output, own)), *f.cells(brief=True))
         for f in sorted(found.fits, key=lambda f: order.index(f.output))
     )
     heads = columns(output="name", recording="word", samples="number", rms_error="number", **metric_columns())
@@ -163,8 +170,8 @@ def _judgement(judged: Mapping[str, Resimulation]) -> Section:
     )
     first = next(iter(judged.values()))
     note = (
-        f"In windows of {figure(first.window)} s that each start from what was recorded, and whole, from the first "
-        "sample on. In band: share of the samples that the simulation reached and met within the proof-of-match band."
+        f"In windows of {format_number(first.window)} s that each start from the recorded state, and over the complete "
+        "record. In band: share of the samples that the simulation reached and met within the proof-of-match band."
     )
     return Section("On recordings held out", text=("Flown with their recorded inputs; never refined on.",),
                    tables=(Table(heads, tuple(rows), "", note),))  # fmt: skip
@@ -178,15 +185,15 @@ def _first_marked(mark: str, heads: Mapping[str, str]) -> dict[str, str]:
 def _search(found: Refinement) -> str:
     told = ""
     if found.search is not None:
-        told = f"Evolution over {counted(len(found.search.costs), 'generation')}, {found.search.evaluations} flights. "
-    steps = counted(len(found.costs) - 1, "step")
-    cost = f"cost from {figure(found.costs[0], 6)} to {figure(found.costs[-1], 6)}"
+        told = f"Evolution over {count_of(len(found.search.costs), 'generation')}, {found.search.evaluations} flights. "
+    steps = count_of(len(found.costs) - 1, "step")
+    cost = f"cost from {format_number(found.costs[0], 6)} to {format_number(found.costs[-1], 6)}"
     return f"{told}Descent in {steps}, {cost}; {found.message}."
 
 
 def _descent(found: Refinement) -> dict[str, Any]:
     above = found.costs - found.costs.min()
-    says = f"Cost at each of {counted(len(found.costs), 'step')} of the descent, above the least."
+    says = f"Cost at each of {count_of(len(found.costs), 'step')} of the descent, above the least."
     return chart("descent", range(len(found.costs)), [("cost above the least", "physics", list(map(float, above)))],
                  x_label="step", y_label="cost above the least", says=says, log=True)  # fmt: skip
 
@@ -195,7 +202,7 @@ def _done(found: Refinement) -> str:
     cost = {"ml": "maximum likelihood, the noise estimated", "weighted": "residuals weighted as given"}[found.cost]
     name = str(getattr(found.model, "name", ""))
     model = f" of {name}" if name else ""
-    return f"{found.title}{model}: {cost}. Outputs: {listed(found.noise_std, 40)}."
+    return f"{found.title}{model}: {cost}. Outputs: {join_names(found.noise_std, 40)}."
 
 
 def _figures(found: Refinement, recordings: Sequence[Recording], charts: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -217,5 +224,5 @@ def _figures(found: Refinement, recordings: Sequence[Recording], charts: Sequenc
             each[output] = {"measured": y, "physics": one[output]}
         flights[one.name] = Flight(one.t, each, {c: one[c] for c in channels})
     own = found.simulated[0].units if found.simulated else {}
-    units = {name: displayed(unit_of(name, own)) for name in (*found.noise_std, *channels)}
+    units = {name: display_unit(unit_of(name, own)) for name in (*found.noise_std, *channels)}
     return chart_data(flights, {"physics": "simulated"}, units, verb="simulated", charts=charts)

@@ -8,7 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from structsel.diagnosis.story import displayed
+from structsel.formatting import (
+    count_of,
+    display_unit,
+    format_decimals,
+    format_explained,
+    format_number,
+    format_percent,
+    join_names,
+)
 from structsel.nomenclature import unit_of
 from structsel.recording import Recording
 from structsel.report.charts import Flight, chart, chart_data, moving
@@ -24,7 +32,6 @@ from structsel.report.sheet import (
     merge_remarks,
     metric_columns,
 )
-from structsel.report.words import counted, explained, figure, fixed, listed, percent
 from structsel.selection import Selection, Selections
 from structsel.validation import Validation
 
@@ -51,13 +58,13 @@ def sheet_of(
         doubts += merge_remarks(("held out", text) for text in judged.doubts)
     headline, told = _headline(each)
     biased = [s.response for s in each if s.biased]
-    warned = [f"Biased on purpose: {listed(biased)} by {each[0].estimated}."] if biased else []
+    warned = [f"Biased on purpose: {join_names(biased)} by {each[0].estimated}."] if biased else []
     charts = [_path(s, f"path-{k}") for k, s in enumerate(each) if s.trace]
     sections = [_section(s, f"path-{k}") for k, s in enumerate(each)]
     if judged is not None:
         sections.append(_judgement(judged))
     return Sheet(
-        verdict=counted(len(doubts), "doubt") if doubts else "no doubts",
+        verdict=count_of(len(doubts), "doubt") if doubts else "no doubts",
         tone="doubt" if doubts or biased else "good",
         headline=headline,
         lead=(told,),
@@ -77,25 +84,25 @@ def sheet_of(
 def _headline(each: Sequence[Selection]) -> tuple[str, str]:
     if len(each) == 1:
         s = each[0]
-        terms = listed(map(str, s.terms)) if s.terms else "none but the constant"
-        told = f"Together they explain {explained(s.r2)} of its variance"
-        left = f", and {explained(s.held_out_r2)} in what was left out of the selection"
+        terms = join_names(map(str, s.terms)) if s.terms else "none but the constant"
+        told = f"Together they explain {format_explained(s.r2)} of its variance"
+        left = f", and {format_explained(s.held_out_r2)} in what was left out of the selection"
         return (
-            f"The model of {s.response} needs {len(s.terms)} of {counted(len(s.pool), 'candidate term')}: {terms}.",
+            f"The model of {s.response} needs {len(s.terms)} of {count_of(len(s.pool), 'candidate term')}: {terms}.",
             told + (left if math.isfinite(s.held_out_r2) else "") + ".",
         )
-    kept = listed([f"{s.response} needs {len(s.terms)}" for s in each], len(each))
+    kept = join_names([f"{s.response} needs {len(s.terms)}" for s in each], len(each))
     worst, best = (f(each, key=lambda s: s.r2) for f in (min, max))
     return (
-        f"Of {counted(len(each[0].pool), 'candidate term')}, {kept}.",
-        f"They explain from {explained(worst.r2)} of the variance ({worst.response}) to {explained(best.r2)} "
-        f"({best.response}).",
+        f"Of {count_of(len(each[0].pool), 'candidate term')}, {kept}.",
+        f"They explain from {format_explained(worst.r2)} of the variance ({worst.response}) to "
+        f"{format_explained(best.r2)} ({best.response}).",
     )
 
 
 def _about(each: Sequence[Selection], held: Sequence[str]) -> str:
-    judges = f"; {listed(held)} held out to judge" if held else ""
-    return f"From {counted(len(each[0].recordings), 'recording')}, {each[0].n} samples{judges}."
+    judges = f"; {join_names(held)} held out to judge" if held else ""
+    return f"From {count_of(len(each[0].recordings), 'recording')}, {each[0].n} samples{judges}."
 
 
 def _section(s: Selection, name: str) -> Section:
@@ -107,8 +114,14 @@ def _section(s: Selection, name: str) -> Section:
     rows = []
     for row in s.to_frame().to_dict("records"):
         bar = interval_bar(row["term"], row["value"], row["low95"], row["high95"])
-        mine = [row["term"], figure(row["value"]), figure(row["std_error"], 2), bar, figure(row["partial_F"], 3)]
-        rows.append((*mine, *([percent(row["inclusion"])] if resampled else []), figure(row["vif"], 2)))
+        mine = [
+            row["term"],
+            format_number(row["value"]),
+            format_number(row["std_error"], 2),
+            bar,
+            format_number(row["partial_F"], 3),
+        ]
+        rows.append((*mine, *([format_percent(row["inclusion"])] if resampled else []), format_number(row["vif"], 2)))
     note = (
         "Bars are relative to each value. The line in them is zero: an interval across it (red) is a term that may not "
         "be there."
@@ -117,16 +130,14 @@ def _section(s: Selection, name: str) -> Section:
     if resampled and (near := _runners_up(s)):
         tables.append(near)
     if len(s.held_out) > 1:
-        parts = tuple((p.name, str(p.n), fixed(p.r2), figure(p.rms, 3)) for p in s.held_out)
+        parts = tuple((p.name, str(p.n), format_decimals(p.r2), format_number(p.rms, 3)) for p in s.held_out)
         heads = columns(predicted="name", samples="number", **{"R²": "number"}, rms_error="number")
         tables.append(Table(heads, parts, "Each part by a model selected without it"))
     chips = (f"{len(s.terms)} of {len(s.pool)} candidates", s.residual_description)
-    fit = f"R² {fixed(s.r2)}, adjusted {fixed(s.adjusted_r2)}, rms error {figure(s.rms, 3)}"
+    fit = f"R² {format_decimals(s.r2)}, adjusted {format_decimals(s.adjusted_r2)}, rms error {format_number(s.rms, 3)}"
     if math.isfinite(s.held_out_r2):
-        fit += (
-            f"; in what was left out of the selection R² {fixed(s.held_out_r2)}, rms error {figure(s.held_out_rms, 3)}"
-        )
-    warnings = (f"{counted(len(s.doubts), 'doubt')} about {s.response}, below.",) if s.doubts else ()
+        fit += f"; cross-validated R² {format_decimals(s.held_out_r2)}, rms error {format_number(s.held_out_rms, 3)}"
+    warnings = (f"{count_of(len(s.doubts), 'doubt')} about {s.response}, below.",) if s.doubts else ()
     return Section(s.response, chips, warnings, (f"{fit}.",), tuple(tables), (name,) if s.trace else ())
 
 
@@ -139,8 +150,8 @@ def _runners_up(s: Selection) -> Table | None:
     rows = tuple(
         (
             n,
-            percent(x),
-            Bar(0.0, round(100.0 * x, 1), f"{n} kept in {percent(x)}", "refitted" if x > _POOR else "other"),
+            format_percent(x),
+            Bar(0.0, round(100.0 * x, 1), f"{n} kept in {format_percent(x)}", "refitted" if x > _POOR else "other"),
         )
         for x, n in near[:_RUNNERS_UP]
     )
@@ -155,7 +166,7 @@ def _path(s: Selection, name: str) -> dict[str, Any]:
         ("unexplained, 1 − R²", "measured", [1.0 - m.R2 for m in s.trace]),
         ("PSE", "physics", [m.PSE for m in s.trace]),
     ]
-    says = f"The search for {s.response}: share left unexplained and PSE after each of {counted(len(moves), 'move')}."
+    says = f"The search for {s.response}: share left unexplained and PSE after each of {count_of(len(moves), 'move')}."
     return chart(name, range(1, len(moves) + 1), lines, x_label="move of the search", y_label="share of the variance",
                  says=f"{says} It ended: {s.stopped}", log=True, labels=moves)  # fmt: skip
 
@@ -183,7 +194,7 @@ def _done(s: Selection) -> tuple[str, ...]:
     }[o.method]
     rule = f", the model chosen by {o.criterion}" if o.criterion else ""
     again = f"Selected again on {o.bootstrap} resampled sets (seed {o.seed})." if o.bootstrap else "Not resampled."
-    offered = listed([str(t) for t in s.pool], 40)
+    offered = join_names([str(t) for t in s.pool], 40)
     return f"{words}{rule}; {s.residual_description}; values by {s.estimated}. {again}", f"Candidates: {offered}."
 
 
@@ -218,7 +229,7 @@ def figures_of(
         }
         flights[r.name] = Flight(r.t, each, {c: r[c] for c in channels})
     own = shown[0].units if shown else {}
-    units = {name: displayed(unit_of(name, own)) for name in (*responses, *channels)}
+    units = {name: display_unit(unit_of(name, own)) for name in (*responses, *channels)}
     stages = {ink: name for ink, (name, _) in found.items()}
     return chart_data(flights, stages, units, verb="modelled", charts=charts)
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from structsel.formatting import count_of, format_number, join_names
 from structsel.metrics import in_tables
 from structsel.provenance import file_of, sha256_of
 from structsel.recording import Recording
-from structsel.report.words import counted, figure, listed
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def interval_bar(name: str, value: float, low: float, high: float) -> Bar | None
     ends = sorted((low / value, high / value))
     a, b = (round(min(100.0, max(0.0, 25.0 + 25.0 * x)), 1) for x in ends)
     ink = "physics" if ends[0] > 0.0 else "delivered"
-    says = f"95 % interval of {name}: {figure(low)} to {figure(high)}"
+    says = f"95 % interval of {name}: {format_number(low)} to {format_number(high)}"
     # A sure value has an interval too narrow to be seen.
     return Bar(min(a, 99.0), max(b, min(a, 99.0) + 1.0), says, ink, 25.0)
 
@@ -158,7 +158,7 @@ def merge_remarks(said: Iterable[tuple[str, str]]) -> tuple[Remark, ...]:
         names = about.setdefault(text, [])
         if name and name not in names:
             names.append(name)
-    return tuple(Remark(listed(names), text) for text, names in about.items())
+    return tuple(Remark(join_names(names), text) for text, names in about.items())
 
 
 def list_sources(recordings: Sequence[Recording], names: Sequence[str] = (), held_out: Sequence[str] = ()) -> Table:
@@ -183,13 +183,13 @@ def list_sources(recordings: Sequence[Recording], names: Sequence[str] = (), hel
             cached[path] = (sha256_of(path) or "-")[:16]
         origin = "-" if path is None else path.name
         use = "judges" if one.name in held_out else "used"
-        span = f"{figure(float(one.t[0]))} to {figure(float(one.t[-1]))} s"
+        span = f"{format_number(float(one.t[0]))} to {format_number(float(one.t[-1]))} s"
         rows.append((one.name, use, origin, cached.get(path, "-") if path else "-", str(len(one)), span,
-                     f"{figure(one.dt, 3)} s"))  # fmt: skip
+                     f"{format_number(one.dt, 3)} s"))  # fmt: skip
     head = columns(
         recording="name", use="word", file="word", SHA_256="word", samples="number", span="number", every="number"
     )
-    note = f"{counted(len(rows), 'recording')}, {sum(len(r) for r in recordings)} samples."
+    note = f"{count_of(len(rows), 'recording')}, {sum(len(r) for r in recordings)} samples."
     return Table(head, tuple(rows), "The data", note)
 
 
