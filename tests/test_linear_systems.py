@@ -6,14 +6,9 @@ from numpy.testing import assert_allclose
 from scipy import signal
 
 from structsel.errors import DomainError
-from structsel.numerics.linear_systems import (
-    LinearFamily,
-    LinearSystem,
-    discretise,
-    modes,
-    previous_input,
-    simulate_linear,
-)
+from structsel.numerics.linear_models import LinearFamily, LinearSystem
+from structsel.numerics.linear_modes import modes
+from structsel.numerics.linear_systems import discretise, previous_input, simulate_linear
 
 DT = 0.05
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.errors import DataError, ModelError, RefinementError
-from structsel.numerics.linear_systems import LinearSystem
+from structsel.numerics.linear_models import LinearSystem
 from structsel.recording import Recording
 from structsel.refinement import LinearStructure, compare_estimates, refine
 from tests.linear_flights import AS355, fly_by_solver, helicopter, recording, three_two_one_one

@@ -6,16 +6,12 @@ from scipy import linalg
 from structsel.errors import DataError, ModelError
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics.flight_dynamics import STATES, fly_batch, outputs_index
-from structsel.numerics.linear_systems import LinearSystem, simulate_linear
-from structsel.numerics.prediction_error import (
-    linearise_flight,
-    predict_flight,
-    predict_linear,
-    sampled,
-    steady_gain,
-)
+from structsel.numerics.linear_models import LinearSystem
+from structsel.numerics.linear_systems import discretise_noise, simulate_linear
+from structsel.numerics.prediction_error import linearise_flight, predict_flight
 from structsel.recording import Recording
 from structsel.refinement import LinearStructure, refine
+from structsel.refinement.filter_kernels import diagonal, predict_linear, steady_gain
 from structsel.simulation import prepare, ready, simulate, trim
 from structsel.simulation.linear_library import as355
 from tests.linear_flights import fly_by_solver, recording, three_two_one_one
@@ -35,7 +31,7 @@ def systems(seed=0, m=6, s=4, c=3):
 
 def test_the_steady_gain_is_that_of_scipys_riccati_equation():
     A, C, noise, R = systems()
-    Phi, Q = sampled(A, noise, 0.1)
+    Phi, Q = discretise_noise(A, diagonal(noise**2), 0.1)
     K, P = steady_gain(Phi, C, Q, R)
     for j in range(len(A)):
         X = linalg.solve_discrete_are(Phi[j].T, C[j].T, Q[j], np.diag(R[j]))
@@ -47,7 +43,7 @@ def test_the_steady_gain_is_that_of_scipys_riccati_equation():
 def test_noise_gathered_over_a_sample_is_the_formula():
     # One state: Q = q^2 (e^(2 a dt) - 1) / 2a.
     a, q, dt = -1.3, 0.7, 0.4
-    Phi, Q = sampled(np.array([[[a]]]), np.array([[q]]), dt)
+    Phi, Q = discretise_noise(np.array([[[a]]]), np.array([[[q**2]]]), dt)
     assert_allclose(Phi[0, 0, 0], np.exp(a * dt), rtol=1e-14)
     assert_allclose(Q[0, 0, 0], q**2 * (np.exp(2.0 * a * dt) - 1.0) / (2.0 * a), rtol=1e-13)
 
@@ -63,7 +59,7 @@ def test_a_growing_motion_that_no_output_shows_has_no_steady_gain():
 def test_predictions_are_those_of_a_filter_written_out_and_gaps_correct_nothing():
     rng = np.random.default_rng(1)
     n, (A, C, noise, R) = 60, systems(1, m=2)
-    Phi, Q = sampled(A - 3.0 * np.eye(4), noise, 0.1)
+    Phi, Q = discretise_noise(A - 3.0 * np.eye(4), diagonal(noise**2), 0.1)
     K = steady_gain(Phi, C, Q, R)[0]
     push, feed = rng.standard_normal((2, n - 1, 4)), rng.standard_normal((2, n, 3))
     z, x0 = 10.0 * rng.standard_normal((2, n, 3)), rng.standard_normal((2, 4))

@@ -15,7 +15,7 @@ from structsel.formatting import format_number
 from structsel.inputs import Information, InputComparison, Scatter
 from structsel.metrics import in_tables
 from structsel.nomenclature import is_known, unit_of
-from structsel.numerics.linear_systems import Modes
+from structsel.numerics.linear_modes import Modes
 from structsel.recording import Recording
 from structsel.refinement import Estimate, Refinement
 from structsel.simulation import Trim

@@ -33,7 +33,7 @@ from structsel.cli.pages import page
 from structsel.cli.tables import print_files
 from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
 from structsel.errors import SimulationError
-from structsel.numerics.linear_systems import Modes
+from structsel.numerics.linear_modes import Modes
 from structsel.recording import Recording, write_recording
 from structsel.simulation import Instruments, LinearModel, ReadyAircraft, Trim, Turbulence
 from structsel.validation import recorded_start

@@ -11,9 +11,10 @@ import math
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import expm, solve_continuous_lyapunov
+from scipy.linalg import solve_continuous_lyapunov
 
 from structsel.errors import DomainError
+from structsel.numerics.linear_systems import discretise_noise
 
 FOOT = 0.3048
 _LOW, _HIGH = 1000.0 * FOOT, 2000.0 * FOOT
@@ -212,11 +213,7 @@ def _transverse(
     # The filter is sqrt(T)/(1 + T s) (sqrt(3) + (1 - sqrt(3))/(1 + T s)); the first state is the gust.
     A = np.array([[-1.0 / T, (1.0 - math.sqrt(3.0)) / T, 0.0], [0.0, -1.0 / T, 0.0], [1.0 / lag, 0.0, -1.0 / lag]])
     noise = np.array([k * math.sqrt(3.0), k, 0.0])
-    # Van Loan's block exponential gives the covariance of the noise gathered over one step.
-    block = np.block([[-A, np.outer(noise, noise)], [np.zeros((3, 3)), A.T]])
-    whole = expm(block * dt)
-    step = whole[3:, 3:].T
-    gathered = step @ whole[:3, 3:]
+    step, gathered = (a[0] for a in discretise_noise(A[None], np.outer(noise, noise)[None], dt))
     steady = solve_continuous_lyapunov(A, -np.outer(noise, noise))
     start = _root(steady) @ rng.standard_normal(3)
     x = _march(step, _root(gathered), start, rng.standard_normal((n, 3)))

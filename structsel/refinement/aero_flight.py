@@ -11,9 +11,11 @@ from structsel.aircraft import Aircraft
 from structsel.errors import ModelError
 from structsel.model import AeroModel
 from structsel.numerics.flight_dynamics import STATES, outputs_index
-from structsel.numerics.prediction_error import linearise_flight, predict_flight, sampled, steady_gain
+from structsel.numerics.linear_systems import discretise_noise
+from structsel.numerics.prediction_error import linearise_flight, predict_flight
 from structsel.numerics.rigid_body import body_velocity
 from structsel.recording import Recording
+from structsel.refinement.filter_kernels import diagonal, steady_gain
 from structsel.refinement.flying import late_inputs
 from structsel.refinement.problem import Flyer
 from structsel.simulation.air import Air
@@ -178,7 +180,7 @@ class FlightTracker:
         A, C = linearise_flight(
             ready.plan, ready.flight, self._full(values), self.about, self.controls, self.states, self.observed
         )
-        Phi, Q = sampled(A, process, self.dt)
+        Phi, Q = discretise_noise(A, diagonal(process**2), self.dt)
         K, P = steady_gain(Phi, C, Q, variances)
         return K, np.einsum("mos,mst,mot->mo", C, P, C)
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from structsel.errors import ModelError
 from structsel.nomenclature import suggest
-from structsel.numerics.linear_systems import simulate_linear
-from structsel.numerics.linear_systems.motion import discretise, interval, split_delay
-from structsel.numerics.prediction_error import predict_linear, sampled, steady_gain
+from structsel.numerics.linear_systems import discretise, discretise_noise, interval, simulate_linear, split_delay
 from structsel.recording import Recording
+from structsel.refinement.filter_kernels import diagonal, predict_linear, steady_gain
 from structsel.refinement.linear_structure import LinearStructure, Matrices
 from structsel.refinement.problem import Flyer
 from structsel.simulation.linear import LinearModel
@@ -170,7 +169,7 @@ class LinearTracker:
         """Steady gain (m, s, o), and by how much its states' uncertainty moves the outputs (m, o), a variance."""
         made = self.structure.matrices(values)
         C = made.C[:, self.outputs]
-        Phi, Q = sampled(made.A, process, self.dt)
+        Phi, Q = discretise_noise(made.A, diagonal(process**2), self.dt)
         K, P = steady_gain(Phi, C, Q, variances)
         return K, np.einsum("mos,mst,mot->mo", C, P, C)
 

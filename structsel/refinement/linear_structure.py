@@ -11,7 +11,7 @@ import numpy as np
 
 from structsel.errors import ModelError
 from structsel.nomenclature import suggest
-from structsel.numerics.linear_systems import LinearFamily, LinearSystem
+from structsel.numerics.linear_models import LinearFamily, LinearSystem
 from structsel.simulation.linear import LinearModel
 
 

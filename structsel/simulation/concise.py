@@ -21,7 +21,7 @@ import numpy as np
 
 from structsel.errors import ModelError
 from structsel.numerics.atmosphere import G0
-from structsel.numerics.linear_systems import LinearFamily, LinearSystem
+from structsel.numerics.linear_models import LinearFamily, LinearSystem
 from structsel.simulation.linear import LinearModel
 
 

@@ -15,14 +15,9 @@ import pandas as pd
 
 from structsel.errors import DataError, ModelError, SimulationError
 from structsel.nomenclature import is_known, suggest, unit_of
-from structsel.numerics.linear_systems import (
-    LinearFamily,
-    LinearSystem,
-    Modes,
-    modes,
-    previous_input,
-    simulate_linear,
-)
+from structsel.numerics.linear_models import LinearFamily, LinearSystem
+from structsel.numerics.linear_modes import Modes, modes
+from structsel.numerics.linear_systems import previous_input, simulate_linear
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
 

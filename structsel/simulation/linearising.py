@@ -12,7 +12,7 @@ from structsel.errors import ModelError, StructselWarning
 from structsel.model import AeroModel
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_dynamics import STATES, outputs_index, slopes
-from structsel.numerics.linear_systems import LinearFamily, LinearSystem
+from structsel.numerics.linear_models import LinearFamily, LinearSystem
 from structsel.simulation.air import Air
 from structsel.simulation.linear import LinearModel
 from structsel.simulation.preparing import prepare

@@ -6,8 +6,8 @@ Kalman gain, tell the model where it has got to::
     x' = f(x, u) + w                        v[k] = z[k] - y(x[k], u[k])
     z  = y(x, u) + n                        x[k] <- x[k] + K v[k], then on to the next sample
 
-`steady_gain` finds K from the model linearised; `predict_linear` and `predict_flight` fly many parameter sets, each
-with its own gain. With K = 0 both are the flight in open loop. The innovations take the place of the residuals in
+`predict_flight` flies many parameter sets, each with its own gain; `structsel.refinement.filter_kernels` has the gain.
+With K = 0 it is the flight in open loop. The innovations take the place of the residuals in
 `structsel.numerics.output_error`, which is then the filter-error method.
 
 References
@@ -16,7 +16,5 @@ References
 """
 
 from structsel.numerics.prediction_error.flight import linearise_flight, predict_flight
-from structsel.numerics.prediction_error.gain import sampled, steady_gain
-from structsel.numerics.prediction_error.linear import predict_linear
 
-__all__ = ["linearise_flight", "predict_flight", "predict_linear", "sampled", "steady_gain"]
+__all__ = ["linearise_flight", "predict_flight"]

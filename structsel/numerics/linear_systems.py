@@ -1,12 +1,17 @@
-"""Motion of linear systems between and at samples, without approximation.
+"""Linear systems with a delay, simulated exactly and many at once.
 
-Over one interval of a held or linear input the solution is a matrix exponential. A delay of (d + s) intervals,
-d whole and s a fraction, only moves the corner of the input into the interval: at s of it. So the interval is
+::
+
+    x'(t) = A x(t) + B u(t - delay) + bias          y(t) = C x(t) + D u(t - delay) + y_ref
+
+Between samples the input is held or linear, and the solution over one interval is a matrix exponential. A delay of
+d + s intervals, d whole and s a fraction, moves the corner of the input into the interval, to s of it. The interval is
 solved in two parts, and
 
     x[k+1] = Phi x[k] + G0 u[k-d-1] + G1 u[k-d] + G2 u[k-d+1] + g
 
-holds exactly, with G2 zero for held inputs.
+holds exactly, with G2 zero for held inputs. ``scipy.signal.lsim`` and ``control.forced_response`` have neither a delay
+of a fraction of a sample nor a batch of systems, and are loops in Python.
 """
 
 from __future__ import annotations
@@ -21,8 +26,8 @@ from structsel.errors import DomainError
 
 Hold = Literal["hold", "linear"]
 
-_BLOWN = 1e100
-"""A state beyond this is given up: its square would overflow soon after."""
+_DIVERGED = 1e100
+"""A state beyond this has diverged: its square would overflow soon after."""
 
 
 def discretise(A: np.ndarray, B: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -32,7 +37,7 @@ def discretise(A: np.ndarray, B: np.ndarray, h: np.ndarray) -> tuple[np.ndarray,
 
         x(h) = Phi x(0) + held u0 + ramp (u1 - u0)
 
-    With the input held at u0 the last term falls away.
+    With the input held at u0 the last term is zero.
 
     Parameters
     ----------
@@ -52,18 +57,48 @@ def discretise(A: np.ndarray, B: np.ndarray, h: np.ndarray) -> tuple[np.ndarray,
     block[:, :ns, :ns] = A * h
     block[:, :ns, ns : ns + ni] = B * h
     block[:, ns : ns + ni, ns + ni :] = np.eye(ni)  # the ramp reaches one at the end of the step
-    # Members that are not finite, or so fast that e^(A h) overflows, come out as nan and are reported so.
-    sound = np.isfinite(block).all(axis=(1, 2))
+    step = _exponential(block)
+    return step[:, :ns, :ns], step[:, :ns, ns : ns + ni], step[:, :ns, ns + ni :]
+
+
+def discretise_noise(A: np.ndarray, intensity: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Transition and covariance over one sample of x' = A x + w, w white, by Van Loan's block exponential.
+
+    Parameters
+    ----------
+    A : (m, s, s) array [1/s]
+    intensity : (m, s, s) array
+        Covariance of w per second.
+    dt : float [s]
+
+    Returns
+    -------
+    Phi, Q : (m, s, s) array
+        NaN where A is not finite or too fast for its exponential.
+    """
+    s = A.shape[-1]
+    zero = np.zeros_like(A)
+    block = np.block([[-A * dt, intensity * dt], [zero, np.swapaxes(A, 1, 2) * dt]])
+    with np.errstate(all="ignore"):
+        step = _exponential(block)
+        Phi = np.swapaxes(step[:, s:, s:], 1, 2)
+        Q = Phi @ step[:, :s, s:]
+    return Phi, 0.5 * (Q + np.swapaxes(Q, 1, 2))
+
+
+def _exponential(block: np.ndarray) -> np.ndarray:
+    """(m, k, k) exponentials; NaN where a matrix is not finite, or so fast that its exponential overflows."""
+    finite = np.isfinite(block).all(axis=(1, 2))
     step = np.full_like(block, np.nan)
     with np.errstate(all="ignore"):
-        step[sound] = expm(block[sound]) if sound.any() else step[sound]
-    return step[:, :ns, :ns], step[:, :ns, ns : ns + ni], step[:, :ns, ns + ni :]
+        step[finite] = expm(block[finite]) if finite.any() else step[finite]
+    return step
 
 
 def interval(
     A: np.ndarray, B: np.ndarray, dt: float, part: np.ndarray, hold: Hold
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Step over one sampling interval whose input turns its corner after `part` of it.
+    """Step over one sampling interval whose input has its corner after the fraction `part` of it.
 
     Parameters
     ----------
@@ -77,27 +112,27 @@ def interval(
     Returns
     -------
     Phi : (m, ns, ns) array
-    late : (m, ns, ns) array
-        The step over what follows the corner.
+    after : (m, ns, ns) array
+        The step from the corner to the end.
     G : (3, m, ns, ni) array
         Weights of u[k-d-1], u[k-d], u[k-d+1].
     """
     G = np.zeros((3, *B.shape))
     s = part[:, None, None]
-    late, held_b, ramp_b = discretise(A, B, (1.0 - part) * dt)
+    after, held_b, ramp_b = discretise(A, B, (1.0 - part) * dt)
     if (part == 0.0).all():
-        early, held_a, ramp_a = np.broadcast_to(np.eye(A.shape[-1]), A.shape), np.zeros_like(B), np.zeros_like(B)
+        before, held_a, ramp_a = np.broadcast_to(np.eye(A.shape[-1]), A.shape), np.zeros_like(B), np.zeros_like(B)
     else:
-        early, held_a, ramp_a = discretise(A, B, part * dt)
+        before, held_a, ramp_a = discretise(A, B, part * dt)
     with np.errstate(all="ignore"):
-        first_held, first_ramp = late @ held_a, late @ ramp_a
+        first_held, first_ramp = after @ held_a, after @ ramp_a
         if hold == "hold":
             G[0], G[1] = first_held, held_b
         else:  # up to the corner from s u[k-d-1] + (1-s) u[k-d] to u[k-d]; then to s u[k-d] + (1-s) u[k-d+1]
             G[0] = s * (first_held - first_ramp)
             G[1] = (1.0 - s) * first_held + s * first_ramp + held_b - (1.0 - s) * ramp_b
             G[2] = (1.0 - s) * ramp_b
-        return late @ early, late, G
+        return after @ before, after, G
 
 
 def split_delay(delay: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -139,7 +174,7 @@ def simulate_linear(
 
     Every array may carry a leading axis of m members (parameter sets); those that do not are common to all. Exact
     for inputs held ("hold") or linear ("linear") between samples and for any delay; before the record each input has
-    its first value. A member that blows up, |x| beyond 1e100 or no longer a number, holds nan from there on.
+    its first value. A member that diverges, |x| beyond 1e100 or no longer a number, is nan from there on.
 
     Parameters
     ----------
@@ -205,7 +240,10 @@ def _check(u: np.ndarray, n: int, dt: float, delay: np.ndarray) -> None:
         raise DomainError(f"simulate_linear needs a time step above zero; found dt = {dt} s.")
     if not np.isfinite(u).all():
         i = int(np.argwhere(~np.isfinite(u))[0][-2])
-        raise DomainError(f"simulate_linear needs finite inputs; sample {i} (t = {i * dt:g} s) is not. Mend the file.")
+        raise DomainError(
+            f"simulate_linear needs finite inputs; sample {i} (t = {i * dt:g} s) is not. Interpolate it, or split the "
+            "recording there."
+        )
     bad = np.atleast_1d((~np.isfinite(delay)) | (delay < 0.0) | (delay >= n * dt))
     if bad.any():
         value = np.atleast_1d(delay)[bad][0]
@@ -268,7 +306,7 @@ def advance(
                 for l in range(ni):
                     total += G[0, a, i, l] * u[b, k0, l] + G[1, a, i, l] * u[b, k1, l] + G[2, a, i, l] * u[b, k2, l]
                 x[j, k + 1, i] = total
-                lost = lost or not abs(total) < _BLOWN
+                lost = lost or not abs(total) < _DIVERGED
             if lost:
                 x[j, k + 1 :, :] = np.nan
                 break

@@ -1,4 +1,7 @@
-"""Modes of a linear system: eigenvalues in the quantities a pilot would name."""
+"""Modes of a linear system: frequency, damping and times of its eigenvalues, and their names.
+
+``control.damp`` gives frequencies, damping and poles; the names (short period, phugoid, Dutch roll, ...) are ours.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +13,14 @@ from scipy import linalg
 
 from structsel.errors import DomainError
 
-# Families of states by name: which motion each stands for.
+# Motion that each state belongs to, by its name.
 _LONGITUDINAL = {"u": "speed", "V": "speed", "w": "heave", "alpha": "heave", "q": "pitch", "theta": "attitude"}
 _LATERAL = {"v": "sway", "beta": "sway", "p": "roll", "r": "yaw", "phi": "bank", "psi": "heading"}
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """One row per real eigenvalue or conjugate pair, the fastest first.
+    """Modes of a linear system: one row per real eigenvalue or conjugate pair, the fastest first.
 
     Attributes
     ----------
@@ -35,7 +38,7 @@ class Modes:
     period : (k,) array [s]
         nan for a real eigenvalue.
     participation : (k, ns) array [-]
-        Share of each state in the mode, whatever the states' units; rows add to 1.
+        Participation factor of each state, independent of the states' units; rows add to 1.
     states : tuple of str
     """
 
@@ -73,9 +76,9 @@ class Modes:
 def modes(A: np.ndarray, states: Sequence[str] = ()) -> Modes:
     """Eigenvalues of A with frequency, damping, times and, for the usual states, names.
 
-    Longitudinal states are u or V, w or alpha, q, theta; lateral ones v or beta, p, r, phi, psi. Names follow what
-    takes part (participation factors, products of left and right eigenvectors, which no choice of units alters):
-    the pair of incidence and pitch rate is the short period, that of speed and attitude the phugoid; the pair of
+    Longitudinal states are u or V, w or alpha, q, theta; lateral ones v or beta, p, r, phi, psi. Names follow the
+    participation factors (products of left and right eigenvectors, independent of units):
+    the pair of angle of attack and pitch rate is the short period, that of speed and attitude the phugoid; the pair of
     sideslip and yaw the Dutch roll, and the real ones of roll rate and bank the roll subsidence and the spiral.
 
     Parameters
@@ -99,11 +102,11 @@ def modes(A: np.ndarray, states: Sequence[str] = ()) -> Modes:
     if states and len(states) != len(A):
         raise DomainError(f"modes was given {len(states)} names for {len(A)} states.")
     values, left, right = linalg.eig(A, left=True, right=True)
-    shares = np.abs(left * right)
-    shares = (shares / np.maximum(shares.sum(axis=0), np.finfo(float).tiny)).T
+    participation = np.abs(left * right)
+    participation = (participation / np.maximum(participation.sum(axis=0), np.finfo(float).tiny)).T
     upper = values.imag >= 0.0
     order = np.argsort(-np.abs(values[upper]), kind="stable")
-    values, shares = values[upper][order], shares[upper][order]
+    values, participation = values[upper][order], participation[upper][order]
     real = values.real
     with np.errstate(divide="ignore", invalid="ignore"):
         T = -1.0 / real
@@ -112,7 +115,7 @@ def modes(A: np.ndarray, states: Sequence[str] = ()) -> Modes:
         damping = np.where(frequency > 0.0, -real / frequency, 0.0)
         period = np.where(values.imag > 0.0, 2.0 * np.pi / values.imag, np.nan)
     return Modes(
-        names=_names(values, shares, tuple(states)),
+        names=_names(values, participation, tuple(states)),
         eigenvalues=values,
         frequency=frequency,
         damping=damping,
@@ -120,36 +123,36 @@ def modes(A: np.ndarray, states: Sequence[str] = ()) -> Modes:
         time_to_half=np.where(real < 0.0, amplitude, np.nan),
         time_to_double=np.where(real > 0.0, amplitude, np.nan),
         period=period,
-        participation=shares,
+        participation=participation,
         states=tuple(states),
     )
 
 
-def _names(values: np.ndarray, shares: np.ndarray, states: tuple[str, ...]) -> tuple[str, ...]:
+def _names(values: np.ndarray, participation: np.ndarray, states: tuple[str, ...]) -> tuple[str, ...]:
     for motions, name in ((_LONGITUDINAL, _longitudinal), (_LATERAL, _lateral)):
         if states and all(s in motions for s in states):
             kinds = np.array([motions[s] for s in states])
-            return tuple(name(values, {k: shares[:, kinds == k].sum(axis=1) for k in motions.values()}))
+            return tuple(name(values, {k: participation[:, kinds == k].sum(axis=1) for k in motions.values()}))
     return tuple("oscillation" if z.imag else "aperiodic" for z in values)
 
 
-def _longitudinal(values: np.ndarray, share: dict[str, np.ndarray]) -> list[str]:
-    short = share["heave"] + share["pitch"] - share["speed"] - share["attitude"]
+def _longitudinal(values: np.ndarray, participation: dict[str, np.ndarray]) -> list[str]:
+    short = participation["heave"] + participation["pitch"] - participation["speed"] - participation["attitude"]
     pairs = np.flatnonzero(values.imag > 0.0)
-    names = [f"{kind} aperiodic" for kind in _strongest(share)]
+    names = [f"{kind} aperiodic" for kind in _strongest(participation)]
     for i in pairs:
         names[i] = "short period" if short[i] > 0.0 else "phugoid"
-    if len(pairs) == 2:  # whatever the shares, one is each
+    if len(pairs) == 2:  # whatever the participation, one is each
         names[pairs[np.argmax(short[pairs])]] = "short period"
         names[pairs[np.argmin(short[pairs])]] = "phugoid"
     return names
 
 
-def _lateral(values: np.ndarray, share: dict[str, np.ndarray]) -> list[str]:
+def _lateral(values: np.ndarray, participation: dict[str, np.ndarray]) -> list[str]:
     usual = {"sway": "sway aperiodic", "roll": "roll", "yaw": "yaw aperiodic", "bank": "spiral", "heading": "heading"}
-    names = [usual[kind] for kind in _strongest(share)]
+    names = [usual[kind] for kind in _strongest(participation)]
     pairs = np.flatnonzero(values.imag > 0.0)
-    rolling = share["roll"] + share["bank"] - share["sway"] - share["yaw"]
+    rolling = participation["roll"] + participation["bank"] - participation["sway"] - participation["yaw"]
     for i in pairs:
         names[i] = "Dutch roll"
     if len(pairs) == 2:
@@ -160,6 +163,6 @@ def _lateral(values: np.ndarray, share: dict[str, np.ndarray]) -> list[str]:
     return names
 
 
-def _strongest(share: dict[str, np.ndarray]) -> list[str]:
-    kinds = list(share)
-    return [kinds[i] for i in np.array([share[kind] for kind in kinds]).argmax(axis=0)]
+def _strongest(participation: dict[str, np.ndarray]) -> list[str]:
+    kinds = list(participation)
+    return [kinds[i] for i in np.array([participation[kind] for kind in kinds]).argmax(axis=0)]
