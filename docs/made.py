@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import structsel
 from structsel.cli.program import app
-from structsel.effects import HYPOTHESES
+from structsel.effects import EFFECTS
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -42,14 +42,14 @@ def commands() -> str:
 def effects() -> str:
     """Each hypothesis: what it is, what it leaves, what it is taken for, what separates them."""
     parts = [_EFFECTS]
-    known = {h.effect for h in HYPOTHESES}
-    for h in sorted(HYPOTHESES, key=lambda h: h.effect):
+    known = {h.name for h in EFFECTS}
+    for h in sorted(EFFECTS, key=lambda h: h.name):
         alike = (f"[{name}](#{name})" if name in known else name for name in h.look_alikes)
         facts = [("May be taken for", ", ".join(alike))]
         facts += [("Told apart by", h.separated_by), ("Look at", h.check)]
         shown = "\n".join(f"- {head}: {text}" for head, text in facts if text)
-        picture = f"![What {h.effect} leaves of measured less simulated](effects/{h.effect}.svg)"
-        parts.append(f"## {h.effect}\n\n{h.what} Kind: {h.kind}.\n\n{picture}\n\n{shown}\n")
+        picture = f"![What {h.name} leaves of measured less simulated](effects/{h.name}.svg)"
+        parts.append(f"## {h.name}\n\n{h.what} Kind: {h.kind}.\n\n{picture}\n\n{shown}\n")
     return "\n".join(parts)
 
 

@@ -16,8 +16,8 @@ from structsel.coefficients import compute_coefficients
 from structsel.comparison.flight import Flight, prepare_flight
 from structsel.comparison.surrogate import identify
 from structsel.demo.truth import TRUTH, demo_aircraft
-from structsel.effects import HYPOTHESES, Variant
-from structsel.effects.base import Hypothesis
+from structsel.effects import EFFECTS, Variant
+from structsel.effects.base import Effect
 from structsel.nomenclature import unit_of
 
 _DT, _SECONDS = 0.04, 24.0
@@ -36,8 +36,8 @@ _TIME = 0.8  # the same, over time: then no channel drives it
 def pictures() -> Iterator[tuple[str, bytes]]:
     """Each effect with its picture, SVG."""
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "structsel", "font.size": 9}):
-        for hypothesis in HYPOTHESES:
-            yield hypothesis.effect, _draw(hypothesis)
+        for hypothesis in EFFECTS:
+            yield hypothesis.name, _draw(hypothesis)
 
 
 def _pulses(*at: tuple[float, float, float]) -> np.ndarray:
@@ -92,14 +92,14 @@ def _rig() -> tuple[Flight, ...]:
     return (prepare_flight(recording, demo_aircraft(), {"y": np.array(made)}),)
 
 
-def _scene(hypothesis: Hypothesis) -> tuple[tuple[Flight, ...], Variant]:
+def _scene(hypothesis: Effect) -> tuple[tuple[Flight, ...], Variant]:
     """Flights on which it can be tried, and one of its forms."""
     for flights in (_aircraft((40.0, 52.0)), _aircraft((95.0, 110.0)), _rig()):
         if not hypothesis.needs(flights):
             forms = hypothesis.variants(flights)
             if forms:
                 return flights, forms[len(forms) // 2]
-    raise LookupError(f"no flight here shows '{hypothesis.effect}'")
+    raise LookupError(f"no flight here shows '{hypothesis.name}'")
 
 
 def _clearest(flights: tuple[Flight, ...], form: Variant) -> tuple[Flight, str, int, np.ndarray]:
@@ -137,7 +137,7 @@ def _share(x: np.ndarray, left: np.ndarray) -> float:
     return 1.0 - float(np.var(left - means[place])) / (float(np.var(left)) or 1.0)
 
 
-def _draw(hypothesis: Hypothesis) -> bytes:
+def _draw(hypothesis: Effect) -> bytes:
     flights, form = _scene(hypothesis)
     flight, response, k, left = _clearest(flights, form)
     parameter = form.parameters[k]

@@ -23,7 +23,7 @@ def log_evidence_of(case: Case, folder: Path) -> float | None:
     """
     if not case.contribution:
         return None
-    compared = comparison(*open_case(folder), hypotheses=())
+    compared = comparison(*open_case(folder), effects=())
     return compared.log_bayes_factor(
         {
             recording.name: {c: (recording.t, x) for c, x in zip(COEFFICIENTS, added.T) if c in compared.responses}

@@ -11,7 +11,7 @@ from proof.case_files import Case
 from proof.scenario.declared import DeclaredEffect, declare
 from proof.scenario.sizing import NotAttainable
 from structsel import effects
-from structsel.effects import Hypothesis
+from structsel.effects import Effect
 from structsel.errors import AircraftError, SimulationError
 
 _TRIES = 12
@@ -65,7 +65,7 @@ def draw_case(
     )
 
 
-def declared_effects(hypotheses: Sequence[Hypothesis] | None = None) -> tuple[DeclaredEffect, ...]:
+def declared_effects(library: Sequence[Effect] | None = None) -> tuple[DeclaredEffect, ...]:
     """Effects of structsel's library that declare their case; see `structsel.effects.TruthCase`.
 
     Raises
@@ -73,8 +73,8 @@ def declared_effects(hypotheses: Sequence[Hypothesis] | None = None) -> tuple[De
     DataError
         A declaration that neither plant can take.
     """
-    known = effects.HYPOTHESES if hypotheses is None else hypotheses
-    return tuple(declare(h.effect, h.kind, h.truth) for h in known if h.truth is not None)
+    known = effects.EFFECTS if library is None else library
+    return tuple(declare(h.name, h.kind, h.truth) for h in known if h.truth is not None)
 
 
 def drawable(source: str) -> frozenset[str]:

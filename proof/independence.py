@@ -8,21 +8,21 @@ import numpy as np
 
 from proof.scenario.declared import DeclaredEffect, declare, product
 from structsel.comparison.flight import Flight
-from structsel.effects import Hypothesis
+from structsel.effects import Effect
 
 PLAIN = ("parameter", "sensor")
 """Kinds that are plain terms by nature: there is one way to write them."""
 _ALIKE = 0.9999
 
 
-def copied_terms(hypothesis: Hypothesis, flights: Sequence[Flight]) -> list[str]:
+def copied_terms(hypothesis: Effect, flights: Sequence[Flight]) -> list[str]:
     """Declared terms that a column of one of the effect's forms equals along some flights, up to a factor.
 
     Random signals are not compared.
 
     Parameters
     ----------
-    hypothesis : Hypothesis
+    hypothesis : Effect
         With a declared case.
     flights : sequence of Flight
         Prepared, so that both sides are computed from the same channels.
@@ -34,7 +34,7 @@ def copied_terms(hypothesis: Hypothesis, flights: Sequence[Flight]) -> list[str]
     """
     if hypothesis.truth is None or hypothesis.kind in PLAIN:
         return []
-    declared = declare(hypothesis.effect, hypothesis.kind, hypothesis.truth)
+    declared = declare(hypothesis.name, hypothesis.kind, hypothesis.truth)
     added = _along(declared, flights)
     copied = []
     for variant in hypothesis.variants(flights):

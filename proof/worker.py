@@ -16,7 +16,7 @@ from typing import Any
 from structsel.aircraft import Aircraft
 from structsel.diagnosis import comparison
 from structsel.diagnosis import diagnose as diagnose_case
-from structsel.effects import HYPOTHESES
+from structsel.effects import EFFECTS
 from structsel.errors import DataError, StructselError
 from structsel.recording import Recording, read_recordings
 
@@ -60,7 +60,7 @@ def diagnose(folder: str, without: str = "", baselines: str = "") -> dict[str, A
     With `baselines`, also what simple methods name from the same differences and signatures.
     """
     simulation, recordings, aircraft = open_case(Path(folder))
-    known = {h.effect for h in HYPOTHESES}
+    known = {h.name for h in EFFECTS}
     gone = [e for e in without.split(",") if e in known]
     start = time.perf_counter()
     found = diagnose_case(simulation, recordings, aircraft, without_effects=gone)

@@ -13,8 +13,8 @@ from structsel.comparison.flight import Flight, prepare_flight
 from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.simulations import open_simulation
 from structsel.comparison.surrogate import identify
-from structsel.effects import HYPOTHESES
-from structsel.effects.base import Hypothesis, Variant
+from structsel.effects import EFFECTS
+from structsel.effects.base import Effect, Variant
 from structsel.errors import DataError
 from structsel.model import AeroModel, ResponseModel
 from structsel.recording import Recording
@@ -155,7 +155,7 @@ def explain(flights: Sequence[Flight], variant: Variant) -> Fit:
     return Fit(variant, stated, 1.0 - float(left @ left) / float(y @ y))
 
 
-def best(flights: Sequence[Flight], hypothesis: Hypothesis) -> Fit:
+def best(flights: Sequence[Flight], hypothesis: Effect) -> Fit:
     """Variant within its limits that explains most."""
     assert hypothesis.needs(flights) == ""
     fits = [explain(flights, v) for v in hypothesis.variants(flights)]
@@ -163,10 +163,10 @@ def best(flights: Sequence[Flight], hypothesis: Hypothesis) -> Fit:
     return max(within or fits, key=lambda f: f.explained)
 
 
-def one_of(hypotheses: Sequence[Hypothesis], effect: str) -> Hypothesis:
-    return next(h for h in hypotheses if h.effect == effect)
+def one_of(hypotheses: Sequence[Effect], effect: str) -> Effect:
+    return next(h for h in hypotheses if h.name == effect)
 
 
 def named(flights: Sequence[Flight], effect: str, about: str) -> Fit:
     """A form of an effect."""
-    return explain(flights, next(v for v in one_of(HYPOTHESES, effect).variants(flights) if v.about == about))
+    return explain(flights, next(v for v in one_of(EFFECTS, effect).variants(flights) if v.about == about))

@@ -14,7 +14,7 @@ from structsel.comparison.surrogate import identify
 from structsel.demo.truth import TRUTH, demo_aircraft
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.signatures import work_out
-from structsel.effects import HYPOTHESES
+from structsel.effects import EFFECTS
 from structsel.effects.base import Estimate, Found
 from structsel.model import AeroModel, ResponseModel
 from structsel.recording import Recording
@@ -90,7 +90,7 @@ def flights_with(extra, **options):
 
 def tried(flights, *effects):
     """Bench of flights on which some effects may be tried, and the library of those."""
-    library = work_out([h for h in HYPOTHESES if h.effect in effects], flights, flights[0].responses)
+    library = work_out([h for h in EFFECTS if h.name in effects], flights, flights[0].responses)
     return Bench.set_up(flights, library.signatures), library
 
 
@@ -120,7 +120,7 @@ def best(flights, hypothesis, responses):
 
 
 def named(module, effect):
-    return next(h for h in module.HYPOTHESES if h.effect == effect)
+    return next(h for h in module.EFFECTS if h.name == effect)
 
 
 def found_of(flights, variant, values):
@@ -136,11 +136,11 @@ def check_all(flights, hypothesis):
     assert 0 < len(variants) <= 66
     for v in variants:
         for p in v.parameters:
-            assert p.sd > 0.0, (hypothesis.effect, v.about, p.name)
-            assert p.low < p.high, (hypothesis.effect, v.about, p.name)
+            assert p.sd > 0.0, (hypothesis.name, v.about, p.name)
+            assert p.low < p.high, (hypothesis.name, v.about, p.name)
         for f in flights:
             for r, H in v.columns(f).items():
-                assert r in f.measured, (hypothesis.effect, r)
+                assert r in f.measured, (hypothesis.name, r)
                 assert H.shape == (len(f), len(v.parameters))
                 assert np.isfinite(H).all()
         text = hypothesis.says(found_of(flights, v, {p.name: p.sd for p in v.parameters}))

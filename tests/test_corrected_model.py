@@ -23,7 +23,7 @@ from structsel.diagnosis.modelling import corrected_model
 from structsel.diagnosis.patching import patched_aircraft
 from structsel.diagnosis.ranking import rank
 from structsel.diagnosis.signatures import work_out
-from structsel.effects import HYPOTHESES
+from structsel.effects import EFFECTS
 from structsel.effects.base import Estimate, ModelCase
 from structsel.errors import ChannelError, ModelError, StructselWarning
 from structsel.model import AeroModel, Quantity, ResponseModel, State
@@ -233,7 +233,7 @@ def as_added(effect, variant, flights):
 
 
 def named(effect):
-    return next(h for h in HYPOTHESES if h.effect == effect)
+    return next(h for h in EFFECTS if h.name == effect)
 
 
 _TERMS = ("missing-term", "static-stall", "control-nonlinearity", "flexibility", "slipstream", "thrust-line")

@@ -11,7 +11,7 @@ from structsel.demo import demo_missing_physics
 from structsel.diagnosis import diagnose
 from structsel.diagnosis.diagnose import strained
 from structsel.diagnosis.result import Pull
-from structsel.effects import HYPOTHESES
+from structsel.effects import EFFECTS
 from structsel.errors import DataError
 
 EXAMPLES = Path(__file__).parents[2] / "shared" / "data" / "diagnose-examples"
@@ -67,7 +67,7 @@ def test_the_corrected_model_can_be_asked_along_the_flights(ground):
 def test_recordings_held_out_by_name_judge_alone(ground):
     case, _ = ground
     name = case.recordings[-1].name
-    found = run(case, held_out=[name], hypotheses=[h for h in HYPOTHESES if h.effect == "ground-effect"])
+    found = run(case, held_out=[name], effects=[h for h in EFFECTS if h.name == "ground-effect"])
     assert found.held_out == (name,)
     with pytest.raises(DataError, match="'m99' is not there"):
         run(case, held_out=["m99"])

@@ -7,10 +7,10 @@ from numpy.testing import assert_allclose
 import structsel as ss
 from structsel.demo import demo_missing_physics
 from structsel.diagnosis import comparison, diagnose
-from structsel.effects import HYPOTHESES
+from structsel.effects import EFFECTS
 from structsel.errors import DataError
 
-GROUND = [h for h in HYPOTHESES if h.effect in ("ground-effect", "drag-polar")]
+GROUND = [h for h in EFFECTS if h.name in ("ground-effect", "drag-polar")]
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def case():
 
 @pytest.fixture(scope="module")
 def compared(case):
-    return comparison(case.simulated, case.recordings, case.aircraft, hypotheses=GROUND)
+    return comparison(case.simulated, case.recordings, case.aircraft, effects=GROUND)
 
 
 def test_differences_are_measured_less_simulated_coefficients(case, compared):
@@ -66,13 +66,11 @@ def test_taking_out_what_was_added_raises_the_evidence_and_taking_out_a_stranger
 
 
 def test_an_effect_that_is_left_out_is_not_named(case):
-    found = diagnose(
-        case.simulated, case.recordings, case.aircraft, hypotheses=GROUND, without_effects=["ground-effect"]
-    )
+    found = diagnose(case.simulated, case.recordings, case.aircraft, effects=GROUND, without_effects=["ground-effect"])
     assert all(f.effect != "ground-effect" for f in found.findings)
     assert "ground-effect" not in found.not_testable
     compared = comparison(
-        case.simulated, case.recordings, case.aircraft, hypotheses=GROUND, without_effects=["ground-effect"]
+        case.simulated, case.recordings, case.aircraft, effects=GROUND, without_effects=["ground-effect"]
     )
     assert {s.effect for s in compared.signatures} <= {"drag-polar"}
     assert set(compared.not_testable) <= {"drag-polar"}

@@ -32,7 +32,7 @@ def test_a_shear_with_height_is_found_by_kinematics_alone():
     # 8 m/s more northerly wind per 100 m, through climbs and descents of some 30 m.
     air = Air(wind=[[-40.0, 0.0, 0.0], [40.0, 0.0, 0.0]], heights=[500.0, 1500.0])
     flights = compare(fly(craft=VANE_AT_CG, air=air), VANE_AT_CG)
-    variants = {v.about: v for v in one_of(atmosphere.HYPOTHESES, "wind-shear").variants(flights)}
+    variants = {v.about: v for v in one_of(atmosphere.EFFECTS, "wind-shear").variants(flights)}
     found = explain(flights, variants["linear with height"])
     assert found.explained > 0.98
     assert_allclose([found.values["north"], found.values["east"]], [8.0, 0.0], atol=0.1)
@@ -42,7 +42,7 @@ def test_a_shear_with_height_is_found_by_kinematics_alone():
 def test_a_steady_wind_that_went_into_the_airspeed_is_found():
     air = Air(wind=(6.0, 4.0, 0.0))
     flights = compare(over_ground(fly(craft=VANE_AT_CG, air=air)), VANE_AT_CG)
-    variants = {v.about: v for v in one_of(atmosphere.HYPOTHESES, "steady-wind").variants(flights)}
+    variants = {v.about: v for v in one_of(atmosphere.EFFECTS, "steady-wind").variants(flights)}
     found = explain(flights, variants["airspeed and angles made from the motion over the ground"])
     assert found.explained > 0.9
     assert_allclose([found.values["north"], found.values["east"]], [6.0, 4.0], atol=1.2)
@@ -53,7 +53,7 @@ def test_a_gust_the_vane_missed_is_found_with_its_time_and_speed():
     first, _ = fly(craft=VANE_AT_CG, air=air)
     _, second = fly(craft=VANE_AT_CG)
     flights = compare(over_ground([first, second]), VANE_AT_CG)
-    found = best(flights, one_of(atmosphere.HYPOTHESES, "gust"))
+    found = best(flights, one_of(atmosphere.EFFECTS, "gust"))
     assert found.variant.about == "upward, in 'm0'"
     assert found.explained > 0.85
     assert_allclose(found.variant.shape["time in m0"], 5.8, atol=0.15)
@@ -69,7 +69,7 @@ def test_a_pulse_is_one_minus_cosine():
 
 def test_without_motion_over_the_ground_a_wind_cannot_be_told():
     recordings = [Recording(r.name, r.t, {c: r[c] for c in r.names if c not in ("t", "vn", "ve", "vd")}) for r in fly()]
-    assert "over the ground" in one_of(atmosphere.HYPOTHESES, "steady-wind").needs(compare(recordings))
+    assert "over the ground" in one_of(atmosphere.EFFECTS, "steady-wind").needs(compare(recordings))
 
 
 @pytest.mark.parametrize(("numerator", "name"), [("bent", "CZ per de"), ("moving", "CZ per de, as it moves")])
@@ -82,7 +82,7 @@ def test_a_mode_excited_by_the_elevator_is_found_with_its_frequency(numerator, n
         extra = lsim((answer, denominator), de, f.t - f.t[0])[1] - (de if numerator == "bent" else 0.0)
         more = {"CZ": f.simulated["CZ"] + 0.8 * extra, "Cm": f.simulated["Cm"] + 0.3 * extra}
         made.append(replace(f, measured={**f.measured, **more}))
-    (hypothesis,) = structural.HYPOTHESES
+    (hypothesis,) = structural.EFFECTS
     found = best(made, hypothesis)
     assert found.variant.about == "de"
     assert found.explained > 0.8
@@ -96,14 +96,14 @@ def test_a_mode_at_the_edge_of_what_is_compared_is_found():
     for f in compare(slow):
         ring = lsim(([w, 0.0], [1.0, 0.1 * w, w**2]), f["de"] - f["de"][0], f.t - f.t[0])[1]
         made.append(replace(f, measured={**f.measured, "CZ": f.simulated["CZ"] + 0.8 * ring}))
-    found = best(made, structural.HYPOTHESES[0])
+    found = best(made, structural.EFFECTS[0])
     assert found.variant.about == "de"
     assert found.explained > 0.6
     assert_allclose(found.variant.shape["frequency"], 3.95, rtol=0.05)
 
 
 def test_slow_samples_cannot_show_a_mode():
-    (hypothesis,) = structural.HYPOTHESES
+    (hypothesis,) = structural.EFFECTS
     slow = [replace(f, dt=0.4) for f in compare(fly())]
     assert "samples faster than" in hypothesis.needs(slow)
 
@@ -113,7 +113,7 @@ def test_the_same_gust_in_two_manoeuvres_is_one_effect_with_both_moments():
     for k, start in enumerate((5.0, 11.0)):
         air = Air(gusts=(Gust("w", -3.0, start, 1.6),))
         seen.append(fly(craft=VANE_AT_CG, air=air)[k])
-    found = best(compare(over_ground(seen)), one_of(atmosphere.HYPOTHESES, "gust"))
+    found = best(compare(over_ground(seen)), one_of(atmosphere.EFFECTS, "gust"))
     assert set(found.variant.about.removeprefix("upward, in ").split(", ")) == {"'m0'", "'m1'"}
     assert found.explained > 0.85
     assert_allclose([found.variant.shape[f"time in m{k}"] for k in range(2)], [5.8, 11.8], atol=0.15)

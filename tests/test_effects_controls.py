@@ -62,7 +62,7 @@ def test_a_rudder_whose_cables_stretch_is_found(flights):
 
 
 def test_every_variant_has_finite_columns_and_words(flights):
-    for hypothesis in controls.HYPOTHESES:
+    for hypothesis in controls.EFFECTS:
         check_all(flights, hypothesis)
 
 

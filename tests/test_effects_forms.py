@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from structsel.effects import HYPOTHESES
+from structsel.effects import EFFECTS
 from tests.injected import CRAFT, TERMS, aerodynamics, best, compare, fly, named, one_of
 
 
@@ -65,9 +65,7 @@ def test_part_of_an_effect_is_that_effect(effect, more, about, values):
     ],
 )  # fmt: skip
 def test_one_instrument_of_several_is_found_by_itself(effect, channel, reads, about, value):
-    found = best(
-        compare([r.with_channels(**{channel: r[channel] + reads(r)}) for r in fly()]), one_of(HYPOTHESES, effect)
-    )
+    found = best(compare([r.with_channels(**{channel: r[channel] + reads(r)}) for r in fly()]), one_of(EFFECTS, effect))
     assert found.variant.about == about
     assert found.explained > 0.97
     assert_allclose(next(iter(found.values.values())), value, rtol=0.05)
@@ -76,7 +74,7 @@ def test_one_instrument_of_several_is_found_by_itself(effect, channel, reads, ab
 def test_thrust_that_is_late_along_the_axis_alone_leaves_the_moment():
     offset = CRAFT.model_validate(CRAFT.model_dump() | {"thrust": {"offset": (1.8, 0.0, 0.3)}})
     flights = compare(fly(craft=offset), offset)
-    about = {v.about for v in one_of(HYPOTHESES, "thrust-lag").variants(flights)}
+    about = {v.about for v in one_of(EFFECTS, "thrust-lag").variants(flights)}
     assert about == {"", "along the axis alone"}
-    alone = next(v for v in one_of(HYPOTHESES, "thrust-lag").variants(flights) if v.about)
+    alone = next(v for v in one_of(EFFECTS, "thrust-lag").variants(flights) if v.about)
     assert set(alone.columns(flights[0])) == {"CX"}

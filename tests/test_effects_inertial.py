@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import lsim
 
-from structsel.effects.inertial import HYPOTHESES
+from structsel.effects.inertial import EFFECTS
 from tests.injected import CRAFT, best, compare, explain, fly, one_of
 
 
@@ -16,7 +16,7 @@ def craft(**other):
 
 
 def test_a_heavier_aircraft_is_found_with_its_mass():
-    found = best(compare(fly(craft=craft(mass=2288.0 * 1.1))), one_of(HYPOTHESES, "mass-error"))
+    found = best(compare(fly(craft=craft(mass=2288.0 * 1.1))), one_of(EFFECTS, "mass-error"))
     assert found.variant.about == "in all manoeuvres"
     assert found.explained > 0.98
     assert_allclose(found.values["share"], 0.1, rtol=0.02)
@@ -31,7 +31,7 @@ def test_a_centre_of_gravity_elsewhere_is_found_by_the_moment_of_all_forces(axis
         moment = -np.cross(d, force) / [CRAFT.b, CRAFT.cbar, CRAFT.b]
         more = {r: f.simulated[r] + m for r, m in zip(("Cl", "Cm", "Cn"), moment.T)}
         made.append(replace(f, measured={**f.measured, **more}))
-    found = best(made, one_of(HYPOTHESES, "cg-shift"))
+    found = best(made, one_of(EFFECTS, "cg-shift"))
     assert found.variant.about == "in all manoeuvres"
     assert found.explained > 0.99
     assert_allclose(found.values["xyz"[axis]], shift, rtol=0.02)
@@ -44,7 +44,7 @@ def test_inertia_other_than_stated_is_found_by_its_axis(name, size, expected):
     inertia = CRAFT.inertia.model_dump()
     inertia[name] = size if name == "Ixz" else inertia[name] * size
     flights = compare(fly(craft=craft(inertia=inertia)))
-    variants = {tuple(p.name for p in v.parameters): v for v in one_of(HYPOTHESES, "inertia-error").variants(flights)}
+    variants = {tuple(p.name for p in v.parameters): v for v in one_of(EFFECTS, "inertia-error").variants(flights)}
     found = explain(flights, variants[(name,)])
     assert found.explained > 0.95
     assert_allclose(found.values[name], expected, rtol=0.06)
@@ -59,7 +59,7 @@ def test_fuel_that_swings_sideways_is_found_at_its_frequency():
         CY = f.simulated["CY"]
         swung = lsim(([w**2], [1.0, 0.1 * w, w**2]), CY * f["qbar"], f.t - f.t[0])[1] / f["qbar"]
         made.append(replace(f, measured={**f.measured, "CY": CY - share * (swung - CY)}))
-    found = best(made, one_of(HYPOTHESES, "slosh"))
+    found = best(made, one_of(EFFECTS, "slosh"))
     assert found.variant.about == "sideways"
     assert found.explained > 0.75
     assert_allclose(found.variant.shape["frequency"], 0.6, rtol=0.15)
@@ -70,7 +70,7 @@ def test_fuel_that_swings_sideways_is_found_at_its_frequency():
 def test_what_grows_from_manoeuvre_to_manoeuvre_is_in_full_in_one_flown_later(effect):
     flights = compare(fly())
     flights = [*flights, replace(flights[0], name="again")]
-    growing = [v for v in one_of(HYPOTHESES, effect).variants(flights) if "growing from" in v.about]
+    growing = [v for v in one_of(EFFECTS, effect).variants(flights) if "growing from" in v.about]
     assert growing
     for variant in growing:
         last, later = variant.columns(flights[-1]), variant.columns(replace(flights[-1], name="tried"))
@@ -81,4 +81,4 @@ def test_what_grows_from_manoeuvre_to_manoeuvre_is_in_full_in_one_flown_later(ef
 def test_inertia_cannot_be_told_where_none_is_stated():
     bare = craft(inertia=None)
     flights = [replace(f, craft=bare) for f in compare(fly())]
-    assert one_of(HYPOTHESES, "inertia-error").needs(flights) == "moments of inertia"
+    assert one_of(EFFECTS, "inertia-error").needs(flights) == "moments of inertia"

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
-from structsel.effects.memory import HYPOTHESES
+from structsel.effects.memory import EFFECTS
 from structsel.effects.operators import lag, lags, late, oscillate, separation
 from structsel.recording import Recording
 from structsel.simulation import Actuator
@@ -65,7 +65,7 @@ def stalled(tau1, tau2, onset=0.13, sharp=25.0):
 
 def test_a_stall_that_remembers_is_found_with_its_onset_and_the_share_of_lift():
     flights = stalled(0.5, 0.12)
-    found = best(flights, one_of(HYPOTHESES, "stall-hysteresis"))
+    found = best(flights, one_of(EFFECTS, "stall-hysteresis"))
     assert found.explained > 0.97
     assert_allclose(found.variant.shape["onset"], 0.13, atol=0.02)
     assert_allclose(found.values["lift lost"], 1.0, rtol=0.25)
@@ -88,7 +88,7 @@ def test_separation_without_memory_is_the_steady_curve():
     ],
 )  # fmt: skip
 def test_a_wake_that_comes_late_is_found_in_force_and_moment(effect, terms, values):
-    found = best(compare(fly(aerodynamics(terms))), one_of(HYPOTHESES, effect))
+    found = best(compare(fly(aerodynamics(terms))), one_of(EFFECTS, effect))
     assert found.explained > 0.93
     for name, value in values.items():
         assert_allclose(found.values[name], value, rtol=0.08)
@@ -103,7 +103,7 @@ def test_lift_that_builds_up_is_told_by_its_kind_whatever_the_axial_force_does(a
         missing = -lsim(([0.283], [1.0, decay]), np.gradient(f["alpha"], f.dt), f.t - f.t[0])[1]
         less = {"CZ": -5.58 * missing, "CX": axial * (0.003 + 9.0 * f["alpha"]) * missing, "Cm": -0.9 * missing}
         made.append(replace(f, measured={**f.measured, **{r: f.simulated[r] + x for r, x in less.items()}}))
-    variants = {v.about: v for v in one_of(HYPOTHESES, "unsteady-lift").variants(made)}
+    variants = {v.about: v for v in one_of(EFFECTS, "unsteady-lift").variants(made)}
     found = explain(made, variants["indicial lift of aspect ratio 3"])
     assert found.explained > 0.95
     assert_allclose(found.values["share"], 1.0, rtol=0.08)
@@ -117,13 +117,13 @@ def test_a_rotor_that_follows_all_controls_late_is_found_with_its_lag():
     for r in fly(actuators=dict.fromkeys(flown, late_by), flown=flown):
         channels = {c: r[c] for c in r.names if c != "t"} | {"collective": np.full(len(r), 0.1)}
         recordings.append(Recording(r.name, r.t, channels, {"collective": "rad"}))
-    found = best(compare(recordings), one_of(HYPOTHESES, "rotor-inflow-lag"))
+    found = best(compare(recordings), one_of(EFFECTS, "rotor-inflow-lag"))
     assert found.explained > 0.98
     assert_allclose(found.values["lag"], 0.15, rtol=0.1)
 
 
 def test_each_says_what_it_lacks():
     flights = compare(fly())
-    assert "rotor" in one_of(HYPOTHESES, "rotor-inflow-lag").needs(flights)
+    assert "rotor" in one_of(EFFECTS, "rotor-inflow-lag").needs(flights)
     calm = compare(fly(size=0.05))
-    assert "angle of attack above 8 deg" in one_of(HYPOTHESES, "stall-hysteresis").needs(calm)
+    assert "angle of attack above 8 deg" in one_of(EFFECTS, "stall-hysteresis").needs(calm)

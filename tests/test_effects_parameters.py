@@ -59,7 +59,7 @@ def test_a_derivative_the_simulation_has_is_never_a_missing_linear_term(flights)
 
 
 def test_every_variant_has_finite_columns_and_words(flights):
-    for hypothesis in parameters.HYPOTHESES:
+    for hypothesis in parameters.EFFECTS:
         assert hypothesis.needs(flights) == ""
         check_all(flights, hypothesis)
 

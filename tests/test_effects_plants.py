@@ -14,7 +14,7 @@ from structsel.comparison.flight import prepare_flight
 from structsel.comparison.plant import find_plant
 from structsel.comparison.tolerances import tolerances_of
 from structsel.effects import plants
-from structsel.effects.actuators import HYPOTHESES as ACTUATORS
+from structsel.effects.actuators import EFFECTS as ACTUATORS
 from structsel.recording import Recording
 from tests.injected import CRAFT, best, compare, fly, one_of
 
@@ -44,8 +44,8 @@ def linear_fit(u, y, samples=None):
 
 def ranking(flights):
     """Explained share of each effect, best first."""
-    tried = [*plants.HYPOTHESES, one_of(ACTUATORS, "actuator-lag")]
-    found = {h.effect: best(flights, h) for h in tried if h.variants(flights)}
+    tried = [*plants.EFFECTS, one_of(ACTUATORS, "actuator-lag")]
+    found = {h.name: best(flights, h) for h in tried if h.variants(flights)}
     return sorted(found, key=lambda e: -found[e].explained), found
 
 
@@ -155,7 +155,7 @@ def test_an_output_that_overflows_is_found_at_its_limit():
     u, _, told = mechanism(None)
     limit = 0.6 * told.max()
     flights = rig([(u, np.minimum(told, limit), told)], 0.02, "y")
-    found = best(flights, one_of(plants.HYPOTHESES, "saturation"))
+    found = best(flights, one_of(plants.EFFECTS, "saturation"))
     assert found.explained > 0.99
     assert_allclose(found.variant.shape["limit"], limit, rtol=1e-6)
     assert_allclose(found.values["share"], 1.0, rtol=1e-6)
@@ -175,7 +175,7 @@ def test_the_linear_plant_is_found_from_its_input_and_output():
 
 def test_coefficients_are_no_plants():
     flights = compare(fly())
-    for h in plants.HYPOTHESES:
+    for h in plants.EFFECTS:
         assert "no coefficient" in h.needs(flights)
 
 
@@ -185,7 +185,7 @@ def test_a_stop_that_a_motion_runs_into_is_found_with_its_place():
     def stop(y, v):
         return stiff * np.sign(y) * np.maximum(np.abs(y) - limit, 0.0)
 
-    saturation = one_of(plants.HYPOTHESES, "saturation")
+    saturation = one_of(plants.EFFECTS, "saturation")
     flights = rig([mechanism(stop, seed) for seed in (3, 4)], 0.02, "y")
     assert sum(bool((np.abs(f.measured["y"]) > limit).any()) for f in flights) == 2
     order, _ = ranking(flights)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from structsel.effects.propulsive import HYPOTHESES
+from structsel.effects.propulsive import EFFECTS
 from structsel.recording import Recording
 from structsel.simulation import Actuator
 from tests.injected import CRAFT, aerodynamics, best, compare, fly, named, one_of
@@ -39,14 +39,14 @@ def test_a_slipstream_over_tail_and_controls_is_found_with_one_power_for_both():
     ],
 )
 def test_a_thrust_line_elsewhere_is_found_with_its_place(effect, thrust, name, value):
-    found = best(compare(fly(craft=craft(thrust=thrust))), one_of(HYPOTHESES, effect))
+    found = best(compare(fly(craft=craft(thrust=thrust))), one_of(EFFECTS, effect))
     assert list(found.values) == [name]
     assert found.explained > 0.9
     assert_allclose(found.values[name], value, rtol=0.03)
 
 
 def test_more_thrust_than_stated_is_found_as_a_share():
-    found = best(compare(fly(flown={"thrust": lambda T: 1.1 * T})), one_of(HYPOTHESES, "thrust-scale"))
+    found = best(compare(fly(flown={"thrust": lambda T: 1.1 * T})), one_of(EFFECTS, "thrust-scale"))
     assert found.variant.about == "all of it"
     assert found.explained > 0.98
     assert_allclose(found.values["share"], 0.1, rtol=0.02)
@@ -54,7 +54,7 @@ def test_more_thrust_than_stated_is_found_as_a_share():
 
 def test_thrust_that_comes_late_is_found_with_its_lag():
     flights = compare(fly(actuators={"thrust": Actuator(lag=1.0)}, flown={"thrust": lambda T: T}))
-    found = best(flights, one_of(HYPOTHESES, "thrust-lag"))
+    found = best(flights, one_of(EFFECTS, "thrust-lag"))
     assert found.explained > 0.98
     assert_allclose(found.values["lag"], 1.0, rtol=0.15)
 
@@ -64,7 +64,7 @@ def test_the_force_across_the_shaft_and_the_p_factor_are_told_apart():
     assert found.explained > 0.97
     assert_allclose([found.values["force per CT"], found.values["moment per CT"]], [1.0, 2.0], rtol=0.05)
     turning = {"Cn": {"CT*alpha": -1.0 / CRAFT.b}, "Cm": {"CT*beta": -1.0 / CRAFT.cbar}}
-    found = best(compare(fly(aerodynamics(turning))), one_of(HYPOTHESES, "propeller-normal-force"))
+    found = best(compare(fly(aerodynamics(turning))), one_of(EFFECTS, "propeller-normal-force"))
     assert_allclose(found.values["P-factor"], 1.0, rtol=0.05)
     assert abs(found.values.get("force per CT", 0.0)) < 0.02
 
@@ -74,7 +74,7 @@ def test_a_rotor_nobody_allowed_for_is_found_with_its_angular_momentum(speed):
     recordings = fly(craft=craft(engine={"angular_momentum": 500.0}))
     if speed:
         recordings = [r.with_channels(rpm=speed) for r in recordings]
-    found = best(compare(recordings), one_of(HYPOTHESES, "engine-gyroscopic"))
+    found = best(compare(recordings), one_of(EFFECTS, "engine-gyroscopic"))
     assert found.explained > 0.9
     (value,) = found.values.values()
     turns = {p.name: 1.0 if p.unit.endswith("/s") else speed * np.pi / 30.0 for p in found.variant.parameters}
@@ -87,7 +87,7 @@ def test_one_engine_that_fails_is_found_at_its_time():
     second = flights[1]
     failed = np.where(second.t >= 12.0, 0.5 * second["CT"] / CRAFT.b, 0.0)
     second.measured["Cn"][:] = second.simulated["Cn"] - failed
-    found = best(flights, one_of(HYPOTHESES, "asymmetric-thrust"))
+    found = best(flights, one_of(EFFECTS, "asymmetric-thrust"))
     assert "'m1'" in found.variant.about
     assert_allclose(found.variant.shape["time in m1"], 12.0, atol=0.2)
     assert_allclose(found.values["offset"], 0.5, rtol=0.1)
@@ -97,7 +97,7 @@ def test_an_engine_that_fails_in_two_manoeuvres_is_one_effect():
     flights = compare(fly())
     for f, when in zip(flights, (8.0, 12.0)):
         f.measured["Cn"][:] = f.simulated["Cn"] - np.where(f.t >= when, 0.5 * f["CT"] / CRAFT.b, 0.0)
-    found = best(flights, one_of(HYPOTHESES, "asymmetric-thrust"))
+    found = best(flights, one_of(EFFECTS, "asymmetric-thrust"))
     times = [found.variant.shape[f"time in {f.name}"] for f in flights[:2]]
     assert_allclose(times, (8.0, 12.0), atol=0.2)
     assert_allclose(found.values["offset"], 0.5, rtol=0.1)
@@ -106,6 +106,6 @@ def test_an_engine_that_fails_in_two_manoeuvres_is_one_effect():
 def test_without_a_thrust_that_changes_nothing_is_said():
     recordings = [Recording(r.name, r.t, {c: r[c] for c in r.names if c not in ("t", "thrust")}) for r in fly()]
     still = compare(recordings)
-    for h in HYPOTHESES:
-        if h.effect != "engine-gyroscopic":
+    for h in EFFECTS:
+        if h.name != "engine-gyroscopic":
             assert "thrust" in h.needs(still)

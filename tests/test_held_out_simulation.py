@@ -28,7 +28,7 @@ from structsel.diagnosis.held_out_simulation import (
 )
 from structsel.diagnosis.ranking import rank
 from structsel.diagnosis.signatures import work_out
-from structsel.effects import HYPOTHESES
+from structsel.effects import EFFECTS
 from structsel.inputs import three_two_one_one
 from structsel.numerics.evidence import spectrum
 from structsel.report import render
@@ -199,7 +199,7 @@ def ranked(name, *effects):
     recordings = [ss.read_recording(path) for path in sorted((folder / "recordings").glob("*.csv"))][:5]
     craft = ss.Aircraft.from_toml(folder / "aircraft.toml")
     flights = prepare(str(folder / "simulated"), recordings, craft).flights
-    library = work_out([h for h in HYPOTHESES if h.effect in effects], flights, flights[0].responses, None)
+    library = work_out([h for h in EFFECTS if h.name in effects], flights, flights[0].responses, None)
     return rank(Bench.set_up(flights, library.signatures), library)
 
 

@@ -40,12 +40,12 @@ def test_what_tolerances_imitate_is_no_evidence_once_something_was_found():
     def score(effect, beside, delivered, event=False):
         return SimpleNamespace(
             effect=effect, event=event, predictive=np.array([beside]), within=0.0, log_evidence=beside,
-            hypothesis=SimpleNamespace(effect=effect, log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
+            hypothesis=SimpleNamespace(name=effect, log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
             driven=None, whole=0.0,
         )  # fmt: skip
 
     first = SimpleNamespace(accepted=())
-    gust = SimpleNamespace(accepted=(SimpleNamespace(hypothesis=SimpleNamespace(effect="gust")),))
+    gust = SimpleNamespace(accepted=(SimpleNamespace(hypothesis=SimpleNamespace(name="gust")),))
     mass, gusts = score("mass-error", 1.0, 400.0), score("gust", 900.0, 900.0, event=True)
     assert [weighing.evident(b, mass) for b in (first, gust)] == [True, False]
     assert [weighing.evident(b, gusts) for b in (first, gust)] == [True, False]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from structsel.candidates import Term
 from structsel.diagnosis.matching import LIFT, exact_terms
-from structsel.effects.base import Hypothesis, ModelCase, ModelForm, Weights
+from structsel.effects.base import Effect, ModelCase, ModelForm, Weights
 from structsel.effects.model_forms import add_term
 from structsel.numerics.arrays import Array
 
@@ -45,18 +45,18 @@ class Addition(ModelForm):
         return bool(self.terms or self.fixed or self.replaced)
 
 
-def addition_of(hypothesis: Hypothesis, case: ModelCase, theta: Array, covariance: Array) -> Addition:
+def addition_of(hypothesis: Effect, case: ModelCase, theta: Array, covariance: Array) -> Addition:
     """An effect as terms or states; with neither, and a remark, where it has none.
 
     Parameters
     ----------
-    hypothesis : Hypothesis
+    hypothesis : Effect
     case : ModelCase
     theta : (k,) array
         Linear parameters, in their units.
     covariance : (k, k) array
     """
-    effect = hypothesis.effect
+    effect = hypothesis.name
 
     def made(form: ModelForm | None = None, remark: str = "") -> Addition:
         parts = vars(form) if form is not None else {}

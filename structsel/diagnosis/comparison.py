@@ -18,7 +18,7 @@ from structsel.comparison.preparing import prepare
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.diagnose import but_without, split_flight
 from structsel.diagnosis.signatures import Library, work_out
-from structsel.effects import HYPOTHESES, Hypothesis
+from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Base, spectrum
@@ -64,7 +64,7 @@ class EffectComparison:
     t: Mapping[str, Array]
     differences: Mapping[str, Mapping[str, Array]]
     _flights: tuple[Flight, ...] = field(repr=False)
-    _effects: tuple[Hypothesis, ...] = field(repr=False)
+    _effects: tuple[Effect, ...] = field(repr=False)
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -83,7 +83,7 @@ class EffectComparison:
         """Every form of every effect that these recordings can show; computed when first asked for."""
         return tuple(
             EffectSignature(
-                s.hypothesis.effect, s.variant.about, tuple(p.name for p in s.variant.parameters), tuple(s.spectra)
+                s.hypothesis.name, s.variant.about, tuple(p.name for p in s.variant.parameters), tuple(s.spectra)
             )
             for s in self._library.signatures
         )
@@ -141,7 +141,7 @@ def comparison(
     recordings: Sequence[Recording],
     aircraft: Aircraft,
     *,
-    hypotheses: Sequence[Hypothesis] = HYPOTHESES,
+    effects: Sequence[Effect] = EFFECTS,
     without_effects: Sequence[str] = (),
     progress: Callable[[str, int, int], None] | None = None,
 ) -> EffectComparison:
@@ -152,7 +152,7 @@ def comparison(
 
     Parameters
     ----------
-    simulation, recordings, aircraft, hypotheses, without_effects, progress
+    simulation, recordings, aircraft, effects, without_effects, progress
         As `diagnose` takes them.
 
     Returns
@@ -173,7 +173,7 @@ def comparison(
     >>> compared.parts
     ('m01', 'm02')
     """
-    effects = but_without(hypotheses, without_effects)
+    effects = but_without(effects, without_effects)
     with threadpool_limits(1):
         flights = prepare(simulation, recordings, aircraft, progress).flights
     return EffectComparison(

@@ -17,6 +17,7 @@ from structsel.comparison.locating.ceiling import explainable
 from structsel.comparison.locating.turbulence import Turbulence, find_turbulence, unfelt
 from structsel.comparison.preparing import Prepared, prepare
 from structsel.comparison.responses import COEFFICIENTS
+from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
 from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
@@ -31,7 +32,7 @@ from structsel.diagnosis.signatures import Library, work_out
 from structsel.diagnosis.tracing import residuals, traces_of
 from structsel.diagnosis.unnamed import find_unknown, turbulent
 from structsel.diagnosis.weighing import not_borne_out
-from structsel.effects import HYPOTHESES, Hypothesis
+from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
 from structsel.nomenclature import suggest
 from structsel.recording import Recording
@@ -44,6 +45,7 @@ _SAID = 3  # of tolerances pulled further than any is, in remarks
 _DROWNED = 0.7  # of the rms measured, that is left: what a simulation lacks would have to be large to show
 
 
+@renamed_arguments(hypotheses="effects")
 @threadpool_limits.wrap(limits=1)  # many small products: threads of the linear algebra only wait for each other
 def diagnose(
     simulation: Any,
@@ -51,7 +53,7 @@ def diagnose(
     aircraft: Aircraft,
     *,
     held_out: Sequence[str] = (),
-    hypotheses: Sequence[Hypothesis] = HYPOTHESES,
+    effects: Sequence[Effect] = EFFECTS,
     without_effects: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
@@ -67,7 +69,7 @@ def diagnose(
         With the tolerances of the simulation and the instruments.
     held_out : sequence of str
         Names of recordings to judge by; by default each is held out in turn.
-    hypotheses : sequence of Hypothesis
+    effects : sequence of Effect
         The physics that may be named.
     without_effects : sequence of str
         Names of effects that may not be named, for one to ask what would be said if the library lacked them.
@@ -86,24 +88,24 @@ def diagnose(
         A simulation that cannot be opened.
     """
     begun = time.perf_counter()
-    hypotheses = but_without(hypotheses, without_effects)
+    effects = but_without(effects, without_effects)
     prepared = prepare(simulation, recordings, aircraft, progress)
-    found = conclude(prepared, set_up(prepared.flights, hypotheses, held_out, progress), held_out, progress)
+    found = conclude(prepared, set_up(prepared.flights, effects, held_out, progress), held_out, progress)
     return replace(found, seconds=time.perf_counter() - begun)
 
 
-def but_without(hypotheses: Sequence[Hypothesis], effects: Sequence[str]) -> tuple[Hypothesis, ...]:
-    """Hypotheses except those of some effects.
+def but_without(effects: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:
+    """Effects except the named ones.
 
     Raises
     ------
     DataError
-        None is of such an effect.
+        No effect has such a name.
     """
-    known = [h.effect for h in hypotheses]
-    if unknown := [e for e in effects if e not in known]:
+    known = [e.name for e in effects]
+    if unknown := [name for name in names if name not in known]:
         raise DataError(f"there is no effect '{unknown[0]}' to leave out.{suggest(unknown[0], known)}")
-    return tuple(h for h in hypotheses if h.effect not in effects)
+    return tuple(e for e in effects if e.name not in names)
 
 
 @threadpool_limits.wrap(limits=1)
@@ -166,14 +168,14 @@ def conclude(
 
 def set_up(
     flights: Sequence[Flight],
-    hypotheses: Sequence[Hypothesis] = HYPOTHESES,
+    effects: Sequence[Effect] = EFFECTS,
     held_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> tuple[Bench, Library, Turbulence | None]:
     """Bench of flights, or of the parts of a single one; what can be tried there; and whether the air was rough."""
     parts = split_flight(flights[0]) if len(flights) == 1 else list(flights)
     groups = _groups([f.name for f in parts], held_out)
-    library = work_out(hypotheses, parts, parts[0].responses, progress)
+    library = work_out(effects, parts, parts[0].responses, progress)
     bench = Bench.set_up(parts, library.signatures, groups)
     return bench, library, find_turbulence(parts, residuals(bench))
 

@@ -10,7 +10,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.signatures import Library, Signature
-from structsel.effects.base import Hypothesis
+from structsel.effects.base import Effect
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Trial
 
@@ -27,7 +27,7 @@ class Score:
 
     Attributes
     ----------
-    hypothesis : Hypothesis
+    hypothesis : Effect
     signatures : tuple of Signature
         Its forms.
     trials : tuple of Trial
@@ -50,7 +50,7 @@ class Score:
         Share of its evidence that counts although that does not bear it out.
     """
 
-    hypothesis: Hypothesis
+    hypothesis: Effect
     signatures: tuple[Signature, ...]
     trials: tuple[Trial, ...]
     weights: Array
@@ -65,7 +65,7 @@ class Score:
     @property
     def effect(self) -> str:
         """Name of the effect."""
-        return self.hypothesis.effect
+        return self.hypothesis.name
 
     @property
     def signature(self) -> Signature:
@@ -86,13 +86,13 @@ class Score:
 
 def score_all(bench: Bench, library: Library) -> list[Score]:
     """Scores of every hypothesis that can be tried, best evidence first."""
-    by_effect = [(h, library.of(h.effect)) for h in library.hypotheses]
+    by_effect = [(h, library.of(h.name)) for h in library.effects]
     trials = iter(bench.try_signatures([s for _, forms in by_effect for s in forms]))
     made = [score(bench, h, forms, [next(trials) for _ in forms]) for h, forms in by_effect]
     return sorted(made, key=lambda s: -s.log_evidence)
 
 
-def score(bench: Bench, hypothesis: Hypothesis, forms: Sequence[Signature], trials: Sequence[Trial]) -> Score:
+def score(bench: Bench, hypothesis: Effect, forms: Sequence[Signature], trials: Sequence[Trial]) -> Score:
     """Score of one hypothesis from the trials of its forms."""
     within = np.array([_limited(s, t) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within

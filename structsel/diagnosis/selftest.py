@@ -33,8 +33,8 @@ def self_test(bench: Bench, library: Library) -> dict[str, dict[str, float]]:
         rivals that come closest.
     """
     forms = []
-    for hypothesis in library.hypotheses:
-        tried = [(s, _strength(bench, s)) for s in library.of(hypothesis.effect)]
+    for hypothesis in library.effects:
+        tried = [(s, _strength(bench, s)) for s in library.of(hypothesis.name)]
         forms.append(max(tried, key=lambda item: item[1]))
     k = len(bench.nuisances)
     W = [np.column_stack([B[:, :k], *(r.whiten(s.spectra[i], s.width) for s, _ in forms)])
@@ -59,9 +59,9 @@ def self_test(bench: Bench, library: Library) -> dict[str, dict[str, float]]:
                 left = theta @ S[mine, mine] @ theta - cross @ np.linalg.solve(
                     np.eye(rival.width) * 1e-2 + S[other, other], cross
                 )
-                nats.append((0.5 * float(left), rival.hypothesis.effect))
+                nats.append((0.5 * float(left), rival.hypothesis.name))
         told |= {f"nats against {name}": value for value, name in sorted(nats)[:_CLOSEST]}
-        made[signature.hypothesis.effect] = told
+        made[signature.hypothesis.name] = told
     return made
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import bins_of, edge_of
-from structsel.effects.base import Hypothesis, Variant
+from structsel.effects.base import Effect, Variant
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import spectrum
 
@@ -24,7 +24,7 @@ class Signature:
 
     Attributes
     ----------
-    hypothesis : Hypothesis
+    hypothesis : Effect
     variant : Variant
     spectra : sequence of mapping of response to (bins, k) array
         Per flight; scaled by the priors' standard deviations.
@@ -32,7 +32,7 @@ class Signature:
         Names of those it touches.
     """
 
-    hypothesis: Hypothesis
+    hypothesis: Effect
     variant: Variant
     spectra: Sequence[Mapping[str, Array]]
     flights: frozenset[str]
@@ -63,12 +63,12 @@ class Library:
 
     def of(self, effect: str) -> list[Signature]:
         """Forms of one effect."""
-        return [s for s in self.signatures if s.hypothesis.effect == effect]
+        return [s for s in self.signatures if s.hypothesis.name == effect]
 
     @property
-    def hypotheses(self) -> list[Hypothesis]:
+    def effects(self) -> list[Effect]:
         """Those with a signature, each once."""
-        return list({s.hypothesis.effect: s.hypothesis for s in self.signatures}.values())
+        return list({s.hypothesis.name: s.hypothesis for s in self.signatures}.values())
 
 
 def spectra_of(variant: Variant, flight: Flight, responses: Sequence[str]) -> dict[str, Array]:
@@ -83,31 +83,31 @@ def spectra_of(variant: Variant, flight: Flight, responses: Sequence[str]) -> di
 
 
 def work_out(
-    hypotheses: Sequence[Hypothesis],
+    effects: Sequence[Effect],
     flights: Sequence[Flight],
     responses: Sequence[str],
     progress: Progress | None = None,
 ) -> Library:
-    """Signatures of all hypotheses that these flights can speak of.
+    """Signatures of all effects that these flights can speak of.
 
     Parameters
     ----------
-    hypotheses : sequence of Hypothesis
+    effects : sequence of Effect
     flights : sequence of Flight
     responses : sequence of str
     progress : callable, optional
     """
     refused: dict[str, str] = {}
-    jobs: list[tuple[Hypothesis, Variant]] = []
-    for hypothesis in hypotheses:
+    jobs: list[tuple[Effect, Variant]] = []
+    for hypothesis in effects:
         lacking = hypothesis.needs(flights)
         variants = [] if lacking else list(hypothesis.variants(flights))
         if not variants:
-            refused[hypothesis.effect] = lacking or "motion that would show it"
+            refused[hypothesis.name] = lacking or "motion that would show it"
         jobs += [(hypothesis, v) for v in variants]
     size = {c: max(float(np.std(f.difference[c])) for f in flights) for c in responses}
 
-    def one(hypothesis: Hypothesis, variant: Variant) -> Signature | None:
+    def one(hypothesis: Effect, variant: Variant) -> Signature | None:
         made = [spectra_of(variant, f, responses) for f in flights]
         seen = any(float(np.abs(x).max()) > _FAINT * size[c] for part in made for c, x in part.items())
         return (
@@ -124,6 +124,6 @@ def work_out(
             found.append(made)
         if done % 16 == 0 or done == len(jobs) - 1:
             tell("signatures", done + 1, len(jobs))
-    seen = {s.hypothesis.effect for s in found}
-    refused |= {h.effect: "motion that would show it" for h, _ in jobs if h.effect not in seen}
+    seen = {s.hypothesis.name for s in found}
+    refused |= {h.name: "motion that would show it" for h, _ in jobs if h.name not in seen}
     return Library(tuple(found), refused)

@@ -151,7 +151,7 @@ def evident(bench: Bench, score: Score) -> bool:
 
     Tolerances that are off in what was found leave more to their own look-alikes than those of a right simulation do.
     """
-    found = {s.hypothesis.effect for s in bench.accepted}
+    found = {s.hypothesis.name for s in bench.accepted}
     if nats(score) >= EVIDENT:
         return not (score.event and score.effect in found)
     return not found and alone(score) >= _PLENTY

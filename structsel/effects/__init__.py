@@ -16,22 +16,22 @@ from structsel.effects import (
     static,
     structural,
 )
-from structsel.effects.base import BandNoise, Estimate, Found, Hypothesis, Kind, Parameter, TruthCase, Variant
+from structsel.effects.base import BandNoise, Effect, Estimate, Found, Kind, Parameter, TruthCase, Variant
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    *parameters.HYPOTHESES,
-    *static.HYPOTHESES,
-    *controls.HYPOTHESES,
-    *events.HYPOTHESES,
-    *memory.HYPOTHESES,
-    *sensors.HYPOTHESES,
-    *actuators.HYPOTHESES,
-    *propulsive.HYPOTHESES,
-    *inertial.HYPOTHESES,
-    *atmosphere.HYPOTHESES,
-    *structural.HYPOTHESES,
-    *plants.HYPOTHESES,
+EFFECTS: tuple[Effect, ...] = (
+    *parameters.EFFECTS,
+    *static.EFFECTS,
+    *controls.EFFECTS,
+    *events.EFFECTS,
+    *memory.EFFECTS,
+    *sensors.EFFECTS,
+    *actuators.EFFECTS,
+    *propulsive.EFFECTS,
+    *inertial.EFFECTS,
+    *atmosphere.EFFECTS,
+    *structural.EFFECTS,
+    *plants.EFFECTS,
 )
 """Every effect that can be named, with what it needs and what it does to the differences."""
 
-__all__ = ["HYPOTHESES", "BandNoise", "Estimate", "Found", "Hypothesis", "Kind", "Parameter", "TruthCase", "Variant"]
+__all__ = ["EFFECTS", "BandNoise", "Effect", "Estimate", "Found", "Kind", "Parameter", "TruthCase", "Variant"]

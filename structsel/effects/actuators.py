@@ -15,9 +15,9 @@ from structsel.comparison.sensitivity import reading
 from structsel.effects import plants
 from structsel.effects.base import (
     Columns,
+    Effect,
     Flights,
     Found,
-    Hypothesis,
     ModelCase,
     ModelForm,
     Parameter,
@@ -309,15 +309,15 @@ def _names(found: Found) -> list[str]:
     return [p.name for p in found.variant.parameters]
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "actuator-lag", "actuator", "A surface, or a motor, follows its input late.",
         _needs_control, _lag_variants, _lag_says,
         look_alikes=("sensor-delay", "unsteady-lift", "rotor-inflow-lag", "backlash"),
         separated_by="sharp steps of this control alone, small and large",
         check="a bench test of the actuator, and where in the linkage the control is recorded",
     ),
-    Hypothesis(
+    Effect(
         "actuator-rate-limit", "actuator", "A surface moves no faster than its actuator can.",
         lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
         _rate_variants, _rate_says,
@@ -325,7 +325,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="the same input at half and at twice the size: a lag keeps its shape, a rate limit does not",
         check="the actuator's rate under load",
     ),
-    Hypothesis(
+    Effect(
         "actuator-saturation", "actuator", "A surface stops short of what is asked of it.",
         lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
         _stop_variants, _stop_says,
@@ -333,7 +333,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="inputs just below and well above the stop, held for a second",
         check="the stops of the surface, and the actuator's stall load",
     ),
-    Hypothesis(
+    Effect(
         "backlash", "actuator", "A dead play in the linkage: small reversals do not reach the surface.",
         lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
         _play_variants, _play_says,
@@ -341,7 +341,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="small and large reversals of the same control: the play keeps its size",
         check="free play of the surface on the ground",
     ),
-    Hypothesis(
+    Effect(
         "augmentation", "actuator", "An unrecorded autopilot or damper moves a surface with the motion.",
         lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
         _feedback_variants, _feedback_says,

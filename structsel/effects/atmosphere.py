@@ -8,7 +8,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import COEFFICIENTS
-from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
 from structsel.effects.operators import more_and_more, pulse, pulses, shape_of
 from structsel.effects.readings import cannot_be_shifted, wrong_readings
 from structsel.effects.signals import available, coefficients, gathered, moves, signature
@@ -214,21 +214,21 @@ def _gust_says(found: Found) -> str:
     )
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "steady-wind", "atmospheric", "The air moves over the ground.",
         _wind_needs, _wind_variants, _wind_says,
         look_alikes=("sensor-bias", "position-error", "wind-shear"),
         separated_by="the same run on opposite headings",
         check="the wind of the day, and what the airspeed was made from",
     ),
-    Hypothesis(
+    Effect(
         "wind-shear", "atmospheric", "The wind changes with height or time.",
         _shear_needs, _shear_variants, _shear_says,
         look_alikes=("ground-effect", "steady-wind", "sensor-bias"),
         separated_by="climbs and descents through the same heights on opposite headings", check="soundings of the day",
     ),
-    Hypothesis(
+    Effect(
         "gust", "atmospheric", "A discrete gust that the vane misses.",
         _gust_needs, _gust_variants, _gust_says,
         look_alikes=("configuration-change", "turbulence"),

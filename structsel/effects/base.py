@@ -167,7 +167,7 @@ class ModelCase:
 
 @dataclass(frozen=True)
 class Found:
-    """What a hypothesis says once it is fitted.
+    """An effect with its estimated parameters.
 
     Attributes
     ----------
@@ -243,13 +243,13 @@ class TruthCase:
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class Effect:
     """Physics that a simulation may lack.
 
     Attributes
     ----------
-    effect : str
-        Its name, one of `EFFECTS`.
+    name : str
+        As in the table of effects.
     kind : str
     what : str
         One sentence: the physics.
@@ -273,7 +273,7 @@ class Hypothesis:
         Its case in the proof, where the proof has no module of its own for it.
     """
 
-    effect: str
+    name: str
     kind: Kind
     what: str
     needs: Callable[[Flights], str]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
 from structsel.effects.signals import (
     CHANNELS_OF,
     CONTROLS,
@@ -243,8 +243,8 @@ def _says_loss(found: Found) -> str:
     return f"{who} with dynamic pressure: lost at its mean {', '.join(shares)} ({found.variant.about})."
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "control-nonlinearity",
         "static",
         "The effectiveness of a control falls or grows with its own deflection.",
@@ -255,7 +255,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="The same input at three amplitudes, up to full deflection, with the surface itself measured.",
         check="Control derivative against deflection in the wind-tunnel data; gaps and separation at the hinge.",
     ),
-    Hypothesis(
+    Effect(
         "control-stretch",
         "structural",
         "The linkage of a control gives way, so that its effectiveness falls with dynamic pressure.",
@@ -266,7 +266,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="The same control input over a sweep of speed, and at one Mach number at two heights.",
         check="Where the deflection is measured: at the surface or at the stick; stiffness of cables and rods.",
     ),
-    Hypothesis(
+    Effect(
         "flexibility",
         "structural",
         "The structure bends under load: all slopes fall with dynamic pressure.",

@@ -9,7 +9,7 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.surrogate import CONFIGURATION
-from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
 from structsel.effects.changes import Change, added, alone, find_changes, together
 from structsel.effects.operators import shape_of
 from structsel.effects.signals import (
@@ -258,8 +258,8 @@ def _says_release(found: Found) -> str:
     )
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "configuration-change",
         "static",
         "Flap, gear, brake or spoiler changes lift, drag and moment together: as its channel tells, or unrecorded.",
@@ -272,7 +272,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         log_prior=-1.0,
         event=True,
     ),
-    Hypothesis(
+    Effect(
         "icing",
         "static",
         "Drag grows and the lift slope falls, slowly, with time.",
@@ -284,7 +284,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         check="Temperature and moisture along the flight; the airframe after landing.",
         event=True,
     ),
-    Hypothesis(
+    Effect(
         "store-release",
         "inertial",
         "A load leaves the aircraft: mass, drag and trim jump at one instant.",

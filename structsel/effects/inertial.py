@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import Effect, Flights, Found, Parameter, Variant
 from structsel.effects.operators import onsets, oscillate, peaks, shape_of, since, spaced, told_onsets
 from structsel.effects.signals import FORCES, Parts, coefficients, held, lacking, of_parts
 from structsel.numerics.arrays import Array
@@ -268,29 +268,29 @@ def _slosh_variants(flights: Flights) -> list[Variant]:
     return made
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "mass-error", "inertial", "The mass is not as stated, or changes as fuel burns.",
         lambda fs: "" if len(held(fs, FORCES)) > 1 else "two simulated force coefficients", _mass_variants, _mass_says,
         look_alikes=("position-error", "wrong-derivative", "sensor-scale", "thrust-scale"),
         separated_by="throttle steps and moments: both know the dynamic pressure, neither the weight",
         check="weighing, and the fuel state of each manoeuvre",
     ),
-    Hypothesis(
+    Effect(
         "cg-shift", "inertial", "The centre of gravity is not where stated, or moves.",
         lambda fs: lacking(fs, _MOMENTS) or lacking(fs, FORCES), _shift_variants, _shift_says,
         look_alikes=("wrong-derivative", "thrust-line"),
         separated_by="force changes that angle of attack does not cause: flap, throttle, sideslip, stall",
         check="loading sheet and fuel distribution; weighing on three points",
     ),
-    Hypothesis(
+    Effect(
         "inertia-error", "inertial", "A moment or product of inertia is not as stated.",
         _inertia_needs, _inertia_variants, _inertia_says,
         look_alikes=("wrong-derivative", "sensor-delay", "engine-gyroscopic"),
         separated_by="a known moment, as of a throttle step, or fast rolling with pitch and yaw rates",
         check="loading of the wings and a swing test",
     ),
-    Hypothesis(
+    Effect(
         "slosh", "inertial", "Fuel or a slung load swings, lightly damped.",
         lambda fs: "" if {"CY", "CX"} & set(coefficients(fs)) else "a simulated CY or CX", _slosh_variants,
         lambda found: f"A mass swings {found.variant.about} at {found.text('frequency')}, "

@@ -12,9 +12,9 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.responses import COEFFICIENTS
 from structsel.effects.base import (
     Columns,
+    Effect,
     Flights,
     Found,
-    Hypothesis,
     ModelCase,
     ModelForm,
     Parameter,
@@ -334,36 +334,36 @@ def _rotor_needs(flights: Flights) -> str:
     return "" if told else "a simulated response"
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "stall-hysteresis", "memory", "Separated flow that follows late, so that lift differs on the way up and down.",
         _stall_needs, _stall_variants, _stall_says,
         look_alikes=("static-stall", "missing-term", "downwash-lag"),
         separated_by="slow and fast approaches to the stall, with recovery: a static stall does not know the rate",
         check="lift against angle of attack in one slow and one fast stall",
     ),
-    Hypothesis(
+    Effect(
         "downwash-lag", "memory", "The wing's downwash reaches the tail late.",
         lambda fs: lacking(fs, ("Cm", "CZ"), ("alpha",)), _downwash_variants, _wake_says,
         look_alikes=("wrong-derivative", "sensor-delay", "unsteady-lift"),
         separated_by="manoeuvres in which the incidence changes at another rate than the attitude: turns, plunges",
         check="whether the simulation has derivatives by the rate of the angle of attack",
     ),
-    Hypothesis(
+    Effect(
         "sidewash-lag", "memory", "The sidewash reaches the fin late.",
         lambda fs: lacking(fs, ("Cn", "CY"), ("beta",)), _sidewash_variants, _wake_says,
         look_alikes=("wrong-derivative", "sensor-delay"),
         separated_by="flat yawing beside rolling into steady turns: the sideslip rate must differ from the yaw rate",
         check="whether the simulation has derivatives by the rate of sideslip",
     ),
-    Hypothesis(
+    Effect(
         "unsteady-lift", "memory", "Lift needs some chords of travel to build up, at any angle of attack.",
         lambda fs: lacking(fs, ("CZ",), ("alpha",)), _lift_variants, _lift_says,
         look_alikes=("downwash-lag", "sensor-delay", "actuator-lag"),
         separated_by="fast inputs at low speed, with a second source of the angle of attack",
         check="the reduced frequency of the manoeuvres, and whether the vane's delay is known",
     ),
-    Hypothesis(
+    Effect(
         "rotor-inflow-lag", "memory", "A rotor's flapping and inflow follow the controls late.",
         _rotor_needs, _rotor_variants, lambda found: f"The rotor follows all controls late, by {found.text('lag')}.",
         look_alikes=("actuator-lag", "sensor-delay"),

@@ -10,7 +10,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import COEFFICIENTS, KINEMATIC
-from structsel.effects.base import Columns, Flights, Found, Hypothesis, ModelCase, ModelForm, Parameter, Variant
+from structsel.effects.base import Columns, Effect, Flights, Found, ModelCase, ModelForm, Parameter, Variant
 from structsel.effects.model_forms import one_hot
 from structsel.effects.signals import (
     CHANNELS_OF,
@@ -230,8 +230,8 @@ def _needs_any(flights: Flights) -> str:
     return "" if coefficients(flights) or any(_inputs(flights, r) for r in _others(flights)) else "responses to explain"
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "wrong-derivative",
         "parameter",
         "A term the simulation has, with a wrong value.",
@@ -242,7 +242,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="Manoeuvres at other speeds and incidences: a wrong value stays the same there.",
         check="The derivative's source in the simulation's data, and its sign and reference length.",
     ),
-    Hypothesis(
+    Effect(
         "missing-term",
         "parameter",
         "An ordinary power or product of channels is absent from the simulation.",
@@ -254,7 +254,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         check="Whether the simulation's tables hold this dependence at all.",
         log_prior=-1.0,  # the same term with physics to its name is likelier
     ),
-    Hypothesis(
+    Effect(
         "cross-coupling",
         "static",
         "A longitudinal coefficient depends on sideslip, roll or yaw; or a lateral one on incidence or pitch rate.",

@@ -19,7 +19,7 @@ from numba import njit
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.plant import Plant, answers, find_plant
-from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
 from structsel.effects.operators import lag, late, spaced
 from structsel.numerics.arrays import Array
 
@@ -252,22 +252,22 @@ def _limit_says(found: Found) -> str:
     return f"{words['channel']} stops at {limit} ({words['side']}), beyond which the simulation goes on."
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "stiffening", "static", "A restoring force that grows faster than the displacement.",
         _needs, _stiffening,
         lambda found: f"Beyond the linear restoring force there is a {found.variant.about}: {found.text('restoring')}.",
         look_alikes=("missing-term", "saturation"),
         separated_by="the same input at two amplitudes", check="the static characteristic of the spring",
     ),
-    Hypothesis(
+    Effect(
         "friction", "actuator", "A force against the motion that hardly depends on the speed.",
         _needs, _friction,
         lambda found: f"There is {found.variant.about}: a force of {found.text('force')} against the motion.",
         look_alikes=("backlash", "mechanical-hysteresis"),
         separated_by="slow reversals at small amplitude, where the motion sticks", check="bearings and seals",
     ),
-    Hypothesis(
+    Effect(
         "mechanical-hysteresis", "memory", "A restoring force that depends on the path, not on the speed.",
         _needs, _hysteresis,
         lambda found: f"A {found.variant.about}, with an internal state: {found.text('force')}, "
@@ -276,7 +276,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="the same loop run slowly and fast: it keeps its area",
         check="joints and materials that slip or yield",
     ),
-    Hypothesis(
+    Effect(
         "saturation", "static", "An output, or what drives it, stops at a limit.",
         _needs, _saturation, _limit_says,
         look_alikes=("control-nonlinearity", "stiffening"),

@@ -11,7 +11,7 @@ import numpy as np
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import COEFFICIENTS
-from structsel.effects.base import Flights, Found, Hypothesis, ModelCase, ModelForm, Parameter, Variant
+from structsel.effects.base import Effect, Flights, Found, ModelCase, ModelForm, Parameter, Variant
 from structsel.effects.operators import lag, onsets, shape_of, since, spaced, told_onsets
 from structsel.effects.propeller import propeller_variants, slipstream_variants
 from structsel.effects.signals import FORCES, Parts, available, gathered, lacking, moves, of_parts
@@ -191,8 +191,8 @@ def _all_parameters(found: Found) -> str:
     return ", ".join(f"{p.name} {found.text(p.name)}" for p in found.variant.parameters)
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "slipstream", "propulsive", "The propeller's wash raises the dynamic pressure at wing, tail and controls.",
         _thrust_needs(COEFFICIENTS), slipstream_variants,
         lambda found: f"The slipstream acts {found.variant.about}: {_all_parameters(found)}.",
@@ -200,14 +200,14 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="throttle steps while the elevator moves: a thrust line does not care for the elevator",
         check="control power and trim at idle and at full power, at one speed",
     ),
-    Hypothesis(
+    Effect(
         "thrust-line", "propulsive", "The thrust acts along another line than stated.",
         _thrust_needs(("Cm", "Cn", "CZ", "CY")), _line_variants, _line_says,
         look_alikes=("slipstream", "asymmetric-thrust", "cg-shift"),
         separated_by="throttle steps at two speeds, with and without elevator activity",
         check="where the engine's line passes the centre of gravity as loaded",
     ),
-    Hypothesis(
+    Effect(
         "thrust-scale", "propulsive", "The thrust is larger or smaller than stated.",
         _thrust_needs(("CX",)), _scale_variants,
         lambda found: f"The thrust is off by {found.text('share', 100.0, '%')} of the stated ({found.variant.about}).",
@@ -215,14 +215,14 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="throttle steps at one angle of attack",
         check="the thrust table, or the torque and fuel flow behind it",
     ),
-    Hypothesis(
+    Effect(
         "thrust-lag", "propulsive", "The thrust follows the throttle, or what is recorded of it, late.",
         _thrust_needs(("CX",)), _lag_variants, lambda found: f"The thrust comes late, by a lag of {found.text('lag')}.",
         look_alikes=("thrust-scale", "drag-polar"),
         separated_by="sharp throttle steps up and down",
         check="how the thrust channel is made: from the lever or the engine",
     ),
-    Hypothesis(
+    Effect(
         "propeller-normal-force", "propulsive", "A propeller in flow across its shaft: force across it, and P-factor.",
         _thrust_needs(("CZ", "CY", "Cm", "Cn")), propeller_variants,
         lambda found: f"The propeller feels flow across its shaft ({found.variant.about}): {_all_parameters(found)}.",
@@ -230,7 +230,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="angle of attack and sideslip at idle and at full power",
         check="yaw trim against angle of attack at full power",
     ),
-    Hypothesis(
+    Effect(
         "engine-gyroscopic", "propulsive", "Rotating parts turn a pitch rate into yaw and a yaw rate into pitch.",
         _gyroscopic_needs, _gyroscopic_variants,
         lambda found: f"The rotating parts have angular momentum not allowed for: {_all_parameters(found)}.",
@@ -238,7 +238,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="the same yawing at high and at idle rpm",
         check="sense of rotation and inertia of propeller or rotor",
     ),
-    Hypothesis(
+    Effect(
         "asymmetric-thrust", "propulsive", "Left and right thrust differ.",
         _thrust_needs(("Cn", "Cl")), _asymmetric_variants,
         lambda found: f"Thrust acts off the plane of symmetry by {found.text('offset')} ({found.variant.about}).",

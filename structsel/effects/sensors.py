@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import reading
-from structsel.effects.base import Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import Effect, Flights, Found, Parameter, Variant
 from structsel.effects.biases import bias_says, bias_variants
 from structsel.effects.operators import late, spaced
 from structsel.effects.readings import (
@@ -288,42 +288,42 @@ def _position_error_says(found: Found) -> str:
 
 
 _SCALE_SEPARATED = "manoeuvres in which the channel moves at different speeds and powers, beside attitude and gyros"
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "sensor-bias", "sensor", "An instrument is off by more than a free constant: too far, drifting or jumping.",
         _needs((*AIR, *INERTIAL, *ATTITUDE)), bias_variants, bias_says,
         look_alikes=("steady-wind", "asymmetry", "sensor-scale"),
         separated_by="the same manoeuvre flown on opposite headings, and seconds of rest on the ground",
         check="the instrument's reading at rest before and after flight",
     ),
-    Hypothesis(
+    Effect(
         "sensor-scale", "sensor", "An instrument reads too much or too little by a factor.",
         _needs((*AIR, *INERTIAL)), _scale_variants, _scale_says,
         look_alikes=("wrong-derivative", "sensor-position", "position-error", "mass-error"),
         separated_by=_SCALE_SEPARATED, check="the instrument's calibration, and the upwash at its place",
     ),
-    Hypothesis(
+    Effect(
         "sensor-delay", "sensor", "An instrument's channel is late.",
         _needs((*AIR, *INERTIAL)), _delay_variants, _delay_says,
         look_alikes=("actuator-lag", "unsteady-lift", "downwash-lag", "sensor-position"),
         separated_by="sharp inputs on each control: only what comes from this channel is late",
         check="filters, tubing and time stamps of the channel",
     ),
-    Hypothesis(
+    Effect(
         "sensor-position", "sensor", "An instrument stands elsewhere than stated.",
         _needs(("p", "q", "r")), _position_variants, _position_says,
         look_alikes=("inertia-error", "sensor-delay", "sensor-scale"),
         separated_by="fast pitching and rolling at the same angle of attack",
         check="where the instrument is, from the centre of gravity as it was loaded",
     ),
-    Hypothesis(
+    Effect(
         "sensor-misalignment", "sensor", "Instruments are mounted turned, so that axes mix.",
         _needs((*INERTIAL, "alpha", "beta")), _misalignment_variants, _misalignment_says,
         look_alikes=("drag-polar", "missing-term", "cross-coupling"),
         separated_by="level accelerations and pull-ups: a turned triad mixes gravity as well as lift into its axes",
         check="the mounting of the instruments against the body axes",
     ),
-    Hypothesis(
+    Effect(
         "position-error", "sensor", "Pitot, static or density are off, so that all coefficients scale alike.",
         _needs(("V",)), _position_error_variants, _position_error_says,
         look_alikes=("mass-error", "sensor-scale", "wrong-derivative"),

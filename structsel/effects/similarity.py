@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
 from structsel.effects.signals import (
     CONTROLS,
     LONGITUDINAL,
@@ -229,8 +229,8 @@ def _says_reynolds(found: Found) -> str:
     return f"Drag falls with Reynolds number: {drag} for each 10 %{''.join(f'; {x}' for x in told)}."
 
 
-SIMILARITY: tuple[Hypothesis, ...] = (
-    Hypothesis(
+SIMILARITY: tuple[Effect, ...] = (
+    Effect(
         "compressibility",
         "static",
         "Slopes grow as 1/sqrt(1 - M^2), the aerodynamic centre moves, and drag rises with Mach number.",
@@ -241,7 +241,7 @@ SIMILARITY: tuple[Hypothesis, ...] = (
         separated_by="The same dynamic pressure at two heights, or level accelerations at both.",
         check="Whether the simulation's coefficients ask for Mach.",
     ),
-    Hypothesis(
+    Effect(
         "reynolds",
         "static",
         "Drag falls and the greatest lift grows with the logarithm of the Reynolds number.",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, Flights, Found, Hypothesis, Parameter, Variant
+from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
 from structsel.effects.signals import (
     LATERAL,
     LONGITUDINAL,
@@ -256,9 +256,9 @@ def _says_asymmetry(found: Found) -> str:
     return f"A constant lateral offset: {', '.join(f'{n} {found.text(n)}' for n in LATERAL if n in found.estimates)}."
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
+EFFECTS: tuple[Effect, ...] = (
     *SIMILARITY,
-    Hypothesis(
+    Effect(
         "static-stall",
         "static",
         "The lift curve bends above a stall angle, drag and nose-down moment grow, the same on the way up and down.",
@@ -269,7 +269,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="Slow and fast approaches to the stall, with the recovery.",
         check="Whether the simulation's lift is linear beyond the incidences it was made for.",
     ),
-    Hypothesis(
+    Effect(
         "ground-effect",
         "static",
         "Within about one span of the ground there is more lift, less induced drag and a nose-down moment.",
@@ -280,7 +280,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="Level passes at heights of 0.3 and 0.6 spans in one configuration.",
         check="Whether the simulation's aerodynamics ask for the height above ground.",
     ),
-    Hypothesis(
+    Effect(
         "drag-polar",
         "static",
         "Drag due to lift.",
@@ -291,7 +291,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         separated_by="Pushes and pulls over the whole range of lift at constant power.",
         check="The polar's curvature: aspect ratio and span efficiency in the simulation.",
     ),
-    Hypothesis(
+    Effect(
         "asymmetry",
         "static",
         "A constant lateral offset: bent surface, lateral fuel, rigging.",

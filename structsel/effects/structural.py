@@ -8,7 +8,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import highest_of
-from structsel.effects.base import Columns, Flights, Hypothesis, Parameter, Variant
+from structsel.effects.base import Columns, Effect, Flights, Parameter, Variant
 from structsel.effects.operators import oscillate, peaks
 from structsel.effects.signals import LATERAL, LONGITUDINAL, coefficients, held, moves, signature, variation
 
@@ -82,8 +82,8 @@ def _needs(flights: Flights) -> str:
     return "" if any(moves(flights, d) for _, drives in _FAMILIES for d in drives) else "a control that moves"
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis(
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
         "structural-mode", "structural", "A lightly damped mode of the structure, which controls or incidence excite.",
         _needs, _variants,
         lambda found: f"A mode at {found.text('frequency')}, damping {found.text('damping', 100.0, '%')} of critical, "

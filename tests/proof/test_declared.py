@@ -12,7 +12,7 @@ from proof.scenario.declared import VARIABLES, band_noise
 from structsel import effects
 from structsel.comparison.preparing import prepare
 from structsel.demo import demo_missing_physics
-from structsel.effects import HYPOTHESES, BandNoise, Hypothesis, Parameter, TruthCase, Variant
+from structsel.effects import EFFECTS, BandNoise, Effect, Parameter, TruthCase, Variant
 from structsel.errors import DataError
 
 BUFFET = TruthCase(
@@ -26,14 +26,14 @@ def a_hypothesis(effect, kind, truth, columns=None):
     """Toy effect from outside the package, of one parameter in Cm."""
     made = columns or (lambda flight: {"Cm": flight["de"][:, None]})
     variant = Variant((Parameter("size", "-", 1.0),), made)
-    return Hypothesis(effect, kind, effect, lambda flights: "", lambda flights: [variant], lambda found: effect + ".",
+    return Effect(effect, kind, effect, lambda flights: "", lambda flights: [variant], lambda found: effect + ".",
                       truth=truth)  # fmt: skip
 
 
 @pytest.fixture
 def library(monkeypatch):
     def extend(*more):
-        monkeypatch.setattr(effects, "HYPOTHESES", (*HYPOTHESES, *more))
+        monkeypatch.setattr(effects, "EFFECTS", (*EFFECTS, *more))
 
     return extend
 
@@ -75,7 +75,7 @@ def test_what_a_declared_term_adds_is_its_formula(library):
 
 def test_the_librarys_own_declarations_are_read_and_are_no_copies_of_the_effects(flights):
     declared_effects()  # refuses what neither plant can take
-    assert {h.effect: copied_terms(h, flights) for h in HYPOTHESES if copied_terms(h, flights)} == {}
+    assert {h.name: copied_terms(h, flights) for h in EFFECTS if copied_terms(h, flights)} == {}
 
 
 def test_a_case_that_repeats_the_effects_own_form_is_refused_but_for_plain_terms(flights):

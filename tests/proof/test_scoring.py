@@ -19,7 +19,7 @@ from proof.score import CaseScore, Claim, Sized, overlap, score_case
 from proof.summary import reliability, summarise
 from proof.tables import page, table
 from structsel.diagnosis import EffectSignature
-from structsel.effects import HYPOTHESES
+from structsel.effects import EFFECTS
 from structsel.errors import DataError
 from structsel.numerics.evidence import spectrum
 
@@ -521,6 +521,6 @@ def test_effects_and_sources_come_in_turn():
 
 
 def test_every_effect_that_can_be_drawn_can_be_named():
-    known = {h.effect for h in HYPOTHESES} | {"turbulence"}
+    known = {h.name for h in EFFECTS} | {"turbulence"}
     assert drawable("own") <= known
     assert drawable("jsbsim") <= known
