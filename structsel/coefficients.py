@@ -15,6 +15,7 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import AircraftError, ChannelError, DataError, DomainError
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Finding, Recording
 
@@ -214,7 +215,7 @@ class _Computation:
             if "rho" in record:
                 rho, source = record["rho"], "rho as recorded"
             elif "h" in record:
-                rho, source = rb.standard_atmosphere(record["h"])[2], "rho of the standard atmosphere at h"
+                rho, source = standard_atmosphere(record["h"])[2], "rho of the standard atmosphere at h"
             else:
                 raise ChannelError(
                     f"{_WHO} needs channel 'qbar' [Pa], or 'rho' [kg/m^3] or 'h' [m] to make it from; "
@@ -228,7 +229,7 @@ class _Computation:
                 _require_above_zero(record, "temperature", record["temperature"])
                 sound, source = np.sqrt(1.4 * 287.05287 * record["temperature"]), "the recorded temperature"
             elif "h" in record:
-                sound, source = rb.standard_atmosphere(record["h"])[3], "the standard atmosphere at h"
+                sound, source = standard_atmosphere(record["h"])[3], "the standard atmosphere at h"
             else:
                 self._say("left-out", "mach", "not made: it needs h or temperature")
                 return

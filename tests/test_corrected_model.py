@@ -27,7 +27,8 @@ from structsel.effects import EFFECTS
 from structsel.effects.base import Estimate, ModelCase
 from structsel.errors import ChannelError, ModelError, StructselWarning
 from structsel.model import AeroModel, Quantity, ResponseModel, State
-from structsel.numerics.flight_dynamics import outputs_index, slopes
+from structsel.numerics.flight_model import outputs_index
+from structsel.numerics.flight_simulation import state_derivatives
 from structsel.simulation import Actuator, Instruments, linearise, prepare, ready, simulate, trim
 
 CITATION = ready("citation")
@@ -158,20 +159,40 @@ def test_a_state_of_the_flight_itself_is_integrated_beside_the_rigid_body(term, 
     given["de"] = inputs()["de"] - TRIM.controls["de"] + start.controls["de"]
     flown = fly(model, given, start)
     made = prepare(model, CRAFT, given, start=start, air=CITATION.air)
-    place, seen = made.plan.controls.index(term), outputs_index(("alpha", "alpha_dot"))
+    place, seen = made.compiled.controls.index(term), outputs_index(("alpha", "alpha_dot"))
 
     def rates(t, y):
-        controls = np.array([np.interp(t, T, column) for column in made.flight.controls.T])
+        controls = np.array([np.interp(t, T, column) for column in made.manoeuvre.controls.T])
         controls[place] = y[12]
-        slope, out = slopes(made.plan, made.flight, y[None, :12], controls[None])
+        slope, out = state_derivatives(made.compiled, made.manoeuvre, y[None, :12], controls[None])
         alpha, alpha_dot = out[0, seen]
         steady = alpha if term == "alpha_late" else 0.5 * (1.0 - np.tanh(20.0 * (alpha - 0.15 * alpha_dot - 0.08)))
         return np.append(slope[0], (steady - y[12]) / 0.3)
 
     found = solve_ivp(rates, (0.0, T[-1]), np.append(start.state, flown[term][0]), t_eval=T, rtol=1e-8, max_step=0.02)
     assert np.ptp(flown[term]) > 0.005
-    assert_allclose(np.arctan2(found.y[2], found.y[0]), flown["alpha"], atol=5e-6)
-    assert_allclose(found.y[12], flown[term], atol=2e-4)
+    assert_allclose(np.arctan2(found.y[2], found.y[0]), flown["alpha"], atol=5e-7)
+    assert_allclose(found.y[12], flown[term], atol=2e-6)
+
+
+@pytest.mark.parametrize("values", [{"tau": 0.11}, {"way": 15.0}, {"tau": 0.11, "share": 0.5}])
+def test_a_delayed_angle_of_attack_is_the_one_simulated_before(values):
+    one = state("delay", "alpha", **values)
+    flown = fly(with_term("alpha_late", -0.15, alpha_late=one), inputs(size=0.005), substeps=4)
+    # Between samples the recorded angle of attack is linear, the simulated one is not.
+    expected = one.along(flown.t, {"alpha": flown["alpha"], "V": flown["V"]})
+    assert np.abs(flown["alpha_late"] - flown["alpha"]).max() > 1e-3
+    assert_allclose(flown["alpha_late"], expected, atol=2e-5)
+
+
+def test_delayed_controls_and_a_state_of_the_motion_are_simulated_together():
+    model, given = with_term("alpha_late", -0.15, alpha_late=state("lag", "alpha", tau=0.3)), inputs(size=0.005)
+    made = prepare(model, CRAFT, given, start=TRIM, air=CITATION.air)
+    names = ("alpha", "q", "az")
+    delayed = made.simulate(names, ["delay"], np.array([[5 * 0.02]])).outputs
+    moved = given | {c: np.append(np.full(5, given[c][0]), given[c][:-5]) for c in ("de", "da", "dr")}
+    expected = prepare(model, CRAFT, moved, start=TRIM, air=CITATION.air).simulate(names).outputs
+    assert_allclose(delayed, expected, atol=1e-11)
 
 
 def test_a_state_without_effect_changes_nothing_of_the_flight():
@@ -182,7 +203,7 @@ def test_a_state_without_effect_changes_nothing_of_the_flight():
 
 
 def test_play_of_what_is_flown_is_refused():
-    with pytest.raises(ModelError, match="backlash of 'alpha', which is flown"):
+    with pytest.raises(ModelError, match="backlash of 'alpha', which is simulated"):
         fly(with_term("alpha_play", -0.1, alpha_play=state("backlash", "alpha", width=0.01)))
 
 

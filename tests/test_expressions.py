@@ -8,9 +8,9 @@ from structsel.aircraft import Aircraft
 from structsel.candidates import Term
 from structsel.errors import ChannelError, ModelError, TermError
 from structsel.model import AeroModel, ResponseModel
-from structsel.numerics.expressions import Program, ProgramMaker, evaluate_rows
-from structsel.numerics.flight_dynamics import CHANNELS
-from structsel.simulation.compiling import Formulas, compile_plan
+from structsel.numerics.expressions import Program, ProgramMaker, run_program
+from structsel.numerics.flight_model import CHANNELS
+from structsel.simulation.compiling import Formulas, compile_aircraft
 
 AIRCRAFT = Aircraft(name="test", mass=1000.0, S=10.0, b=8.0, cbar=1.4, V0=50.0)
 TERMS = [
@@ -25,6 +25,15 @@ def model_of(terms, response="CZ"):
     return AeroModel({response: ResponseModel(tuple(map(Term, terms)), np.ones(len(terms)))})
 
 
+def evaluate(program, rows):
+    """(n, slots) every slot for each row of inputs."""
+    slots = np.empty((len(rows), program.slots))
+    slots[:, : program.inputs] = rows
+    for row in slots:
+        run_program(program, row)
+    return slots
+
+
 def channel_rows(n, controls, rng):
     rows = rng.normal(0.0, 0.2, (n, len(CHANNELS) + len(controls)))
     rows[:, CHANNELS.index("V")] = rng.uniform(30.0, 80.0, n)
@@ -34,16 +43,16 @@ def channel_rows(n, controls, rng):
 @pytest.mark.parametrize("term", TERMS)
 def test_a_compiled_term_is_the_term(term):
     rows, channels = channel_rows(50, ("de",), np.random.default_rng(1))
-    plan = compile_plan(model_of([term]), AIRCRAFT, Formulas(AIRCRAFT), ("de",))
-    got = evaluate_rows(plan.program, rows)[:, plan.term_slot[0]]
+    plan = compile_aircraft(model_of([term]), AIRCRAFT, Formulas(AIRCRAFT), ("de",)).arrays
+    got = evaluate(plan.program, rows)[:, plan.term_slot[0]]
     assert_allclose(got, Term(term).evaluate(channels), rtol=4e-15, atol=1e-300)
 
 
 def test_dimensionless_channels_and_definitions_are_worked_out_from_the_state():
     rows, channels = channel_rows(20, ("power",), np.random.default_rng(2))
     formulas = Formulas(AIRCRAFT, {"dpt": "0.1 + 3*load", "load": "power/V^3"})
-    plan = compile_plan(model_of(["q_hat", "p_hat", "V_ratio", "dpt^2"]), AIRCRAFT, formulas, ("power",))
-    got = evaluate_rows(plan.program, rows)[:, plan.term_slot]
+    plan = compile_aircraft(model_of(["q_hat", "p_hat", "V_ratio", "dpt^2"]), AIRCRAFT, formulas, ("power",)).arrays
+    got = evaluate(plan.program, rows)[:, plan.term_slot]
     V = channels["V"]
     assert_allclose(got[:, 0], channels["q"] * 1.4 / (2 * V), rtol=1e-14)
     assert_allclose(got[:, 1], channels["p"] * 8.0 / (2 * V), rtol=1e-14)
@@ -56,9 +65,9 @@ def test_terms_that_share_a_factor_share_its_work():
     square = maker.emit("multiply", 0, 0)
     assert maker.emit("multiply", 0, 0) == square
     assert maker.done().slots == 3
-    alone = [compile_plan(model_of([t]), AIRCRAFT, Formulas(AIRCRAFT), ("de",)) for t in ("alpha^2", "alpha^2*de")]
-    both = compile_plan(model_of(["alpha^2", "alpha^2*de"]), AIRCRAFT, Formulas(AIRCRAFT), ("de",))
-    assert both.program.operation.size == 2 == max(p.program.operation.size for p in alone)
+    alone = [compile_aircraft(model_of([t]), AIRCRAFT, Formulas(AIRCRAFT), ("de",)) for t in ("alpha^2", "alpha^2*de")]
+    both = compile_aircraft(model_of(["alpha^2", "alpha^2*de"]), AIRCRAFT, Formulas(AIRCRAFT), ("de",))
+    assert both.arrays.program.operation.size == 2 == max(p.arrays.program.operation.size for p in alone)
 
 
 def test_what_does_not_hold_comes_out_as_nan_or_inf_without_a_warning():
@@ -67,7 +76,7 @@ def test_what_does_not_hold_comes_out_as_nan_or_inf_without_a_warning():
     program = maker.done()
     assert isinstance(program, Program)
     with np.errstate(all="raise"):
-        values = evaluate_rows(program, np.array([[-1.0], [0.0]]))[:, made]
+        values = evaluate(program, np.array([[-1.0], [0.0]]))[:, made]
     assert_array_equal(np.isnan(values), [[True, True, False], [False, False, False]])
     assert_array_equal(values[1], [-np.inf, 0.0, np.inf])
 
@@ -81,19 +90,19 @@ def test_an_unknown_operation_or_an_unfilled_slot_is_refused():
 
 def test_a_term_in_an_unknown_channel_names_it_and_what_there_is():
     with pytest.raises(ChannelError, match=r"needs channel 'gear'.*de"):
-        compile_plan(model_of(["alpha*gear"]), AIRCRAFT, Formulas(AIRCRAFT), ("de",))
+        compile_aircraft(model_of(["alpha*gear"]), AIRCRAFT, Formulas(AIRCRAFT), ("de",))
 
 
 @pytest.mark.parametrize("term", ["alpha_dot_hat^2", "alpha_dot_hat*beta_dot_hat", "abs(beta_dot_hat)", "beta_dot^2"])
 def test_a_term_not_linear_in_the_rate_of_the_flow_is_refused(term):
     with pytest.raises(ModelError, match="not linear in alpha_dot or beta_dot"):
-        compile_plan(model_of([term]), AIRCRAFT, Formulas(AIRCRAFT), ())
+        compile_aircraft(model_of([term]), AIRCRAFT, Formulas(AIRCRAFT), ())
 
 
 def test_definitions_that_go_in_a_circle_are_refused():
     formulas = Formulas(AIRCRAFT, {"a": "2*b", "b": "a + 1"})
     with pytest.raises(ModelError, match="circle: a -> b -> a"):
-        compile_plan(model_of(["a"]), AIRCRAFT, formulas, ())
+        compile_aircraft(model_of(["a"]), AIRCRAFT, formulas, ())
     with pytest.raises(ModelError, match="'alpha' cannot be defined"):
         Formulas(AIRCRAFT, {"alpha": "theta"})
 
@@ -101,6 +110,6 @@ def test_definitions_that_go_in_a_circle_are_refused():
 def test_body_and_wind_axes_are_not_mixed_and_other_responses_are_refused():
     one = ResponseModel((Term("alpha"),), np.ones(1))
     with pytest.raises(ModelError, match="mixes wind and body axes"):
-        compile_plan(AeroModel({"CL": one, "CX": one}), AIRCRAFT, Formulas(AIRCRAFT), ())
+        compile_aircraft(AeroModel({"CL": one, "CX": one}), AIRCRAFT, Formulas(AIRCRAFT), ())
     with pytest.raises(ModelError, match=r"has 'CM'.*'Cm'"):
-        compile_plan(AeroModel({"CM": one}), AIRCRAFT, Formulas(AIRCRAFT), ())
+        compile_aircraft(AeroModel({"CM": one}), AIRCRAFT, Formulas(AIRCRAFT), ())

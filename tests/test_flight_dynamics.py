@@ -16,15 +16,10 @@ from structsel.demo.truth import TRUTH, demo_aircraft
 from structsel.errors import ChannelError, DataError, DomainError, ModelError
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.flight_dynamics import (
-    OUTPUTS,
-    REASONS,
-    STATES,
-    actuate,
-    fly_batch,
-    outputs_index,
-    slopes,
-)
+from structsel.numerics.actuators import actuate
+from structsel.numerics.atmosphere import standard_atmosphere
+from structsel.numerics.flight_model import OUTPUTS, REASONS, STATES, outputs_index
+from structsel.numerics.flight_simulation import simulate_batch, state_derivatives
 from structsel.simulation import Air, prepare, trim
 
 STATE_COLUMNS = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h")
@@ -60,6 +55,14 @@ def coefficients(truth, channels):
     return [sum(v * Term(n).evaluate(channels) for n, v in truth[axis].items()) for axis in truth]
 
 
+def airframe_of(aircraft):
+    line = aircraft.thrust
+    return rb.Airframe(
+        aircraft.mass, aircraft.inertia.tensor, aircraft.S, aircraft.b, aircraft.cbar, line.offset, line.inclination,
+        aircraft.engine.angular_momentum,
+    )  # fmt: skip
+
+
 def dense_flight(truth, aircraft, inputs, start, extra=lambda coefficients, channels: coefficients):
     """The same flight by solve_ivp on the uncompiled equations, one smooth piece at a time."""
     t = inputs["t"]
@@ -78,12 +81,8 @@ def dense_flight(truth, aircraft, inputs, start, extra=lambda coefficients, chan
         }
         channels = {name: np.atleast_1d(value) for name, value in values.items()}
         six = [float(c[0]) for c in coefficients(truth, channels)]
-        rho = rb.standard_atmosphere(x[11])[2]
-        line = aircraft.thrust
-        return rb.state_derivative(
-            x, six, rho, aircraft.mass, aircraft.inertia.tensor, aircraft.S, aircraft.b, aircraft.cbar, thrust,
-            line.offset, line.inclination, aircraft.engine.angular_momentum,
-        )  # fmt: skip
+        rho = standard_atmosphere(x[11])[2]
+        return rb.state_derivative(x, six, rho, airframe_of(aircraft), thrust)
 
     path = [np.array(start)]
     for a, b in pairwise(t):
@@ -103,14 +102,14 @@ def test_a_flight_is_that_of_a_dense_integrator_on_the_uncompiled_equations(trim
     t = np.arange(0.0, 5.01, 0.1)
     inputs = wobble(t, trimmed)
     ready = prepare(DEMO, aircraft, inputs, start=trimmed, substeps=40)
-    got = ready.fly(STATE_COLUMNS).outputs[0]
+    got = ready.simulate(STATE_COLUMNS).outputs[0]
     assert_allclose(got, dense_flight(TRUTH, aircraft, inputs, trimmed.state), rtol=1e-8, atol=1e-8)
 
 
 def test_the_error_falls_with_the_fourth_power_of_the_step(trimmed):
     inputs = wobble(np.arange(0.0, 4.01, 0.2), trimmed)
     ends = [
-        prepare(DEMO, demo_aircraft(), inputs, start=trimmed, substeps=k).fly(STATE_COLUMNS).outputs[0, -1]
+        prepare(DEMO, demo_aircraft(), inputs, start=trimmed, substeps=k).simulate(STATE_COLUMNS).outputs[0, -1]
         for k in (2, 4, 64)
     ]
     first, second = np.abs(ends[0] - ends[2]), np.abs(ends[1] - ends[2])
@@ -123,7 +122,7 @@ def test_the_demonstration_flight_is_flown_again_from_its_own_surfaces(trimmed):
     assert_allclose(trimmed.state, flown.states[0, :12], atol=1e-9)
     surfaces = dict(zip(("de", "da", "dr"), flown.states[:, 12:].T))
     inputs = {"t": flown.t, "thrust": flown.thrust, **surfaces}
-    got = prepare(DEMO, demo_aircraft(), inputs, start=trimmed).fly(STATE_COLUMNS).outputs[0]
+    got = prepare(DEMO, demo_aircraft(), inputs, start=trimmed).simulate(STATE_COLUMNS).outputs[0]
     # Surfaces straight between samples are not quite those of the actuator's lag.
     for name, column, other in zip(STATE_COLUMNS, got.T, flown.states.T):
         assert np.abs(column - other).max() < 3e-3 * np.ptp(other), name
@@ -138,8 +137,8 @@ def test_tumbling_without_moments_keeps_energy_and_angular_momentum():
     t = np.arange(0.0, 6.001, 0.01)
     start = {"u": 50.0, "v": 0.0, "w": 0.0, "theta": 0.05, "h": 3000.0, "p": 0.02, "q": 0.05, "r": 0.4}
     ready = prepare(NOTHING, body, {"t": t}, start=start, air=Air(gravity=0.0))
-    batch = ready.fly(STATE_COLUMNS)
-    assert batch.flown[0] == len(t)
+    batch = ready.simulate(STATE_COLUMNS)
+    assert batch.samples[0] == len(t)
     path = batch.outputs[0]
     tensor = body.inertia.tensor
     rates = path[:, 3:6]
@@ -160,7 +159,7 @@ def test_a_body_without_air_forces_falls_on_a_parabola_in_the_wind():
     V, theta, psi = 60.0, 0.6, 0.4
     start = {"V": V, "alpha": 0.0, "theta": theta, "psi": psi, "h": 800.0}
     ready = prepare(NOTHING, body, {"t": t}, start=start, air=Air(wind=(3.0, -2.0, 0.5)))
-    x, y, h, ax, speed = ready.fly(("x", "y", "h", "ax", "V")).outputs[0].T
+    x, y, h, ax, speed = ready.simulate(("x", "y", "h", "ax", "V")).outputs[0].T
     along, up = V * np.cos(theta), V * np.sin(theta) * t - 0.5 * rb.G0 * t**2
     assert_allclose(x, along * np.cos(psi) * t + 3.0 * t, atol=1e-8)
     assert_allclose(y, along * np.sin(psi) * t - 2.0 * t, atol=1e-8)
@@ -175,7 +174,7 @@ def test_wind_that_changes_with_height_changes_the_airspeed_of_a_falling_body():
     heights, wind = [0.0, 1000.0], [[0.0, 0.0, 0.0], [-20.0, 0.0, 0.0]]
     start = {"V": 50.0, "alpha": 0.0, "theta": 0.0, "h": 1000.0}
     ready = prepare(NOTHING, body, {"t": t}, start=start, air=Air(wind=wind, heights=heights))
-    speed, vn, h = ready.fly(("V", "vn", "h")).outputs[0].T
+    speed, vn, h = ready.simulate(("V", "vn", "h")).outputs[0].T
     # Over the ground it keeps 50 - 20 m/s; the head wind dies away below it.
     assert_allclose(vn, 30.0, atol=1e-9)
     fall = rb.G0 * t
@@ -192,22 +191,19 @@ def test_rates_of_the_flow_in_the_coefficients_are_solved_for_exactly(trimmed):
     aircraft = demo_aircraft()
     ready = prepare(model_of(truth), aircraft, trimmed.inputs(np.array([0.0, 1.0])), start=trimmed)
     state = trimmed.state + np.array([1.0, 2.0, -1.5, 0.1, 0.08, -0.05, 0.1, 0.05, 0.0, 0.0, 0.0, 0.0])
-    controls = np.array([trimmed.controls[name] + 0.02 for name in ready.plan.controls])
-    slope, outputs = slopes(ready.plan, ready.flight, state[None], controls[None])
+    controls = np.array([trimmed.controls[name] + 0.02 for name in ready.compiled.controls])
+    slope, outputs = state_derivatives(ready.compiled, ready.manoeuvre, state[None], controls[None])
     held = dict(zip(OUTPUTS, outputs[0]))
     V, alpha, beta = rb.air_data(*state[:3])
     hats = rb.nondimensional_rates(V, *state[3:6], aircraft.b, aircraft.cbar)
     channels = {"alpha": alpha, "beta": beta, **dict(zip(("p_hat", "q_hat", "r_hat"), hats)),
-                **dict(zip(ready.plan.controls, controls))}  # fmt: skip
+                **dict(zip(ready.compiled.controls, controls))}  # fmt: skip
     channels["alpha_dot_hat"] = held["alpha_dot"] * aircraft.cbar / (2 * V)
     channels["beta_dot_hat"] = held["beta_dot"] * aircraft.b / (2 * V)
     channels = {name: np.atleast_1d(value) for name, value in channels.items()}
     six = [float(c[0]) for c in coefficients(truth, channels)]
-    thrust = controls[ready.plan.controls.index("thrust")]
-    dense = rb.state_derivative(
-        state, six, rb.standard_atmosphere(state[11])[2], aircraft.mass, aircraft.inertia.tensor, aircraft.S,
-        aircraft.b, aircraft.cbar, thrust, aircraft.thrust.offset, aircraft.thrust.inclination,
-    )  # fmt: skip
+    thrust = controls[ready.compiled.controls.index("thrust")]
+    dense = rb.state_derivative(state, six, standard_atmosphere(state[11])[2], airframe_of(aircraft), thrust)
     assert_allclose(slope[0], dense, rtol=1e-11, atol=1e-11)
     # The rates reported are those of the velocity.
     assert_allclose(held["alpha_dot"], (state[0] * dense[2] - state[2] * dense[0]) / (state[0] ** 2 + state[2] ** 2))
@@ -220,12 +216,14 @@ def test_rates_of_the_flow_in_the_coefficients_are_solved_for_exactly(trimmed):
 def test_a_batch_is_what_each_set_flies_alone(trimmed):
     ready = prepare(DEMO, demo_aircraft(), wobble(np.arange(0.0, 4.0, 0.02), trimmed), start=trimmed)
     names = ["Cm:alpha", "CZ:alpha", "start:w", "bias:de", "drift:q", "Cl:p_hat", "delay", "Cup"]
-    nominal = ready.plan.parameters(ready.flight)[ready.plan.parameter_index(names)]
+    nominal = ready.compiled.parameters(ready.manoeuvre)[ready.compiled.parameter_index(names)]
     rng = np.random.default_rng(4)
     theta = nominal * (1.0 + 0.1 * rng.standard_normal((7, 8))) + np.abs(rng.normal(0.0, 0.01, (7, 8)))
-    together = ready.fly(("V", "alpha", "q", "ay"), names, theta, instruments=True)
+    together = ready.simulate(("V", "alpha", "q", "ay"), names, theta, instruments=True)
     for row, outputs in zip(theta, together.outputs):
-        assert_array_equal(ready.fly(("V", "alpha", "q", "ay"), names, row[None], instruments=True).outputs[0], outputs)
+        assert_array_equal(
+            ready.simulate(("V", "alpha", "q", "ay"), names, row[None], instruments=True).outputs[0], outputs
+        )
     assert together.outputs.flags.c_contiguous
     assert np.ptp(together.outputs, axis=0).max() > 1.0
 
@@ -233,13 +231,13 @@ def test_a_batch_is_what_each_set_flies_alone(trimmed):
 def test_parameters_by_name_do_what_their_names_say(trimmed):
     ready = prepare(DEMO, demo_aircraft(), trimmed.inputs(np.arange(0.0, 2.0, 0.02)), start=trimmed)
     names = ["start:w", "bias:de", "drift:psi", "Calpha0", "KV"]
-    nominal = ready.plan.parameters(ready.flight)[ready.plan.parameter_index(names)]
+    nominal = ready.compiled.parameters(ready.manoeuvre)[ready.compiled.parameter_index(names)]
     theta = nominal + np.diag([0.7, 0.01, 0.03, 0.02, 0.05])
     outputs = ("w", "q_dot", "psi", "alpha", "V")
-    plain = ready.fly(outputs, instruments=True).outputs[0]
-    got = ready.fly(outputs, names, theta, instruments=True).outputs
+    plain = ready.simulate(outputs, instruments=True).outputs[0]
+    got = ready.simulate(outputs, names, theta, instruments=True).outputs
     assert_allclose(got[0, 0, 0] - plain[0, 0], 0.7)
-    qbar = 0.5 * rb.standard_atmosphere(1000.0)[2] * 45.0**2
+    qbar = 0.5 * standard_atmosphere(1000.0)[2] * 45.0**2
     moment = TRUTH["Cm"]["de"] * 0.01 * qbar * 23.23 * 1.5875 / 6928.93
     assert_allclose(got[1, 0, 1] - plain[0, 1], moment, rtol=1e-9)
     assert_allclose(got[2, -1, 2] - plain[-1, 2], 0.03 * 1.98, rtol=1e-6)
@@ -255,14 +253,14 @@ def test_a_delay_is_the_inputs_moved_by_hand(trimmed, between):
     late["t"] = t
     delayed = prepare(DEMO, demo_aircraft(), inputs, start=trimmed, between=between)
     moved = prepare(DEMO, demo_aircraft(), late, start=trimmed, between=between)
-    got = delayed.fly(("alpha", "q", "p", "r", "az"), ["delay"], np.array([[7 * 0.02]])).outputs
-    assert_allclose(got, moved.fly(("alpha", "q", "p", "r", "az")).outputs, atol=1e-11)
+    got = delayed.simulate(("alpha", "q", "p", "r", "az"), ["delay"], np.array([[7 * 0.02]])).outputs
+    assert_allclose(got, moved.simulate(("alpha", "q", "p", "r", "az")).outputs, atol=1e-11)
 
 
 def test_a_delay_between_samples_is_interpolated(trimmed):
     t = np.arange(0.0, 3.0, 0.02)
     ready = prepare(DEMO, demo_aircraft(), trimmed.inputs(t, de=0.05 * np.minimum(t, 1.0)), start=trimmed)
-    early, late = (ready.fly(("q",), ["delay"], np.array([[d]])).outputs[0, :, 0] for d in (0.0, 0.033))
+    early, late = (ready.simulate(("q",), ["delay"], np.array([[d]])).outputs[0, :, 0] for d in (0.0, 0.033))
     assert_allclose(late[60], CubicSpline(t, early)(t[60] - 0.033), atol=2e-6)
 
 
@@ -271,7 +269,7 @@ def test_held_inputs_change_at_their_sample_and_linear_ones_between(trimmed):
     step = np.where(t >= 0.5 - 1e-9, 0.02, 0.0)
     for between, first in (("hold", 6), ("linear", 5)):
         ready = prepare(DEMO, demo_aircraft(), trimmed.inputs(t, de=step), start=trimmed, between=between)
-        q = ready.fly(("q",)).outputs[0, :, 0]
+        q = ready.simulate(("q",)).outputs[0, :, 0]
         assert np.flatnonzero(np.abs(q) > 1e-9)[0] == first
 
 
@@ -281,11 +279,11 @@ def test_a_set_that_blows_up_is_flagged_with_its_sample_and_leaves_the_others_al
     names = ["Cm:alpha", "Cm:q_hat", "CX:1"]
     good = [TRUTH["Cm"]["alpha"], TRUTH["Cm"]["q_hat"], TRUTH["CX"]["1"]]
     theta = np.array([good, [40.0, 500.0, 0.0], good, [good[0], good[1], 1e6]])
-    batch = ready.fly(("alpha", "q"), names, theta)
-    assert batch.flown[0] == batch.flown[2] == len(t)
+    batch = ready.simulate(("alpha", "q"), names, theta)
+    assert batch.samples[0] == batch.samples[2] == len(t)
     assert_array_equal(batch.outputs[0], batch.outputs[2])
     for j in (1, 3):
-        k = batch.flown[j]
+        k = batch.samples[j]
         assert 0 < k < len(t)
         assert batch.reason[j] > 0
         assert np.isfinite(batch.outputs[j, :k]).all()
@@ -308,22 +306,24 @@ def test_every_way_to_stop_has_its_reason(start, model, said):
         model_of(model) if model else NOTHING, body, {"t": np.arange(0.0, 5.0, 0.01)}, start=start,
         air=Air(gravity=gravity),
     )  # fmt: skip
-    batch = ready.fly(("h",))
+    batch = ready.simulate(("h",))
     assert said in REASONS[batch.reason[0]]
-    assert batch.flown[0] < 500
+    assert batch.samples[0] < 500
 
 
 def test_names_and_sizes_that_do_not_fit_are_refused(trimmed):
     ready = prepare(DEMO, demo_aircraft(), trimmed.inputs(np.array([0.0, 0.1, 0.2])), start=trimmed)
     with pytest.raises(ModelError, match="no parameter 'Cm:gamma'"):
-        ready.fly(("V",), ["Cm:gamma"], np.zeros((1, 1)))
+        ready.simulate(("V",), ["Cm:gamma"], np.zeros((1, 1)))
     with pytest.raises(ChannelError, match="no output 'banana'"):
         outputs_index(["banana"])
     with pytest.raises(DataError, match="2 columns for 1 parameters"):
-        ready.fly(("V",), ["delay"], np.zeros((1, 2)))
+        ready.simulate(("V",), ["delay"], np.zeros((1, 2)))
     with pytest.raises(DomainError, match="at least 1 step"):
-        fly_batch(ready.plan, ready.flight, np.zeros((1, 0)), np.array([], dtype=int), np.array([0]), substeps=0)
-    assert ready.plan.parameter_names[-6:] == ("delay", "Cup", "Calpha0", "Csi", "Cbeta0", "KV")
+        simulate_batch(
+            ready.compiled, ready.manoeuvre, np.zeros((1, 0)), np.array([], dtype=int), np.array([0]), substeps=0
+        )
+    assert ready.compiled.parameter_names[-6:] == ("delay", "Cup", "Calpha0", "Csi", "Cbeta0", "KV")
     assert STATES == STATE_COLUMNS
 
 

@@ -5,10 +5,10 @@ from scipy import linalg
 
 from structsel.errors import DataError, ModelError
 from structsel.model import AeroModel, ResponseModel
-from structsel.numerics.flight_dynamics import STATES, fly_batch, outputs_index
+from structsel.numerics.flight_model import STATES, outputs_index
+from structsel.numerics.flight_simulation import Correction, linearise_batch, simulate_batch
 from structsel.numerics.linear_models import LinearSystem
 from structsel.numerics.linear_systems import discretise_noise, simulate_linear
-from structsel.numerics.prediction_error import linearise_flight, predict_flight
 from structsel.recording import Recording
 from structsel.refinement import LinearStructure, refine
 from structsel.refinement.filter_kernels import diagonal, predict_linear, steady_gain
@@ -89,37 +89,43 @@ def test_a_flight_that_lets_nothing_in_is_the_flight_in_open_loop(beaver):
     made, _ = beaver
     names = ("V", "alpha", "q", "theta", "az")
     observed, states = outputs_index(names, instruments=True), np.array([STATES.index(s) for s in ("u", "w", "q")])
-    full = np.tile(made.plan.parameters(made.flight), (2, 1))
-    full[1, made.plan.parameter_index(["Cm:alpha"])] *= 1.3
-    open_loop = fly_batch(made.plan, made.flight, full, np.arange(full.shape[1]), observed, substeps=made.substeps)
-    z = np.ones((2, len(made.flight.t), len(names)))
-    alone = predict_flight(
-        made.plan, made.flight, full, states, observed, np.zeros((2, 3, len(names))), z, substeps=made.substeps
-    )
-    assert_allclose(alone, open_loop.outputs, rtol=1e-10, atol=1e-12)
+    full = np.tile(made.compiled.parameters(made.manoeuvre), (2, 1))
+    full[1, made.compiled.parameter_index(["Cm:alpha"])] *= 1.3
+
+    def fly(full, gain=None, measured=None):
+        correction = None if gain is None else Correction(states, gain, measured)
+        return simulate_batch(
+            made.compiled, made.manoeuvre, full, np.arange(full.shape[1]), observed, substeps=made.substeps,
+            correction=correction,
+        ).outputs  # fmt: skip
+
+    open_loop = fly(full)
+    z = np.ones((2, len(made.manoeuvre.t), len(names)))
+    alone = fly(full, np.zeros((2, 3, len(names))), z)
+    assert_allclose(alone, open_loop, rtol=1e-10, atol=1e-12)
     # One reading let in, at the start: flown as from the state it corrects; the first output is still that expected.
     z[:] = np.nan
-    z[:, 0, 1] = open_loop.outputs[:, 0, 1] + 0.01
+    z[:, 0, 1] = open_loop[:, 0, 1] + 0.01
     gain = np.zeros((2, 3, len(names)))
     gain[:, 1, 1] = 30.0
-    let_in = predict_flight(made.plan, made.flight, full, states, observed, gain, z, substeps=made.substeps)
+    let_in = fly(full, gain, z)
     moved = full.copy()
-    moved[:, made.plan.parameter_index(["start:w"])] += 0.3
-    from_there = fly_batch(made.plan, made.flight, moved, np.arange(full.shape[1]), observed, substeps=made.substeps)
-    assert_allclose(let_in[:, 1:], from_there.outputs[:, 1:], rtol=1e-10, atol=1e-12)
-    assert_allclose(let_in[:, 0], open_loop.outputs[:, 0], rtol=1e-12)
+    moved[:, made.compiled.parameter_index(["start:w"])] += 0.3
+    from_there = fly(moved)
+    assert_allclose(let_in[:, 1:], from_there[:, 1:], rtol=1e-10, atol=1e-12)
+    assert_allclose(let_in[:, 0], open_loop[:, 0], rtol=1e-12)
 
 
 def test_the_flights_slopes_hold_the_kinematics_and_gravity(beaver):
     made, settled = beaver
     states = np.array([STATES.index(s) for s in ("u", "w", "q", "theta")])
     observed = outputs_index(("V", "theta", "az"))
-    A, C = linearise_flight(
-        made.plan, made.flight, made.plan.parameters(made.flight)[None], settled.state, made.flight.controls[0], states,
-        observed,
+    A, C = linearise_batch(
+        made.compiled, made.manoeuvre, made.compiled.parameters(made.manoeuvre)[None], settled.state,
+        made.manoeuvre.controls[0], states, observed,
     )  # fmt: skip
     theta, (u, _, w) = settled.state[7], settled.state[:3]
-    g = made.flight.gravity
+    g = made.manoeuvre.gravity
     assert_allclose(A[0, 3], [0.0, 0.0, 1.0, 0.0], atol=1e-9)
     assert_allclose(A[0, :2, 3], [-g * np.cos(theta), -g * np.sin(theta)], rtol=1e-6)
     assert_allclose(C[0, 0], [u / np.hypot(u, w), w / np.hypot(u, w), 0.0, 0.0], atol=1e-8)
@@ -281,7 +287,7 @@ def test_a_recorded_thrust_is_not_delayed_with_the_controls(beaver):
     made, settled = beaver
     plane = ready("beaver")
     model = AeroModel({name: held for name, held in plane.model.responses.items() if name in ("CX", "CZ", "Cm")})
-    t = made.flight.t
+    t = made.manoeuvre.t
     thrust = settled.controls["thrust"] * (1.0 + 0.3 * np.sin(2.0 * t))
     commanded = settled.controls["de"] + three_two_one_one(t, 0.5, 0.3, 0.03)
     late = np.interp(t - 0.2, t, commanded)

@@ -6,10 +6,12 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from structsel.aircraft import Inertia
 from structsel.errors import DomainError
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.atmosphere import standard_atmosphere
 
-INERTIA = rb.inertia_tensor(5368.0, 6929.0, 11159.0, 500.0)
+INERTIA = Inertia(Ix=5368.0, Iy=6929.0, Iz=11159.0, Ixz=500.0).tensor
 angle = st.floats(-1.4, 1.4)
 speed = st.floats(1.0, 300.0)
 
@@ -36,13 +38,13 @@ def test_the_atmosphere_is_the_standards_table():
             [221.65, 2511.02, 0.0394658, 298.455],
         ]
     )
-    got = np.array(rb.standard_atmosphere(np.array([0.0, 5e3, 11e3, 15e3, 25e3]))).T
+    got = np.array(standard_atmosphere(np.array([0.0, 5e3, 11e3, 15e3, 25e3]))).T
     assert_allclose(got, table, rtol=5e-6)
 
 
 def test_an_altitude_outside_the_atmosphere_is_named():
     with pytest.raises(DomainError, match="sample 1 has h = 90000 m"):
-        rb.standard_atmosphere(np.array([0.0, 90_000.0]))
+        standard_atmosphere(np.array([0.0, 90_000.0]))
 
 
 def test_level_flight_at_one_g_carries_the_weight():
@@ -89,7 +91,8 @@ def test_the_moments_are_mulders_with_the_rotor_term():
 
 @pytest.mark.parametrize("products", [(500.0, 0.0, 0.0), (500.0, -300.0, 200.0)])
 def test_torque_free_rotation_keeps_angular_momentum_and_kinetic_energy(products):
-    inertia = rb.inertia_tensor(5368.0, 6929.0, 11159.0, *products)
+    Ixz, Ixy, Iyz = products
+    inertia = Inertia(Ix=5368.0, Iy=6929.0, Iz=11159.0, Ixz=Ixz, Ixy=Ixy, Iyz=Iyz).tensor
 
     def derivative(_, x):
         rates = rb.angular_acceleration(x[:3], (0.0, 0.0, 0.0), inertia)
@@ -109,7 +112,9 @@ def test_a_thrown_stone_follows_a_parabola_however_it_spins():
     # No air, no thrust: h = h0 + vh t - g t^2/2 in earth axes, with the wind added to the path.
     state = np.array([20.0, 3.0, -5.0, 0.5, 0.4, -0.6, 0.2, 0.3, 0.5, 0.0, 0.0, 100.0])
     run = solve_ivp(
-        lambda _, x: rb.state_derivative(x, np.zeros(6), 0.0, 10.0, INERTIA, 1.0, 1.0, 1.0, wind=(1.0, -2.0, 0.5)),
+        lambda _, x: rb.state_derivative(
+            x, np.zeros(6), 0.0, rb.Airframe(10.0, INERTIA, 1.0, 1.0, 1.0), wind=(1.0, -2.0, 0.5)
+        ),
         (0.0, 2.0),
         state,
         rtol=1e-11,
@@ -125,9 +130,9 @@ def test_forces_and_moments_come_back_out_of_the_equations_of_motion():
     state = rng.standard_normal((12, 7)) * 0.2
     state[0] += 50.0
     wanted = rng.standard_normal((6, 7)) * 0.1
-    aircraft = {"mass": 2288.0, "inertia": INERTIA, "S": 23.2, "b": 14.6, "cbar": 1.59}
-    line = {"thrust": 1500.0, "offset": (0.5, 0.1, -0.2), "inclination": 0.05}
-    slope = rb.state_derivative(state, wanted, 1.1, **aircraft, **line, rotor_momentum=90.0)
+    offset, inclination = (0.5, 0.1, -0.2), 0.05
+    airframe = rb.Airframe(2288.0, INERTIA, 23.2, 14.6, 1.59, offset, inclination, rotor_momentum=90.0)
+    slope = rb.state_derivative(state, wanted, 1.1, airframe, 1500.0)
     qbar = 0.55 * np.sum(state[:3] ** 2, axis=0)
     # Specific force is what remains of the acceleration after gravity and rotation are taken off.
     phi, theta = state[6:8]
@@ -135,7 +140,7 @@ def test_forces_and_moments_come_back_out_of_the_equations_of_motion():
     felt = slope[:3] + np.cross(state[3:6], state[:3], axis=0) - gravity
     forces = rb.force_coefficients(*felt, qbar=qbar, mass=2288.0, S=23.2, thrust=1500.0, inclination=0.05)
     moments = rb.moment_coefficients(
-        state[3:6], slope[3:6], qbar, INERTIA, 23.2, 14.6, 1.59, **line, rotor_momentum=90.0
+        state[3:6], slope[3:6], qbar, INERTIA, 23.2, 14.6, 1.59, 1500.0, offset, inclination, 90.0
     )
     assert_allclose((*forces, *moments), wanted, rtol=1e-9, atol=1e-12)
 

@@ -19,6 +19,7 @@ from structsel.errors import (
 )
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.recording import Recording
 from structsel.simulation import (
     READY,
@@ -144,7 +145,7 @@ def test_the_citation_carries_its_weight_as_a_hand_calculation_says():
     # With q = 0: Cm gives de from alpha, CZ then alpha from the weight across the path, thrust and sideslip apart.
     craft = ready("citation")
     found = craft.trim()
-    qbar = 0.5 * rb.standard_atmosphere(7500.0)[2] * 120.0**2
+    qbar = 0.5 * standard_atmosphere(7500.0)[2] * 120.0**2
     de = -(0.021 - 0.488 * found["alpha"]) / -1.25
     assert_allclose(found["de"], de, atol=1e-12)
     CZ = -4500.0 * rb.G0 * np.cos(found["theta"]) * np.cos(found["phi"]) / (qbar * 24.99)
@@ -315,7 +316,7 @@ def test_turbulence_is_drawn_by_its_seed_and_shakes_the_aircraft(trimmed):
 
 def test_warmer_air_is_thinner_and_a_given_density_is_kept(trimmed):
     warm = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Air(warmer=20.0))
-    temperature, _, rho, sound = rb.standard_atmosphere(1000.0)
+    temperature, _, rho, sound = standard_atmosphere(1000.0)
     assert_allclose(warm["rho"][0], rho * temperature / (temperature + 20.0), rtol=1e-12)
     assert_allclose(45.0 / warm["mach"][0], sound * np.sqrt((temperature + 20.0) / temperature), rtol=1e-12)
     held = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Air(rho=0.9))

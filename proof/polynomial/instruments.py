@@ -13,7 +13,7 @@ from proof.polynomial.terms import INDEX, compile_terms, evaluate
 from proof.scenario.measurement import slow
 from structsel.aircraft import Aircraft
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.rigid_body.vectors import cross
+from structsel.numerics.rigid_body import cross
 from structsel.simulation import Instruments
 
 Channels = dict[str, np.ndarray]

@@ -17,8 +17,8 @@ from structsel.comparison.responses import COEFFICIENTS, KINEMATIC, Rate, respon
 from structsel.errors import DataError, StructselError, StructselWarning
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.arrays import Array
+from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.numerics.denoising import white_part
-from structsel.numerics.rigid_body import standard_atmosphere
 from structsel.numerics.smoothing import smooth_spline
 from structsel.recording import Recording
 

@@ -15,7 +15,7 @@ from structsel.aircraft import Aircraft
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.arrays import Array
 from structsel.numerics.differentiation import difference_weights
-from structsel.numerics.rigid_body.vectors import Three
+from structsel.numerics.rigid_body import Three
 
 COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 KINEMATIC = {

@@ -13,6 +13,7 @@ from structsel.demo.plans import FLIGHTS, RATE, SURFACES, Plan, commands_of, gus
 from structsel.demo.truth import TRUTH, aerodynamics, demo_aircraft
 from structsel.errors import DomainError
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.recording import Recording
 
 _DT = 1.0 / RATE
@@ -222,7 +223,7 @@ def _derivative(
     """
     velocity, rates, (phi, theta, psi) = x[0:3], x[3:6], x[6:9]
     V, alpha, beta = rb.air_data(*(velocity - gust[:3]))
-    rho = rb.standard_atmosphere(x[11])[2]
+    rho = standard_atmosphere(x[11])[2]
     CX, CY, CZ, Cl, Cm, Cn = aerodynamics(V, alpha, beta, rates + gust[3:], x[12:], craft)
     qbar = 0.5 * rho * V * V
     line = craft.thrust

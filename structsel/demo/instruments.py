@@ -20,7 +20,7 @@ from structsel.demo.truth import demo_aircraft
 from structsel.errors import DomainError
 from structsel.nomenclature import suggest
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.rigid_body.vectors import cross
+from structsel.numerics.rigid_body import cross
 from structsel.recording import Recording
 
 _ACCELERATIONS, _RATES, _ATTITUDE = ("ax", "ay", "az"), ("p", "q", "r"), ("phi", "theta", "psi")

@@ -16,8 +16,7 @@ from structsel.effects.base import Effect, Flights, Found, Parameter, Variant
 from structsel.effects.operators import onsets, oscillate, peaks, shape_of, since, spaced, told_onsets
 from structsel.effects.signals import FORCES, Parts, coefficients, held, lacking, of_parts
 from structsel.numerics.arrays import Array
-from structsel.numerics.rigid_body import angular_acceleration, inertial_moment, thrust_moment
-from structsel.numerics.rigid_body.vectors import cross
+from structsel.numerics.rigid_body import angular_acceleration, cross, inertial_moment, thrust_moment
 
 _MOMENTS = ("Cl", "Cm", "Cn")
 _SLOSH = (0.25, 2.0)  # Hz

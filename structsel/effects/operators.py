@@ -14,8 +14,8 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import lfilter
 
 from structsel.comparison.flight import Flight
+from structsel.numerics.actuators import actuate
 from structsel.numerics.arrays import Array
-from structsel.numerics.flight_dynamics import actuate
 
 __all__ = [
     "actuate",

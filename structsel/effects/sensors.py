@@ -24,8 +24,7 @@ from structsel.effects.readings import (
 from structsel.effects.signals import available, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, percent, shown
 from structsel.numerics.arrays import Array
-from structsel.numerics.rigid_body import body_velocity
-from structsel.numerics.rigid_body.vectors import cross
+from structsel.numerics.rigid_body import body_velocity, cross
 
 _AXES = "xyz"
 _MIXED = (("ax", "az"), ("ay", "az"), ("r", "p"), ("p", "r"))

@@ -27,8 +27,8 @@ from scipy.integrate import cumulative_trapezoid
 from structsel.candidates.formulas import Node, add, evaluate, fetch, multiply
 from structsel.candidates.reading import read
 from structsel.errors import ChannelError, ModelError
+from structsel.numerics.actuators import actuate
 from structsel.numerics.arrays import Array
-from structsel.numerics.flight_dynamics import actuate
 
 _PARAMETERS: dict[str, tuple[frozenset[str], ...]] = {
     "lag": (frozenset({"tau"}), frozenset({"way"})),
@@ -114,11 +114,11 @@ class State:
     def channels(self) -> tuple[str, ...]:
         """Channels it is worked out from, the input first."""
         rate = (f"{self.input}_dot",) if self.kind == "separation" else ()
-        return (self.input, *rate, *(("V",) if "way" in self.parameters else ()))
+        return (self.input, *rate, *(("V",) if self.by_distance else ()))
 
     @property
     def is_linear(self) -> bool:
-        """Whether it follows a signal linearly, so that it can be advanced step by step in a flight."""
+        """Whether it is a lag or a delay of a formula, which `simulate` can integrate with the motion."""
         return self.kind in _LINEAR
 
     def along(self, t: Array, held: Mapping[str, Array], *, hold: bool = False) -> Array:
@@ -136,43 +136,26 @@ class State:
         -------
         (n,) array
         """
-        clock, x = self.clock(t, held), self.driving(held)
+        clock, x = self.clock(t, held), np.asarray(evaluate(self.input_formula, held, self.kind), dtype=float)
         if self.kind == "delay":
             if hold:
-                y = x[np.maximum(np.searchsorted(clock, clock - self._late + 1e-9, side="right") - 1, 0)]
+                y = x[np.maximum(np.searchsorted(clock, clock - self.time_constant + 1e-9, side="right") - 1, 0)]
             else:
-                y = np.interp(clock - self._late, clock, x)
+                y = np.interp(clock - self.time_constant, clock, x)
         else:
             y = actuate(clock, x, hold=hold, **self._actuator)
-        return self.blend(x, y)
+        return x + self.fraction * (y - x) if "share" in self.parameters else y
 
     def clock(self, t: Array, held: Mapping[str, Array]) -> Array:
-        """What its lag or delay is counted in: time, or the way travelled [m]."""
-        return np.asarray(cumulative_trapezoid(held["V"], t, initial=0.0)) if "way" in self.parameters else t
+        """What its time constant or delay is counted in: time [s], or the distance travelled through the air [m]."""
+        return np.asarray(cumulative_trapezoid(held["V"], t, initial=0.0)) if self.by_distance else t
 
-    def driving(self, held: Mapping[str, Array]) -> Array:
-        """Signal that is followed."""
+    @property
+    def input_formula(self) -> Node:
+        """Formula of what the state follows."""
         if self.kind != "separation":
-            return np.asarray(held[self.input], dtype=float)
-        return evaluate(read(self._flow(f"{self.input} - {self['tau2']!r}*{self.input}_dot"))[0], held, self.kind)
-
-    def advance(self, clock: Array, x: Array, last: float) -> float:
-        """What follows at the last of the instants, where it was `last` at the one before; share not yet applied.
-
-        Parameters
-        ----------
-        clock, x : (k,) array
-            `clock` and `driving` from the beginning to now, k at least 2.
-        last : float
-        """
-        if self.kind == "delay":
-            return float(np.interp(clock[-1] - self._late, clock, x))
-        rest = actuate(clock[-2:], x[-2:], lag=self._late)[-1]
-        return float(rest + (last - x[-2]) * np.exp(-(clock[-1] - clock[-2]) / self._late))
-
-    def blend(self, x: Any, y: Any) -> Any:
-        """The state of what is followed and what follows."""
-        return x + self["share"] * (y - x) if "share" in self.parameters else y
+            return Node("channel", name=self.input)
+        return read(self._flow(f"{self.input} - {self['tau2']!r}*{self.input}_dot"))[0]
 
     def steady(self) -> Node:
         """Formula of the state where nothing changes."""
@@ -187,14 +170,25 @@ class State:
         return read(f"{x} + ({self['share']!r})*({within} - {x})" if "share" in self.parameters else within)[0]
 
     @property
-    def _late(self) -> float:
+    def fraction(self) -> float:
+        """Fraction f of the state in its value x + f (y - x)."""
+        return self["share"] if "share" in self.parameters else 1.0
+
+    @property
+    def by_distance(self) -> bool:
+        """Whether its time constant or delay is a distance travelled through the air [m]."""
+        return "way" in self.parameters
+
+    @property
+    def time_constant(self) -> float:
+        """Time constant or delay [s], or distance [m]."""
         return next(self[name] for name in ("tau", "way", "tau1") if name in self.parameters)
 
     @property
     def _actuator(self) -> dict[str, float]:
         names = {"rate": "rate", "width": "backlash", "low": "low", "high": "high"}
         made = {names[n]: q.value for n, q in self.parameters.items() if n in names}
-        return made or {"lag": self._late}
+        return made or {"lag": self.time_constant}
 
     def _flow(self, angle: str) -> str:
         return f"0.5*(1 - tanh({self['sharpness']!r}*({angle} - {self['onset']!r})))"

@@ -1,8 +1,7 @@
-"""Formulas as short programs over a vector of slots, run inside compiled loops for one state at a time.
+"""Formulas as short programs over a vector of slots, evaluated inside compiled loops for one state at a time.
 
-A program is a list of instructions; the first `inputs` slots hold channels, and instruction i writes slot
-``inputs + i`` from slots before it. The same piece asked for twice is computed once, so terms that share
-factors share their work::
+A program is a list of instructions. The first `inputs` slots hold channels; instruction i writes slot ``inputs + i``
+from slots before it. An expression that occurs twice is computed once, so terms with common factors share the work::
 
     maker = ProgramMaker(inputs=2)                        # slots 0 and 1: alpha, de
     square = maker.emit("multiply", 0, 0)                 # alpha^2
@@ -12,13 +11,14 @@ factors share their work::
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from structsel.errors import TermError
+from structsel.numerics.arrays import UNCOUNTED
 
 OPERATIONS = (
     *("number", "add", "subtract", "multiply", "divide", "negate", "power", "plus"),
@@ -30,8 +30,7 @@ OPERATIONS = (
 (_ABS, _SIGN, _SQRT, _SIN, _COS, _TAN, _EXP, _LOG, _TANH, _STEP) = range(8, 18)
 
 
-@dataclass(frozen=True, eq=False)
-class Program:
+class Program(NamedTuple):
     """Instructions over a vector of slots.
 
     Attributes
@@ -92,9 +91,10 @@ class ProgramMaker:
         return Program(self._inputs, operation, left, right, np.array([row[3] for row in rows], dtype=float))
 
 
-@njit(cache=True, error_model="numpy")
-def run_program(operation, left, right, value, inputs, slots):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Fill the slots after `inputs`; what does not hold (a negative number's logarithm) comes out as nan or inf."""
+@njit(**UNCOUNTED, forceinline=True)
+def run_program(program, slots):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Fill the slots (program.slots,) after the inputs; an undefined value (log of a negative number) is nan or inf."""
+    inputs, operation, left, right, value = program
     for i in range(operation.size):
         what = operation[i]
         if what == _NUMBER:
@@ -137,27 +137,3 @@ def run_program(operation, left, right, value, inputs, slots):  # type: ignore[n
         else:
             y = 1.0 if x >= 0.0 else 0.0
         slots[inputs + i] = y
-
-
-def evaluate_rows(program: Program, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Every slot for each row of inputs.
-
-    Parameters
-    ----------
-    program : Program
-    rows : (n, inputs) array
-
-    Returns
-    -------
-    (n, slots) array
-    """
-    out = np.empty((len(rows), program.slots))
-    out[:, : program.inputs] = rows
-    _run_rows(program.operation, program.left, program.right, program.value, program.inputs, out)
-    return out
-
-
-@njit(cache=True)
-def _run_rows(operation, left, right, value, inputs, rows):  # type: ignore[no-untyped-def]  # pragma: no cover
-    for k in range(rows.shape[0]):
-        run_program(operation, left, right, value, inputs, rows[k])

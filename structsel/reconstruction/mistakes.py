@@ -22,7 +22,7 @@ import numpy as np
 from structsel.errors import DataError
 from structsel.numerics import flight_path as fp
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.rigid_body.vectors import cross
+from structsel.numerics.rigid_body import cross
 from structsel.numerics.smoothing import noise_level
 from structsel.numerics.unscented import FlightPathProblem
 from structsel.recording import Recording

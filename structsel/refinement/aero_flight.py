@@ -10,9 +10,9 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import ModelError
 from structsel.model import AeroModel
-from structsel.numerics.flight_dynamics import STATES, outputs_index
+from structsel.numerics.flight_model import STATES, outputs_index
+from structsel.numerics.flight_simulation import Correction, linearise_batch, simulate_batch
 from structsel.numerics.linear_systems import discretise_noise
-from structsel.numerics.prediction_error import linearise_flight, predict_flight
 from structsel.numerics.rigid_body import body_velocity
 from structsel.recording import Recording
 from structsel.refinement.filter_kernels import diagonal, steady_gain
@@ -75,7 +75,7 @@ class AeroFlight:
 
         def fly(values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray) -> np.ndarray:
             theta = np.column_stack([values, start, np.maximum(delay, 0.0)])
-            return ready.fly(self.outputs, names, theta, instruments=instruments).outputs
+            return ready.simulate(self.outputs, names, theta, instruments=instruments).outputs
 
         return fly
 
@@ -100,11 +100,11 @@ class AeroFlight:
             self.model, self.aircraft, recording, start=self._start(recording), air=self.air,
             definitions=self.definitions, substeps=self.substeps,
         )  # fmt: skip
-        controls = ready.plan.controls
+        controls = ready.compiled.controls
         # A recorded thrust is the force itself; it has been late already.
         late = [name for name in controls if name != "thrust"] if self.late is None else self.late
         delayed = np.array(late_inputs(controls, late, self.name), dtype=bool)
-        return replace(ready, flight=replace(ready.flight, delayed=delayed))
+        return replace(ready, manoeuvre=replace(ready.manoeuvre, delayed=delayed))
 
     def _start(self, recording: Recording) -> dict[str, float]:
         """What the first sample says.
@@ -122,8 +122,8 @@ class AeroFlight:
     def first_state(self, recording: Recording) -> np.ndarray:
         """States of the first sample."""
         ready = self.prepare(recording)
-        index = ready.plan.parameter_index([f"start:{state}" for state in self.states])
-        return ready.plan.parameters(ready.flight)[index]
+        index = ready.compiled.parameter_index([f"start:{state}" for state in self.states])
+        return ready.compiled.parameters(ready.manoeuvre)[index]
 
     def growth(self, values: np.ndarray) -> np.ndarray:
         """Not known without a trim: NaN."""
@@ -147,28 +147,28 @@ class FlightTracker:
 
     def __init__(self, flight: AeroFlight, recording: Recording, outputs: list[int]):
         self.ready = ready = flight.prepare(recording)
-        if ready.following:
+        if ready.compiled.memory_names:
             raise ModelError(
-                f"The state '{ready.following[0].name}' follows the flight itself, which predictions from measurements "
-                "do not advance. Refine by whole flights, or take model.steady()."
+                f"The state '{ready.compiled.memory_names[0]}' depends on the motion itself; the gain of a "
+                "filter is not computed with such states. Refine by output error, or take model.steady()."
             )
         names = [flight.outputs[i] for i in outputs]
         self.observed = outputs_index(names, instruments=not recording.at_cg)
-        self.index = ready.plan.parameter_index(flight.moving)
+        self.index = ready.compiled.parameter_index(flight.moving)
         self.states = np.array([STATES.index(name) for name in flight.states])
         self.dt = recording.dt
         means = {name: float(np.nanmean(recording[name])) for name in (*STATES, "V", "alpha", "beta") if
                  name in recording and np.isfinite(recording[name]).any()}  # fmt: skip
-        about = ready.flight.start.copy()
+        about = ready.manoeuvre.start.copy()
         for name in flight.states:
             about[STATES.index(name)] = means.get(name, about[STATES.index(name)])
         if not {"u", "w"} <= means.keys() and {"V", "alpha"} <= means.keys():
             sideslip = means.get("beta", 0.0) if flight.lateral else 0.0
             about[:3] = body_velocity(means["V"], means["alpha"], sideslip)
-        self.about, self.controls = about, ready.flight.controls.mean(axis=0)
+        self.about, self.controls = about, ready.manoeuvre.controls.mean(axis=0)
 
     def _full(self, theta: np.ndarray) -> np.ndarray:
-        full = np.tile(self.ready.plan.parameters(self.ready.flight), (len(theta), 1))
+        full = np.tile(self.ready.compiled.parameters(self.ready.manoeuvre), (len(theta), 1))
         full[:, self.index[: theta.shape[1]]] = theta
         return full
 
@@ -177,8 +177,8 @@ class FlightTracker:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Steady gain (m, s, o), and by how much its states' uncertainty moves the outputs (m, o), a variance."""
         ready = self.ready
-        A, C = linearise_flight(
-            ready.plan, ready.flight, self._full(values), self.about, self.controls, self.states, self.observed
+        A, C = linearise_batch(
+            ready.compiled, ready.manoeuvre, self._full(values), self.about, self.controls, self.states, self.observed
         )
         Phi, Q = discretise_noise(A, diagonal(process**2), self.dt)
         K, P = steady_gain(Phi, C, Q, variances)
@@ -190,7 +190,7 @@ class FlightTracker:
     ) -> np.ndarray:  # fmt: skip
         """(m, n, o) outputs expected of each sample."""
         full = self._full(np.column_stack([values, start, np.maximum(delay, 0.0)]))
-        return predict_flight(
-            self.ready.plan, self.ready.flight, full, self.states, self.observed, gain, measured,
-            substeps=self.ready.substeps,
-        )  # fmt: skip
+        return simulate_batch(
+            self.ready.compiled, self.ready.manoeuvre, full, np.arange(full.shape[1]), self.observed,
+            substeps=self.ready.substeps, correction=Correction(self.states, gain, measured),
+        ).outputs  # fmt: skip

@@ -11,10 +11,18 @@ from structsel.candidates import Term
 from structsel.candidates.formulas import Node, channels, render
 from structsel.candidates.reading import read
 from structsel.errors import ChannelError, ModelError
-from structsel.model import AeroModel
+from structsel.model import AeroModel, State
 from structsel.nomenclature import suggest
 from structsel.numerics.expressions import ProgramMaker
-from structsel.numerics.flight_dynamics import AXES, CHANNELS, OUTPUTS, FlightPlan
+from structsel.numerics.flight_model import (
+    AXES,
+    CHANNELS,
+    OUTPUTS,
+    AircraftArrays,
+    CompiledAircraft,
+    Memory,
+    no_memory,
+)
 
 _WIND_AXES = ("CD", "CY", "CL", "Cl", "Cm", "Cn")
 _RATES = ("alpha_dot_hat", "beta_dot_hat", "alpha_dot", "beta_dot")
@@ -92,8 +100,14 @@ def needed_inputs(model: AeroModel, formulas: Formulas) -> tuple[str, ...]:
     return tuple(name for name in leaves if name not in CHANNELS)
 
 
-def compile_plan(model: AeroModel, aircraft: Aircraft, formulas: Formulas, controls: tuple[str, ...]) -> FlightPlan:
-    """Plan of a model's flights.
+def compile_aircraft(
+    model: AeroModel,
+    aircraft: Aircraft,
+    formulas: Formulas,
+    controls: tuple[str, ...],
+    memory: Mapping[str, State] | None = None,
+) -> CompiledAircraft:
+    """An aircraft and its model as the compiled simulation takes them.
 
     Parameters
     ----------
@@ -102,19 +116,21 @@ def compile_plan(model: AeroModel, aircraft: Aircraft, formulas: Formulas, contr
     aircraft : Aircraft
     formulas : Formulas
     controls : tuple of str
-        Channels given sample by sample; ``thrust`` among them, or defined, acts along the aircraft's thrust line.
+        Channels given at each sample, and the model's states; ``thrust`` among them, or defined, acts along the
+        aircraft's thrust line.
+    memory : mapping of name to State, optional
+        States among the controls that the simulation integrates itself.
 
     Raises
     ------
     ModelError
-        A response that is no coefficient, body and wind axes mixed, or a term that is not linear in alpha_dot or
-        beta_dot.
+        A response that is no coefficient, body and wind axes mixed, a term that is not linear in alpha_dot or
+        beta_dot, or a state that cannot be integrated with the motion.
     ChannelError
         A term needs a channel that is neither a state, nor defined, nor a control.
     """
     rows = _rows_of(model)
-    inputs = (*CHANNELS, *controls)
-    code = _Code(formulas, inputs)
+    code = _Code(formulas, (*CHANNELS, *controls))
     names, slots, rates = [], [], []
     for response, terms in model.responses.items():
         for term in terms.terms:
@@ -122,22 +138,55 @@ def compile_plan(model: AeroModel, aircraft: Aircraft, formulas: Formulas, contr
             rates.append(_rate_of(term, formulas, response))
             slots.append(code.term(term))
     thrust = code.channel("thrust") if "thrust" in formulas or "thrust" in controls else -1
-    return FlightPlan(
+    arrays = AircraftArrays(
         program=code.maker.done(),
-        term_names=tuple(names),
         term_slot=np.array(slots, dtype=np.int64),
         term_response=np.array([rows[name.split(":")[0]] for name in names], dtype=np.int64),
         term_rate=np.array(rates, dtype=np.int64),
-        values=np.concatenate([held.values for held in model.responses.values()]),
-        controls=controls,
-        S=aircraft.S,
-        b=aircraft.b,
-        cbar=aircraft.cbar,
+        implicit=any(rates),
         thrust_slot=thrust,
         wind_axes="CD" in rows,
-        direction=aircraft.thrust.direction,
-        arm=np.asarray(aircraft.thrust.arm, dtype=float),
-        rotor=aircraft.engine.angular_momentum,
+        S=float(aircraft.S),
+        b=float(aircraft.b),
+        cbar=float(aircraft.cbar),
+        thrust_direction=aircraft.thrust.direction,
+        thrust_arm=np.asarray(aircraft.thrust.arm, dtype=float),
+        rotor_momentum=float(aircraft.engine.angular_momentum),
+        memory=_compile_memory(memory or {}, formulas, controls),
+    )
+    values = np.concatenate([held.values for held in model.responses.values()])
+    return CompiledAircraft(arrays, tuple(names), values, controls)
+
+
+def _compile_memory(states: Mapping[str, State], formulas: Formulas, controls: tuple[str, ...]) -> Memory:
+    """States that depend on the motion itself."""
+    if not states:
+        return no_memory(len(CHANNELS) + len(controls))
+    for name, state in states.items():
+        if not state.is_linear:
+            raise ModelError(
+                f"The state '{name}' is a {state.kind} of '{state.input}', which is simulated and not given; only "
+                "lags, delays and separation can depend on the motion itself. Give the channel with the inputs."
+            )
+    code = _Code(formulas, (*CHANNELS, *controls))
+    slots = [code.node(formulas.expand(state.input_formula), name) for name, state in states.items()]
+    fraction = [state.fraction for state in states.values()]
+    is_delay = [state.kind == "delay" for state in states.values()]
+    # A value that passes part of its input on at once must be found together with what that input depends on.
+    at_once = {*_RATES, *states}
+    implicit = any(
+        (late or f != 1.0) and at_once & {*state.channels, *formulas.needs(state.channels)}
+        for state, late, f in zip(states.values(), is_delay, fraction)
+    )
+    return Memory(
+        program=code.maker.done(),
+        slot=np.array(slots, dtype=np.int64),
+        control=np.array([controls.index(name) for name in states], dtype=np.int64),
+        is_delay=np.array(is_delay),
+        constant=np.array([state.time_constant for state in states.values()], dtype=float),
+        by_distance=np.array([state.by_distance for state in states.values()]),
+        fraction=np.array(fraction, dtype=float),
+        implicit=bool(implicit),
     )
 
 

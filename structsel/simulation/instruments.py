@@ -11,7 +11,8 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import ChannelError, DomainError
 from structsel.nomenclature import suggest
-from structsel.numerics.flight_dynamics import VANES, actuate
+from structsel.numerics.actuators import actuate
+from structsel.numerics.flight_model import VANES
 
 
 @dataclass(frozen=True)

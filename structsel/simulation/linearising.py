@@ -11,7 +11,8 @@ from structsel.aircraft import Aircraft
 from structsel.errors import ModelError, StructselWarning
 from structsel.model import AeroModel
 from structsel.numerics.atmosphere import G0
-from structsel.numerics.flight_dynamics import STATES, outputs_index, slopes
+from structsel.numerics.flight_model import STATES, outputs_index
+from structsel.numerics.flight_simulation import central_differences
 from structsel.numerics.linear_models import LinearFamily, LinearSystem
 from structsel.simulation.air import Air
 from structsel.simulation.linear import LinearModel
@@ -83,7 +84,7 @@ def linearise(
         )
         model = model.steady()
     ready = prepare(model, aircraft, trim.inputs(np.array([0.0, 1.0])), start=trim, air=air, definitions=definitions)
-    controls = ready.plan.controls
+    controls = ready.compiled.controls
     if inputs is None:
         kept = _INPUTS.get(axis, controls) if states is None else controls
         inputs = [name for name in controls if name in kept]
@@ -94,26 +95,16 @@ def linearise(
     size = np.ones(len(point))
     size[:3] = size[9:12] = np.linalg.norm(trim.state[:3])
     for j, name in enumerate(controls):
-        weight = float(ready.flight.surroundings[0, 0]) * G0
+        weight = float(ready.manoeuvre.conditions[0, 0]) * G0
         size[12 + j] = weight if name == "thrust" else max(1.0, abs(trim.controls[name]))
-    moved = [STATES.index(name) for name in chosen] + [12 + controls.index(name) for name in inputs]
-    step = _STEP * size[moved]
-    points = np.concatenate([point + sign * _single(len(point), moved, step) for sign in (1.0, -1.0)])
-    slope, seen = slopes(ready.plan, ready.flight, points[:, :12], points[:, 12:])
-    rows = np.concatenate([slope[:, [STATES.index(name) for name in chosen]], seen[:, outputs_index(shown)]], axis=1)
-    k, ns = len(moved), len(chosen)
-    jacobian = ((rows[:k] - rows[k:]) / (2.0 * step[:, None])).T
-    A, B = jacobian[:ns, :ns], jacobian[:ns, ns:]
-    C, D = jacobian[ns:, :ns], jacobian[ns:, ns:]
+    states_at = [STATES.index(name) for name in chosen]
+    moved = np.array([*states_at, *(12 + controls.index(name) for name in inputs)])
+    rates, seen = central_differences(ready.compiled, ready.manoeuvre, point, moved, _STEP * size[moved])
+    ns = len(chosen)
+    A, B = rates[states_at, :ns], rates[states_at, ns:]
+    C, D = seen[outputs_index(shown), :ns], seen[outputs_index(shown), ns:]
     system = LinearSystem.of(chosen, tuple(inputs), A, B, outputs=shown, C=C, D=D)
     name = f"{model.name or 'model'}, {axis if states is None else ' '.join(chosen)}"
     note = f"linearised at V = {trim['V']:.6g} m/s, h = {trim['h']:.6g} m"
     held = {c: trim[c] for c in ("V", "alpha", "beta", "phi", "theta", "h")}
     return LinearModel(name, LinearFamily.of(system, {}), np.empty(0), held, {}, (note,))
-
-
-def _single(size: int, places: Sequence[int], steps: np.ndarray) -> np.ndarray:
-    """(k, size) rows that each depart in one place."""
-    out = np.zeros((len(places), size))
-    out[np.arange(len(places)), places] = steps
-    return out

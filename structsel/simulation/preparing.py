@@ -15,19 +15,11 @@ from structsel.errors import AircraftError, ChannelError, DataError, ModelError
 from structsel.model import AeroModel
 from structsel.numerics import flight_path
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.flight_dynamics import (
-    STATES,
-    SURROUNDINGS,
-    Batch,
-    Flight,
-    FlightPlan,
-    fly_batch,
-    outputs_index,
-)
+from structsel.numerics.flight_model import CONDITIONS, STATES, CompiledAircraft, ManoeuvreInputs, outputs_index
+from structsel.numerics.flight_simulation import BatchResult, simulate_batch
 from structsel.recording import Recording
 from structsel.simulation.air import Air
-from structsel.simulation.beside import Following, fly_beside
-from structsel.simulation.compiling import Formulas, compile_plan, needed_inputs
+from structsel.simulation.compiling import Formulas, compile_aircraft, needed_inputs
 from structsel.simulation.instruments import Actuator
 from structsel.simulation.trimmed import Trim
 
@@ -40,71 +32,59 @@ _LONGEST_STEP = 0.02  # s; the roll mode of a light aeroplane, 10 1/s, is then f
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """One manoeuvre ready to be flown, once or by many parameter sets.
+    """One manoeuvre ready to simulate, with one or many parameter sets.
 
     Attributes
     ----------
     name : str
-    plan : FlightPlan
-    flight : Flight
+    compiled : CompiledAircraft
+    manoeuvre : ManoeuvreInputs
     formulas : Formulas
     substeps : int
         Steps of the integration per sample.
-    following : tuple of Following
-        States of the model that follow the flight itself.
     """
 
     name: str
-    plan: FlightPlan
-    flight: Flight
+    compiled: CompiledAircraft
+    manoeuvre: ManoeuvreInputs
     formulas: Formulas
     substeps: int
-    following: tuple[Following, ...] = ()
 
-    def fly(
+    def simulate(
         self,
         outputs: Sequence[str],
         parameters: Sequence[str] = (),
         theta: np.ndarray | None = None,
         *,
         instruments: bool = False,
-    ) -> Batch:
-        """Outputs of many parameter sets; NaN from where one blew up.
+    ) -> BatchResult:
+        """Outputs of many parameter sets; NaN from where a simulation stopped.
 
         Parameters
         ----------
         outputs : sequence of str
             Channels of the flight.
         parameters : sequence of str
-            Names of the parameters that change, as `FlightPlan.parameter_names`: ``"Cm:alpha"``, ``"start:w"``, ...
+            Parameters that change, as `CompiledAircraft.parameter_names`: ``"Cm:alpha"``, ``"start:w"``, ...
         theta : (m, k) array, optional
             Their values, a row for each set.
         instruments : bool
-            Outputs as read at the instruments' places.
+            Outputs as read at the instruments' positions.
 
         Returns
         -------
-        Batch
+        BatchResult
 
         Raises
         ------
         ModelError, ChannelError
-            For a parameter or an output that there is not; or a delay of the controls where states follow the flight.
+            For an unknown parameter or output.
         """
         if theta is None:
             theta = np.empty((1, 0))
-        index = self.plan.parameter_index(parameters)
+        index = self.compiled.parameter_index(parameters)
         observed = outputs_index(outputs, instruments=instruments)
-        if self.following:
-            if "delay" in parameters:
-                raise ModelError(
-                    f"The state '{self.following[0].name}' follows the flight itself; with it no delay of the controls "
-                    "can be found. Leave the delay out, or give the model a state of kind delay."
-                )
-            full = np.tile(self.plan.parameters(self.flight), (len(theta), 1))
-            full[:, index] = theta
-            return fly_beside(self.plan, self.flight, self.following, full, observed, self.substeps)
-        return fly_batch(self.plan, self.flight, theta, index, observed, substeps=self.substeps)
+        return simulate_batch(self.compiled, self.manoeuvre, theta, index, observed, substeps=self.substeps)
 
 
 def prepare(
@@ -120,14 +100,14 @@ def prepare(
     substeps: int | None = None,
     vanes: np.ndarray | None = None,
 ) -> Prepared:
-    """Make a manoeuvre ready to fly; the parameters are those of `simulate`.
+    """Make a manoeuvre ready to simulate; the parameters are those of `simulate`.
 
     Parameters
     ----------
     model, aircraft, inputs, start, air, actuators, definitions, between, substeps
         As `simulate` takes them.
     vanes : (5,) array, optional
-        Errors of vanes and airspeed, as `structsel.numerics.flight_dynamics.VANES`.
+        Errors of vanes and airspeed, as `structsel.numerics.flight_model.VANES`.
 
     Returns
     -------
@@ -154,41 +134,41 @@ def prepare(
             raise ChannelError(f"There is an actuator for '{commanded}', but the model flies on {', '.join(controls)}.")
         j = controls.index(commanded)
         columns[j] = actuator.follow(t, columns[j], hold=between == "hold")
-    following = []
+    memory = {}
     given_now = dict(zip(controls, columns))
     for state_name, one in model.states.items():
         if set(formulas.needs(one.channels)) <= set(given_now):
             held = {c: evaluate(formulas.expand(Node("channel", name=c)), given_now, state_name) for c in one.channels}
             columns.append(one.along(t, held, hold=between == "hold"))
         else:
-            following.append(Following.of(state_name, one, formulas))
+            memory[state_name] = one
             columns.append(np.zeros(len(t)))
-    plan = compile_plan(model, aircraft, formulas, (*controls, *model.states))
+    compiled = compile_aircraft(model, aircraft, formulas, (*controls, *model.states), memory)
     state = first_state(inputs, start, aircraft, name)
     V = float(np.linalg.norm(state[:3]))
-    surroundings = np.empty((len(t), len(SURROUNDINGS)))
-    surroundings[:, 0] = _mass(t, given, aircraft, name)
-    surroundings[:, 1:7] = _inertia(t, given, aircraft)
-    surroundings[:, 7:13] = air.motion(t, V, float(state[11]), aircraft.b)
-    surroundings[:, 13] = math.nan if air.rho is None else air.rho
+    conditions = np.empty((len(t), len(CONDITIONS)))
+    conditions[:, 0] = _mass(t, given, aircraft, name)
+    conditions[:, 1:7] = _inertia(t, given, aircraft)
+    conditions[:, 7:13] = air.motion(t, V, float(state[11]), aircraft.b)
+    conditions[:, 13] = math.nan if air.rho is None else air.rho
     vane = aircraft.sensors.get("beta_vane") or aircraft.sensors.get("vane")
-    flight = Flight(
+    manoeuvre = ManoeuvreInputs(
         t=t,
         controls=np.column_stack(columns) if columns else np.zeros((len(t), 0)),
-        surroundings=surroundings,
+        conditions=conditions,
         start=state,
         hold=between == "hold",
         vanes=np.zeros(5) if vanes is None else vanes,
         heights=air.heights,
         wind=air.wind,
-        warmer=air.warmer,
+        isa_offset=air.warmer,
         gravity=air.gravity,
-        places=np.array([aircraft.position(place) for place in flight_path.PLACES]),
-        flank=vane is not None and vane.angle == "flank",
+        sensor_positions=np.array([aircraft.position(place) for place in flight_path.PLACES]),
+        flank_angle_vane=vane is not None and vane.angle == "flank",
     )
     step = float(np.diff(t).max())
     steps = substeps or max(1, math.ceil(step / _LONGEST_STEP - 1e-9))
-    return Prepared(name, plan, flight, formulas, steps, tuple(following))
+    return Prepared(name, compiled, manoeuvre, formulas, steps)
 
 
 def first_state(inputs: Inputs, start: Start | None, aircraft: Aircraft, name: str) -> np.ndarray:

@@ -12,7 +12,7 @@ from structsel.aircraft import Aircraft
 from structsel.candidates.formulas import Node, evaluate
 from structsel.errors import ModelError, SimulationError, StructselWarning
 from structsel.model import AeroModel
-from structsel.numerics.flight_dynamics import AXES, READINGS, REASONS
+from structsel.numerics.flight_model import AXES, READINGS, REASONS
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Recording
 from structsel.simulation.air import Air
@@ -101,13 +101,17 @@ def simulate(
         substeps=substeps, vanes=vanes,
     )  # fmt: skip
     names = _outputs(ready, model, instruments)
-    batch = ready.fly(names, instruments=instruments is not None)
-    flown, reason = int(batch.flown[0]), int(batch.reason[0])
-    flight = _recording(ready, model, names, batch.outputs[0, :flown], instruments) if flown > 1 else None
+    batch = ready.simulate(names, instruments=instruments is not None)
+    flown, reason = int(batch.samples[0]), int(batch.reason[0])
+    flight = (
+        _recording(ready, model, names, batch.outputs[0, :flown], batch.memory[0, :flown], instruments)
+        if flown > 1
+        else None
+    )
     if reason:
-        end = float(ready.flight.t[min(flown, len(ready.flight.t) - 1)])
+        end = float(ready.manoeuvre.t[min(flown, len(ready.manoeuvre.t) - 1)])
         raise SimulationError(
-            f"'{ready.name}' could not be flown beyond t = {end:g} s (sample {flown} of {len(ready.flight.t)}): "
+            f"'{ready.name}' could not be flown beyond t = {end:g} s (sample {flown} of {len(ready.manoeuvre.t)}): "
             f"{REASONS[reason]}.\nThe motion grows without bound where an aircraft is unstable without its pilot, or a "
             "parameter is far off: fly a shorter stretch, start from trim(), or check the signs of the model's static "
             "and damping terms. The flight so far is in the error's .partial.",
@@ -119,26 +123,31 @@ def simulate(
 
 
 def _outputs(ready: Prepared, model: AeroModel, instruments: Instruments | None) -> tuple[str, ...]:
-    thrust = ("thrust",) if ready.plan.thrust_slot >= 0 and "thrust" not in ready.plan.controls else ()
+    thrust = ("thrust",) if ready.compiled.has_thrust and "thrust" not in ready.compiled.controls else ()
     if instruments is not None:
         return (*_AT_CG, *_MOTION, *thrust)
     return (*_AT_CG, *_EXACT, *_MOTION, *thrust, *AXES)
 
 
 def _recording(
-    ready: Prepared, model: AeroModel, names: tuple[str, ...], outputs: np.ndarray, instruments: Instruments | None
+    ready: Prepared,
+    model: AeroModel,
+    names: tuple[str, ...],
+    outputs: np.ndarray,
+    memory: np.ndarray,
+    instruments: Instruments | None,
 ) -> Recording:
-    t = ready.flight.t[: len(outputs)]
+    t = ready.manoeuvre.t[: len(outputs)]
     channels = dict(zip(names, outputs.T))
-    channels |= dict(zip(ready.plan.controls, ready.flight.controls[: len(outputs)].T))
-    for one in ready.following:
-        del channels[one.name]
+    channels |= dict(zip(ready.compiled.controls, ready.manoeuvre.controls[: len(outputs)].T))
+    for name, values in zip(ready.compiled.memory_names, memory.T):
+        del channels[name]
         if instruments is None:
-            channels[one.name] = one.state.along(t, one.read(channels), hold=ready.flight.hold)
+            channels[name] = values
     notes = [f"simulated: {model.name or 'a model'}, {ready.substeps} steps a sample"]
     if missing := [a for a, b in zip(AXES, ("CD", "CY", "CL", "Cl", "Cm", "Cn")) if a not in model and b not in model]:
         notes.append(f"the model has no {', '.join(missing)}; zero")
-    if ready.plan.thrust_slot < 0:
+    if not ready.compiled.has_thrust:
         notes.append("no thrust given or defined; zero")
     if instruments is None:
         notes.append(f"{MOVED_TO_CG}{', '.join(_AT_CG)}; simulated there")

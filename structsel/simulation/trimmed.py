@@ -14,7 +14,7 @@ import pandas as pd
 from structsel.errors import ChannelError
 from structsel.nomenclature import unit_of
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.flight_dynamics import STATES
+from structsel.numerics.flight_model import STATES
 from structsel.rich_text import opening, to_html
 
 

@@ -13,7 +13,8 @@ from structsel.errors import DomainError, ModelError, SimulationError
 from structsel.model import AeroModel
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.atmosphere import G0
-from structsel.numerics.flight_dynamics import OUTPUTS, slopes
+from structsel.numerics.flight_model import OUTPUTS
+from structsel.numerics.flight_simulation import state_derivatives
 from structsel.simulation.air import Air
 from structsel.simulation.preparing import Prepared, prepare
 from structsel.simulation.trimmed import Trim
@@ -126,7 +127,7 @@ class _Search:
         lateral = any(name in model for name in _LATERAL)
         given = dict(controls or {})
         self.ready = _still(model, aircraft, V, h, given, free, definitions, air)
-        plan = self.ready.plan
+        plan = self.ready.compiled
         chosen = tuple(free or ())
         if free is None:
             surfaces = _SURFACES if lateral else ("de",)
@@ -148,7 +149,7 @@ class _Search:
         bounds = {**_LIMITS, **(limits or {})}
         self.bounds = np.array([bounds.get(name, (-math.inf, math.inf)) for name in self.unknowns]).T
         # A thrust is found to a tenth of the weight as an angle is to a tenth of a radian.
-        weight = float(self.ready.flight.surroundings[0, 0]) * G0
+        weight = float(self.ready.manoeuvre.conditions[0, 0]) * G0
         self.scale = np.array([weight if name == "thrust" else 1.0 for name in self.unknowns])
 
     def assemble(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
@@ -162,14 +163,14 @@ class _Search:
             turn * math.cos(phi) * math.cos(theta),
         ]
         state = np.array([*velocity, *rates, phi, theta, 0.0, 0.0, 0.0, self.h])
-        return state, np.array([held[c] for c in self.ready.plan.controls]), turn, held["climb"]
+        return state, np.array([held[c] for c in self.ready.compiled.controls]), turn, held["climb"]
 
     def unbalance(self, z: np.ndarray) -> np.ndarray:
         """(7,) accelerations and error of the rate of climb."""
         state, controls, _, climb = self.assemble(z)
-        slope, _ = slopes(self.ready.plan, self.ready.flight, state[None], controls[None])
+        slope, _ = state_derivatives(self.ready.compiled, self.ready.manoeuvre, state[None], controls[None])
         # The steady wind carries the aircraft along; climbing is meant through the air.
-        rise = slope[0, 11] + self.ready.flight.wind[0, 2]
+        rise = slope[0, 11] + self.ready.manoeuvre.wind[0, 2]
         return np.array([*slope[0, :6], rise - self.V * math.sin(climb)])
 
     def residual(self, z: np.ndarray) -> np.ndarray:
@@ -207,10 +208,10 @@ class _Search:
 
     def _trim(self, z: np.ndarray) -> Trim:
         state, controls, turn, climb = self.assemble(z)
-        _, outputs = slopes(self.ready.plan, self.ready.flight, state[None], controls[None])
+        _, outputs = state_derivatives(self.ready.compiled, self.ready.manoeuvre, state[None], controls[None])
         return Trim(
             state,
-            dict(zip(self.ready.plan.controls, controls.tolist())),
+            dict(zip(self.ready.compiled.controls, controls.tolist())),
             self.free,
             climb,
             turn,

@@ -107,8 +107,8 @@ class CoefficientTables:
                 if not np.isfinite(x[k + 1]).all():
                     return None
         V, alpha, beta = rb.air_data(x[:, 0], x[:, 1], x[:, 2])
-        vane = tuple(-self.aircraft.position("vane"))
-        at_vane = rb.air_data_at_cg(V, alpha, beta, x[:, 3], x[:, 4], x[:, 5], vane)
+        vane = self.aircraft.position("vane")
+        at_vane = rb.air_data_at_sensor(V, alpha, beta, x[:, 3], x[:, 4], x[:, 5], vane)
         return np.stack([*at_vane, *np.moveaxis(x[:, 3:], 1, 0)], axis=1)
 
     def _slope(self, windows: Windows, step: float, x: Array) -> Array:
@@ -125,11 +125,12 @@ class CoefficientTables:
         off_path = np.stack([*rb.air_data(u, v, w), *x[3:6]]) - at_step(self.at_cg)[:, None]
         coefficients = at_step(self.coefficients) + np.einsum("cxw,xsw->csw", at_step(self.slopes), off_path)
         assert aircraft.inertia is not None
-        rates = rb.state_derivative(
-            np.concatenate([x, np.zeros((4, *x.shape[1:]))]), coefficients, rho, mass, aircraft.inertia.tensor,  # type: ignore[arg-type]
-            aircraft.S, aircraft.b, aircraft.cbar, thrust, aircraft.thrust.offset, aircraft.thrust.inclination,
-            aircraft.engine.angular_momentum,
-        )[:8]  # fmt: skip
+        airframe = rb.Airframe(
+            mass, aircraft.inertia.tensor, aircraft.S, aircraft.b, aircraft.cbar, aircraft.thrust.offset,
+            aircraft.thrust.inclination, aircraft.engine.angular_momentum,
+        )  # fmt: skip
+        motion = np.concatenate([x, np.zeros((4, *x.shape[1:]))])
+        rates = rb.state_derivative(motion, coefficients, rho, airframe, thrust)[:8]
         # Rates of V, alpha, beta as rates of u, v, w.
         dV, dalpha, dbeta, dphi, dtheta = at_step(self.reading_rates)
         level = np.hypot(u, w)

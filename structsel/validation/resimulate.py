@@ -13,7 +13,7 @@ from structsel.errors import ChannelError, DataError, DomainError, ModelError
 from structsel.metrics import Normaliser
 from structsel.model import AeroModel
 from structsel.nomenclature import suggest
-from structsel.numerics.flight_dynamics import REASONS, STATES
+from structsel.numerics.flight_model import REASONS, STATES
 from structsel.recording import Recording
 from structsel.simulation import Air, prepare
 from structsel.simulation.preparing import first_state
@@ -201,9 +201,9 @@ def _simulate(
     """Outputs (samples, outputs) from the recorded start, and why they end before the recording does."""
     state = recorded_start(model, aircraft, recording, options["air"])
     ready = prepare(model, aircraft, recording, start=state, **options)
-    batch = ready.fly(shown, instruments=not recording.at_cg)
+    batch = ready.simulate(shown, instruments=not recording.at_cg)
     reason = int(batch.reason[0])
-    return batch.outputs[0, : int(batch.flown[0])], REASONS[reason] if reason else ""
+    return batch.outputs[0, : int(batch.samples[0])], REASONS[reason] if reason else ""
 
 
 def recorded_start(

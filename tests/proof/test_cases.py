@@ -42,10 +42,10 @@ def test_a_truth_flight_obeys_the_rigid_body_equations_of_the_package(name):
     )
     flight = simulate_truth(made, [manoeuvre], InjectedPhysics(), settings_of(made, [manoeuvre], 0.0), 50.0)[0]
     air, r = made.aircraft, flight.reads
-    slope = rb.state_derivative(
-        flight.states[:, :12].T, flight.coefs.T, r["rho"], air.mass, air.inertia.tensor, air.S, air.b, air.cbar,
-        r["thrust"], air.thrust.offset, air.thrust.inclination,
-    )  # fmt: skip
+    airframe = rb.Airframe(
+        air.mass, air.inertia.tensor, air.S, air.b, air.cbar, air.thrust.offset, air.thrust.inclination
+    )
+    slope = rb.state_derivative(flight.states[:, :12].T, flight.coefs.T, r["rho"], airframe, r["thrust"])
     for row, channel in ((3, "p_dot"), (4, "q_dot"), (5, "r_dot")):
         assert_allclose(r[channel], slope[row], atol=1e-9)
     # And the states move as their derivatives say.

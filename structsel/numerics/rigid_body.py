@@ -1,0 +1,540 @@
+"""Rigid-body relations between sensors, forces and moments over a flat Earth.
+
+Arrays only, SI units and radians, body axes x forward, y right, z down. Every function broadcasts over its arguments,
+so time may run along any axis; the docstring of a stacked result (a state, a matrix) names its own axis. The functions
+``..._compiled`` are the same formulas for one state at a time, for use in compiled loops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from structsel.errors import DomainError
+from structsel.numerics.atmosphere import G0
+
+Values = float | np.ndarray
+"""A number, or an array of them."""
+Triple = Sequence[float] | Sequence[Values] | np.ndarray
+"""Three components: one array of three rows, or a sequence."""
+Three = tuple[np.ndarray, np.ndarray, np.ndarray]
+NONE = (0.0, 0.0, 0.0)
+STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h")
+"""Order of the rigid-body state: velocity relative to the air, rates, attitude, position (h up)."""
+
+
+def require_positive(name: str, unit: str, values: Values, who: str) -> np.ndarray:
+    """Return `values` as an array, or say at which sample it is first not above zero (or not a number).
+
+    Raises
+    ------
+    DomainError
+    """
+    array = np.asarray(values, dtype=float)
+    bad = ~(array > 0.0)
+    if bad.any():
+        i = int(np.argmax(bad.ravel()))
+        raise DomainError(
+            f"{who} needs {name} [{unit}] above zero; sample {i} has {array.ravel()[i]:g}.\n"
+            "Cut the recording to the part in flight."
+        )
+    return array
+
+
+def cross(a: Triple, b: Triple) -> Three:
+    """Vector product of two triples of arrays."""
+    a1, a2, a3 = (np.asarray(x, dtype=float) for x in a)
+    b1, b2, b3 = (np.asarray(x, dtype=float) for x in b)
+    return a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1
+
+
+def body_to_earth(phi: Values, theta: Values, psi: Values) -> np.ndarray:
+    """Rotation matrix from body axes to north, east, down.
+
+    Parameters
+    ----------
+    phi, theta, psi : (n,) array [rad]
+        Euler angles, yaw then pitch then roll.
+
+    Returns
+    -------
+    R : (n, 3, 3) array
+        Its last two axes transposed it turns earth vectors into body ones.
+
+    References
+    ----------
+    [M86] (its L_EB), [KM16] ch. 3.
+    """
+    phi, theta, psi = np.broadcast_arrays(phi, theta, psi)
+    sf, cf, st, ct, sp, cp = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi)
+    rows = (
+        (ct * cp, sf * st * cp - cf * sp, cf * st * cp + sf * sp),
+        (ct * sp, sf * st * sp + cf * cp, cf * st * sp - sf * cp),
+        (-st, sf * ct, cf * ct),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def air_data(u: Values, v: Values, w: Values) -> Three:
+    """Airspeed, angle of attack and sideslip: V = |(u,v,w)|, alpha = atan(w/u), beta = asin(v/V).
+
+    Parameters
+    ----------
+    u, v, w : (n,) array [m/s]
+
+    Returns
+    -------
+    V [m/s], alpha [rad], beta [rad] : (n,) array
+
+    Raises
+    ------
+    DomainError
+        Where V is not above zero.
+    """
+    u, v, w = (np.asarray(x, dtype=float) for x in (u, v, w))
+    V = require_positive("V", "m/s", np.sqrt(u**2 + v**2 + w**2), "air_data")
+    # Rounding can put |v| / V above one; asin there would give nan.
+    return V, np.arctan2(w, u), np.arcsin(np.clip(v / V, -1.0, 1.0))
+
+
+def body_velocity(V: Values, alpha: Values, beta: Values) -> Three:
+    """Body-axis velocity u, v, w [m/s] from airspeed, angle of attack and sideslip (the reverse of `air_data`)."""
+    V = np.asarray(V, dtype=float)
+    return V * np.cos(alpha) * np.cos(beta), V * np.sin(beta), V * np.sin(alpha) * np.cos(beta)
+
+
+def air_data_at_cg(
+    V: Values,
+    alpha: Values,
+    beta: Values,
+    p: Values,
+    q: Values,
+    r: Values,
+    position: Triple,
+) -> Three:
+    """Airspeed and flow angles at the centre of gravity from those at a boom.
+
+    The boom moves through the air with v_cg + omega x r, so v_cg = v_boom - omega x r. No upwash.
+
+    Parameters
+    ----------
+    V, alpha, beta : (n,) array [m/s, rad, rad]
+        At the boom; beta = asin(v/V).
+    p, q, r : (n,) array [rad/s]
+    position : (3,) [m]
+        Boom from the centre of gravity, body axes.
+
+    Returns
+    -------
+    V, alpha, beta : (n,) array
+        At the centre of gravity.
+
+    References
+    ----------
+    [M86] observation equations of the vanes.
+    """
+    u, v, w = body_velocity(V, alpha, beta)
+    du, dv, dw = cross((p, q, r), position)
+    return air_data(u - du, v - dv, w - dw)
+
+
+def air_data_at_sensor(
+    V: Values, alpha: Values, beta: Values, p: Values, q: Values, r: Values, position: Triple
+) -> Three:
+    """V, alpha and beta at a sensor from those at the centre of gravity; reverses `air_data_at_cg`."""
+    return air_data_at_cg(V, alpha, beta, p, q, r, -np.asarray(position, dtype=float))
+
+
+def acceleration_at_cg(
+    ax: Values,
+    ay: Values,
+    az: Values,
+    rates: Triple,
+    rate_derivatives: Triple,
+    position: Triple,
+) -> Three:
+    """Specific force at the centre of gravity from that at the accelerometer.
+
+    ::
+
+        a_cg = a_s - omega_dot x r - omega x (omega x r)
+
+    Parameters
+    ----------
+    ax, ay, az : (n,) array [m/s^2]
+        Specific force at the sensor.
+    rates, rate_derivatives : p, q, r [rad/s] and their derivatives [rad/s^2]
+    position : (3,) [m]
+        Sensor from the centre of gravity.
+    """
+    tangential = cross(rate_derivatives, position)
+    centripetal = cross(rates, cross(rates, position))
+    return tuple(  # type: ignore[return-value]
+        np.asarray(a, dtype=float) - t - c for a, t, c in zip((ax, ay, az), tangential, centripetal)
+    )
+
+
+def acceleration_at_sensor(
+    ax: Values, ay: Values, az: Values, rates: Triple, rate_derivatives: Triple, position: Triple
+) -> Three:
+    """Specific force at a sensor from that at the centre of gravity; reverses `acceleration_at_cg`."""
+    tangential = cross(rate_derivatives, position)
+    centripetal = cross(rates, cross(rates, position))
+    return tuple(  # type: ignore[return-value]
+        np.asarray(a, dtype=float) + (t + c) for a, t, c in zip((ax, ay, az), tangential, centripetal)
+    )
+
+
+def flow_angle_rates(u: Values, v: Values, w: Values, u_dot: Values, v_dot: Values, w_dot: Values) -> Three:
+    """Derivatives of alpha, beta [rad/s] and V [m/s^2] from the velocity relative to the air and its derivative.
+
+    ::
+
+        alpha_dot = (u w' - w u') / (u^2 + w^2)
+        beta_dot  = (v' (u^2 + w^2) - v (u u' + w w')) / (V^2 sqrt(u^2 + w^2))
+        V_dot     = (u u' + v v' + w w') / V
+    """
+    level = u * u + w * w
+    square = level + v * v
+    V_dot = (u * u_dot + v * v_dot + w * w_dot) / np.sqrt(square)
+    beta_dot = (v_dot * level - v * (u * u_dot + w * w_dot)) / (square * np.sqrt(level))
+    return (u * w_dot - w * u_dot) / level, beta_dot, V_dot  # type: ignore[return-value]
+
+
+flow_angle_rates_compiled = njit(cache=True, inline="always", error_model="numpy")(flow_angle_rates)
+
+
+def nondimensional_rates(V: Values, p: Values, q: Values, r: Values, b: float, cbar: float) -> Three:
+    """Body rates as p b / 2V, q cbar / 2V, r b / 2V.
+
+    Raises
+    ------
+    DomainError
+        Where V is not above zero.
+    """
+    twice = 2.0 * require_positive("V", "m/s", V, "nondimensional_rates")
+    return np.asarray(p) * b / twice, np.asarray(q) * cbar / twice, np.asarray(r) * b / twice
+
+
+def thrust_force(thrust: Values, inclination: float = 0.0) -> Three:
+    """Body-axis thrust; a positive inclination tilts it up: Tx = T cos i, Tz = -T sin i (z is down)."""
+    thrust = np.asarray(thrust, dtype=float)
+    return thrust * np.cos(inclination), np.zeros_like(thrust), -thrust * np.sin(inclination)
+
+
+def thrust_moment(thrust: Values, offset: Sequence[float] = NONE, inclination: float = 0.0) -> Three:
+    """Moment of the thrust about the centre of gravity, offset x force [N m].
+
+    A line below the centre of gravity (offset z > 0) pitches the nose up.
+    """
+    return cross(offset, thrust_force(thrust, inclination))
+
+
+def force_coefficients(
+    ax: Values,
+    ay: Values,
+    az: Values,
+    qbar: Values,
+    mass: Values,
+    S: float,
+    thrust: Values = 0.0,
+    inclination: float = 0.0,
+) -> Three:
+    """Body-axis aerodynamic force coefficients CX, CY, CZ.
+
+    An accelerometer at the centre of gravity feels every force except gravity, so its reading less the
+    thrust is the aerodynamic force::
+
+        CX = (m ax - T cos i)/(qbar S)    CY = m ay/(qbar S)    CZ = (m az + T sin i)/(qbar S)
+
+    Parameters
+    ----------
+    ax, ay, az : (n,) array [m/s^2]
+        Specific force at the centre of gravity.
+    qbar : (n,) array [Pa]
+        Dynamic pressure, above zero throughout.
+    mass : float or (n,) array [kg]
+    S : float [m^2]
+    thrust : float or (n,) array [N]
+    inclination : float [rad]
+        Of the thrust line; positive tilts thrust up.
+
+    Returns
+    -------
+    CX, CY, CZ : (n,) array [-]
+
+    Raises
+    ------
+    DomainError
+        Where qbar is not above zero; the message gives the first such sample.
+
+    References
+    ----------
+    [H17], which takes i = 0; [KM16] ch. 3.
+    """
+    qS = require_positive("qbar", "Pa", qbar, "force_coefficients") * S
+    Tx, _, Tz = thrust_force(thrust, inclination)
+    mass = np.asarray(mass, dtype=float)
+    ax, ay, az = (np.asarray(a, dtype=float) for a in (ax, ay, az))
+    return (mass * ax - Tx) / qS, mass * ay / qS, (mass * az - Tz) / qS
+
+
+def moment_coefficients(
+    rates: Triple,
+    rate_derivatives: Triple,
+    qbar: Values,
+    inertia: np.ndarray,
+    S: float,
+    b: float,
+    cbar: float,
+    thrust: Values = 0.0,
+    offset: Sequence[float] = NONE,
+    inclination: float = 0.0,
+    rotor_momentum: Values = 0.0,
+) -> Three:
+    """Aerodynamic moment coefficients Cl, Cm, Cn about the centre of gravity.
+
+    Euler's equations solved for the moment, less that of the thrust line; for a symmetric aircraft::
+
+        L = Ix p' - Ixz (r' + p q) + (Iz - Iy) q r
+        M = Iy q' + (Ix - Iz) p r + Ixz (p^2 - r^2) + H r
+        N = Iz r' - Ixz (p' - q r) + (Iy - Ix) p q - H q
+
+    Parameters
+    ----------
+    rates, rate_derivatives : p, q, r [rad/s] and their derivatives [rad/s^2]
+    qbar : (n,) array [Pa]
+    inertia : (3, 3) array [kg m^2]
+        Tensor about the centre of gravity; the products of inertia enter negative.
+    S, b, cbar : float [m^2, m, m]
+    thrust : float or (n,) array [N]
+    offset : (3,) [m]
+        A point of the thrust line, from the centre of gravity.
+    inclination : float [rad]
+    rotor_momentum : float or (n,) array [kg m^2/s]
+        H, angular momentum of propeller or rotor about body x; positive turns clockwise seen from behind.
+
+    Returns
+    -------
+    Cl, Cm, Cn : (n,) array [-]
+
+    Raises
+    ------
+    DomainError
+        Where qbar is not above zero.
+
+    References
+    ----------
+    [H17] (rederived: the scan is garbled), [M86] for the rotor terms.
+    """
+    qS = require_positive("qbar", "Pa", qbar, "moment_coefficients") * S
+    L, M, N = inertial_moment(rates, rate_derivatives, inertia, rotor_momentum)
+    LT, MT, NT = thrust_moment(thrust, offset, inclination)
+    return (L - LT) / (qS * b), (M - MT) / (qS * cbar), (N - NT) / (qS * b)
+
+
+def inertial_moment(
+    rates: Triple,
+    rate_derivatives: Triple,
+    inertia: np.ndarray,
+    rotor_momentum: Values = 0.0,
+) -> Three:
+    """Total moment L, M, N [N m] that gives these rates and accelerations; see `moment_coefficients`."""
+    p, q, r = (np.asarray(x, dtype=float) for x in rates)
+    hx, hy, hz = _momentum((p, q, r), inertia)
+    gyroscopic = cross((p, q, r), (hx + rotor_momentum, hy, hz))
+    direct = _momentum(rate_derivatives, inertia)
+    L, M, N = (d + g for d, g in zip(direct, gyroscopic))
+    return L, M, N
+
+
+def lift_and_drag(
+    CX: Values, CY: Values, CZ: Values, alpha: Values, beta: Values = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lift and drag coefficients from the body-axis ones.
+
+    ::
+
+        CL = CX sin(alpha) - CZ cos(alpha)
+        CD = -CX cos(alpha) cos(beta) - CY sin(beta) - CZ sin(alpha) cos(beta)
+    """
+    CX, CY, CZ = (np.asarray(x, dtype=float) for x in (CX, CY, CZ))
+    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    return CX * sa - CZ * ca, -CX * ca * cb - CY * sb - CZ * sa * cb
+
+
+def body_from_wind_axes(
+    CL: Values, CD: Values, alpha: Values, CY: Values = 0.0, beta: Values = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Body-axis CX and CZ from lift and drag; reverses `lift_and_drag`.
+
+    ::
+
+        D  = (CD + CY sin(beta)) / cos(beta)
+        CX = CL sin(alpha) - D cos(alpha)        CZ = -CL cos(alpha) - D sin(alpha)
+    """
+    return _body_from_wind(CL, CD, CY, np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta))  # type: ignore[return-value]
+
+
+def _body_from_wind(CL, CD, CY, sa, ca, sb, cb):  # type: ignore[no-untyped-def]
+    """`body_from_wind_axes` with the sines and cosines of the flow angles."""
+    drag = (CD + CY * sb) / cb
+    return CL * sa - drag * ca, -CL * ca - drag * sa
+
+
+body_from_wind_compiled = njit(cache=True, inline="always", error_model="numpy")(_body_from_wind)
+
+
+def specific_force(
+    CX: Values,
+    CY: Values,
+    CZ: Values,
+    qbar: Values,
+    mass: Values,
+    S: float,
+    thrust: Values = 0.0,
+    inclination: float = 0.0,
+) -> Three:
+    """Specific force at the centre of gravity [m/s^2]; reverses `force_coefficients`."""
+    qS = np.asarray(qbar, dtype=float) * S
+    Tx, Ty, Tz = thrust_force(thrust, inclination)
+    CX, CY, CZ = (np.asarray(c, dtype=float) for c in (CX, CY, CZ))
+    return (qS * CX + Tx) / mass, (qS * CY + Ty) / mass, (qS * CZ + Tz) / mass
+
+
+def angular_acceleration(
+    rates: Triple,
+    moment: Triple,
+    inertia: np.ndarray,
+    rotor_momentum: Values = 0.0,
+) -> Three:
+    """Derivatives of p, q, r [rad/s^2] under a total moment L, M, N [N m]; reverses `inertial_moment`."""
+    gyroscopic = inertial_moment(rates, NONE, inertia, rotor_momentum)
+    left = tuple(np.asarray(m, dtype=float) - g for m, g in zip(moment, gyroscopic))
+    return _momentum(left, np.linalg.inv(inertia))
+
+
+def _momentum(rates: Triple, inertia: np.ndarray) -> Three:
+    p, q, r = (np.asarray(x, dtype=float) for x in rates)
+    x, y, z = (row[0] * p + row[1] * q + row[2] * r for row in np.asarray(inertia))
+    return x, y, z
+
+
+def euler_rates(p: Values, q: Values, r: Values, phi: Values, theta: Values) -> Three:
+    """Derivatives of phi, theta, psi [rad/s].
+
+    Raises
+    ------
+    DomainError
+        Within 1e-6 rad of vertical, where yaw and roll are the same turn.
+
+    References
+    ----------
+    [M86] kinematics.
+    """
+    sf, cf, ct = np.sin(phi), np.cos(phi), np.cos(theta)
+    if np.any(np.abs(ct) < 1e-6):
+        i = int(np.argmax(np.abs(np.ravel(ct)) < 1e-6))
+        raise DomainError(f"euler_rates has no answer at theta = +-90 deg; sample {i} is there.\nCut it out.")
+    turn = (np.asarray(q) * sf + np.asarray(r) * cf) / ct
+    return p + turn * np.sin(theta), np.asarray(q) * cf - np.asarray(r) * sf, turn
+
+
+def velocity_derivative(
+    velocity: Triple,
+    rates: Triple,
+    force: Triple,
+    phi: Values,
+    theta: Values,
+    g: float = G0,
+) -> Three:
+    """Derivatives of u, v, w [m/s^2] from specific force at the centre of gravity, gravity and rotation.
+
+    References
+    ----------
+    [M86] kinematics.
+    """
+    u, v, w = velocity
+    p, q, r = rates
+    ax, ay, az = force
+    ct = np.cos(theta)
+    return (
+        ax - g * np.sin(theta) - np.asarray(q) * w + np.asarray(r) * v,
+        ay + g * ct * np.sin(phi) - np.asarray(r) * u + np.asarray(p) * w,
+        az + g * ct * np.cos(phi) - np.asarray(p) * v + np.asarray(q) * u,
+    )
+
+
+class Airframe(NamedTuple):
+    """Constants of the aircraft in the equations of motion.
+
+    Attributes
+    ----------
+    mass : float [kg]
+    inertia : (3, 3) array [kg m^2]
+    S, b, cbar : float [m^2, m, m]
+    offset, inclination, rotor_momentum
+        As in `moment_coefficients`.
+    """
+
+    mass: float
+    inertia: np.ndarray
+    S: float
+    b: float
+    cbar: float
+    offset: Sequence[float] = NONE
+    inclination: float = 0.0
+    rotor_momentum: Values = 0.0
+
+
+def state_derivative(
+    state: Values,
+    coefficients: Values,
+    rho: Values,
+    airframe: Airframe,
+    thrust: Values = 0.0,
+    wind: Triple = NONE,
+    g: float = G0,
+) -> np.ndarray:
+    """Derivative of the rigid-body state for given aerodynamic coefficients.
+
+    Parameters
+    ----------
+    state : (12, ...) array
+        Rows as `STATES`: u v w [m/s] relative to the air, p q r [rad/s], phi theta psi [rad], x y h [m].
+    coefficients : (6, ...) array [-]
+        CX, CY, CZ, Cl, Cm, Cn.
+    rho : float or array [kg/m^3]
+    airframe : Airframe
+    thrust : float or array [N]
+    wind : (3,) [m/s]
+        North, east, down; constant, so it changes the position only.
+
+    Returns
+    -------
+    derivative : (12, ...) array
+
+    References
+    ----------
+    [M86], [KM16] ch. 3.
+    """
+    mass, inertia, S, b, cbar, offset, inclination, rotor_momentum = airframe
+    state = np.asarray(state, dtype=float)
+    CX, CY, CZ, Cl, Cm, Cn = np.asarray(coefficients, dtype=float)
+    velocity, rates = state[0:3], state[3:6]
+    phi, theta, psi = state[6:9]
+    qbar = 0.5 * rho * np.sum(velocity**2, axis=0)
+    force = specific_force(CX, CY, CZ, qbar, mass, S, thrust, inclination)
+    LT, MT, NT = thrust_moment(thrust, offset, inclination)
+    qS = qbar * S
+    moment = (qS * b * Cl + LT, qS * cbar * Cm + MT, qS * b * Cn + NT)
+    out = np.empty(np.broadcast_shapes(state.shape, (12, *np.shape(qS * CX))))
+    out[0:3] = velocity_derivative(velocity, rates, force, phi, theta, g)
+    out[3:6] = angular_acceleration(rates, moment, inertia, rotor_momentum)
+    out[6:9] = euler_rates(rates[0], rates[1], rates[2], phi, theta)
+    north, east, down = np.einsum("...ij,j...->i...", body_to_earth(phi, theta, psi), velocity)
+    out[9], out[10], out[11] = north + wind[0], east + wind[1], -(down + np.asarray(wind[2]))
+    return out
