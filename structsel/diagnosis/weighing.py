@@ -52,7 +52,7 @@ behind : its nats less those of the best in question, over ten or a fiftieth of 
 """
 NOTHING = -5.052
 WEIGHTS = np.array([2.556, 0.038, 3.187, 1.785, 1.923, 0.201, -2.141, 0.653, 0.520, 0.611])
-"""From development cases, by the logit of `benchmarks/chances.py` with the weights before as expected (decision 27)."""
+"""From development cases, by the logit of `proof/calibrate.py` (docs/decisions/0012-naming-an-effect.md)."""
 NOTHING_UNASKED = -6.031
 WEIGHTS_UNASKED = np.array([2.576, 0.059, 3.158, 2.192, 1.923, 0.071, -1.945, 0.362, 0.532, 0.5])
 """The weights before: for what the inputs were not asked to bear out, whose evidence is worth less."""
