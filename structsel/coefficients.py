@@ -14,17 +14,16 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.errors import AircraftError, ChannelError, DataError, DomainError
+from structsel.nomenclature import AIR_DATA, ANGULAR_ACCELERATIONS, BODY_RATES
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Finding, Recording
 
 _WHO = "compute_coefficients"
-_RATES = ("p", "q", "r")
-_DERIVATIVES = ("p_dot", "q_dot", "r_dot")
 _OPTIONAL = (
-    *_RATES,
-    *_DERIVATIVES,
+    *BODY_RATES,
+    *ANGULAR_ACCELERATIONS,
     "alpha_dot",
     "beta_dot",
     "beta",
@@ -146,7 +145,7 @@ class _Computation:
         self.findings: list[Finding] = []
         self.at_cg = recording.at_cg
         _require_above_zero(self.recording, "V", recording["V"])
-        self._differentiate(*(rate for rate in _RATES if rate in recording))
+        self._differentiate(*(rate for rate in BODY_RATES if rate in recording))
         self._carry_vanes()
 
     def mean_airspeed(self) -> float:
@@ -203,7 +202,7 @@ class _Computation:
         made = rb.air_data_at_cg(
             self.recording["V"], self.recording["alpha"], beta, p, self.recording["q"], r, tuple(place)
         )
-        named = dict(zip(("V", "alpha", "beta"), made))
+        named = dict(zip(AIR_DATA, made))
         if "beta" not in self.recording:
             del named["beta"]
         self._add(f"{MOVED_TO_CG}{', '.join(named)}; vanes at {_metres(place)}", named, **named)
@@ -242,12 +241,12 @@ class _Computation:
         place = self.aircraft.position("accelerometer")
         if not place.any() or {"ax", "az"} <= self.at_cg:
             return record["ax"], ay, record["az"]
-        if not any(rate in record for rate in _RATES):
+        if not any(rate in record for rate in BODY_RATES):
             message = f"without rates the readings stay as taken {_metres(place)} from the centre of gravity"
             self._say("left-out", "ax", message, "warning", "map p, q and r")
             return record["ax"], ay, record["az"]
         use = "carrying accelerations to the centre of gravity"
-        turning = self._or_zero((*_RATES, *_DERIVATIVES), use)
+        turning = self._or_zero((*BODY_RATES, *ANGULAR_ACCELERATIONS), use)
         moved = rb.acceleration_at_cg(record["ax"], ay, record["az"], turning[:3], turning[3:], tuple(place))
         self.recording = record.with_channels(note=f"forces: accelerometer at {_metres(place)} allowed for")
         return moved
@@ -300,7 +299,7 @@ class _Computation:
         record, aircraft = self.recording, self.aircraft
         if "q" not in record:
             self._say("left-out", "Cm", "not made: no q recorded")
-        lacking = [rate for rate in _RATES if rate not in record]
+        lacking = [rate for rate in BODY_RATES if rate not in record]
         if lacking:
             for name in ("Cl", "Cn"):
                 self._say("left-out", name, f"not made: no {' and '.join(lacking)} recorded")
@@ -310,7 +309,7 @@ class _Computation:
             message = f"Cl, Cm and Cn are not made: aircraft '{aircraft.name}' has no inertia"
             self._say("left-out", "Cm", message, "warning", "add an [inertia] table to aircraft.toml")
             return
-        turning = self._or_zero((*_RATES, *_DERIVATIVES), "the inertial coupling in Cm")
+        turning = self._or_zero((*BODY_RATES, *ANGULAR_ACCELERATIONS), "the inertial coupling in Cm")
         Cl, Cm, Cn = rb.moment_coefficients(
             turning[:3],
             turning[3:],

@@ -20,6 +20,24 @@ UNKNOWN = "?"
 """Unit of a channel that is neither in the table nor given one by its recording."""
 
 
+# ---------------------------------------------------------------- groups of channels
+
+FORCE_COEFFICIENTS = ("CX", "CY", "CZ")
+MOMENT_COEFFICIENTS = ("Cl", "Cm", "Cn")
+COEFFICIENTS = (*FORCE_COEFFICIENTS, *MOMENT_COEFFICIENTS)
+"""Body axes, forces first."""
+WIND_AXIS_COEFFICIENTS = ("CD", "CY", "CL", *MOMENT_COEFFICIENTS)
+"""With drag and lift in place of CX and CZ."""
+LONGITUDINAL_COEFFICIENTS = ("CX", "CZ", "Cm")
+LATERAL_COEFFICIENTS = ("CY", "Cl", "Cn")
+AIR_DATA = ("V", "alpha", "beta")
+EULER_ANGLES = ("phi", "theta", "psi")
+BODY_RATES = ("p", "q", "r")
+ANGULAR_ACCELERATIONS = ("p_dot", "q_dot", "r_dot")
+SPECIFIC_FORCES = ("ax", "ay", "az")
+CONTROL_SURFACES = ("de", "da", "dr")
+
+
 @dataclass(frozen=True)
 class Channel:
     """One row of the table.

@@ -10,13 +10,13 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight, prepare_flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.simulations import open_simulation
 from structsel.comparison.surrogate import identify
 from structsel.effects import EFFECTS
 from structsel.effects.base import Effect, Variant
 from structsel.errors import DataError
 from structsel.model import AeroModel, ResponseModel
+from structsel.nomenclature import COEFFICIENTS
 from structsel.recording import Recording
 from structsel.simulation import Instruments, Trim, simulate, trim
 

@@ -9,7 +9,6 @@ from structsel.aircraft import Aircraft
 from structsel.candidates import Term
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.flight import prepare_flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.surrogate import identify
 from structsel.demo.truth import TRUTH, demo_aircraft
 from structsel.diagnosis.bench import Bench
@@ -17,6 +16,7 @@ from structsel.diagnosis.signatures import work_out
 from structsel.effects import EFFECTS
 from structsel.effects.base import Estimate, Found
 from structsel.model import AeroModel, ResponseModel
+from structsel.nomenclature import COEFFICIENTS
 from structsel.recording import Recording
 from structsel.simulation import Instruments, simulate, trim
 

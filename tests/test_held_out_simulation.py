@@ -13,7 +13,6 @@ import structsel as ss
 from structsel.comparison.flight import prepare_flight
 from structsel.comparison.noise import as_spectra, edge_of
 from structsel.comparison.preparing import prepare
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.surrogate import Surrogate
 from structsel.demo import demo_flights
 from structsel.diagnosis.bench import Bench
@@ -30,6 +29,7 @@ from structsel.diagnosis.ranking import rank
 from structsel.diagnosis.signatures import work_out
 from structsel.effects import EFFECTS
 from structsel.inputs import three_two_one_one
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.evidence import spectrum
 from structsel.report import render
 from tests.diagnoses import GROUND, diagnosis

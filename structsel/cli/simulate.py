@@ -33,6 +33,7 @@ from structsel.cli.pages import page
 from structsel.cli.tables import print_files
 from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
 from structsel.errors import SimulationError
+from structsel.nomenclature import LATERAL_COEFFICIENTS
 from structsel.numerics.linear_modes import Modes
 from structsel.recording import Recording, write_recording
 from structsel.simulation import Instruments, LinearModel, ReadyAircraft, Trim, Turbulence
@@ -176,7 +177,7 @@ def _modes(craft: Craft, trim: Trim | None) -> dict[str, Modes]:
         return {"": craft.modes()}
     if trim is None or not isinstance(craft, ReadyAircraft) or craft.model is None:
         raise typer.BadParameter("--modes needs --trim, and a model of ours.")
-    axes = ["longitudinal"] + ["lateral"] * any(name in craft.model for name in ("CY", "Cl", "Cn"))
+    axes = ["longitudinal"] + ["lateral"] * any(name in craft.model for name in LATERAL_COEFFICIENTS)
     return {axis: craft.linearise(trim, axis=axis).modes() for axis in axes}
 
 

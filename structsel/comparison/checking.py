@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.errors import DataError
+from structsel.nomenclature import COEFFICIENTS
 from structsel.recording import Recording
 
 _STEEP = 0.5 * np.pi  # rad of incidence or sideslip

@@ -18,8 +18,8 @@ from structsel.comparison.locating.region import Bound, bounds_of_flags
 from structsel.comparison.locating.turbulence import find_turbulence
 from structsel.comparison.noise import bins_of, edge_of
 from structsel.comparison.preparing import prepare
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.result import Mismatch, Size
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.evidence import spectrum
 from structsel.recording import Recording
 

@@ -20,8 +20,8 @@ from scipy.linalg import solve
 from scipy.signal import fftconvolve
 
 from structsel.comparison.flight import AIRFRAME, Flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.surrogate import CONFIGURATION
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _INPUTS = ("de", "da", "dr", "throttle", "thrust", *CONFIGURATION)

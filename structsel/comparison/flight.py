@@ -13,8 +13,9 @@ from scipy.fft import dct, idct
 from scipy.integrate import cumulative_simpson
 
 from structsel.aircraft import Aircraft
-from structsel.comparison.responses import COEFFICIENTS, KINEMATIC, Rate, respond, told_rates
+from structsel.comparison.responses import KINEMATIC, Rate, respond, told_rates
 from structsel.errors import DataError, StructselError, StructselWarning
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.arrays import Array
 from structsel.numerics.atmosphere import standard_atmosphere

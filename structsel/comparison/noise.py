@@ -10,7 +10,7 @@ from joblib import Parallel, delayed
 from scipy.linalg import cholesky, solve_triangular
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Further, Projector, length_of, spectrum
 

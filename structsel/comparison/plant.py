@@ -10,7 +10,8 @@ from scipy.linalg import lstsq
 from scipy.signal import freqz, lfilter
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS, KINEMATIC
+from structsel.comparison.responses import KINEMATIC
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.centring import centred, rms_within
 

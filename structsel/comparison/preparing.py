@@ -11,10 +11,11 @@ from joblib import Parallel, delayed
 from structsel.aircraft import Aircraft
 from structsel.comparison.checking import check_alike, check_flown, check_recorded
 from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
-from structsel.comparison.responses import COEFFICIENTS, Rate
+from structsel.comparison.responses import Rate
 from structsel.comparison.simulations import Simulation, open_simulation
 from structsel.comparison.surrogate import Surrogate, find_surrogate, identify
 from structsel.errors import DataError
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.recording import Recording
 

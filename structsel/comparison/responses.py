@@ -12,12 +12,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from structsel.aircraft import Aircraft
+from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.arrays import Array
 from structsel.numerics.differentiation import difference_weights
 from structsel.numerics.rigid_body import Three
 
-COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 KINEMATIC = {
     "k_V": ("V", "ax", "theta"),
     "k_alpha": ("V", "alpha", "q", "az", "theta"),
@@ -87,12 +87,12 @@ def respond(ch: Mapping[str, Array], craft: Aircraft, dt: float, wanted: tuple[s
     qbar = ch["qbar_ratio"] * 0.5 * ch["rho"] * V**2
     if any(name in wanted for name in COEFFICIENTS[:3]):
         made |= zip(
-            ("CX", "CY", "CZ"),
+            FORCE_COEFFICIENTS,
             rb.force_coefficients(*force, qbar, ch["mass"], craft.S, ch["thrust"], craft.thrust.inclination),
         )
     if craft.inertia is not None and any(name in wanted for name in COEFFICIENTS[3:]):
         made |= zip(
-            ("Cl", "Cm", "Cn"),
+            MOMENT_COEFFICIENTS,
             rb.moment_coefficients(
                 rates, turning, qbar, craft.inertia.tensor, craft.S, craft.b, craft.cbar, ch["thrust"],
                 craft.thrust.offset, craft.thrust.inclination, craft.engine.angular_momentum,

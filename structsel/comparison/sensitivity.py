@@ -8,7 +8,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from structsel.comparison.flight import AIRFRAME, Flight
-from structsel.comparison.responses import COEFFICIENTS, KINEMATIC, respond
+from structsel.comparison.responses import KINEMATIC, respond
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 Sensitivity = Mapping[str, tuple[Array, Array]]

@@ -14,9 +14,9 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_coefficients
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.errors import DataError, ModelError
 from structsel.model import AeroModel
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.recording import Recording, read_recordings
 

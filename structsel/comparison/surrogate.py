@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, LATERAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.stepwise import forward_selection
 
@@ -43,7 +43,6 @@ _SHARE, _CLEAR = 1e-5, 20.0
 """What a term must carry: of the variance, and of the mean square that is left."""
 _RATE_WORTH, _SPEED_WORTH, _WRONG_SIDE = 0.002, 0.2, 0.05
 _SIDEWAYS = {"beta", "p_hat", "r_hat", "da", "dr"}
-_OF_SIDES = ("CY", "Cl", "Cn")
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +200,9 @@ def identify(
     # An aircraft is nearly the same on both sides: what is odd in one of its halves is not even in the other.
     odd = np.array([sum(c in _SIDEWAYS for c in term) % 2 == 1 for term in pool])
     for i, (response, y) in enumerate(told.items(), 1 + len(pool)):
-        alike = (odd == (response in _OF_SIDES)) if response in COEFFICIENTS else np.ones(len(pool), dtype=bool)
+        alike = (
+            (odd == (response in LATERAL_COEFFICIENTS)) if response in COEFFICIENTS else np.ones(len(pool), dtype=bool)
+        )
         mine = products.of_columns([*range(1 + len(pool)), i])
         kept, fit = _fit(X, y, mine, ends, np.where(alike, liking, _WRONG_SIDE * liking))
         left = y - fit[0] - X[:, kept] @ fit[1:]

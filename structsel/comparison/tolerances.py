@@ -11,8 +11,8 @@ import numpy as np
 from structsel.aircraft import Tolerances
 from structsel.comparison.flight import Flight
 from structsel.comparison.plant import find_plant
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.sensitivity import asked_wrongly, misread, reading
+from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.arrays import Array
 
@@ -222,7 +222,7 @@ def _sd(stated: Tolerances, key: str) -> float:
 
 def mass_columns(f: Flight) -> dict[str, Array]:
     """A mass assumed too large by one part makes the measured forces too large by one part."""
-    return {c: x for c, x in zip(("CX", "CY", "CZ"), f.forces) if c in f.measured}
+    return {c: x for c, x in zip(FORCE_COEFFICIENTS, f.forces) if c in f.measured}
 
 
 def inertia_columns(f: Flight, axis: str) -> dict[str, Array]:
@@ -238,14 +238,14 @@ def inertia_columns(f: Flight, axis: str) -> dict[str, Array]:
     still = (np.zeros(len(f)),) * 3
     qbar = f["qbar"]
     coupling = rb.moment_coefficients(rates, still, qbar, only, f.craft.S, f.craft.b, f.craft.cbar)
-    made = dict(zip(("Cl", "Cm", "Cn"), coupling))
+    made = dict(zip(MOMENT_COEFFICIENTS, coupling))
     # Angular acceleration as the simulation would have it: the measured one would bring its noise along.
     moment = [
-        (f.told(c) if c in f.simulated else 0.0) * qbar * f.craft.S * x for c, x in zip(("Cl", "Cm", "Cn"), lengths)
+        (f.told(c) if c in f.simulated else 0.0) * qbar * f.craft.S * x for c, x in zip(MOMENT_COEFFICIENTS, lengths)
     ]
     thrust = rb.thrust_moment(f["thrust"], f.craft.thrust.offset, f.craft.thrust.inclination)
     turning = rb.angular_acceleration(rates, tuple(m + t for m, t in zip(moment, thrust)), tensor)
-    name = ("Cl", "Cm", "Cn")[k]
+    name = MOMENT_COEFFICIENTS[k]
     made[name] = made[name] + tensor[k, k] * turning[k] / (qbar * f.craft.S * lengths[k])
     return {c: x for c, x in made.items() if c in f.measured}
 

@@ -9,9 +9,10 @@ import numpy as np
 from scipy.optimize import root
 
 from structsel.aircraft import Aircraft
-from structsel.demo.plans import FLIGHTS, RATE, SURFACES, Plan, commands_of, gusts_of
+from structsel.demo.plans import FLIGHTS, RATE, Plan, commands_of, gusts_of
 from structsel.demo.truth import TRUTH, aerodynamics, demo_aircraft
 from structsel.errors import DomainError
+from structsel.nomenclature import AIR_DATA, ANGULAR_ACCELERATIONS, BODY_RATES, CONTROL_SURFACES, SPECIFIC_FORCES
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.recording import Recording
@@ -23,8 +24,8 @@ _ACTUATOR = 20.0  # rad/s
 NOISE = {
     "V": 0.05,
     **dict.fromkeys(("alpha", "beta", "phi", "theta", "psi"), 5e-4),
-    **dict.fromkeys(("p", "q", "r", *SURFACES), 2e-4),
-    **dict.fromkeys(("ax", "ay", "az"), 0.01),
+    **dict.fromkeys((*BODY_RATES, *CONTROL_SURFACES), 2e-4),
+    **dict.fromkeys(SPECIFIC_FORCES, 0.01),
     "h": 0.3,
     "thrust": 5.0,
 }
@@ -278,14 +279,14 @@ def at_instruments(flown: Flown, craft: Aircraft) -> dict[str, np.ndarray]:
     """
     got = flown.outputs
     rates = flown.states[:, 3:6].T
-    turning = [got[name] for name in ("p_dot", "q_dot", "r_dot")]
+    turning = [got[name] for name in ANGULAR_ACCELERATIONS]
     place = craft.position("vane")
     seen = rb.air_data_at_cg(got["V"], got["alpha"], got["beta"], rates[0], rates[1], rates[2], tuple(-place))
-    ax, ay, az = (got[name] for name in ("ax", "ay", "az"))
+    ax, ay, az = (got[name] for name in SPECIFIC_FORCES)
     nothing = np.zeros_like(ax)
     added = rb.acceleration_at_cg(nothing, nothing, nothing, rates, turning, tuple(craft.position("accelerometer")))
-    channels = dict(zip(("V", "alpha", "beta"), seen))
-    channels |= dict(zip(("ax", "ay", "az"), (a - e for a, e in zip((ax, ay, az), added))))
+    channels = dict(zip(AIR_DATA, seen))
+    channels |= dict(zip(SPECIFIC_FORCES, (a - e for a, e in zip((ax, ay, az), added))))
     return channels
 
 
@@ -295,11 +296,11 @@ def _record(flown: Flown, seed: int, noise: float, exact: bool, craft: Aircraft)
     channels = at_instruments(flown, craft)
     channels |= dict(zip(rb.STATES[3:9], states[:, 3:9].T))
     channels |= {"h": states[:, 11], "rho": flown.outputs["rho"], "thrust": np.full(len(states), flown.thrust)}
-    channels |= dict(zip(SURFACES, states[:, 12:].T))
+    channels |= dict(zip(CONTROL_SURFACES, states[:, 12:].T))
     rng = np.random.default_rng([seed, flown.number, 6])
     for name, std in NOISE.items():
         channels[name] = channels[name] + noise * std * rng.standard_normal(len(states))
     if exact:
-        channels |= {name: flown.outputs[name] for name in ("p_dot", "q_dot", "r_dot")}
+        channels |= {name: flown.outputs[name] for name in ANGULAR_ACCELERATIONS}
     note = f"simulated: {plan.name} at {plan.V:.1f} m/s, seed {seed}, noise {noise:g}"
     return Recording(plan.name, flown.t, channels, provenance=(note,))

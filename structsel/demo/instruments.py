@@ -15,22 +15,20 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.demo.flight import NOISE, Flown, at_instruments, integrate, number_of
-from structsel.demo.plans import SURFACES
 from structsel.demo.truth import demo_aircraft
 from structsel.errors import DomainError
-from structsel.nomenclature import suggest
+from structsel.nomenclature import BODY_RATES, CONTROL_SURFACES, EULER_ANGLES, SPECIFIC_FORCES, suggest
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body import cross
 from structsel.recording import Recording
 
-_ACCELERATIONS, _RATES, _ATTITUDE = ("ax", "ay", "az"), ("p", "q", "r"), ("phi", "theta", "psi")
 # Instrument: place from the centre of gravity [m] and standard deviations at noise = 1, in the channel's unit.
 # Places that demo_aircraft gives already are its own.
 _INSTRUMENTS: dict[str, tuple[tuple[float, float, float] | None, dict[str, float]]] = {
-    "accelerometer": (None, dict.fromkeys(_ACCELERATIONS, 0.02)),
-    "gyro": (None, dict.fromkeys(_RATES, 5e-4)),
+    "accelerometer": (None, dict.fromkeys(SPECIFIC_FORCES, 0.02)),
+    "gyro": (None, dict.fromkeys(BODY_RATES, 5e-4)),
     "vane": (None, {"V": 0.2, "alpha": 2e-3, "beta": 2e-3}),
-    "attitude": (None, dict.fromkeys(_ATTITUDE, 2e-3)),
+    "attitude": (None, dict.fromkeys(EULER_ANGLES, 2e-3)),
     "static": ((-1.5, 0.0, 0.2), {"h": 0.5}),
     "gps": ((-0.4, 0.0, -1.1), {"x": 1.0, "y": 1.0, "vn": 0.05, "ve": 0.05, "vd": 0.05}),
 }
@@ -160,7 +158,7 @@ def _truth(flown: Flown, wind: np.ndarray) -> Recording:
     to_earth = rb.body_to_earth(states["phi"], states["theta"], states["psi"])
     ground = np.einsum("nij,nj->in", to_earth, velocity) + wind[:, None]
     channels = {**states, **flown.outputs, **dict(zip(("vn", "ve", "vd"), ground))}
-    channels |= {"thrust": np.full(len(flown.t), flown.thrust), **dict(zip(SURFACES, flown.states[:, 12:].T))}
+    channels |= {"thrust": np.full(len(flown.t), flown.thrust), **dict(zip(CONTROL_SURFACES, flown.states[:, 12:].T))}
     note = f"simulated: {flown.plan.name} at {flown.plan.V:.1f} m/s in calm air, exact, at the centre of gravity"
     return Recording(flown.plan.name, flown.t, channels, provenance=(note,))
 
@@ -177,21 +175,21 @@ def _measure(
     # The static port stands above or below the centre of gravity as the attitude has it; z is down.
     port = to_earth @ aircraft.position("static")
     antenna = aircraft.position("gps")
-    swing = np.stack(np.broadcast_arrays(*cross([truth[name] for name in _RATES], antenna)), axis=-1)
+    swing = np.stack(np.broadcast_arrays(*cross([truth[name] for name in BODY_RATES], antenna)), axis=-1)
     ahead, swinging = to_earth @ antenna, np.einsum("nij,nj->ni", to_earth, swing)
     channels = at_instruments(flown, aircraft)
     channels["V"] = (1.0 + errors["KV"]) * channels["V"]
     channels["alpha"] = channels["alpha"] + errors["Cup"] * truth["alpha"] + errors["Calpha0"]
     channels["beta"] = channels["beta"] + errors["Csi"] * truth["beta"] + errors["Cbeta0"]
-    channels |= {name: truth[name] for name in (*_RATES, *_ATTITUDE)}
-    for name in (*_ACCELERATIONS, *_RATES):
+    channels |= {name: truth[name] for name in (*BODY_RATES, *EULER_ANGLES)}
+    for name in (*SPECIFIC_FORCES, *BODY_RATES):
         channels[name] = channels[name] + errors[f"b{name}"]
     channels["h"] = truth["h"] - port[:, 2]
     channels |= {name: truth[name] + ahead[:, j] for j, name in enumerate(("x", "y"))}
     channels |= {name: truth[name] + swinging[:, j] for j, name in enumerate(("vn", "ve", "vd"))}
-    channels |= {name: truth[name] for name in ("rho", "thrust", *SURFACES)}
+    channels |= {name: truth[name] for name in ("rho", "thrust", *CONTROL_SURFACES)}
     stds = {name: std for _, of_instrument in _INSTRUMENTS.values() for name, std in of_instrument.items()}
-    stds |= {name: NOISE[name] for name in ("thrust", *SURFACES)}
+    stds |= {name: NOISE[name] for name in ("thrust", *CONTROL_SURFACES)}
     for name, std in stds.items():
         channels[name] = channels[name] + noise * std * rng.standard_normal(len(truth))
     note = f"simulated: {flown.plan.name} at {flown.plan.V:.1f} m/s in calm air, instrument errors, noise {noise:g}"

@@ -15,6 +15,7 @@ from structsel.demo.truth import TRUTH, demo_aircraft
 from structsel.errors import DataError
 from structsel.inputs.signals import combine, doublet
 from structsel.model import AeroModel, ResponseModel
+from structsel.nomenclature import EULER_ANGLES
 from structsel.recording import Recording
 from structsel.simulation import Instruments, simulate, trim
 
@@ -34,7 +35,7 @@ _DECAY = 4.0  # of the ground effect, per span of height
 _DEFINITIONS = {"near": f"exp(-{_DECAY}*h/14.63)"}
 _NOISE = {
     "V": 0.1, **dict.fromkeys(("alpha", "beta"), 5e-4), **dict.fromkeys("pqr", 5e-4), "h": 0.3, "h_agl": 0.05,
-    **dict.fromkeys(("phi", "theta", "psi"), 5e-4), **dict.fromkeys(("ax", "ay"), 0.015), "az": 0.01,
+    **dict.fromkeys(EULER_ANGLES, 5e-4), **dict.fromkeys(("ax", "ay"), 0.015), "az": 0.01,
 }  # fmt: skip
 _TOLERANCES = Tolerances(
     main=0.01, secondary=0.03, mass=0.003, inertia=0.01, cg=0.001, thrust=0.01, vane_scale=0.005, alignment=0.002,

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.signal import lfilter
 
 from structsel.demo.truth import demo_aircraft
+from structsel.nomenclature import CONTROL_SURFACES
 
 RATE = 50.0
 """Samples per second."""
-SURFACES = ("de", "da", "dr")
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def commands_of(k: int, half_steps: int) -> tuple[Plan, np.ndarray]:
     out = np.zeros((half_steps, 3))
     for surface, pattern, start, unit, level in plan.commands:
         edge = start
-        column = out[:, SURFACES.index(surface)]
+        column = out[:, CONTROL_SURFACES.index(surface)]
         for units in _PATTERNS[pattern]:
             first, last = (round(2 * RATE * s) for s in (edge, edge + abs(units) * unit))
             column[first:last] += size * level * np.sign(units)

@@ -10,9 +10,9 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import Noise, Rows, as_spectra, bins_of, edge_of, estimate_noise, side_by_side
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.tolerances import Nuisance, biases_of, tolerances_of
 from structsel.diagnosis.signatures import Signature
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Base, Further, Trial, alike, spectrum
 

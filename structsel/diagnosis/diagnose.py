@@ -16,7 +16,6 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.locating.ceiling import explainable
 from structsel.comparison.locating.turbulence import Turbulence, find_turbulence, unfelt
 from structsel.comparison.preparing import Prepared, prepare
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
 from structsel.diagnosis.asides import asides
@@ -34,7 +33,7 @@ from structsel.diagnosis.unnamed import find_unknown, turbulent
 from structsel.diagnosis.weighing import not_borne_out
 from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
-from structsel.nomenclature import suggest
+from structsel.nomenclature import COEFFICIENTS, suggest
 from structsel.recording import Recording
 
 Progress = Callable[[str, int, int], None]

@@ -11,11 +11,11 @@ from structsel.candidates import Term
 from structsel.candidates.reading import read
 from structsel.candidates.terms import Factor
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.surrogate import Surrogate, identify
 from structsel.diagnosis.adding import Addition
 from structsel.model import ResponseModel, State, flown_region
 from structsel.model.states import substituted
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from structsel.aircraft import Aircraft, Inertia
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.noise import edge_of
-from structsel.comparison.responses import COEFFICIENTS, respond
+from structsel.comparison.responses import respond
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import contribution
 from structsel.diagnosis.bench import Bench
@@ -23,7 +23,7 @@ from structsel.diagnosis.held_out_result import ChannelScores, ExampleWindows, H
 from structsel.diagnosis.ranking import Ranking
 from structsel.errors import DomainError
 from structsel.metrics import compute_metrics, rms_error
-from structsel.nomenclature import unit_of
+from structsel.nomenclature import COEFFICIENTS, unit_of
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import fading

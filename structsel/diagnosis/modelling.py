@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.comparison.preparing import Prepared
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.diagnosis.adding import addition_of
 from structsel.diagnosis.assembling import contributions, estimates
 from structsel.diagnosis.extending import Extended, as_models
@@ -15,6 +14,7 @@ from structsel.diagnosis.patching import Patched, patched_aircraft
 from structsel.diagnosis.ranking import Ranking
 from structsel.effects.base import ModelCase
 from structsel.model import AeroModel
+from structsel.nomenclature import COEFFICIENTS
 
 
 @dataclass(frozen=True, eq=False)

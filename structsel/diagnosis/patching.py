@@ -19,7 +19,6 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.diagnosis.adding import Addition
 from structsel.diagnosis.extending import Extended
 from structsel.errors import ModelError, StructselError
@@ -27,6 +26,7 @@ from structsel.exporting.jsbsim import force_functions
 from structsel.exporting.jsbsim_aircraft import POUND
 from structsel.exporting.jsbsim_pieces import comment, number, op, prop
 from structsel.model import AeroModel, ResponseModel, State
+from structsel.nomenclature import COEFFICIENTS
 from structsel.simulation.jsbsim import JSBSimAircraft, open_jsbsim
 from structsel.simulation.jsbsim.machine import quietly
 

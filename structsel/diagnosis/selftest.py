@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.signatures import Library, Signature
+from structsel.nomenclature import COEFFICIENTS
 
 _NAMED = 24.0  # nats expected of an effect that would be named
 _CLOSEST = 3

@@ -17,7 +17,6 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight, prepare_flight
 from structsel.comparison.noise import Rows, as_spectra, side_by_side
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.tolerances import biases_of, tolerances_of
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.extending import as_models
@@ -29,6 +28,7 @@ from structsel.effects.wording import SURFACES
 from structsel.errors import StructselError
 from structsel.inputs import design_inputs, multisine, name_derivatives, three_two_one_one
 from structsel.model import AeroModel
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Products, solve
 from structsel.recording import Recording

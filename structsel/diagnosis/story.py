@@ -8,10 +8,10 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.diagnosis.result import UNNAMED, Diagnosis, Finding, Pull
 from structsel.effects.base import Estimate
 from structsel.formatting import display_unit, format_estimate, format_probability, format_range, join_names
+from structsel.nomenclature import COEFFICIENTS
 
 WIDTH = 80
 _and = partial(join_names, most=None)

@@ -10,7 +10,6 @@ import numpy as np
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.comparison.plant import answers
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.sensitivity import reading
 from structsel.effects import plants
 from structsel.effects.base import (
@@ -30,6 +29,7 @@ from structsel.effects.operators import actuate, lag, late, spaced
 from structsel.effects.signals import CONTROLS, available, coefficients, gathered, mean_slope, moves, signature
 from structsel.effects.wording import SURFACES, shown
 from structsel.model import Quantity, State
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 Surface = Callable[[Flight], Array]

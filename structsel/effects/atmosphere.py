@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
 from structsel.effects.operators import more_and_more, pulse, pulses, shape_of
 from structsel.effects.readings import cannot_be_shifted, wrong_readings
 from structsel.effects.signals import available, coefficients, gathered, moves, signature
 from structsel.effects.wording import shown
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.rigid_body import body_to_earth, body_velocity
 

@@ -11,6 +11,7 @@ from structsel.effects.operators import changes, shape_of, since, told_onsets
 from structsel.effects.readings import AIR, ATTITUDE, INERTIAL, Errors, present, wrong_readings
 from structsel.effects.signals import CONTROLS, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, shown
+from structsel.nomenclature import LATERAL_COEFFICIENTS
 
 _ANGLES = ("alpha", "beta", *ATTITUDE, *CONTROLS)
 _SIZE = {**dict.fromkeys(_ANGLES, 0.01), **dict.fromkeys("pqr", 0.005), **dict.fromkeys(("ax", "ay", "az"), 0.15)}
@@ -19,7 +20,7 @@ _UNIT = {
     "V": "m/s",
 }  # fmt: skip
 _SHOWS = {
-    "V": ("CX", "CZ"), "alpha": ("CZ", "Cm", "CX"), "beta": ("CY", "Cl", "Cn"), "ax": ("CX",), "ay": ("CY",),
+    "V": ("CX", "CZ"), "alpha": ("CZ", "Cm", "CX"), "beta": LATERAL_COEFFICIENTS, "ax": ("CX",), "ay": ("CY",),
     "az": ("CZ",), "de": ("CZ", "Cm"), "da": ("Cl", "Cn"), "dr": ("CY", "Cn"),
 }  # fmt: skip
 """Responses in which a reading that jumps stands out."""

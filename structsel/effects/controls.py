@@ -11,8 +11,6 @@ from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, V
 from structsel.effects.signals import (
     CHANNELS_OF,
     CONTROLS,
-    LATERAL,
-    LONGITUDINAL,
     Column,
     beside,
     coefficients,
@@ -27,6 +25,7 @@ from structsel.effects.signals import (
     scaled_slopes,
     scaled_whole,
 )
+from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _MOVED = 0.03  # rad, below which no deflection is large
@@ -205,8 +204,8 @@ def _flexes(flights: Flights) -> list[Variant]:
             for responses, channels, which, at in (
                 (every, None, "all slopes", 0.0),
                 (every, None, "all slopes, incidence from that of no lift", zero),
-                (held(flights, LONGITUDINAL), ("alpha",), "the slopes with alpha", 0.0),
-                (held(flights, LATERAL), None, "the lateral slopes", 0.0),
+                (held(flights, LONGITUDINAL_COEFFICIENTS), ("alpha",), "the slopes with alpha", 0.0),
+                (held(flights, LATERAL_COEFFICIENTS), None, "the lateral slopes", 0.0),
             )
         ]
         made.append(scaled_whole(flights, every, fall, parameter, f"all coefficients but CX; {about}"))

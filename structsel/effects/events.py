@@ -7,20 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.comparison.surrogate import CONFIGURATION
 from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
 from structsel.effects.changes import Change, added, alone, find_changes, together
 from structsel.effects.operators import shape_of
-from structsel.effects.signals import (
-    LONGITUDINAL,
-    Column,
-    from_lift_and_drag,
-    lacking,
-    lift_line,
-    moves,
-    signature,
-)
+from structsel.effects.signals import Column, from_lift_and_drag, lacking, lift_line, moves, signature
+from structsel.nomenclature import COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _DURATIONS = (0.0, 1.0, 2.5, 5.0, 8.0)  # s, of a change of configuration
@@ -77,7 +69,7 @@ def _channel(name: str) -> Column:
 
 def _unrecorded(flights: Flights) -> list[Variant]:
     sizes = _size((0.15, 0.03, 0.04), "-")
-    found = find_changes(flights, LONGITUDINAL, _DURATIONS)
+    found = find_changes(flights, LONGITUDINAL_COEFFICIENTS, _DURATIONS)
     return [
         Variant(sizes, _increments(added(one, signs), None, 0.0), _times(one), _seconds(one), _when(one))
         for one, signs in [*alone(found), *together(found)]
@@ -263,7 +255,7 @@ EFFECTS: tuple[Effect, ...] = (
         "configuration-change",
         "static",
         "Flap, gear, brake or spoiler changes lift, drag and moment together: as its channel tells, or unrecorded.",
-        lambda flights: lacking(flights, LONGITUDINAL),
+        lambda flights: lacking(flights, LONGITUDINAL_COEFFICIENTS),
         lambda flights: [*_recorded(flights), *_unrecorded(flights)],
         _says_configuration,
         look_alikes=("store-release", "icing", "ground-effect"),

@@ -14,11 +14,11 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, Flights, Found, Parameter, Variant
 from structsel.effects.operators import onsets, oscillate, peaks, shape_of, since, spaced, told_onsets
-from structsel.effects.signals import FORCES, Parts, coefficients, held, lacking, of_parts
+from structsel.effects.signals import Parts, coefficients, held, lacking, of_parts
+from structsel.nomenclature import FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.rigid_body import angular_acceleration, cross, inertial_moment, thrust_moment
 
-_MOMENTS = ("Cl", "Cm", "Cn")
 _SLOSH = (0.25, 2.0)  # Hz
 _SLOSH_FREQUENCIES = 17  # 14 % apart, as far as the wider of the resonances is wide
 _SLOSH_DAMPINGS = (0.025, 0.08)
@@ -30,7 +30,7 @@ _ONSETS = 4  # manoeuvres in which the centre of gravity may move
 
 
 def _heavier(flight: Flight, j: int, share: Array | float) -> Parts:
-    return [(r, j, -share * C) for r, C in zip(FORCES, flight.forces)]
+    return [(r, j, -share * C) for r, C in zip(FORCE_COEFFICIENTS, flight.forces)]
 
 
 def _burnt(flight: Flight) -> Array:
@@ -93,10 +93,10 @@ def _off_centre(
 
     Thrust takes part where its line stays; where that is stated from the centre of gravity, it moves as well.
     """
-    arm = cross(np.eye(3)[axis], flight.forces if pushed else [flight.told(c) for c in FORCES])
+    arm = cross(np.eye(3)[axis], flight.forces if pushed else [flight.told(c) for c in FORCE_COEFFICIENTS])
     lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
     much = 1.0 if on is None else on(flight)
-    return [(r, j, -much * m / length) for r, m, length in zip(_MOMENTS, arm, lengths)]
+    return [(r, j, -much * m / length) for r, m, length in zip(MOMENT_COEFFICIENTS, arm, lengths)]
 
 
 def _off_centres(flight: Flight, axes: Sequence[int], pushed: bool) -> Parts:
@@ -172,7 +172,7 @@ def turning(flight: Flight) -> tuple[Array, ...]:
     pull = thrust_moment(flight["thrust"], craft.thrust.offset, craft.thrust.inclination)
     moment = [
         flight.told(r) * qS * length + T if r in flight.simulated else M
-        for r, length, T, M in zip(_MOMENTS, (craft.b, craft.cbar, craft.b), pull, read)
+        for r, length, T, M in zip(MOMENT_COEFFICIENTS, (craft.b, craft.cbar, craft.b), pull, read)
     ]
     return angular_acceleration(rates, moment, craft.inertia.tensor, craft.engine.angular_momentum)
 
@@ -185,7 +185,10 @@ def _stiffer_to_turn(flight: Flight, more: list[np.ndarray]) -> Parts:
     made = []
     for j, change in enumerate(more):
         moment = inertial_moment(rates, faster, change)
-        made += [(r, j, -m / (qS * length)) for r, m, length in zip(_MOMENTS, moment, (craft.b, craft.cbar, craft.b))]
+        made += [
+            (r, j, -m / (qS * length))
+            for r, m, length in zip(MOMENT_COEFFICIENTS, moment, (craft.b, craft.cbar, craft.b))
+        ]
     return made
 
 
@@ -214,7 +217,7 @@ def _inertia_variants(flights: Flights) -> list[Variant]:
 def _inertia_needs(flights: Flights) -> str:
     if flights[0].craft.inertia is None:
         return "moments of inertia"
-    return lacking(flights, _MOMENTS)
+    return lacking(flights, MOMENT_COEFFICIENTS)
 
 
 def _inertia_says(found: Found) -> str:
@@ -236,7 +239,7 @@ def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Pa
     late = -(oscillate(accel, flight.dt, frequency, damping) - accel) * flight["mass"] / qS
     if axis == 1:
         return [("CY", 0, late), ("Cl", 1, late / craft.b), ("Cn", 2, late / craft.b)]
-    return [(FORCES[axis], 0, late), ("Cm", 1, late / craft.cbar)]
+    return [(FORCE_COEFFICIENTS[axis], 0, late), ("Cm", 1, late / craft.cbar)]
 
 
 def _slosh_variants(flights: Flights) -> list[Variant]:
@@ -246,7 +249,7 @@ def _slosh_variants(flights: Flights) -> list[Variant]:
     pitch = (share, Parameter("pitch arm", "m", 0.05 * craft.cbar))
     made = []
     for axis, parameters, name in ((1, side, "sideways"), (0, pitch, "fore and aft")):
-        seen = peaks(flights, (FORCES[axis],), 3, *_SLOSH)
+        seen = peaks(flights, (FORCE_COEFFICIENTS[axis],), 3, *_SLOSH)
         near = [x * by for x in seen for by in _BESIDE]
         for frequency in [
             *near,
@@ -270,14 +273,15 @@ def _slosh_variants(flights: Flights) -> list[Variant]:
 EFFECTS: tuple[Effect, ...] = (
     Effect(
         "mass-error", "inertial", "The mass is not as stated, or changes as fuel burns.",
-        lambda fs: "" if len(held(fs, FORCES)) > 1 else "two simulated force coefficients", _mass_variants, _mass_says,
+        lambda fs: "" if len(held(fs, FORCE_COEFFICIENTS)) > 1 else "two simulated force coefficients", _mass_variants,
+        _mass_says,
         look_alikes=("position-error", "wrong-derivative", "sensor-scale", "thrust-scale"),
         separated_by="throttle steps and moments: both know the dynamic pressure, neither the weight",
         check="weighing, and the fuel state of each manoeuvre",
     ),
     Effect(
         "cg-shift", "inertial", "The centre of gravity is not where stated, or moves.",
-        lambda fs: lacking(fs, _MOMENTS) or lacking(fs, FORCES), _shift_variants, _shift_says,
+        lambda fs: lacking(fs, MOMENT_COEFFICIENTS) or lacking(fs, FORCE_COEFFICIENTS), _shift_variants, _shift_says,
         look_alikes=("wrong-derivative", "thrust-line"),
         separated_by="force changes that angle of attack does not cause: flap, throttle, sideslip, stall",
         check="loading sheet and fuel distribution; weighing on three points",

@@ -9,7 +9,6 @@ import numpy as np
 
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.effects.base import (
     Columns,
     Effect,
@@ -35,6 +34,7 @@ from structsel.effects.signals import (
     signature,
 )
 from structsel.model import Quantity, State
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _HIGH = 0.14  # rad, incidence below which wings do not stall

@@ -9,13 +9,11 @@ from functools import partial
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS, KINEMATIC
+from structsel.comparison.responses import KINEMATIC
 from structsel.effects.base import Columns, Effect, Flights, Found, ModelCase, ModelForm, Parameter, Variant
 from structsel.effects.model_forms import one_hot
 from structsel.effects.signals import (
     CHANNELS_OF,
-    LATERAL,
-    LONGITUDINAL,
     Column,
     beside,
     coefficients,
@@ -30,6 +28,7 @@ from structsel.effects.signals import (
     term_text,
     variation,
 )
+from structsel.nomenclature import COEFFICIENTS, LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _KNOWN_SHARE = 0.01  # of a response's variation, that a linear term of the simulation carries at least
@@ -46,7 +45,8 @@ _ACROSS = (
     ("alpha",), ("beta", "q_hat"),
 )  # fmt: skip
 _GROUPS = (
-    (("beta", "beta"), LONGITUDINAL), (("|beta|",), LONGITUDINAL), (("alpha", "beta"), LATERAL),
+    (("beta", "beta"), LONGITUDINAL_COEFFICIENTS), (("|beta|",), LONGITUDINAL_COEFFICIENTS),
+    (("alpha", "beta"), LATERAL_COEFFICIENTS),
     (("alpha", "p_hat"), ("Cl", "Cn")), (("alpha", "r_hat"), ("Cl", "Cn")),
 )  # fmt: skip
 _ORDINARY = 6  # most channels of a recording that is no aircraft's, of which powers and products are tried
@@ -180,7 +180,9 @@ def _missing_terms(flights: Flights) -> list[Variant]:
     made = []
     for response in coefficients(flights):
         powers, products = (
-            (_POWERS, _LONGITUDINAL_PRODUCTS) if response in LONGITUDINAL else (_SIDE_POWERS, _SIDE_PRODUCTS)
+            (_POWERS, _LONGITUDINAL_PRODUCTS)
+            if response in LONGITUDINAL_COEFFICIENTS
+            else (_SIDE_POWERS, _SIDE_PRODUCTS)
         )
         for channels in (*powers, *products):
             if _tried(flights, channels):
@@ -203,7 +205,7 @@ def _missing_terms(flights: Flights) -> list[Variant]:
 def _couplings(flights: Flights) -> list[Variant]:
     made = []
     for response in coefficients(flights):
-        for channels in _EVEN if response in LONGITUDINAL else _ACROSS:
+        for channels in _EVEN if response in LONGITUDINAL_COEFFICIENTS else _ACROSS:
             if not _tried(flights, channels):
                 continue
             if len(channels) > 1 or channels[0].startswith("|") or not _asks(flights, response, channels[0]):
@@ -216,7 +218,7 @@ def _couplings(flights: Flights) -> list[Variant]:
 
 
 def _needs_coupling(flights: Flights) -> str:
-    return lacking(flights, (*LONGITUDINAL, *LATERAL)) or (
+    return lacking(flights, (*LONGITUDINAL_COEFFICIENTS, *LATERAL_COEFFICIENTS)) or (
         "" if moves(flights, "beta") or moves(flights, "p") or moves(flights, "r") else "lateral motion"
     )
 

@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.effects.base import Flights, Parameter, Variant
 from structsel.effects.signals import moves, of_parts, per_unit
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 Term = tuple[str, tuple[str, ...], float]

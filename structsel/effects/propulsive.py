@@ -10,12 +10,12 @@ import numpy as np
 
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.effects.base import Effect, Flights, Found, ModelCase, ModelForm, Parameter, Variant
 from structsel.effects.operators import lag, onsets, shape_of, since, spaced, told_onsets
 from structsel.effects.propeller import propeller_variants, slipstream_variants
-from structsel.effects.signals import FORCES, Parts, available, gathered, lacking, moves, of_parts
+from structsel.effects.signals import Parts, available, gathered, lacking, moves, of_parts
 from structsel.model import State
+from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _AXIAL = "along the axis alone"
@@ -30,10 +30,10 @@ def _along_thrust(flight: Flight, CT: Array, part: str = "") -> Parts:
     """A force along the declared thrust line, of coefficient CT, with its moments; or what it does along the axis."""
     direction, arm = flight.craft.thrust.direction, flight.craft.thrust.arm
     lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
-    made = [(r, 0, CT * d) for r, d in zip(FORCES, direction)]
+    made = [(r, 0, CT * d) for r, d in zip(FORCE_COEFFICIENTS, direction)]
     if part == _AXIAL:
         return made[:1]
-    return made + [(r, 0, CT * a / length) for r, a, length in zip(("Cl", "Cm", "Cn"), arm, lengths)]
+    return made + [(r, 0, CT * a / length) for r, a, length in zip(MOMENT_COEFFICIENTS, arm, lengths)]
 
 
 # Line and size of the thrust

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from structsel.comparison.flight import AIRFRAME, Flight
-from structsel.comparison.responses import COEFFICIENTS, KINEMATIC
+from structsel.comparison.responses import KINEMATIC
 from structsel.comparison.sensitivity import misread
 from structsel.effects.base import Columns, Flights
 from structsel.effects.signals import moves
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 Errors = Mapping[str, Array | float]

@@ -7,17 +7,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.responses import COEFFICIENTS
 from structsel.effects.base import Columns, Flights, Parameter, Variant
+from structsel.nomenclature import COEFFICIENTS, LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.centring import centred, rms_within
 
-FORCES = ("CX", "CY", "CZ")
-LONGITUDINAL = ("CX", "CZ", "Cm")
-LATERAL = ("CY", "Cl", "Cn")
 CHANNELS_OF = {
-    **dict.fromkeys(LONGITUDINAL, ("alpha", "q_hat", "de", "df", "V")),
-    **dict.fromkeys(LATERAL, ("beta", "p_hat", "r_hat", "da", "dr")),
+    **dict.fromkeys(LONGITUDINAL_COEFFICIENTS, ("alpha", "q_hat", "de", "df", "V")),
+    **dict.fromkeys(LATERAL_COEFFICIENTS, ("beta", "p_hat", "r_hat", "da", "dr")),
 }
 """Of a coefficient, the channels of its own family that it may be linear in."""
 CONTROLS = {"de": ("Cm", "CZ", "CX"), "da": ("Cl", "Cn", "CY"), "dr": ("Cn", "Cl", "CY")}

@@ -10,7 +10,6 @@ from structsel.comparison.flight import Flight
 from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
 from structsel.effects.signals import (
     CONTROLS,
-    LONGITUDINAL,
     Column,
     available,
     coefficients,
@@ -26,6 +25,7 @@ from structsel.effects.signals import (
     scaled_whole,
     signature,
 )
+from structsel.nomenclature import LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.atmosphere import standard_atmosphere
 
@@ -73,7 +73,7 @@ def _machs(flights: Flights) -> list[Variant]:
     made: list[Variant | None] = [_drag_rise(start, power) for start in rises for power in _POWERS]
     parameter = Parameter("slope growth", "-", 0.6, -2.0, 2.0)
     responses = coefficients(flights)
-    wing = held(flights, LONGITUDINAL)
+    wing = held(flights, LONGITUDINAL_COEFFICIENTS)
     for growth, about in _growths(flights):
         made += [_wing(flights, growth, about, start) for start in rises[:4]]
         made += [_wing(flights, growth, about, rises[1], about_axis=True, whole=whole) for whole in (False, True)]

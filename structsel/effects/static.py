@@ -9,8 +9,6 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
 from structsel.effects.signals import (
-    LATERAL,
-    LONGITUDINAL,
     Column,
     available,
     beside,
@@ -24,6 +22,7 @@ from structsel.effects.signals import (
     signature,
 )
 from structsel.effects.similarity import SIMILARITY
+from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _INCIDENCE = 0.10  # rad, that a stall needs at least
@@ -108,7 +107,7 @@ def _kink(flights: Flights, angle: float, response: str) -> Variant:
 
 
 def _needs_stall(flights: Flights) -> str:
-    gone = lacking(flights, LONGITUDINAL, ("alpha",))
+    gone = lacking(flights, LONGITUDINAL_COEFFICIENTS, ("alpha",))
     if gone:
         return gone
     return "" if reach(flights, "alpha")[1] > _INCIDENCE else f"incidence above {_INCIDENCE:g} rad"
@@ -173,7 +172,7 @@ def _near_ground(
 
 
 def _needs_ground(flights: Flights) -> str:
-    gone = lacking(flights, LONGITUDINAL)
+    gone = lacking(flights, LONGITUDINAL_COEFFICIENTS)
     if gone:
         return gone
     if not available(flights, "h_agl"):
@@ -245,7 +244,7 @@ def _needs_polar(flights: Flights) -> str:
 
 def _asymmetries(flights: Flights) -> list[Variant]:
     def bent(flight: Flight) -> Columns:
-        return signature(flight, 3, [(r, j, np.ones(len(flight))) for j, r in enumerate(LATERAL)])
+        return signature(flight, 3, [(r, j, np.ones(len(flight))) for j, r in enumerate(LATERAL_COEFFICIENTS)])
 
     sds = (("CY", 0.01), ("Cl", 0.003), ("Cn", 0.003))
     # What follows the forces, as a load to one side does, is a centre of gravity that is elsewhere.
@@ -253,7 +252,8 @@ def _asymmetries(flights: Flights) -> list[Variant]:
 
 
 def _says_asymmetry(found: Found) -> str:
-    return f"A constant lateral offset: {', '.join(f'{n} {found.text(n)}' for n in LATERAL if n in found.estimates)}."
+    offsets = (f"{n} {found.text(n)}" for n in LATERAL_COEFFICIENTS if n in found.estimates)
+    return f"A constant lateral offset: {', '.join(offsets)}."
 
 
 EFFECTS: tuple[Effect, ...] = (
@@ -295,7 +295,7 @@ EFFECTS: tuple[Effect, ...] = (
         "asymmetry",
         "static",
         "A constant lateral offset: bent surface, lateral fuel, rigging.",
-        lambda flights: lacking(flights, LATERAL),
+        lambda flights: lacking(flights, LATERAL_COEFFICIENTS),
         _asymmetries,
         _says_asymmetry,
         look_alikes=("asymmetric-thrust", "sensor-bias", "cg-shift"),

@@ -10,7 +10,8 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.noise import highest_of
 from structsel.effects.base import Columns, Effect, Flights, Parameter, Variant
 from structsel.effects.operators import oscillate, peaks
-from structsel.effects.signals import LATERAL, LONGITUDINAL, coefficients, held, moves, signature, variation
+from structsel.effects.signals import coefficients, held, moves, signature, variation
+from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 
 _LOWEST = 0.8  # Hz
 _OF_BAND = 0.97  # a mode at the edge of what is compared is told from nothing by half of it
@@ -19,7 +20,7 @@ _SPREAD = (1.5, 3.0)  # Hz, tried whatever the spectrum says
 _DAMPINGS = (0.01, 0.025, 0.06)  # of what bends: with more, a mode is any lag of second order
 _ANGLES = ("alpha", "beta")
 _AT_REST = 0.7  # damping of what has the mode's frequency and does not ring
-_FAMILIES = ((LONGITUDINAL, ("de", "alpha")), (LATERAL, ("da", "dr", "beta")))
+_FAMILIES = ((LONGITUDINAL_COEFFICIENTS, ("de", "alpha")), (LATERAL_COEFFICIENTS, ("da", "dr", "beta")))
 
 
 def _ringing(responses: Sequence[str], drive: str, frequency: float, damping: float) -> Callable[[Flight], Columns]:

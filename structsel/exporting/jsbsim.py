@@ -20,7 +20,7 @@ from structsel.exporting.infix import plain
 from structsel.exporting.jsbsim_aircraft import FOOT, POUND, aircraft_around
 from structsel.exporting.jsbsim_pieces import comment, joined, number, op, prop
 from structsel.model import AeroModel, ResponseModel
-from structsel.nomenclature import suggest
+from structsel.nomenclature import EULER_ANGLES, suggest
 from structsel.simulation.jsbsim.machine import EXTERNAL
 
 _SLUG = POUND / FOOT
@@ -32,7 +32,7 @@ _PROPERTIES: dict[str, tuple[str, float]] = {
     "beta": ("aero/beta-rad", 1.0),
     "qbar": ("aero/qbar-psf", POUND / FOOT**2),
     "mach": ("velocities/mach", 1.0),
-    **{c: (f"attitude/{c}-rad", 1.0) for c in ("phi", "theta", "psi")},
+    **{c: (f"attitude/{c}-rad", 1.0) for c in EULER_ANGLES},
     **{c: (f"velocities/{c}-aero-rad_sec", 1.0) for c in "pqr"},
     **{c: (f"velocities/{c}-aero-fps", FOOT) for c in "uvw"},
     "vn": ("velocities/v-north-fps", FOOT),

@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structsel.errors import ChannelError, DataError, ModelError
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics import flight_path
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.expressions import Program
 from structsel.numerics.rigid_body import STATES
 
-AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
-"""Rows of the coefficients; in wind axes CD stands in the place of CX and CL in that of CZ."""
 CHANNELS = (
     *("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h"),
     *("V", "alpha", "beta", "rho", "qbar", "mach", "alpha_dot_hat", "beta_dot_hat"),
@@ -40,7 +39,7 @@ VANES = ("Cup", "Calpha0", "Csi", "Cbeta0", "KV")
 _AT_CG = (
     *("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h"),
     *("V", "alpha", "beta", "ax", "ay", "az", "p_dot", "q_dot", "r_dot", "alpha_dot", "beta_dot", "V_dot"),
-    *("vn", "ve", "vd", "rho", "qbar", "mach", "thrust", "mass", *AXES),
+    *("vn", "ve", "vd", "rho", "qbar", "mach", "thrust", "mass", *COEFFICIENTS),
 )
 READINGS = (*flight_path.MEASUREMENTS, "ax", "ay", "az")
 """What the instruments read at their positions, without noise: air data at the vanes, specific force at the
@@ -141,7 +140,7 @@ class AircraftArrays(NamedTuple):
     term_slot : (T,) int array
         Where the program leaves each term.
     term_response : (T,) int array
-        Row of `AXES` it adds to.
+        Row of `COEFFICIENTS` it adds to.
     term_rate : (T,) int array
         0, or 1 for a term with alpha_dot_hat, 2 for one with beta_dot_hat.
     implicit : bool

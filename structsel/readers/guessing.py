@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 
 from structsel.errors import DataError
-from structsel.nomenclature import find_channel, is_known, list_channels
+from structsel.nomenclature import (
+    BODY_RATES,
+    CONTROL_SURFACES,
+    EULER_ANGLES,
+    SPECIFIC_FORCES,
+    find_channel,
+    is_known,
+    list_channels,
+)
 from structsel.readers.aliases import BY_NAME, LOOSE, TURNED
 from structsel.readers.channel_map import ChannelEntry, FileOptions
 from structsel.readers.table import TAILS, Table, split_header
@@ -21,8 +29,7 @@ from structsel.readers.units import convert, is_convertible
 
 SURE, LIKELY, UNSURE = "sure", "likely", "unsure"
 _RANK = {SURE: 0, LIKELY: 1, UNSURE: 2}
-_CONTROLS = ("de", "da", "dr")
-_KINDS = (_CONTROLS, ("p", "q", "r"), ("ax", "ay", "az"), ("alpha", "beta"), ("phi", "theta", "psi"))
+_KINDS = (CONTROL_SURFACES, BODY_RATES, SPECIFIC_FORCES, ("alpha", "beta"), EULER_ANGLES)
 _SPELT = Counter(channel.name.lower().replace("_", "") for channel in list_channels())
 _ANY_CASE = {key: c.name for c in list_channels() if _SPELT[key := c.name.lower().replace("_", "")] == 1}
 """Channels by their names in lower case, but for those that differ in case only (Cl and CL, V and v)."""
@@ -198,7 +205,7 @@ def _by_name(table: Table, column: str, against: dict[str, str]) -> Guess | None
         sure = max(sure, LIKELY, key=_RANK.__getitem__)
     if values.size and np.mean((values < row.low) | (values > row.high)) > 0.01:
         sure, doubt = UNSURE, doubt or f"values out of what is plausible; {row.hint or 'a wrong unit'}?"
-    if channel in _CONTROLS:
+    if channel in CONTROL_SURFACES:
         sure = max(sure, LIKELY, key=_RANK.__getitem__)
         doubt = doubt or "is a positive one a negative moment?"
     if not values.size:
@@ -230,7 +237,7 @@ def _unit_by_size(table: Table, column: str, channel: str) -> tuple[str, str]:
         return "deg", f"up to {size:.3g}, so degrees"
     if target == "rad":
         return "rad", f"up to {size:.3g}, so radians"
-    if target == "rad/s" and channel in ("p", "q", "r") and size > 6.0:
+    if target == "rad/s" and channel in BODY_RATES and size > 6.0:
         return "deg/s", f"up to {size:.3g}, so degrees per second"
     if channel == "az" and 0.5 < typical < 1.6:
         return "g", "about 1, so g"

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from structsel.errors import DataError
+from structsel.nomenclature import EULER_ANGLES
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.ready import Usual, import_extra, longest_clock, with_ready_map
 from structsel.readers.table import Table
@@ -34,7 +35,7 @@ _USUAL = (
         Usual(f"a{axis}", (f"vehicle_acceleration.xyz[{i}]", f"sensor_combined.accelerometer_m_s2[{i}]"), "m/s^2")
         for i, axis in enumerate("xyz")
     ),
-    *(Usual(name, (f"vehicle_attitude.{name}",), "rad", doubt=_ESTIMATED) for name in ("phi", "theta", "psi")),
+    *(Usual(name, (f"vehicle_attitude.{name}",), "rad", doubt=_ESTIMATED) for name in EULER_ANGLES),
     Usual(
         "V",
         ("airspeed_validated.true_airspeed_m_s", "airspeed.true_airspeed_m_s"),

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.errors import DataError
+from structsel.nomenclature import BODY_RATES, EULER_ANGLES, SPECIFIC_FORCES
 from structsel.numerics import flight_path as fp
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body import cross
@@ -40,14 +41,14 @@ _MORE_THAN_NOISE = 1.3  # times its variance; in 60 windows chance makes 1.36 in
 _MOST = 3  # mistakes in one recording
 # Equation: what may stay constant in it, and what no instrument does better, in its unit.
 _EQUATIONS = {
-    **dict.fromkeys(("ax", "ay", "az"), (0.5, 0.02)),
-    **dict.fromkeys(("p", "q", "r"), (0.02, 1e-3)),
+    **dict.fromkeys(SPECIFIC_FORCES, (0.5, 0.02)),
+    **dict.fromkeys(BODY_RATES, (0.02, 1e-3)),
     "h": (2.0, 0.1),
 }
 _ACCELERATIONS, _RATES, _ATTITUDE, _VANES = (
-    ("ax", "ay", "az"),
-    ("p", "q", "r"),
-    ("phi", "theta", "psi"),
+    SPECIFIC_FORCES,
+    BODY_RATES,
+    EULER_ANGLES,
     ("alpha", "beta"),
 )
 _DEGREE = np.pi / 180.0

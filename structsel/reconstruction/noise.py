@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from structsel.nomenclature import AIR_DATA
 from structsel.numerics import flight_path as fp
 from structsel.numerics.alignment import shift
 from structsel.numerics.rigid_body import body_velocity
@@ -24,7 +25,7 @@ from structsel.reconstruction.lateness import find_delays
 
 # Each gyro by itself: its scale error counts by what it turns, and that differs from axis to axis by far.
 _GROUPS = (INERTIAL[:3], *((name,) for name in INERTIAL[3:]))
-_FEELS_GUSTS = np.array([name in ("V", "alpha", "beta") for name in fp.MEASUREMENTS])
+_FEELS_GUSTS = np.array([name in AIR_DATA for name in fp.MEASUREMENTS])
 _MOST_GUSTS = 0.1  # share of a vane's variance
 _EXCERPT = 1500  # samples
 _ROUNDS = 8
@@ -160,7 +161,7 @@ def excerpt(problem: FlightPathProblem) -> FlightPathProblem:
     # The start is that of the measurements there, as at the first sample; the constants are not known better.
     start = problem.start.copy()
     angles = _first_readings(problem.measurements[first : first + _EXCERPT])
-    start[:3] = body_velocity(*(angles.get(name, 0.0) for name in ("V", "alpha", "beta")))
+    start[:3] = body_velocity(*(angles.get(name, 0.0) for name in AIR_DATA))
     for name in ("phi", "theta", "psi", "x", "y", "h"):
         if name in angles:
             start[fp.STATES.index(name)] = angles[name]

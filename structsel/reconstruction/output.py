@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from structsel.nomenclature import BODY_RATES
 from structsel.numerics import flight_path as fp
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.unscented import Smoothed
@@ -39,9 +40,7 @@ def output_recording(
     channels["gamma"] = np.arcsin(np.clip((slope[:, 8] + path[:, 17]) / V, -1.0, 1.0))
     kept = [name for j, name in enumerate(INERTIAL) if lateral or name in ("ax", "az", "q")]
     channels |= {name: force[:, INERTIAL.index(name)] for name in kept}
-    channels |= {
-        f"{name}_dot": assembly.turning[:, INERTIAL.index(name) - 3] for name in kept if name in ("p", "q", "r")
-    }
+    channels |= {f"{name}_dot": assembly.turning[:, INERTIAL.index(name) - 3] for name in kept if name in BODY_RATES}
     if lateral:
         channels |= {"v": v, "beta": beta, "phi": path[:, 3], "beta_dot": (dv - v * V_dot / V) / np.sqrt(plane)}
     channels |= {name: path[:, fp.STATES.index(name)] for name in ("psi", "x", "y", "h") if name in estimated}

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from structsel.nomenclature import BODY_RATES, SPECIFIC_FORCES
 from structsel.numerics.reconstructibility import Reconstructibility
 from structsel.reconstruction.consistency import Consistency
 from structsel.reconstruction.lateness import Delay
@@ -17,8 +18,8 @@ from structsel.recording import Finding, Recording
 from structsel.rich_text import opening, to_html
 
 CONSTANTS = {
-    **{f"b{c}": (f"bias of {c}", "m/s^2") for c in ("ax", "ay", "az")},
-    **{f"b{c}": (f"bias of {c}", "rad/s") for c in ("p", "q", "r")},
+    **{f"b{c}": (f"bias of {c}", "m/s^2") for c in SPECIFIC_FORCES},
+    **{f"b{c}": (f"bias of {c}", "rad/s") for c in BODY_RATES},
     "wn": ("wind, the air moving north", "m/s"),
     "we": ("wind, the air moving east", "m/s"),
     "wd": ("wind, the air moving down", "m/s"),

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.ndimage import find_objects, label, median_filter
 
 from structsel.errors import DomainError
+from structsel.nomenclature import BODY_RATES, CONTROL_SURFACES
 from structsel.recording.checks import GAP
 from structsel.recording.recording import Recording
 
@@ -27,7 +28,7 @@ _SHARES = 0.2  # of the largest movement in a manoeuvre: a control that moves le
 _COARSEST = 1 / 16  # of a channel's range: its resolution is finer
 _NEVER_STEADY = {"rad": 0.01, "rad/s": 0.05}  # steady flight moves surfaces and rates less, whatever the air
 _HELD = 15.0  # s; a step and its return no further apart are one input, as in a steady sideslip
-_CONTROLS, _RATES = ("de", "da", "dr"), ("p", "q", "r")
+_CONTROLS, _RATES = CONTROL_SURFACES, BODY_RATES
 _AXES = {
     **dict.fromkeys(("de", "df", "throttle", "thrust", "q", "alpha", "theta", "ax", "az", "V"), "longitudinal"),
     **dict.fromkeys(("da", "dr", "p", "r", "beta", "phi", "psi", "ay"), "lateral"),

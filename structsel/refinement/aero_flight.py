@@ -10,6 +10,7 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import ModelError
 from structsel.model import AeroModel
+from structsel.nomenclature import LATERAL_COEFFICIENTS
 from structsel.numerics.flight_model import STATES, outputs_index
 from structsel.numerics.flight_simulation import Correction, linearise_batch, simulate_batch
 from structsel.numerics.linear_systems import discretise_noise
@@ -25,7 +26,6 @@ _ALONG, _ACROSS = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
 _SHOWN_ALONG, _SHOWN_ACROSS = ("V", "alpha", "q", "theta", "ax", "az"), ("beta", "p", "r", "phi", "ay")
 _SHOWN = ("psi", "h", "x", "y", "vn", "ve", "vd", "u", "v", "w", "p_dot", "q_dot", "r_dot", "V_dot", "alpha_dot",
           "beta_dot")  # fmt: skip
-_LATERAL = ("CY", "Cl", "Cn")
 _START = ("V", "alpha", "beta", "u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h")
 
 
@@ -52,13 +52,13 @@ class AeroFlight:
         self.late = None if late is None else tuple(late)
         self.air, self.definitions, self.substeps = air, definitions, substeps
         self.name, self.delay = model.name or "model", 0.0
-        self.lateral = lateral = any(name in model for name in _LATERAL)
+        self.lateral = lateral = any(name in model for name in LATERAL_COEFFICIENTS)
         if not any(name in model for name in ("CZ", "CL")):
             raise ModelError(
                 f"refine flies an AeroModel with lift; '{self.name}' has only {', '.join(model)}, and would fall.\n"
                 "Add CX, CZ and Cm (or CL, CD and Cm), and name with free=... what is to be estimated."
             )
-        along = any(name not in _LATERAL for name in model)
+        along = any(name not in LATERAL_COEFFICIENTS for name in model)
         self.states = (*(_ALONG if along else ()), *(_ACROSS if lateral else ()))
         self.shown = (*(_SHOWN_ALONG if along else ()), *(_SHOWN_ACROSS if lateral else ()))
         self.outputs = tuple(dict.fromkeys((*self.shown, *_SHOWN_ALONG, *_SHOWN_ACROSS, *_SHOWN)))

@@ -12,19 +12,10 @@ from structsel.candidates.formulas import Node, channels, render
 from structsel.candidates.reading import read
 from structsel.errors import ChannelError, ModelError
 from structsel.model import AeroModel, State
-from structsel.nomenclature import suggest
+from structsel.nomenclature import COEFFICIENTS, WIND_AXIS_COEFFICIENTS, suggest
 from structsel.numerics.expressions import ProgramMaker
-from structsel.numerics.flight_model import (
-    AXES,
-    CHANNELS,
-    OUTPUTS,
-    AircraftArrays,
-    CompiledAircraft,
-    Memory,
-    no_memory,
-)
+from structsel.numerics.flight_model import CHANNELS, OUTPUTS, AircraftArrays, CompiledAircraft, Memory, no_memory
 
-_WIND_AXES = ("CD", "CY", "CL", "Cl", "Cm", "Cn")
 _RATES = ("alpha_dot_hat", "beta_dot_hat", "alpha_dot", "beta_dot")
 # What a flight makes but no coefficient may depend on: it would depend on itself.
 _RESULTS = (*(set(OUTPUTS) - set(CHANNELS) - set(_RATES) - {"thrust", "mass"}), "CL", "CD")
@@ -192,15 +183,15 @@ def _compile_memory(states: Mapping[str, State], formulas: Formulas, controls: t
 
 def _rows_of(model: AeroModel) -> dict[str, int]:
     given = tuple(model.responses)
-    if unknown := [name for name in given if name not in (*AXES, *_WIND_AXES)]:
+    if unknown := [name for name in given if name not in (*COEFFICIENTS, *WIND_AXIS_COEFFICIENTS)]:
         raise ModelError(
-            f"A flight needs the coefficients {', '.join(AXES)} (or CL and CD for CX and CZ); the model has "
-            f"'{unknown[0]}'.{suggest(unknown[0], AXES)}"
+            f"A flight needs the coefficients {', '.join(COEFFICIENTS)} (or CL and CD for CX and CZ); the model has "
+            f"'{unknown[0]}'.{suggest(unknown[0], COEFFICIENTS)}"
         )
     wind, body = [n for n in given if n in ("CL", "CD")], [n for n in given if n in ("CX", "CZ")]
     if wind and body:
         raise ModelError(f"The model mixes wind and body axes: {', '.join(wind + body)}. Keep one pair.")
-    order = _WIND_AXES if wind else AXES
+    order = WIND_AXIS_COEFFICIENTS if wind else COEFFICIENTS
     rows = {name: order.index(name) for name in given}
     return rows | ({"CD": 0} if wind else {})
 

@@ -12,7 +12,8 @@ from structsel.aircraft import Aircraft
 from structsel.candidates.formulas import Node, evaluate
 from structsel.errors import ModelError, SimulationError, StructselWarning
 from structsel.model import AeroModel
-from structsel.numerics.flight_model import AXES, READINGS, REASONS
+from structsel.nomenclature import COEFFICIENTS, WIND_AXIS_COEFFICIENTS
+from structsel.numerics.flight_model import READINGS, REASONS
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Recording
 from structsel.simulation.air import Air
@@ -126,7 +127,7 @@ def _outputs(ready: Prepared, model: AeroModel, instruments: Instruments | None)
     thrust = ("thrust",) if ready.compiled.has_thrust and "thrust" not in ready.compiled.controls else ()
     if instruments is not None:
         return (*_AT_CG, *_MOTION, *thrust)
-    return (*_AT_CG, *_EXACT, *_MOTION, *thrust, *AXES)
+    return (*_AT_CG, *_EXACT, *_MOTION, *thrust, *COEFFICIENTS)
 
 
 def _recording(
@@ -145,7 +146,7 @@ def _recording(
         if instruments is None:
             channels[name] = values
     notes = [f"simulated: {model.name or 'a model'}, {ready.substeps} steps a sample"]
-    if missing := [a for a, b in zip(AXES, ("CD", "CY", "CL", "Cl", "Cm", "Cn")) if a not in model and b not in model]:
+    if missing := [a for a, b in zip(COEFFICIENTS, WIND_AXIS_COEFFICIENTS) if a not in model and b not in model]:
         notes.append(f"the model has no {', '.join(missing)}; zero")
     if not ready.compiled.has_thrust:
         notes.append("no thrust given or defined; zero")

@@ -11,6 +11,7 @@ from scipy.optimize import least_squares, root
 from structsel.aircraft import Aircraft
 from structsel.errors import DomainError, ModelError, SimulationError
 from structsel.model import AeroModel
+from structsel.nomenclature import CONTROL_SURFACES, LATERAL_COEFFICIENTS
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import OUTPUTS
@@ -19,8 +20,6 @@ from structsel.simulation.air import Air
 from structsel.simulation.preparing import Prepared, prepare
 from structsel.simulation.trimmed import Trim
 
-_LATERAL = ("CY", "Cl", "Cn")
-_SURFACES = ("de", "da", "dr")
 _PROPULSION = ("throttle", "thrust")
 _LIMITS = {
     "alpha": (-0.5, 0.6),
@@ -30,7 +29,7 @@ _LIMITS = {
     "beta": (-0.5, 0.5),
     "turn_rate": (-2.0, 2.0),
 }
-_LIMITS |= {**dict.fromkeys(_SURFACES, (-0.7, 0.7)), "throttle": (0.0, 1.0), "thrust": (0.0, math.inf)}
+_LIMITS |= {**dict.fromkeys(CONTROL_SURFACES, (-0.7, 0.7)), "throttle": (0.0, 1.0), "thrust": (0.0, math.inf)}
 _BALANCED = 1e-8  # of g, or rad/s^2
 _EQUATIONS = ("u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot", "climb")
 _KEPT = ("ax", "ay", "az", "rho", "qbar", "mach", "thrust", "mass", "CX", "CY", "CZ", "Cl", "Cm", "Cn")
@@ -124,13 +123,13 @@ class _Search:
         limits: Mapping[str, tuple[float, float]] | None,
     ):
         self.V, self.h = V, h
-        lateral = any(name in model for name in _LATERAL)
+        lateral = any(name in model for name in LATERAL_COEFFICIENTS)
         given = dict(controls or {})
         self.ready = _still(model, aircraft, V, h, given, free, definitions, air)
         plan = self.ready.compiled
         chosen = tuple(free or ())
         if free is None:
-            surfaces = _SURFACES if lateral else ("de",)
+            surfaces = CONTROL_SURFACES if lateral else ("de",)
             chosen = tuple(c for c in (*surfaces, *_PROPULSION) if c in plan.controls and c not in given)
         self.free = chosen
         if strange := [c for c in self.free if c not in plan.controls]:
@@ -263,7 +262,7 @@ def _still(
     air = air or Air()
     calm = Air(air.warmer, air.wind, air.heights, rho=air.rho, gravity=air.gravity)
     pushed = ("thrust",) if free is None else tuple(free)
-    zero = dict.fromkeys((*_SURFACES, "throttle", "df", "gear", *pushed), 0.0)
+    zero = dict.fromkeys((*CONTROL_SURFACES, "throttle", "df", "gear", *pushed), 0.0)
     start = {"V": V, "alpha": 0.0, "theta": 0.0, "h": h}
     inputs = {"t": np.array([0.0, 1.0]), **zero, **given}
     return prepare(model.steady(), aircraft, inputs, start=start, air=calm, definitions=definitions)

@@ -12,7 +12,7 @@ from structsel.aircraft import Aircraft
 from structsel.errors import ChannelError, DataError, DomainError, ModelError
 from structsel.metrics import Normaliser
 from structsel.model import AeroModel
-from structsel.nomenclature import suggest
+from structsel.nomenclature import BODY_RATES, LATERAL_COEFFICIENTS, SPECIFIC_FORCES, suggest
 from structsel.numerics.flight_model import REASONS, STATES
 from structsel.recording import Recording
 from structsel.simulation import Air, prepare
@@ -23,8 +23,8 @@ BANDS: Mapping[str, float] = {
     "V": 1.543,
     **dict.fromkeys(("alpha", "beta", "theta"), 0.0262),
     **dict.fromkeys(("phi", "psi"), 0.0349),
-    **dict.fromkeys(("p", "q", "r"), 0.0349),
-    **dict.fromkeys(("ax", "ay", "az"), 0.981),
+    **dict.fromkeys(BODY_RATES, 0.0349),
+    **dict.fromkeys(SPECIFIC_FORCES, 0.981),
     "h": 30.48,
 }
 """Proof-of-match bands: 3 kt, 1.5 deg, 2 deg, 2 deg/s, 0.1 g, 100 ft, either way [FSTD]; where the rules have none, the
@@ -32,7 +32,6 @@ value of a similar channel."""
 
 _LONGITUDINAL_OUTPUTS, _LATERAL_OUTPUTS = ("V", "alpha", "q", "theta", "ax", "az"), ("beta", "p", "r", "phi", "ay")
 _OUTPUTS = (*_LONGITUDINAL_OUTPUTS, *_LATERAL_OUTPUTS, "psi", "h")
-_LATERAL_COEFFICIENTS = ("CY", "Cl", "Cn")
 _LATERAL_STATES = ("v", "p", "r", "phi")
 _FEWEST = 10  # samples of a recording
 _DIVERGED = 1.0  # of the measured range: error beyond which the simulation has left the recording
@@ -99,7 +98,7 @@ def resimulate(
     """
     flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
     _check(flights, window, normaliser)
-    lateral = any(name in model for name in _LATERAL_COEFFICIENTS)
+    lateral = any(name in model for name in LATERAL_COEFFICIENTS)
     shown = _choose(flights, outputs, lateral)
     held = {**BANDS, **(bands or {})}
     if strange := [name for name in bands or {} if not held[name] > 0.0]:
@@ -222,7 +221,7 @@ def recorded_start(
     if air is not None and air.rho is not None and "h" not in recording:
         recording = recording.with_channels(h=0.0)
     state = dict(zip(STATES, first_state(recording, None, aircraft, recording.name).tolist()))
-    if not any(name in model for name in _LATERAL_COEFFICIENTS):
+    if not any(name in model for name in LATERAL_COEFFICIENTS):
         state |= dict.fromkeys(_LATERAL_STATES, 0.0)
     return state
 

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.windows import Flags
 from structsel.comparison.noise import HIGHEST, bins_of, edge_of
-from structsel.comparison.responses import COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import length_of, spectrum
 

@@ -10,7 +10,7 @@ from scipy.stats import t as t_distribution
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import Noise, bins_of, edge_of
-from structsel.comparison.responses import COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import spectrum
 

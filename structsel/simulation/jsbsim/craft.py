@@ -12,10 +12,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from structsel.errors import ChannelError, SimulationError
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body import G0, STATES
 from structsel.recording import Recording
-from structsel.simulation.jsbsim.flights import AXES, make_recording, read_schedule
+from structsel.simulation.jsbsim.flights import make_recording, read_schedule
 from structsel.simulation.jsbsim.machine import Machine, quietly
 from structsel.simulation.preparing import Inputs, Start, first_state
 from structsel.simulation.trimmed import Trim
@@ -298,8 +299,10 @@ class JSBSimAircraft:
                 settled = {c: float(held[c][i]) for c in self.controls}
                 self._machine.place(state, settled)
                 rows.append(self._coefficients(self._machine.now(), settled, alone="throttle" not in recording))
-        made: dict[str, Any] = {c: np.array([row[c] for row in rows]) for c in AXES}
-        return recording.with_channels(note=f"{', '.join(AXES)} from JSBSim's {self.name} at these states", **made)
+        made: dict[str, Any] = {c: np.array([row[c] for row in rows]) for c in COEFFICIENTS}
+        return recording.with_channels(
+            note=f"{', '.join(COEFFICIENTS)} from JSBSim's {self.name} at these states", **made
+        )
 
     def sense(self, control: str) -> float:
         """1 where JSBSim's angle of a surface (of ``da``, the left aileron) has our sign, -1 where the other."""
@@ -344,4 +347,7 @@ class JSBSimAircraft:
             moment = moment - thrust * line.arm
         qS = 0.5 * now["rho"] * (now["u"] ** 2 + now["v"] ** 2 + now["w"] ** 2) * self.aircraft.S
         lengths = np.array([self.aircraft.b, self.aircraft.cbar, self.aircraft.b])
-        return {"thrust": thrust, **dict(zip(AXES, [*(force / qS).tolist(), *(moment / (qS * lengths)).tolist()]))}
+        return {
+            "thrust": thrust,
+            **dict(zip(COEFFICIENTS, [*(force / qS).tolist(), *(moment / (qS * lengths)).tolist()])),
+        }

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from structsel.errors import ChannelError
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body import STATES
 from structsel.readers.table import MOVED_TO_CG
@@ -15,7 +16,6 @@ from structsel.recording import Recording
 from structsel.simulation.preparing import Inputs, Start
 from structsel.simulation.trimmed import Trim
 
-AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 _AS_READ = (*STATES, "p_dot", "q_dot", "r_dot", "vn", "ve", "vd", "rho", "mach", "mass", "thrust")
 
 
@@ -63,7 +63,7 @@ def make_recording(
     how : str
         For the provenance.
     """
-    channels = {c: held[c] for c in (*_AS_READ, *AXES, *controls)}
+    channels = {c: held[c] for c in (*_AS_READ, *COEFFICIENTS, *controls)}
     u, v, w, u_dot, v_dot, w_dot = (held[c] for c in ("u", "v", "w", "u_dot", "v_dot", "w_dot"))
     V, alpha, beta = rb.air_data(u, v, w)
     V_dot = (u * u_dot + v * v_dot + w * w_dot) / V

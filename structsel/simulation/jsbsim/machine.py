@@ -19,6 +19,7 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.errors import SimulationError
+from structsel.nomenclature import EULER_ANGLES
 from structsel.numerics.rigid_body import G0, STATES
 
 _FT, _LBF = 0.3048, 4.4482216152605
@@ -43,7 +44,7 @@ _SURFACES: dict[str, tuple[tuple[str, float], ...]] = {
 _READ: dict[str, tuple[str, float]] = {
     **{c: (f"velocities/{c}-fps", _FT) for c in "uvw"},
     **{c: (f"velocities/{c}-rad_sec", 1.0) for c in "pqr"},
-    **{c: (f"attitude/{c}-rad", 1.0) for c in ("phi", "theta", "psi")},
+    **{c: (f"attitude/{c}-rad", 1.0) for c in EULER_ANGLES},
     "x": ("position/from-start-neu-n-ft", _FT),
     "y": ("position/from-start-neu-e-ft", _FT),
     "h": ("position/h-sl-ft", _FT),
