@@ -1,4 +1,4 @@
-"""Pages that are made when the site is built: the public names, the commands, the effects."""
+"""Pages that are generated when the site is built: the public names, the commands, the effects."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from structsel.effects import EFFECTS
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the pages that stand nowhere as text."""
+    """Add the generated pages."""
     for name, text in (("reference.md", reference()), ("commands.md", commands()), ("effects.md", effects())):
         files.append(File.generated(config, name, content=text))
     for effect, picture in pictures():
@@ -34,8 +34,8 @@ def commands() -> str:
     os.environ |= {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"}
     pages = ["# Commands\n"]
     for name in ["", *(n for n, c in get_command(app).commands.items() if not c.hidden)]:  # type: ignore[attr-defined]
-        told = CliRunner().invoke(app, [*filter(None, [name]), "--help"]).stdout
-        pages.append(f"## structsel {name}\n\n```text\n{told.rstrip()}\n```\n")
+        manual = CliRunner().invoke(app, [*filter(None, [name]), "--help"]).stdout
+        pages.append(f"## structsel {name}\n\n```text\n{manual.rstrip()}\n```\n")
     return "\n".join(pages)
 
 
@@ -45,17 +45,17 @@ def effects() -> str:
     known = {h.name for h in EFFECTS}
     for h in sorted(EFFECTS, key=lambda h: h.name):
         alike = (f"[{name}](#{name})" if name in known else name for name in h.look_alikes)
-        facts = [("May be taken for", ", ".join(alike))]
-        facts += [("Told apart by", h.separated_by), ("Look at", h.check)]
+        facts = [("Similar effects", ", ".join(alike))]
+        facts += [("Separated by", h.separated_by), ("Check", h.check)]
         shown = "\n".join(f"- {head}: {text}" for head, text in facts if text)
-        picture = f"![What {h.name} leaves of measured less simulated](effects/{h.name}.svg)"
+        picture = f"![Measured minus simulated response with {h.name}](effects/{h.name}.svg)"
         parts.append(f"## {h.name}\n\n{h.what} Kind: {h.kind}.\n\n{picture}\n\n{shown}\n")
     return "\n".join(parts)
 
 
 _EFFECTS = """# Effects that can be named
 
-Each picture shows what one usual size of the effect, in one of its forms, adds to measured less simulated in the
-coefficient that it shows in most: over time and, where a channel drives it, over that channel (dashed at the left). The
-flights are made for the purpose: doublets of elevator, rudder and ailerons, steps of thrust.
+Each picture shows what an effect of usual size, in one of its forms, adds to measured minus simulated in the
+coefficient that it changes most: over time and, if it depends on one channel, over that channel (dashed in the left
+part). The flights are simulated for this purpose, with doublets of elevator, rudder and ailerons, and steps of thrust.
 """
