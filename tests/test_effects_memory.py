@@ -9,7 +9,9 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
 from structsel.effects.memory import EFFECTS
-from structsel.effects.operators import lag, lags, late, oscillate, separation
+from structsel.effects.operators import oscillate
+from structsel.numerics.first_order import delayed, first_order_lag, varying_lag
+from structsel.numerics.separation import separation_point
 from structsel.recording import Recording
 from structsel.simulation import Actuator
 from tests.injected import CRAFT, aerodynamics, best, compare, explain, fly, one_of
@@ -19,7 +21,7 @@ def test_lag_and_oscillator_do_what_scipy_does_to_a_signal_linear_between_sample
     t = np.arange(0.0, 10.0, 0.02)
     x = np.cumsum(np.random.default_rng(2).standard_normal(len(t)))
     from_rest = lsim(([1.0], [0.3, 1.0]), x - x[0], t)[1] + x[0]
-    assert_allclose(lag(x, 0.02, 0.3), from_rest, atol=1e-10)
+    assert_allclose(first_order_lag(x, 0.02, 0.3), from_rest, atol=1e-10)
     w = 2.0 * np.pi * 2.5
     from_rest = lsim(([w**2], [1.0, 0.1 * w, w**2]), x - x[0], t)[1] + x[0]
     assert_allclose(oscillate(x, 0.02, 2.5, 0.05), from_rest, atol=1e-9)
@@ -27,8 +29,8 @@ def test_lag_and_oscillator_do_what_scipy_does_to_a_signal_linear_between_sample
 
 def test_a_delay_moves_a_ramp_by_its_time():
     t = np.arange(0.0, 4.0, 0.02)
-    assert_allclose(late(t, 0.02, 0.25)[20:], t[20:] - 0.25, atol=1e-12)
-    assert_allclose(late(t, 0.02, -0.25)[:-20], t[:-20] + 0.25, atol=1e-12)
+    assert_allclose(delayed(t, 0.02, 0.25)[20:], t[20:] - 0.25, atol=1e-12)
+    assert_allclose(delayed(t, 0.02, -0.25)[:-20], t[:-20] + 0.25, atol=1e-12)
 
 
 def test_a_lag_whose_rate_changes_follows_its_equation():
@@ -37,7 +39,7 @@ def test_a_lag_whose_rate_changes_follows_its_equation():
     exact = solve_ivp(
         lambda s, z: np.cos(3.0 * s) - (1.0 + 0.5 * np.sin(s)) * z, (0.0, 6.0), [0.0], t_eval=t, rtol=1e-9
     )
-    assert_allclose(lags(np.cos(3.0 * t), 0.01, decay), exact.y[0], atol=1e-4)
+    assert_allclose(varying_lag(np.cos(3.0 * t), 0.01, decay), exact.y[0], atol=1e-4)
 
 
 def stalled(tau1, tau2, onset=0.13, sharp=25.0):
@@ -74,7 +76,7 @@ def test_a_stall_that_remembers_is_found_with_its_onset_and_the_share_of_lift():
 
 def test_separation_without_memory_is_the_steady_curve():
     alpha = np.linspace(0.0, 0.3, 50)
-    X = separation(alpha, np.ones(50), 0.02, 0.0, 0.0, 25.0, 0.15)
+    X = separation_point(alpha, np.ones(50), 0.02, 0.0, 0.0, 25.0, 0.15)
     assert_allclose(X, 1.0 / (1.0 + np.exp(50.0 * (alpha - 0.15))), atol=1e-12)
 
 

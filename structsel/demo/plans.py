@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from structsel.demo.truth import demo_aircraft
 from structsel.nomenclature import CONTROL_SURFACES
+from structsel.numerics.first_order import first_order_noise
 
 RATE = 50.0
 """Samples per second."""
@@ -121,12 +121,10 @@ def gusts_of(half_steps: int, V: float, rng: np.random.Generator) -> np.ndarray:
     span = demo_aircraft().b
     scale = np.array([200.0, 200.0, 100.0, 4 * span / np.pi, 4 * span / np.pi, 3 * span / np.pi])
     std = np.array([0.8, 0.8, 0.8, 0.012, 0.006, 0.006])
-    keep = np.exp(-0.5 / RATE * V / scale)
+    step = 0.5 / RATE * V / scale
     white = rng.standard_normal((half_steps, 6))
-    start = rng.standard_normal(6)
+    white[0] = rng.standard_normal(6)
     out = np.empty_like(white)
     for j in range(6):
-        drive = np.sqrt(1.0 - keep[j] ** 2) * white[:, j]
-        drive[0] = start[j]
-        out[:, j] = std[j] * lfilter([1.0], [1.0, -keep[j]], drive)
+        out[:, j] = std[j] * first_order_noise(white[:, j], step[j])
     return out

@@ -25,12 +25,14 @@ from structsel.effects.base import (
 )
 from structsel.effects.changes import confined
 from structsel.effects.model_forms import MakeModel, add_term, derivative, one_hot, state_after
-from structsel.effects.operators import actuate, lag, late, spaced
+from structsel.effects.operators import spaced
 from structsel.effects.signals import CONTROLS, available, coefficients, gathered, mean_slope, moves, signature
 from structsel.effects.wording import SURFACES, shown
 from structsel.model import Quantity, State
 from structsel.nomenclature import COEFFICIENTS
+from structsel.numerics.actuators import actuate
 from structsel.numerics.arrays import Array
+from structsel.numerics.first_order import delayed, first_order_lag
 
 Surface = Callable[[Flight], Array]
 
@@ -107,7 +109,7 @@ def _lag_variants(flights: Flights) -> list[Variant]:
     # What is recorded may be what all of them were asked, and all have the same servo.
     together = [(ALL, used)] if len(used) > 1 else []
     for about, controls in [*together, *((SURFACES[c], [c]) for c in used)]:
-        for name, operator in (("lag", lag), ("delay", late)):
+        for name, operator in (("lag", first_order_lag), ("delay", delayed)):
             for tau in spaced(max(0.02, 0.75 * dt), 0.35, 7):
                 late_by = partial(_behind, operator=operator, tau=tau)
                 columns = displaced(*((c, 0, departure(c, late_by, tau)) for c in controls))
@@ -238,7 +240,7 @@ def _mode(flight: Flight) -> Array | float:
 
 def _felt(flight: Flight, signal: str, washout: float | None = None) -> Array:
     x = reading(flight, signal)
-    return (x if washout is None else x - lag(x, flight.dt, washout)) * _mode(flight)
+    return (x if washout is None else x - first_order_lag(x, flight.dt, washout)) * _mode(flight)
 
 
 def _feedback_variants(flights: Flights) -> list[Variant]:

@@ -21,7 +21,7 @@ from structsel.effects.base import (
     Weights,
 )
 from structsel.effects.model_forms import add_term, one_hot
-from structsel.effects.operators import lag, lags, late, separation, spaced
+from structsel.effects.operators import spaced
 from structsel.effects.signals import (
     available,
     coefficients,
@@ -36,6 +36,13 @@ from structsel.effects.signals import (
 from structsel.model import Quantity, State
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
+from structsel.numerics.first_order import delayed, first_order_lag, varying_lag
+from structsel.numerics.separation import (
+    lift_factor,
+    separation_point,
+    steady_formula,
+    steady_separation_point,
+)
 
 _HIGH = 0.14  # rad, incidence below which wings do not stall
 _CHORDS = ((5.0, 4.0), (15.0, 4.0), (15.0, 12.0), (40.0, 10.0))  # tau1, tau2 in chords travelled
@@ -58,17 +65,16 @@ _ROTOR_CHANNELS = ("collective", "dcol", "d0", "theta0", "dlon", "dlat", "rotor_
 def _attached(flight: Flight, where: float, sharp: float, tau1: float, tau2: float) -> Array:
     """How much of the flow is attached, with time constants in chords travelled."""
     chord = flight.craft.cbar / float(flight["V"].mean())
-    return separation(flight["alpha"], flight["alpha_dot"], flight.dt, tau1 * chord, tau2 * chord, sharp, where)
+    return separation_point(flight["alpha"], flight["alpha_dot"], flight.dt, tau1 * chord, tau2 * chord, sharp, where)
 
 
 def _stalling(flight: Flight, where: float, sharp: float, tau1: float, tau2: float, beyond_steady: bool) -> Columns:
     alpha, X = flight["alpha"], _attached(flight, where, sharp, tau1, tau2)
-    kept = 0.25 * (1.0 + np.sqrt(X)) ** 2
+    kept = lift_factor(X)
     lost, drag = kept - 1.0, 1.0 - X
     if beyond_steady:
-        steady = separation(alpha, 0.0 * alpha, flight.dt, 0.0, 0.0, sharp, where)
-        share = 0.25 * (1.0 + np.sqrt(steady)) ** 2
-        lost, drag = kept / share - 1.0, steady - X
+        steady = steady_separation_point(alpha, sharp, where)
+        lost, drag = kept / lift_factor(steady) - 1.0, steady - X
     parts = from_lift_and_drag(flight, 0, CL=lost * lift(flight)) + from_lift_and_drag(flight, 1, CD=drag)
     return signature(flight, 3, [*parts, ("Cm", 2, -drag)])
 
@@ -141,7 +147,7 @@ def _stalling_model(case: ModelCase, beyond_steady: bool) -> ModelForm:
     state = _separation_state(case)
     lost, drag = Term("(0.25*(1 + sqrt(x_sep))^2 - 1)"), Term("(1 - x_sep)")
     if beyond_steady:
-        steady = f"0.5*(1 - tanh({state['sharpness']!r}*(alpha - {state['onset']!r})))"
+        steady = steady_formula("alpha", state["sharpness"], state["onset"])
         lost = Term(f"((1 + sqrt(x_sep))^2/(1 + sqrt({steady}))^2 - 1)")
         drag = Term(f"({steady} - x_sep)")
     terms: Weights = {}
@@ -177,7 +183,7 @@ def _wake(angle: str, length: str, moved: tuple[str, ...], chords: float | None)
         else:
             # The wake of the wing reaches the tail after it has travelled there; per hat like the derivative.
             way = chords * flight.craft.cbar / float(flight["V"].mean())
-            hat = (x - late(x, flight.dt, way)) / way * getattr(flight.craft, length) / (2.0 * flight["V"])
+            hat = (x - delayed(x, flight.dt, way)) / way * getattr(flight.craft, length) / (2.0 * flight["V"])
         return signature(flight, len(moved), [(r, j, hat) for j, r in enumerate(moved)])
 
     return columns
@@ -240,7 +246,7 @@ def _wake_says(found: Found) -> str:
 def _building(flight: Flight, parts: tuple[tuple[float, float], ...]) -> Columns:
     rate = flight["alpha_dot"]
     speed = 2.0 * flight["V"] / flight.craft.cbar  # half chords per second
-    missing = -sum(A * lags(rate, flight.dt, b * speed) for A, b in parts)
+    missing = -sum(A * varying_lag(rate, flight.dt, b * speed) for A, b in parts)
     return signature(flight, 3, [(r, k, flight.slope(r, "alpha") * missing) for k, r in enumerate(("CZ", "CX", "Cm"))])
 
 
@@ -308,10 +314,11 @@ def _inflow(flight: Flight, tau: float, controls: list[str]) -> Columns:
     parts = []
     for r in flight.measured:
         if r in COEFFICIENTS:
-            parts += [(r, 0, flight.slope(r, c) * (lag(flight[c], flight.dt, tau) - flight[c]) / tau) for c in controls]
+            behind = {c: (first_order_lag(flight[c], flight.dt, tau) - flight[c]) / tau for c in controls}
+            parts += [(r, 0, flight.slope(r, c) * x) for c, x in behind.items()]
         elif r in flight.simulated:
             told = flight.told(r)
-            parts.append((r, 0, (lag(told, flight.dt, tau) - told) / tau))
+            parts.append((r, 0, (first_order_lag(told, flight.dt, tau) - told) / tau))
     return signature(flight, 1, parts)
 
 

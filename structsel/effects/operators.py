@@ -8,28 +8,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numba import njit
 from scipy.fft import dct
 from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import lfilter
 
 from structsel.comparison.flight import Flight
-from structsel.numerics.actuators import actuate
 from structsel.numerics.arrays import Array
 
 __all__ = [
-    "actuate",
     "changes",
-    "lag",
-    "lags",
-    "late",
     "more_and_more",
     "onsets",
     "oscillate",
     "peaks",
     "pulse",
     "pulses",
-    "separation",
     "shape_of",
     "since",
     "spaced",
@@ -46,27 +39,6 @@ def spaced(low: float, high: float, count: int) -> list[float]:
     return [float(x) for x in np.geomspace(low, high, count)] if high > low else [float(low)]
 
 
-def late(x: Array, dt: float, delay: float) -> Array:
-    """Signal later by `delay` [s], linear between samples; a negative one is earlier. Beyond the ends it stays."""
-    at = np.arange(len(x), dtype=float)
-    return np.interp(at - delay / dt, at, x)
-
-
-def lag(x: Array, dt: float, tau: float) -> Array:
-    """First-order lag ``tau y' + y = x``, exact for a signal that is linear between samples."""
-    keep = np.exp(-dt / tau)
-    mean = (1.0 - keep) * tau / dt  # of exp(-s / tau) over a sample
-    start = (mean - keep) * x[0] + keep * x[0]
-    return lfilter([1.0 - mean, mean - keep], [1.0, -keep], x, zi=np.array([start]))[0]
-
-
-def lags(rate: Array, dt: float, decay: Array) -> Array:
-    """State of ``z' = rate - decay z`` with a decay [1/s] that changes along the flight, from zero."""
-    made = np.empty(len(rate))
-    _lags(np.ascontiguousarray(rate), dt, np.ascontiguousarray(decay), made)
-    return made
-
-
 def oscillate(x: Array, dt: float, frequency: float, damping: float) -> Array:
     """Second-order system of unit gain at rest, for a signal that is linear between samples.
 
@@ -80,7 +52,7 @@ def oscillate(x: Array, dt: float, frequency: float, damping: float) -> Array:
     dt : float [s]
     frequency : float [Hz]
     damping : float
-        Share of critical, below 1.
+        Fraction of the critical, below 1.
     """
     b, a = _second_order(2.0 * np.pi * frequency * dt, damping)
     return x[0] + lfilter(b, a, x - x[0])
@@ -97,23 +69,6 @@ def _second_order(w: float, damping: float) -> tuple[Array, Array]:
     c = complex(offset, (1.0 + root.real * offset) / root.imag)
     ramp = k - offset + (c * z**k).real
     return np.convolve(np.convolve(ramp, [1.0, -2.0, 1.0])[:3], a)[:3], a
-
-
-def separation(
-    alpha: Array, alpha_dot: Array, dt: float, tau1: float, tau2: float, slope: float, onset: float
-) -> Array:
-    """Point of separation on the chord, 1 attached to 0 stalled, that follows the flow late.
-
-    ::
-
-        tau1 X' + X = (1 - tanh(slope (alpha - tau2 alpha' - onset))) / 2
-
-    References
-    ----------
-    Goman and Khrabrov 1994.
-    """
-    steady = 0.5 * (1.0 - np.tanh(slope * (alpha - tau2 * alpha_dot - onset)))
-    return lag(steady, dt, tau1) if tau1 > 0.0 else steady
 
 
 def step_at(t: Array, when: float) -> Array:
@@ -229,16 +184,3 @@ def _steps(x: Array, dt: float) -> Array:
     made = np.zeros(n)
     made[1:] = np.abs(np.cumsum(x - x.mean())[:-1]) / np.sqrt(k * (n - k) / n)
     return made
-
-
-@njit(cache=True)
-def _lags(rate, dt, decay, made):  # type: ignore[no-untyped-def]  # pragma: no cover
-    z = 0.0
-    made[0] = 0.0
-    for k in range(1, rate.size):
-        c = 0.5 * (decay[k - 1] + decay[k])
-        keep = np.exp(-c * dt)
-        # Held at the mean of two samples; the decay may be zero.
-        gain = (1.0 - keep) / c if c > 0.0 else dt
-        z = keep * z + gain * 0.5 * (rate[k - 1] + rate[k])
-        made[k] = z

@@ -20,8 +20,9 @@ from numba import njit
 from structsel.comparison.flight import Flight
 from structsel.comparison.plant import Plant, answers, find_plant
 from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
-from structsel.effects.operators import lag, late, spaced
+from structsel.effects.operators import spaced
 from structsel.numerics.arrays import Array
+from structsel.numerics.first_order import delayed, first_order_lag
 
 _GAIN = 0.3  # by which the gain may be off of a simulation fitted without the lag that is there
 _REACHED = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.9995)
@@ -225,7 +226,7 @@ def late_answers(flights: Flights) -> list[Variant]:
     for response in answers(flights):
         first = next(f for f in flights if response in f.simulated)
         low, high = max(0.75 * first.dt, 1e-3), min(0.5, 0.05 * first.dt * len(first))
-        for name, operator in (("lag", lag), ("delay", late)):
+        for name, operator in (("lag", first_order_lag), ("delay", delayed)):
             for tau in spaced(low, high, 14):
 
                 def behind(f: Flight, r: str = response, g: Callable = operator, x: float = tau) -> Columns:

@@ -11,12 +11,13 @@ import numpy as np
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, Flights, Found, ModelCase, ModelForm, Parameter, Variant
-from structsel.effects.operators import lag, onsets, shape_of, since, spaced, told_onsets
+from structsel.effects.operators import onsets, shape_of, since, spaced, told_onsets
 from structsel.effects.propeller import propeller_variants, slipstream_variants
 from structsel.effects.signals import Parts, available, gathered, lacking, moves, of_parts
 from structsel.model import State
 from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
+from structsel.numerics.first_order import first_order_lag
 
 _AXIAL = "along the axis alone"
 _ONSETS = 5  # manoeuvres in which thrust may become asymmetric
@@ -88,7 +89,8 @@ def _scale_variants(flights: Flights) -> list[Variant]:
 
 def _lag_variants(flights: Flights) -> list[Variant]:
     def behind(f: Flight, tau: float, part: str) -> Parts:
-        return _along_thrust(f, (lag(f["thrust"], f.dt, tau) - f["thrust"]) / (f["qbar"] * f.craft.S * tau), part)
+        behind = first_order_lag(f["thrust"], f.dt, tau) - f["thrust"]
+        return _along_thrust(f, behind / (f["qbar"] * f.craft.S * tau), part)
 
     return [
         replace(

@@ -11,7 +11,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import reading
 from structsel.effects.base import Effect, Flights, Found, Parameter, Variant
 from structsel.effects.biases import bias_says, bias_variants
-from structsel.effects.operators import late, spaced
+from structsel.effects.operators import spaced
 from structsel.effects.readings import (
     AIR,
     ATTITUDE,
@@ -24,6 +24,7 @@ from structsel.effects.readings import (
 from structsel.effects.signals import available, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, percent, shown
 from structsel.numerics.arrays import Array
+from structsel.numerics.first_order import delayed
 from structsel.numerics.rigid_body import body_velocity, cross
 
 _AXES = "xyz"
@@ -108,7 +109,7 @@ def _late_readings(flight: Flight, channels: Sequence[str], tau: float) -> list[
         x = reading(flight, c)
         # Told by others it is true now, and read `tau` later; as read now it was true `tau` ago.
         told = c in flight.inertial or c in flight.expected
-        made[c] = (late(x, flight.dt, tau) - x if told else x - late(x, flight.dt, -tau)) / tau
+        made[c] = (delayed(x, flight.dt, tau) - x if told else x - delayed(x, flight.dt, -tau)) / tau
     return [made]
 
 

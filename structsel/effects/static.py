@@ -24,6 +24,7 @@ from structsel.effects.signals import (
 from structsel.effects.similarity import SIMILARITY
 from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
+from structsel.numerics.separation import lift_factor, steady_formula, steady_separation_point
 
 _INCIDENCE = 0.10  # rad, that a stall needs at least
 _ANGLES = 7
@@ -57,8 +58,8 @@ def _separated(angle: float, sharp: float, slope: float, zero: float) -> Variant
 
     def columns(flight: Flight) -> Columns:
         alpha = flight["alpha"]
-        attached = 0.5 * (1.0 - np.tanh(sharp * (alpha - angle)))
-        lost = slope * (alpha - zero) * (1.0 - (0.5 * (1.0 + np.sqrt(attached))) ** 2)
+        attached = steady_separation_point(alpha, sharp, angle)
+        lost = slope * (alpha - zero) * (1.0 - lift_factor(attached))
         gone = 1.0 - attached
         return signature(
             flight,
@@ -67,7 +68,7 @@ def _separated(angle: float, sharp: float, slope: float, zero: float) -> Variant
         )
 
     shape = {"stall angle": angle, "sharpness": sharp}
-    attached = f"0.5*(1 - tanh({sharp!r}*(alpha - {float(angle)!r})))"
+    attached = steady_formula("alpha", sharp, angle)
     terms = (f"(alpha - ({zero!r}))*(1 - (0.5*(1 + sqrt({attached})))^2)", f"(1 - {attached})")
     return Variant(parameters, columns, shape, {"stall angle": "rad", "sharpness": "1/rad"}, "separation", terms)
 

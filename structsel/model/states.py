@@ -29,6 +29,8 @@ from structsel.candidates.reading import read
 from structsel.errors import ChannelError, ModelError
 from structsel.numerics.actuators import actuate
 from structsel.numerics.arrays import Array
+from structsel.numerics.first_order import delayed
+from structsel.numerics.separation import steady_formula
 
 _PARAMETERS: dict[str, tuple[frozenset[str], ...]] = {
     "lag": (frozenset({"tau"}), frozenset({"way"})),
@@ -138,10 +140,7 @@ class State:
         """
         clock, x = self.clock(t, held), np.asarray(evaluate(self.input_formula, held, self.kind), dtype=float)
         if self.kind == "delay":
-            if hold:
-                y = x[np.maximum(np.searchsorted(clock, clock - self.time_constant + 1e-9, side="right") - 1, 0)]
-            else:
-                y = np.interp(clock - self.time_constant, clock, x)
+            y = delayed(x, clock, self.time_constant, hold=hold)
         else:
             y = actuate(clock, x, hold=hold, **self._actuator)
         return x + self.fraction * (y - x) if "share" in self.parameters else y
@@ -191,7 +190,7 @@ class State:
         return made or {"lag": self.time_constant}
 
     def _flow(self, angle: str) -> str:
-        return f"0.5*(1 - tanh({self['sharpness']!r}*({angle} - {self['onset']!r})))"
+        return steady_formula(angle, self["sharpness"], self["onset"])
 
     def to_dict(self) -> dict[str, Any]:
         """For model.json."""

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_continuous_lyapunov
 
 from structsel.errors import DomainError
+from structsel.numerics.first_order import first_order_noise
 from structsel.numerics.linear_systems import discretise_noise
 
 FOOT = 0.3048
@@ -141,9 +142,9 @@ def dryden_gusts(
     L, s = np.asarray(lengths, dtype=float), np.asarray(sigmas, dtype=float)
     lag = np.array([4.0, 4.0, 3.0]) * b / (math.pi * V)  # of p, q, r
     out = np.empty((len(t), 6))
-    out[:, 0] = _lagged(L[0] / V, s[0], dt, len(t), rng)
+    out[:, 0] = s[0] * _first_order(L[0] / V, dt, len(t), rng)
     roll = s[2] * math.sqrt(0.4 * math.pi / (L[2] * V) * (math.pi * L[2] / (4.0 * b)) ** (1.0 / 3.0) / lag[0])
-    out[:, 3] = _lagged(lag[0], roll, dt, len(t), rng)
+    out[:, 3] = roll * _first_order(lag[0], dt, len(t), rng)
     for j, rate, sign in ((1, 5, 1.0), (2, 4, -1.0)):
         gust, slope = _transverse(L[j] / V, s[j], lag[rate - 3], dt, len(t), rng)
         out[:, j], out[:, rate] = gust, sign * slope / V
@@ -193,12 +194,11 @@ def log_law(h: ArrayLike, speed: float, reference: float, roughness: float = 0.1
     return speed * np.log(np.maximum(np.asarray(h, dtype=float) / roughness, 1.0)) / math.log(reference / roughness)
 
 
-def _lagged(lag: float, sigma: float, dt: float, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """First-order noise of a standard deviation and a time constant."""
-    keep = math.exp(-dt / lag)
-    A = np.array([[keep]])
-    root = np.array([[sigma * math.sqrt(-math.expm1(-2.0 * dt / lag))]])
-    return _march(A, root, np.array([sigma]) * rng.standard_normal(1), rng.standard_normal((n, 1)))[:, 0]
+def _first_order(lag: float, dt: float, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Noise of unit variance and a time constant."""
+    white = rng.standard_normal(n + 1)
+    white[1] = white[0]
+    return first_order_noise(white[1:], dt / lag)
 
 
 def _transverse(

@@ -12,6 +12,7 @@ from structsel.aircraft import Aircraft
 from structsel.errors import ChannelError, DomainError
 from structsel.nomenclature import suggest
 from structsel.numerics.actuators import actuate
+from structsel.numerics.first_order import delayed
 from structsel.numerics.flight_model import VANES
 
 
@@ -116,8 +117,8 @@ class Instruments:
             )
         made = {}
         for name, values in channels.items():
-            if late := self.delay.get(name):
-                values = np.interp(t - late, t, values)
+            if delay := self.delay.get(name):
+                values = delayed(values, np.asarray(t, dtype=float), delay)
             values = (1.0 + self.scale.get(name, 0.0)) * values + self.bias.get(name, 0.0)
             if std := self.noise.get(name):
                 rng = np.random.default_rng([self.seed, *name.encode()])
