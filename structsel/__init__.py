@@ -27,8 +27,8 @@ from structsel.recording import (
     write_recording,
 )
 from structsel.refinement import (
-    Comparison,
     Derivatives,
+    EstimateComparison,
     LinearStructure,
     Refinement,
     compare_estimates,
@@ -57,7 +57,9 @@ from structsel.validation import Ensemble, Resimulation, Validation, ensemble, r
 
 __version__ = "0.1.0"
 
-__getattr__ = renamed_names(__name__, {"Replay": "Resimulation", "replay": "resimulate"})
+__getattr__ = renamed_names(
+    __name__, {"Comparison": "EstimateComparison", "Replay": "Resimulation", "replay": "resimulate"}
+)
 
 __all__ = [
     "Actuator",
@@ -65,10 +67,10 @@ __all__ = [
     "Air",
     "Aircraft",
     "Candidates",
-    "Comparison",
     "Derivatives",
     "Diagnosis",
     "Ensemble",
+    "EstimateComparison",
     "Factor",
     "Gust",
     "InputComparison",

@@ -333,7 +333,7 @@ def test_refine_finds_the_truth_and_prints_both_errors(refined, folder):
         assert abs(model[term] - truth[term]) < 4.0 * row["std"]
         shown = re.search(rf"^Cm:{term} +(\S+) +(\S+) +(\S+)", printed, re.MULTILINE)
         assert_allclose([float(x) for x in shown.groups()], row[["value", "std", "std_white"]].astype(float), rtol=0.06)
-    assert "settled" in printed
+    assert "converged" in printed
     assert max(map(len, printed.splitlines()[:-1])) <= 80
 
 
@@ -415,10 +415,10 @@ def test_a_delay_longer_than_the_record_is_refused_with_the_remedy(folder, craft
     assert "--bounds delay=0,..." in told(result)
 
 
-def test_a_start_that_cannot_be_flown_is_refused_with_the_way_out(folder, craft):
+def test_a_start_that_diverges_is_refused_with_a_remedy(folder, craft):
     arguments = ("--recordings", folder / "flights", "--free", FREE)
     result = run("refine", folder / "wild.json", *craft, *arguments, code=1)
-    assert "cannot fly 'wild' with the parameters it starts from" in told(result)
+    assert "cannot simulate 'wild' with its start values" in told(result)
     assert "--search global" in told(result)
     assert "NOT CONVERGED" in result.stdout
 

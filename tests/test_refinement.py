@@ -189,12 +189,12 @@ def test_a_search_cut_short_says_so_and_carries_its_best():
 
 def test_estimates_that_move_together_are_named():
     found = refine(wrong(), None, as355_flight(), **ALL_OF_IT)
-    assert any("Xu and Xq move together: correlation -0.9" in doubt for doubt in found.doubts)
+    assert any("Xu and Xq are correlated: -0.9" in doubt for doubt in found.doubts)
 
 
 def test_the_report_the_tables_and_a_pickle_hold_the_result():
     found = refine(pitch(mq=-1.0), None, pitch_flight(three_two_one_one(CLOCK, 0.5, 0.4, 0.02)))
-    assert "settled" in str(found)
+    assert "converged" in str(found)
     assert str(found).count("R2") == 2
     frame = found.to_frame().set_index("name")
     assert frame.loc["mq", "value"] == found["mq"].value
@@ -256,3 +256,13 @@ def test_methods_stand_side_by_side_with_intervals():
     assert "intervals: 95%" in text
     with pytest.raises(ModelError, match="needs estimates"):
         compare_estimates({})
+
+
+def test_old_names_work_and_warn():
+    with pytest.warns(DeprecationWarning, match="use EstimateComparison instead"):
+        from structsel import Comparison
+    assert isinstance(compare_estimates({"one": {"a": (1.0, 0.1)}}), Comparison)
+    with pytest.warns(DeprecationWarning, match="use delayed instead"):
+        structure = pitch().replace({}, late=("de",))
+    with pytest.warns(DeprecationWarning, match="use delayed instead"):
+        assert structure.late == structure.delayed == ("de",)

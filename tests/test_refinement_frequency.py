@@ -219,7 +219,7 @@ def test_equation_error_refuses_what_it_cannot_solve():
     flight = flown()
     system = LinearSystem.of(("w", "q"), ("de",), np.array([[-1.0, 105.0], [-1.0, -1.67]]), np.ones((2, 1)))
     shared = LinearStructure.from_entries(system, {"k": [("A", 0, 0), ("A", 1, 0)]})
-    with pytest.raises(ModelError, match="k of 'linear model' stand in several"):
+    with pytest.raises(ModelError, match="k of 'linear model' occur in several"):
         equation_error(shared, None, flight)
     with pytest.raises(DataError, match=r"cannot determine the terms of q_dot \(mde\)"):
         equation_error(pitch(), None, flight.with_channels(de=0.0 * T))

@@ -239,11 +239,11 @@ def test_filter_error_cut_short_says_so_and_carries_its_best():
 
 
 def test_rounds_that_do_not_settle_say_so_and_hand_over_the_lowest_cost(monkeypatch):
-    monkeypatch.setattr("structsel.refinement.prediction._ROUNDS", 2)
+    monkeypatch.setattr("structsel.refinement.filter_error._ROUNDS", 2)
     flight, start = turbulent(5), pitch(**ROUGH)
     found = refine(start, None, flight, noise="process")
     assert not found.converged
-    assert "not settled in 2 rounds" in found.message
+    assert "not converged in 2 rounds" in found.message
     assert found.costs[-1] == found.costs.min()
     assert_allclose(found.thetas[-1], found.values)
 

@@ -52,7 +52,7 @@ def test_nothing_is_fetched_from_anywhere(kind):
     {
         "selection": ("Of 9 candidate terms, Cm needs 3 and CZ needs 2", "Terms", "On recordings held out"),
         "reconstruction": ("1 of 3 manoeuvres can be trusted", "All manoeuvres", "Errors of the instruments"),
-        "refinement": ("The search settled: the model flies alpha, q, theta and az", "Parameters", "Outputs"),
+        "refinement": ("The search converged: the model flies alpha, q, theta and az", "Parameters", "Outputs"),
     }.items(),
 )
 def test_the_finding_comes_first_then_figures_doubts_and_what_was_done(kind, order):

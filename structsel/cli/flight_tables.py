@@ -115,7 +115,7 @@ def print_replay(console: Console, result: Resimulation, title: str) -> None:
 
 def print_refinement(console: Console, result: Refinement) -> None:
     """Print estimates with their errors, how near the outputs came, and what to doubt."""
-    ended = ("settled", "green") if result.converged else ("NOT CONVERGED", "bold red")
+    ended = ("converged", "green") if result.converged else ("NOT CONVERGED", "bold red")
     count = len(result.simulated)
     about = f"  {len(result.estimates)} parameters, {count} recording{'s' * (count != 1)}  "
     console.print(Text.assemble((result.title, "bold"), about, ended))

@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.nomenclature import unit_of
 from structsel.plotting.axes import DOUBT, KEPT, MEASURED, MODELLED, OTHER
-from structsel.refinement import Comparison, Derivatives
+from structsel.refinement import Derivatives, EstimateComparison
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,12 +18,12 @@ _COLOURS = (KEPT, MODELLED, DOUBT, OTHER)
 _APART = 0.16  # of one row, between methods
 
 
-def plot_comparison(comparison: Comparison, *, axes: Any = None) -> tuple[Axes, ...]:
+def plot_comparison(comparison: EstimateComparison, *, axes: Any = None) -> tuple[Axes, ...]:
     """Draw every parameter's estimates by method with their intervals, one small Axes per parameter.
 
     Parameters
     ----------
-    comparison : Comparison
+    comparison : EstimateComparison
     axes : sequence of Axes, optional
         One for each parameter.
 

@@ -1,4 +1,4 @@
-"""Derivatives over many manoeuvres against the condition they were flown from: trim incidence, airspeed."""
+"""Derivatives over many manoeuvres against the condition they were flown from: angle of attack in trim, airspeed."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from structsel.model import AeroModel
 from structsel.nomenclature import unit_of
 from structsel.reconstruction import reconstruct
 from structsel.recording import Recording
-from structsel.refinement.comparison import Estimates, estimates_by_name
 from structsel.refinement.equation_error import equation_error
-from structsel.refinement.layout import check_recordings
+from structsel.refinement.estimate_comparison import Estimates, estimates_by_name
+from structsel.refinement.parameters import check_recordings
 from structsel.refinement.refine import refine
 from structsel.refinement.result import Refinement
 from structsel.rich_text import to_html
@@ -36,18 +36,18 @@ class Derivatives:
     Attributes
     ----------
     against : str
-        The channel that tells conditions apart.
+        The channel that distinguishes conditions.
     conditions : (g,) array [SI]
         Its values at the start of the manoeuvres, ascending; the mean of those estimated together.
     recordings : tuple of tuple of str
-        What was flown at each.
+        Recordings at each.
     parameters, methods : tuple of str
     values, std : (g, p, m) array
         NaN where a method has no answer, std infinite where the manoeuvre does not determine it.
     level : float
         Of the confidence intervals.
     notes : mapping of (condition's number, method) to str
-        What went wrong, or is to be doubted.
+        Why there is no estimate, or a warning.
     """
 
     against: str
@@ -71,7 +71,7 @@ class Derivatives:
         return stats.norm.ppf(0.5 + self.level / 2.0) * self.std
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each condition, parameter and method, with its interval and what is to be said of it."""
+        """One row for each condition, parameter and method, with its interval and note."""
         rows = [
             {"recordings": ", ".join(self.recordings[g]), self.against: self.conditions[g], "parameter": name,
              "method": method, "value": self.values[g, i, j], "std": self.std[g, i, j],
@@ -85,12 +85,12 @@ class Derivatives:
     def __str__(self) -> str:
         unit = unit_of(self.against)
         degrees = unit == "rad"
-        shown = np.rad2deg(self.conditions) if degrees else self.conditions
+        default_outputs = np.rad2deg(self.conditions) if degrees else self.conditions
         head = f"{self.against} [{'deg' if degrees else unit}]"
         lines = []
         for i, name in enumerate(self.parameters):
             lines += ["", name, f"  {head:>14}" + "".join(f"{method:>26}" for method in self.methods)]
-            for g, at in enumerate(shown):
+            for g, at in enumerate(default_outputs):
                 cells = [
                     "-" if np.isnan(self.values[g, i, j]) else f"{self.values[g, i, j]:.4g} +- {self.half[g, i, j]:.2g}"
                     for j in range(len(self.methods))
@@ -127,12 +127,12 @@ def derivatives_by_condition(
     against : str
         Channel whose median over the first second is a manoeuvre's condition: ``"alpha"``, ``"V"``.
     parameters : sequence of str, optional
-        Those to tell, ``"Cm:alpha"``; all.
+        Those to report, ``"Cm:alpha"``; all by default.
     methods : sequence of {"equation error", "two-step", "output error", "filter error"}
         Regression on the channels as read; regression after `reconstruct`; `refine`, and the same with process noise.
     edges : sequence of float, optional
         Ascending bounds of the channel [SI]; manoeuvres between two of them are estimated together, those outside are
-        left out. Without, each manoeuvre stands by itself.
+        left out. By default each manoeuvre is estimated alone.
     level : float
         Of the confidence intervals.
     options
@@ -152,15 +152,15 @@ def derivatives_by_condition(
 
     References
     ----------
-    [K79], where derivatives of a light aeroplane are set against trim incidence.
+    [K79], where derivatives of a light aeroplane are set against the angle of attack in trim.
     """
     flights = list(recordings)
     check_recordings(flights)
     names = [f"{response}:{term}" for response, held in model.responses.items() for term in held.terms]
-    told = list(parameters) if parameters is not None else names
-    if unknown := [m for m in methods if m not in METHODS] + [p for p in told if p not in names]:
+    reported = list(parameters) if parameters is not None else names
+    if unknown := [m for m in methods if m not in METHODS] + [p for p in reported if p not in names]:
         raise ModelError(
-            f"derivatives_by_condition was asked for '{unknown[0]}'. Methods: {', '.join(METHODS)}; parameters: "
+            f"derivatives_by_condition was given '{unknown[0]}'. Methods: {', '.join(METHODS)}; parameters: "
             f"{', '.join(names)}."
         )
     at = np.array([_condition(r, against) for r in flights])
@@ -170,7 +170,7 @@ def derivatives_by_condition(
             f"derivatives_by_condition has no manoeuvre between its edges of {against}; they begin at "
             f"{', '.join(f'{value:.4g}' for value in at)}."
         )
-    values = np.full((len(groups), len(told), len(methods)), np.nan)
+    values = np.full((len(groups), len(reported), len(methods)), np.nan)
     std, notes = values.copy(), {}
     for g, members in enumerate(groups):
         flown = [flights[i] for i in members]
@@ -178,12 +178,12 @@ def derivatives_by_condition(
             found, note = _estimate(method, model, aircraft, flown, options)
             if note:
                 notes[g, method] = note
-            for i, name in enumerate(told):
+            for i, name in enumerate(reported):
                 values[g, i, j], std[g, i, j] = found.get(name, (np.nan, np.nan))
     return Derivatives(
         against, np.array([at[members].mean() for members in groups]),
-        tuple(tuple(flights[i].name for i in members) for members in groups), tuple(told), tuple(methods), values, std,
-        level, notes,
+        tuple(tuple(flights[i].name for i in members) for members in groups), tuple(reported), tuple(methods), values,
+        std, level, notes,
     )  # fmt: skip
 
 
@@ -207,7 +207,7 @@ def _groups(at: np.ndarray, edges: Sequence[float] | None) -> list[list[int]]:
 def _estimate(
     method: str, model: AeroModel, aircraft: Aircraft, flown: list[Recording], options: Mapping[str, Any]
 ) -> tuple[dict[str, tuple[float, float]], str]:
-    """Estimates by name, and what is to be said of them."""
+    """Estimates by name, and a note."""
     try:
         found: Estimates
         if method == "equation error":

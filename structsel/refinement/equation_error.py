@@ -18,9 +18,9 @@ from structsel.numerics import frequency_domain as fd
 from structsel.numerics.differentiation import differentiate
 from structsel.numerics.noise_models import coloured_covariance
 from structsel.recording import Recording
-from structsel.refinement.flying import LinearFlight
-from structsel.refinement.layout import check_recordings
+from structsel.refinement.linear_flight import LinearFlight
 from structsel.refinement.linear_structure import LinearStructure
+from structsel.refinement.parameters import check_recordings
 from structsel.rich_text import opening, to_html
 from structsel.simulation.linear import LinearModel
 
@@ -34,10 +34,10 @@ class EquationError:
     names : tuple of str
         As `refine` has them: "Cm:alpha", or a linear structure's own.
     values, std : (k,) array
-        In time with the residuals as coloured as they are, over a band for noise that is white there. NaN for what
-        the band does not hold: constants.
+        In time with the autocorrelation of the residuals, over a band for noise that is white there. NaN for
+        constants, which a band does not contain.
     r2 : mapping of response to float
-        Share of the variance, or of the power over the band.
+        Fraction of the variance, or of the power over the band.
     model : AeroModel, LinearStructure or LinearModel
         With the values found.
     domain : {"time", "frequency"}
@@ -96,7 +96,7 @@ def equation_error(
     domain: Literal["time", "frequency"] = "time",
     band: tuple[float, float] | None = None,
 ) -> EquationError:
-    """Estimate a structure's parameters by equation error, the quick way that noise in the channels biases.
+    """Estimate a structure's parameters by equation error, which is fast but biased by noise in the regressors.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def _linear(model: LinearStructure | LinearModel, flights: Sequence[Recording]) 
     shared = [name for name, row in zip(flight.parameters, acts) if row.sum() > 1]
     if shared:
         raise ModelError(
-            f"equation_error solves each state's equation by itself; {', '.join(shared)} of '{structure.name}' stand "
+            f"equation_error solves each state's equation alone; {', '.join(shared)} of '{structure.name}' occur "
             "in several. Use refine()."
         )
     equations = {}
@@ -220,7 +220,7 @@ def _in_time(name: str, equation: _Equation) -> tuple[np.ndarray, np.ndarray, fl
         lost = [n for n, s in zip(equation.names, size) if s == 0.0]
         raise DataError(
             f"equation_error cannot determine the terms of {name} ({', '.join(lost or equation.names)}): they depend "
-            "on each other in these recordings, or are zero. Leave one out, or fly an input that moves them apart."
+            "on each other in these recordings, or are zero. Leave one out, or record an input that separates them."
         )
     theta = theta / size
     residuals = [b - a @ theta for a, b in zip(X, y)]

@@ -93,7 +93,7 @@ def steady_gain(Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray) ->
 
 
 def predict_linear(
-    Phi: np.ndarray, push: np.ndarray, C: np.ndarray, feed: np.ndarray, x0: np.ndarray, gain: np.ndarray,
+    Phi: np.ndarray, state_input: np.ndarray, C: np.ndarray, feedthrough: np.ndarray, x0: np.ndarray, gain: np.ndarray,
     measured: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
     """Outputs predicted for each sample from the measurements before it.
@@ -102,10 +102,10 @@ def predict_linear(
     ----------
     Phi : (m, s, s) array
         From one sample to the next.
-    push : (m, n - 1, s) array
+    state_input : (m, n - 1, s) array
         What inputs and drifts add over each interval.
     C : (m, c, s) array
-    feed : (m, n, c) array
+    feedthrough : (m, n, c) array
         Outputs of a state of zero.
     x0 : (m, s) array
     gain : (m, s, c) array
@@ -117,22 +117,22 @@ def predict_linear(
     (m, n, c) array
         NaN from where a set diverged.
     """
-    y = np.full(feed.shape, np.nan)
-    arrays = [np.ascontiguousarray(a, dtype=float) for a in (Phi, push, C, feed, x0, gain, measured)]
+    y = np.full(feedthrough.shape, np.nan)
+    arrays = [np.ascontiguousarray(a, dtype=float) for a in (Phi, state_input, C, feedthrough, x0, gain, measured)]
     _predict(*arrays, y)  # type: ignore[call-arg]
     return y
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _predict(Phi, push, C, feed, x0, gain, measured, y):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    m, n, c = feed.shape
+def _predict(Phi, state_input, C, feedthrough, x0, gain, measured, y):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    m, n, c = feedthrough.shape
     s = x0.shape[1]
     x, moved = np.empty(s), np.empty(s)
     for j in range(m):
         x[:] = x0[j]
         for k in range(n):
             for a in range(c):
-                total = feed[j, k, a]
+                total = feedthrough[j, k, a]
                 for i in range(s):
                     total += C[j, a, i] * x[i]
                 y[j, k, a] = total
@@ -145,7 +145,7 @@ def _predict(Phi, push, C, feed, x0, gain, measured, y):  # type: ignore[no-unty
                 break
             lost = False
             for i in range(s):
-                total = push[j, k, i]
+                total = state_input[j, k, i]
                 for l in range(s):
                     total += Phi[j, i, l] * x[l]
                 moved[i] = total

@@ -11,20 +11,22 @@ from structsel.numerics.frequency_domain import as_real, choose_frequencies, sam
 from structsel.numerics.output_error import OutputErrorFit
 from structsel.numerics.output_error_problem import Predict
 from structsel.recording import Recording
-from structsel.refinement.flying import Driven, LinearFlight
+from structsel.refinement.flight_model import FlightModel
+from structsel.refinement.linear_flight import InputResponse, LinearFlight
 from structsel.refinement.parameters import Parameter
-from structsel.refinement.problem import FlightModel, Problem, filled
+from structsel.refinement.problem import EstimationProblem, FitsAndResiduals, filled
 from structsel.refinement.result import OutputFit, compare_output
 
 
-class FrequencyProblem(Problem):
-    """Transforms of a linear model's outputs at the records' own frequencies in a band.
+class FrequencyProblem(EstimationProblem):
+    """Fourier transforms of a linear model's outputs at the frequencies of the records in a band.
 
-    They are scaled so that white noise is as strong in each of their two parts as in a sample. A constant has none,
-    so that references, biases and drifts take no part; what a record's ends differ by is the jump of the states.
+    They are scaled so that white noise has the same variance in the real and the imaginary part as in a sample.
+    Constants have no transform: references, biases and drifts are not estimated. The difference of the states between
+    the ends of a record is their jump.
     """
 
-    said = "simulated with the values found in the frequency domain"
+    note = "simulated with the values found in the frequency domain"
     model: LinearFlight
 
     def __init__(
@@ -39,30 +41,30 @@ class FrequencyProblem(Problem):
         self.band = band
         super().__init__(model, recordings, outputs, parameters, starts)
         self.y = [as_real(w @ y) for w, y in zip(self.weights, self.y)]
-        self.begin = self._with_jumps(super().theta0)
+        self.start_values = self._with_jumps(super().theta0)
 
     @property
     def theta0(self) -> np.ndarray:
         """(k,) where the search starts."""
-        return self.begin
+        return self.start_values
 
     def _with_jumps(self, theta: np.ndarray) -> np.ndarray:
-        """A start whose jumps are the best for its other parameters: the outputs are linear in them."""
+        """Start with the best jumps for its other parameters, by least squares: the outputs are linear in them."""
         jumps = np.array([p.kind == "jump" for p in self.parameters])
         found = np.where(jumps, 0.0, theta)
         for predict, y, r in zip(self.predict(), self.y, self.recordings):
-            mine = np.flatnonzero(jumps & [p.recording == r.name for p in self.parameters])
-            sets = np.tile(found, (1 + mine.size, 1))
-            sets[1 + np.arange(mine.size), mine] = 1.0
+            own = np.flatnonzero(jumps & [p.recording == r.name for p in self.parameters])
+            sets = np.tile(found, (1 + own.size, 1))
+            sets[1 + np.arange(own.size), own] = 1.0
             outputs = predict(sets)
-            if mine.size and np.isfinite(outputs).all():
-                X = ((outputs[1:] - outputs[0]) / y.std(axis=0)).reshape(mine.size, -1)
-                found[mine] = np.linalg.lstsq(X.T, ((y - outputs[0]) / y.std(axis=0)).ravel(), rcond=None)[0]
+            if own.size and np.isfinite(outputs).all():
+                X = ((outputs[1:] - outputs[0]) / y.std(axis=0)).reshape(own.size, -1)
+                found[own] = np.linalg.lstsq(X.T, ((y - outputs[0]) / y.std(axis=0)).ravel(), rcond=None)[0]
         return found
 
-    def make_ready(self) -> list[Driven]:
-        """What drives the model in each recording, as transforms."""
-        self.weights, self.turns = [], []
+    def prepare_recordings(self) -> list[InputResponse]:
+        """Transformed input of each recording."""
+        self.weights, self.phasors = [], []
         for r in self.recordings:
             r.require(*self.outputs, finite=True, by="refine in the frequency domain")
             f = choose_frequencies(len(r) * r.dt, *self.band)
@@ -74,27 +76,27 @@ class FrequencyProblem(Problem):
                 )
             angle = 2.0 * np.pi * r.dt * f
             self.weights.append(np.sqrt(2.0 / len(r)) * np.exp(-1j * np.outer(angle, np.arange(len(r)))))
-            self.turns.append(np.exp(1j * angle))
-        return [Driven(self.model, r, w) for r, w in zip(self.recordings, self.weights)]
+            self.phasors.append(np.exp(1j * angle))
+        return [InputResponse(self.model, r, w) for r, w in zip(self.recordings, self.weights)]
 
     def _predict(self, j: int, held: np.ndarray | None, free: np.ndarray | None) -> Predict:
-        r, turn = self.recordings[j], self.turns[j]
+        r, phasor = self.recordings[j], self.phasors[j]
         per_jump = np.sqrt(2.0 / len(r))
 
         def predict(thetas: np.ndarray) -> np.ndarray:
             thetas = filled(thetas, held, free)
-            values, _, _, delay = self.flown(thetas, r.name)
+            values, _, _, delay = self.simulation_arguments(thetas, r.name)
             made = self.model.structure.matrices(values)
             jump = per_jump * self._filled(np.zeros(len(self.model.states)), thetas, "jump", self.model.states, r.name)
-            Phi, push, feed = self.flyers[j](made, delay)
+            Phi, push, feed = self.predictors[j](made, delay)
             C = made.C[:, self.columns]
-            found = sampled_response(Phi, push, C, feed[:, :, self.columns], turn, jump)
+            found = sampled_response(Phi, push, C, feed[:, :, self.columns], phasor, jump)
             return as_real(self.instrument(thetas, r.name)[0][:, None, :] * found)
 
         return predict
 
-    def portray(self, fit: OutputErrorFit) -> tuple[list[OutputFit], list[Recording], dict[str, dict[str, np.ndarray]]]:
-        """Fits and residuals of the transforms; recordings flown from rest, their means those measured."""
+    def fits_and_residuals(self, fit: OutputErrorFit) -> FitsAndResiduals:
+        """Fits and residuals of the transforms; recordings simulated from rest, with the measured means."""
         fits: list[OutputFit] = []
         modelled, residuals = [], {}
         for r, y, z in zip(self.recordings, self.y, fit.outputs):
@@ -105,19 +107,19 @@ class FrequencyProblem(Problem):
                 for c, name in enumerate(self.outputs)
             }
             thetas = fit.theta[None]
-            flown = (
+            simulated = (
                 self.instrument(thetas, r.name)[0][0]
-                * self.model.on(r)(*self.flown(thetas, r.name))[0][:, self.columns]
+                * self.model.simulator(r)(*self.simulation_arguments(thetas, r.name))[0][:, self.columns]
             )
-            means = {name: flown[:, c] + np.mean(r[name] - flown[:, c]) for c, name in enumerate(self.outputs)}
-            modelled.append(r.with_channels(note=f"outputs {self.said} by refine", **means))  # type: ignore[arg-type]
+            means = {name: simulated[:, c] + np.mean(r[name] - simulated[:, c]) for c, name in enumerate(self.outputs)}
+            modelled.append(r.with_channels(note=f"outputs {self.note} by refine", **means))  # type: ignore[arg-type]
         return fits, modelled, residuals
 
 
 def check_frequency(
     flight: FlightModel, band: tuple[float, float] | None, constants: Mapping[str, Sequence[str]]
 ) -> tuple[float, float]:
-    """The band [Hz], where the frequency domain can be meant.
+    """The band [Hz], where the frequency domain is possible.
 
     Raises
     ------
@@ -126,7 +128,7 @@ def check_frequency(
     """
     if not isinstance(flight, LinearFlight):
         raise ModelError(
-            f"refine goes into the frequency domain with linear models; '{flight.name}' is not one. Linearise it "
+            f"the frequency domain needs a linear model; '{flight.name}' is not one. Linearise it "
             "(structsel.simulation.linearise), or refine it in the time domain."
         )
     if band is None or not 0.0 <= band[0] < band[1]:

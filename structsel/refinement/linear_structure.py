@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from structsel.deprecation import renamed_arguments, renamed_attribute
 from structsel.errors import ModelError
 from structsel.nomenclature import suggest
 from structsel.numerics.linear_models import LinearFamily, LinearSystem
@@ -38,9 +39,10 @@ class Matrices:
 
 Build = Callable[[Mapping[str, np.ndarray]], Mapping[str, Any]]
 """Parameter arrays (m,) by name to matrices by name: A, B, C, D, and drift, reference, delay where there are any. A
-matrix that no parameter touches may be left without the leading axis."""
+matrix that depends on no parameter may lack the leading axis."""
 
 
+@renamed_arguments(late="delayed")
 @dataclass(frozen=True)
 class LinearStructure:
     """A linear model whose matrices depend on named parameters.
@@ -54,12 +56,14 @@ class LinearStructure:
     build : callable
         See `Build`.
     delay : float [s]
-        By which the inputs act late, beside what `build` gives.
+        Time delay of the inputs, in addition to that of `build`.
     hold : {"linear", "hold"}
-        How the inputs go from sample to sample.
+        Inputs between samples.
     input_reference : mapping of str to float
-        What an input's channel reads where the model's input is zero; 0 where not named.
+        Reading of an input's channel where the model's input is zero; 0 where not named.
     name : str
+    delayed : tuple of str, optional
+        Inputs that are delayed; all by default.
     """
 
     states: tuple[str, ...]
@@ -71,7 +75,9 @@ class LinearStructure:
     hold: Literal["linear", "hold"] = "linear"
     input_reference: Mapping[str, float] = field(default_factory=dict)
     name: str = "linear model"
-    late: tuple[str, ...] | None = None
+    delayed: tuple[str, ...] | None = None
+
+    late = renamed_attribute("delayed")
 
     def __post_init__(self) -> None:
         for key in ("states", "inputs", "outputs"):
@@ -141,7 +147,9 @@ class LinearStructure:
         values = {name: [float(base[m][r, c]) for m, r, c in where] for name, where in places.items()}
         for name, found in values.items():
             if len(set(found)) > 1:
-                raise ModelError(f"Parameter '{name}' has different values where it stands: {found}. Name them apart.")
+                raise ModelError(
+                    f"Parameter '{name}' has different values in its places: {found}. Use different names."
+                )
 
         def build(theta: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
             m = len(next(iter(theta.values())))
@@ -184,10 +192,11 @@ class LinearStructure:
             held[key] = np.ascontiguousarray(np.broadcast_to(matrix, (m, *shape)))
         return Matrices(**held)
 
+    @renamed_arguments(late="delayed")
     def replace(
-        self, values: Mapping[str, float], delay: float | None = None, late: Sequence[str] | None = None
+        self, values: Mapping[str, float], delay: float | None = None, delayed: Sequence[str] | None = None
     ) -> LinearStructure:
-        """The same structure with other values of some parameters, another delay, or other inputs late.
+        """The same structure with other values of some parameters, another delay, or other delayed inputs.
 
         Raises
         ------
@@ -200,7 +209,7 @@ class LinearStructure:
         return LinearStructure(
             self.states, self.inputs, self.outputs, {**self.parameters, **values}, self.build,
             self.delay if delay is None else delay, self.hold, self.input_reference, self.name,
-            self.late if late is None else tuple(late),
+            self.delayed if delayed is None else tuple(delayed),
         )  # fmt: skip
 
     def growth(self, values: np.ndarray) -> np.ndarray:

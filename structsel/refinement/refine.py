@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.errors import ModelError
+from structsel.errors import ModelError, RefinementError
 from structsel.model import AeroModel
+from structsel.numerics.global_search import GlobalSearch, search_globally
 from structsel.numerics.noise_models import score_covariance, spectral_score_covariance
 from structsel.numerics.output_error import OutputErrorFit, fit_output_error
+from structsel.numerics.output_error_problem import Constraint, OutputErrorProblem
 from structsel.options import takes_options
 from structsel.recording import Recording
-from structsel.refinement.aero_flight import AeroFlight
-from structsel.refinement.fitting import evolve, make_constraint, refuse, report
-from structsel.refinement.flying import LinearFlight
+from structsel.refinement.filter_error import FilterErrorProblem, iterate_noise
+from structsel.refinement.flight_model import FlightModel
 from structsel.refinement.frequency import FrequencyProblem, check_frequency
-from structsel.refinement.layout import build_parameters, check_delay, check_recordings, choose_outputs
+from structsel.refinement.linear_flight import LinearFlight
 from structsel.refinement.linear_structure import LinearStructure
-from structsel.refinement.parameters import bound
-from structsel.refinement.prediction import PredictionProblem, settle
-from structsel.refinement.problem import FlightModel, Problem
-from structsel.refinement.result import Refinement
-from structsel.refinement.settings import RefineOptions
+from structsel.refinement.nonlinear_flight import NonlinearFlight
+from structsel.refinement.parameters import bound, build_parameters, check_delay, check_recordings, choose_outputs
+from structsel.refinement.problem import EstimationProblem
+from structsel.refinement.result import Estimate, Refinement, check_estimates
+from structsel.refinement.settings import RefineOptions, StabilityConstraint
 from structsel.simulation.linear import LinearModel
 
+_SEARCH_RANGE = 4.0  # times its start, either sign: of a parameter without bounds in the global search
 _CONSTANTS = {"drift": "drifts", "bias": "biases", "reference": "references"}
 
 
@@ -57,16 +59,17 @@ def refine(
     Returns
     -------
     Refinement
-        Where the search did not settle, `converged` is False, and what it holds is the best found.
+        Where the search did not converge, `converged` is False, and what it holds is the best found.
 
     Raises
     ------
     ModelError
         A name that is not the model's, bounds that cross.
     DataError
-        Recordings that cannot be flown: uneven clock, inputs missing, shorter than the delay.
+        Recordings that cannot be simulated: uneven clock, inputs missing, shorter than the delay.
     RefinementError
-        The start cannot be flown, or the flights do not determine a parameter; ``partial`` has what was found.
+        The simulation diverges with the start values, or the recordings do not determine a parameter; ``partial`` has
+        the Refinement.
 
     References
     ----------
@@ -74,7 +77,7 @@ def refine(
     """
     flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if options.domain == "frequency" and options.noise == "process":
-        raise ModelError("refine lets innovations in sample by sample: noise='process' needs domain='time'.")
+        raise ModelError("refine predicts sample by sample with noise='process', which needs domain='time'.")
     flight = _make_flight(model, aircraft, options)
     check_recordings(flights)
     outputs = choose_outputs(flight, flights, options.outputs)
@@ -87,16 +90,16 @@ def refine(
     if not in_time:
         constants = {name: [p.name for p in parameters if p.kind == kind] for kind, name in _CONSTANTS.items()}
         band = check_frequency(flight, options.band, constants)
-        problem: Problem = FrequencyProblem(flight, flights, outputs, parameters, held, band)
+        problem: EstimationProblem = FrequencyProblem(flight, flights, outputs, parameters, held, band)
     else:
-        kind = PredictionProblem if options.noise == "process" else Problem
+        kind = FilterErrorProblem if options.noise == "process" else EstimationProblem
         problem = kind(flight, flights, outputs, parameters, held)
     allowed = make_constraint(problem, options.constraint)
     R = _covariance(outputs, options)
 
     def search_locally(theta: np.ndarray) -> OutputErrorFit:
         return fit_output_error(
-            problem.in_numbers(R, options, allowed), theta, scale=problem.scale, method=options.method,
+            problem.output_error(R, options, allowed), theta, scale=problem.scale, method=options.method,
             iterations=options.iterations, tolerance=options.tolerance,
             score=score_covariance if in_time else spectral_score_covariance,
             progress=None if progress is None else lambda step, value: progress("descent", step, value),
@@ -104,16 +107,16 @@ def refine(
 
     evolved, members = None, problem.theta0[None]
     if options.search is not None:
-        evolved, members = evolve(problem, allowed, R, options, progress)
+        evolved, members = search_between_bounds(problem, allowed, R, options, progress)
     fit = min(
         (search_locally(theta) for theta in members[: max(options.polish, 1)]), key=lambda one: float(one.costs[-1])
     )
-    if isinstance(problem, PredictionProblem):
-        fit = settle(problem, fit, search_locally)
+    if isinstance(problem, FilterErrorProblem):
+        fit = iterate_noise(problem, fit, search_locally)
     found = report(
         problem, fit, evolved, options.cost, {"noise": options.noise, "domain": options.domain, "band": band}
     )
-    refuse(problem, fit, found)
+    refuse_failed_fit(problem, fit, found)
     return found
 
 
@@ -132,11 +135,144 @@ def _make_flight(model: Any, aircraft: Aircraft | None, options: RefineOptions) 
         return LinearFlight(model, delayed)
     if isinstance(model, AeroModel):
         if aircraft is None:
-            raise ModelError("refine needs the aircraft to fly an AeroModel; it was given None.")
-        return AeroFlight(
-            model, aircraft, air=options.air, definitions=options.definitions, substeps=options.substeps, late=delayed
+            raise ModelError("refine needs the aircraft to simulate an AeroModel; it was given None.")
+        return NonlinearFlight(
+            model,
+            aircraft,
+            air=options.air,
+            definitions=options.definitions,
+            substeps=options.substeps,
+            delayed=delayed,
         )
     raise ModelError(
-        f"refine flies a LinearModel, a LinearStructure or an AeroModel; it was given a {type(model).__name__}. "
+        f"refine takes a LinearModel, a LinearStructure or an AeroModel; it was given a {type(model).__name__}. "
         "Name the parameters of a linear system with LinearStructure.from_entries()."
     )
+
+
+def make_constraint(problem: EstimationProblem, constraint: StabilityConstraint | None) -> Constraint | None:
+    """Margins of parameter sets, as the kernels take them.
+
+    Raises
+    ------
+    ModelError
+        A constraint that is not possible for this model.
+    """
+    if constraint is None:
+        return None
+    if constraint == "stable":
+        if not isinstance(problem.model, LinearFlight):
+            raise ModelError(
+                "constraint='stable' needs the eigenvalues of a linear model. For an AeroModel bound its "
+                "terms, such as bounds={'Cm:alpha': (-3, 0)}."
+            )
+        return lambda thetas: -problem.model.growth(problem.model_parameters(thetas))
+    if not callable(constraint):
+        raise ModelError(f"constraint={constraint!r} is neither 'stable' nor a function of the parameters.")
+    return lambda thetas: np.asarray(constraint(dict(zip(problem.names, problem.from_search(thetas).T))))
+
+
+def search_between_bounds(
+    problem: EstimationProblem,
+    allowed: Constraint | None,
+    R: np.ndarray | None,
+    options: RefineOptions,
+    progress: Callable[[str, int, float], None] | None,
+) -> tuple[GlobalSearch, np.ndarray]:
+    """Global search over the parameters with bounds, and the parameter vectors of its last generation, the best first.
+
+    Process noise is held at its start value.
+    """
+    theta, bounds = problem.theta0, problem.bounds.copy()
+    for i, p in enumerate(problem.parameters):
+        if p.kind == "model":
+            limit = _SEARCH_RANGE * max(abs(p.value), p.scale)
+            bounds[i] = np.where(np.isfinite(bounds[i]), bounds[i], (-limit, limit))
+    searchable = np.array([p.kind != "process" for p in problem.parameters])
+    searched = np.flatnonzero(np.isfinite(bounds).all(axis=1) & searchable)
+
+    def whole(sets: np.ndarray) -> np.ndarray:
+        full = np.tile(theta, (len(sets), 1))
+        full[:, searched] = sets
+        return full
+
+    reduced = OutputErrorProblem(
+        problem.predict(theta, searched), problem.y, R=R, cost=options.cost, full=options.full_noise,
+        bounds=bounds[searched], constraint=None if allowed is None else lambda sets: allowed(whole(sets)),
+    )  # fmt: skip
+    found = search_globally(
+        reduced, seed=options.seed, population=options.population, generations=options.generations,
+        progress=None if progress is None else lambda count, value: progress("evolution", count, value),
+    )  # fmt: skip
+    return found, whole(found.members) if len(found.members) else theta[None]
+
+
+def report(
+    problem: EstimationProblem,
+    fit: OutputErrorFit,
+    evolved: GlobalSearch | None,
+    cost: str,
+    settings: Mapping[str, Any],
+) -> Refinement:
+    """Refinement of a fit; `settings` are its fields noise, domain and band."""
+    slope = problem.search_slope(fit.theta)
+    values, both = problem.from_search(fit.theta), np.outer(slope, slope)
+    std, white = fit.std * slope, fit.std_white * slope
+    start = problem.from_search(problem.theta0)
+    estimates = tuple(
+        Estimate(p.name, p.kind, float(values[i]), float(std[i]), float(white[i]), float(start[i]), p.low, p.high,
+                 bool(fit.at_bound[i]))
+        for i, p in enumerate(problem.parameters)
+    )  # fmt: skip
+    fits, modelled, residuals = problem.fits_and_residuals(fit)
+    of_model = {e.name: e for e in estimates if e.kind == "model"}
+    delay = [e.value for e in estimates if e.kind == "delay"]
+    refined = problem.model.refined(
+        {name: e.value for name, e in of_model.items()}, {name: e.std for name, e in of_model.items()},
+        delay[0] if delay else problem.model.delay,
+    )  # fmt: skip
+    with np.errstate(invalid="ignore"):
+        noise = dict(zip(problem.outputs, np.sqrt(np.diag(fit.R)).tolist()))
+    doubts = check_estimates(estimates, fit.correlation, fit.converged, fit.message)
+    return Refinement(
+        refined, estimates, fit.crlb * both, fit.covariance * both, fit.correlation, noise, tuple(fits),
+        tuple(modelled), residuals, cost, fit.costs, problem.from_search(fit.thetas), fit.converged, fit.message,
+        evolved, doubts, **settings,
+    )  # fmt: skip
+
+
+def refuse_failed_fit(problem: EstimationProblem, fit: OutputErrorFit, found: Refinement) -> None:
+    """Raise where there is no usable estimate.
+
+    Raises
+    ------
+    RefinementError
+        A simulation that diverges, or parameters that the recordings do not determine; process noise may be one.
+    """
+    if not np.isfinite(fit.costs[-1]):
+        growth = problem.model.growth(problem.model_parameters(fit.theta[None]))[0]
+        why = f" Its fastest motion grows by {growth:.3g} per second." if np.isfinite(growth) and growth > 0.0 else ""
+        diverged = [
+            f"'{r.name}'" + (f" from t = {r.t[k]:g} s" if len(z) == len(r) else "")
+            for r, z in zip(problem.recordings, fit.outputs)
+            for k in [int(np.argmin(np.isfinite(z).all(axis=1)))]
+            if not np.isfinite(z).all()
+        ]
+        open_loop = "" if isinstance(problem, FilterErrorProblem) else (
+            " noise='process', which corrects the simulation at each sample, converges from poorer starts."
+        )  # fmt: skip
+        raise RefinementError(
+            f"refine cannot simulate '{problem.model.name}' with its start values: no finite outputs in "
+            f"{', '.join(diverged)}.{why}\nStart nearer, take shorter recordings, or ask for search='global' with "
+            f"bounds and constraint='stable', which finds parameters for which it does not diverge.{open_loop}",
+            found,
+        )
+    lost = [p.name for p, gone in zip(problem.parameters, fit.undetermined) if gone and p.kind != "process"]
+    if lost:
+        raise RefinementError(
+            f"refine cannot determine {', '.join(lost)} from {', '.join(r.name for r in problem.recordings)}: the "
+            "information matrix is rank-deficient, the outputs do not depend on these, alone or in some "
+            "combination.\nHold them (free=...), or record inputs that excite what they multiply. The exception's "
+            "'partial' has the other estimates.",
+            found,
+        )

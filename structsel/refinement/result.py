@@ -1,4 +1,4 @@
-"""What a refinement found, how sure it is, and what to doubt."""
+"""Result of a refinement: estimates, their standard errors, and warnings."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from structsel.numerics.global_search import GlobalSearch
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
 
-ALIKE = 0.9  # correlation of two estimates above which they are said to move together
+CORRELATED = 0.9  # correlation of two estimates above which a warning names them
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class Estimate:
     name, kind : str
     value : float
     std : float
-        Residuals as coloured as they are; infinite where the flights do not determine it.
+        With the autocorrelation of the residuals; infinite where the recordings do not determine it.
     std_white : float
         The Cramer-Rao bound.
     start, low, high : float
-        Where the search began, and its bounds.
+        Start value of the search, and its bounds.
     at_bound : bool
     """
 
@@ -82,7 +82,7 @@ def compare_output(recording: str, output: str, measured: np.ndarray, modelled: 
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """Parameters of a model, refined on whole manoeuvres by output error.
+    """Parameters of a model, refined on complete recordings by output error or filter error.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Refinement:
     message : str
         How the search ended.
     search : GlobalSearch or None
-        The evolution before the descent.
+        The global search before the local one.
     doubts : tuple of str
     noise : {"measurement", "process"}
         Output error, or filter error: residuals are then innovations, simulated outputs those expected of each
@@ -161,7 +161,7 @@ class Refinement:
         Raises
         ------
         KeyError
-            It was not estimated.
+            There is no estimate of that name.
         """
         for estimate in self.estimates:
             if estimate.name == name:
@@ -170,7 +170,7 @@ class Refinement:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what was estimated."""
+        """Names of the estimated parameters."""
         return tuple(e.name for e in self.estimates)
 
     @property
@@ -180,12 +180,12 @@ class Refinement:
 
     @property
     def std(self) -> np.ndarray:
-        """(k,) standard deviations, residuals coloured."""
+        """(k,) standard deviations, with the autocorrelation of the residuals."""
         return np.array([e.std for e in self.estimates])
 
     @property
     def title(self) -> str:
-        """What was done, in a few words."""
+        """Name of the method."""
         if self.band is not None:
             return f"Output error from {self.band[0]:g} to {self.band[1]:g} Hz"
         return "Filter error" if self.noise == "process" else "Output error"
@@ -228,20 +228,20 @@ class Refinement:
         }
 
     def __str__(self) -> str:
-        ended = "settled" if self.converged else "NOT CONVERGED"
+        ended = "converged" if self.converged else "NOT CONVERGED"
         steps = len(self.costs) - 1
         lines = [
             f"{self.title}, cost '{self.cost}', {len(self.simulated)} recording"
             f"{'s' if len(self.simulated) != 1 else ''}, {len(self.estimates)} parameters: {ended}"
         ]
         if not self.converged:
-            lines.append(f"  ! {self.message}; what follows is the best found")
+            lines.append(f"  ! {self.message}; the values are the best found")
         if self.search is not None:
             count = len(self.search.costs)
             lines.append(
-                f"  evolution: {count} generations, {self.search.evaluations} flights, J {self.search.cost:.6g}"
+                f"  global search: {count} generations, {self.search.evaluations} simulations, J {self.search.cost:.6g}"
             )
-        lines.append(f"  descent: {steps} steps, J {self.costs[0]:.6g} to {self.costs[-1]:.6g}")
+        lines.append(f"  local search: {steps} steps, J {self.costs[0]:.6g} to {self.costs[-1]:.6g}")
         wide = max(len(name) for name in self.names)
         lines += ["", f"  {'':<{wide}}{'value':>13}{'std':>11}{'CRLB':>11}{'start':>13}"]
         for e in self.estimates:
@@ -266,15 +266,15 @@ def _remake(plain: dict[str, Any]) -> Refinement:
     return Refinement(**plain)
 
 
-def find_doubts(
+def check_estimates(
     estimates: tuple[Estimate, ...], correlation: np.ndarray, converged: bool, message: str
 ) -> tuple[str, ...]:
-    """What to allow for before believing the numbers."""
-    said = [] if converged else [f"the search did not converge: {message}"]
+    """Warnings about estimates and their search."""
+    found = [] if converged else [f"the search did not converge: {message}"]
     for e in estimates:
         if e.kind == "process" and e.at_bound:
             state = e.name.rsplit(":", 1)[1]
-            said.append(
+            found.append(
                 f"process noise of {state} at its upper bound: the filter takes {state} from the measurements"
                 if e.value > 0.5 * e.high
                 else f"process noise of {state} at its lower bound: none is needed there"
@@ -282,29 +282,29 @@ def find_doubts(
     bounded = [e for e in estimates if e.at_bound and e.kind != "process"]
     if bounded:
         named = ", ".join(f"{e.name} = {e.value:.5g}" for e in bounded)
-        said.append(f"at a bound, where the cost may still fall beyond it: {named}")
+        found.append(f"at a bound, beyond which the cost may be lower: {named}")
     lost = [e.name for e in estimates if np.isinf(e.std) and not (e.kind == "process" and e.at_bound)]
     if lost:
-        said.append(f"these flights do not determine {', '.join(lost)}")
+        found.append(f"these recordings do not determine {', '.join(lost)}")
     weak = [e for e in estimates if e.kind == "model" and np.isfinite(e.std) and e.std > 0.5 * abs(e.value)]
     if weak:
         named = ", ".join(f"{e.name} ({e.value:.3g} +- {e.std:.2g})" for e in weak)
-        said.append(f"the outputs hardly depend on {named}: hold them, or fly an input that shows them")
+        found.append(f"the outputs hardly depend on {named}: hold them, or record an input that excites them")
     idle = np.array([e.kind == "process" and e.at_bound for e in estimates])
-    strong = np.argwhere(np.triu((np.abs(correlation) > ALIKE) & ~idle & ~idle[:, None], 1))
+    strong = np.argwhere(np.triu((np.abs(correlation) > CORRELATED) & ~idle & ~idle[:, None], 1))
     order = sorted(strong.tolist(), key=lambda pair: -abs(correlation[pair[0], pair[1]]))
     for i, j in order[:10]:
-        said.append(
-            f"{estimates[i].name} and {estimates[j].name} move together: correlation {correlation[i, j]:+.3f}; these "
-            "flights hardly tell them apart"
+        found.append(
+            f"{estimates[i].name} and {estimates[j].name} are correlated: {correlation[i, j]:+.3f}; these "
+            "recordings hardly distinguish them"
         )
     if len(order) > 10:
-        said.append(f"{len(order) - 10} more pairs are correlated above {ALIKE:g}")
-    told = [e for e in estimates if e.kind != "process"]
-    ratio = [e.std / e.std_white for e in told if np.isfinite(e.std) and e.std_white > 0.0]
+        found.append(f"{len(order) - 10} more pairs are correlated above {CORRELATED:g}")
+    of_interest = [e for e in estimates if e.kind != "process"]
+    ratio = [e.std / e.std_white for e in of_interest if np.isfinite(e.std) and e.std_white > 0.0]
     if ratio and max(ratio) > 2.0:
-        said.append(
+        found.append(
             f"residuals are coloured: standard deviations are up to {max(ratio):.1f} times the Cramer-Rao bound; "
-            "something the model leaves out, or turbulence, is in them"
+            "a missing term of the model, or turbulence, is in them"
         )
-    return tuple(said)
+    return tuple(found)

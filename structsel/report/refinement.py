@@ -50,7 +50,7 @@ def sheet_of(
     found: Refinement, recordings: Sequence[Recording], judged: Mapping[str, Resimulation], reasons: Sequence[str]
 ) -> Sheet:
     """The page of a refinement; `recordings` are those it was made of, `judged` replays of others."""
-    settled = found.converged and not reasons
+    converged = found.converged and not reasons
     said = [("", text) for text in found.doubts]
     for name, one in judged.items():
         said += [(f"{name} the refinement", text) for text in (*one.divergence_notes(), *one.doubts)]
@@ -64,13 +64,13 @@ def sheet_of(
         sections.insert(1, _judgement(judged))
     if charts:
         sections.append(Section("The search", text=(_search(found),), charts=("descent",)))
-    headline, *told = _headline(found, judged, settled)
+    headline, *told = _headline(found, judged, converged)
     flown = recordings or found.simulated
     held = [r for one in judged.values() for r in one.recordings]
     sources = list({r.name: r for r in (*flown, *held)}.values())
     return Sheet(
-        verdict="settled" if settled else "failed" if reasons else "not converged",
-        tone="bad" if not settled else "doubt" if found.doubts else "good",
+        verdict="converged" if converged else "failed" if reasons else "not converged",
+        tone="bad" if not converged else "doubt" if found.doubts else "good",
         headline=headline,
         lead=tuple(told),
         about=_about(found, held),
@@ -86,8 +86,8 @@ def sheet_of(
     )
 
 
-def _headline(found: Refinement, judged: Mapping[str, Resimulation], settled: bool) -> list[str]:
-    how = "The search settled" if settled else "The search did not settle"
+def _headline(found: Refinement, judged: Mapping[str, Resimulation], converged: bool) -> list[str]:
+    how = "The search converged" if converged else "The search did not converge"
     known = [f.r2 for f in found.fits if math.isfinite(f.r2)]
     near = f" with R² from {format_decimals(min(known), 3)} to {format_decimals(max(known), 3)}" if known else ""
     said = [f"{how}: the model flies {join_names(found.noise_std)}{near}."]

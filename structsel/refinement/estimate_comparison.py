@@ -1,4 +1,4 @@
-"""Several ways of estimating the same parameters, side by side."""
+"""Estimates of the same parameters by several methods, side by side."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from structsel.rich_text import to_html
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class EstimateComparison:
     """Estimates by method, with their standard deviations.
 
     Attributes
     ----------
     methods, parameters : tuple of str
     values, std : (p, m) array
-        NaN where a method has no such parameter, or does not know.
+        NaN where a method has no such parameter.
     truth : (p,) array
         NaN where it is not known.
     level : float
@@ -53,7 +53,7 @@ class Comparison:
     def distance(self) -> np.ndarray:
         """(p, m, m) difference of two methods over the root of their variances' sum.
 
-        Methods that use the same records share their noise, so this understates how surprising a difference is.
+        Methods that use the same records share their noise, so this understates the significance of a difference.
         """
         difference = self.values[:, :, None] - self.values[:, None, :]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -101,8 +101,8 @@ Estimates = Refinement | EquationError | AeroModel | Mapping[str, tuple[float, f
 
 def compare_estimates(
     estimates: Mapping[str, Estimates], *, truth: Mapping[str, float] | None = None, level: float = 0.95
-) -> Comparison:
-    """Set several ways of estimating the same parameters side by side.
+) -> EstimateComparison:
+    """Compare estimates of the same parameters by several methods.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def compare_estimates(
 
     Returns
     -------
-    Comparison
+    EstimateComparison
         Of the parameters of the models that at least one method has; recordings' own constants are left out.
 
     Raises
@@ -136,7 +136,7 @@ def compare_estimates(
         np.array([[tables[m].get(name, (np.nan, np.nan))[i] for m in tables] for name in names]) for i in (0, 1)
     )
     known = np.array([(truth or {}).get(name, np.nan) for name in names], dtype=float)
-    return Comparison(tuple(tables), tuple(names), values, std, known, level)
+    return EstimateComparison(tuple(tables), tuple(names), values, std, known, level)
 
 
 def estimates_by_name(estimates: Estimates) -> dict[str, tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""An AeroModel flown by the compiled flight with six degrees of freedom."""
+"""An AeroModel simulated with six degrees of freedom by the compiled kernel."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from structsel.numerics.linear_systems import discretise_noise
 from structsel.numerics.rigid_body import body_velocity
 from structsel.recording import Recording
 from structsel.refinement.filter_kernels import diagonal, steady_gain
-from structsel.refinement.flying import late_inputs
-from structsel.refinement.problem import Flyer
+from structsel.refinement.flight_model import Simulator
+from structsel.refinement.linear_flight import delayed_inputs
 from structsel.simulation.air import Air
 from structsel.simulation.preparing import Prepared, prepare
 
-_ALONG, _ACROSS = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
-_SHOWN_ALONG, _SHOWN_ACROSS = ("V", "alpha", "q", "theta", "ax", "az"), ("beta", "p", "r", "phi", "ay")
-_SHOWN = ("psi", "h", "x", "y", "vn", "ve", "vd", "u", "v", "w", "p_dot", "q_dot", "r_dot", "V_dot", "alpha_dot",
-          "beta_dot")  # fmt: skip
+_LONGITUDINAL, _LATERAL = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
+_LONGITUDINAL_OUTPUTS, _LATERAL_OUTPUTS = ("V", "alpha", "q", "theta", "ax", "az"), ("beta", "p", "r", "phi", "ay")
+_OTHER_OUTPUTS = ("psi", "h", "x", "y", "vn", "ve", "vd", "u", "v", "w", "p_dot", "q_dot", "r_dot", "V_dot",
+                  "alpha_dot", "beta_dot")  # fmt: skip
 _START = ("V", "alpha", "beta", "u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h")
 
 
-class AeroFlight:
+class NonlinearFlight:
     """An AeroModel and its aircraft; outputs are what the instruments read at their places.
 
     A reconstructed recording has its channels at the centre of gravity, and outputs are taken there.
@@ -46,73 +46,81 @@ class AeroFlight:
         air: Air | None = None,
         definitions: Mapping[str, str] | None = None,
         substeps: int | None = None,
-        late: Iterable[str] | None = None,
+        delayed: Iterable[str] | None = None,
     ):
         self.model, self.aircraft = model, aircraft
-        self.late = None if late is None else tuple(late)
+        self.delayed = None if delayed is None else tuple(delayed)
         self.air, self.definitions, self.substeps = air, definitions, substeps
         self.name, self.delay = model.name or "model", 0.0
         self.lateral = lateral = any(name in model for name in LATERAL_COEFFICIENTS)
         if not any(name in model for name in ("CZ", "CL")):
             raise ModelError(
-                f"refine flies an AeroModel with lift; '{self.name}' has only {', '.join(model)}, and would fall.\n"
+                f"refine needs an AeroModel with lift; '{self.name}' has only {', '.join(model)}, and would fall.\n"
                 "Add CX, CZ and Cm (or CL, CD and Cm), and name with free=... what is to be estimated."
             )
-        along = any(name not in LATERAL_COEFFICIENTS for name in model)
-        self.states = (*(_ALONG if along else ()), *(_ACROSS if lateral else ()))
-        self.shown = (*(_SHOWN_ALONG if along else ()), *(_SHOWN_ACROSS if lateral else ()))
-        self.outputs = tuple(dict.fromkeys((*self.shown, *_SHOWN_ALONG, *_SHOWN_ACROSS, *_SHOWN)))
+        longitudinal = any(name not in LATERAL_COEFFICIENTS for name in model)
+        self.states = (*(_LONGITUDINAL if longitudinal else ()), *(_LATERAL if lateral else ()))
+        self.default_outputs = (
+            *(_LONGITUDINAL_OUTPUTS if longitudinal else ()),
+            *(_LATERAL_OUTPUTS if lateral else ()),
+        )
+        self.outputs = tuple(
+            dict.fromkeys((*self.default_outputs, *_LONGITUDINAL_OUTPUTS, *_LATERAL_OUTPUTS, *_OTHER_OUTPUTS))
+        )
         self.parameters: Mapping[str, float] = {
             f"{response}:{term}": float(value)
             for response, held in model.responses.items()
             for term, value in zip(held.terms, held.values)
         }
 
-    def on(self, recording: Recording) -> Flyer:
-        """Make ready to fly this recording's inputs."""
-        ready, names = self.prepare(recording), self.moving
+    def simulator(self, recording: Recording) -> Simulator:
+        """Simulator of this recording."""
+        prepared, names = self.prepare(recording), self.variable
         instruments = not recording.at_cg
 
-        def fly(values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray) -> np.ndarray:
+        def simulate(values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray) -> np.ndarray:
             theta = np.column_stack([values, start, np.maximum(delay, 0.0)])
-            return ready.simulate(self.outputs, names, theta, instruments=instruments).outputs
+            return prepared.simulate(self.outputs, names, theta, instruments=instruments).outputs
 
-        return fly
+        return simulate
 
-    def noisy(self, outputs: Sequence[str]) -> tuple[str, ...]:
-        """States whose process noise these outputs can show."""
-        seen = ((_ALONG, (*_SHOWN_ALONG, "h", "q_dot")), (_ACROSS, (*_SHOWN_ACROSS, "psi", "p_dot", "r_dot")))
-        return tuple(state for motion, shown in seen if set(shown) & set(outputs) for state in motion if
-                     state in self.states)  # fmt: skip
+    def states_with_noise(self, outputs: Sequence[str]) -> tuple[str, ...]:
+        """States whose process noise these outputs depend on."""
+        found: tuple[str, ...] = ()
+        if {*_LONGITUDINAL_OUTPUTS, "h", "q_dot"} & set(outputs):
+            found += _LONGITUDINAL
+        if {*_LATERAL_OUTPUTS, "psi", "p_dot", "r_dot"} & set(outputs):
+            found += _LATERAL
+        return tuple(state for state in found if state in self.states)
 
-    def track(self, recording: Recording, outputs: list[int]) -> FlightTracker:
-        """Make ready to predict this recording's samples."""
-        return FlightTracker(self, recording, outputs)
+    def filter_predictor(self, recording: Recording, outputs: list[int]) -> NonlinearFilter:
+        """Predictor of this recording."""
+        return NonlinearFilter(self, recording, outputs)
 
     @property
-    def moving(self) -> tuple[str, ...]:
-        """Parameters of the compiled flight that `refine` may move."""
+    def variable(self) -> tuple[str, ...]:
+        """Parameters of the compiled kernel that `refine` may vary."""
         return (*self.parameters, *(f"start:{state}" for state in self.states), "delay")
 
     def prepare(self, recording: Recording) -> Prepared:
-        """The recording's flight; a delay holds for the inputs named, or for all but the thrust."""
+        """The recording prepared for the kernel; the delay is that of the inputs named, or of all but the thrust."""
         ready = prepare(
             self.model, self.aircraft, recording, start=self._start(recording), air=self.air,
             definitions=self.definitions, substeps=self.substeps,
         )  # fmt: skip
         controls = ready.compiled.controls
-        # A recorded thrust is the force itself; it has been late already.
-        late = [name for name in controls if name != "thrust"] if self.late is None else self.late
-        delayed = np.array(late_inputs(controls, late, self.name), dtype=bool)
+        # A recorded thrust is the force itself: it contains its delay already.
+        named = [name for name in controls if name != "thrust"] if self.delayed is None else self.delayed
+        delayed = np.array(delayed_inputs(controls, named, self.name), dtype=bool)
         return replace(ready, manoeuvre=replace(ready.manoeuvre, delayed=delayed))
 
     def _start(self, recording: Recording) -> dict[str, float]:
-        """What the first sample says.
+        """First sample of the recorded states.
 
-        Without lateral coefficients nothing would end a lateral motion, so none is started. An altitude that was
-        not read does not matter where the density is given.
+        Without lateral coefficients nothing would end a lateral motion, so none is started. Where the density is given
+        the altitude has no effect.
         """
-        wanted = [name for name in _START if self.lateral or name not in (*_ACROSS, "beta")]
+        wanted = [name for name in _START if self.lateral or name not in (*_LATERAL, "beta")]
         held = {name: float(recording[name][0]) for name in wanted if name in recording}
         held = {name: value for name, value in held.items() if np.isfinite(value)}
         if self.air is not None and self.air.rho is not None:
@@ -130,7 +138,7 @@ class AeroFlight:
         return np.full(len(values), np.nan)
 
     def refined(self, values: Mapping[str, float], std: Mapping[str, float], delay: float) -> AeroModel:
-        """The model with the values found; standard errors are those of the refinement, 0 for what was held."""
+        """The model with the values found; standard errors are those of the refinement, 0 for held parameters."""
         made = {}
         for response, held in self.model.responses.items():
             names = [f"{response}:{term}" for term in held.terms]
@@ -142,10 +150,10 @@ class AeroFlight:
         return AeroModel(made, self.model.name, self.model.recordings)
 
 
-class FlightTracker:
+class NonlinearFilter:
     """Predictions of an AeroModel's flight on one recording; its gain is that of the motion about the mean."""
 
-    def __init__(self, flight: AeroFlight, recording: Recording, outputs: list[int]):
+    def __init__(self, flight: NonlinearFlight, recording: Recording, outputs: list[int]):
         self.ready = ready = flight.prepare(recording)
         if ready.compiled.memory_names:
             raise ModelError(
@@ -154,7 +162,7 @@ class FlightTracker:
             )
         names = [flight.outputs[i] for i in outputs]
         self.observed = outputs_index(names, instruments=not recording.at_cg)
-        self.index = ready.compiled.parameter_index(flight.moving)
+        self.index = ready.compiled.parameter_index(flight.variable)
         self.states = np.array([STATES.index(name) for name in flight.states])
         self.dt = recording.dt
         means = {name: float(np.nanmean(recording[name])) for name in (*STATES, "V", "alpha", "beta") if
@@ -175,7 +183,7 @@ class FlightTracker:
     def gain(
         self, values: np.ndarray, delay: np.ndarray, process: np.ndarray, variances: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Steady gain (m, s, o), and by how much its states' uncertainty moves the outputs (m, o), a variance."""
+        """Steady gain (m, s, o), and the variance of the outputs due to the uncertainty of the states, (m, o)."""
         ready = self.ready
         A, C = linearise_batch(
             ready.compiled, ready.manoeuvre, self._full(values), self.about, self.controls, self.states, self.observed
@@ -184,11 +192,11 @@ class FlightTracker:
         K, P = steady_gain(Phi, C, Q, variances)
         return K, np.einsum("mos,mst,mot->mo", C, P, C)
 
-    def fly(
+    def predict(
         self, values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray, gain: np.ndarray,
         measured: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
-        """(m, n, o) outputs expected of each sample."""
+        """(m, n, o) outputs predicted for each sample."""
         full = self._full(np.column_stack([values, start, np.maximum(delay, 0.0)]))
         return simulate_batch(
             self.ready.compiled, self.ready.manoeuvre, full, np.arange(full.shape[1]), self.observed,
