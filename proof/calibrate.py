@@ -26,7 +26,7 @@ from proof.worker import open_case
 from structsel.comparison.preparing import prepare
 from structsel.diagnosis import weighing
 from structsel.diagnosis.diagnose import set_up
-from structsel.diagnosis.driven import Driven
+from structsel.diagnosis.driven import InputDrivenMotion
 from structsel.diagnosis.ranking import NAMED, TIED
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import weigh
@@ -41,7 +41,7 @@ def collect(folder: Path, name: str) -> list[dict]:
     bench, library, _ = set_up(prepare(*open_case(folder / "cases" / name)).flights)
     rounds: list[dict] = []
     missing = [set(e.accept) for e in key.effects]
-    driven = Driven.of(bench.flights)
+    driven = InputDrivenMotion.of(bench.flights)
     while len(rounds) <= len(key.effects):
         weighed = weigh(bench, driven.bear_out(bench, score_all(bench, library)))
         right = [any(w.effect in e for e in missing) for w in weighed]

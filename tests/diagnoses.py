@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from structsel.diagnosis.judging import Fit
+from structsel.diagnosis.judging import ResponseFit
 from structsel.diagnosis.result import Bars, Diagnosis, Finding, Physics, Pull, Trace
-from structsel.effects.base import Estimate
+from structsel.effects.base import ParameterEstimate
 from structsel.model import AeroModel, ResponseModel
 
 LIFT, HEIGHT = -0.10, 5.0  # what the ground adds to CZ at touch-down, and the height over which it goes [m]
@@ -15,7 +15,7 @@ NAMES = tuple(f"m{k:02d}" for k in range(1, 9))
 
 def fits(before, refitted, after):
     """Three bars of given rms errors; R2 and Theil's coefficient as they follow for a fit without bias."""
-    made = [Fit(1.0 - e**2, e, e / (1.0 + np.sqrt(max(1.0 - e**2, 0.0)))) for e in (before, refitted, after)]
+    made = [ResponseFit(1.0 - e**2, e, e / (1.0 + np.sqrt(max(1.0 - e**2, 0.0)))) for e in (before, refitted, after)]
     return Bars(*made)
 
 
@@ -47,7 +47,7 @@ GROUND = Finding(
             "ground-effect",
             0.94,
             "Within one span of the ground lift grows by 0.10 +- 0.004 at touch-down, over a height of 5.0 +- 0.3 m.",
-            {"lift": Estimate(-0.1002, 0.0041, "-"), "height": Estimate(5.04, 0.31, "m")},
+            {"lift": ParameterEstimate(-0.1002, 0.0041, "-"), "height": ParameterEstimate(5.04, 0.31, "m")},
             ("exp(-h_agl/5.0)",),
             check="Which table of ground effect does the simulation read, and over which height?",
         ),
@@ -71,7 +71,7 @@ VANE = Finding(
             "sensor-scale",
             0.52,
             "The angle of attack vane reads too much: by a factor of 1 +0.100 (10 +- 0.4 %).",
-            {"scale": Estimate(0.100, 0.004, "-"), "upwash": Estimate(0.0021, 0.0004, "rad")},
+            {"scale": ParameterEstimate(0.100, 0.004, "-"), "upwash": ParameterEstimate(0.0021, 0.0004, "rad")},
             plausible="10 % is more than a vane on a boom usually has",
         ),
         Physics("wrong-derivative", 0.41, "The simulation has a wrong value for alpha in CZ."),
@@ -128,7 +128,7 @@ def hostile():
     bad = '<script>alert("x")</script>'
     finding = replace(
         GROUND,
-        physics=(Physics(bad, 0.9, f"{bad} & 'more'", {bad: Estimate(1.0, 0.1, bad)}, check=bad),),
+        physics=(Physics(bad, 0.9, f"{bad} & 'more'", {bad: ParameterEstimate(1.0, 0.1, bad)}, check=bad),),
         intervals={f"{bad}</script>": [(1.0, 2.0)]},
         region={bad: (0.0, 1.0)},
         ambiguous_with=(bad,),

@@ -14,7 +14,7 @@ from structsel.demo.truth import TRUTH, demo_aircraft
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.signatures import work_out
 from structsel.effects import EFFECTS
-from structsel.effects.base import Estimate, Found
+from structsel.effects.base import FittedEffect, ParameterEstimate
 from structsel.model import AeroModel, ResponseModel
 from structsel.nomenclature import COEFFICIENTS
 from structsel.recording import Recording
@@ -125,9 +125,9 @@ def named(module, effect):
 
 def found_of(flights, variant, values):
     """What a hypothesis is told when it is to put into words what was found."""
-    shape = {n: Estimate(x, 0.0, variant.units.get(n, "-")) for n, x in variant.shape.items()}
-    fitted = {p.name: Estimate(values[p.name], 0.1 * abs(values[p.name]), p.unit) for p in variant.parameters}
-    return Found(variant, {**fitted, **shape}, {})
+    shape = {n: ParameterEstimate(x, 0.0, variant.units.get(n, "-")) for n, x in variant.shape.items()}
+    fitted = {p.name: ParameterEstimate(values[p.name], 0.1 * abs(values[p.name]), p.unit) for p in variant.parameters}
+    return FittedEffect(variant, {**fitted, **shape}, {})
 
 
 def check_all(flights, hypothesis):

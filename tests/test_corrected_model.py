@@ -24,7 +24,7 @@ from structsel.diagnosis.patching import patched_aircraft
 from structsel.diagnosis.ranking import rank
 from structsel.diagnosis.signatures import work_out
 from structsel.effects import EFFECTS
-from structsel.effects.base import Estimate, ModelCase
+from structsel.effects.base import ModelCase, ParameterEstimate
 from structsel.errors import ChannelError, ModelError, StructselWarning
 from structsel.model import AeroModel, Quantity, ResponseModel, State
 from structsel.numerics.flight_model import outputs_index
@@ -247,8 +247,8 @@ def flights():
 def as_added(effect, variant, flights):
     """An effect at its usual size, as an addition."""
     theta = np.array([np.clip(p.sd, p.low, p.high) for p in variant.parameters])
-    told = {p.name: Estimate(x, 0.1 * abs(x), p.unit) for p, x in zip(variant.parameters, theta)}
-    told |= {n: Estimate(x, 0.1 * abs(x), variant.units.get(n, "-")) for n, x in variant.shape.items()}
+    told = {p.name: ParameterEstimate(x, 0.1 * abs(x), p.unit) for p, x in zip(variant.parameters, theta)}
+    told |= {n: ParameterEstimate(x, 0.1 * abs(x), variant.units.get(n, "-")) for n, x in variant.shape.items()}
     case = ModelCase(variant, told, CRAFT, dict(OWN.responses), flights)
     return addition_of(effect, case, theta, np.diag((0.1 * theta) ** 2)), theta
 

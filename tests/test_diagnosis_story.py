@@ -7,7 +7,7 @@ import pytest
 
 from structsel.diagnosis.result import Pull
 from structsel.diagnosis.story import no_model, tell
-from structsel.effects.base import Estimate
+from structsel.effects.base import ParameterEstimate
 from structsel.formatting import format_estimate, format_probability, format_range
 from tests.diagnoses import GROUND, NAMES, TURBULENCE, VANE, diagnosis, fits
 
@@ -138,14 +138,14 @@ def test_figures_that_are_not_known_are_left_out_rather_than_printed():
 @pytest.mark.parametrize(
     ("estimate", "text"),
     [
-        (Estimate(0.3114, 0.0412, "s"), "0.31 +- 0.04 s"),
-        (Estimate(0.3114, 0.0123, "s"), "0.311 +- 0.012 s"),
-        (Estimate(math.radians(11.52), math.radians(0.31), "rad"), "11.5 +- 0.3 deg"),
-        (Estimate(0.05, 0.007, "relative"), "5.0 +- 0.7 %"),
-        (Estimate(-812.0, 45.0, "N"), "-812 +- 45 N"),
-        (Estimate(2.0e-5, 3.0e-6, "-"), "2e-05 +- 3e-06"),
-        (Estimate(0.5, 0.0, "m"), "0.5 m"),
-        (Estimate(-4.02, 0.3, "1/rad"), "-4.0 +- 0.3 1/rad"),
+        (ParameterEstimate(0.3114, 0.0412, "s"), "0.31 +- 0.04 s"),
+        (ParameterEstimate(0.3114, 0.0123, "s"), "0.311 +- 0.012 s"),
+        (ParameterEstimate(math.radians(11.52), math.radians(0.31), "rad"), "11.5 +- 0.3 deg"),
+        (ParameterEstimate(0.05, 0.007, "relative"), "5.0 +- 0.7 %"),
+        (ParameterEstimate(-812.0, 45.0, "N"), "-812 +- 45 N"),
+        (ParameterEstimate(2.0e-5, 3.0e-6, "-"), "2e-05 +- 3e-06"),
+        (ParameterEstimate(0.5, 0.0, "m"), "0.5 m"),
+        (ParameterEstimate(-4.02, 0.3, "1/rad"), "-4.0 +- 0.3 1/rad"),
     ],
 )
 def test_an_estimate_has_the_digits_it_is_known_to_and_angles_are_in_degrees(estimate, text):

@@ -10,7 +10,7 @@ from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.driving import driven
 from structsel.comparison.locating.turbulence import unfelt
-from structsel.diagnosis.driven import Driven
+from structsel.diagnosis.driven import InputDrivenMotion
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import alone, nats, not_borne_out, with_whole
 from structsel.numerics.rigid_body import air_data, body_to_earth
@@ -71,7 +71,7 @@ EFFECTS = (
 
 def test_what_gusts_look_like_on_the_recorded_motion_is_not_borne_out_by_the_inputs():
     bench, library = tried(blown()[0], *EFFECTS)
-    scores = Driven.of(bench.flights).bear_out(bench, score_all(bench, library))
+    scores = InputDrivenMotion.of(bench.flights).bear_out(bench, score_all(bench, library))
     plain = {s.effect: nats(replace(s, driven=None)) for s in scores}
     assert sum(x > 200.0 for x in plain.values()) >= 5  # a simulation that is right, in air that no vane feels
     assert max(map(nats, scores)) < 10.0
@@ -85,7 +85,7 @@ def test_what_gusts_look_like_on_the_recorded_motion_is_not_borne_out_by_the_inp
 
 def test_what_is_there_is_found_in_rough_air_and_in_the_form_that_inputs_bear_out():
     bench, library = tried(blown(Cl=(("da^3", -20.0),))[0], *EFFECTS)
-    best = max(Driven.of(bench.flights).bear_out(bench, score_all(bench, library)), key=nats)
+    best = max(InputDrivenMotion.of(bench.flights).bear_out(bench, score_all(bench, library)), key=nats)
     assert (best.effect, best.signature.variant.about[:2]) == ("control-nonlinearity", "da")
     assert nats(best) > 15.0
 
@@ -93,7 +93,7 @@ def test_what_is_there_is_found_in_rough_air_and_in_the_form_that_inputs_bear_ou
 def test_calm_air_changes_nothing_of_what_is_there():
     bench, library = tried(blown(0.0, Cl=(("da^3", -20.0),))[0], *EFFECTS)
     plain = score_all(bench, library)
-    before, after = max(plain, key=nats), max(Driven.of(bench.flights).bear_out(bench, plain), key=nats)
+    before, after = max(plain, key=nats), max(InputDrivenMotion.of(bench.flights).bear_out(bench, plain), key=nats)
     assert before.effect == after.effect == "control-nonlinearity"
     assert nats(after) == pytest.approx(nats(before))
 
@@ -111,13 +111,13 @@ def test_what_takes_all_that_is_beyond_the_noise_counts_where_inputs_foretell_li
 
 def test_calm_air_is_not_called_rough():
     bench, library = tried(blown(0.0)[0], *EFFECTS)
-    nats_lost = not_borne_out(Driven.of(bench.flights).bear_out(bench, score_all(bench, library)))
+    nats_lost = not_borne_out(InputDrivenMotion.of(bench.flights).bear_out(bench, score_all(bench, library)))
     assert unfelt(bench.flights, nats_lost) is None
 
 
 def test_a_motion_whose_inputs_are_not_recorded_is_not_asked():
     flights = [replace(f, recorded=f.recorded - {"da", "dr"}) for f in blown(0.0, Cl=(("da^3", -20.0),))[0]]
-    once_more = Driven.of(flights)
+    once_more = InputDrivenMotion.of(flights)
     assert once_more.foretold == (True, False)
     bench, library = tried(flights, "wrong-derivative", "unsteady-lift", "sidewash-lag")
     scores = once_more.bear_out(bench, score_all(bench, library))
@@ -129,4 +129,4 @@ def test_a_motion_whose_inputs_are_not_recorded_is_not_asked():
 def test_flights_without_inputs_are_left_as_they_are():
     flights = [replace(f, recorded=f.recorded - {"de", "da", "dr", "thrust"}) for f in blown(0.0)[0]]
     assert driven(flights) == ()
-    assert Driven.of(flights).foretold == (False, False)
+    assert InputDrivenMotion.of(flights).foretold == (False, False)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from structsel.numerics.evidence import Base, Further, Products, Projector, chi2_of, fading, solve, spectrum
+from structsel.numerics.evidence import Base, Further, NormalEquations, Projector, chi2_of, fading, solve, spectrum
 
 
 @pytest.fixture
@@ -105,9 +105,9 @@ def test_the_likeliest_factors_are_chosen_and_kept_with_further_columns(rows):
 def test_flights_held_out_together_are_left_out_together(rows):
     y, B, _ = rows
     base = Base(y, B, groups=[(0, 2)])
-    alone = solve(Products.of(B[1], y[1]))
+    alone = solve(NormalEquations.of(B[1], y[1]))
     assert_allclose(base.solved[1], alone.mean, rtol=1e-9)
-    assert_allclose(chi2_of(Products.of(B[1], y[1]), alone.mean), alone.chi2, rtol=1e-9)
+    assert_allclose(chi2_of(NormalEquations.of(B[1], y[1]), alone.mean), alone.chi2, rtol=1e-9)
 
 
 def test_the_projector_is_the_inverse_root_of_the_noise_with_its_nuisances():

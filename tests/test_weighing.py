@@ -11,7 +11,7 @@ from statsmodels.discrete.conditional_models import ConditionalLogit
 from proof import calibrate
 from structsel.diagnosis import judging, scoring, weighing
 from structsel.diagnosis.assembling import Member, jackknifed, shares
-from structsel.effects.base import Parameter
+from structsel.effects.base import EffectParameter
 from structsel.numerics.evidence import Trial
 
 
@@ -175,7 +175,7 @@ def test_each_moment_that_was_sought_and_manoeuvres_that_were_chosen_cost_the_lo
     trial = Trial(50.0, np.array([25.0, 25.0]), np.ones(1), np.eye(1), np.array([50.0]))
 
     def found(given, where):
-        variant = SimpleNamespace(shape=given, only_in=where, parameters=(Parameter("bias", "-", 1.0),))
+        variant = SimpleNamespace(shape=given, only_in=where, parameters=(EffectParameter("bias", "-", 1.0),))
         form = SimpleNamespace(variant=variant, flights={"m01", "m02"})
         return scoring.score(SimpleNamespace(base=base), SimpleNamespace(event=False), [form], [trial])
 

@@ -25,7 +25,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedComparison:
     """Flights that carry both sides, and what was noticed on the way."""
 
     flights: tuple[Flight, ...]
@@ -35,7 +35,7 @@ class Prepared:
 
 def prepare(
     source: object, recordings: Sequence[Recording], craft: Aircraft, progress: Progress | None = None
-) -> Prepared:
+) -> PreparedComparison:
     """Bring recordings and a simulation together.
 
     Raises
@@ -81,7 +81,7 @@ def prepare(
         flights = [replace(f, surrogate=stand_in) for f in flights]
     common = set.intersection(*(set(f.measured) for f in flights))
     flights = [replace(f, measured={c: f.measured[c] for c in f.measured if c in common}) for f in flights]
-    return Prepared(tuple(flights), simulation, tuple(remarks))
+    return PreparedComparison(tuple(flights), simulation, tuple(remarks))
 
 
 def _wanted(recording: Recording, craft: Aircraft) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from structsel.comparison.locating.character import Character
 from structsel.comparison.locating.coherence import Coherence
 from structsel.comparison.locating.refitted import Refitted
 from structsel.comparison.locating.region import Bound
-from structsel.comparison.locating.turbulence import Turbulence
+from structsel.comparison.locating.turbulence import TurbulenceEstimate
 from structsel.rich_text import opening, to_html
 
 _SHOWN = 4
@@ -60,7 +60,7 @@ class Mismatch:
     characters : tuple of Character
     explainable : mapping of response to float
         Share of the difference's variance that a learner foretells on manoeuvres it has not seen.
-    turbulence : Turbulence or None
+    turbulence : TurbulenceEstimate or None
     pulls : tuple of (tolerance, sigmas)
     remarks : tuple of str
     flights : tuple of Flight
@@ -78,7 +78,7 @@ class Mismatch:
     coherences: tuple[Coherence, ...]
     characters: tuple[Character, ...]
     explainable: Mapping[str, float]
-    turbulence: Turbulence | None
+    turbulence: TurbulenceEstimate | None
     pulls: tuple[tuple[str, float], ...]
     remarks: tuple[str, ...]
     flights: tuple[Flight, ...] = field(repr=False)

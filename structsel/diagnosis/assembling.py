@@ -15,9 +15,9 @@ from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.ranking import TIED, Ranking, Step
 from structsel.diagnosis.result import UNNAMED, Bars, Finding, Physics
-from structsel.diagnosis.scoring import Score
+from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.weighing import SLIGHT, told_by
-from structsel.effects.base import Estimate, Found, Variant
+from structsel.effects.base import FittedEffect, ParameterEstimate, Variant
 from structsel.numerics.arrays import Array
 
 _SHOWN = 0.15  # of the largest gain, that a response must have to be named
@@ -107,7 +107,7 @@ def shares(plain: Bench, members: Sequence[Member]) -> list[float]:
     return [max(0.0, float(x)) for x in made / len(orders)]
 
 
-def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
+def estimates(bench: Bench, k: int, score: EffectScore) -> dict[str, ParameterEstimate]:
     """Parameters of the k-th effect taken in, those of its shape from the weights of its forms."""
     variant = bench.accepted[k].variant
     part = bench.place(k)
@@ -141,7 +141,7 @@ def estimates(bench: Bench, k: int, score: Score) -> dict[str, Estimate]:
         near = np.abs(grid - float(value))
         step = float(np.min(near[near > 0.0])) if np.any(near > 0.0) else 0.0
         known = float(np.sqrt(weights @ (values - centre) ** 2 + step**2 / 12.0))
-        made[name] = Estimate(centre, _BEYOND * known, variant.units.get(name, "-"))
+        made[name] = ParameterEstimate(centre, _BEYOND * known, variant.units.get(name, "-"))
     return made
 
 
@@ -151,15 +151,15 @@ def jackknifed(without: Array) -> Array:
     return np.sqrt((groups - 1) * without.var(axis=0)) if groups > 1 else np.zeros(without.shape[1])
 
 
-def found_by(score: Score) -> Found:
+def found_by(score: EffectScore) -> FittedEffect:
     """A rival as it stood when it was tried."""
     variant, trial = score.signature.variant, score.trial
     std = np.sqrt(np.diag(trial.covariance))
     made = {
         p.name: p.estimate(float(m * p.sd), float(s * p.sd)) for p, m, s in zip(variant.parameters, trial.theta, std)
     }
-    made |= {n: Estimate(float(v), 0.0, variant.units.get(n, "-")) for n, v in variant.shape.items()}
-    return Found(variant, made, {})
+    made |= {n: ParameterEstimate(float(v), 0.0, variant.units.get(n, "-")) for n, v in variant.shape.items()}
+    return FittedEffect(variant, made, {})
 
 
 def noise_rms(bench: Bench) -> dict[str, float]:
@@ -171,7 +171,7 @@ def noise_rms(bench: Bench) -> dict[str, float]:
     return made
 
 
-def implausible(variant: Variant, told: Mapping[str, Estimate]) -> str:
+def implausible(variant: Variant, told: Mapping[str, ParameterEstimate]) -> str:
     """What is implausible about parameters; empty where nothing is."""
     said = []
     for p in variant.parameters:
@@ -254,9 +254,11 @@ def _physics(bench: Bench, member: Member) -> tuple[tuple[Physics, ...], tuple[s
     hypothesis = step.score.hypothesis
     told = [estimates(bench, k, s.score) for k, s in zip(member.places, member.steps)]
     sizes: dict[str, float] = {}
-    says = " ".join(hypothesis.says(Found(bench.accepted[k].variant, e, sizes)) for k, e in zip(member.places, told))
+    says = " ".join(
+        hypothesis.says(FittedEffect(bench.accepted[k].variant, e, sizes)) for k, e in zip(member.places, told)
+    )
     chances = dict(step.rivals)
-    merged: dict[str, Estimate] = dict(told[0])
+    merged: dict[str, ParameterEstimate] = dict(told[0])
     for j, more in enumerate(told[1:], 2):
         merged |= {f"{name} ({j})" if name in merged else name: e for name, e in more.items()}
     terms = tuple(t for k in member.places for t in bench.accepted[k].variant.terms)

@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.ceiling import explainable
-from structsel.comparison.locating.turbulence import Turbulence, find_turbulence, unfelt
-from structsel.comparison.preparing import Prepared, prepare
+from structsel.comparison.locating.turbulence import TurbulenceEstimate, find_turbulence, unfelt
+from structsel.comparison.preparing import PreparedComparison, prepare
 from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
 from structsel.diagnosis.asides import asides
@@ -109,8 +109,8 @@ def but_without(effects: Sequence[Effect], names: Sequence[str]) -> tuple[Effect
 
 @threadpool_limits.wrap(limits=1)
 def conclude(
-    prepared: Prepared,
-    ready: tuple[Bench, Library, Turbulence | None],
+    prepared: PreparedComparison,
+    ready: tuple[Bench, Library, TurbulenceEstimate | None],
     held_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
@@ -170,7 +170,7 @@ def set_up(
     effects: Sequence[Effect] = EFFECTS,
     held_out: Sequence[str] = (),
     progress: Progress | None = None,
-) -> tuple[Bench, Library, Turbulence | None]:
+) -> tuple[Bench, Library, TurbulenceEstimate | None]:
     """Bench of flights, or of the parts of a single one; what can be tried there; and whether the air was rough."""
     parts = split_flight(flights[0]) if len(flights) == 1 else list(flights)
     groups = _groups([f.name for f in parts], held_out)

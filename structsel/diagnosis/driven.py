@@ -10,7 +10,7 @@ import numpy as np
 from structsel.comparison.driving import driven
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.diagnosis.bench import Bench
-from structsel.diagnosis.scoring import Score, judged_by, score_all
+from structsel.diagnosis.scoring import EffectScore, judged_by, score_all
 from structsel.diagnosis.signatures import Library, Signature, spectra_of
 from structsel.diagnosis.weighing import EVIDENT, alone, bounded, nats, with_whole
 
@@ -23,7 +23,7 @@ _SIDEWAYS = frozenset({"CY", "Cl", "Cn", "k_beta", "k_phi", "k_psi"})
 
 
 @dataclass(eq=False)
-class Driven:
+class InputDrivenMotion:
     """The same flights as the inputs alone would have them, and signatures there as far as they were asked for.
 
     Attributes
@@ -40,7 +40,7 @@ class Driven:
     _start: Bench | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, flights: Sequence[Flight]) -> Driven:
+    def of(cls, flights: Sequence[Flight]) -> InputDrivenMotion:
         """Of flights as recorded."""
         moved = driven(flights) if set(AIRFRAME) <= set(flights[0].channels) else ()
         if not moved:
@@ -48,7 +48,7 @@ class Driven:
         ahead, aside = (any(_share(flights, moved, c) > _FORETOLD for c in motion) for motion in _MOTIONS)
         return cls(moved, (ahead, aside))
 
-    def bear_out(self, bench: Bench, scores: Sequence[Score]) -> list[Score]:
+    def bear_out(self, bench: Bench, scores: Sequence[EffectScore]) -> list[EffectScore]:
         """Scores that also know what each effect brings where the inputs alone drive the motion.
 
         Noise and moving air that an effect's form has in common with the differences give it evidence on the recorded
@@ -58,7 +58,7 @@ class Driven:
         Parameters
         ----------
         bench : Bench
-        scores : sequence of Score
+        scores : sequence of EffectScore
             Of all hypotheses.
         """
         asked = [s for s in scores if max(nats(s), alone(s)) >= EVIDENT and self._can_tell(s)]
@@ -77,11 +77,11 @@ class Driven:
             return self._start
         return self._start.taking(self._again(accepted), ())
 
-    def _can_tell(self, score: Score) -> bool:
+    def _can_tell(self, score: EffectScore) -> bool:
         sides = {response in _SIDEWAYS for response in score.signature.responses}
         return score.hypothesis.kind != "atmospheric" and any(self.foretold[side] for side in sides)
 
-    def _borne_out(self, bench: Bench, asked: Sequence[tuple[Score, Sequence[int]]]) -> Mapping[str, Score]:
+    def _borne_out(self, bench: Bench, asked: Sequence[tuple[EffectScore, Sequence[int]]]) -> Mapping[str, EffectScore]:
         """Effects with what some of their forms bring there, each in the form that is borne out best."""
         forms = self._again([s.signatures[k] for s, tried in asked for k in tried])
         found = self._again(bench.accepted)
@@ -105,7 +105,7 @@ class Driven:
         return [self._known[s] for s in signatures]
 
 
-def _likely(score: Score) -> list[int]:
+def _likely(score: EffectScore) -> list[int]:
     """The form to judge, and the likeliest of those of something else."""
     order = [score.best, *np.argsort([-t.log_bayes for t in score.trials]).tolist()]
     first: dict[str, int] = {}

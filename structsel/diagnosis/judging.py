@@ -114,7 +114,7 @@ def is_noise(bench: Bench, response: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Fit:
+class ResponseFit:
     """How well one response is foretold.
 
     Attributes
@@ -132,7 +132,7 @@ class Fit:
         return {"r2": self.r2, "rrmse": self.rrmse, "tic": self.tic}
 
 
-def fit(got: Residuals, left: Residuals, responses: Sequence[str]) -> dict[str, Fit]:
+def fit(got: Residuals, left: Residuals, responses: Sequence[str]) -> dict[str, ResponseFit]:
     """Fit of each response, in the band that is compared."""
     made = {}
     for c in responses:
@@ -142,7 +142,7 @@ def fit(got: Residuals, left: Residuals, responses: Sequence[str]) -> dict[str, 
         error = float(np.sqrt(e @ e))
         told = float(np.linalg.norm(y - e))
         if size > 0.0:
-            made[c] = Fit(1.0 - (error / size) ** 2, error / size, error / (size + told))
+            made[c] = ResponseFit(1.0 - (error / size) ** 2, error / size, error / (size + told))
     return made
 
 

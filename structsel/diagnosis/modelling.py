@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structsel.comparison.preparing import Prepared
+from structsel.comparison.preparing import PreparedComparison
 from structsel.diagnosis.adding import addition_of
 from structsel.diagnosis.assembling import contributions, estimates
 from structsel.diagnosis.extending import Extended, as_models
@@ -33,7 +33,7 @@ class CorrectedModel(AeroModel):
     patched: Patched | None = None
 
 
-def corrected_model(prepared: Prepared, ranking: Ranking) -> CorrectedModel | None:
+def corrected_model(prepared: PreparedComparison, ranking: Ranking) -> CorrectedModel | None:
     """Model of the simulation with the physics found; None where the responses are no coefficients.
 
     A simulation that is a model stays as it is, its terms and values with it; of any other, few terms of the states

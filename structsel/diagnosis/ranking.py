@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.diagnosis.bench import Bench
-from structsel.diagnosis.driven import Driven
-from structsel.diagnosis.scoring import Score, score_all
+from structsel.diagnosis.driven import InputDrivenMotion
+from structsel.diagnosis.scoring import EffectScore, score_all
 from structsel.diagnosis.signatures import Library
 from structsel.diagnosis.weighing import Weighed, chances, weigh
 
@@ -31,21 +31,21 @@ class Step:
 
     Attributes
     ----------
-    score : Score
+    score : EffectScore
     rivals : tuple of (effect, probability)
         All that were in question, likeliest first, the effect itself among them; "nothing" too.
     bench : Bench
         With the effect taken in.
-    others : tuple of Score
+    others : tuple of EffectScore
         All that were in question, likeliest first.
     constant : bool
         Whether it shows in the level of the flights more than in anything that moves.
     """
 
-    score: Score
+    score: EffectScore
     rivals: tuple[tuple[str, float], ...]
     bench: Bench
-    others: tuple[Score, ...] = ()
+    others: tuple[EffectScore, ...] = ()
     constant: bool = False
 
 
@@ -58,16 +58,16 @@ class Ranking:
     start : Bench
         Without any effect.
     steps : tuple of Step
-    scores : tuple of Score
+    scores : tuple of EffectScore
         Of all hypotheses, when they were last tried.
-    motion : Driven, optional
+    motion : InputDrivenMotion, optional
         The flights as the inputs alone would have them, of which effects were asked.
     """
 
     start: Bench
     steps: tuple[Step, ...]
-    scores: tuple[Score, ...] = ()
-    motion: Driven | None = None
+    scores: tuple[EffectScore, ...] = ()
+    motion: InputDrivenMotion | None = None
 
     @property
     def bench(self) -> Bench:
@@ -90,9 +90,9 @@ def rank(bench: Bench, library: Library, progress: Progress | None = None) -> Ra
     progress : callable, optional
     """
     tell = progress or (lambda what, done, of: None)
-    start, driven = bench, Driven.of(bench.flights)
+    start, driven = bench, InputDrivenMotion.of(bench.flights)
     steps: list[Step] = []
-    scores: list[Score] = []
+    scores: list[EffectScore] = []
     while (k := len({s.score.effect for s in steps})) < MOST and len(steps) < _PLACES:
         tell("ranking", k, MOST)
         scores = driven.bear_out(bench, score_all(bench, library))

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from structsel.diagnosis.held_out_result import HeldOutSimulation
-from structsel.diagnosis.judging import Fit
-from structsel.effects.base import Estimate
+from structsel.diagnosis.judging import ResponseFit
+from structsel.effects.base import ParameterEstimate
 from structsel.model import AeroModel
 from structsel.numerics.arrays import Array
 from structsel.recording import Recording
@@ -31,7 +31,7 @@ class Physics:
     probability : float
     says : str
         One plain sentence with numbers and units.
-    parameters : mapping of name to Estimate
+    parameters : mapping of name to ParameterEstimate
     terms : tuple of str
     plausible : str
         Empty, or what is implausible about the parameters.
@@ -42,7 +42,7 @@ class Physics:
     effect: str
     probability: float
     says: str
-    parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    parameters: Mapping[str, ParameterEstimate] = field(default_factory=dict)
     terms: tuple[str, ...] = ()
     plausible: str = ""
     check: str = ""
@@ -54,13 +54,13 @@ class Bars:
 
     Attributes
     ----------
-    delivered, refitted, physics : Fit
+    delivered, refitted, physics : ResponseFit
         The simulation as it came, refitted within tolerances, and with the physics found.
     """
 
-    delivered: Fit
-    refitted: Fit
-    physics: Fit
+    delivered: ResponseFit
+    refitted: ResponseFit
+    physics: ResponseFit
 
 
 @dataclass(frozen=True)

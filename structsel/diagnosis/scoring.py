@@ -22,7 +22,7 @@ _BEYOND_ONE = 2.0  # nats that it must bring beyond what one tolerance in full w
 
 
 @dataclass(frozen=True, eq=False)
-class Score:
+class EffectScore:
     """One hypothesis tried.
 
     Attributes
@@ -44,7 +44,7 @@ class Score:
         The form to judge: the likeliest, or the one that spares the tolerances most.
     own : float
         Log evidence of that form alone, less what its being one of several costs.
-    driven : Score, optional
+    driven : EffectScore, optional
         Of that form where the inputs alone drive the motion.
     whole : float
         Share of its evidence that counts although that does not bear it out.
@@ -59,7 +59,7 @@ class Score:
     within: float
     best: int
     own: float
-    driven: Score | None = None
+    driven: EffectScore | None = None
     whole: float = 0.0
 
     @property
@@ -84,7 +84,7 @@ class Score:
         return self.trials[self.best]
 
 
-def score_all(bench: Bench, library: Library) -> list[Score]:
+def score_all(bench: Bench, library: Library) -> list[EffectScore]:
     """Scores of every hypothesis that can be tried, best evidence first."""
     by_effect = [(h, library.of(h.name)) for h in library.effects]
     trials = iter(bench.try_signatures([s for _, forms in by_effect for s in forms]))
@@ -92,7 +92,7 @@ def score_all(bench: Bench, library: Library) -> list[Score]:
     return sorted(made, key=lambda s: -s.log_evidence)
 
 
-def score(bench: Bench, hypothesis: Effect, forms: Sequence[Signature], trials: Sequence[Trial]) -> Score:
+def score(bench: Bench, hypothesis: Effect, forms: Sequence[Signature], trials: Sequence[Trial]) -> EffectScore:
     """Score of one hypothesis from the trials of its forms."""
     within = np.array([_limited(s, t) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within
@@ -106,13 +106,13 @@ def score(bench: Bench, hypothesis: Effect, forms: Sequence[Signature], trials: 
     total = float(logsumexp(evidence) - log_forms)
     spared = _spared(bench, trials)
     best = int(np.argmax(evidence + spared))
-    return Score(
+    return EffectScore(
         hypothesis, tuple(forms), tuple(trials), weights, total, predictive, float(within[best]), best,
         float(evidence[best] - log_forms),
     )  # fmt: skip
 
 
-def judged_by(score: Score, form: int) -> Score:
+def judged_by(score: EffectScore, form: int) -> EffectScore:
     """The score with another of its forms to judge."""
     signature, trial = score.signatures[form], score.trials[form]
     within = _limited(signature, trial)

@@ -22,7 +22,7 @@ from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.extending import as_models
 from structsel.diagnosis.ranking import Ranking
 from structsel.diagnosis.result import Finding
-from structsel.diagnosis.scoring import Score
+from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.signatures import spectra_of
 from structsel.effects.wording import SURFACES
 from structsel.errors import StructselError
@@ -30,7 +30,7 @@ from structsel.inputs import design_inputs, multisine, name_derivatives, three_t
 from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.evidence import Products, solve
+from structsel.numerics.evidence import NormalEquations, solve
 from structsel.recording import Recording
 from structsel.simulation import Instruments, Trim, linearise, simulate, trim
 
@@ -83,8 +83,8 @@ class _Question:
     """One effect, as it was found, or another."""
 
     bench: Bench
-    one: Score
-    other: Score
+    one: EffectScore
+    other: EffectScore
 
     def flown(self) -> float:
         """Nats of the recordings."""
@@ -102,12 +102,14 @@ class _Question:
         made = [spectra_of(s.signature.variant, flight, self.bench.responses) for s in (self.one, self.other)]
         return _told([self._products(rows, rows.whiten(allowed), *made)]) if made[0] else 0.0
 
-    def _products(self, rows: Rows, given: Array, does: Mapping[str, Array], like: Mapping[str, Array]) -> Products:
+    def _products(
+        self, rows: Rows, given: Array, does: Mapping[str, Array], like: Mapping[str, Array]
+    ) -> NormalEquations:
         y = rows.whiten(does, self.one.signature.width) @ self.one.trial.theta
-        return Products.of(np.column_stack([given, rows.whiten(like, self.other.signature.width)]), y)
+        return NormalEquations.of(np.column_stack([given, rows.whiten(like, self.other.signature.width)]), y)
 
 
-def _told(each: Iterable[Products]) -> float:
+def _told(each: Iterable[NormalEquations]) -> float:
     """Half of the squares that columns leave of y, their priors being standard normal."""
     products = reduce(add, each)
     return 0.5 * (products.c - float(products.b @ solve(products).mean))
@@ -127,14 +129,14 @@ def with_separation(finding: Finding, ranking: Ranking) -> Finding:
     return replace(finding, to_separate=f"{finding.to_separate} {found.says}".strip(), manoeuvre=found.inputs)
 
 
-def find_separation(bench: Bench, one: Score, other: Score) -> Separation | None:
+def find_separation(bench: Bench, one: EffectScore, other: EffectScore) -> Separation | None:
     """The manoeuvre that best tells one effect, as it was found, from another; None where none can be flown.
 
     Parameters
     ----------
     bench : Bench
         On which both were tried.
-    one, other : Score
+    one, other : EffectScore
     """
     flights = bench.flights
     stand_in, craft = flights[0].surrogate, flights[0].craft

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 from structsel.diagnosis.result import UNNAMED, Diagnosis, Finding, Pull
-from structsel.effects.base import Estimate
+from structsel.effects.base import ParameterEstimate
 from structsel.formatting import display_unit, format_estimate, format_probability, format_range, join_names
 from structsel.nomenclature import COEFFICIENTS
 
@@ -151,7 +151,7 @@ def _tell_finding(number: int, finding: Finding) -> Iterator[str]:
         yield from _labelled("look at", first.check)
 
 
-def _values(parameters: Mapping[str, Estimate]) -> str:
+def _values(parameters: Mapping[str, ParameterEstimate]) -> str:
     return ", ".join(f"{name} {format_estimate(e.value, e.std, e.unit)}" for name, e in parameters.items())
 
 

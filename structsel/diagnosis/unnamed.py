@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from structsel.comparison.locating.ceiling import explainable
-from structsel.comparison.locating.turbulence import Turbulence
+from structsel.comparison.locating.turbulence import TurbulenceEstimate
 from structsel.diagnosis import judging
 from structsel.diagnosis.ranking import NAMED, Ranking
 from structsel.diagnosis.result import UNNAMED, Bars, Finding, Physics
@@ -64,7 +64,7 @@ def find_unknown(
     return [Finding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
 
 
-def turbulent(found: Turbulence, ranking: Ranking, told: Sequence[str]) -> Finding:
+def turbulent(found: TurbulenceEstimate, ranking: Ranking, told: Sequence[str]) -> Finding:
     """Turbulence as a finding beside the verdict: nothing was left out, but the air was rough."""
     bench = ranking.bench
     axes = tuple(c for c in ("CZ", "CY", "Cm", "Cl", "Cn", "CX") if c in told)

@@ -10,7 +10,7 @@ from scipy.special import softmax
 
 from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
-from structsel.diagnosis.scoring import Score
+from structsel.diagnosis.scoring import EffectScore
 from structsel.numerics.arrays import Array
 
 _BORNE_OUT = 1.5  # times what it brings where inputs alone drive the motion: no more of what an effect brings counts
@@ -64,12 +64,12 @@ class Weighed:
 
     Attributes
     ----------
-    score : Score
+    score : EffectScore
     features : (f,) array
         See `FEATURES`.
     """
 
-    score: Score
+    score: EffectScore
     features: Array
 
     @property
@@ -84,7 +84,7 @@ class Weighed:
         return bool(level > takes)
 
 
-def rank_of(score: Score) -> float:
+def rank_of(score: EffectScore) -> float:
     """Nats that a hypothesis brings on flights not used for it."""
     ahead = float(score.predictive.sum()) + min(0.0, score.within)
     if score.event:
@@ -92,7 +92,7 @@ def rank_of(score: Score) -> float:
     return ahead + score.hypothesis.log_prior
 
 
-def nats(score: Score) -> float:
+def nats(score: EffectScore) -> float:
     """What a hypothesis brings beside tolerances: on other flights or on all, but for an event.
 
     As far as that is borne out where the inputs alone drive the motion, or can be no chance.
@@ -106,30 +106,30 @@ def bounded(brings: float, driven: float, whole: float = 0.0) -> float:
     return min(brings, (1.0 - whole) * _BORNE_OUT * driven + whole * brings)
 
 
-def alone(score: Score) -> float:
+def alone(score: EffectScore) -> float:
     """Nats that a hypothesis brings by itself, the simulation being as delivered but for it; as far as borne out."""
     brings = float(score.trial.at_scales[-1])
     return brings if score.driven is None else bounded(brings, alone(score.driven), score.whole)
 
 
-def not_borne_out(scores: Sequence[Score]) -> float:
+def not_borne_out(scores: Sequence[EffectScore]) -> float:
     """The most nats that an effect brings on the recorded motion and that the inputs do not bear out."""
     return max((nats(replace(s, driven=None)) - max(0.0, nats(s)) for s in scores), default=0.0)
 
 
-def with_whole(bench: Bench, scores: Sequence[Score]) -> list[Score]:
+def with_whole(bench: Bench, scores: Sequence[EffectScore]) -> list[EffectScore]:
     """Scores that know how much of their evidence counts although the inputs do not bear it out."""
     plain = bench.as_delivered
     before = _beyond_noise(plain)
 
-    def known(score: Score) -> Score:
+    def known(score: EffectScore) -> EffectScore:
         takes = _share(before, _beyond_noise(plain.beside(score.signature)), SLIGHT)
         return replace(score, whole=float(np.clip((takes - _MOST) / (_ALL - _MOST), 0.0, 1.0)))
 
     return [known(s) if _doubted(s) else s for s in scores]
 
 
-def _doubted(score: Score) -> bool:
+def _doubted(score: EffectScore) -> bool:
     """Whether the inputs do not bear out all that an effect brings."""
     plain = replace(score, driven=None)
     return not score.event and (nats(score) < nats(plain) or alone(score) < alone(plain))
@@ -140,13 +140,13 @@ def _beyond_noise(bench: Bench) -> float:
     return 1.0 + sum(motion - 1.0 for motion, _ in judging.excess(bench).values())
 
 
-def in_question(scores: Sequence[Score]) -> list[Score]:
+def in_question(scores: Sequence[EffectScore]) -> list[EffectScore]:
     """The best beside tolerances, and the best by themselves, in the order given."""
     best = [s for by in (nats, alone) for s in sorted(scores, key=by, reverse=True)[:_EACH]]
     return [s for s in scores if s in best]
 
 
-def evident(bench: Bench, score: Score) -> bool:
+def evident(bench: Bench, score: EffectScore) -> bool:
     """Whether an effect brings enough to be weighed; of what happens at some moments, only what was not found before.
 
     Tolerances that are off in what was found leave more to their own look-alikes than those of a right simulation do.
@@ -157,7 +157,7 @@ def evident(bench: Bench, score: Score) -> bool:
     return not found and alone(score) >= _PLENTY
 
 
-def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
+def weigh(bench: Bench, scores: Sequence[EffectScore]) -> list[Weighed]:
     """Features of the effects in question that matter: that lower the error on flights not used for them.
 
     With thousands of samples evidence is always overwhelming. What instruments' own equations show, or a few moments,
@@ -166,7 +166,7 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
     Parameters
     ----------
     bench : Bench
-    scores : sequence of Score
+    scores : sequence of EffectScore
         Of all hypotheses.
     """
     kept, rivals = _judged(bench, scores)
@@ -191,11 +191,11 @@ def weigh(bench: Bench, scores: Sequence[Score]) -> list[Weighed]:
     return made
 
 
-def _judged(bench: Bench, scores: Sequence[Score]) -> tuple[list[tuple[Score, Taken]], list[Score]]:
+def _judged(bench: Bench, scores: Sequence[EffectScore]) -> tuple[list[tuple[EffectScore, Taken]], list[EffectScore]]:
     """Effects in question that matter, with what each takes as delivered; and all that do not spoil other flights."""
     plain = bench.as_delivered
     before = judging.held_out(plain, True)
-    kept: list[tuple[Score, Taken]] = []
+    kept: list[tuple[EffectScore, Taken]] = []
     rivals, judged = list(scores), set()
     # What spoils other flights makes room for the next.
     while asked := [s for s in in_question(rivals) if evident(bench, s) and s.effect not in judged]:
@@ -224,7 +224,7 @@ def _log_odds(one: Weighed) -> float:
     return float(NOTHING + one.features @ WEIGHTS)
 
 
-def ahead_of(one: Score, scores: Sequence[Score], brings: Callable[[Score], float]) -> float:
+def ahead_of(one: EffectScore, scores: Sequence[EffectScore], brings: Callable[[EffectScore], float]) -> float:
     """Nats of an effect less those of the best other, over its own; within -1 and 1.
 
     What brings as much to within 5 % is the same effect to these recordings, and takes nothing from either.
@@ -235,7 +235,7 @@ def ahead_of(one: Score, scores: Sequence[Score], brings: Callable[[Score], floa
     return float(np.clip((mine - best) / max(mine, _FEW), -1.0, 1.0))
 
 
-def behind(one: Score, kept: Sequence[Score]) -> float:
+def behind(one: EffectScore, kept: Sequence[EffectScore]) -> float:
     """How far what an effect brings falls behind the best; see `FEATURES`."""
     brings = nats if nats(one) >= EVIDENT else alone
     best = max(0.0, *map(brings, kept))
@@ -260,7 +260,7 @@ class Taken:
     told_there: float
 
     @classmethod
-    def by(cls, one: Score, without: Bench, beside: Bench) -> Taken:
+    def by(cls, one: EffectScore, without: Bench, beside: Bench) -> Taken:
         """Of an effect, from benches without and with it."""
         foretold, where = told_by(one)
         before, after = (judging.excess(b, foretold, where) for b in (without, beside))
@@ -273,12 +273,12 @@ class Taken:
         )
 
 
-def told_by(one: Score) -> tuple[bool, Collection[str] | None]:
+def told_by(one: EffectScore) -> tuple[bool, Collection[str] | None]:
     """Whether other flights are to foretell an effect, and the flights that count."""
     return (False, one.signature.flights) if one.event else (True, None)
 
 
-def shares_there(one: Score, without: Bench, beside: Bench) -> dict[str, float]:
+def shares_there(one: EffectScore, without: Bench, beside: Bench) -> dict[str, float]:
     """Of each response that an effect moves, the share it takes of the moments at which it acts."""
     acting = judging.excess_where_moved(without, beside, *told_by(one))
     return {c: _share(b, a, SLIGHT) for c, (b, a) in acting.items()}

@@ -16,7 +16,16 @@ from structsel.effects import (
     static,
     structural,
 )
-from structsel.effects.base import BandNoise, Effect, Estimate, Found, Kind, Parameter, TruthCase, Variant
+from structsel.effects.base import (
+    BandNoise,
+    Effect,
+    EffectParameter,
+    FittedEffect,
+    Kind,
+    ParameterEstimate,
+    TruthCase,
+    Variant,
+)
 
 EFFECTS: tuple[Effect, ...] = (
     *parameters.EFFECTS,
@@ -34,4 +43,14 @@ EFFECTS: tuple[Effect, ...] = (
 )
 """Every effect that can be named, with what it needs and what it does to the differences."""
 
-__all__ = ["EFFECTS", "BandNoise", "Effect", "Estimate", "Found", "Kind", "Parameter", "TruthCase", "Variant"]
+__all__ = [
+    "EFFECTS",
+    "BandNoise",
+    "Effect",
+    "EffectParameter",
+    "FittedEffect",
+    "Kind",
+    "ParameterEstimate",
+    "TruthCase",
+    "Variant",
+]

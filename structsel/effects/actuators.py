@@ -15,11 +15,11 @@ from structsel.effects import plants
 from structsel.effects.base import (
     Columns,
     Effect,
+    EffectParameter,
+    FittedEffect,
     Flights,
-    Found,
     ModelCase,
     ModelForm,
-    Parameter,
     Variant,
     Weights,
 )
@@ -38,7 +38,7 @@ Surface = Callable[[Flight], Array]
 
 ALL = "all surfaces"
 """What a form is about that takes each alike."""
-_SHARE = Parameter("share", "-", 1.0, 0.5, 1.5)
+_SHARE = EffectParameter("share", "-", 1.0, 0.5, 1.5)
 # Feedbacks that aircraft have: surface, what is fed back, prior deviation of the gain, unit.
 _FEEDBACKS = (
     ("de", "q", 0.3, "s"), ("de", "alpha", 0.3, "-"), ("de", "theta", 0.3, "-"), ("de", "az", 0.005, "rad s^2/m"),
@@ -114,7 +114,7 @@ def _lag_variants(flights: Flights) -> list[Variant]:
                 late_by = partial(_behind, operator=operator, tau=tau)
                 columns = displaced(*((c, 0, departure(c, late_by, tau)) for c in controls))
                 model = _late_model(tuple(CONTROLS) if about == ALL else tuple(controls), name)
-                parameter = Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau)
+                parameter = EffectParameter(name, "s", tau, 0.5 * tau, 1.5 * tau)
                 made.append(Variant((parameter,), columns, about=about, model=model))
     return made + plants.late_answers(flights)
 
@@ -124,7 +124,7 @@ def _late_model(controls: Sequence[str], kind: str) -> MakeModel:
     return lambda case: follows(case) if case.estimates[kind].value > 0.0 else None
 
 
-def _lag_says(found: Found) -> str:
+def _lag_says(found: FittedEffect) -> str:
     about = found.variant.about
     who = "The surfaces follow their inputs" if about == ALL else f"The {about} follows its input"
     if "lag" in found.estimates:
@@ -154,7 +154,7 @@ def _rate_variants(flights: Flights) -> list[Variant]:
     return made
 
 
-def _rate_says(found: Found) -> str:
+def _rate_says(found: FittedEffect) -> str:
     return f"The {found.variant.about} moves no faster than {shown(found, 'rate')}, less than was asked of it."
 
 
@@ -196,7 +196,7 @@ def _stop_variants(flights: Flights) -> list[Variant]:
     return made
 
 
-def _stop_says(found: Found) -> str:
+def _stop_says(found: FittedEffect) -> str:
     words = found.variant.words
     return f"The {words['surface']} stops at {shown(found, 'stop')} ({words['side']}) although more was asked of it."
 
@@ -226,7 +226,7 @@ def _play_variants(flights: Flights) -> list[Variant]:
     return made
 
 
-def _play_says(found: Found) -> str:
+def _play_says(found: FittedEffect) -> str:
     return f"The {found.variant.about} has a dead play of {shown(found, 'width')}: it ignores smaller reversals."
 
 
@@ -249,7 +249,7 @@ def _feedback_variants(flights: Flights) -> list[Variant]:
     for control, signal, sd, unit in _FEEDBACKS:
         if control not in used or not available(flights, signal):
             continue
-        gain = Parameter(f"gain of {signal}", unit, sd, -10.0 * sd, 10.0 * sd)
+        gain = EffectParameter(f"gain of {signal}", unit, sd, -10.0 * sd, 10.0 * sd)
         made.append(_fed_back(control, (gain,), (signal,), f"{signal} to"))
         if signal in ("p", "q", "r"):
             made += [
@@ -260,7 +260,7 @@ def _feedback_variants(flights: Flights) -> list[Variant]:
         if control in used and all(available(flights, s) for s in pair):
             deviations = {s: (sd, unit) for c, s, sd, unit in _FEEDBACKS if c == control}
             gains = tuple(
-                Parameter(f"gain of {s}", unit, sd, -10.0 * sd, 10.0 * sd)
+                EffectParameter(f"gain of {s}", unit, sd, -10.0 * sd, 10.0 * sd)
                 for s, (sd, unit) in ((s, deviations[s]) for s in pair)
             )
             made.append(_fed_back(control, gains, pair, f"{' and '.join(pair)} to"))
@@ -270,7 +270,7 @@ def _feedback_variants(flights: Flights) -> list[Variant]:
 
 
 def _fed_back(
-    control: str, gains: tuple[Parameter, ...], signals: Sequence[str], about: str, washout: float | None = None
+    control: str, gains: tuple[EffectParameter, ...], signals: Sequence[str], about: str, washout: float | None = None
 ) -> Variant:
     columns = displaced(*((control, j, partial(_felt, signal=s, washout=washout)) for j, s in enumerate(signals)))
     model = partial(_feedback_model, control=control, signals=signals, washout=washout)
@@ -301,13 +301,13 @@ def _feedback_model(case: ModelCase, control: str, signals: Sequence[str], washo
     return ModelForm(states=states, terms=terms)
 
 
-def _feedback_says(found: Found) -> str:
+def _feedback_says(found: FittedEffect) -> str:
     gains = " and ".join(f"{found.text(name)} ({name.removeprefix('gain of ')})" for name in _names(found))
     where = f", in {', '.join(found.variant.only_in)} only" if found.variant.only_in else ""
     return f"Something unrecorded moves a surface with the motion ({found.variant.about}){where}: gain {gains}."
 
 
-def _names(found: Found) -> list[str]:
+def _names(found: FittedEffect) -> list[str]:
     return [p.name for p in found.variant.parameters]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
+from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.operators import more_and_more, pulse, pulses, shape_of
 from structsel.effects.readings import cannot_be_shifted, wrong_readings
 from structsel.effects.signals import available, coefficients, gathered, moves, signature
@@ -85,7 +85,7 @@ def _ground_speed_as_airspeed(flight: Flight) -> list[dict[str, Array]]:
 
 
 def _wind_variants(flights: Flights) -> list[Variant]:
-    level = tuple(Parameter(a, "m/s", 5.0, -50.0, 50.0) for a in _AXES[:2])
+    level = tuple(EffectParameter(a, "m/s", 5.0, -50.0, 50.0) for a in _AXES[:2])
     # In each manoeuvre a wind of its own would be free; one for all is what can be told.
     made = [Variant(level, _blown(lambda f: [_along(i, np.ones(len(f))) for i in range(2)]), about="over the ground")]
     if available(flights, "psi"):
@@ -114,7 +114,7 @@ def _wind_needs(flights: Flights) -> str:
     return ""
 
 
-def _wind_says(found: Found) -> str:
+def _wind_says(found: FittedEffect) -> str:
     winds = ", ".join(f"{found.text(p.name)} {p.name}" for p in found.variant.parameters)
     return f"A steady wind of {winds} parts air data from the motion over the ground ({found.variant.about})."
 
@@ -146,7 +146,7 @@ def _sheared(law: Callable[[Flight], Array], name: str, unit: str) -> Variant:
         size = law(flight)
         return [_along(i, size) for i in range(2)]
 
-    return Variant(tuple(Parameter(a, unit, 5.0, -60.0, 60.0) for a in _AXES[:2]), _blown(winds), about=name)
+    return Variant(tuple(EffectParameter(a, unit, 5.0, -60.0, 60.0) for a in _AXES[:2]), _blown(winds), about=name)
 
 
 def _shear_needs(flights: Flights) -> str:
@@ -162,7 +162,7 @@ def _shear_needs(flights: Flights) -> str:
     return f"a change of height above {_RANGE:.0f} m"
 
 
-def _shear_says(found: Found) -> str:
+def _shear_says(found: FittedEffect) -> str:
     winds = ", ".join(f"{found.text(p.name)} {p.name}" for p in found.variant.parameters)
     return f"The wind changes, {found.variant.about}: {winds}."
 
@@ -191,7 +191,7 @@ def _gust(angle: str, times: Mapping[str, float], length: float, name: str) -> V
 
     shape = {**shape_of(times), "length": length}
     return Variant(
-        (Parameter("speed", "m/s", 4.0, -30.0, 30.0),),
+        (EffectParameter("speed", "m/s", 4.0, -30.0, 30.0),),
         columns,
         shape,
         dict.fromkeys(shape, "s"),
@@ -205,7 +205,7 @@ def _gust_needs(flights: Flights) -> str:
     return "" if any(available(flights, c) for c in ("alpha", "beta")) else "channel alpha or beta"
 
 
-def _gust_says(found: Found) -> str:
+def _gust_says(found: FittedEffect) -> str:
     when = [f"{found[name]:.1f} s" for name in found.variant.shape if name != "length"]
     some, are = ("A gust", "is") if len(when) == 1 else ("Gusts", "are")
     return (

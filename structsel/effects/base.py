@@ -24,7 +24,7 @@ _LEAST_LEFT = 0.1  # of what would be without, where an effect is estimated to h
 
 
 @dataclass(frozen=True)
-class Parameter:
+class EffectParameter:
     """One linear parameter of a signature.
 
     Attributes
@@ -47,12 +47,12 @@ class Parameter:
     high: float = float("inf")
     of_outcome: bool = False
 
-    def estimate(self, value: float, std: float) -> Estimate:
+    def estimate(self, value: float, std: float) -> ParameterEstimate:
         """The parameter as it is stated, from the coefficient of its signature in `unit` and its standard deviation."""
         if not self.of_outcome:
-            return Estimate(value, std, self.unit)
+            return ParameterEstimate(value, std, self.unit)
         left = max(1.0 - value, _LEAST_LEFT)
-        return Estimate(value / left, std / left**2, self.unit)
+        return ParameterEstimate(value / left, std / left**2, self.unit)
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Variant:
 
     Attributes
     ----------
-    parameters : tuple of Parameter
+    parameters : tuple of EffectParameter
     columns : callable
         Flight to mapping of response to (n, k) array: what one unit of each parameter adds to measured less
         simulated, k in the order of `parameters`. A response not in it gets nothing.
@@ -82,7 +82,7 @@ class Variant:
         Parts of the sentence that states it.
     """
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[EffectParameter, ...]
     columns: Callable[[Flight], Columns]
     shape: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
@@ -94,7 +94,7 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """A parameter as found, linear or of the shape."""
 
     value: float
@@ -130,7 +130,7 @@ class ModelCase:
     Attributes
     ----------
     variant : Variant
-    estimates : mapping of parameter to Estimate
+    estimates : mapping of parameter to ParameterEstimate
     craft : Aircraft
     base : mapping of response to ResponseModel
         The simulation.
@@ -138,7 +138,7 @@ class ModelCase:
     """
 
     variant: Variant
-    estimates: Mapping[str, Estimate]
+    estimates: Mapping[str, ParameterEstimate]
     craft: Aircraft
     base: Mapping[str, ResponseModel]
     flights: Sequence[Flight]
@@ -166,20 +166,20 @@ class ModelCase:
 
 
 @dataclass(frozen=True)
-class Found:
+class FittedEffect:
     """An effect with its estimated parameters.
 
     Attributes
     ----------
     variant : Variant
         The best of its forms.
-    estimates : mapping of name to Estimate
+    estimates : mapping of name to ParameterEstimate
     size : mapping of response to float
         Rms of the signature over all flights, in the response's unit; responses it does not touch are left out.
     """
 
     variant: Variant
-    estimates: Mapping[str, Estimate]
+    estimates: Mapping[str, ParameterEstimate]
     size: Mapping[str, float]
 
     def __getitem__(self, name: str) -> float:
@@ -258,7 +258,7 @@ class Effect:
     variants : callable
         Flights to the forms it may take.
     says : callable
-        Found to one plain sentence with numbers and units.
+        FittedEffect to one plain sentence with numbers and units.
     look_alikes : tuple of str
         Effects that the same data may also say.
     separated_by : str
@@ -278,7 +278,7 @@ class Effect:
     what: str
     needs: Callable[[Flights], str]
     variants: Callable[[Flights], Sequence[Variant]]
-    says: Callable[[Found], str]
+    says: Callable[[FittedEffect], str]
     look_alikes: tuple[str, ...] = ()
     separated_by: str = ""
     check: str = ""

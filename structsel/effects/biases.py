@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Flights, Found, Parameter, Variant
+from structsel.effects.base import EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.changes import find_changes, together
 from structsel.effects.operators import changes, shape_of, since, told_onsets
 from structsel.effects.readings import AIR, ATTITUDE, INERTIAL, Errors, present, wrong_readings
@@ -34,8 +34,8 @@ def bias_variants(flights: Flights) -> list[Variant]:
     jumps = {responses: find_changes(flights, responses) for responses in set(_SHOWS.values())}
     for channel in present(flights, (*AIR, *INERTIAL, *ATTITUDE, *CONTROLS)):
         sd, unit, name = _sd(flights, channel), _UNIT[channel], INSTRUMENTS[channel]
-        constant = Parameter("bias", unit, sd, -10.0 * sd, 10.0 * sd)
-        drift = Parameter("drift", f"{unit}/min" if "/" not in unit else f"{unit} per min", 2.0 * sd)
+        constant = EffectParameter("bias", unit, sd, -10.0 * sd, 10.0 * sd)
+        drift = EffectParameter("drift", f"{unit}/min" if "/" not in unit else f"{unit} per min", 2.0 * sd)
         made += [
             Variant((constant,), wrong_readings(partial(_level, channel=channel)), about=name),
             Variant((drift,), wrong_readings(partial(_drift, channel=channel)), about=f"{name}, drifting"),
@@ -65,7 +65,7 @@ def _since(flight: Flight, channel: str, times: dict[str, float]) -> list[Errors
     return [{channel: since(flight, times)}]
 
 
-def bias_says(found: Found) -> str:
+def bias_says(found: FittedEffect) -> str:
     """The sentence of a bias."""
     name, does = ("drift", "drifts by") if "drift" in found.estimates else ("bias", "reads too much by")
     return f"{capital(found)} {does} {shown(found, name)}."

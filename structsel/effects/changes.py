@@ -24,7 +24,7 @@ _TOLD = 4.0  # gain in log likelihood from which a manoeuvre joins others in a c
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class SoughtChange:
     """A step or ramp in the differences of one manoeuvre.
 
     Attributes
@@ -59,7 +59,7 @@ def ramp(t: Array, start: float, duration: float) -> Array:
 
 def find_changes(
     flights: Flights, responses: Sequence[str], durations: Sequence[float] = (0.0,), each: int = 2
-) -> list[Change]:
+) -> list[SoughtChange]:
     """Likeliest changes of every manoeuvre, at most `each` per duration, best first.
 
     What the simulation's linear terms could explain in the same manoeuvre is allowed for, so that wrong values of
@@ -106,7 +106,7 @@ class _Sought:
         """Times at which a change may begin."""
         return self.t[(self.t > self.t[0] + _EDGE) & (self.t < self.t[-1] - _EDGE - 0.5 * duration)]
 
-    def best(self, starts: Array, duration: float, each: int) -> list[Change]:
+    def best(self, starts: Array, duration: float, each: int) -> list[SoughtChange]:
         """The likeliest changes from some of the starts, at most `each`, apart from each other."""
         if not len(starts):
             return []
@@ -120,10 +120,10 @@ class _Sought:
         share = np.clip(size**2 * norm[:, None] / np.maximum((y**2).sum(axis=0), 1e-30), 0.0, 1.0 - 1e-9)
         gains = -0.5 * (t[-1] - t[0]) / _MEMORY * np.log1p(-share).sum(axis=1)
         level = np.maximum(np.sqrt((y**2).mean(axis=0)), 1e-30)
-        found: list[Change] = []
+        found: list[SoughtChange] = []
         for i in np.argsort(-gains):
             if all(abs(starts[i] - one.start) > _APART for one in found):
-                found.append(Change(self.name, float(starts[i]), duration, float(gains[i]), size[i] / level))
+                found.append(SoughtChange(self.name, float(starts[i]), duration, float(gains[i]), size[i] / level))
             if len(found) == each:
                 break
         return found
@@ -144,29 +144,29 @@ def _centred(x: Array) -> Array:
     return x - x.mean(axis=0)
 
 
-Event = tuple[tuple[Change, ...], Array]
+Event = tuple[tuple[SoughtChange, ...], Array]
 """Changes that have one cause, and the sign of each."""
 
 
-def alone(changes: Sequence[Change]) -> list[Event]:
+def alone(changes: Sequence[SoughtChange]) -> list[Event]:
     """Each of the best changes of every manoeuvre by itself."""
     names = list(dict.fromkeys(change.flight for change in changes))[:_ALONE]
     return [((change,), np.ones(1)) for name in names for change in [c for c in changes if c.flight == name][:_SINGLE]]
 
 
-def together(changes: Sequence[Change], *, both_ways: bool = True) -> list[Event]:
+def together(changes: Sequence[SoughtChange], *, both_ways: bool = True) -> list[Event]:
     """The best of several manoeuvres, two, three and more, with their signs.
 
     Parameters
     ----------
-    changes : sequence of Change
+    changes : sequence of SoughtChange
         Best first.
     both_ways : bool
         Whether what comes in one manoeuvre may go in another.
     """
     made: list[Event] = []
     for duration in dict.fromkeys(change.duration for change in changes):
-        best: dict[str, Change] = {}
+        best: dict[str, SoughtChange] = {}
         for change in changes:
             if change.duration == duration and change.gain > _TOLD:
                 best.setdefault(change.flight, change)
@@ -181,7 +181,7 @@ def together(changes: Sequence[Change], *, both_ways: bool = True) -> list[Event
     return made
 
 
-def added(changes: Sequence[Change], signs: Array) -> Column:
+def added(changes: Sequence[SoughtChange], signs: Array) -> Column:
     """Sum of changes, each with its sign."""
 
     def column(flight: Flight) -> Array:

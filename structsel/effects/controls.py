@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
+from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.signals import (
     CHANNELS_OF,
     CONTROLS,
@@ -110,7 +110,7 @@ def _bent(
         x = lost(flight)
         return {r: (-s * x)[:, None] for r, s in slopes.items() if s != 0.0 and r in flight.measured}
 
-    parameter = Parameter(f"{control} loss", "-", 0.25, -1.2, 1.2)
+    parameter = EffectParameter(f"{control} loss", "-", 0.25, -1.2, 1.2)
     given = shape or {}
     words = {"control": control, "law": f"{about}{where}", "where": where}
     units = dict.fromkeys(given, "rad")
@@ -129,7 +129,7 @@ def _needs_bend(flights: Flights) -> str:
     return ""
 
 
-def _says_bend(found: Found) -> str:
+def _says_bend(found: FittedEffect) -> str:
     variant = found.variant
     name = variant.parameters[0].name
     control, law = variant.words["control"], variant.words["law"]
@@ -185,7 +185,7 @@ def _stretches(flights: Flights) -> list[Variant]:
     made = []
     for control in _used(flights):
         moved = held(flights, CONTROLS[control])
-        parameter = Parameter(f"{control} {_LOSS}", "-", 0.15, 0.0, 1.0)
+        parameter = EffectParameter(f"{control} {_LOSS}", "-", 0.15, 0.0, 1.0)
         for fall, about, law in _falls(flights):
             made.append(scaled_slopes(flights, moved, (control,), fall, parameter, about, law=law))
             only = f"{about}, in {moved[0]} only"
@@ -195,7 +195,7 @@ def _stretches(flights: Flights) -> list[Variant]:
 
 def _flexes(flights: Flights) -> list[Variant]:
     every = coefficients(flights)
-    parameter = Parameter(_LOSS, "-", 0.15, 0.0, 1.0)
+    parameter = EffectParameter(_LOSS, "-", 0.15, 0.0, 1.0)
     zero = lift_line(flights)[1]
     made = []
     for fall, about, law in _falls(flights):
@@ -217,8 +217,8 @@ def _flexes(flights: Flights) -> list[Variant]:
     return [v for v in made if v is not None]
 
 
-def _own_loss(what: str) -> Parameter:
-    return Parameter(f"{what} {_LOSS}", "-", 0.15, -1.0 if what == "stability" else 0.0, 1.0)
+def _own_loss(what: str) -> EffectParameter:
+    return EffectParameter(f"{what} {_LOSS}", "-", 0.15, -1.0 if what == "stability" else 0.0, 1.0)
 
 
 def _needs_pressure(flights: Flights) -> str:
@@ -235,7 +235,7 @@ def _needs_stretch(flights: Flights) -> str:
     return _needs_pressure(flights) or ("" if _used(flights) else "a control (de, da, dr) that moves")
 
 
-def _says_loss(found: Found) -> str:
+def _says_loss(found: FittedEffect) -> str:
     names = [p.name for p in found.variant.parameters]
     shares = [f"{name.removesuffix(_LOSS)}{found.text(name, 100.0, '%')}" for name in names]
     who = f"Effectiveness of {names[0].split()[0]} falls" if names[0].split()[0] in CONTROLS else "Slopes fall"

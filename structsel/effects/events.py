@@ -8,8 +8,8 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.surrogate import CONFIGURATION
-from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
-from structsel.effects.changes import Change, added, alone, find_changes, together
+from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
+from structsel.effects.changes import SoughtChange, added, alone, find_changes, together
 from structsel.effects.operators import shape_of
 from structsel.effects.signals import Column, from_lift_and_drag, lacking, lift_line, moves, signature
 from structsel.nomenclature import COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
@@ -42,8 +42,8 @@ def _increments(along: Column, slope: float | None, zero: float) -> Callable[[Fl
     return columns
 
 
-def _size(sds: Sequence[float], unit: str) -> tuple[Parameter, ...]:
-    return tuple(Parameter(name, unit, sd) for name, sd in zip(_PHRASES, sds))
+def _size(sds: Sequence[float], unit: str) -> tuple[EffectParameter, ...]:
+    return tuple(EffectParameter(name, unit, sd) for name, sd in zip(_PHRASES, sds))
 
 
 def _recorded(flights: Flights) -> list[Variant]:
@@ -54,7 +54,7 @@ def _recorded(flights: Flights) -> list[Variant]:
         sizes = _size((0.6, 0.06, 0.15) if unit == "1/rad" else (0.1, 0.03, 0.05), unit)
         along = _channel(channel)
         made.append(Variant(sizes, _increments(along, None, zero), about=channel, terms=(channel,)))
-        more = (*sizes, Parameter("lift slope", unit, 0.2, -1.0, 1.0))
+        more = (*sizes, EffectParameter("lift slope", unit, 0.2, -1.0, 1.0))
         made.append(Variant(more, _increments(along, slope, zero), about=channel, terms=(channel, f"alpha*{channel}")))
     return made
 
@@ -76,21 +76,21 @@ def _unrecorded(flights: Flights) -> list[Variant]:
     ]
 
 
-def _times(changes: Sequence[Change]) -> dict[str, float]:
+def _times(changes: Sequence[SoughtChange]) -> dict[str, float]:
     return shape_of({c.flight: c.start for c in changes}) | {"duration": changes[0].duration}
 
 
-def _seconds(changes: Sequence[Change]) -> dict[str, str]:
+def _seconds(changes: Sequence[SoughtChange]) -> dict[str, str]:
     return dict.fromkeys(_times(changes), "s")
 
 
-def _when(changes: Sequence[Change]) -> str:
+def _when(changes: Sequence[SoughtChange]) -> str:
     places = ", ".join(f"{c.flight} at {c.start:.1f} s" for c in changes)
     took = changes[0].duration
     return f"{places}{f', within {took:g} s' if took else ', at once'}"
 
 
-def _says_configuration(found: Found) -> str:
+def _says_configuration(found: FittedEffect) -> str:
     if "duration" in found.variant.shape:
         told = [f"{phrase} by {found.text(name)}" for name, phrase in _PHRASES.items()]
         return f"The configuration changed, unrecorded, in {found.variant.about}: {', '.join(told)}."
@@ -161,9 +161,9 @@ def _since(clock: Mapping[str, tuple[float, float]], begin: float, end: float) -
 
 def _iced(along: Column, slope: float, zero: float, about: str, shape: dict[str, float]) -> Variant:
     parameters = (
-        Parameter("drag", "-", 0.02, 0.0, 0.3),
-        Parameter("lift slope loss", "-", 0.1, 0.0, 0.7),
-        Parameter("pitching moment", "-", 0.006, -0.1, 0.1),
+        EffectParameter("drag", "-", 0.02, 0.0, 0.3),
+        EffectParameter("lift slope loss", "-", 0.1, 0.0, 0.7),
+        EffectParameter("pitching moment", "-", 0.006, -0.1, 0.1),
     )
 
     def columns(flight: Flight) -> Columns:
@@ -178,7 +178,7 @@ def _iced(along: Column, slope: float, zero: float, about: str, shape: dict[str,
     return Variant(parameters, columns, shape, dict.fromkeys(shape, "s"), about)
 
 
-def _says_ice(found: Found) -> str:
+def _says_ice(found: FittedEffect) -> str:
     return (
         f"Drag grows by {found.text('drag', 1e4, 'counts')} and the lift slope falls by "
         f"{found.text('lift slope loss', 100.0, '%')} {found.variant.about}, as with ice."
@@ -189,11 +189,11 @@ def _says_ice(found: Found) -> str:
 
 
 _RELEASE = (
-    Parameter("mass", "of the rest", 0.08, 0.01, 0.8),
-    Parameter("drag", "-", 0.006, 0.0, 0.2),
-    Parameter("dx", "of cbar", 0.02, -0.3, 0.3),
-    Parameter("dy", "of b", 0.005, -0.1, 0.1),
-    Parameter("trim", "-", 0.005, -0.1, 0.1),
+    EffectParameter("mass", "of the rest", 0.08, 0.01, 0.8),
+    EffectParameter("drag", "-", 0.006, 0.0, 0.2),
+    EffectParameter("dx", "of cbar", 0.02, -0.3, 0.3),
+    EffectParameter("dy", "of b", 0.005, -0.1, 0.1),
+    EffectParameter("trim", "-", 0.005, -0.1, 0.1),
 )
 _WHERE = {"near the middle": 0.0, "along the span": 1.2}
 """What a share of mass takes with it of the inertia about x and z; of that about y half as much."""
@@ -241,7 +241,7 @@ def _released(along: Column, inertia: float) -> Callable[[Flight], Columns]:
     return columns
 
 
-def _says_release(found: Found) -> str:
+def _says_release(found: FittedEffect) -> str:
     mass, drag = found.text("mass", 100.0, "%"), found.text("drag", 1e4, "counts")
     forward, aside = found.text("dx", 100.0, "% cbar"), found.text("dy", 100.0, "% of the span")
     return (

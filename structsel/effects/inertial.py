@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Effect, Flights, Found, Parameter, Variant
+from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.operators import onsets, oscillate, peaks, shape_of, since, spaced, told_onsets
 from structsel.effects.signals import Parts, coefficients, held, lacking, of_parts
 from structsel.nomenclature import FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
@@ -48,11 +48,11 @@ def _place_in(flights: Flights) -> Callable[[Flight], float]:
 
 
 def _mass_variants(flights: Flights) -> list[Variant]:
-    share = Parameter("share", "-", 0.06, -0.5, 0.5, of_outcome=True)
+    share = EffectParameter("share", "-", 0.06, -0.5, 0.5, of_outcome=True)
     made = [of_parts((share,), lambda f: _heavier(f, 0, 1.0), "in all manoeuvres")]
     if len(flights) > 2:
         place = _place_in(flights)
-        growth = Parameter("share from first to last", "-", 0.1, -0.5, 0.5)
+        growth = EffectParameter("share from first to last", "-", 0.1, -0.5, 0.5)
         made.append(of_parts((growth,), lambda f: _heavier(f, 0, place(f)), "growing from manoeuvre to manoeuvre"))
         made.append(
             of_parts(
@@ -62,14 +62,14 @@ def _mass_variants(flights: Flights) -> list[Variant]:
         )  # fmt: skip
     if len({float(f.t[0]) for f in flights}) > 1:
         first = min(float(f.t[0]) for f in flights)
-        rate = Parameter("share per min", "1/min", 0.005, -0.1, 0.1)
+        rate = EffectParameter("share per min", "1/min", 0.005, -0.1, 0.1)
         made.append(of_parts((rate,), lambda f: _heavier(f, 0, (f.t - first) / 60.0), "growing with the time of day"))
-    within = Parameter("share per min", "1/min", 0.02, -0.3, 0.3)
+    within = EffectParameter("share per min", "1/min", 0.02, -0.3, 0.3)
     made.append(of_parts((within,), lambda f: _heavier(f, 0, _burnt(f)), "growing within each manoeuvre as fuel burns"))
     return made
 
 
-def _mass_says(found: Found) -> str:
+def _mass_says(found: FittedEffect) -> str:
     amounts = [
         found.text(p.name, 100.0, "%" if p.unit == "-" else "% per min")
         + p.name.removeprefix("share").removesuffix(" per min")
@@ -108,10 +108,10 @@ def _off_centre_in(flight: Flight, axis: int, moment: str) -> Parts:
     return [part for part in _off_centre(flight, 0, axis, pushed=False) if part[0] == moment]
 
 
-def _shift(flights: Flights, axis: int) -> Parameter:
+def _shift(flights: Flights, axis: int) -> EffectParameter:
     craft = flights[0].craft
     sd = (0.03 * craft.cbar, 0.01 * craft.b, 0.04 * craft.cbar)[axis]
-    return Parameter("xyz"[axis], "m", sd, -8.0 * sd, 8.0 * sd)
+    return EffectParameter("xyz"[axis], "m", sd, -8.0 * sd, 8.0 * sd)
 
 
 def _shift_variants(flights: Flights) -> list[Variant]:
@@ -152,7 +152,7 @@ def _shift_variants(flights: Flights) -> list[Variant]:
     return made
 
 
-def _shift_says(found: Found) -> str:
+def _shift_says(found: FittedEffect) -> str:
     where = ", ".join(f"{found.text(p.name)} along body {p.name}" for p in found.variant.parameters)
     return f"The centre of gravity lies elsewhere than stated, by {where} ({found.variant.about})."
 
@@ -203,8 +203,8 @@ def _inertia_variants(flights: Flights) -> list[Variant]:
     units["Ixz"] = np.zeros((3, 3))
     units["Ixz"][0, 2] = units["Ixz"][2, 0] = -inertia.Iz
     made = []
-    parameters = {n: Parameter(n, "-", 0.12, -0.6, 1.5, of_outcome=True) for n in sizes}
-    parameters["Ixz"] = Parameter("Ixz", "of Iz", 0.03, -0.6, 1.5)
+    parameters = {n: EffectParameter(n, "-", 0.12, -0.6, 1.5, of_outcome=True) for n in sizes}
+    parameters["Ixz"] = EffectParameter("Ixz", "of Iz", 0.03, -0.6, 1.5)
     groups = [("Ix",), ("Iy",), ("Iz",), ("Ixz",), ("Ix", "Iz", "Ixz"), ("Ix", "Iy", "Iz")]
     for group in groups:
         parts = [units[n] for n in group]
@@ -220,7 +220,7 @@ def _inertia_needs(flights: Flights) -> str:
     return lacking(flights, MOMENT_COEFFICIENTS)
 
 
-def _inertia_says(found: Found) -> str:
+def _inertia_says(found: FittedEffect) -> str:
     off = [
         f"{p.name} by {found.text(p.name, 100.0, '% of Iz' if p.name == 'Ixz' else '%')}"
         for p in found.variant.parameters
@@ -244,9 +244,9 @@ def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Pa
 
 def _slosh_variants(flights: Flights) -> list[Variant]:
     craft = flights[0].craft
-    share = Parameter("share of the mass", "-", 0.05, -0.3, 0.3)
-    side = (share, Parameter("roll arm", "m", 0.03 * craft.b), Parameter("yaw arm", "m", 0.03 * craft.b))
-    pitch = (share, Parameter("pitch arm", "m", 0.05 * craft.cbar))
+    share = EffectParameter("share of the mass", "-", 0.05, -0.3, 0.3)
+    side = (share, EffectParameter("roll arm", "m", 0.03 * craft.b), EffectParameter("yaw arm", "m", 0.03 * craft.b))
+    pitch = (share, EffectParameter("pitch arm", "m", 0.05 * craft.cbar))
     made = []
     for axis, parameters, name in ((1, side, "sideways"), (0, pitch, "fore and aft")):
         seen = peaks(flights, (FORCE_COEFFICIENTS[axis],), 3, *_SLOSH)

@@ -12,11 +12,11 @@ from structsel.comparison.flight import Flight
 from structsel.effects.base import (
     Columns,
     Effect,
+    EffectParameter,
+    FittedEffect,
     Flights,
-    Found,
     ModelCase,
     ModelForm,
-    Parameter,
     Variant,
     Weights,
 )
@@ -91,13 +91,13 @@ def _stall_variants(flights: Flights) -> list[Variant]:
     lowest = max(float(np.quantile(alpha, 0.6)), 0.5 * top, 0.8 * _HIGH)
     onsets = np.linspace(lowest, 0.98 * top, 4)
     parameters = (
-        Parameter("lift lost", "-", 0.7, 0.0, 1.5),
-        Parameter("drag", "-", 0.2, 0.0, 1.5),
-        Parameter("nose-down moment", "-", 0.1, -0.1, 0.8),
+        EffectParameter("lift lost", "-", 0.7, 0.0, 1.5),
+        EffectParameter("drag", "-", 0.2, 0.0, 1.5),
+        EffectParameter("nose-down moment", "-", 0.1, -0.1, 0.8),
     )
     units = {"onset": "rad", "sharpness": "1/rad", "tau1": "s", "tau2": "s"}
     chord = flights[0].craft.cbar / float(gathered(flights, "V").mean())
-    lost = Parameter("normal force lost", "-", 0.3, 0.0, 3.0)
+    lost = EffectParameter("normal force lost", "-", 0.3, 0.0, 3.0)
     made = []
     for onset in onsets:
         for tau1, tau2 in _CHORDS[:3]:
@@ -164,7 +164,7 @@ def _stall_needs(flights: Flights) -> str:
     return "" if reach(flights, "alpha")[1] > _HIGH else f"angle of attack above {np.degrees(_HIGH):.0f} deg"
 
 
-def _stall_says(found: Found) -> str:
+def _stall_says(found: FittedEffect) -> str:
     return (
         f"The flow separates about {found.text('onset', 180.0 / np.pi, 'deg')} of angle of attack and follows late, "
         f"with time constants of {found.text('tau1')} and {found.text('tau2')}. Lift is less on the way "
@@ -192,19 +192,19 @@ def _wake(angle: str, length: str, moved: tuple[str, ...], chords: float | None)
 def _downwash_variants(flights: Flights) -> list[Variant]:
     parameters = (
         # The tail carries more while the angle grows: up, and nose down. Lift that itself comes late is the other way.
-        Parameter("Cm per alpha_dot_hat", "-", 6.0, -40.0, 1.0),
-        Parameter("CZ per alpha_dot_hat", "-", 2.0, -20.0, 0.5),
+        EffectParameter("Cm per alpha_dot_hat", "-", 6.0, -40.0, 1.0),
+        EffectParameter("CZ per alpha_dot_hat", "-", 2.0, -20.0, 0.5),
     )
     return _wakes(parameters, "alpha", "cbar", ("Cm", "CZ"))
 
 
 def _sidewash_variants(flights: Flights) -> list[Variant]:
     parameters = (
-        Parameter("Cn per beta_dot_hat", "-", 0.05, -0.5, 0.5),
-        Parameter("CY per beta_dot_hat", "-", 0.1, -1.0, 1.0),
+        EffectParameter("Cn per beta_dot_hat", "-", 0.05, -0.5, 0.5),
+        EffectParameter("CY per beta_dot_hat", "-", 0.1, -1.0, 1.0),
     )
     # A fin stands above the axis.
-    rolling = Parameter("Cl per beta_dot_hat", "-", 0.03, -0.3, 0.3)
+    rolling = EffectParameter("Cl per beta_dot_hat", "-", 0.03, -0.3, 0.3)
     fin = ("Cn", "CY", "Cl")
     return [
         *_wakes(parameters, "beta", "b", fin[:2]),
@@ -212,7 +212,7 @@ def _sidewash_variants(flights: Flights) -> list[Variant]:
     ]
 
 
-def _wakes(parameters: tuple[Parameter, ...], angle: str, length: str, moved: tuple[str, ...]) -> list[Variant]:
+def _wakes(parameters: tuple[EffectParameter, ...], angle: str, length: str, moved: tuple[str, ...]) -> list[Variant]:
     term = (f"{angle}_dot_hat",)
     made = [Variant(parameters, _wake(angle, length, moved, None), about="by its rate", terms=term)]
     for chords in _TAIL_CHORDS:
@@ -234,7 +234,7 @@ def _wake_model(case: ModelCase, angle: str, length: str, moved: tuple[str, ...]
     return ModelForm(states={f"{angle}_late": State("delay", angle, {"way": way})}, terms=terms)
 
 
-def _wake_says(found: Found) -> str:
+def _wake_says(found: FittedEffect) -> str:
     moment, force = (p.name for p in found.variant.parameters[:2])
     side = "sidewash" if moment.startswith("Cn") else "downwash"
     return f"The tail feels the {side} late: {found.text(moment)} in {moment}, {found.text(force)} in {force}."
@@ -253,8 +253,8 @@ def _building(flight: Flight, parts: tuple[tuple[float, float], ...]) -> Columns
 def _lift_variants(flights: Flights) -> list[Variant]:
     # Suction at the leading edge and the tail's moment build up otherwise than the lift, or not at all.
     parameters = (
-        Parameter("share", "-", 0.7, 0.2, 2.0),
-        *(Parameter(f"share of the {what}", "-", 0.7, -1.0, 2.0) for what in ("axial force", "moment")),
+        EffectParameter("share", "-", 0.7, 0.2, 2.0),
+        *(EffectParameter(f"share of the {what}", "-", 0.7, -1.0, 2.0) for what in ("axial force", "moment")),
     )
     made = [
         Variant(
@@ -294,7 +294,7 @@ def _building_model(case: ModelCase, parts: tuple[tuple[float, float], ...] = ()
     return ModelForm(states=states, replaced=replaced)
 
 
-def _lift_says(found: Found) -> str:
+def _lift_says(found: FittedEffect) -> str:
     how = f"over {found.text('lag')} of travel" if "lag" in found.estimates else f"like the {found.variant.about}"
     return f"Lift follows the angle of attack late, {how}: a share of {found.text('share')} builds up with time."
 
@@ -326,7 +326,7 @@ def _rotor_variants(flights: Flights) -> list[Variant]:
     controls = _rotor_controls(flights)
     return [
         Variant(
-            (Parameter("lag", "s", tau, 0.5 * tau, 1.5 * tau),),
+            (EffectParameter("lag", "s", tau, 0.5 * tau, 1.5 * tau),),
             partial(_inflow, tau=tau, controls=controls),
             about="all controls",
         )

@@ -10,7 +10,16 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import KINEMATIC
-from structsel.effects.base import Columns, Effect, Flights, Found, ModelCase, ModelForm, Parameter, Variant
+from structsel.effects.base import (
+    Columns,
+    Effect,
+    EffectParameter,
+    FittedEffect,
+    Flights,
+    ModelCase,
+    ModelForm,
+    Variant,
+)
 from structsel.effects.model_forms import one_hot
 from structsel.effects.signals import (
     CHANNELS_OF,
@@ -65,7 +74,7 @@ def _inputs(flights: Flights, response: str) -> tuple[str, ...]:
     return tuple(c for c in shared if c not in taken and moves(flights, c))[:_ORDINARY]
 
 
-def _one(response: str, column: Column, parameter: Parameter, about: str, terms: tuple[str, ...]) -> Variant:
+def _one(response: str, column: Column, parameter: EffectParameter, about: str, terms: tuple[str, ...]) -> Variant:
     def columns(flight: Flight) -> Columns:
         return {response: column(flight)[:, None]} if response in flight.measured else {}
 
@@ -74,21 +83,21 @@ def _one(response: str, column: Column, parameter: Parameter, about: str, terms:
 
 def _term(flights: Flights, response: str, channels: Sequence[str], share: float = 0.3) -> Variant:
     text, column = term_text(channels), product(channels)
-    parameter = Parameter(f"{response}: {text}", per_unit(channels), term_sd(flights, response, column, share))
+    parameter = EffectParameter(f"{response}: {text}", per_unit(channels), term_sd(flights, response, column, share))
     return _one(response, column, parameter, f"{text} in {response}", (text,))
 
 
 def _refitted(flights: Flights, response: str, channels: Sequence[str]) -> Variant:
     text = term_text(channels)
     column = beside(flights, product(channels), CHANNELS_OF.get(response, tuple(dict.fromkeys(channels))))
-    parameter = Parameter(f"{response}: {text}", per_unit(channels), term_sd(flights, response, column, 0.3))
+    parameter = EffectParameter(f"{response}: {text}", per_unit(channels), term_sd(flights, response, column, 0.3))
     return _one(response, column, parameter, f"{text} in {response}, linear terms fitted without it", (text,))
 
 
 def _several(flights: Flights, responses: Sequence[str], channels: Sequence[str]) -> Variant:
     text, column = term_text(channels), product(channels)
     parameters = tuple(
-        Parameter(f"{r}: {text}", per_unit(channels), term_sd(flights, r, column, 0.3)) for r in responses
+        EffectParameter(f"{r}: {text}", per_unit(channels), term_sd(flights, r, column, 0.3)) for r in responses
     )
 
     def columns(flight: Flight) -> Columns:
@@ -131,7 +140,7 @@ def _wrong_values(flights: Flights) -> list[Variant]:
 def _wrong_value(flights: Flights, response: str, channel: str) -> Variant:
     slope = mean_slope(flights, response, channel)
     sd = max(0.3 * abs(slope), term_sd(flights, response, channel, 0.05))
-    parameter = Parameter(f"{response}_{channel}", per_unit((channel,)), sd)
+    parameter = EffectParameter(f"{response}_{channel}", per_unit((channel,)), sd)
     return _one(response, product((channel,)), parameter, f"{channel} in {response}", (channel,))
 
 
@@ -149,7 +158,7 @@ def _whole_scaled(flights: Flights, response: str, channel: str) -> Variant | No
 
     if spread(flights, beside(flights, part, (channel,))) < 0.1 * spread(flights, part):
         return None
-    parameter = Parameter(f"{response}_{channel} relative", "-", 0.3, -1.5, 1.5)
+    parameter = EffectParameter(f"{response}_{channel} relative", "-", 0.3, -1.5, 1.5)
     variant = _one(response, part, parameter, f"all of {channel} in {response}", (channel,))
     model = partial(_whole_scaled_model, response=response, channel=channel)
     return replace(variant, model=model, words={"scaled": f"{channel} in {response}"})
@@ -164,7 +173,7 @@ def _whole_scaled_model(case: ModelCase, response: str, channel: str) -> ModelFo
     return ModelForm(terms={response: terms}) if terms else None
 
 
-def _says_value(found: Found) -> str:
+def _says_value(found: FittedEffect) -> str:
     name = found.variant.parameters[0].name
     value = found.text(name)
     if name.endswith(" relative"):
@@ -223,7 +232,7 @@ def _needs_coupling(flights: Flights) -> str:
     )
 
 
-def _says_term(found: Found) -> str:
+def _says_term(found: FittedEffect) -> str:
     values = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
     return f"The simulation lacks {found.variant.about} ({'; '.join(values)})."
 

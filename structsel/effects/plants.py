@@ -19,7 +19,7 @@ from numba import njit
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.plant import Plant, answers, find_plant
-from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
+from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.operators import spaced
 from structsel.numerics.arrays import Array
 from structsel.numerics.first_order import delayed, first_order_lag
@@ -35,7 +35,7 @@ Force = Callable[[Array, Array], Array]  # of displacement and speed
 
 def _forced(
     plant: Plant,
-    parameter: Parameter,
+    parameter: EffectParameter,
     force: Force,
     about: str,
     shape: dict[str, float] | None = None,
@@ -46,11 +46,11 @@ def _forced(
 
     With inertia as well, forces along the measured motion would give that motion back, and explain anything.
     """
-    stiffness = Parameter("stiffness", "input per response", 0.2 * plant.stiffness)
-    damping = Parameter("damping", "input per rate", 0.05 * plant.stiffness * plant.motion / plant.speed)
+    stiffness = EffectParameter("stiffness", "input per response", 0.2 * plant.stiffness)
+    damping = EffectParameter("damping", "input per rate", 0.05 * plant.stiffness * plant.motion / plant.speed)
     beside = [stiffness, damping] if plant.swings and not alone else []
     # What accelerates a motion is told apart from its own gain by nothing but noise.
-    gain = [Parameter("gain", "relative", 0.05)] if beside and not plant.along else []
+    gain = [EffectParameter("gain", "relative", 0.05)] if beside and not plant.along else []
     parameters = (parameter, *beside, *gain)
 
     def columns(flight: Flight) -> Columns:
@@ -82,7 +82,7 @@ def _stiffening(flights: Flights) -> list[Variant]:
         )
         for name, power, law in laws:
             sd = 0.2 * unit / plant.motion ** (power - 1)
-            made.append(_forced(plant, Parameter("restoring", f"input per response^{power}", sd), law, name))
+            made.append(_forced(plant, EffectParameter("restoring", f"input per response^{power}", sd), law, name))
     return made
 
 
@@ -100,7 +100,7 @@ def _friction(flights: Flights) -> list[Variant]:
         plant = find_plant(flights, response)
         if not plant.pushes_back:
             continue
-        parameter = Parameter("force", "input", 0.3 * plant.size, 0.0)
+        parameter = EffectParameter("force", "input", 0.3 * plant.size, 0.0)
         for share in (0.03, 0.1, 0.3):
             smooth = share * plant.speed
             made.append(_forced(plant, parameter, partial(_dry, slow=smooth), "dry friction", {"rounding": share}))
@@ -116,7 +116,7 @@ def _hysteresis(flights: Flights) -> list[Variant]:
         plant = find_plant(flights, response)
         if not plant.pushes_back:
             continue
-        parameter = Parameter("force", "input per response", 0.5 * plant.stiffness)
+        parameter = EffectParameter("force", "input per response", 0.5 * plant.stiffness)
         for share in spaced(0.2, 6.4, 6):
             for angle in np.radians(_PATHS):
                 gamma, delta = float(np.cos(angle)), float(np.sin(angle))
@@ -151,7 +151,7 @@ def _bouc_wen(y, scale, gamma, delta, made):  # type: ignore[no-untyped-def]  # 
 
 
 def _saturation(flights: Flights) -> list[Variant]:
-    share = Parameter("share", "-", 1.0, 0.5, 1.5)
+    share = EffectParameter("share", "-", 1.0, 0.5, 1.5)
     made = []
     for response in answers(flights):
         plant = find_plant(flights, response)
@@ -200,7 +200,7 @@ def _end_stops(plant: Plant, flights: Flights) -> list[Variant]:
         return []
     paths = [plant.path(f)[0] for f in flights]
     y = np.concatenate(paths)
-    parameter = Parameter("stop", "input per response", 10.0 * plant.stiffness, 0.0)
+    parameter = EffectParameter("stop", "input per response", 10.0 * plant.stiffness, 0.0)
     made = []
     sides: tuple[tuple[str, Array, Callable[..., Array]], ...] = (
         ("at either end", np.abs(y), lambda y, v, limit: np.sign(y) * np.maximum(np.abs(y) - limit, 0.0)),
@@ -236,7 +236,10 @@ def late_answers(flights: Flights) -> list[Variant]:
                     answer = g(told, f.dt, x)
                     return {r: np.column_stack([(answer - told) / x, answer])}
 
-                parameters = (Parameter(name, "s", tau, 0.5 * tau, 1.5 * tau), Parameter("gain", "relative", _GAIN))
+                parameters = (
+                    EffectParameter(name, "s", tau, 0.5 * tau, 1.5 * tau),
+                    EffectParameter("gain", "relative", _GAIN),
+                )
                 made.append(Variant(parameters, behind, about=f"actuator that drives {response}"))
     return made
 
@@ -245,7 +248,7 @@ def _needs(flights: Flights) -> str:
     return "" if answers(flights) else "a simulated channel that is no coefficient"
 
 
-def _limit_says(found: Found) -> str:
+def _limit_says(found: FittedEffect) -> str:
     if "stop" in found.estimates:
         return f"The motion runs into {found.variant.about} at {found.text('limit')}, where the simulation goes on."
     words = found.variant.words

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Flights, Parameter, Variant
+from structsel.effects.base import EffectParameter, Flights, Variant
 from structsel.effects.signals import moves, of_parts, per_unit
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
@@ -43,8 +43,8 @@ _ACROSS: tuple[Term, ...] = (
 """Blades differ: what thrust gains to the side of alpha and of beta, and where, need not follow the disc."""
 
 
-def _parameters(each: Sequence[Term]) -> tuple[Parameter, ...]:
-    return tuple(Parameter(f"{r} per {_term(c)}", per_unit(c), sd) for r, c, sd in each)
+def _parameters(each: Sequence[Term]) -> tuple[EffectParameter, ...]:
+    return tuple(EffectParameter(f"{r} per {_term(c)}", per_unit(c), sd) for r, c, sd in each)
 
 
 def _term(channels: Sequence[str]) -> str:
@@ -80,7 +80,7 @@ def _washed(f: Flight, each: Sequence[Term]) -> list[tuple[str, int, Array]]:
 def slipstream_variants(flights: Flights) -> list[Variant]:
     """Wash over wing, tailplane, fin and controls: with one power for all controls, and each by its own."""
     made = [_each(about, each) for about, each in _PLACES]
-    power = Parameter("control power per CT", "-", 1.0, -1.0, 6.0)
+    power = EffectParameter("control power per CT", "-", 1.0, -1.0, 6.0)
     if any(moves(flights, c) for c in ("de", "dr")):
         made += [
             of_parts((power, *_parameters(each)), partial(_washed, each=each), about, _terms(each, "CT*de", "CT*dr"))
@@ -97,9 +97,9 @@ def slipstream_variants(flights: Flights) -> list[Variant]:
 def propeller_variants(flights: Flights) -> list[Variant]:
     """Force across the shaft and thrust beside it, as of a disc, and each response by its own."""
     craft = flights[0].craft
-    normal = Parameter("force per CT", "1/rad", 1.0, -1.0, 6.0)
-    arm = Parameter("moment per CT", "m/rad", 1.0 * craft.cbar)
-    factor = Parameter("P-factor", "m/rad", 0.2 * craft.b)
+    normal = EffectParameter("force per CT", "1/rad", 1.0, -1.0, 6.0)
+    arm = EffectParameter("moment per CT", "m/rad", 1.0 * craft.cbar)
+    factor = EffectParameter("P-factor", "m/rad", 0.2 * craft.b)
 
     def across(f: Flight) -> list[tuple[str, int, Array]]:
         a, b = f["CT"] * f["alpha"], f["CT"] * f["beta"]

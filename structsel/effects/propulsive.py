@@ -10,7 +10,7 @@ import numpy as np
 
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Effect, Flights, Found, ModelCase, ModelForm, Parameter, Variant
+from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, ModelCase, ModelForm, Variant
 from structsel.effects.operators import onsets, shape_of, since, spaced, told_onsets
 from structsel.effects.propeller import propeller_variants, slipstream_variants
 from structsel.effects.signals import Parts, available, gathered, lacking, moves, of_parts
@@ -42,10 +42,10 @@ def _along_thrust(flight: Flight, CT: Array, part: str = "") -> Parts:
 
 def _line_variants(flights: Flights) -> list[Variant]:
     craft = flights[0].craft
-    down = Parameter("offset down", "m", 0.15 * craft.cbar, -craft.cbar, craft.cbar)
-    side = Parameter("offset right", "m", 0.05 * craft.b, -0.3 * craft.b, 0.3 * craft.b)
-    tilt = Parameter("tilt up", "rad", 0.04, -0.2, 0.2)
-    toe = Parameter("toe right", "rad", 0.04, -0.2, 0.2)
+    down = EffectParameter("offset down", "m", 0.15 * craft.cbar, -craft.cbar, craft.cbar)
+    side = EffectParameter("offset right", "m", 0.05 * craft.b, -0.3 * craft.b, 0.3 * craft.b)
+    tilt = EffectParameter("tilt up", "rad", 0.04, -0.2, 0.2)
+    toe = EffectParameter("toe right", "rad", 0.04, -0.2, 0.2)
     x = craft.thrust.offset[0]
     return [
         of_parts((down,), lambda f: [("Cm", 0, f["CT"] / craft.cbar)], "below or above the stated line", ("CT",)),
@@ -55,7 +55,7 @@ def _line_variants(flights: Flights) -> list[Variant]:
     ]
 
 
-def _line_says(found: Found) -> str:
+def _line_says(found: FittedEffect) -> str:
     (p,) = found.variant.parameters
     value = found.text(p.name, 180.0 / np.pi, "deg") if p.unit == "rad" else found.text(p.name)
     return f"The thrust does not act along the stated line: {p.name} by {value}."
@@ -67,7 +67,7 @@ def _parts(flights: Flights) -> tuple[str, ...]:
 
 
 def _scale_variants(flights: Flights) -> list[Variant]:
-    share = Parameter("share", "-", 0.15, -0.8, 0.8)
+    share = EffectParameter("share", "-", 0.15, -0.8, 0.8)
     V, T = float(gathered(flights, "V").mean()), float(np.abs(gathered(flights, "thrust")).max())
 
     def more(f: Flight, part: str) -> Parts:
@@ -94,7 +94,9 @@ def _lag_variants(flights: Flights) -> list[Variant]:
 
     return [
         replace(
-            of_parts((Parameter("lag", "s", tau, 0.4 * tau, 1.7 * tau),), partial(behind, tau=tau, part=part), part),
+            of_parts(
+                (EffectParameter("lag", "s", tau, 0.4 * tau, 1.7 * tau),), partial(behind, tau=tau, part=part), part
+            ),
             model=partial(_late_thrust_model, axial=part == _AXIAL),
         )
         for part in _parts(flights)
@@ -128,7 +130,7 @@ def _gyroscopic_variants(flights: Flights) -> list[Variant]:
     size = 0.15 * inertia.Ix if inertia is not None else 1.0
     made = [
         of_parts(
-            (Parameter("angular momentum", "kg m^2/s", size),),
+            (EffectParameter("angular momentum", "kg m^2/s", size),),
             lambda f: _gyroscopic(f, 1.0),
             "at a constant speed of the rotor",
             ("r/qbar", "q/qbar"),
@@ -139,7 +141,7 @@ def _gyroscopic_variants(flights: Flights) -> list[Variant]:
         if fastest > 0.0:
             made.append(
                 of_parts(
-                    (Parameter("rotor inertia", "kg m^2", size / fastest),),
+                    (EffectParameter("rotor inertia", "kg m^2", size / fastest),),
                     lambda f: _gyroscopic(f, f["rpm"] * np.pi / 30.0), "with its recorded speed",
                     ("r*rpm/qbar", "q*rpm/qbar"),
                 )
@@ -147,7 +149,7 @@ def _gyroscopic_variants(flights: Flights) -> list[Variant]:
     if moves(flights, "throttle"):
         made.append(
             of_parts(
-                (Parameter("angular momentum at full throttle", "kg m^2/s", size),),
+                (EffectParameter("angular momentum at full throttle", "kg m^2/s", size),),
                 lambda f: _gyroscopic(f, f["throttle"]), "growing with throttle",
                 ("r*throttle/qbar", "q*throttle/qbar"),
             )
@@ -166,8 +168,8 @@ def _gyroscopic_needs(flights: Flights) -> str:
 
 def _asymmetric_variants(flights: Flights) -> list[Variant]:
     craft = flights[0].craft
-    arm = Parameter("offset", "m", 0.05 * craft.b, -0.4 * craft.b, 0.4 * craft.b)
-    roll = Parameter("rolling moment per CT", "-", 0.02)
+    arm = EffectParameter("offset", "m", 0.05 * craft.b, -0.4 * craft.b, 0.4 * craft.b)
+    roll = EffectParameter("rolling moment per CT", "-", 0.02)
 
     def parts(f: Flight, on: Array | float) -> list[tuple[str, int, Array]]:
         return [("Cn", 0, -on * f["CT"] / craft.b), ("Cl", 1, on * f["CT"])]
@@ -189,7 +191,7 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
     return made
 
 
-def _all_parameters(found: Found) -> str:
+def _all_parameters(found: FittedEffect) -> str:
     return ", ".join(f"{p.name} {found.text(p.name)}" for p in found.variant.parameters)
 
 

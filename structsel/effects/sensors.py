@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import reading
-from structsel.effects.base import Effect, Flights, Found, Parameter, Variant
+from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.biases import bias_says, bias_variants
 from structsel.effects.operators import spaced
 from structsel.effects.readings import (
@@ -52,7 +52,7 @@ def _scale_variants(flights: Flights) -> list[Variant]:
         sd = 0.1 if channel in ("alpha", "beta") else 0.04
         made.append(
             Variant(
-                (Parameter("scale", "-", sd, -0.5, 0.5, of_outcome=_as_read(flights, channel)),),
+                (EffectParameter("scale", "-", sd, -0.5, 0.5, of_outcome=_as_read(flights, channel)),),
                 wrong_readings(partial(_scaled, channel=channel)),
                 about=INSTRUMENTS[channel],
             )
@@ -73,7 +73,7 @@ def _scaled(flight: Flight, channel: str) -> list[Errors]:
     return [errors]
 
 
-def _scale_says(found: Found) -> str:
+def _scale_says(found: FittedEffect) -> str:
     more = "too much" if found["scale"] >= 0.0 else "too little"
     return f"{capital(found)} reads {more}: {1.0 + found['scale']:.3f} of the truth ({percent(found, 'scale')})."
 
@@ -94,7 +94,7 @@ def _delay_variants(flights: Flights) -> list[Variant]:
         for tau in spaced(max(0.02, 0.5 * flights[0].dt), 0.25, 4):
             made.append(
                 Variant(
-                    (Parameter("delay", "s", tau, 0.5 * tau, 1.6 * tau),),
+                    (EffectParameter("delay", "s", tau, 0.5 * tau, 1.6 * tau),),
                     wrong_readings(partial(_late_readings, channels=channels, tau=tau)),
                     about=name,
                     words={"be": "are" if len(channels) > 1 else "is"},
@@ -113,7 +113,7 @@ def _late_readings(flight: Flight, channels: Sequence[str], tau: float) -> list[
     return [made]
 
 
-def _delay_says(found: Found) -> str:
+def _delay_says(found: FittedEffect) -> str:
     return f"{capital(found)} {found.variant.words['be']} late by {found.text('delay')}."
 
 
@@ -155,7 +155,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
         for axis in range(3):
             made.append(
                 Variant(
-                    (Parameter(_AXES[axis], "m", sd, -10.0 * sd, 10.0 * sd),),
+                    (EffectParameter(_AXES[axis], "m", sd, -10.0 * sd, 10.0 * sd),),
                     wrong_readings(partial(_arms, arm=arm, axes=(axis,))),
                     about=f"{name}, along body {_AXES[axis]}",
                 )
@@ -164,7 +164,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
             # Each vane may stand on a boom of its own.
             made += [
                 Variant(
-                    (Parameter("x", "m", sd, -10.0 * sd, 10.0 * sd),),
+                    (EffectParameter("x", "m", sd, -10.0 * sd, 10.0 * sd),),
                     wrong_readings(partial(_arm_of_one, channel=channel)),
                     about=f"{INSTRUMENTS[channel]}, along body x",
                 )
@@ -172,7 +172,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
             ]
         made.append(
             Variant(
-                tuple(Parameter(x, "m", sd, -10.0 * sd, 10.0 * sd) for x in _AXES),
+                tuple(EffectParameter(x, "m", sd, -10.0 * sd, 10.0 * sd) for x in _AXES),
                 wrong_readings(partial(_arms, arm=arm, axes=(0, 1, 2))),
                 about=f"{name}, along all axes",
             )
@@ -180,7 +180,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
     return made
 
 
-def _position_says(found: Found) -> str:
+def _position_says(found: FittedEffect) -> str:
     where = ", ".join(f"{x} {found.text(x)}" for x in _AXES if x in found.estimates)
     return f"{capital(found).split(',')[0]} stands elsewhere than stated, by {where} in body axes."
 
@@ -212,7 +212,7 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
         "the gyros": (INERTIAL[3:],),
         "the inertial unit": (INERTIAL[:3], INERTIAL[3:]),
     }
-    turning = Parameter("share", "rad", 0.02, -0.15, 0.15)
+    turning = EffectParameter("share", "rad", 0.02, -0.15, 0.15)
     made = []
     for name, parts in triads.items():
         if not all(available(flights, c) for part in parts for c in part):
@@ -221,7 +221,7 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
         for axes in ((0,), (1,), (2,), (0, 1, 2)):
             made.append(
                 Variant(
-                    tuple(Parameter(f"about {_AXES[i]}", "rad", 0.02, -0.15, 0.15) for i in axes),
+                    tuple(EffectParameter(f"about {_AXES[i]}", "rad", 0.02, -0.15, 0.15) for i in axes),
                     wrong_readings(partial(_turnings, triads=parts, axes=axes)),
                     about=name,
                     words={"be": "is" if name.endswith("unit") else "are"},
@@ -235,7 +235,7 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
     if available(flights, "alpha") and available(flights, "beta"):
         made.append(
             Variant(
-                (Parameter("about x", "rad", 0.04, -0.3, 0.3),),
+                (EffectParameter("about x", "rad", 0.04, -0.3, 0.3),),
                 wrong_readings(lambda f: [_rolled_boom(f)]),
                 about="the boom with its vanes",
                 words={"be": "is"},
@@ -244,7 +244,7 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
     return made
 
 
-def _misalignment_says(found: Found) -> str:
+def _misalignment_says(found: FittedEffect) -> str:
     if "share" in found.estimates:
         one, other = found.variant.words["one"], found.variant.words["other"]
         return f"{one[0].upper()}{one[1:]} takes a share of {other}, as if turned by {shown(found, 'share')}."
@@ -256,7 +256,7 @@ def _misalignment_says(found: Found) -> str:
 
 
 def _position_error_variants(flights: Flights) -> list[Variant]:
-    factor = Parameter("factor", "-", 0.05, -0.3, 0.3)
+    factor = EffectParameter("factor", "-", 0.05, -0.3, 0.3)
     middle = float(gathered(flights, "alpha").mean())
     return [
         Variant(
@@ -266,20 +266,20 @@ def _position_error_variants(flights: Flights) -> list[Variant]:
             words={"cause": "the pressures"},
         ),
         Variant(
-            (Parameter("factor", "-", 0.1, -0.5, 0.5),),
+            (EffectParameter("factor", "-", 0.1, -0.5, 0.5),),
             wrong_readings(lambda f: [{"qbar_ratio": f["qbar_ratio"]}]),
             about="dynamic pressure alone",
             words={"cause": "the density or the static pressure"},
         ),
         Variant(
-            (Parameter("factor per rad", "1/rad", 0.3, -3.0, 3.0),),
+            (EffectParameter("factor per rad", "1/rad", 0.3, -3.0, 3.0),),
             wrong_readings(lambda f: [{"V": f["V"] * (f["alpha"] - middle)}]),
             about="airspeed and dynamic pressure, with angle of attack",
         ),
     ]
 
 
-def _position_error_says(found: Found) -> str:
+def _position_error_says(found: FittedEffect) -> str:
     if "factor per rad" in found.estimates:
         per_degree = found.text("factor per rad", 100.0 * np.pi / 180.0, "% per deg")
         return f"{capital(found)}: the error grows by {per_degree}."

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, Flights, Parameter, Variant
+from structsel.effects.base import Columns, EffectParameter, Flights, Variant
 from structsel.nomenclature import COEFFICIENTS, LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.centring import centred, rms_within
@@ -112,7 +112,7 @@ def signature(flight: Flight, k: int, parts: Parts) -> dict[str, Array]:
 
 
 def of_parts(
-    parameters: tuple[Parameter, ...],
+    parameters: tuple[EffectParameter, ...],
     parts: Callable[[Flight], Parts],
     about: str = "",
     terms: tuple[str, ...] = (),
@@ -194,7 +194,7 @@ def scaled_slopes(
     responses: Sequence[str],
     channels: Sequence[str] | None,
     factor: Column,
-    parameter: Parameter,
+    parameter: EffectParameter,
     about: str,
     zero: float = 0.0,
     law: str = "",
@@ -214,7 +214,7 @@ def scaled_slopes(
 
 
 def scaled_whole(
-    flights: Flights, responses: Sequence[str], factor: Column, parameter: Parameter, about: str
+    flights: Flights, responses: Sequence[str], factor: Column, parameter: EffectParameter, about: str
 ) -> Variant:
     """Whole coefficients times `factor` by one ratio; never that along the body, which is drag and thrust first."""
     moved = [r for r in responses if r != "CX"]
@@ -227,7 +227,7 @@ def scaled_whole(
 
 
 def slopes_by_ratios(
-    groups: Sequence[tuple[Parameter, Mapping[tuple[str, str], float]]],
+    groups: Sequence[tuple[EffectParameter, Mapping[tuple[str, str], float]]],
     factor: Column,
     about: str,
     zero: float = 0.0,
@@ -247,7 +247,12 @@ def slopes_by_ratios(
 
 
 def each_slope(
-    flights: Flights, factor: Column, ratio: Callable[[str], Parameter], about: str, zero: float = 0.0, law: str = ""
+    flights: Flights,
+    factor: Column,
+    ratio: Callable[[str], EffectParameter],
+    about: str,
+    zero: float = 0.0,
+    law: str = "",
 ) -> Variant | None:
     """Lift slope, stability and the controls each times `factor` by a ratio of its own; None where there is but one.
 
@@ -256,7 +261,7 @@ def each_slope(
     flights : sequence of Flight
     factor : Column
     ratio : callable
-        Parameter of the slopes of a name: "lift slope", "stability", or that of a control.
+        EffectParameter of the slopes of a name: "lift slope", "stability", or that of a control.
     about : str
     zero : float [rad]
         Incidence from which that of the aircraft counts.

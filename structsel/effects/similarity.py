@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
+from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.signals import (
     CONTROLS,
     Column,
@@ -71,7 +71,7 @@ def _machs(flights: Flights) -> list[Variant]:
     mean = float(mach.mean())
     rises = [float(x) for x in np.quantile(mach, _RISES)]
     made: list[Variant | None] = [_drag_rise(start, power) for start in rises for power in _POWERS]
-    parameter = Parameter("slope growth", "-", 0.6, -2.0, 2.0)
+    parameter = EffectParameter("slope growth", "-", 0.6, -2.0, 2.0)
     responses = coefficients(flights)
     wing = held(flights, LONGITUDINAL_COEFFICIENTS)
     for growth, about in _growths(flights):
@@ -97,8 +97,8 @@ def _machs(flights: Flights) -> list[Variant]:
     return [v for v in made if v is not None]
 
 
-def _own_growth(what: str) -> Parameter:
-    return Parameter(f"{what} growth", "-", 0.6, -2.0, 2.0)
+def _own_growth(what: str) -> EffectParameter:
+    return EffectParameter(f"{what} growth", "-", 0.6, -2.0, 2.0)
 
 
 def _drag_rise(start: float, power: int) -> Variant:
@@ -106,7 +106,7 @@ def _drag_rise(start: float, power: int) -> Variant:
         return signature(flight, 1, from_lift_and_drag(flight, 0, CD=np.maximum(flight["mach"] - start, 0.0) ** power))
 
     sd = {1: 0.1, 2: 0.5, 3: 4.0}[power]
-    parameter = Parameter("drag rise", "-", sd, 0.0, 20.0 * sd)
+    parameter = EffectParameter("drag rise", "-", sd, 0.0, 20.0 * sd)
     return Variant(
         (parameter,), columns, {"drag rise from Mach": start}, {"drag rise from Mach": "-"}, f"power {power}",
         (f"(mach - {start!r})+^{power}",),
@@ -123,9 +123,9 @@ def _wing(
     slope, zero = lift_line(flights)
     zero = 0.0 if about_axis else zero
     parameters = (
-        Parameter("lift growth", "-", 0.6, 0.0, 2.0),
-        Parameter("centre shift", "of cbar", 0.15, -0.8, 0.8),
-        Parameter("drag rise", "-", 0.5, 0.0, 10.0),
+        EffectParameter("lift growth", "-", 0.6, 0.0, 2.0),
+        EffectParameter("centre shift", "of cbar", 0.15, -0.8, 0.8),
+        EffectParameter("drag rise", "-", 0.5, 0.0, 10.0),
     )
 
     def columns(flight: Flight) -> Columns:
@@ -158,7 +158,7 @@ def _needs_mach(flights: Flights) -> str:
     return "" if high - low > _LEAST_RANGE else f"Mach numbers {_LEAST_RANGE:g} apart"
 
 
-def _says_mach(found: Found) -> str:
+def _says_mach(found: FittedEffect) -> str:
     told = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
     start = found.variant.shape.get("drag rise from Mach")
     above = f" above Mach {start:.2f}" if start is not None else ""
@@ -179,9 +179,11 @@ def _reynolds(flights: Flights) -> list[Variant]:
     mean = float(gathered(flights, log_reynolds).mean())
     high = float(np.quantile(gathered(flights, "alpha"), 0.7))
     _, zero = lift_line(flights)
-    drag = Parameter("drag per ln Re", "-", 0.006, -0.05, 0.0)
+    drag = EffectParameter("drag per ln Re", "-", 0.006, -0.05, 0.0)
 
-    def variant(about: str, beside: Callable[[Flight, Array], Iterable[dict[str, Array]]], *more: Parameter) -> Variant:
+    def variant(
+        about: str, beside: Callable[[Flight, Array], Iterable[dict[str, Array]]], *more: EffectParameter
+    ) -> Variant:
         def columns(flight: Flight) -> Columns:
             x = log_reynolds(flight) - mean
             parts = from_lift_and_drag(flight, 0, CD=x)
@@ -191,26 +193,26 @@ def _reynolds(flights: Flights) -> list[Variant]:
 
         return Variant((drag, *more), columns, about=about)
 
-    level = Parameter("drag at the mean", "-", 0.003, -0.02, 0.02)
-    slope = Parameter("slope per ln Re", "1/rad", 0.4, 0.0, 4.0)
+    level = EffectParameter("drag at the mean", "-", 0.003, -0.02, 0.02)
+    slope = EffectParameter("slope per ln Re", "1/rad", 0.4, 0.0, 4.0)
     elsewhere = "right at another Reynolds number"
     return [
         variant("drag", lambda f, x: []),
         # A simulation that is right at a Reynolds number not flown, as of a tunnel, is off by a level here.
         variant(f"drag, {elsewhere}", lambda f, x: [{"CD": np.ones(len(f))}], level),
-        variant("drag and lift", lambda f, x: [{"CL": x}], Parameter("lift per ln Re", "-", 0.05, 0.0, 1.0)),
+        variant("drag and lift", lambda f, x: [{"CL": x}], EffectParameter("lift per ln Re", "-", 0.05, 0.0, 1.0)),
         variant("drag and lift slope", lambda f, x: [{"CL": x * (f["alpha"] - zero)}], slope),
         variant(
             f"drag and lift slope, {elsewhere}",
             lambda f, x: [{"CD": np.ones(len(f))}, {"CL": x * f["alpha"]}, {"CL": f["alpha"]}],
             level,
             slope,
-            Parameter("slope at the mean", "1/rad", 0.2, -2.0, 2.0),
+            EffectParameter("slope at the mean", "1/rad", 0.2, -2.0, 2.0),
         ),
         variant(
             "drag and greatest lift",
             lambda f, x: [{"CL": x * np.maximum(f["alpha"] - high, 0.0)}],
-            Parameter("high slope per ln Re", "1/rad", 1.0, 0.0, 8.0),
+            EffectParameter("high slope per ln Re", "1/rad", 1.0, 0.0, 8.0),
         ),
     ]
 
@@ -223,7 +225,7 @@ def _needs_reynolds(flights: Flights) -> str:
     return "" if high - low > _LEAST_REYNOLDS else "Reynolds numbers that differ by 15 % or more"
 
 
-def _says_reynolds(found: Found) -> str:
+def _says_reynolds(found: FittedEffect) -> str:
     drag = found.text("drag per ln Re", 1e4 * np.log(1.1), "drag counts")
     told = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters[1:]]
     return f"Drag falls with Reynolds number: {drag} for each 10 %{''.join(f'; {x}' for x in told)}."

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, Effect, Flights, Found, Parameter, Variant
+from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.signals import (
     Column,
     available,
@@ -51,9 +51,9 @@ def _stalls(flights: Flights) -> list[Variant]:
 def _separated(angle: float, sharp: float, slope: float, zero: float) -> Variant:
     """Lift of a wing that separates from its trailing edge (Kirchhoff), the separation following incidence at once."""
     parameters = (
-        Parameter("lift loss", "-", 0.5, 0.0, 1.6),
-        Parameter("drag", "-", 0.1, -0.2, 1.0),
-        Parameter("pitching moment", "-", 0.08, -0.6, 0.6),
+        EffectParameter("lift loss", "-", 0.5, 0.0, 1.6),
+        EffectParameter("drag", "-", 0.1, -0.2, 1.0),
+        EffectParameter("pitching moment", "-", 0.08, -0.6, 0.6),
     )
 
     def columns(flight: Flight) -> Columns:
@@ -76,9 +76,9 @@ def _separated(angle: float, sharp: float, slope: float, zero: float) -> Variant
 def _break(angle: float, power: int, slope: float, beyond: float) -> Variant:
     """Slopes that change above an angle, at once or growing."""
     parameters = (
-        Parameter("lift slope loss", "-", 0.5, 0.0, 2.0),
-        Parameter("drag slope", "1/rad", 0.4, -1.0, 4.0),
-        Parameter("moment slope", "1/rad", 0.4, -4.0, 4.0),
+        EffectParameter("lift slope loss", "-", 0.5, 0.0, 2.0),
+        EffectParameter("drag slope", "1/rad", 0.4, -1.0, 4.0),
+        EffectParameter("moment slope", "1/rad", 0.4, -4.0, 4.0),
     )
 
     def columns(flight: Flight) -> Columns:
@@ -101,7 +101,7 @@ def _kink(flights: Flights, angle: float, response: str) -> Variant:
         return signature(flight, 1, [(response, 0, slope * np.maximum(flight["alpha"] - angle, 0.0))])
 
     unit = "-" if response == "CZ" else "1/rad"
-    parameter = Parameter(f"{response} kink", unit, 0.5, *((0.0, 2.0) if response == "CZ" else (-4.0, 4.0)))
+    parameter = EffectParameter(f"{response} kink", unit, 0.5, *((0.0, 2.0) if response == "CZ" else (-4.0, 4.0)))
     term = f"(alpha - {float(angle)!r})+"
     about = f"a kink in {response} only"
     return Variant((parameter,), columns, {"stall angle": angle}, {"stall angle": "rad"}, about, (term,))
@@ -114,7 +114,7 @@ def _needs_stall(flights: Flights) -> str:
     return "" if reach(flights, "alpha")[1] > _INCIDENCE else f"incidence above {_INCIDENCE:g} rad"
 
 
-def _says_stall(found: Found) -> str:
+def _says_stall(found: FittedEffect) -> str:
     angle = np.rad2deg(found.variant.shape["stall angle"])
     told = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
     return f"Above an incidence of {angle:.1f} deg the wing stalls ({found.variant.about}): {', '.join(told)}."
@@ -150,9 +150,9 @@ def _near_ground(
     size = max(float(np.abs(gathered(flights, lift)).mean()), 0.1)
     unit = "of CL" if by_lift else "-"
     parameters = (
-        Parameter("lift", unit, 0.15 if by_lift else 0.15 * size, 0.0, 1.0),
-        Parameter("drag", "of CL^2" if by_lift else "-", 0.03 if by_lift else 0.03 * size**2, -0.3, 0.0),
-        Parameter("pitching moment", unit, 0.05 if by_lift else 0.05 * size, -0.5, 0.1),
+        EffectParameter("lift", unit, 0.15 if by_lift else 0.15 * size, 0.0, 1.0),
+        EffectParameter("drag", "of CL^2" if by_lift else "-", 0.03 if by_lift else 0.03 * size**2, -0.3, 0.0),
+        EffectParameter("pitching moment", unit, 0.05 if by_lift else 0.05 * size, -0.5, 0.1),
     )
 
     def columns(flight: Flight) -> Columns:
@@ -182,7 +182,7 @@ def _needs_ground(flights: Flights) -> str:
     return "" if reach(flights, "h_agl")[0] < span else f"height below one span ({span:.1f} m)"
 
 
-def _says_ground(found: Found) -> str:
+def _says_ground(found: FittedEffect) -> str:
     gains = [f"{name} {found.text(name, 100.0, '% ' + e.unit if e.unit != '-' else '% of one')}"
              for name, e in found.estimates.items() if name not in found.variant.shape]  # fmt: skip
     return f"Near the ground, below about one span, forces change: {', '.join(gains)} on it ({found.variant.about})."
@@ -202,10 +202,12 @@ def _polars(flights: Flights) -> list[Variant]:
         unit, sd = ("1/rad^2", 0.8) if where is None else ("-", 0.03)
         terms = ("alpha^2",) if where is None else ("CL^2", "CL", "1") if where else ("CL^2",)
         shape = {} if where is None else {"least drag at CL": where}
-        made.append(_polar(law, about, shape, Parameter("drag", unit, sd), terms))
+        made.append(_polar(law, about, shape, EffectParameter("drag", unit, sd), terms))
         fitted = beside(flights, law, ("alpha", "V", "de", "q_hat"))
         about = f"{about}, linear terms fitted without it"
-        made.append(_polar(fitted, about, shape, Parameter("drag", unit, sd), (*terms, "alpha", "V", "de", "q_hat")))
+        made.append(
+            _polar(fitted, about, shape, EffectParameter("drag", unit, sd), (*terms, "alpha", "V", "de", "q_hat"))
+        )
     return [
         *made,
         _parabola("CL", lift, (0.03, 0.03, 0.01)),
@@ -213,7 +215,9 @@ def _polars(flights: Flights) -> list[Variant]:
     ]
 
 
-def _polar(law: Column, about: str, shape: dict[str, float], parameter: Parameter, terms: tuple[str, ...]) -> Variant:
+def _polar(
+    law: Column, about: str, shape: dict[str, float], parameter: EffectParameter, terms: tuple[str, ...]
+) -> Variant:
     def columns(flight: Flight) -> Columns:
         return signature(flight, 1, from_lift_and_drag(flight, 0, CD=law(flight)))
 
@@ -223,7 +227,7 @@ def _polar(law: Column, about: str, shape: dict[str, float], parameter: Paramete
 def _parabola(name: str, along: Column, sds: Sequence[float]) -> Variant:
     """Drag that bends where the simulation has a chord, or a line through points of its own choice."""
     unit = {"CL": ("-", "-"), "alpha": ("1/rad^2", "1/rad")}[name]
-    parameters = tuple(Parameter(p, u, sd) for p, u, sd in zip(("drag", "slope", "level"), (*unit, "-"), sds))
+    parameters = tuple(EffectParameter(p, u, sd) for p, u, sd in zip(("drag", "slope", "level"), (*unit, "-"), sds))
 
     def columns(flight: Flight) -> Columns:
         x = along(flight)
@@ -249,10 +253,10 @@ def _asymmetries(flights: Flights) -> list[Variant]:
 
     sds = (("CY", 0.01), ("Cl", 0.003), ("Cn", 0.003))
     # What follows the forces, as a load to one side does, is a centre of gravity that is elsewhere.
-    return [Variant(tuple(Parameter(r, "-", sd) for r, sd in sds), bent, about="a constant", terms=("1",))]
+    return [Variant(tuple(EffectParameter(r, "-", sd) for r, sd in sds), bent, about="a constant", terms=("1",))]
 
 
-def _says_asymmetry(found: Found) -> str:
+def _says_asymmetry(found: FittedEffect) -> str:
     offsets = (f"{n} {found.text(n)}" for n in LATERAL_COEFFICIENTS if n in found.estimates)
     return f"A constant lateral offset: {', '.join(offsets)}."
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import highest_of
-from structsel.effects.base import Columns, Effect, Flights, Parameter, Variant
+from structsel.effects.base import Columns, Effect, EffectParameter, Flights, Variant
 from structsel.effects.operators import oscillate, peaks
 from structsel.effects.signals import coefficients, held, moves, signature, variation
 from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
@@ -52,7 +52,7 @@ def _variants(flights: Flights) -> list[Variant]:
             if not responses or not moves(flights, drive):
                 continue
             parameters = tuple(
-                Parameter(f"{r} per {drive}{how}", "1/rad", _size(flights, r, drive))
+                EffectParameter(f"{r} per {drive}{how}", "1/rad", _size(flights, r, drive))
                 for how in ("", ", as it moves")
                 for r in responses
             )

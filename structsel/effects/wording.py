@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structsel.effects.base import Found
+from structsel.effects.base import FittedEffect
 
 INSTRUMENTS = {
     "V": "the airspeed", "alpha": "the angle of attack vane", "beta": "the sideslip vane",
@@ -17,7 +17,7 @@ INSTRUMENTS = {
 SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder", "df": "flap"}
 
 
-def shown(found: Found, name: str) -> str:
+def shown(found: FittedEffect, name: str) -> str:
     """A parameter with its standard deviation; angles in degrees."""
     unit = found.estimates[name].unit
     if unit == "rad" or unit.startswith("rad/"):
@@ -25,12 +25,12 @@ def shown(found: Found, name: str) -> str:
     return found.text(name)
 
 
-def percent(found: Found, name: str) -> str:
+def percent(found: FittedEffect, name: str) -> str:
     """A share as "12 +- 1 %"."""
     return found.text(name, 100.0, "%")
 
 
-def capital(found: Found) -> str:
+def capital(found: FittedEffect) -> str:
     """What sets a form apart, to begin a sentence with."""
     about = found.variant.about
     return about[:1].upper() + about[1:]

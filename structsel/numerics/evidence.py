@@ -107,7 +107,7 @@ class Projector:
 
 
 @dataclass(frozen=True, eq=False)
-class Products:
+class NormalEquations:
     """Sums of products of one or several sets of rows; they add.
 
     Attributes
@@ -128,15 +128,15 @@ class Products:
     n: int
 
     @classmethod
-    def of(cls, X: Array, y: Array) -> Products:
+    def of(cls, X: Array, y: Array) -> NormalEquations:
         """Products of the rows of columns (n, k) and y (n,)."""
         return cls(X.T @ X, X.T @ y, float(y @ y), len(y))
 
-    def __add__(self, other: Products) -> Products:
-        return Products(self.A + other.A, self.b + other.b, self.c + other.c, self.n + other.n)
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        return NormalEquations(self.A + other.A, self.b + other.b, self.c + other.c, self.n + other.n)
 
-    def __sub__(self, other: Products) -> Products:
-        return Products(self.A - other.A, self.b - other.b, self.c - other.c, self.n - other.n)
+    def __sub__(self, other: NormalEquations) -> NormalEquations:
+        return NormalEquations(self.A - other.A, self.b - other.b, self.c - other.c, self.n - other.n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +177,7 @@ class Posterior:
     chi2: float
 
 
-def solve(products: Products) -> Posterior:
+def solve(products: NormalEquations) -> Posterior:
     """Posterior of the coefficients of `products`."""
     k = len(products.b)
     factor = cho_factor(np.eye(k) + products.A)
@@ -187,7 +187,7 @@ def solve(products: Products) -> Posterior:
     return Posterior(mean, cho_solve(factor, np.eye(k)), evidence, chi2_of(products, mean))
 
 
-def chi2_of(products: Products, coefficients: Array) -> float:
+def chi2_of(products: NormalEquations, coefficients: Array) -> float:
     """Sum of squares that given coefficients leave on (other) rows."""
     return products.c - 2.0 * float(products.b @ coefficients) + float(coefficients @ products.A @ coefficients)
 
@@ -229,7 +229,7 @@ class Base:
     ):
         self.y, self.given = list(y), list(given)
         self.groups = [(m,) for m in range(len(self.y))] if groups is None else list(groups)
-        each = [Products.of(X, r) for X, r in zip(self.given, self.y)]
+        each = [NormalEquations.of(X, r) for X, r in zip(self.given, self.y)]
         total = _sum(each)
         sets = [total, *(total - _sum([each[m] for m in group]) for group in self.groups)]
         self.scales = np.ones((1, len(total.b))) if scales is None else scales
@@ -243,7 +243,7 @@ class Base:
         self.evidence = -0.5 * power - np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
         self.chosen = int(np.argmax(self.evidence[:, 0]))
         self.solved = (np.swapaxes(self._inverse[self.chosen], -1, -2) @ self._rotated[self.chosen][..., None])[..., 0]
-        self.posterior = solve(Products(A[self.chosen, 0], b[self.chosen, 0], total.c, total.n))
+        self.posterior = solve(NormalEquations(A[self.chosen, 0], b[self.chosen, 0], total.c, total.n))
 
     @cached_property
     def B(self) -> list[Array]:
@@ -330,7 +330,7 @@ def alike(widths: Sequence[int]) -> list[list[int]]:
     return [[i for i, w in enumerate(widths) if w == width] for width in set(widths)]
 
 
-def _sum(parts: Sequence[Products]) -> Products:
+def _sum(parts: Sequence[NormalEquations]) -> NormalEquations:
     total = parts[0]
     for one in parts[1:]:
         total = total + one

@@ -12,7 +12,7 @@ from proof.scenario.declared import VARIABLES, band_noise
 from structsel import effects
 from structsel.comparison.preparing import prepare
 from structsel.demo import demo_missing_physics
-from structsel.effects import EFFECTS, BandNoise, Effect, Parameter, TruthCase, Variant
+from structsel.effects import EFFECTS, BandNoise, Effect, EffectParameter, TruthCase, Variant
 from structsel.errors import DataError
 
 BUFFET = TruthCase(
@@ -25,7 +25,7 @@ WASH = TruthCase({"Cm": {"CT*de": 2.0}, "CZ": {"CT*de": 0.4}}, (0.05, 5.0), ("th
 def a_hypothesis(effect, kind, truth, columns=None):
     """Toy effect from outside the package, of one parameter in Cm."""
     made = columns or (lambda flight: {"Cm": flight["de"][:, None]})
-    variant = Variant((Parameter("size", "-", 1.0),), made)
+    variant = Variant((EffectParameter("size", "-", 1.0),), made)
     return Effect(effect, kind, effect, lambda flights: "", lambda flights: [variant], lambda found: effect + ".",
                       truth=truth)  # fmt: skip
 

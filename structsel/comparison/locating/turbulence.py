@@ -48,7 +48,7 @@ _FROM_NOISE = 1.0  # standard deviation of the logarithm of the noise about what
 
 
 @dataclass(frozen=True)
-class Turbulence:
+class TurbulenceEstimate:
     """Moving air that the simulation was not told of.
 
     Attributes
@@ -103,7 +103,7 @@ class _Bands:
     driven: float
 
 
-def find_turbulence(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> Turbulence | None:
+def find_turbulence(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> TurbulenceEstimate | None:
     """Turbulence, where what is left shows it.
 
     Parameters
@@ -114,13 +114,13 @@ def find_turbulence(flights: Sequence[Flight], residuals: Sequence[Mapping[str, 
 
     Returns
     -------
-    Turbulence or None
+    TurbulenceEstimate or None
     """
     vanes = {a: b for a, c in _AXES.items() if (b := _of_vane(flights, residuals, a, c)) is not None}
     return _judge(vanes) if "w" in vanes else None
 
 
-def unfelt(flights: Sequence[Flight], nats: float) -> Turbulence | None:
+def unfelt(flights: Sequence[Flight], nats: float) -> TurbulenceEstimate | None:
     """Turbulence that no vane feels, where so many nats follow the motion and no input.
 
     Parameters
@@ -131,7 +131,7 @@ def unfelt(flights: Sequence[Flight], nats: float) -> Turbulence | None:
 
     Returns
     -------
-    Turbulence or None
+    TurbulenceEstimate or None
         Its sizes are those of gusts that would make the differences of the forces: noise and tolerances are in them.
     """
     if nats < _UNFELT:
@@ -145,7 +145,7 @@ def unfelt(flights: Sequence[Flight], nats: float) -> Turbulence | None:
             sigma |= {axis: float(np.sqrt(power)) / slope} if slope > 0.0 else {}
     if not sigma:
         return None
-    return Turbulence(sigma, float("nan"), nats, float(1.0 / (1.0 + np.exp(1.0 - nats / _UNFELT))), 0.0)
+    return TurbulenceEstimate(sigma, float("nan"), nats, float(1.0 / (1.0 + np.exp(1.0 - nats / _UNFELT))), 0.0)
 
 
 def _of_vane(
@@ -228,13 +228,13 @@ def _unlike(sigmas: Sequence[float]) -> float:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _DrydenFit:
     cost: float
     sigma: float
     told: Array
 
 
-def _judge(axes: Mapping[str, _Bands]) -> Turbulence | None:
+def _judge(axes: Mapping[str, _Bands]) -> TurbulenceEstimate | None:
     air = {a: [_fit(b, a, length, None) for length in _LENGTHS] for a, b in axes.items()}
     total = np.array(
         [
@@ -257,10 +257,10 @@ def _judge(axes: Mapping[str, _Bands]) -> Turbulence | None:
     if any(_peak(b, best[a].told) > _PEAK for a, b in axes.items()):
         return None
     probability = float(1.0 / (1.0 + np.exp(-(nats - 0.5 * _LEAST) / 4.0)))
-    return Turbulence(sigma, float(_LENGTHS[i]), nats, probability, driven)
+    return TurbulenceEstimate(sigma, float(_LENGTHS[i]), nats, probability, driven)
 
 
-def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _Fit:
+def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _DrydenFit:
     """Likeliest spectrum: noise, and air of one scale, or noise that keeps for one time, or neither."""
     omega = 2.0 * np.pi * b.f
     white = omega**2
@@ -300,7 +300,7 @@ def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _Fit:
     bounds = [(x[0] - 9.0, x[0] + 3.0), (-4.0, 4.0), (x[2] - 12.0, x[2] + 5.0), *[(-3.0, 3.0)] * flights]
     found = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds)
     sigma = float(np.sqrt(np.mean(np.exp(found.x[2] + found.x[3:])))) if length else 0.0
-    return _Fit(float(found.fun), sigma, np.sum(parts(found.x), axis=0))
+    return _DrydenFit(float(found.fun), sigma, np.sum(parts(found.x), axis=0))
 
 
 def _dryden(omega: Array, V: float, length: float, axis: str) -> Array:
