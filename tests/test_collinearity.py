@@ -11,20 +11,16 @@ from sklearn.preprocessing import StandardScaler
 from statsmodels.stats.outliers_influence import variance_inflation_factor
 
 from structsel.errors import SelectionError
-from structsel.numerics.collinearity import (
+from structsel.numerics.biased_estimation import (
     components_by_folds,
     components_by_pse,
     components_by_variance,
-    condition_indices,
-    correlation,
-    drop_correlated,
-    parameter_correlation,
     principal_components,
     ridge,
     ridge_by_folds,
     ridge_by_gcv,
-    vif,
 )
+from structsel.numerics.collinearity import condition_indices, correlation, drop_correlated, parameter_correlation, vif
 from tests.test_stepwise import problem, products
 
 

@@ -11,3 +11,10 @@ Array = NDArray[np.float64]
 UNCOUNTED: dict[str, Any] = {"cache": True, "_nrt": False, "error_model": "numpy"}
 """Options of `numba.njit` for a function that neither allocates nor returns an array. Its arrays are not
 reference-counted, which makes functions that take tuples of arrays several times faster."""
+
+
+def read_only(array: Array) -> Array:
+    """Return a contiguous array that cannot be written to."""
+    array = np.ascontiguousarray(array)
+    array.setflags(write=False)
+    return array

@@ -1,4 +1,4 @@
-"""How far candidates are told apart, and what to do where they are not.
+"""Collinear candidates: how well they can be separated, and which to leave out.
 
 Arrays only. ``C`` is, as everywhere in the search, the (p+1, p+1) centred cross-product matrix of
 [x_1 ... x_p, y] and ``dof`` the samples less those swept out for the constant (N - 1).
@@ -15,37 +15,8 @@ from scipy.linalg import cholesky, eigh
 from scipy.linalg.lapack import dtrtri
 
 from structsel.errors import SelectionError
-from structsel.numerics.arrays import Array
-from structsel.numerics.biased import (
-    BiasedEstimate,
-    _fixed,
-    components_by_folds,
-    components_by_pse,
-    components_by_variance,
-    principal_components,
-    ridge,
-    ridge_by_folds,
-    ridge_by_gcv,
-)
+from structsel.numerics.arrays import Array, read_only
 from structsel.numerics.stepwise import candidate_numbers, check_products, partial_f
-
-__all__ = [
-    "BiasedEstimate",
-    "Conditioning",
-    "Dropped",
-    "components_by_folds",
-    "components_by_pse",
-    "components_by_variance",
-    "condition_indices",
-    "correlation",
-    "drop_correlated",
-    "parameter_correlation",
-    "principal_components",
-    "ridge",
-    "ridge_by_folds",
-    "ridge_by_gcv",
-    "vif",
-]
 
 
 def correlation(C: ArrayLike) -> Array:
@@ -89,7 +60,7 @@ def vif(C: ArrayLike) -> Array:
         return value
     size, vectors = eigh(correlation(C[np.ix_(varying, varying)]))
     dead = size <= varying.size * 1e-15
-    # A candidate is in a dependent group if a direction without variance has a share of it.
+    # A candidate is in a dependent group if a direction without variance has a part of it.
     alone = (vectors[:, dead] ** 2).sum(axis=1) < 1e-12
     inverse = (vectors[:, ~dead] ** 2 / size[~dead]).sum(axis=1)
     value[varying[alone]] = inverse[alone]
@@ -97,7 +68,7 @@ def vif(C: ArrayLike) -> Array:
 
 
 @dataclass(frozen=True)
-class Conditioning:
+class ConditionIndices:
     """Condition indices and what each dimension contributes to each coefficient's variance.
 
     Attributes
@@ -106,7 +77,7 @@ class Conditioning:
         Largest singular value of the scaled columns over each one, ascending; above about 30 a
         dependence does harm.
     proportions : (m, m) array [-]
-        Row i: share of each coefficient's variance that comes with index i; columns sum to 1. Two or more
+        Row i: fraction of each coefficient's variance that comes with index i; columns sum to 1. Two or more
         above 0.5 in a row of a high index name the columns that depend on one another.
     centred : bool
         Whether the constant was swept out first; if not, column 0 is the constant.
@@ -117,7 +88,7 @@ class Conditioning:
     centred: bool
 
 
-def condition_indices(products: ArrayLike, *, centred: bool = False) -> Conditioning:
+def condition_indices(products: ArrayLike, *, centred: bool = False) -> ConditionIndices:
     """Condition indices and variance-decomposition proportions.
 
     The columns are scaled to unit length; with Z'Z = V diag(mu^2) V' the indices are mu_max / mu_i and
@@ -128,11 +99,11 @@ def condition_indices(products: ArrayLike, *, centred: bool = False) -> Conditio
     products : (1+p, 1+p) array
         Z'Z of [1, x_1 ... x_p], *not* centred, the constant first (no response).
     centred : bool
-        Sweep the constant out first: what the candidates share beside their means.
+        Sweep the constant out first: what the candidates have in common besides their means.
 
     Returns
     -------
-    Conditioning
+    ConditionIndices
         Without the constant if ``centred``. From products an index beyond 3e7 (1 / sqrt(eps)) cannot
         be told from an exact dependence and is inf.
 
@@ -160,9 +131,9 @@ def condition_indices(products: ArrayLike, *, centred: bool = False) -> Conditio
     # Rounding can push the smallest eigenvalue below zero; what it leaves is no variance at all.
     tiny = size[0] * np.finfo(float).eps
     dead = size <= tiny
-    share = V**2 / np.maximum(size, tiny)
+    parts = V**2 / np.maximum(size, tiny)
     indices = np.where(dead, np.inf, np.sqrt(size[0] / np.maximum(size, tiny)))
-    return Conditioning(_fixed(indices), _fixed((share / share.sum(axis=1, keepdims=True)).T), centred)
+    return ConditionIndices(read_only(indices), read_only((parts / parts.sum(axis=1, keepdims=True)).T), centred)
 
 
 def parameter_correlation(C: ArrayLike, selected: Sequence[int]) -> Array:
@@ -184,15 +155,15 @@ def parameter_correlation(C: ArrayLike, selected: Sequence[int]) -> Array:
 
 
 @dataclass(frozen=True)
-class Dropped:
-    """A term left out because its coefficient moves with another's.
+class DroppedTerm:
+    """A term left out because its coefficient correlates with another's.
 
     Attributes
     ----------
     index : int
-        The term left out: of the pair, the one with the smaller partial F (never a forced one).
+        The term left out: of the pair, the one with the smaller partial F (never an included one).
     other : int
-        Its partner, which stays.
+        The other of the pair, which stays.
     correlation : float [-]
         Of their two coefficients.
     """
@@ -204,11 +175,11 @@ class Dropped:
 
 def drop_correlated(
     C: ArrayLike, dof: float, selected: Sequence[int], limit: float = 0.9, *, include: Sequence[int] = ()
-) -> tuple[tuple[int, ...], tuple[Dropped, ...]]:
+) -> tuple[tuple[int, ...], tuple[DroppedTerm, ...]]:
     """Leave out terms until no two coefficients correlate above a limit.
 
     While the largest correlation between two coefficients exceeds the limit, the one of the pair with the
-    smaller partial F goes and the rest are estimated again. (In [H17] alpha^2 goes beside alpha in CX.)
+    smaller partial F goes and the rest are estimated again. (In [H17] alpha^2 leaves CX, which has alpha.)
 
     Parameters
     ----------
@@ -217,14 +188,14 @@ def drop_correlated(
     selected : sequence of int
     limit : float [-]
     include : sequence of int
-        Terms that stay; two forced ones that correlate are left as they are.
+        Terms that stay; two included ones that correlate are left as they are.
 
     Returns
     -------
     kept : tuple of int
         In the order given.
-    dropped : tuple of Dropped
-        In the order they went.
+    dropped : tuple of DroppedTerm
+        In the order in which they were left out.
 
     Raises
     ------
@@ -251,7 +222,7 @@ def drop_correlated(
         _, F, _ = partial_f(C, dof, kept)
         out, stays = (a, b) if must[b] or (not must[a] and F[a] < F[b]) else (b, a)
         value = float(parameter_correlation(C, kept)[a, b])
-        dropped.append(Dropped(kept[out], kept[stays], value))
+        dropped.append(DroppedTerm(kept[out], kept[stays], value))
         del kept[int(out)]
     return tuple(kept), tuple(dropped)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from structsel.errors import SelectionError
-from structsel.numerics import biased
+from structsel.numerics import biased_estimation
 from structsel.numerics.arrays import Array
 from structsel.selection.search import Fold, centred
 from structsel.selection.settings import SelectOptions
@@ -55,18 +55,22 @@ def estimate_biased(
     dof = samples - 1.0
     train, test = ([centred(f[i])[np.ix_(rows, rows)] for f in folds] for i in (0, 1))
     if options.estimate == "ridge":
-        k = biased.ridge_by_folds(train, test) if options.components == "cv" else biased.ridge_by_gcv(C, dof)
-        result = biased.ridge(C, dof, k)
+        k = (
+            biased_estimation.ridge_by_folds(train, test)
+            if options.components == "cv"
+            else biased_estimation.ridge_by_gcv(C, dof)
+        )
+        result = biased_estimation.ridge(C, dof, k)
     else:
         if isinstance(options.components, int):
             number = min(options.components, len(kept))
         elif options.components == "variance":
-            number = biased.components_by_variance(C)
+            number = biased_estimation.components_by_variance(C)
         elif options.components == "PSE":
-            number = biased.components_by_pse(C, dof)
+            number = biased_estimation.components_by_pse(C, dof)
         else:
-            number = biased.components_by_folds(train, test)[0]
-        result = biased.principal_components(C, dof, number)
+            number = biased_estimation.components_by_folds(train, test)[0]
+        result = biased_estimation.principal_components(C, dof, number)
     means = product[0, [j + 1 for j in kept]] / product[0, 0]
     constant = product[0, -1] / product[0, 0] - means @ result.theta
     s2 = result.rss / max(dof - result.effective_terms, 1.0)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.collinearity import Conditioning, condition_indices, vif
+from structsel.numerics.collinearity import ConditionIndices, condition_indices, vif
 from structsel.numerics.least_squares import Fit, colours_each, refit_each
 from structsel.numerics.moments import MomentSet, accumulate, accumulate_whitened, choose_workers
 from structsel.numerics.noise_models import ARNoise
@@ -54,7 +54,7 @@ class Outcome:
     covariance: Array
     biased: str
     vif: Array
-    conditioning: Conditioning
+    conditioning: ConditionIndices
     textbook: Array
     r2: float
     rms: float

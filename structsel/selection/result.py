@@ -15,7 +15,7 @@ from scipy import stats
 from structsel.candidates import Candidates, Term
 from structsel.errors import SelectionError
 from structsel.model import AeroModel, ResponseModel
-from structsel.numerics.collinearity import Conditioning
+from structsel.numerics.collinearity import ConditionIndices
 from structsel.numerics.noise_models import ARNoise
 from structsel.rich_text import opening, to_html
 from structsel.selection.identifiability import Alias
@@ -92,7 +92,7 @@ class Selection:
         Share of resampled selections that kept each candidate of the pool; empty without a bootstrap.
     partial_F : (1 + k,) array
     vif : (k,) array
-    conditioning : Conditioning
+    conditioning : ConditionIndices
         Condition indices and variance proportions of the constant and the kept terms [B80].
     condition : float
         Of the kept terms scaled to unit length, the constant included.
@@ -134,7 +134,7 @@ class Selection:
     inclusion: Mapping[str, float]
     partial_F: NDArray[np.float64]
     vif: NDArray[np.float64]
-    conditioning: Conditioning
+    conditioning: ConditionIndices
     condition: float
     r2: float
     adjusted_r2: float
