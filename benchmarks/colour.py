@@ -30,8 +30,7 @@ from methods import (
 from numpy.typing import NDArray
 from timing import machine, one_blas_thread, publish, say, table
 
-from structsel.numerics.least_squares import refit
-from structsel.numerics.uncertainty import streamed_coloured_covariance
+from structsel.numerics.least_squares import fit_terms, streamed_coloured_covariance
 from structsel.selection import SelectOptions, select_arrays
 
 METHODS = (CLASSICAL, WHITE_PSE, PREWHITENED, PREWHITENED_AUTO)
@@ -80,11 +79,11 @@ def standard_errors(case: object, terms: list[int]) -> list[tuple[NDArray[np.flo
     """Estimates and standard errors of the given terms by each of FORMULAS."""
     signals = signals_of(case)  # type: ignore[arg-type]
     exponents = case.exponents[terms]  # type: ignore[attr-defined]
-    white = refit(signals, exponents)
+    white = fit_terms(signals, exponents)
     sandwich = streamed_coloured_covariance(signals, exponents, white)
     options = SelectOptions(bootstrap=0, workers=1)
-    whitened = select_arrays(signals, exponents, options, forced=range(len(terms)))[0]
-    place = [list(whitened.found.selected).index(j) + 1 for j in range(len(terms))]
+    whitened = select_arrays(signals, exponents, options, include=range(len(terms)))[0]
+    place = [list(whitened.search.selected).index(j) + 1 for j in range(len(terms))]
     return [
         (white.theta[1:], np.sqrt(np.diag(white.covariance))[1:]),
         (white.theta[1:], np.sqrt(np.diag(sandwich))[1:]),
@@ -124,8 +123,8 @@ def after_selection(colour: str, seed: int, samples: int, degree: int, draws: in
             outcome = select_arrays(signals_of(fresh), case.exponents, options)[0]
             errors = np.sqrt(np.diag(outcome.covariance))
             if outcome.bootstrap is not None:
-                errors = np.fmax(errors, outcome.bootstrap.spread)
-            found = outcome.found.selected
+                errors = np.fmax(errors, outcome.bootstrap.std)
+            found = outcome.search.selected
             for j, value, error in zip(found, outcome.values[1:], errors[1:]):
                 covered += abs(value - truth.get(j, 0.0)) <= NORMAL_95 * error
             kept += len(found)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from timing import say
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.least_squares import refit
-from structsel.numerics.moments import accumulate
-from structsel.numerics.rows import ArraySignals
+from structsel.numerics.cross_products import cross_products
+from structsel.numerics.least_squares import fit_terms
+from structsel.numerics.regressors import ArrayData
 from structsel.numerics.stepwise import partial_f, stepwise
 from structsel.selection.search import centred
 
@@ -106,12 +106,12 @@ def one_case(share: float, seed: int) -> Conditioning:
     noise = 0.2 * signal.std() * rng.standard_normal(SAMPLES)
     apart = SET_APART * noise.std() / np.sqrt(SAMPLES) * own  # = theta (copy - elevator)
     y = signal + apart + noise
-    signals = [ArraySignals(base, y[None])]
-    moments = accumulate(signals, exponents, workers=1)
+    signals = [ArrayData(base, y[None])]
+    moments = cross_products(signals, exponents, workers=1)
     C, dof = centred(moments.total()), SAMPLES - 1.0
     path = stepwise(C, dof, F_in=F_IN, F_out=F_IN, swap=False, tol=TOL)
     by_qr = qr_stepwise(base, exponents, y, F_IN)
-    fit = refit(signals, exponents[true])
+    fit = fit_terms(signals, exponents[true])
     theta, F, norms = reference(base, exponents[true], y)
     error = np.max(np.abs(fit.theta - theta) * norms) / np.max(np.abs(theta) * norms)
     sub = C[np.ix_(true, true)]

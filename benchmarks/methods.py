@@ -19,13 +19,13 @@ from cases import Case, design_matrix, score
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from structsel.numerics.least_squares import Fit, refit
-from structsel.numerics.moments import MomentSet, accumulate
-from structsel.numerics.rows import ArraySignals, Signals
+from structsel.numerics.cross_products import CrossProducts, cross_products
+from structsel.numerics.least_squares import LeastSquaresFit, fit_terms
+from structsel.numerics.regressors import ArrayData, DataSource
 from structsel.selection import SelectOptions, select_arrays
-from structsel.selection.engine import Outcome, one_response
-from structsel.selection.search import Found, Pool
-from structsel.selection.way import Way
+from structsel.selection.engine import ArraySelection
+from structsel.selection.methods import SearchConstraints
+from structsel.selection.search import Search, SearchResult
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class Method:
     def settings(self) -> SelectOptions:
         return SelectOptions(**{"bootstrap": 0, "workers": 1, **self.options})
 
-    def run(self, case: Case) -> Outcome:
+    def run(self, case: Case) -> ArraySelection:
         """Select for the case's first response."""
         return select_arrays(signals_of(case), case.exponents, self.settings)[0]
 
     def choose(self, case: Case) -> tuple[int, ...]:
         """Indices of the candidates kept."""
-        return self.run(case).found.selected
+        return self.run(case).search.selected
 
 
 CLASSICAL = Method("stepwise F=12, white", {"noise": "white", "F_in": 12.0})
@@ -76,9 +76,9 @@ METHODS: tuple[Method, ...] = (
 )
 
 
-def signals_of(case: Case) -> list[ArraySignals]:
+def signals_of(case: Case) -> list[ArrayData]:
     """The case's manoeuvres as the engine takes them."""
-    return [ArraySignals(base, np.atleast_2d(responses)) for base, responses in case.manoeuvres]
+    return [ArrayData(base, np.atleast_2d(responses)) for base, responses in case.manoeuvres]
 
 
 # ---------------------------------------------------------------- judging a structure
@@ -144,36 +144,40 @@ def judge(method: Method, case: Case) -> tuple[tuple[bool, int, int], float]:
 # ---------------------------------------------------------------- parts of a fit, for timing
 
 
-def moments_of(manoeuvres: Sequence[Signals], exponents: NDArray[np.integer], workers: int = 1) -> MomentSet:
+def moments_of(manoeuvres: Sequence[DataSource], exponents: NDArray[np.integer], workers: int = 1) -> CrossProducts:
     """Cross-products of all candidates and responses, one pass."""
-    return accumulate(manoeuvres, exponents, workers=workers)
+    return cross_products(manoeuvres, exponents, workers=workers)
 
 
 def search_in(
-    moments: MomentSet,
+    products: CrossProducts,
     exponents: NDArray[np.integer],
     response: int = 0,
     options: SelectOptions = CLASSICAL.settings,
     without: int | None = None,
-) -> Found:
+) -> SearchResult:
     """One search on stored cross-products; `without` leaves one block out."""
-    one = moments if moments.n_responses == 1 else one_response(moments, response)
+    one = products.of_response(response)
     weights = None if without is None else (np.arange(one.n_blocks) != without).astype(float)
-    return Way(one, options, Pool(exponents.sum(axis=1)), ()).find(weights)
+    return Search(one, options, SearchConstraints(exponents.sum(axis=1)), ()).run(weights)
 
 
-def whole_fit(manoeuvres: Sequence[Signals], exponents: NDArray[np.integer], workers: int = 1) -> list[Fit]:
+def whole_fit(
+    manoeuvres: Sequence[DataSource], exponents: NDArray[np.integer], workers: int = 1
+) -> list[LeastSquaresFit]:
     """From signals to coefficients with standard errors, white residuals, every response: pass, search, refit."""
     moments = moments_of(manoeuvres, exponents, workers)
     fits = []
     for r in range(moments.n_responses):
         kept = list(search_in(moments, exponents, r).selected)
-        fits.append(refit(manoeuvres, exponents[kept], response=r))
+        fits.append(fit_terms(manoeuvres, exponents[kept], response=r))
     return fits
 
 
-def select_all(manoeuvres: Sequence[Signals], exponents: NDArray[np.integer], **options: Any) -> list[Outcome]:
-    """Everything `structsel.select` does with arrays: also held-out error, rivals and covariances."""
+def select_all(
+    manoeuvres: Sequence[DataSource], exponents: NDArray[np.integer], **options: Any
+) -> list[ArraySelection]:
+    """Everything `structsel.select` does with arrays: also cross-validation, aliases and covariances."""
     asked = {"bootstrap": 0, "workers": 1, "F_in": 12.0, **options}
     return select_arrays(manoeuvres, exponents, SelectOptions(**asked))
 

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from peers import PEERS, Peer, candidate_matrix, standardise
 from timing import MEBI, in_child, one_blas_thread, peak_above_now
 
-from structsel.numerics import distinct as sums
-from structsel.numerics import monomials as plans
+from structsel.numerics import polynomial_products, regressors
 from structsel.numerics.arrays import Array
-from structsel.numerics.rows import ArraySignals
+from structsel.numerics.regressors import ArrayData
 from structsel.selection import SelectOptions
 
 XTX = "X.T @ X"
@@ -48,11 +47,11 @@ class Work:
 
     Attributes
     ----------
-    white, coloured : ArraySignals
+    white, coloured : ArrayData
         One response, white or AR(1) residual.
-    six : ArraySignals
+    six : ArrayData
         Six responses.
-    generic : ArraySignals
+    generic : ArrayData
         The same and a spline of each of six signals: too many base signals for sharing products of monomials.
     exponents, generic_exponents : (p, s) int arrays
         Of as many candidates; in the generic pool the splines stand for the last six.
@@ -60,10 +59,10 @@ class Work:
         Number of true terms.
     """
 
-    white: ArraySignals
-    coloured: ArraySignals
-    six: ArraySignals
-    generic: ArraySignals
+    white: ArrayData
+    coloured: ArrayData
+    six: ArrayData
+    generic: ArrayData
     exponents: NDArray[np.int64]
     generic_exponents: NDArray[np.int64]
     true: int
@@ -86,14 +85,14 @@ def prepare(n: int, degree: int, seed: int = 1) -> Work:
     splines = np.maximum(base[:SPLINES] - base[:SPLINES, :20_000].mean(axis=1, keepdims=True), 0.0)
     powers = np.pad(case.exponents, ((0, 0), (0, SPLINES)))
     powers[-SPLINES:] = np.eye(powers.shape[1], dtype=int)[-SPLINES:]
-    words = tuple(plans.words_of(powers))
-    if sums.plan_distinct(words, powers.shape[1]) is not None:
+    words = tuple(regressors.words_of(powers))
+    if polynomial_products.plan_polynomial_products(words, powers.shape[1]) is not None:
         raise RuntimeError("the generic pool is not generic: its products would be shared. Raise SPLINES.")
     return Work(
-        white=ArraySignals(base, responses[:1]),
-        coloured=ArraySignals(*coloured.manoeuvres[0]),
-        six=ArraySignals(base, responses),
-        generic=ArraySignals(np.vstack([base, splines]), responses[:1]),
+        white=ArrayData(base, responses[:1]),
+        coloured=ArrayData(*coloured.manoeuvres[0]),
+        six=ArrayData(base, responses),
+        generic=ArrayData(np.vstack([base, splines]), responses[:1]),
         exponents=case.exponents,
         generic_exponents=powers,
         true=len(case.true),
@@ -102,7 +101,7 @@ def prepare(n: int, degree: int, seed: int = 1) -> Work:
 
 def forget_plans() -> None:
     """Empty the caches of how a pool is computed, so that the next fit makes them anew."""
-    for value in (*vars(plans).values(), *vars(sums).values()):
+    for value in (*vars(regressors).values(), *vars(polynomial_products).values()):
         if callable(clear := getattr(value, "cache_clear", None)):
             clear()
 
@@ -169,7 +168,7 @@ def peak_in_child(folder: str, what: str, true: int) -> float:
 
 
 def job(what: str, base: Array, response: Array, exponents: NDArray[np.int64], true: int) -> Callable[[], Any]:
-    signals = [ArraySignals(base, response)]
+    signals = [ArrayData(base, response)]
     if what in (WHITE, GENERIC):
         return lambda: whole_fit(signals, exponents)
     if what in (SELECT, BOOTSTRAP):

@@ -17,8 +17,8 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 
 from structsel.deprecation import renamed_arguments
 from structsel.errors import SelectionError
-from structsel.numerics.rows import ArraySignals
-from structsel.selection.engine import Outcome, select_arrays
+from structsel.numerics.regressors import ArrayData
+from structsel.selection.engine import ArraySelection, select_arrays
 from structsel.selection.settings import (
     RENAMED_ARGUMENTS,
     Components,
@@ -71,14 +71,14 @@ class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
         self.intercept_ = level
         self.support_ = np.zeros(p, dtype=bool)
         self.support_[forced] = True
-        self.selection_: Outcome | None = None
+        self.selection_: ArraySelection | None = None
         if np.ptp(response) <= ROUNDING * np.abs(response).max():
             return self  # a constant response: there is nothing to choose by, and the constant says it all
         rows = np.ascontiguousarray((table - middle).T)
         rows[np.ptp(rows, axis=1) <= ROUNDING * np.abs(middle)] = 0.0
-        flown = [ArraySignals(rows[:, i], (response[i] - level)[None]) for i in _manoeuvres(groups, table)]
+        flown = [ArrayData(rows[:, i], (response[i] - level)[None]) for i in _manoeuvres(groups, table)]
         outcome = select_arrays(flown, np.eye(p, dtype=np.int64), options, forced, start)[0]
-        kept = list(outcome.found.selected)
+        kept = list(outcome.search.selected)
         self.coef_[kept] = outcome.values[1:]
         self.intercept_ = level + float(outcome.values[0]) - float(self.coef_ @ middle)
         self.support_[:] = False
@@ -150,7 +150,7 @@ class StepwiseRegressor(_Selector):
     intercept_ : float
     support_ : (p,) bool array
         Columns kept.
-    selection_ : Outcome or None
+    selection_ : ArraySelection or None
         Everything the engine found: covariance, path, colours, rivals, held-out error, bootstrap. In order of
         entry, and about the columns' means. None where the response is constant.
     n_features_in_ : int

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from structsel.candidates import Term
-from structsel.numerics.rows import ArraySignals
+from structsel.numerics.regressors import ArrayData
 from structsel.recording import Recording
 
 
@@ -26,7 +26,7 @@ cases = _load_cases()
 
 def signals_of(case):
     """A case's manoeuvres as the engine takes them."""
-    return [ArraySignals(np.ascontiguousarray(base), responses) for base, responses in case.manoeuvres]
+    return [ArrayData(np.ascontiguousarray(base), responses) for base, responses in case.manoeuvres]
 
 
 def fly(truth, noise=0.0, colour="white", lengths=(2000,), seed=0, response="CZ", **more):

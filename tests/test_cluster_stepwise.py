@@ -5,8 +5,8 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from structsel.numerics.cluster_stepwise import cluster_F_threshold, cluster_stepwise, samples_per_independent_sample
-from structsel.numerics.moments import accumulate
-from structsel.numerics.rows import ArraySignals
+from structsel.numerics.cross_products import cross_products
+from structsel.numerics.regressors import ArrayData
 from structsel.selection import SelectOptions, select_arrays
 
 from .pools import ar1, design, monomial_exponents
@@ -26,7 +26,7 @@ def clusters(moments):
 
 def test_partial_f_of_kept_terms_is_the_cluster_robust_one_of_statsmodels():
     base, exponents, X, y = one_flight(np.random.default_rng(1))
-    moments = accumulate([ArraySignals(base, y[None])], exponents, blocks=20)
+    moments = cross_products([ArrayData(base, y[None])], exponents, blocks=20)
     path = cluster_stepwise(moments, None, 3999.0, F_in=4.0, F_out=0.0, include=(0, 1), max_terms=2)
     model = sm.OLS(y, X[:, [0, 1, 2]]).fit(
         cov_type="cluster", cov_kwds={"groups": clusters(moments), "use_correction": False}
@@ -40,10 +40,10 @@ def test_partial_f_of_kept_terms_is_the_cluster_robust_one_of_statsmodels():
 
 def test_weight_zero_is_the_same_as_leaving_a_block_out():
     base, exponents, _, y = one_flight(np.random.default_rng(2))
-    moments = accumulate([ArraySignals(base, y[None])], exponents, blocks=20)
+    moments = cross_products([ArrayData(base, y[None])], exponents, blocks=20)
     weights = np.ones(20)
     weights[10:] = 0.0
-    half = accumulate([ArraySignals(base[:, :2000], y[None, :2000])], exponents, blocks=10)
+    half = cross_products([ArrayData(base[:, :2000], y[None, :2000])], exponents, blocks=10)
     a = cluster_stepwise(moments, weights, 1999.0)
     b = cluster_stepwise(half, None, 1999.0)
     assert a.selected == b.selected
@@ -63,11 +63,11 @@ def test_few_false_terms_enter_under_strongly_coloured_noise():
         rng = np.random.default_rng(seed)
         base, exponents, X, _ = one_flight(rng, n=3000)
         y = X[:, 1] + ar1(rng, 3000, 0.98)
-        flight = [ArraySignals(base, y[None])]
-        moments = accumulate(flight, exponents, blocks=30)
+        flight = [ArrayData(base, y[None])]
+        moments = cross_products(flight, exponents, blocks=30)
         robust += len(cluster_stepwise(moments, None, 2999.0, F_in=12.0, F_out=12.0, include=(0,)).selected) - 1
-        plain = select_arrays(flight, exponents, SelectOptions(noise="white", F_in=12.0, bootstrap=0), forced=(0,))
-        white += len(plain[0].found.selected) - 1
+        plain = select_arrays(flight, exponents, SelectOptions(noise="white", F_in=12.0, bootstrap=0), include=(0,))
+        white += len(plain[0].search.selected) - 1
     assert robust <= 25
     assert white >= 150
 
@@ -76,7 +76,7 @@ def test_samples_worth_one_grow_with_colour():
     values = []
     for rho in (0.0, 0.95):
         base, exponents, _, y = one_flight(np.random.default_rng(3), n=20_000, rho=rho)
-        moments = accumulate([ArraySignals(base, y[None])], exponents, blocks=40)
+        moments = cross_products([ArrayData(base, y[None])], exponents, blocks=40)
         values.append(samples_per_independent_sample(moments, None, (0, 1, 4), 19_999.0))
     assert values[0] < 4.0
     assert values[1] > 8.0
@@ -89,7 +89,7 @@ def late_flight(rng, delay):
     pulses = np.repeat(rng.choice([-1.0, 0.0, 1.0], size=(3, n // 40)), 40, axis=1)
     signals = np.array([np.convolve(p, smooth, mode="same") for p in pulses])
     y = 2.0 * signals[0] - signals[1] + 0.005 * rng.standard_normal(n)
-    return ArraySignals(np.roll(signals, delay, axis=1)[:, 50:], y[None, 50:])
+    return ArrayData(np.roll(signals, delay, axis=1)[:, 50:], y[None, 50:])
 
 
 @pytest.mark.parametrize("delay", [0, 6])
@@ -97,8 +97,8 @@ def test_whitening_gives_way_where_a_late_channel_leaves_misfit_and_only_there(d
     rng = np.random.default_rng(4)
     flights = [late_flight(rng, delay) for _ in range(4)]
     (outcome,) = select_arrays(flights, monomial_exponents(3, 2), SelectOptions(F_in="auto", bootstrap=0))
-    assert set(outcome.found.selected) >= {0, 1}
+    assert set(outcome.search.selected) >= {0, 1}
     assert outcome.r2 > 0.8
     if delay == 0:
-        assert not outcome.by_blocks
-        assert outcome.whitening_refused is None
+        assert not outcome.cluster_robust
+        assert outcome.prewhitening_dropped is None

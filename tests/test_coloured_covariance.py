@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 from statsmodels.stats.sandwich_covariance import S_hac_simple
 
 from structsel import Candidates, select
-from structsel.numerics.least_squares import refit
-from structsel.numerics.moments import accumulate
+from structsel.numerics.cross_products import cross_products
+from structsel.numerics.least_squares import fit_terms, streamed_coloured_covariance
 from structsel.numerics.noise_models import (
     autocorrelation,
     autocovariance,
@@ -18,8 +18,7 @@ from structsel.numerics.noise_models import (
     random_block_weights,
     score_covariance,
 )
-from structsel.numerics.rows import ArraySignals
-from structsel.numerics.uncertainty import streamed_coloured_covariance
+from structsel.numerics.regressors import ArrayData
 from structsel.recording import Recording
 from structsel.refinement import equation_error
 from structsel.selection.resampling import bootstrap_units
@@ -103,9 +102,9 @@ def test_residuals_of_channels_sampled_at_different_rates_need_no_filling_in():
 @pytest.mark.parametrize("n", [300, 70_000])  # the longer one is correlated in two stretches
 def test_streamed_over_the_recordings_it_is_the_same(n):
     base, y, X, e = regression(n)
-    flight = [ArraySignals(base, y[None])]
+    flight = [ArrayData(base, y[None])]
     exponents = np.eye(2, dtype=int)
-    found = streamed_coloured_covariance(flight, exponents, refit(flight, exponents))
+    found = streamed_coloured_covariance(flight, exponents, fit_terms(flight, exponents))
     assert_allclose(found, coloured_covariance([X], [e]), rtol=1e-7)
 
 
@@ -155,6 +154,6 @@ def test_bootstrap_weights_have_mean_and_variance_one_and_keep_units_together():
 
 def test_few_manoeuvres_are_resampled_by_block_and_many_whole():
     rng = np.random.default_rng(5)
-    flights = [ArraySignals(rng.standard_normal((1, 500)), rng.standard_normal((1, 500))) for _ in range(9)]
-    assert len(set(bootstrap_units(accumulate(flights[:3], np.eye(1, dtype=int), blocks=15)))) == 15
-    assert len(set(bootstrap_units(accumulate(flights, np.eye(1, dtype=int))))) == 9
+    flights = [ArrayData(rng.standard_normal((1, 500)), rng.standard_normal((1, 500))) for _ in range(9)]
+    assert len(set(bootstrap_units(cross_products(flights[:3], np.eye(1, dtype=int), blocks=15)))) == 15
+    assert len(set(bootstrap_units(cross_products(flights, np.eye(1, dtype=int))))) == 9

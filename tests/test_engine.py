@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from structsel.numerics.moments import accumulate
+from structsel.numerics.cross_products import cross_products
 from structsel.numerics.noise_models import random_block_weights
-from structsel.numerics.rows import ArraySignals
+from structsel.numerics.regressors import ArrayData
 from structsel.selection.engine import select_arrays
 from structsel.selection.resampling import bootstrap_units
 from structsel.selection.settings import SelectOptions
@@ -32,10 +32,10 @@ METHODS = {
 }
 
 
-def run(flights, exponents=POOL, forced=(), **options):
+def run(flights, exponents=POOL, include=(), **options):
     asked = SelectOptions(**{"bootstrap": 0, "workers": 1, **options})
     start = range(len(exponents)) if asked.initial_terms == "all" else ()
-    return select_arrays(flights, exponents, asked, forced, start)
+    return select_arrays(flights, exponents, asked, include, start)
 
 
 def flight(seed, n=1500, rho=0.0, noise=0.2, n_responses=1, true=TRUE):
@@ -47,7 +47,7 @@ def flight(seed, n=1500, rho=0.0, noise=0.2, n_responses=1, true=TRUE):
     X = X[:, list(true)] / X[:, list(true)].std(axis=0)
     signal = X @ np.array(list(true.values())) + 0.4
     residual = [ar1(rng, n, rho, np.sqrt(1 - rho**2)) for _ in range(n_responses)]
-    return ArraySignals(base, signal * np.arange(1, n_responses + 1)[:, None] + noise * np.array(residual))
+    return ArrayData(base, signal * np.arange(1, n_responses + 1)[:, None] + noise * np.array(residual))
 
 
 def matrix(flights, kept):
@@ -59,7 +59,7 @@ def response(flights):
     return np.concatenate([f.response_signals[0] for f in flights])
 
 
-def whitened(flights, kept, colours):
+def prewhitened(flights, kept, colours):
     """Regressors and response through each flight's filter, its first samples left out, in equal units."""
     n = np.array([f.n for f in flights], dtype=float)
     level = np.sqrt(n.sum() / np.sum(n / np.array([c.sigma for c in colours]) ** 2))
@@ -87,11 +87,11 @@ def test_every_method_finds_a_noise_free_models_own_terms_in_any_order_and_scali
     # Tests by blocks need enough blocks to judge by: 31 here, of at least 64 samples.
     clean = flight(seed, n=2000 if noise == "cluster" else 400, noise=0.0)
     scale = 10.0 ** np.array(powers)
-    scaled = ArraySignals(clean.base_signals * scale[:, None], 1e3 * clean.response_signals)
+    scaled = ArrayData(clean.base_signals * scale[:, None], 1e3 * clean.response_signals)
     (found,) = run([scaled], POOL[order], noise=noise, **METHODS[name])
-    assert sorted(order[j] for j in found.found.selected) == sorted(TRUE)
+    assert sorted(order[j] for j in found.search.selected) == sorted(TRUE)
     X = design(clean.base_signals, POOL)[:, 1:]
-    for j, value in zip(found.found.selected, found.values[1:]):
+    for j, value in zip(found.search.selected, found.values[1:]):
         back = np.prod(scale ** POOL[order[j]]) / 1e3
         assert_allclose(value * back, TRUE[order[j]] / X[:, order[j]].std(), rtol=1e-8)
     assert found.r2 == pytest.approx(1.0, abs=1e-12)
@@ -103,11 +103,11 @@ def test_several_responses_at_once_equal_one_by_one(noise):
     together = run(flights, noise=noise, F_in=12.0, bootstrap=20)
     assert len(together) == 3
     for r, joint in enumerate(together):
-        alone = [ArraySignals(f.base_signals, f.response_signals[r : r + 1]) for f in flights]
+        alone = [ArrayData(f.base_signals, f.response_signals[r : r + 1]) for f in flights]
         (single,) = run(alone, noise=noise, F_in=12.0, bootstrap=20)
-        assert joint.found.selected == single.found.selected
-        assert joint.classical.selected == single.classical.selected
-        assert [c.order for c in joint.colours] == [c.order for c in single.colours]
+        assert joint.search.selected == single.search.selected
+        assert joint.white_noise.selected == single.white_noise.selected
+        assert [c.order for c in joint.noise] == [c.order for c in single.noise]
         # Whitened moments lose the first samples of the longest filter among the responses, hence not exact.
         tolerance = 1e-10 if noise == "white" else 1e-4
         assert_allclose(joint.values, single.values, rtol=tolerance)
@@ -117,26 +117,24 @@ def test_several_responses_at_once_equal_one_by_one(noise):
 
 def test_white_residuals_make_a_list_of_manoeuvres_the_same_as_one_long_one():
     flights = [flight(k, n) for k, n in ((1, 700), (2, 1100), (3, 333))]
-    joined = ArraySignals(
-        np.hstack([f.base_signals for f in flights]), np.hstack([f.response_signals for f in flights])
-    )
+    joined = ArrayData(np.hstack([f.base_signals for f in flights]), np.hstack([f.response_signals for f in flights]))
     (apart,), (one,) = (run(f, noise="white", F_in=12.0) for f in (flights, [joined]))
-    assert apart.found.selected == one.found.selected
+    assert apart.search.selected == one.search.selected
     assert_allclose(apart.values, one.values, rtol=1e-10)
     assert_allclose(apart.r2, one.r2, rtol=1e-12)
     # What is held out differs: whole manoeuvres there, parts of one here.
-    assert not apart.held_out.within
-    assert one.held_out.within
-    assert_array_equal(apart.held_out.n, [700, 1100, 333])
+    assert not apart.cross_validation.within
+    assert one.cross_validation.within
+    assert_array_equal(apart.cross_validation.n, [700, 1100, 333])
 
 
 def test_lags_do_not_cross_from_one_manoeuvre_to_the_next():
     flights = [flight(1, 800, rho=0.9), flight(2, 600, rho=0.6, noise=0.5)]
     (found,) = run(flights, F_in=12.0)
-    assert [c.order for c in found.colours] != [0, 0]
-    X, y = whitened(flights, found.found.selected, found.colours)
+    assert [c.order for c in found.noise] != [0, 0]
+    X, y = prewhitened(flights, found.search.selected, found.noise)
     by_hand = sm.OLS(y, X).fit()
-    assert found.fit.n == len(y) == 1400 - sum(c.order for c in found.colours)
+    assert found.fit.n == len(y) == 1400 - sum(c.order for c in found.noise)
     assert_allclose(found.values, by_hand.params, rtol=1e-9)
     assert_allclose(found.covariance, by_hand.cov_params(), rtol=1e-8)
 
@@ -147,9 +145,9 @@ def test_selection_on_whitened_residuals_settles_on_the_truth_where_the_white_ru
     exact = classical = 0
     for seed in range(10):
         (found,) = run([flight(seed, 3000, rho=0.92, noise=0.5)], F_in=12.0)
-        assert found.settled
-        exact += set(found.found.selected) == set(TRUE)
-        classical += set(found.classical.selected) == set(TRUE)
+        assert found.converged
+        exact += set(found.search.selected) == set(TRUE)
+        classical += set(found.white_noise.selected) == set(TRUE)
     assert exact >= 9
     assert classical <= 2
 
@@ -159,13 +157,13 @@ def test_the_settled_structure_is_what_its_own_residuals_colour_selects():
     flights = [flight(7, 2000, rho=0.9), flight(8, 1500, rho=0.8)]
     (found,) = run(flights, F_in=12.0)
     every = range(len(POOL))
-    X, y = whitened(flights, every, found.colours)
+    X, y = prewhitened(flights, every, found.noise)
     ones, X = X[:, :1], X[:, 1:]
     # The whitened constant is swept out by hand: an engine's constant would be another one.
     hat = ones / (ones.T @ ones)
     Z = np.column_stack([X, y]) - ones @ (hat.T @ np.column_stack([X, y]))
-    (again,) = run([ArraySignals(Z.T[:-1], Z.T[-1:])], np.eye(14, dtype=int), noise="white", F_in=12.0)
-    assert set(again.found.selected) == set(found.found.selected)
+    (again,) = run([ArrayData(Z.T[:-1], Z.T[-1:])], np.eye(14, dtype=int), noise="white", F_in=12.0)
+    assert set(again.search.selected) == set(found.search.selected)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -174,9 +172,9 @@ def test_rivals_are_the_exchanges_brute_force_finds(seed):
     one = flight(seed, 600, noise=0.4)
     base = one.base_signals.copy()
     base[3] = 1.0 + 0.02 * base[3]
-    one = ArraySignals(base, one.response_signals)
+    one = ArrayData(base, one.response_signals)
     (found,) = run([one], noise="white", F_in=12.0)
-    kept = list(found.found.selected)
+    kept = list(found.search.selected)
     y = response([one])
     own = sm.OLS(y, matrix([one], kept)).fit()
     expected = {}
@@ -187,9 +185,9 @@ def test_rivals_are_the_exchanges_brute_force_finds(seed):
         alike = np.corrcoef(*left)[0, 1]
         if loss < 4.0 and abs(alike) >= 0.7:
             expected[j, i] = (loss, alike)
-    assert {(r.kept, r.rival) for r in found.rivals} == set(expected)
-    for r in found.rivals:
-        assert_allclose((r.loss, r.correlation), expected[r.kept, r.rival], rtol=1e-6, atol=1e-6)
+    assert {(r.kept, r.other) for r in found.aliases} == set(expected)
+    for r in found.aliases:
+        assert_allclose((r.loss, r.correlation), expected[r.kept, r.other], rtol=1e-6, atol=1e-6)
     assert expected or seed != 0  # at least this flight has some
 
 
@@ -200,8 +198,8 @@ def test_the_textbook_covariance_equals_statsmodels():
     flights = [flight(1, 700), flight(2, 400)]
     for noise in ("white", "ar"):
         (found,) = run(flights, noise=noise, F_in=12.0)
-        ols = sm.OLS(response(flights), matrix(flights, found.found.selected)).fit()
-        assert_allclose(found.textbook, ols.cov_params(), rtol=1e-8)
+        ols = sm.OLS(response(flights), matrix(flights, found.search.selected)).fit()
+        assert_allclose(found.white_noise_covariance, ols.cov_params(), rtol=1e-8)
         if noise == "white":
             assert_allclose(found.values, ols.params, rtol=1e-10)
             assert_allclose(found.r2, ols.rsquared, rtol=1e-10)
@@ -212,8 +210,8 @@ def test_the_textbook_covariance_equals_statsmodels():
 def test_the_coloured_fit_equals_statsmodels_glsar_with_the_same_autoregression(rho):
     one = flight(3, 1200, rho=rho)
     (found,) = run([one], F_in=12.0)
-    assert found.colours[0].order >= 1
-    gls = sm.GLSAR(response([one]), matrix([one], found.found.selected), rho=found.colours[0].ar).fit()
+    assert found.noise[0].order >= 1
+    gls = sm.GLSAR(response([one]), matrix([one], found.search.selected), rho=found.noise[0].ar).fit()
     assert_allclose(found.values, gls.params, rtol=1e-9)
     assert_allclose(found.covariance, gls.cov_params(), rtol=1e-8)
 
@@ -226,7 +224,7 @@ def test_the_bootstrap_is_a_share_repeats_with_its_seed_and_holds_strong_terms()
     assert inclusion.max() <= 1.0
     assert_allclose(inclusion * 60, np.round(inclusion * 60), atol=1e-9)
     assert_array_equal(inclusion, again.bootstrap.inclusion)
-    assert_array_equal(first.bootstrap.spread, again.bootstrap.spread)
+    assert_array_equal(first.bootstrap.std, again.bootstrap.std)
     assert not np.array_equal(inclusion, other.bootstrap.inclusion)
     assert_array_equal(inclusion[list(TRUE)], 1.0)  # t values above 20
 
@@ -234,16 +232,16 @@ def test_the_bootstrap_is_a_share_repeats_with_its_seed_and_holds_strong_terms()
 def test_bootstrap_spread_of_forced_terms_is_that_of_weighted_fits_by_statsmodels():
     flights = [flight(k, 400) for k in range(9)]
     kept = list(TRUE)
-    (found,) = run(flights, forced=kept, noise="white", max_terms=3, bootstrap=25, seed=3)
+    (found,) = run(flights, include=kept, noise="white", max_terms=3, bootstrap=25, seed=3)
     assert found.bootstrap.by == "manoeuvre"
     assert found.bootstrap.units == 9
-    units = bootstrap_units(accumulate(flights, POOL))
+    units = bootstrap_units(cross_products(flights, POOL))
     weights = random_block_weights(units, 25, np.random.default_rng(3))
     each = [weights[:, units == k][:, 0] for k in range(9)]
     X, y = matrix(flights, kept), response(flights)
     fits = [sm.WLS(y, X, weights=np.repeat([w[b] for w in each], 400)).fit().params for b in range(25)]
     low, high = np.percentile(fits, (15.87, 84.13), axis=0)  # one standard deviation of a normal either side
-    assert_allclose(found.bootstrap.spread, (high - low) / 2.0, rtol=1e-7)
+    assert_allclose(found.bootstrap.std, (high - low) / 2.0, rtol=1e-7)
 
 
 # --- held out --------------------------------------------------------------------------------------
@@ -252,33 +250,33 @@ def test_bootstrap_spread_of_forced_terms_is_that_of_weighted_fits_by_statsmodel
 def test_held_out_errors_equal_explicit_selections_and_refits_without_each_manoeuvre():
     flights = [flight(k, 300 + 50 * k, noise=0.6) for k in range(4)]
     (found,) = run(flights, noise="white", F_in=4.0)
-    assert found.held_out.parts == ((0,), (1,), (2,), (3,))
+    assert found.cross_validation.folds == ((0,), (1,), (2,), (3,))
     structures = set()
     for k, held in enumerate(flights):
         rest = [f for f in flights if f is not held]
         (without,) = run(rest, noise="white", F_in=4.0)
-        structures.add(without.found.selected)
-        ols = sm.OLS(response(rest), matrix(rest, without.found.selected)).fit()
+        structures.add(without.search.selected)
+        ols = sm.OLS(response(rest), matrix(rest, without.search.selected)).fit()
         y = response([held])
-        error = y - ols.predict(matrix([held], without.found.selected))
-        assert_allclose(found.held_out.sse[k], np.sum(error**2), rtol=1e-9)
-        assert_allclose(found.held_out.tss[k], np.sum((y - y.mean()) ** 2), rtol=1e-9)
+        error = y - ols.predict(matrix([held], without.search.selected))
+        assert_allclose(found.cross_validation.sse[k], np.sum(error**2), rtol=1e-9)
+        assert_allclose(found.cross_validation.tss[k], np.sum((y - y.mean()) ** 2), rtol=1e-9)
     assert len(structures) > 1  # so the selections were made anew, not only the fits
 
 
 def test_coloured_held_out_errors_equal_generalised_least_squares_without_each_manoeuvre():
     flights = [flight(k, 500, rho=0.8) for k in range(3)]
     kept = list(TRUE)
-    (found,) = run(flights, forced=kept, max_terms=3)
+    (found,) = run(flights, include=kept, max_terms=3)
     n = np.array([f.n for f in flights], dtype=float)
-    X, y = whitened(flights, kept, found.colours)
-    owner = np.repeat(range(3), [f.n - c.order for f, c in zip(flights, found.colours)])
-    assert len(y) == n.sum() - sum(c.order for c in found.colours)
+    X, y = prewhitened(flights, kept, found.noise)
+    owner = np.repeat(range(3), [f.n - c.order for f, c in zip(flights, found.noise)])
+    assert len(y) == n.sum() - sum(c.order for c in found.noise)
     for k, held in enumerate(flights):
         fit = sm.OLS(y[owner != k], X[owner != k]).fit()
         error = response([held]) - matrix([held], kept) @ fit.params
-        assert_allclose(found.held_out.sse[k], np.sum(error**2), rtol=1e-8)
-    assert_allclose(found.held_out.rms**2 * n.sum(), found.held_out.sse.sum(), rtol=1e-12)
+        assert_allclose(found.cross_validation.sse[k], np.sum(error**2), rtol=1e-8)
+    assert_allclose(found.cross_validation.rms**2 * n.sum(), found.cross_validation.sse.sum(), rtol=1e-12)
 
 
 @pytest.mark.parametrize("method", ["stepwise", "orthogonal", "best_subset"])
@@ -295,7 +293,7 @@ def test_the_manoeuvre_criterion_chooses_the_visited_model_that_predicts_left_ou
             total += np.sum((response([held]) - matrix([held], kept) @ fit.params) ** 2)
         return total
 
-    best = error(found.found.selected)
+    best = error(found.search.selected)
     if method == "best_subset":
         X, y = matrix(flights, range(14))[:, 1:], response(flights)
         for size in (2, 3):  # the best of each size is a model visited
@@ -306,7 +304,7 @@ def test_the_manoeuvre_criterion_chooses_the_visited_model_that_predicts_left_ou
             assert best <= error(min(rss, key=rss.get)) * (1 + 1e-9)
     else:
         inside, visited = [], [()]
-        for s in found.found.steps:
+        for s in found.search.steps:
             gone = s.index if s.action == "leave" else s.other
             inside = [j for j in inside if j != gone] + ([s.index] if s.action != "leave" else [])
             visited.append(tuple(inside))
@@ -321,7 +319,7 @@ def test_two_workers_give_what_one_gives(noise):
     flights = [flight(k, 2500, rho=0.7, n_responses=2) for k in range(3)]
     one, two = (run(flights, noise=noise, workers=w, bootstrap=10, F_in=12.0) for w in (1, 2))
     for a, b in zip(one, two):
-        assert a.found.selected == b.found.selected
+        assert a.search.selected == b.search.selected
         assert_array_equal(a.values, b.values)
         assert_array_equal(a.covariance, b.covariance)
         assert_array_equal(a.bootstrap.inclusion, b.bootstrap.inclusion)
@@ -335,7 +333,7 @@ def test_memory_above_the_signals_does_not_grow_with_the_samples():
     for n in (20_000, 120_000):
         base = cases.flight_signals(n, 3)
         y = base[0] - 2 * base[5] + 0.01 * ar1(np.random.default_rng(1), n, 0.9)
-        one = ArraySignals(base, y[None])
+        one = ArrayData(base, y[None])
         traced = []
         for _ in range(3):
             # What is loaded or compiled by the way is counted too, but once; the least is the search's own.
@@ -362,7 +360,7 @@ def near_copy(share, seed, n=5000):
     signal = sum(unit) + (base[1] / base[1].std()) ** 2
     noise = 0.2 * signal.std()
     y = signal + noise * (rng.standard_normal(n) + 60.0 / np.sqrt(n) * own)
-    return ArraySignals(base, y[None]), exponents, (0, 3, 5, 8, 10)
+    return ArrayData(base, y[None]), exponents, (0, 3, 5, 8, 10)
 
 
 def qr_stepwise(X, y, threshold, tol=1e-9):
@@ -411,14 +409,14 @@ def test_near_copies_of_the_elevator_are_selected_as_by_qr_or_refused_and_listed
     (found,) = run([one], exponents, noise="white", F_in=12.0)
     X, y = design(one.base_signals, exponents)[:, 1:], one.response_signals[0]
     kept, refused = qr_stepwise(X, y, 12.0)
-    assert set(found.found.selected) == kept
+    assert set(found.search.selected) == kept
     assert set(found.dependent) == refused
     schur = 1.0 / np.linalg.inv(np.corrcoef(X[:, [5, 0, 3, 10, 8]].T))[-1, -1]
     if schur >= 1e-9:
         assert set(true) <= kept
-        F = partial_f_by_qr(X[:, list(found.found.selected)], y)
-        last = found.found.steps[-1]
-        assert (last.action, last.index) == ("enter", found.found.selected[-1])
+        F = partial_f_by_qr(X[:, list(found.search.selected)], y)
+        last = found.search.steps[-1]
+        assert (last.action, last.index) == ("enter", found.search.selected[-1])
         # Products know the Schur complement to some 1e-15, so the search's F to 1e-15 / schur; the refit to 1e-8.
         assert_allclose(last.F, F[-1], rtol=1e-6 if schur >= 5e-9 else 1e-5)
         assert_allclose(found.fit.partial_F[1:], F, rtol=1e-8)

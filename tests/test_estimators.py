@@ -69,11 +69,11 @@ def test_an_estimator_gives_what_select_gives_on_recordings(kind, noise):
     expected = select(flights, "CZ", Candidates.polynomial(NAMES, 1), method=METHOD[kind], **options)["CZ"]
     model = kind(**options).fit(X, y, groups=groups)
     kept = [NAMES.index(str(t)) for t in expected.terms]
-    assert list(model.selection_.found.selected) == kept
+    assert list(model.selection_.search.selected) == kept
     assert_array_equal(model.support_, np.isin(range(8), kept))
     assert_allclose(model.coef_[kept], expected.values[1:], rtol=1e-8)
     assert_allclose(model.intercept_, expected.values[0], rtol=1e-8)
-    assert_allclose(model.selection_.held_out.rms, expected.held_out_rms, rtol=1e-6)
+    assert_allclose(model.selection_.cross_validation.rms, expected.held_out_rms, rtol=1e-6)
     assert_allclose(model.selection_.bootstrap.inclusion, list(expected.inclusion.values()), atol=1e-12)
 
 
@@ -108,7 +108,7 @@ def test_rows_of_one_group_need_not_be_together():
     order = np.argsort(groups, kind="stable")
     sorted_ = StepwiseRegressor().fit(X[order], y[order], groups=groups[order])
     assert_allclose(mixed.coef_, sorted_.coef_, rtol=1e-12)
-    assert len(mixed.selection_.colours) == 2
+    assert len(mixed.selection_.noise) == 2
 
 
 # --- inside scikit-learn ---------------------------------------------------------------------------

@@ -191,22 +191,21 @@ def test_a_damaged_formula_is_refused_or_read(formula, tmp_path):
 
 
 def _resume(path):
-    memory = Checkpoint(path, "these data")
+    checkpoint = Checkpoint(path, "these data")
     try:
-        memory.begin(np.array([0, 6, 12]))
-        memory.begin(np.array([0, 3, 6]))
+        for size in (12, 6, 3):
+            checkpoint.load(size)
     finally:
-        memory.release()
+        checkpoint.release()
 
 
 def test_a_damaged_checkpoint_is_refused_or_gone_on_with(tmp_path):
     whole = tmp_path / "whole.checkpoint"
-    memory = Checkpoint(whole, "these data")
-    for edges in ([0, 6, 12], [0, 3, 6]):
-        _, done = memory.begin(np.array(edges))
-        done[0] = True
-        memory.end()
-    memory.release()
+    checkpoint = Checkpoint(whole, "these data")
+    for size in (12, 6):
+        assert checkpoint.load(size) is None
+        checkpoint.save(np.arange(float(size)))
+    checkpoint.release()
     _resume(whole)
     fuzz(tmp_path / "damaged.checkpoint", whole.read_bytes(), _resume, 25)
 

@@ -6,8 +6,8 @@ import pytest
 from structsel.candidates import Candidates, Term
 from structsel.recording import Recording
 from structsel.selection import select
-from structsel.selection.flown import look_over
-from structsel.selection.identifiability import EXCITATION, describe_spread, to_separate
+from structsel.selection.data import summarise_recordings
+from structsel.selection.diagnostics import EXCITATION, describe_channel, to_separate
 
 from .flights import fly
 from .pools import ar1
@@ -98,7 +98,7 @@ def one(**channels):
 
 def flown(flight, *terms):
     """What a selection among these terms knows of the flight."""
-    return look_over([flight], Candidates(terms), ["CZ"])
+    return summarise_recordings([flight], Candidates(terms), ["CZ"])
 
 
 def test_terms_that_differ_by_one_factor_are_told_how_little_it_varies():
@@ -107,7 +107,7 @@ def test_terms_that_differ_by_one_factor_are_told_how_little_it_varies():
     assert to_separate(*pair, flown(flight, *pair)) == (
         "they differ only by V_ratio = 1.5 +- 0, which hardly varies: fly the same inputs at other speeds"
     )
-    assert describe_spread("V", flown(one(V=np.linspace(50.0, 70.0, 200)), Term("V"))) == "V = 60 +- 5.8 m/s"
+    assert describe_channel("V", flown(one(V=np.linspace(50.0, 70.0, 200)), Term("V"))) == "V = 60 +- 5.8 m/s"
 
 
 def test_terms_of_different_channels_are_told_to_move_each():
@@ -122,4 +122,4 @@ def test_terms_of_different_channels_are_told_to_move_each():
 def test_powers_of_one_channel_are_told_to_widen_its_range():
     pair = Term("alpha"), Term("alpha^3")
     said = to_separate(*pair, flown(one(), *pair))
-    assert said.endswith("fly the same inputs about other trim incidences, or larger pitch inputs")
+    assert said.endswith("fly the same inputs about other trim angles of attack, or larger pitch inputs")

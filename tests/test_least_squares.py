@@ -5,9 +5,10 @@ import statsmodels.api as sm
 from numpy.testing import assert_allclose
 
 from structsel.errors import SelectionError
-from structsel.numerics.least_squares import refit, residual_chunks, residual_colours
+from structsel.numerics.blocks import Samples
+from structsel.numerics.least_squares import Residuals, fit_residual_noise, fit_terms
 from structsel.numerics.noise_models import ARNoise
-from structsel.numerics.rows import ArraySignals
+from structsel.numerics.regressors import ArrayData, find_scales
 
 from .pools import ar1, design, monomial_exponents
 
@@ -18,12 +19,12 @@ def one_flight(n=3000, s=3, seed=0):
     exponents = monomial_exponents(s, 2)
     X = design(base, exponents)
     y = X @ rng.standard_normal(X.shape[1]) + rng.standard_normal(n)
-    return ArraySignals(base, y[None]), exponents, X, y
+    return ArrayData(base, y[None]), exponents, X, y
 
 
 def test_white_refit_equals_statsmodels():
     flight, exponents, X, y = one_flight()
-    fit, expected = refit([flight], exponents), sm.OLS(y, X).fit()
+    fit, expected = fit_terms([flight], exponents), sm.OLS(y, X).fit()
     assert_allclose(fit.theta, expected.params, rtol=1e-9)
     assert_allclose(fit.covariance, expected.cov_params(), rtol=1e-8, atol=1e-14)
     assert_allclose(fit.rss, expected.ssr, rtol=1e-10)
@@ -34,7 +35,7 @@ def test_white_refit_equals_statsmodels():
 def test_whitened_refit_equals_statsmodels_generalised_least_squares():
     flight, exponents, X, y = one_flight()
     ar = np.array([0.7, 0.2])
-    fit = refit([flight], exponents, colours=[ARNoise(ar, 1.0)])
+    fit = fit_terms([flight], exponents, noise=[ARNoise(ar, 1.0)])
     expected = sm.GLSAR(y, X, rho=ar).fit()
     assert_allclose(fit.theta, expected.params, rtol=1e-8)
     assert_allclose(fit.covariance, expected.cov_params(), rtol=1e-7, atol=1e-14)
@@ -43,7 +44,7 @@ def test_whitened_refit_equals_statsmodels_generalised_least_squares():
 def test_manoeuvres_are_weighted_by_their_own_innovation_level():
     a, exponents, Xa, ya = one_flight(seed=1)
     b, _, Xb, yb = one_flight(seed=2)
-    fit = refit([a, b], exponents, colours=[ARNoise(np.empty(0), 1.0), ARNoise(np.empty(0), 4.0)])
+    fit = fit_terms([a, b], exponents, noise=[ARNoise(np.empty(0), 1.0), ARNoise(np.empty(0), 4.0)])
     weights = np.r_[np.full(len(ya), 1.0), np.full(len(yb), 1.0 / 16.0)]
     expected = sm.WLS(np.r_[ya, yb], np.vstack([Xa, Xb]), weights=weights).fit()
     assert_allclose(fit.theta, expected.params, rtol=1e-9)
@@ -58,7 +59,7 @@ def test_parameters_stay_within_twenty_eps_times_condition_of_a_sixty_digit_fit(
         base = rng.standard_normal((3, n))
         base[2] = base[1] + nearness * base[2]
         y = base.sum(axis=0) + 0.1 * rng.standard_normal(n)
-        fit = refit([ArraySignals(base, y[None])], np.eye(3, dtype=int))
+        fit = fit_terms([ArrayData(base, y[None])], np.eye(3, dtype=int))
         mpmath.mp.dps = 60
         X = mpmath.matrix(np.column_stack([np.ones(n), base.T]).tolist())
         exact = mpmath.lu_solve(X.T * X, X.T * mpmath.matrix(y.tolist()))
@@ -73,7 +74,7 @@ def test_printed_partial_f_of_a_near_copy_is_right_to_a_millionth(mean):
     alpha, de, own, noise = np.random.default_rng(0).standard_normal((4, 1000))
     base = np.vstack([alpha, mean + de, mean + de + 4e-5 * own])
     y = 2.0 * alpha + de + own + 0.5 * noise
-    fit = refit([ArraySignals(base, y[None])], np.eye(3, dtype=int))
+    fit = fit_terms([ArrayData(base, y[None])], np.eye(3, dtype=int))
     with mpmath.workdps(60):
         X = mpmath.matrix(np.column_stack([np.ones(y.size), base.T]).tolist())
         response = mpmath.matrix(y.tolist())
@@ -84,25 +85,26 @@ def test_printed_partial_f_of_a_near_copy_is_right_to_a_millionth(mean):
     assert_allclose(fit.partial_F, F, rtol=1e-6)
 
 
-def test_residuals_and_their_colour_come_back():
+def test_residuals_and_their_noise_model_come_back():
     flight, exponents, X, y = one_flight(n=20_000)
     y = y + ar1(np.random.default_rng(4), len(y), 0.9, 3.0) - (y - X @ np.linalg.lstsq(X, y, rcond=None)[0])
-    flight = ArraySignals(flight.base_signals, y[None])
-    fit = refit([flight], exponents)
-    residual = np.concatenate([r for _, r in residual_chunks([flight], exponents, fit.theta)])
+    flight = ArrayData(flight.base_signals, y[None])
+    fit = fit_terms([flight], exponents)
+    residuals = Residuals(exponents, fit.theta, 0, find_scales([flight]))
+    residual = np.concatenate(list(residuals.over(Samples(flight, 0, flight.n))))
     assert_allclose(residual, y - X @ fit.theta, atol=1e-8)
-    (colour,) = residual_colours([flight], exponents, fit.theta)
-    assert colour.order == 1
-    assert_allclose(colour.ar, 0.9, atol=0.02)
-    assert_allclose(colour.sigma, 3.0, rtol=0.03)
+    (noise,) = fit_residual_noise([flight], [exponents], [fit.theta], [0], 24, [0.0])[0]
+    assert noise.order == 1
+    assert_allclose(noise.ar, 0.9, atol=0.02)
+    assert_allclose(noise.sigma, 3.0, rtol=0.03)
 
 
 def test_exactly_dependent_terms_and_too_few_samples_are_refused():
     base = np.random.default_rng(5).standard_normal((2, 100))
-    twice = ArraySignals(np.vstack([base[0], 2 * base[0]]), base[1:])
+    twice = ArrayData(np.vstack([base[0], 2 * base[0]]), base[1:])
     with pytest.raises(SelectionError, match="exactly dependent"):
-        refit([twice], np.eye(2, dtype=int))
+        fit_terms([twice], np.eye(2, dtype=int))
     with pytest.raises(SelectionError, match="3 samples for 4 parameters"):
-        refit([ArraySignals(np.ones((3, 3)), np.ones((1, 3)))], np.eye(3, dtype=int))
+        fit_terms([ArrayData(np.ones((3, 3)), np.ones((1, 3)))], np.eye(3, dtype=int))
     with pytest.raises(SelectionError, match="zero in every sample"):
-        refit([ArraySignals(np.zeros((1, 50)), np.ones((1, 50)))], np.eye(1, dtype=int))
+        fit_terms([ArrayData(np.zeros((1, 50)), np.ones((1, 50)))], np.eye(1, dtype=int))

@@ -75,5 +75,5 @@ def test_six_axes_of_attas_hold_on_manoeuvres_left_out(attas):
     for response, least in {"CX": 0.9, "CY": 0.97, "CZ": 0.98, "Cl": 0.9, "Cm": 0.5, "Cn": 0.95}.items():
         assert found[response].held_out_r2 > least, response
     # Part of the residual is misfit (late air data), so whitening must have been tried and given up, and said.
-    assert found["Cm"].by_blocks
-    assert any("Whitening was given up" in d for d in found["Cm"].doubts)
+    assert found["Cm"].cluster_robust
+    assert any("Prewhitening was dropped" in d for d in found["Cm"].doubts)

@@ -156,7 +156,7 @@ def test_the_report_names_method_residuals_terms_and_doubts(coloured):
 def test_progress_is_told_stage_by_stage(coloured):
     calls = []
     select(coloured, "CZ", POOL, bootstrap=5, workers=1, progress=lambda *call: calls.append(call))
-    assert {"moments", "whitened", "bootstrap"} <= {stage for stage, _, _ in calls}
+    assert {"cross-products", "prewhitened", "bootstrap"} <= {stage for stage, _, _ in calls}
     assert all(0 < done <= of for _, done, of in calls)
     assert calls[-1] == ("bootstrap", 5, 5)
 
@@ -294,7 +294,7 @@ def test_the_pse_stop_ends_where_pse_would_rise(flights):
 @pytest.mark.parametrize("criterion", ["PSE", "BIC", "AICc", "adj_R2"])
 def test_a_criterion_chooses_its_best_of_the_models_visited(flights, criterion):
     found = select(flights, "CZ", POOL, F_in=0.5, criterion=criterion, **WHITE)["CZ"]
-    assert f"least {criterion} of" in found.stopped
+    assert f"least {criterion} of" in found.stop_reason
     n = found.n
     k = np.array([s.n_terms for s in found.trace])
     rss = np.array([1 - s.R2 for s in found.trace])
@@ -349,7 +349,7 @@ def test_alpha_squared_gives_way_to_alpha_where_alpha_is_far_from_zero():
     assert names(both.terms) == {"alpha", "alpha^2", "de"}
     one = select(flights, "CZ", pool, F_in=12.0, correlation_limit=0.9, bootstrap=0)["CZ"]
     assert names(one.terms) == {"alpha", "de"}
-    assert one.stopped.endswith("; 1 dropped, parameters correlated above 0.9")
+    assert one.stop_reason.endswith("; 1 dropped, parameters correlated above 0.9")
     last = one.trace[-1]
     assert (last.action, str(last.term)) == ("leave", "alpha^2")
     X, y = columns(flights, both.terms)
@@ -364,7 +364,7 @@ def test_a_loose_correlation_limit_changes_nothing(flights):
     free = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0)["CZ"]
     held = select(flights, "CZ", POOL, F_in=12.0, correlation_limit=0.999, bootstrap=0)["CZ"]
     assert held.terms == free.terms
-    assert held.stopped == free.stopped
+    assert held.stop_reason == free.stop_reason
 
 
 @pytest.mark.parametrize("components", [1, 2, 3])
@@ -400,7 +400,7 @@ def test_ridge_is_called_biased_and_shrinks_what_trades_against_each_other():
     )
     assert not plain.biased
     assert ridge.biased
-    assert ridge.estimated.startswith("ridge, k = ")
+    assert ridge.estimator.startswith("ridge, k = ")
     assert np.abs(ridge.values[1:] - 1.0).max() < np.abs(plain.values[1:] - 1.0).max()
     assert "BIASED: ridge" in str(ridge)
 
@@ -433,7 +433,7 @@ def test_white_and_coloured_rules_are_reported_side_by_side_where_they_disagree(
 
 
 def late(recordings, samples):
-    """The same recordings with incidence read this many samples late."""
+    """The same recordings with the angle of attack read this many samples late."""
     shifted = [np.concatenate([np.full(samples, r["alpha"][0]), r["alpha"][:-samples]]) for r in recordings]
     return [r.with_channels(alpha=a) for r, a in zip(recordings, shifted)]
 
@@ -442,9 +442,9 @@ def test_whitening_is_given_up_where_the_residual_is_misfit_and_not_noise():
     # A channel that is late leaves a residual that follows the inputs: whitening takes it for noise and predicts worse.
     flights = fly(TRUTH, 0.005, lengths=(2000, 1500, 1800))
     found = select(late(flights, 10), "CZ", POOL, F_in="auto", bootstrap=0)["CZ"]
-    (said,) = [d for d in found.doubts if d.startswith("Whitening was given up")]
-    assert "look for late channels" in said
-    assert found.colours == ()
+    (said,) = [d for d in found.doubts if d.startswith("Prewhitening was dropped")]
+    assert "look for delayed channels" in said
+    assert found.noise_models == ()
     robust = select(late(flights, 10), "CZ", POOL, F_in="auto", noise="cluster", bootstrap=0)["CZ"]
     assert found.terms == robust.terms
     assert_allclose(found.values, robust.values, rtol=1e-12)
@@ -465,7 +465,7 @@ def test_tests_by_blocks_hold_in_coloured_noise():
 
 def test_a_threshold_that_lets_chance_in_is_named():
     found = doubts_of(made(lambda c: c["alpha"]), F_in=4.0)
-    assert "With F_in = 4 and 19 candidates about 0.8 terms enter by chance alone" in found
+    assert "With F_in = 4 and 19 candidates about 0.8 false terms are expected" in found
 
 
 def test_more_candidates_than_samples_is_said_and_the_search_goes_on():

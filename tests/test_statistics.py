@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy import stats
 
-from structsel.numerics.rows import ArraySignals
+from structsel.numerics.regressors import ArrayData
 from structsel.selection.engine import select_arrays
 from structsel.selection.settings import SelectOptions
 
@@ -16,9 +16,9 @@ from .flights import cases, signals_of
 from .pools import monomial_exponents
 
 
-def run(case, exponents, forced=(), **options):
+def run(case, exponents, include=(), **options):
     asked = SelectOptions(**{"F_in": "auto", "bootstrap": 0, "workers": 1, **options})
-    return select_arrays(signals_of(case), exponents, asked, forced)[0]
+    return select_arrays(signals_of(case), exponents, asked, include)[0]
 
 
 # --- intervals -------------------------------------------------------------------------------------
@@ -42,11 +42,11 @@ def test_intervals_cover_the_truth_in_93_to_97_of_100_where_the_structure_is_giv
     error, said, textbook = [], [], []
     for k in range(runs):
         case = flights[k % 5].redraw(1000 + k)
-        found = run(case, case.exponents[list(case.true)], forced=range(7))
-        assert_array_equal(found.found.selected, range(7))
+        found = run(case, case.exponents[list(case.true)], include=range(7))
+        assert_array_equal(found.search.selected, range(7))
         error.append(found.values[1:] - case.theta)
         said.append(np.sqrt(np.diag(found.covariance))[1:])
-        textbook.append(np.sqrt(np.diag(found.textbook))[1:])
+        textbook.append(np.sqrt(np.diag(found.white_noise_covariance))[1:])
     t = stats.t.ppf(0.975, 2000 - 8)
     inside = np.abs(error) < t * np.array(said)
     assert abs(inside.mean() - 0.95) <= (0.02 if runs >= 250 else 4.0 * np.sqrt(0.95 * 0.05 / inside.size))
@@ -67,10 +67,10 @@ def test_intervals_after_selection_cover_the_truth_in_at_least_90_of_100(colour,
         case = flights[k % 5].redraw(2000 + k)
         found = run(case, case.exponents, bootstrap=100)
         truth = dict(zip(case.true, case.theta))
-        error = found.values[1:] - [truth.get(j, 0.0) for j in found.found.selected]
-        said = np.fmax(np.sqrt(np.diag(found.covariance)), found.bootstrap.spread)[1:]
+        error = found.values[1:] - [truth.get(j, 0.0) for j in found.search.selected]
+        said = np.fmax(np.sqrt(np.diag(found.covariance)), found.bootstrap.std)[1:]
         inside += list(np.abs(error) < stats.t.ppf(0.975, found.n - len(found.values)) * said)
-        exact += set(found.found.selected) == set(case.true)
+        exact += set(found.search.selected) == set(case.true)
     assert len(inside) > 6 * runs
     assert np.mean(inside) >= 0.90
     assert exact >= 0.8 * runs
@@ -87,7 +87,7 @@ def recoveries(request):
 
 
 def test_the_exact_structure_comes_back_from_164_candidates_in_at_least_8_of_10(recoveries):
-    scores = np.array([cases.score(case, found.found.selected) for case, found in recoveries])
+    scores = np.array([cases.score(case, found.search.selected) for case, found in recoveries])
     exact, missed, false = scores.sum(axis=0)
     assert exact >= 20 / 24 * len(recoveries)
     assert missed <= len(recoveries) / 6
@@ -97,8 +97,8 @@ def test_the_exact_structure_comes_back_from_164_candidates_in_at_least_8_of_10(
 def test_the_model_chosen_never_has_a_worse_bic_than_the_truth(recoveries):
     # In the whitened metric the search believed in; a worse one would mean that it did not look well enough.
     for case, found in recoveries:
-        ar = found.colours[0].ar
-        chosen, truth = (whitened_bic(case, terms, ar) for terms in (found.found.selected, case.true))
+        ar = found.noise[0].ar
+        chosen, truth = (whitened_bic(case, terms, ar) for terms in (found.search.selected, case.true))
         assert chosen <= truth + 1e-6
 
 
@@ -119,7 +119,7 @@ def test_the_automatic_threshold_lets_a_false_term_in_about_once_in_twenty_fligh
     false = {"ar": 0, "white": 0}
     for seed in range(120):
         noise = cases.residual("ar1_0.92", 1500, np.random.default_rng([seed, 3]))
-        one = [ArraySignals(cases.flight_signals(1500, seed, 4), noise[None])]
+        one = [ArrayData(cases.flight_signals(1500, seed, 4), noise[None])]
         for noise in false if seed < 40 else ("ar",):
             asked = SelectOptions(F_in="auto", noise=noise, bootstrap=0, workers=1)
             false[noise] += len(select_arrays(one, exponents, asked)[0].found.selected) > 0

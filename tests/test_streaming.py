@@ -22,10 +22,9 @@ from structsel import Candidates, compute_coefficients, read_recordings, select,
 from structsel.cli import app
 from structsel.demo import demo_flights
 from structsel.errors import ChannelError, DataError, SelectionError
-from structsel.numerics import cutting
-from structsel.numerics.passes import Threads
+from structsel.numerics import blocks
+from structsel.numerics.jobs import JobRunner
 from structsel.recording import Recording
-from structsel.selection import checkpoint
 
 from .flights import fly
 
@@ -148,7 +147,7 @@ def test_an_error_in_one_thread_stops_the_others():
         time.sleep(0.002)
 
     with pytest.raises(Breaking):
-        Threads().run(lambda: one, range(1000), range(1000), 2, lambda i, result: None)
+        list(JobRunner().map(one, range(1000), 2))
     assert len(worked) < 100
 
 
@@ -156,32 +155,30 @@ def test_an_error_in_one_thread_stops_the_others():
 
 
 @given(lengths=st.lists(st.integers(1, 5000), min_size=1, max_size=200), most=st.integers(1, 40))
-def test_bound_blocks_hold_every_manoeuvre_whole_and_once_in_their_order(lengths, most):
-    cut = cutting.bind_blocks(lengths, most)
-    assert len(cut.blocks) <= most
-    assert [(b.manoeuvre, b.start, b.stop) for block in cut.blocks for b in block] == [
-        (k, 0, n) for k, n in enumerate(lengths)
-    ]
-    assert cut.samples == sum(lengths)
+def test_joined_blocks_hold_every_manoeuvre_whole_and_once_in_their_order(lengths, most):
+    joined = blocks.join_manoeuvres(lengths, most)
+    assert len(joined) <= most
+    assert [tuple(stretch) for block in joined for stretch in block] == [(k, 0, n) for k, n in enumerate(lengths)]
+    assert blocks.count_samples(joined).sum() == sum(lengths)
 
 
-def test_manoeuvres_bound_together_add_up_and_are_held_out_together(folder, monkeypatch):
+def test_manoeuvres_joined_to_blocks_add_up_and_are_left_out_together(folder, monkeypatch):
     flights = read_recordings(folder)
     apart = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)["CZ"]
-    monkeypatch.setattr(cutting, "FEWEST", 3)
-    monkeypatch.setattr(cutting, "MOST", 3)
-    bound = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)["CZ"]
-    assert bound.terms == apart.terms
-    assert_allclose(bound.values, apart.values, rtol=1e-10)
+    monkeypatch.setattr(blocks, "FEWEST", 3)
+    monkeypatch.setattr(blocks, "MOST", 3)
+    joined = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)["CZ"]
+    assert joined.terms == apart.terms
+    assert_allclose(joined.values, apart.values, rtol=1e-10)
     assert [part.name for part in apart.held_out] == [f"flight_{k}" for k in range(1, 7)]
-    assert [part.name for part in bound.held_out] == ["flight_1, flight_2", "flight_3, flight_4", "flight_5, flight_6"]
-    assert len(bound.colours) == 6
+    assert [part.name for part in joined.held_out] == ["flight_1, flight_2", "flight_3, flight_4", "flight_5, flight_6"]
+    assert len(joined.noise_models) == 6
 
 
 def test_room_bounds_the_blocks_kept_apart():
-    few, many = cutting.most_blocks(34), cutting.most_blocks(494)
-    assert (few, cutting.most_blocks(3000)) == (cutting.MOST, cutting.FEWEST)
-    assert many * 496 * 497 / 2 * 8 < 1.01 * cutting.ROOM
+    few, many = blocks.most_blocks(34), blocks.most_blocks(494)
+    assert (few, blocks.most_blocks(3000)) == (blocks.MOST, blocks.FEWEST)
+    assert many * 496 * 497 / 2 * 8 < 1.01 * blocks.ROOM
 
 
 # --- a run that is broken off ----------------------------------------------------------------------
@@ -201,15 +198,8 @@ def broken(stage, parts):
     return progress
 
 
-@pytest.fixture
-def at_every_part(monkeypatch):
-    """Checkpoints written after every part."""
-    monkeypatch.setattr(checkpoint, "SECONDS", 0.0)
-    monkeypatch.setattr(checkpoint, "SHARE", 0.0)
-
-
-@pytest.mark.parametrize(("stage", "parts"), [("moments", 2), ("whitened", 4), ("bootstrap", 3)])
-def test_a_run_that_was_broken_off_goes_on_where_it_was(folder, tmp_path, at_every_part, stage, parts):
+@pytest.mark.parametrize(("stage", "parts"), [("noise models", 2), ("prewhitened", 4), ("bootstrap", 3)])
+def test_a_run_that_was_broken_off_goes_on_where_it_was(folder, tmp_path, stage, parts):
     kept = tmp_path / "kept"
     flights = stream_recordings(folder)
     expected = select(flights, ["CZ", "CY"], POOL, **ASKED)
@@ -220,24 +210,19 @@ def test_a_run_that_was_broken_off_goes_on_where_it_was(folder, tmp_path, at_eve
     found = select(flights, ["CZ", "CY"], POOL, checkpoint=kept, progress=lambda *told: done.append(told), **ASKED)
     assert_same(found, expected, rtol=0.0)
     assert list(tmp_path.iterdir()) == []
-    first = {name: of for name, so_far, of in reversed(done)}
-    again = [so_far for name, so_far, _ in done if name == "moments"]
-    if stage == "moments":
-        assert again == list(range(parts, first["moments"] + 1))  # the part at which it broke was done, not yet kept
-    else:
-        assert again == []
+    again = [name for name, _, _ in done]
+    assert "cross-products" not in again
+    assert again[0] in ("checking", stage)
+    assert stage in again
 
 
-@pytest.mark.slow
 def test_a_run_killed_outright_goes_on_in_another_process(folder, tmp_path):
     script = textwrap.dedent(
         f"""
         import json, os, signal, sys
         from structsel import Candidates, select, stream_recordings
-        from structsel.selection import checkpoint
-        checkpoint.SECONDS = checkpoint.SHARE = 0.0
         def told(name, done, of):
-            if name == "whitened" and done == 3 and "die" in sys.argv:
+            if name == "prewhitened" and done == 3 and "die" in sys.argv:
                 os.kill(os.getpid(), signal.SIGKILL)
         pool = Candidates.polynomial(["alpha", "q_hat", "de"], 2)
         found = select(stream_recordings({str(folder)!r}), "CZ", pool, checkpoint={str(tmp_path / "kept")!r},
@@ -255,11 +240,11 @@ def test_a_run_killed_outright_goes_on_in_another_process(folder, tmp_path):
 
 
 @pytest.fixture
-def kept(folder, tmp_path, at_every_part):
+def kept(folder, tmp_path):
     """The checkpoint of a run that was broken off."""
     path = tmp_path / "kept"
     with pytest.raises(Breaking):
-        select(stream_recordings(folder), "CZ", POOL, checkpoint=path, progress=broken("whitened", 2), **ASKED)
+        select(stream_recordings(folder), "CZ", POOL, checkpoint=path, progress=broken("prewhitened", 2), **ASKED)
     return path
 
 
@@ -281,11 +266,11 @@ def test_a_checkpoint_of_other_options_or_other_data_is_refused(folder, kept):
 def test_a_checkpoint_of_a_newer_schema_is_refused_in_words(folder, kept):
     with ZipFile(kept) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
-    about = json.loads(members["about.json"]) | {"schema": "structsel.checkpoint/2"}
+    about = json.loads(members["about.json"]) | {"schema": "structsel.checkpoint/3"}
     with ZipFile(kept, "w", ZIP_STORED) as archive:
         for name, content in (members | {"about.json": json.dumps(about).encode()}).items():
             archive.writestr(name, content)
-    with pytest.raises(DataError, match=r"another version of structsel \(structsel\.checkpoint/2; this one reads"):
+    with pytest.raises(DataError, match=r"another version of structsel \(structsel\.checkpoint/3; this one reads"):
         select(stream_recordings(folder), "CZ", POOL, checkpoint=kept, **ASKED)
 
 
@@ -317,7 +302,7 @@ def test_a_checkpoint_in_use_is_refused(folder, kept):
     flights = stream_recordings(folder)
 
     def second(name, done, of):
-        if name == "looking over":
+        if name == "checking":
             return
         with pytest.raises(DataError, match="is in use by another run"):
             select(flights, "CZ", POOL, checkpoint=kept, **ASKED)
@@ -347,7 +332,7 @@ def test_workers_of_a_cluster_give_the_answer_of_this_process_and_so_they_do_whe
     killed = []
 
     def kill(name, done, of):
-        if name == "whitened" and done == 2 and not killed:
+        if name == "prewhitened" and done == 2 and not killed:
             killed.append(next(iter(client.run(os.getpid).values())))
             os.kill(killed[0], signal.SIGKILL)
 
@@ -366,15 +351,13 @@ def test_recordings_in_memory_go_to_the_workers_too_and_errors_come_back(folder,
 
 @pytest.mark.slow
 def test_a_task_that_kills_every_worker_is_given_up_in_words(client):
-    from structsel.cluster import Cluster
-
     client.run_on_scheduler(lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 0))
-    with pytest.raises(SelectionError, match="every worker that took it on died"):
-        Cluster(client).run(_deadly, [0], [0], 1, lambda i, result: None)
+    with pytest.raises(SelectionError, match="every worker that took it died"):
+        list(JobRunner(client).map(_kill_own_process, [0]))
 
 
-def _deadly():
-    return lambda item: os.kill(os.getpid(), signal.SIGKILL)
+def _kill_own_process(item):
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 # --- the command -----------------------------------------------------------------------------------
@@ -400,12 +383,12 @@ def test_the_command_streams_and_writes_the_same_model(folder, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["held", "streamed"]
 
 
-def test_a_streamed_run_keeps_its_checkpoint_beside_the_results(folder, tmp_path, monkeypatch, at_every_part):
+def test_a_streamed_run_keeps_its_checkpoint_beside_the_results(folder, tmp_path, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr("structsel.selection.engine.predict_held_out", stop)
+        patched.setattr("structsel.selection.engine.cross_validate", stop)
         run("select", folder, *SELECT, "--stream", "--out", tmp_path / "out", code=130)
     assert [p.name for p in tmp_path.iterdir()] == ["out.checkpoint"]
     run("select", folder, *SELECT, "--stream", "--out", tmp_path / "out")

@@ -40,6 +40,7 @@ from structsel.cli.terminal import Waiting, explain, print_json, say, stdout
 from structsel.errors import SelectionError
 from structsel.recording import Recording, StoredRecording
 from structsel.selection import Selections, select
+from structsel.selection.methods import METHODS
 from structsel.selection.settings import Criterion, Estimate, InitialTerms, Noise, StoppingRule
 from structsel.validation import Validation, validate
 
@@ -80,7 +81,6 @@ _POOL, _SEARCH, _JUDGE, _OUTPUT, _FINE = (
     OUTPUT,
     "Fine tuning",
 )
-METHODS = ("stepwise", "orthogonal", "best_subset")
 
 
 def run(
@@ -277,7 +277,7 @@ def _select_by(
 ) -> dict[str, Selections]:
     """Return the selections by the method asked for, or by all that can be made."""
     found: dict[str, Selections] = {}
-    tried = METHODS if method == "all" else (method,)
+    tried = tuple(METHODS) if method == "all" else (method,)
 
     def kept(name: str) -> Path | None:
         if checkpoint is None or method != "all":

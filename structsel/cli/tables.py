@@ -66,7 +66,7 @@ def print_selection(console: Console, selection: Selection) -> None:
     head = Text.assemble((s.response, "bold"), f"  {len(s.terms)} of {len(s.pool)} candidates, {s.options.method}")
     console.print(head + Text(f", {s.residual_description}"))
     if s.biased:
-        console.print(Text(f"BIASED estimates: {s.estimated}", "bold red"))
+        console.print(Text(f"BIASED estimates: {s.estimator}", "bold red"))
     resampled = bool(s.inclusion)
     table = plain_table(
         "term",
@@ -106,7 +106,7 @@ def print_selection(console: Console, selection: Selection) -> None:
 
 def print_trace(console: Console, selection: Selection) -> None:
     """Print every move of the search."""
-    console.print(Text.assemble((selection.response, "bold"), f"  the search; it ended: {selection.stopped}"))
+    console.print(Text.assemble((selection.response, "bold"), f"  the search; it ended: {selection.stop_reason}"))
     moved = [f"{s.other} -> {s.term}" if s.other is not None else str(s.term) for s in selection.trace]
     table = plain_table("move", "term", "F", "partial r", "terms", "R2", "PSE", "BIC", words=moved, left=2)
     for term, s in zip(moved, selection.trace):

@@ -26,7 +26,7 @@ import numpy as np
 from scipy import linalg, stats
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.moments import MomentSet
+from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.stepwise import SearchPath, SearchStep
 
 PERFECT = 1e-12  # of the response's sum of squares
@@ -35,11 +35,11 @@ PERFECT = 1e-12  # of the response's sum of squares
 class _Clusters:
     """Weighted cross-products of every block, unpacked a column at a time and only when asked for."""
 
-    def __init__(self, moments: MomentSet, weights: Array | None):
-        q = moments.scale.size
-        self.used = np.flatnonzero(weights > 0) if weights is not None else np.arange(moments.n_blocks)
+    def __init__(self, products: CrossProducts, weights: Array | None):
+        q = products.scale.size
+        self.used = np.flatnonzero(weights > 0) if weights is not None else np.arange(products.n_blocks)
         self.weights = np.ones(self.used.size) if weights is None else weights[self.used]
-        self.packed = moments.packed
+        self.packed = products.packed
         i = np.arange(q)
         self.start = i * q - i * (i - 1) // 2 - i  # packed place of (i, j) is start[i] + j, j >= i
         self.columns: dict[int, Array] = {}
@@ -130,12 +130,14 @@ def cluster_F_threshold(F: float, dof: float, clusters: int) -> float:
     return float(stats.f.isf(stats.f.sf(F, 1, dof), 1, max(clusters - 1, 1)))
 
 
-def samples_per_independent_sample(moments: MomentSet, weights: Array | None, kept: Sequence[int], dof: float) -> float:
+def samples_per_independent_sample(
+    products: CrossProducts, weights: Array | None, kept: Sequence[int], dof: float
+) -> float:
     """Median ratio of a kept term's ordinary partial F to its cluster-robust one; 1 where none is kept."""
     if not kept:
         return 1.0
-    G = moments.total(weights)
-    fit = _fit(G, _Clusters(moments, weights), kept)
+    G = products.total(weights)
+    fit = _fit(G, _Clusters(products, weights), kept)
     if fit.rss <= PERFECT * G[-1, -1]:
         return 1.0
     A = [0, *(j + 1 for j in kept)]
@@ -146,7 +148,7 @@ def samples_per_independent_sample(moments: MomentSet, weights: Array | None, ke
 
 
 def cluster_stepwise(
-    moments: MomentSet,
+    products: CrossProducts,
     weights: Array | None,
     dof: float,
     *,
@@ -165,7 +167,7 @@ def cluster_stepwise(
 
     Parameters
     ----------
-    moments : MomentSet
+    products : CrossProducts
         Of one response, not prewhitened.
     weights : (B,) array, optional
         Of the blocks; zero leaves one out.
@@ -183,7 +185,7 @@ def cluster_stepwise(
     SearchPath
         F of each step is the cluster-robust one.
     """
-    search = _Search(moments, weights, dof, F_in, F_out, include, max_terms, min_tolerance)
+    search = _Search(products, weights, dof, F_in, F_out, include, max_terms, min_tolerance)
     search.begin(initial)
     while not search.stopped:
         search.move()
@@ -196,7 +198,7 @@ class _Search:
 
     def __init__(
         self,
-        moments: MomentSet,
+        products: CrossProducts,
         weights: Array | None,
         dof: float,
         F_in: float,
@@ -205,8 +207,8 @@ class _Search:
         max_terms: int | None,
         min_tolerance: float,
     ):
-        self.G = moments.total(weights)
-        self.clusters = _Clusters(moments, weights)
+        self.G = products.total(weights)
+        self.clusters = _Clusters(products, weights)
         count = self.clusters.count
         self.F_in, self.F_out = (cluster_F_threshold(F, dof, count) for F in (F_in, F_out))
         self.tss = float(self.G[-1, -1] - self.G[0, -1] ** 2 / self.G[0, 0])

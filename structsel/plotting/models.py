@@ -110,7 +110,7 @@ def plot_path(selection: Selection, *, ax: Axes | None = None) -> Axes:
     marks = {"enter": "+", "leave": "−", "swap": "⇄", "simplify": "→"}
     size = "small" if len(shown) <= 12 else "xx-small"
     ax.set_xticklabels([f"{marks[s.action]} {s.term}" for s in shown], rotation=60, ha="right", fontsize=size)
-    whose = "whitened " if selection.colours else ""
+    whose = "whitened " if selection.noise_models else ""
     ax.set_ylabel(f"share of the {whose}response's variance [-]")
     if len(shown) < len(steps):
         ax.set_xlabel(f"the first {len(shown)} of {len(steps)} moves")
@@ -141,7 +141,7 @@ def plot_criteria(selection: Selection, *, ax: Axes | None = None) -> Axes:
     lines += right.plot(sizes, [best[k].R2 for k in sizes], "s-", color=KEPT, ms=4, lw=1.0, label="$R^2$")
     final = len(selection.terms)
     lines.append(ax.axvline(final, color=MODELLED, lw=0.8, ls="--", label=f"chosen: {final} terms"))
-    whose = "whitened " if selection.colours else ""
+    whose = "whitened " if selection.noise_models else ""
     ax.set_xlabel("terms beside the constant")
     ax.set_ylabel(f"PSE over the {whose}response's variance [-]")
     right.set_ylabel("$R^2$ [-]")

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from structsel.cluster import runner_of
 from structsel.errors import DataError
 from structsel.nomenclature import unit_of
-from structsel.numerics.passes import Progress
+from structsel.numerics.jobs import JobRunner, Progress
 from structsel.readers.channel_map import ChannelMap, load_channel_map
 from structsel.recording.checks import Finding
 from structsel.recording.reading import list_files, load, read_recording
@@ -172,18 +171,8 @@ def stream_recordings(
     """
     mapped = None if channel_map is None else load_channel_map(channel_map)
     paths = list_files(source)
-    listed: list[list[StoredRecording]] = [[] for _ in paths]
-    done = 0
-
-    def keep(i: int, found: list[StoredRecording]) -> None:
-        nonlocal done
-        listed[i] = found
-        done += 1
-        if progress is not None:
-            progress(done, len(paths))
-
     one = partial(_list_file, channel_map=mapped, prepare=prepare, split=split)
-    runner_of(client).run(partial(_given, one), paths, range(len(paths)), workers, keep)
+    listed = list(JobRunner(client).map(one, paths, workers, progress))
     by_name: dict[str, StoredRecording] = {}
     in_order = sorted(range(len(paths)), key=lambda i: paths[i].stem)
     for recording in (r for i in in_order for r in listed[i]):
@@ -194,10 +183,6 @@ def stream_recordings(
             )
         by_name[recording.name] = recording
     return list(by_name.values())
-
-
-def _given(value: Any) -> Any:
-    return value
 
 
 def _list_file(

@@ -33,6 +33,7 @@ from structsel.report.sheet import (
     metric_columns,
 )
 from structsel.selection import Selection, Selections
+from structsel.selection.methods import METHODS
 from structsel.validation import Validation
 
 _ALSO = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr", "df", "mach", "h")
@@ -58,7 +59,7 @@ def sheet_of(
         doubts += merge_remarks(("held out", text) for text in judged.doubts)
     headline, told = _headline(each)
     biased = [s.response for s in each if s.biased]
-    warned = [f"Biased on purpose: {join_names(biased)} by {each[0].estimated}."] if biased else []
+    warned = [f"Biased on purpose: {join_names(biased)} by {each[0].estimator}."] if biased else []
     charts = [_path(s, f"path-{k}") for k, s in enumerate(each) if s.trace]
     sections = [_section(s, f"path-{k}") for k, s in enumerate(each)]
     if judged is not None:
@@ -168,7 +169,7 @@ def _path(s: Selection, name: str) -> dict[str, Any]:
     ]
     says = f"The search for {s.response}: share left unexplained and PSE after each of {count_of(len(moves), 'move')}."
     return chart(name, range(1, len(moves) + 1), lines, x_label="move of the search", y_label="share of the variance",
-                 says=f"{says} It ended: {s.stopped}", log=True, labels=moves)  # fmt: skip
+                 says=f"{says} It ended: {s.stop_reason}", log=True, labels=moves)  # fmt: skip
 
 
 def _judgement(judged: Validation) -> Section:
@@ -186,16 +187,14 @@ def _judgement(judged: Validation) -> Section:
 
 def _done(s: Selection) -> tuple[str, ...]:
     o = s.options
-    words = {
-        "stepwise": f"Modified stepwise regression, partial F to enter {o.F_in}"
-        + ("" if o.F_out is None else f", to stay {o.F_out:g}"),
-        "orthogonal": "Orthogonal functions, ranked",
-        "best_subset": "The best subset of all",
-    }[o.method]
+    method = METHODS[o.method]
+    words = method.heading
+    if "F_in" in method.options:
+        words += f", partial F to enter {o.F_in}" + ("" if o.F_out is None else f", to stay {o.F_out:g}")
     rule = f", the model chosen by {o.criterion}" if o.criterion else ""
     again = f"Selected again on {o.bootstrap} resampled sets (seed {o.seed})." if o.bootstrap else "Not resampled."
     offered = join_names([str(t) for t in s.pool], 40)
-    return f"{words}{rule}; {s.residual_description}; values by {s.estimated}. {again}", f"Candidates: {offered}."
+    return f"{words}{rule}; {s.residual_description}; values by {s.estimator}. {again}", f"Candidates: {offered}."
 
 
 def figures_of(

@@ -1,8 +1,8 @@
 """Which terms belong in the model: `select`, and what it returns."""
 
 from structsel.deprecation import renamed_names
+from structsel.selection.diagnostics import Alias
 from structsel.selection.engine import select_arrays
-from structsel.selection.identifiability import Alias
 from structsel.selection.result import HeldOutPart, Selection, Selections, TraceStep
 from structsel.selection.select import select
 from structsel.selection.settings import SelectOptions

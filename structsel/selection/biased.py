@@ -1,4 +1,4 @@
-"""Kept terms that are collinear, estimated with less variance and some bias, and labelled so."""
+"""Biased estimates of collinear terms: principal components and ridge."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def estimate_biased(
         Products of scaled [1, candidates, response].
     scale : (p + 2,) array
     folds : sequence of Fold
-        For choosing the number of components, or ridge's k, by predicting left-out manoeuvres.
+        For choosing the number of components, or ridge's k, by cross-validation.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def estimate_biased(
     Raises
     ------
     SelectionError
-        Held-out error was to choose, and there is nothing to hold out.
+        Cross-validation was to choose, and there is nothing to leave out.
     """
     if options.components == "cv" and not folds:
         raise SelectionError(

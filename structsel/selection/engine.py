@@ -1,6 +1,6 @@
-"""From moments to a defended structure: colour, search, refit, rivals, held-out error, bootstrap.
+"""Selection on arrays: noise models and search in turn, then the fit, aliases, cross-validation and bootstrap.
 
-Array-level: candidates are columns of a table of exponents. `structsel.selection.select` puts names on them.
+Candidates are rows of a table of exponents. `structsel.selection.select` puts names on them.
 """
 
 from __future__ import annotations
@@ -14,129 +14,178 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.collinearity import ConditionIndices, condition_indices, vif
-from structsel.numerics.least_squares import Fit, colours_each, refit_each
-from structsel.numerics.moments import MomentSet, accumulate, accumulate_whitened, choose_workers
+from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products, project
+from structsel.numerics.jobs import JobRunner, choose_workers
+from structsel.numerics.least_squares import (
+    LeastSquaresFit,
+    fit_each,
+    fit_residual_noise,
+    streamed_coloured_covariance,
+)
 from structsel.numerics.noise_models import ARNoise
-from structsel.numerics.passes import Passes
-from structsel.numerics.rows import Scales, Signals, base_scale
-from structsel.numerics.uncertainty import streamed_coloured_covariance
+from structsel.numerics.regressors import DataSource, Scales, find_scales
 from structsel.selection.biased import estimate_biased
-from structsel.selection.resampling import Bootstrap, HeldOut, predict_held_out, repeat_selection
-from structsel.selection.rivals import Rival, find_rivals
-from structsel.selection.search import ROUNDING, Found, Pool, centred, dependent, prediction_error, solve
+from structsel.selection.data import SelectedResponses
+from structsel.selection.methods import SearchConstraints
+from structsel.selection.resampling import Bootstrap, CrossValidation, bootstrap_selection, cross_validate
+from structsel.selection.search import (
+    ROUNDING,
+    AliasedPair,
+    Search,
+    SearchResult,
+    centred,
+    find_aliases,
+    find_dependent,
+    fold_blocks,
+    prediction_error,
+    solve,
+    weights_without,
+)
 from structsel.selection.settings import SelectOptions
-from structsel.selection.signals import SomeResponses
-from structsel.selection.way import Way, fold_blocks, without
 
-ROUNDS = 4  # of colour and search; the structure has settled after two almost always
-WORSE = 1.25  # squared error of the fit from which whitening is given up, if unseen manoeuvres agree
-MANY_BLOCKS, FEW_BLOCKS = 32, 12  # kept apart, for resampling and tests by blocks
-MANY_UP_TO = 200  # candidates; above it blocks are dear
-FEW_TERMS = 30  # that a pass over kept terms is reckoned to be worth
+ROUNDS = 4  # of noise model and search; the terms stay the same after two almost always
+WORSE = 1.25  # squared error of the fit from which prewhitening is dropped, if cross-validation agrees
+MANY_BLOCKS, FEW_BLOCKS = 32, 12  # kept apart, for resampling and tests between blocks
+MANY_UP_TO = 200  # candidates; above it blocks take much memory
+FEW_TERMS = 30  # that a pass over selected terms is taken to have
+LEAST_INNOVATION = 1e-10  # of the response's scale
 
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """Everything found out about one response; ``dependent`` candidates are constant, or explained by the kept ones."""
+class ArraySelection:
+    """Selection of one response, candidates by number.
 
-    found: Found
+    Attributes
+    ----------
+    search, white_noise : SearchResult
+        With the noise model used, and with white noise.
+    dependent : tuple of int
+        Candidates that are constant, or explained by the selected ones.
+    noise : tuple of ARNoise
+        One per manoeuvre; empty without prewhitening.
+    cluster_robust : bool
+        Tests took the scatter between blocks.
+    n_blocks : int
+    converged : bool
+        False where terms and noise models did not agree after the last round.
+    prewhitening_dropped : (float, float), optional
+        Cross-validation sums of squares with prewhitening and with the search used instead.
+    fit : LeastSquaresFit
+    values, covariance : (1 + k,) array, (1 + k, 1 + k) array
+        The constant first.
+    biased : str
+        How, where the estimate is biased; else empty.
+    vif : (k,) array
+    conditioning : ConditionIndices
+    white_noise_covariance : (1 + k, 1 + k) array
+    r2, rms, n
+        Of the response itself.
+    aliases : tuple of AliasedPair
+    cross_validation : CrossValidation or None
+    bootstrap : Bootstrap or None
+    """
+
+    search: SearchResult
+    white_noise: SearchResult
     dependent: tuple[int, ...]
-    classical: Found
-    colours: tuple[ARNoise, ...]
-    by_blocks: bool
+    noise: tuple[ARNoise, ...]
+    cluster_robust: bool
     n_blocks: int
-    settled: bool
-    whitening_refused: tuple[float, float] | None
-    fit: Fit
+    converged: bool
+    prewhitening_dropped: tuple[float, float] | None
+    fit: LeastSquaresFit
     values: Array
     covariance: Array
     biased: str
     vif: Array
     conditioning: ConditionIndices
-    textbook: Array
+    white_noise_covariance: Array
     r2: float
     rms: float
     n: int
-    rivals: tuple[Rival, ...]
-    held_out: HeldOut | None
+    aliases: tuple[AliasedPair, ...]
+    cross_validation: CrossValidation | None
     bootstrap: Bootstrap | None
 
 
 def select_arrays(
-    manoeuvres: Sequence[Signals],
+    manoeuvres: Sequence[DataSource],
     exponents: NDArray[np.integer],
     options: SelectOptions,
-    forced: Sequence[int] = (),
-    start: Sequence[int] = (),
+    include: Sequence[int] = (),
+    initial: Sequence[int] = (),
     progress: Progress | None = None,
     *,
     scales: Scales | None = None,
-    passes: Passes | None = None,
-) -> list[Outcome]:
-    """Select a structure for every response of these manoeuvres.
+    runner: JobRunner | None = None,
+) -> list[ArraySelection]:
+    """Select the terms of every response of these manoeuvres.
 
     Parameters
     ----------
-    manoeuvres : sequence of Signals
+    manoeuvres : sequence of DataSource
     exponents : (p, s) int array
     options : SelectOptions
-    forced, start : sequence of int
-        Candidates always in, and in at the start.
+    include, initial : sequence of int
+        Candidates always in the model, and in it at the start.
     progress : callable, optional
         Called with a stage's name, steps done and steps in all.
     scales : (s,) array, (m,) array, optional
         Of base signals and responses, where they are known.
-    passes : Passes, optional
+    runner : JobRunner, optional
         Who goes through the data; this process where absent.
 
     Returns
     -------
-    list of Outcome
+    list of ArraySelection
         One per response.
     """
-
-    def stage(name: str) -> Callable[[int, int], None] | None:
-        return None if progress is None else lambda done, of: progress(name, done, of)
-
     exponents = np.asarray(exponents)
-    pool = Pool(exponents.sum(axis=1), tuple(forced), tuple(start))
-    data = Data(manoeuvres, exponents, options, scales or base_scale(manoeuvres), passes or Passes(), stage)
-    white = accumulate(
-        manoeuvres, exponents, blocks=data.blocks, workers=options.workers, progress=stage("moments"), **data.given
-    )
-    folds = fold_blocks(white)
-    plain = [Way(one_response(white, r), options, pool, folds) for r in range(white.n_responses)]
-    classical = [way.find() for way in plain]
-    if options.noise == "white":
-        chosen = [Choice(way, found, ()) for way, found in zip(plain, classical, strict=True)]
-    elif options.noise == "cluster":
-        chosen = [by_blocks(way) for way in plain]
-    else:
-        chosen = _settle(data, plain, classical)
-    fits = refit_each(
+    data = _Data(manoeuvres, exponents, options, scales or find_scales(manoeuvres), runner or JobRunner(), progress)
+    plain = cross_products(
         manoeuvres,
-        [exponents[list(c.found.selected)] for c in chosen],
-        [c.colours or None for c in chosen],
-        range(len(chosen)),
-        workers=data.workers,
-        progress=stage("refit"),
+        exponents,
+        blocks=data.blocks,
+        workers=options.workers,
+        progress=data.stage("cross-products"),
         **data.given,
     )
-    return [_outcome(r, data, plain[r].moments, classical[r], chosen[r], fits[r]) for r in range(white.n_responses)]
+    constraints = SearchConstraints(exponents.sum(axis=1), tuple(include), tuple(initial))
+    folds = fold_blocks(plain)
+    searches = [Search(plain.of_response(r), options, constraints, folds) for r in range(plain.n_responses)]
+    white_noise = [search.run() for search in searches]
+    if options.noise == "white":
+        chosen = [_Choice(search, result) for search, result in zip(searches, white_noise, strict=True)]
+    elif options.noise == "cluster":
+        chosen = [_cluster_robust(search) for search in searches]
+    else:
+        chosen = _iterate_prewhitening(data, searches, white_noise)
+    fits = fit_each(
+        manoeuvres,
+        [exponents[list(c.result.selected)] for c in chosen],
+        [c.noise or None for c in chosen],
+        range(len(chosen)),
+        workers=data.workers,
+        progress=data.stage("fit"),
+        **data.given,
+    )
+    return [
+        _describe(r, data, searches[r].products, white_noise[r], chosen[r], fits[r]) for r in range(plain.n_responses)
+    ]
 
 
 @dataclass(frozen=True)
-class Data:
-    """What is gone through, by whom, and who is told."""
+class _Data:
+    """What is read, by whom, and who is told of it."""
 
-    manoeuvres: Sequence[Signals]
+    manoeuvres: Sequence[DataSource]
     exponents: NDArray[np.integer]
     options: SelectOptions
     scales: Scales
-    passes: Passes
-    stage: Callable[[str], Callable[[int, int], None] | None]
+    runner: JobRunner
+    progress: Progress | None
 
     @property
     def blocks(self) -> int:
@@ -145,64 +194,126 @@ class Data:
 
     @property
     def workers(self) -> int:
-        """Threads for passes over the kept terms."""
+        """Threads for passes over the selected terms."""
         return choose_workers(self.options.workers, sum(m.n for m in self.manoeuvres), FEW_TERMS)
 
     @property
     def given(self) -> dict[str, Any]:
-        """What every pass is given."""
-        return {"scales": self.scales, "passes": self.passes}
+        """Arguments of every pass."""
+        return {"scales": self.scales, "runner": self.runner}
+
+    def stage(self, name: str) -> Callable[[int, int], None] | None:
+        """Progress of one pass."""
+        progress = self.progress
+        return None if progress is None else lambda done, of: progress(name, done, of)
 
 
 @dataclass(frozen=True)
-class Choice:
-    """How a response was searched in the end, and what was found.
+class _Choice:
+    """The search whose result is used; see `ArraySelection` for the other fields."""
 
-    ``settled`` is False where structure and colour did not agree after the last round. ``refused`` holds, where
-    whitening was tried and given up, the held-out sums of squares it led to and those of the way used instead.
+    search: Search
+    result: SearchResult
+    noise: tuple[ARNoise, ...] = ()
+    converged: bool = True
+    prewhitening_dropped: tuple[float, float] | None = None
+
+
+def _cluster_robust(plain: Search) -> _Choice:
+    """Ordinary least squares with tests between blocks."""
+    search = replace(plain, cluster_robust=True)
+    return _Choice(search, search.run())
+
+
+def _iterate_prewhitening(data: _Data, plain: list[Search], white_noise: list[SearchResult]) -> list[_Choice]:
+    """Fit a noise model to each manoeuvre's residual, prewhiten, search; again until the terms stay the same.
+
+    This is the iteration of Cochrane and Orcutt, with a selection in every round.
     """
+    choices = [_Choice(search, result, (), False) for search, result in zip(plain, white_noise, strict=True)]
+    pending = list(range(len(plain)))
+    for _ in range(ROUNDS):
+        noise = _fit_noise(data, [choices[r] for r in pending], pending)
+        products = prewhitened_cross_products(
+            [SelectedResponses(m, tuple(pending)) for m in data.manoeuvres],
+            data.exponents,
+            noise,
+            blocks=data.blocks,
+            workers=data.options.workers,
+            progress=data.stage("prewhitened"),
+            scales=(data.scales[0], data.scales[1][pending]),
+            runner=data.runner,
+        )
+        for r, models, prewhitened in zip(list(pending), noise, products, strict=True):
+            search = replace(plain[r], products=prewhitened)
+            result = search.run()
+            converged = set(result.selected) == set(choices[r].result.selected)
+            choices[r] = _Choice(search, result, models, converged)
+            if converged:
+                pending.remove(r)
+        if not pending:
+            break
+    return [_check_prewhitening(choice, search) for choice, search in zip(choices, plain, strict=True)]
 
-    way: Way
-    found: Found
-    colours: tuple[ARNoise, ...]
-    settled: bool = True
-    refused: tuple[float, float] | None = None
+
+def _fit_noise(data: _Data, choices: Sequence[_Choice], responses: Sequence[int]) -> list[tuple[ARNoise, ...]]:
+    """Noise models of the residuals of each choice, manoeuvre by manoeuvre."""
+    terms, theta, floors = [], [], []
+    for choice in choices:
+        products, kept = choice.search.products, list(choice.result.selected)
+        scale = products.scale
+        theta.append(solve(products.total(), kept) * scale[-1] / scale[[0, *(j + 1 for j in kept)]])
+        terms.append(data.exponents[kept])
+        floors.append(LEAST_INNOVATION * float(scale[-1]))
+    return fit_residual_noise(
+        data.manoeuvres,
+        terms,
+        theta,
+        responses,
+        data.options.max_ar_order,
+        floors,
+        workers=data.workers,
+        progress=data.stage("noise models"),
+        **data.given,
+    )
 
 
-def by_blocks(plain: Way) -> Choice:
-    """Plain weighting with tests by blocks."""
-    way = replace(plain, by_blocks=True)
-    return Choice(way, way.find(), ())
+def _check_prewhitening(choice: _Choice, plain: Search) -> _Choice:
+    """Drop prewhitening where it describes the response clearly worse than least squares, and predicts it worse.
 
-
-def guard(choice: Choice, plain: Way) -> Choice:
-    """Give whitening up where it describes the response clearly worse than plain weighting, and unseen parts agree.
-
-    Coloured noise leaves both right; where whitening does worse the residual is misfit, not noise.
+    With coloured noise both are right; where prewhitening is worse the residual is model error, not noise.
     """
     if not plain.folds:
         return choice
-    other = by_blocks(plain)
-    total = plain.moments.total()
-    fitted = [
-        prediction_error(solve(c.way.moments.total(), c.found.selected), c.found.selected, total)
+    other = _cluster_robust(plain)
+    total = plain.products.total()
+    errors = [
+        prediction_error(solve(c.search.products.total(), c.result.selected), c.result.selected, total)
         for c in (choice, other)
     ]
-    if fitted[0] <= max(WORSE * fitted[1], ROUNDING * total[-1, -1]):
+    if errors[0] <= max(WORSE * errors[1], ROUNDING * total[-1, -1]):
         return choice
-    whitened, robust = (predict_held_out(c.way, plain.moments) for c in (choice, other))
-    if whitened is None or robust is None or whitened.sse.sum() <= robust.sse.sum():
+    with_it, without = (cross_validate(c.search, plain.products) for c in (choice, other))
+    if with_it is None or without is None or with_it.sse.sum() <= without.sse.sum():
         return choice
-    return replace(other, refused=(float(whitened.sse.sum()), float(robust.sse.sum())))
+    return replace(other, prewhitening_dropped=(float(with_it.sse.sum()), float(without.sse.sum())))
 
 
-def _outcome(response: int, data: Data, plain: MomentSet, classical: Found, choice: Choice, fit: Fit) -> Outcome:
-    """Find out how far what was kept, and refitted, can be trusted."""
-    found, colours, moments, options = choice.found, choice.colours, choice.way.moments, choice.way.options
-    kept = list(found.selected)
+def _describe(
+    response: int,
+    data: _Data,
+    plain: CrossProducts,
+    white_noise: SearchResult,
+    choice: _Choice,
+    fit: LeastSquaresFit,
+) -> ArraySelection:
+    """Values, errors, and how far the terms selected can be trusted."""
+    result, search, products = choice.result, choice.search, choice.search.products
+    options = search.options
+    kept = list(result.selected)
     rows = [0, *(j + 1 for j in kept)]
     values, label = fit.theta, ""
-    if colours:
+    if choice.noise:
         covariance = fit.covariance
     else:
         covariance = streamed_coloured_covariance(
@@ -210,102 +321,33 @@ def _outcome(response: int, data: Data, plain: MomentSet, classical: Found, choi
         )
     total, scale = plain.total(), plain.scale
     if options.estimate != "least_squares" and kept:
-        weights = [without(moments, f) for f in choice.way.folds]
-        pairs = [(moments.total(w), moments.total(1.0 - w)) for w in weights]
-        values, covariance, label = estimate_biased(moments.total(), moments.samples(), kept, scale, options, pairs)
+        weights = [weights_without(products, fold) for fold in search.folds]
+        pairs = [(products.total(w), products.total(1.0 - w)) for w in weights]
+        values, covariance, label = estimate_biased(products.total(), products.samples(), kept, scale, options, pairs)
     sse = prediction_error(values * scale[rows] / scale[-1], kept, total)
-    plain_sse = prediction_error(solve(total, kept), kept, total)
-    C = centred(total)
-    searched = centred(moments.total())
-    return Outcome(
-        found=found,
-        dependent=dependent(searched, kept),
-        classical=classical,
-        colours=colours,
-        by_blocks=choice.way.by_blocks,
-        n_blocks=moments.n_blocks,
-        settled=choice.settled,
-        whitening_refused=choice.refused,
+    ordinary = project(total, rows)
+    s2 = ordinary.rss / max(plain.samples() - len(rows), 1)
+    C, searched = centred(total), centred(products.total())
+    return ArraySelection(
+        search=result,
+        white_noise=white_noise,
+        dependent=find_dependent(searched, kept),
+        noise=choice.noise,
+        cluster_robust=search.cluster_robust,
+        n_blocks=products.n_blocks,
+        converged=choice.converged,
+        prewhitening_dropped=choice.prewhitening_dropped,
         fit=fit,
         values=values,
         covariance=covariance,
         biased=label,
         vif=vif(C[np.ix_(kept, kept)]) if kept else np.empty(0),
         conditioning=condition_indices(total[np.ix_(rows, rows)]),
-        textbook=_textbook(total, kept, plain_sse / max(plain.samples() - len(kept) - 1, 1), scale),
+        white_noise_covariance=s2 * ordinary.inverse * scale[-1] ** 2 / np.outer(scale[rows], scale[rows]),
         r2=1.0 - sse / C[-1, -1],
         rms=float(np.sqrt(sse / plain.samples()) * scale[-1]),
         n=int(plain.samples()),
-        rivals=tuple(find_rivals(searched, found.selected, found.effective_dof)),
-        held_out=predict_held_out(choice.way, plain),
-        bootstrap=repeat_selection(choice.way, found, data.stage("bootstrap")),
+        aliases=tuple(find_aliases(searched, result.selected, result.effective_dof)),
+        cross_validation=cross_validate(search, plain),
+        bootstrap=bootstrap_selection(search, result, data.stage("bootstrap")),
     )
-
-
-def one_response(moments: MomentSet, response: int) -> MomentSet:
-    """The same moments with a single response."""
-    if moments.n_responses == 1:
-        return moments
-    q = moments.scale.size
-    p = moments.n_candidates
-    keep = np.append(np.arange(1 + p), 1 + p + response)
-    upper = np.array(np.triu_indices(q))
-    inside = np.isin(upper, keep).all(axis=0)
-    packed = moments.packed[:, inside]
-    return replace(moments, scale=moments.scale[keep], packed=packed, n_responses=1)
-
-
-def _settle(data: Data, plain: list[Way], classical: list[Found]) -> list[Choice]:
-    """Estimate each manoeuvre's residual colour, whiten, search; again until the structure settles."""
-    results = [Choice(way, found, (), False) for way, found in zip(plain, classical, strict=True)]
-    pending = list(range(len(plain)))
-    for _ in range(ROUNDS):
-        kept, theta, floors = [], [], []
-        for r in pending:
-            moments, inside = results[r].way.moments, list(results[r].found.selected)
-            scale = moments.scale
-            theta.append(solve(moments.total(), inside) * scale[-1] / scale[[0, *(j + 1 for j in inside)]])
-            kept.append(data.exponents[inside])
-            floors.append(1e-10 * float(scale[-1]))
-        colours = colours_each(
-            data.manoeuvres,
-            kept,
-            theta,
-            pending,
-            data.options.max_ar_order,
-            floors,
-            workers=data.workers,
-            progress=data.stage("residual colours"),
-            **data.given,
-        )
-        responses = [SomeResponses(m, tuple(pending)) for m in data.manoeuvres]
-        scales = data.scales[0], data.scales[1][pending]
-        whitened = accumulate_whitened(
-            responses,
-            data.exponents,
-            colours,
-            blocks=data.blocks,
-            workers=data.options.workers,
-            progress=data.stage("whitened"),
-            scales=scales,
-            passes=data.passes,
-        )
-        for r, own, moments in zip(list(pending), colours, whitened, strict=True):
-            way = replace(plain[r], moments=moments)
-            found = way.find()
-            settled = set(found.selected) == set(results[r].found.selected)
-            results[r] = Choice(way, found, own, settled)
-            if settled:
-                pending.remove(r)
-        if not pending:
-            break
-    return [guard(choice, way) for choice, way in zip(results, plain, strict=True)]
-
-
-def _textbook(product: Array, kept: list[int], s2: float, scale: Array) -> Array:
-    """s^2 inv(X'X) with white residuals, physical units."""
-    rows = [0, *(j + 1 for j in kept)]
-    A = product[np.ix_(rows, rows)]
-    root = np.sqrt(np.diag(A))
-    back = scale[-1] / (scale[rows] * root)
-    return s2 * np.linalg.pinv(A / np.outer(root, root)) * np.outer(back, back)

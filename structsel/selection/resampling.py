@@ -1,40 +1,39 @@
-"""Selections repeated without a manoeuvre, or on reweighted blocks: algebra on stored moments, no data touched."""
+"""Selections repeated without a manoeuvre, or on reweighted blocks: algebra on cross-products, without the data."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.moments import MomentSet, choose_workers
+from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.jobs import JobRunner, choose_workers
 from structsel.numerics.noise_models import random_block_weights
-from structsel.selection.search import Found, prediction_error, solve
-from structsel.selection.way import Way, without
+from structsel.selection.search import Search, SearchResult, prediction_error, solve, weights_without
 
 AT_A_TIME = 16  # resampled totals formed together
-WORTH = 40  # samples that are gone through in the time of one resampled search
+SAMPLES_PER_SEARCH = 40  # passed over in the time of one resampled search
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """Prediction of samples the selection never saw, in the response's own units.
+class CrossValidation:
+    """Prediction of samples by models selected and fitted without them, in the units of the response.
 
     Attributes
     ----------
-    parts : tuple of tuple of int
+    folds : tuple of tuple of int
         Manoeuvres of each fold; of blocks where there was one manoeuvre.
     within : bool
-        True where parts of a single manoeuvre were held out, which flatters.
+        True where parts of a single manoeuvre were left out; the error is then too small.
     sse, tss : (F,) array
-        Squared prediction error, and squares about the part's own mean.
+        Squared prediction error, and squares about the fold's own mean.
     n : (F,) array
     """
 
-    parts: tuple[tuple[int, ...], ...]
+    folds: tuple[tuple[int, ...], ...]
     within: bool
     sse: Array
     tss: Array
@@ -42,113 +41,108 @@ class HeldOut:
 
     @property
     def r2(self) -> float:
-        """Of all parts together."""
+        """Of all folds together."""
         return float(1.0 - self.sse.sum() / self.tss.sum())
 
     @property
     def rms(self) -> float:
-        """Root mean square prediction error of all parts together."""
+        """Root mean square prediction error of all folds together."""
         return float(np.sqrt(self.sse.sum() / self.n.sum()))
 
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """What repeated selections on reweighted blocks gave.
+    """Results of selections repeated on reweighted blocks.
 
     Attributes
     ----------
     inclusion : (p,) array
-        Share of replicates that kept each candidate.
-    spread : (1 + k,) array
+        Fraction of replicates that kept each candidate.
+    std : (1 + k,) array
         Half the central 68 % range of each kept parameter over the replicates that kept it (a standard deviation
-        that a few odd structures do not blow up); nan where fewer than two did.
+        on which a few odd structures have little influence); nan where fewer than two did.
     replicates, units : int
     by : {"manoeuvre", "block"}
     """
 
     inclusion: Array
-    spread: Array
+    std: Array
     replicates: int
     units: int
     by: str
 
 
-def predict_held_out(way: Way, plain: MomentSet) -> HeldOut | None:
-    """Select without each part in turn and predict it.
+def cross_validate(search: Search, plain: CrossProducts) -> CrossValidation | None:
+    """Select without each fold in turn and predict it.
 
     Parameters
     ----------
-    way : Way
-    plain : MomentSet
-        Of the response itself, not whitened: what is to be predicted.
+    search : Search
+    plain : CrossProducts
+        Of the response itself, not prewhitened: what is to be predicted.
     """
-    if not way.folds:
+    if not search.folds:
         return None
     sse, tss, n = [], [], []
     unit = plain.scale[-1] ** 2
-    for held in way.folds:
-        weights = without(way.moments, held)
-        product = way.moments.total(weights)
-        found = way.find(weights, product)
-        theta = solve(product, found.selected)
+    for fold in search.folds:
+        weights = weights_without(search.products, fold)
+        product = search.products.total(weights)
+        result = search.run(weights, product)
+        theta = solve(product, result.selected)
         test = plain.total(1.0 - weights)
-        sse.append(prediction_error(theta, found.selected, test) * unit)
+        sse.append(prediction_error(theta, result.selected, test) * unit)
         tss.append(float(test[-1, -1] - test[0, -1] ** 2 / test[0, 0]) * unit)
         n.append(test[0, 0])
     within = plain.manoeuvre.min() == plain.last.max()
-    parts = tuple(tuple(map(int, held if within else plain.members(held))) for held in way.folds)
-    return HeldOut(parts, bool(within), np.array(sse), np.array(tss), np.array(n))
+    folds = tuple(tuple(map(int, fold if within else plain.members(fold))) for fold in search.folds)
+    return CrossValidation(folds, bool(within), np.array(sse), np.array(tss), np.array(n))
 
 
-def bootstrap_units(moments: MomentSet, fewest: int = 8) -> NDArray[np.int64]:
+def bootstrap_units(products: CrossProducts, fewest: int = 8) -> NDArray[np.int64]:
     """(B,) unit of each block: its manoeuvre where there are at least ``fewest``, else the block itself."""
-    names, unit = np.unique(moments.manoeuvre, return_inverse=True)
-    return unit if names.size >= fewest else np.arange(moments.n_blocks)
+    names, unit = np.unique(products.manoeuvre, return_inverse=True)
+    return unit if names.size >= fewest else np.arange(products.n_blocks)
 
 
-def repeat_selection(way: Way, found: Found, progress: Callable[[int, int], None] | None) -> Bootstrap | None:
-    """Repeat the selection on randomly weighted blocks; no data are touched."""
-    options, moments = way.options, way.moments
-    if not options.bootstrap or moments.n_blocks < 2:
+def bootstrap_selection(
+    search: Search, result: SearchResult, progress: Callable[[int, int], None] | None
+) -> Bootstrap | None:
+    """Repeat the selection on randomly weighted blocks."""
+    options, products = search.options, search.products
+    if not options.bootstrap or products.n_blocks < 2:
         return None
-    units = bootstrap_units(moments)
+    units = bootstrap_units(products)
     weights = random_block_weights(units, options.bootstrap, np.random.default_rng(options.seed))
-    kept = list(found.selected)
-    counts = np.zeros(moments.n_candidates)
+    kept = list(result.selected)
+    counts = np.zeros(products.n_candidates)
     values = np.full((options.bootstrap, 1 + len(kept)), np.nan)
     place = {j: i + 1 for i, j in enumerate(kept)}
-    scale = moments.scale
-    for b, (again, theta) in enumerate(_repeated(way, weights)):
-        counts[list(again.selected)] += 1.0
+    scale = products.scale
+
+    def several(some: Array) -> list[tuple[tuple[int, ...], Array]]:
+        """Terms and parameters for each row of weights; one matrix product reads the blocks once for all."""
+        found = []
+        for w, packed in zip(some, some @ products.packed, strict=True):
+            product = products.unpack(packed)
+            selected = search.run(w, product).selected
+            found.append((selected, solve(product, selected)))
+        return found
+
+    workers = choose_workers(options.workers, SAMPLES_PER_SEARCH * len(weights), products.n_candidates)
+    batches = [weights[i : i + AT_A_TIME] for i in range(0, len(weights), AT_A_TIME)]
+    replicates = (one for batch in JobRunner().map(several, batches, workers) for one in batch)
+    for b, (selected, theta) in enumerate(replicates):
+        counts[list(selected)] += 1.0
         values[b, 0] = theta[0] * scale[-1]
-        for value, j in zip(theta[1:], again.selected, strict=True):
+        for value, j in zip(theta[1:], selected, strict=True):
             if j in place:
                 values[b, place[j]] = value * scale[-1] / scale[1 + j]
         if progress is not None:
             progress(b + 1, options.bootstrap)
     present = np.isfinite(values).sum(axis=0)
-    spread = np.full(1 + len(kept), np.nan)
+    std = np.full(1 + len(kept), np.nan)
     low, high = np.nanpercentile(values[:, present > 1], (15.87, 84.13), axis=0)
-    spread[present > 1] = (high - low) / 2.0
-    by = "manoeuvre" if np.unique(moments.manoeuvre).size == np.unique(units).size > 1 else "block"
-    return Bootstrap(counts / options.bootstrap, spread, options.bootstrap, int(units.max()) + 1, by)
-
-
-def _repeated(way: Way, weights: Array) -> Iterator[tuple[Found, Array]]:
-    """What is found with each row of weights, and its parameters, in order; searches let go of the interpreter."""
-    moments = way.moments
-
-    def some(start: int) -> list[tuple[Found, Array]]:
-        # One product of matrices reads the blocks once for a few.
-        few = weights[start : start + AT_A_TIME]
-        made = []
-        for w, packed in zip(few, few @ moments.packed, strict=True):
-            product = moments.unpack(packed)
-            again = way.find(w, product)
-            made.append((again, solve(product, again.selected)))
-        return made
-
-    workers = choose_workers(way.options.workers, WORTH * len(weights), moments.n_candidates)
-    starts = range(0, len(weights), AT_A_TIME)
-    for made in Parallel(n_jobs=workers, prefer="threads", return_as="generator")(delayed(some)(s) for s in starts):
-        yield from made
+    std[present > 1] = (high - low) / 2.0
+    by = "manoeuvre" if np.unique(products.manoeuvre).size == np.unique(units).size > 1 else "block"
+    return Bootstrap(counts / options.bootstrap, std, options.bootstrap, int(units.max()) + 1, by)

@@ -1,4 +1,4 @@
-"""What a selection returns: the terms, how sure they are, why they are there, and what to doubt."""
+"""Result of a selection: terms, values and errors, the steps of the search, and warnings."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from structsel.candidates import Candidates, Term
+from structsel.deprecation import renamed_attribute
 from structsel.errors import SelectionError
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics.collinearity import ConditionIndices
 from structsel.numerics.noise_models import ARNoise
 from structsel.rich_text import opening, to_html
-from structsel.selection.identifiability import Alias
+from structsel.selection.diagnostics import Alias
 from structsel.selection.settings import SelectOptions
 
 
@@ -72,7 +73,7 @@ class HeldOutPart:
 
 @dataclass(frozen=True)
 class Selection:
-    """What was kept for one response, with the trace of why.
+    """Model selected for one response, with the steps of the search.
 
     Attributes
     ----------
@@ -82,7 +83,7 @@ class Selection:
     values : (1 + k,) array
         Parameters, the constant first.
     covariance : (1 + k, 1 + k) array
-        Given these terms, the residuals' colour accounted for.
+        Given these terms, the autocorrelation of the residuals accounted for.
     textbook_errors : (1 + k,) array
         What the formula for white residuals would have printed.
     standard_errors : (1 + k,) array
@@ -102,20 +103,20 @@ class Selection:
         By models selected without each part.
     held_out_r2, held_out_rms : float
         All parts together; nan where nothing could be held out.
-    colours : tuple of ARNoise
-        One per recording; empty where nothing was whitened.
-    by_blocks : bool
-        Whether tests took the scatter over blocks.
+    noise_models : tuple of ARNoise
+        One per recording; empty without prewhitening.
+    cluster_robust : bool
+        Whether tests took the scatter between blocks.
     classical : tuple of Term
         What the sources' rule for white residuals keeps.
     aliases : tuple of Alias
     dependent : tuple of Term
         Candidates the kept terms explain exactly, or that do not vary.
     trace : tuple of TraceStep
-    stopped : str
+    stop_reason : str
     biased : bool
         True for principal-components and ridge estimates.
-    estimated : str
+    estimator : str
         How the values were estimated.
     pool : Candidates
     options : SelectOptions
@@ -143,21 +144,26 @@ class Selection:
     held_out: tuple[HeldOutPart, ...]
     held_out_r2: float
     held_out_rms: float
-    colours: tuple[ARNoise, ...]
-    by_blocks: bool
+    noise_models: tuple[ARNoise, ...]
+    cluster_robust: bool
     classical: tuple[Term, ...]
     aliases: tuple[Alias, ...]
     dependent: tuple[Term, ...]
     trace: tuple[TraceStep, ...]
-    stopped: str
+    stop_reason: str
     biased: bool
-    estimated: str
+    estimator: str
     pool: Candidates
     options: SelectOptions
     doubts: tuple[str, ...]
     region: Mapping[str, tuple[float, float]]
     recordings: tuple[str, ...]
     dt: float
+
+    colours = renamed_attribute("noise_models")
+    by_blocks = renamed_attribute("cluster_robust")
+    stopped = renamed_attribute("stop_reason")
+    estimated = renamed_attribute("estimator")
 
     def __post_init__(self) -> None:
         """Make the arrays and mappings read-only."""
@@ -181,11 +187,11 @@ class Selection:
     @property
     def residual_description(self) -> str:
         """How the residuals were treated, in words."""
-        if self.by_blocks:
+        if self.cluster_robust:
             return "coloured residuals, tests by blocks"
-        if not self.colours:
+        if not self.noise_models:
             return "white residuals (the sources' rule), errors corrected for colour"
-        orders = [c.order for c in self.colours]
+        orders = [c.order for c in self.noise_models]
         span = str(orders[0]) if min(orders) == max(orders) else f"{min(orders)} to {max(orders)}"
         return f"coloured residuals, AR order {span}"
 
@@ -196,7 +202,7 @@ class Selection:
             values=self.values,
             covariance=self.covariance,
             standard_errors=self.standard_errors,
-            method=f"{self.options.method}, {self.estimated}",
+            method=f"{self.options.method}, {self.estimator}",
             residuals=self.residual_description,
             biased=self.biased,
             region=self.region,
@@ -276,7 +282,7 @@ class Selection:
             ],
             "dependent": [str(t) for t in self.dependent],
             "trace": [str(s) for s in self.trace],
-            "stopped": self.stopped,
+            "stopped": self.stop_reason,
             "doubts": list(self.doubts),
         }
 
@@ -287,7 +293,7 @@ class Selection:
             f"  n {self.n}   R2 {self.r2:.4f}   adjusted {self.adjusted_r2:.4f}   rms {self.rms:.3g}"
         )
         if self.biased:
-            head = f"{head}\n  BIASED: {self.estimated}"
+            head = f"{head}\n  BIASED: {self.estimator}"
         if np.isfinite(self.held_out_r2):
             head += f"   held out: R2 {self.held_out_r2:.4f}, rms {self.held_out_rms:.3g}"
         table = self.to_frame()[["term", "value", "std_error", "low95", "high95", "partial_F", "inclusion", "vif"]]

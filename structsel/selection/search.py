@@ -1,4 +1,4 @@
-"""One search on one set of moments, whichever method: the models it visited, and the one it settled on."""
+"""One search of one set of cross-products: the models a method visited, the one chosen, and its aliases."""
 
 from __future__ import annotations
 
@@ -7,295 +7,170 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from structsel.errors import SelectionError
 from structsel.numerics import criteria
 from structsel.numerics.arrays import Array
-from structsel.numerics.best_subset import best_subset
-from structsel.numerics.cluster_stepwise import cluster_stepwise, samples_per_independent_sample
+from structsel.numerics.cluster_stepwise import samples_per_independent_sample
 from structsel.numerics.collinearity import drop_correlated
-from structsel.numerics.moments import MomentSet, sweep_constant
-from structsel.numerics.orthogonal import orthogonal
-from structsel.numerics.stepwise import SearchPath, SearchStep, partial_f, refine_subset, stepwise
-from structsel.selection.rivals import find_rivals
+from structsel.numerics.cross_products import CrossProducts, centre, project
+from structsel.numerics.stepwise import SearchStep, partial_f, stepwise
+from structsel.selection.methods import METHODS, SearchConstraints, SearchProblem
+from structsel.selection.methods.method import Model
 from structsel.selection.settings import SelectOptions
 
 Fold = tuple[Array, Array]
 """Products [1, x, y] of the samples to fit, and of those to predict."""
 
-PAIRS_UP_TO = 40  # terms; exchanges of pairs in a larger model cost more than they have ever brought
-SAME_COLUMN = 0.98  # correlation from which, with a loss under 4 s^2, two terms are one as far as these data go
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding, and no model is better for it
-RANK_AT_FIRST = 100  # orthogonal functions
 CONSTANT = 1e-11  # of a column's mean square: what is left of a constant one after rounding
+DEPENDENT = 1e-9  # of a column's sum of squares: what is left of one that others explain
+ALIASED = 0.7  # correlation given the other terms from which two terms are aliased, not merely both weak
+SAME_COLUMN = 0.98  # correlation given the other terms from which two aliased terms are one in these data
+SAME_FIT = 4.0  # an alias within this of the kept term's residual, in units of s^2, is as good: likelihood ratio e^2
+FOLDS_WITHIN = 4  # parts left out in turn where there is a single manoeuvre
+MOST_FOLDS = 12
 
 
 @dataclass(frozen=True)
-class Pool:
-    """What a search must know of the candidates besides their moments.
-
-    Attributes
-    ----------
-    degrees : (p,) int array
-        Of two terms the data cannot tell apart, the one of lower degree is kept.
-    forced, start : tuple of int
-        Always in the model; in it at the start.
-    """
-
-    degrees: NDArray[np.integer]
-    forced: tuple[int, ...] = ()
-    start: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
-class Found:
-    """What one search made of one response under one noise assumption.
+class SearchResult:
+    """Terms selected for one response with one noise model.
 
     Attributes
     ----------
     selected : tuple of int
         Candidates kept, in order of entry.
     rss, tss : float
-        In the (scaled, whitened) units of the moments.
+        In the (scaled, prewhitened) units of the cross-products.
     steps : tuple of SearchStep
-    stopped : str
+    stop_reason : str
     dof : float
         Samples less one.
     effective_dof : float
-        The same, of independent samples; fewer where tests took the scatter over blocks.
+        The same, of independent samples; fewer where tests took the scatter between blocks.
     """
 
     selected: tuple[int, ...]
     rss: float
     tss: float
     steps: tuple[SearchStep, ...]
-    stopped: str
+    stop_reason: str
     dof: float
     effective_dof: float
 
 
+@dataclass(frozen=True)
+class Search:
+    """Everything a search needs, so that it can be repeated with other weights of the same blocks.
+
+    Attributes
+    ----------
+    products : CrossProducts
+        Of one response; prewhitened, or not.
+    options : SelectOptions
+    constraints : SearchConstraints
+    folds : sequence of (b,) int array
+        Blocks of each manoeuvre (or part) that may be left out.
+    cluster_robust : bool
+        F-tests take the scatter between blocks; methods without F-tests choose by cross-validation.
+    """
+
+    products: CrossProducts
+    options: SelectOptions
+    constraints: SearchConstraints
+    folds: Sequence[NDArray[np.int64]]
+    cluster_robust: bool = False
+
+    def run(self, weights: Array | None = None, product: Array | None = None) -> SearchResult:
+        """Search the weighted sum of blocks, or the ``product`` that it is; blocks of weight zero are not seen."""
+        options = self.options
+        if self.cluster_robust and self.folds and not METHODS[options.method].cluster_robust:
+            options = replace(options, criterion="cv")
+        w = np.ones(self.products.n_blocks) if weights is None else weights
+        pairs = []
+        if options.criterion_used == "cv":
+            for fold in self.folds:
+                inside = np.isin(np.arange(w.size), fold)
+                if w[inside].any():
+                    pairs.append((self.products.total(w * ~inside), self.products.total(w * inside)))
+        problem = _pose(
+            centred(self.products.total(weights) if product is None else product),
+            self.products.samples(weights) - 1.0,
+            options,
+            self.constraints,
+            float(self.products.scale[-1]),
+            (self.products, weights) if self.cluster_robust else None,
+        )
+        result = _choose(problem, pairs)
+        return prefer_lower_degree(_drop_correlated(result, problem), problem)
+
+
+def fold_blocks(products: CrossProducts) -> list[NDArray[np.int64]]:
+    """Blocks to leave out in turn: whole manoeuvres, or parts of the only one; none where there is one block."""
+    names = np.unique(products.manoeuvre)
+    if names.size > 1:
+        groups = np.array_split(names, min(names.size, MOST_FOLDS))
+        return [np.flatnonzero(np.isin(products.manoeuvre, g)) for g in groups]
+    if products.n_blocks < 2:
+        return []
+    return np.array_split(np.arange(products.n_blocks), min(FOLDS_WITHIN, products.n_blocks))
+
+
+def weights_without(products: CrossProducts, fold: NDArray[np.int64]) -> Array:
+    """Weights that leave the blocks of a fold out."""
+    return np.where(np.isin(np.arange(products.n_blocks), fold), 0.0, 1.0)
+
+
 def centred(product: Array) -> Array:
-    """Swept products with columns that do not vary set to exactly zero."""
-    C = sweep_constant(product)
+    """Products about the means; columns that do not vary are exactly zero."""
+    C = centre(product)
     still = np.diag(C) <= CONSTANT * np.diag(product)[1:]
     C[still] = 0.0
     C[:, still] = 0.0
     return C
 
 
-def thresholds(options: SelectOptions, p: int, dof: float) -> tuple[float, float, NDArray[np.float64] | None]:
-    """F_in, F_out and, for controlled false discovery, the threshold of each entry."""
-    if options.F_in == "fdr":
-        steps = criteria.fdr_thresholds(p, dof, 0.05)
-        return float(steps[0]), options.F_out if options.F_out is not None else float(steps[0]), steps
-    F_in = criteria.f_in_from_candidates(p, dof) if options.F_in == "auto" else float(options.F_in)
-    F_out = F_in if options.F_out is None else options.F_out
-    if F_out > F_in:
-        raise SelectionError(
-            f"select: F_out={F_out:g} is above the F_in of {F_in:.3g} that {p} candidates give: a term between the "
-            "two would enter and leave for ever. Lower F_out, or leave it out."
-        )
-    return F_in, F_out, None
-
-
-def sigma_max2(options: SelectOptions, C: Array, dof: float, pool: Pool) -> float:
-    """Upper bound of the prediction error's variance that PSE charges for a term."""
-    if options.sigma_max == "response":
-        return float(C[-1, -1] / (dof + 1.0))
-    path = stepwise(C, dof, include=pool.forced, initial=pool.start, max_terms=options.max_terms)
-    return 25.0 * path.rss / max(dof - len(path.selected), 1.0)
-
-
-def find(
-    product: Array,
-    samples: float,
+def _pose(
+    C: Array,
+    dof: float,
     options: SelectOptions,
-    pool: Pool,
-    folds: Sequence[Fold] = (),
-    noise_scale: float = 1.0,
-    blocks: tuple[MomentSet, Array | None] | None = None,
-) -> Found:
-    """Search these moments the way the options say.
-
-    Parameters
-    ----------
-    product : (p + 2, p + 2) array
-        Products of [1, candidates, response].
-    samples : float
-    pool : Pool
-    folds : sequence of Fold
-        For the criterion ``"cv"``.
-    noise_scale : float
-        The response's scale in these products; turns a sigma_max given in its units into theirs.
-    blocks : (MomentSet, weights), optional
-        The blocks behind ``product``: F-tests then believe blocks, not samples.
-    """
-    C = centred(product)
-    dof = samples - 1.0
-    bound = None if isinstance(options.sigma_max, str) else (options.sigma_max / noise_scale) ** 2
-    needs_bound = options.criterion_used == "PSE" or (options.method == "stepwise" and options.stopping_rule == "PSE")
-    if bound is None and needs_bound:
-        bound = sigma_max2(options, C, dof, pool)
-    if options.method == "stepwise":
-        path = _by_blocks(*blocks, dof, options, pool) if blocks else _by_samples(C, dof, options, pool, bound)
-        visited = _visited(path)
-    elif options.method == "orthogonal":
-        path = _orthogonal(C, dof, options, pool, bound)
-        visited = _visited(path)
-    else:
-        best = best_subset(C, dof, include=pool.forced, max_terms=options.max_terms)
-        visited = [(b.selected, b.rss) for b in best]
-        path = SearchPath(
-            visited[-1][0], np.empty(0), visited[-1][1], (), (), "every size searched", float(C[-1, -1]), dof
-        )
-    rule = options.criterion_used
-    tss = float(C[-1, -1])
-    selected, rss, stopped = path.selected, path.rss, path.stopped
-    if rule is not None:
-        scores = _scores(rule, visited, tss, dof + 1.0, bound, folds)
-        selected, rss = visited[int(np.argmin(scores))]
-        stopped = f"least {rule.replace('cv', 'held-out error')} of {len(visited)} models visited"
-    worth = samples_per_independent_sample(*blocks, selected, dof) if blocks is not None else 1.0
-    found = Found(selected, rss, tss, path.steps, stopped, dof, dof / worth)
-    return _simplest(_uncorrelated(found, C, options, pool.forced), C, pool)
+    constraints: SearchConstraints,
+    unit: float,
+    blocks: tuple[CrossProducts, Array | None] | None,
+) -> SearchProblem:
+    """The problem with PSE's bound where it is needed; ``unit`` is the response's scale in these products."""
+    stops_by_pse = options.stopping_rule == "PSE" and "stopping_rule" in METHODS[options.method].options
+    bound = None
+    if not isinstance(options.sigma_max, str):
+        bound = (options.sigma_max / unit) ** 2
+    elif options.criterion_used == "PSE" or stops_by_pse:
+        if options.sigma_max == "response":
+            bound = float(C[-1, -1] / (dof + 1.0))
+        else:
+            include, initial = constraints.include, constraints.initial
+            path = stepwise(C, dof, include=include, initial=initial, max_terms=options.max_terms)
+            bound = 25.0 * path.rss / max(dof - len(path.selected), 1.0)
+    return SearchProblem(C, dof, options, constraints, bound, blocks)
 
 
-def _simplest(found: Found, C: Array, pool: Pool) -> Found:
-    """Of terms these data cannot tell apart at all, keep the one of lowest degree."""
-    kept, steps = list(found.selected), list(found.steps)
-    rss = found.rss
-    for _ in kept:
-        products = [j for j in kept if j not in pool.forced and pool.degrees[j] > 1]
-        better = [
-            r
-            for r in find_rivals(C, kept, found.effective_dof, products)
-            if abs(r.correlation) >= SAME_COLUMN and pool.degrees[r.rival] < pool.degrees[r.kept]
-        ]
-        if not better:
-            break
-        move = min(better, key=lambda r: (pool.degrees[r.rival], r.loss))
-        kept[kept.index(move.kept)] = move.rival
-        _, F, rss = partial_f(C, found.dof, kept)
-        F_new = float(F[kept.index(move.rival)])
-        steps.append(SearchStep("simplify", move.rival, move.kept, F_new, move.correlation, rss, len(kept)))
-    return replace(found, selected=tuple(kept), rss=rss, steps=tuple(steps))
-
-
-def _uncorrelated(found: Found, C: Array, options: SelectOptions, forced: Sequence[int]) -> Found:
-    """Apply [H17]'s rule: of two kept terms whose parameters correlate above the limit, the weaker goes."""
-    if options.correlation_limit is None or len(found.selected) < 2:
-        return found
-    kept, dropped = drop_correlated(C, found.dof, found.selected, options.correlation_limit, include=forced)
-    steps = list(found.steps)
-    remaining = list(found.selected)
-    for drop in dropped:
-        _, F, _ = partial_f(C, found.dof, remaining)
-        at = remaining.index(drop.index)
-        remaining.pop(at)
-        _, _, rss = partial_f(C, found.dof, remaining)
-        steps.append(SearchStep("leave", drop.index, -1, float(F[at]), drop.correlation, rss, len(remaining)))
-    rss = steps[-1].rss if dropped else found.rss
-    note = f"{found.stopped}; {len(dropped)} dropped, parameters correlated above {options.correlation_limit:g}"
-    return replace(found, selected=kept, rss=rss, steps=tuple(steps), stopped=note if dropped else found.stopped)
-
-
-def _orthogonal(C: Array, dof: float, options: SelectOptions, pool: Pool, bound: float | None) -> SearchPath:
-    """Orthogonal functions, ranked far enough: on to the last only if PSE is still falling where they end."""
-    most = min(C.shape[0] - 1, options.max_terms or C.shape[0] - 1)
-    first = most if options.order == "given" else min(most, max(RANK_AT_FIRST, len(pool.forced)))
-    for limit in (first, most):
-        path = orthogonal(C, dof, sigma_max2=bound, order=options.order, include=pool.forced, max_terms=limit)
-        if len(path.selected) < 0.8 * limit:
-            break
-    return path
-
-
-def _by_blocks(moments: MomentSet, weights: Array | None, dof: float, options: SelectOptions, pool: Pool) -> SearchPath:
-    """Stepwise search with tests by blocks, from nothing and from the linear terms; the better answer.
-
-    Early on, when most of the response is unexplained, a product can pass for the linear term it resembles, and no
-    single move undoes several of those.
-    """
-    F_in, F_out, _ = thresholds(options, moments.n_candidates, dof)
-    linear = tuple(int(j) for j in np.flatnonzero(pool.degrees == 1))
-    starts = [pool.start] if pool.start else list(dict.fromkeys([(), linear]))
-    paths = [
-        cluster_stepwise(
-            moments,
-            weights,
-            dof,
-            F_in=F_in,
-            F_out=F_out,
-            include=pool.forced,
-            initial=start,
-            max_terms=options.max_terms,
-        )
-        for start in starts
-    ]
-    worth = max(samples_per_independent_sample(moments, weights, path.selected, dof) for path in paths)
-    n = dof / worth
-    return min(paths, key=lambda p: n * np.log(max(p.rss, ROUNDING * p.tss)) + len(p.selected) * np.log(max(n, 2.0)))
-
-
-def _by_samples(C: Array, dof: float, options: SelectOptions, pool: Pool, bound: float | None) -> SearchPath:
-    """Modified stepwise regression whose F-tests take samples as independent."""
-    F_in, F_out, entry = thresholds(options, C.shape[0] - 1, dof)
-    path = stepwise(
-        C,
-        dof,
-        F_in=F_in,
-        F_out=F_out,
-        include=pool.forced,
-        initial=pool.start,
-        max_terms=options.max_terms,
-        min_gain=_least_gain(options, bound, float(C[-1, -1])),
-        entry_thresholds=entry,
+def _choose(problem: SearchProblem, folds: Sequence[Fold]) -> SearchResult:
+    """Search with the method of the options, and choose by its criterion."""
+    criterion, dof = problem.options.criterion_used, problem.dof
+    visited = METHODS[problem.options.method].search(problem)
+    (selected, rss), stop_reason = visited.last, visited.stop_reason
+    if criterion is not None:
+        scores = _scores(criterion, visited.models, problem, folds)
+        selected, rss = visited.models[int(np.argmin(scores))]
+        stop_reason = f"least {criterion.replace('cv', 'held-out error')} of {len(visited.models)} models visited"
+    samples_per_one = (
+        samples_per_independent_sample(*problem.blocks, selected, dof) if problem.blocks is not None else 1.0
     )
-    if options.stopping_rule == "F" and entry is None:
-        return _polished(path, C, F_in, pool.forced, options.max_terms)
-    return path
+    return SearchResult(selected, rss, problem.tss, visited.steps, stop_reason, dof, dof / samples_per_one)
 
 
-def _least_gain(options: SelectOptions, bound: float | None, tss: float) -> float:
-    """Fraction of the sum of squares that an entering term must explain besides its F."""
-    if options.stopping_rule == "R2":
-        return options.min_r2_gain
-    return bound / tss if options.stopping_rule == "PSE" and bound is not None else 0.0
-
-
-def _polished(path: SearchPath, C: Array, F_in: float, forced: Sequence[int], max_terms: int | None) -> SearchPath:
-    """Escape where one term stands in for two, or two for one, which single exchanges cannot."""
-    if len(path.selected) > PAIRS_UP_TO:
-        return path
-    better = refine_subset(C, path.dof, path.selected, F_in, include=forced, max_terms=max_terms)
-    moves = better.steps[len(path.selected) :]
-    return replace(better, steps=(*path.steps, *moves), stopped=path.stopped) if moves else path
-
-
-def _visited(path: SearchPath) -> list[tuple[tuple[int, ...], float]]:
-    """Every model along a path, from the constant alone."""
-    inside: list[int] = []
-    models: list[tuple[tuple[int, ...], float]] = [((), path.tss)]
-    for step in path.steps:
-        if step.action in ("enter", "swap"):
-            inside.append(step.index)
-        if step.action in ("leave", "swap"):
-            inside.remove(step.index if step.action == "leave" else step.other)
-        if step.action != "refuse":
-            models.append((tuple(inside), step.rss))
-    return models
-
-
-def _scores(
-    rule: str,
-    visited: list[tuple[tuple[int, ...], float]],
-    tss: float,
-    n: float,
-    bound: float | None,
-    folds: Sequence[Fold],
-) -> list[float]:
-    if rule == "cv":
+def _scores(criterion: str, models: Sequence[Model], problem: SearchProblem, folds: Sequence[Fold]) -> list[float]:
+    """Value of the criterion for each model; less is better."""
+    if criterion == "cv":
         if not folds:
             raise SelectionError("select: criterion 'cv' needs parts to hold out; there is only one block.")
         return [
@@ -303,28 +178,140 @@ def _scores(
                 max(prediction_error(solve(fit, kept), kept, test), ROUNDING * float(test[-1, -1]))
                 for fit, test in folds
             )
-            for kept, _ in visited
+            for kept, _ in models
         ]
+    n, tss = problem.dof + 1.0, problem.tss
     values = []
-    for kept, rss in visited:
+    for kept, rss in models:
         k, floor = len(kept), max(rss, ROUNDING * tss)
-        if rule == "PSE":
-            values.append(criteria.pse(floor, tss, n, k, bound))
-        elif rule == "BIC":
+        if criterion == "PSE":
+            values.append(criteria.pse(floor, tss, n, k, problem.sigma_max2))
+        elif criterion == "BIC":
             values.append(criteria.bic(floor, n, k))
-        elif rule == "AICc":
+        elif criterion == "AICc":
             values.append(criteria.aicc(floor, n, k))
         else:
             values.append(-criteria.adjusted_r2(floor, tss, n, k))
     return [float(v) for v in values]
 
 
+# ---------------------------------------------------------------- changes to the model chosen
+
+
+def prefer_lower_degree(result: SearchResult, problem: SearchProblem) -> SearchResult:
+    """Of terms that are one in these data, keep the one of lowest degree."""
+    C, constraints = problem.products, problem.constraints
+    kept, steps = list(result.selected), list(result.steps)
+    rss = result.rss
+    for _ in kept:
+        higher = [j for j in kept if j not in constraints.include and constraints.degrees[j] > 1]
+        better = [
+            a
+            for a in find_aliases(C, kept, result.effective_dof, higher)
+            if abs(a.correlation) >= SAME_COLUMN and constraints.degrees[a.other] < constraints.degrees[a.kept]
+        ]
+        if not better:
+            break
+        move = min(better, key=lambda a: (constraints.degrees[a.other], a.loss))
+        kept[kept.index(move.kept)] = move.other
+        _, F, rss = partial_f(C, result.dof, kept)
+        F_new = float(F[kept.index(move.other)])
+        steps.append(SearchStep("simplify", move.other, move.kept, F_new, move.correlation, rss, len(kept)))
+    return replace(result, selected=tuple(kept), rss=rss, steps=tuple(steps))
+
+
+def _drop_correlated(result: SearchResult, problem: SearchProblem) -> SearchResult:
+    """Apply the rule of [H17]: of two kept terms whose parameters correlate above the limit, the weaker goes."""
+    limit, C = problem.options.correlation_limit, problem.products
+    if limit is None or len(result.selected) < 2:
+        return result
+    kept, dropped = drop_correlated(C, result.dof, result.selected, limit, include=problem.constraints.include)
+    steps = list(result.steps)
+    remaining = list(result.selected)
+    for drop in dropped:
+        _, F, _ = partial_f(C, result.dof, remaining)
+        at = remaining.index(drop.index)
+        remaining.pop(at)
+        _, _, rss = partial_f(C, result.dof, remaining)
+        steps.append(SearchStep("leave", drop.index, -1, float(F[at]), drop.correlation, rss, len(remaining)))
+    if not dropped:
+        return replace(result, selected=kept)
+    reason = f"{result.stop_reason}; {len(dropped)} dropped, parameters correlated above {limit:g}"
+    return replace(result, selected=kept, rss=steps[-1].rss, steps=tuple(steps), stop_reason=reason)
+
+
+# ---------------------------------------------------------------- of a model, by its cross-products
+
+
+@dataclass(frozen=True)
+class AliasedPair:
+    """A kept term, and a candidate that could stand in its place.
+
+    Attributes
+    ----------
+    kept, other : int
+    loss : float [-]
+        Rise of the residual sum of squares on the exchange, in units of s^2; under 4 the data cannot decide.
+    correlation : float [-]
+        Of the two, given the other kept terms.
+    """
+
+    kept: int
+    other: int
+    loss: float
+    correlation: float
+
+
+def find_aliases(
+    C: Array, selected: Sequence[int], dof: float, among: Sequence[int] | None = None
+) -> list[AliasedPair]:
+    """Candidates like a kept term that, put in its place, raise the residual by less than 4 s^2.
+
+    Parameters
+    ----------
+    C : (p + 1, p + 1) array
+        Centred products of candidates and response.
+    selected : sequence of int
+    dof : float
+        Samples less one.
+    among : sequence of int, optional
+        The kept terms to find aliases of; all where absent.
+    """
+    p = C.shape[0] - 1
+    kept = list(selected)
+    if not kept:
+        return []
+    pairs: list[AliasedPair] = []
+    size = np.sqrt(np.diag(C))
+    size[size == 0] = 1.0
+    R = C[kept] / np.outer(size[kept], size)  # only these rows, and everybody's with the response, are looked at
+    response = C[p] / (size * size[p])
+    outside = np.setdiff1d(np.flatnonzero(np.diag(C)[:p] > 0), kept)
+    inverse = np.linalg.inv(R[:, kept])
+    theta, explained = inverse @ R[:, p], inverse @ R[:, outside]
+    rss = max(response[p] - R[:, p] @ theta, 1e-28)
+    s2 = rss / max(dof - len(kept), 1.0)
+    # What all kept terms leave of the candidates outside, and of their products with the response.
+    d = 1.0 - np.einsum("ij,ij->j", R[:, outside], explained)
+    b = response[outside] - R[:, p] @ explained
+    for j in kept if among is None else among:
+        at = kept.index(j)
+        # The same without j: what it takes from each comes back, by its row of the inverse.
+        back, alone = explained[at], inverse[at, at]
+        free, with_y = d + back**2 / alone, b + back * theta[at] / alone
+        usable = free > DEPENDENT
+        loss = np.full(outside.size, np.inf)
+        loss[usable] = (theta[at] ** 2 / alone - with_y[usable] ** 2 / free[usable]) / s2
+        for i in np.flatnonzero(loss < SAME_FIT):
+            correlation = float(np.clip(back[i] / np.sqrt(max(alone * free[i], 1e-300)), -1.0, 1.0))
+            if abs(correlation) >= ALIASED:
+                pairs.append(AliasedPair(j, int(outside[i]), float(loss[i]), correlation))
+    return sorted(pairs, key=lambda a: (kept.index(a.kept), a.loss))
+
+
 def solve(product: Array, kept: Sequence[int]) -> Array:
-    """Parameters of the constant and the kept terms by the normal equations of scaled columns, (1 + k,)."""
-    rows = np.concatenate([[0], np.asarray(kept, dtype=int) + 1])
-    A = product[np.ix_(rows, rows)]
-    root = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    return linalg.lstsq(A / np.outer(root, root), product[rows, -1] / root, check_finite=False)[0] / root
+    """Parameters of the constant and the kept terms from products of [1, x, y], (1 + k,)."""
+    return project(product, [0, *(j + 1 for j in kept)]).theta
 
 
 def prediction_error(theta: Array, kept: Sequence[int], product: Array) -> float:
@@ -334,13 +321,8 @@ def prediction_error(theta: Array, kept: Sequence[int], product: Array) -> float
     return float(max(v @ product[np.ix_(rows, rows)] @ v, 0.0))
 
 
-def dependent(C: Array, kept: Sequence[int], tol: float = 1e-9) -> tuple[int, ...]:
-    """Candidates that are constant, or that the kept ones explain but for a share ``tol``."""
-    size = np.diag(C)[:-1]
-    left = size.copy()
-    if kept:
-        rows = list(kept)
-        factor = linalg.cho_factor(C[np.ix_(rows, rows)])
-        left = size - np.einsum("ij,ij->j", C[rows, :-1], linalg.cho_solve(factor, C[rows, :-1]))
+def find_dependent(C: Array, kept: Sequence[int]) -> tuple[int, ...]:
+    """Candidates that are constant, or that the kept ones explain."""
+    size, left = np.diag(C)[:-1], project(C, kept).remaining[:-1]
     inside = np.isin(np.arange(size.size), kept)
-    return tuple(int(j) for j in np.flatnonzero(~inside & (left <= tol * np.where(size > 0, size, 1.0))))
+    return tuple(int(j) for j in np.flatnonzero(~inside & (left <= DEPENDENT * np.where(size > 0, size, 1.0))))

@@ -11,18 +11,16 @@ from typing import Any
 import numpy as np
 
 from structsel.candidates import Candidates, Term
-from structsel.cluster import runner_of
 from structsel.deprecation import renamed_arguments
 from structsel.errors import SelectionError
 from structsel.numerics import criteria
-from structsel.numerics.passes import Passes
+from structsel.numerics.jobs import JobRunner
 from structsel.options import takes_options
 from structsel.recording import Recording, StoredRecording
 from structsel.selection.checkpoint import Checkpoint
-from structsel.selection.doubts import find_doubts
-from structsel.selection.engine import Outcome, Progress, select_arrays
-from structsel.selection.flown import Flight, Flown, look_over
-from structsel.selection.identifiability import Alias, to_separate
+from structsel.selection.data import AnyRecording, DataSummary, summarise_recordings
+from structsel.selection.diagnostics import Alias, find_warnings, to_separate
+from structsel.selection.engine import ArraySelection, Progress, select_arrays
 from structsel.selection.result import HeldOutPart, Selection, Selections, TraceStep
 from structsel.selection.settings import RENAMED_ARGUMENTS, InitialTerms, SelectOptions
 
@@ -32,7 +30,7 @@ SPELLED_OUT = 12  # recordings of a part held out whose names are all given
 @renamed_arguments(**RENAMED_ARGUMENTS)
 @takes_options(SelectOptions)
 def select(
-    recordings: Flight | Sequence[Flight],
+    recordings: AnyRecording | Sequence[AnyRecording],
     responses: str | Sequence[str],
     candidates: Candidates,
     *,
@@ -85,35 +83,40 @@ def select(
     ----------
     [C89], [TP1916], [H17], [M95], [KM16] ch. 5.
     """
-    flights = [recordings] if isinstance(recordings, Recording | StoredRecording) else list(recordings)
+    given = [recordings] if isinstance(recordings, Recording | StoredRecording) else list(recordings)
     wanted = [responses] if isinstance(responses, str) else list(responses)
-    runner = runner_of(client)
-    stored = any(isinstance(flight, StoredRecording) for flight in flights)
-    told = (lambda done, of: progress("looking over", done, of)) if stored and progress is not None else None
-    flown = look_over(flights, candidates, wanted, runner, (options.workers or 2) if stored else 1, told)
-    forced = _positions(candidates, include)
-    began = _start(candidates, options.initial_terms)
-    signals = flown.signals(candidates, wanted)
-    with _kept(checkpoint, flown, candidates.names, wanted, forced, replace(options, workers=None)) as memory:
-        passes = Passes(runner, memory)
-        outcomes = select_arrays(
-            signals, candidates.exponents, options, forced, began, progress, scales=flown.scales, passes=passes
+    stored = any(isinstance(recording, StoredRecording) for recording in given)
+    checking = (lambda done, of: progress("checking", done, of)) if stored and progress is not None else None
+    workers = (options.workers or 2) if stored else 1
+    data = summarise_recordings(given, candidates, wanted, JobRunner(client), workers, checking)
+    included = _positions(candidates, include)
+    asked = (candidates.names, wanted, included, replace(options, workers=None))
+    with _checkpoint(checkpoint, data, *asked) as store:
+        found = select_arrays(
+            data.sources(candidates, wanted),
+            candidates.exponents,
+            options,
+            included,
+            _initial(candidates, options.initial_terms),
+            progress,
+            scales=data.scales,
+            runner=JobRunner(client, store),
         )
-    return Selections({r: _named(r, o, candidates, flown, options) for r, o in zip(wanted, outcomes)})
+    return Selections({r: _named(r, one, candidates, data, options) for r, one in zip(wanted, found)})
 
 
 @contextmanager
-def _kept(path: str | Path | None, flown: Flown, *asked: object) -> Iterator[Checkpoint | None]:
-    """What remembers the passes within; its file is removed at the end, and left where there is an error."""
+def _checkpoint(path: str | Path | None, data: DataSummary, *asked: object) -> Iterator[Checkpoint | None]:
+    """The file with the results of passes; removed at the end, and left where there is an error."""
     if path is None:
         yield None
         return
-    memory = Checkpoint(Path(path), flown.identity(*asked))
+    checkpoint = Checkpoint(Path(path), data.fingerprint(*asked))
     try:
-        yield memory
-        memory.remove()
+        yield checkpoint
+        checkpoint.remove()
     finally:
-        memory.release()
+        checkpoint.release()
 
 
 def _positions(candidates: Candidates, terms: Iterable[Term | str]) -> list[int]:
@@ -131,18 +134,18 @@ def _positions(candidates: Candidates, terms: Iterable[Term | str]) -> list[int]
     return found
 
 
-def _start(candidates: Candidates, start: InitialTerms) -> list[int]:
-    if start == "empty":
+def _initial(candidates: Candidates, initial_terms: InitialTerms) -> list[int]:
+    if initial_terms == "empty":
         return []
-    return [i for i, t in enumerate(candidates) if start == "all" or t.degree == 1]
+    return [i for i, t in enumerate(candidates) if initial_terms == "all" or t.degree == 1]
 
 
-def _trace(outcome: Outcome, candidates: Candidates) -> tuple[TraceStep, ...]:
-    found = outcome.found
-    n = found.dof + 1.0
+def _trace(found: ArraySelection, candidates: Candidates) -> tuple[TraceStep, ...]:
+    search = found.search
+    n = search.dof + 1.0
     steps = []
-    for s in found.steps:
-        rss = max(s.rss, 1e-28 * found.tss)
+    for s in search.steps:
+        rss = max(s.rss, 1e-28 * search.tss)
         steps.append(
             TraceStep(
                 action=s.action,
@@ -151,22 +154,22 @@ def _trace(outcome: Outcome, candidates: Candidates) -> tuple[TraceStep, ...]:
                 F=s.F,
                 partial_r=s.partial_r,
                 n_terms=s.n_terms,
-                R2=1.0 - s.rss / found.tss,
-                PSE=float(criteria.pse(rss, found.tss, n, s.n_terms)) / (found.tss / n),
+                R2=1.0 - s.rss / search.tss,
+                PSE=float(criteria.pse(rss, search.tss, n, s.n_terms)) / (search.tss / n),
                 BIC=float(criteria.bic(rss, n, s.n_terms)),
             )
         )
     return tuple(steps)
 
 
-def _held_out(outcome: Outcome, names: Sequence[str]) -> dict[str, Any]:
-    held = outcome.held_out
+def _held_out(found: ArraySelection, names: Sequence[str]) -> dict[str, Any]:
+    held = found.cross_validation
     if held is None:
         return {"held_out": (), "held_out_r2": np.nan, "held_out_rms": np.nan}
     parts = []
-    for i, (members, sse, tss, n) in enumerate(zip(held.parts, held.sse, held.tss, held.n)):
+    for i, (members, sse, tss, n) in enumerate(zip(held.folds, held.sse, held.tss, held.n)):
         if held.within:
-            name = f"{names[0]}, part {i + 1} of {len(held.parts)}"
+            name = f"{names[0]}, part {i + 1} of {len(held.folds)}"
         elif len(members) > SPELLED_OUT:
             name = f"{names[members[0]]} to {names[members[-1]]}, {len(members)} recordings"
         else:
@@ -178,62 +181,62 @@ def _held_out(outcome: Outcome, names: Sequence[str]) -> dict[str, Any]:
 
 def _named(
     response: str,
-    outcome: Outcome,
+    found: ArraySelection,
     candidates: Candidates,
-    flown: Flown,
+    data: DataSummary,
     options: SelectOptions,
 ) -> Selection:
-    kept = list(outcome.found.selected)
+    kept = list(found.search.selected)
     terms = tuple(candidates[i] for i in kept)
     aliases = tuple(
         Alias(
             candidates[a.kept],
-            candidates[a.rival],
+            candidates[a.other],
             a.loss,
             a.correlation,
-            to_separate(candidates[a.kept], candidates[a.rival], flown),
+            to_separate(candidates[a.kept], candidates[a.other], data),
         )
-        for a in outcome.rivals
+        for a in found.aliases
     )
-    conditional = np.sqrt(np.maximum(np.diag(outcome.covariance), 0.0))
+    conditional = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     errors, inclusion = conditional, {}
-    if outcome.bootstrap is not None:
-        errors = np.fmax(conditional, outcome.bootstrap.spread)
-        inclusion = dict(zip(candidates.names, outcome.bootstrap.inclusion.tolist()))
-    dof = max(outcome.n - len(kept) - 1, 1)
+    if found.bootstrap is not None:
+        errors = np.fmax(conditional, found.bootstrap.std)
+        inclusion = dict(zip(candidates.names, found.bootstrap.inclusion.tolist()))
+    dof = max(found.n - len(kept) - 1, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        partial_F = outcome.values**2 / np.diag(outcome.covariance)
+        partial_F = found.values**2 / np.diag(found.covariance)
     used = {c for t in terms for c in t.channels}
     return Selection(
         response=response,
         terms=terms,
-        values=outcome.values,
-        covariance=outcome.covariance,
-        textbook_errors=np.sqrt(np.maximum(np.diag(outcome.textbook), 0.0)),
+        values=found.values,
+        covariance=found.covariance,
+        textbook_errors=np.sqrt(np.maximum(np.diag(found.white_noise_covariance), 0.0)),
         standard_errors=errors,
         inclusion=inclusion,
         partial_F=partial_F,
-        vif=outcome.vif,
-        conditioning=outcome.conditioning,
-        condition=outcome.fit.condition,
-        r2=outcome.r2,
-        adjusted_r2=1.0 - (1.0 - outcome.r2) * (outcome.n - 1) / dof,
-        rms=outcome.rms,
-        n=outcome.n,
-        **_held_out(outcome, flown.names),
-        colours=outcome.colours,
-        by_blocks=outcome.by_blocks,
-        classical=tuple(candidates[i] for i in outcome.classical.selected),
+        vif=found.vif,
+        conditioning=found.conditioning,
+        condition=found.fit.condition,
+        r2=found.r2,
+        adjusted_r2=1.0 - (1.0 - found.r2) * (found.n - 1) / dof,
+        rms=found.rms,
+        n=found.n,
+        **_held_out(found, data.names),
+        noise_models=found.noise,
+        cluster_robust=found.cluster_robust,
+        classical=tuple(candidates[i] for i in found.white_noise.selected),
         aliases=aliases,
-        dependent=tuple(candidates[i] for i in outcome.dependent),
-        trace=_trace(outcome, candidates),
-        stopped=outcome.found.stopped,
-        biased=bool(outcome.biased),
-        estimated=outcome.biased or "least squares",
+        dependent=tuple(candidates[i] for i in found.dependent),
+        trace=_trace(found, candidates),
+        stop_reason=found.search.stop_reason,
+        biased=bool(found.biased),
+        estimator=found.biased or "least squares",
         pool=candidates,
         options=options,
-        doubts=find_doubts(outcome, candidates, options, aliases),
-        region={c: (flown.spread(c).low, flown.spread(c).high) for c in sorted(used)},
-        recordings=flown.names,
-        dt=flown.dt,
+        doubts=find_warnings(found, candidates, options, aliases),
+        region={c: (data.statistics(c).low, data.statistics(c).high) for c in sorted(used)},
+        recordings=data.names,
+        dt=data.dt,
     )

@@ -13,6 +13,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from structsel.deprecation import renamed_arguments, renamed_value
 from structsel.errors import SelectionError
 from structsel.options import option
+from structsel.selection.methods import METHODS
 
 Noise = Literal["ar", "cluster", "white"]
 Criterion = Literal["PSE", "BIC", "AICc", "adj_R2", "cv"]
@@ -22,7 +23,6 @@ StoppingRule = Literal["F", "R2", "PSE"]
 InitialTerms = Literal["empty", "linear", "all"]
 
 _SEARCH, _JUDGE, _FINE = "The search", "Uncertainty of the result", "Fine tuning"
-DEFAULT_CRITERION: dict[str, Criterion | None] = {"stepwise": None, "orthogonal": "PSE", "best_subset": "BIC"}
 
 RENAMED_ARGUMENTS = {
     "force": "include",
@@ -40,11 +40,6 @@ RENAMED_VALUES = {
     "components": {"manoeuvre": "cv"},
 }
 """Old values of options, which work for one release."""
-
-
-def method_names() -> tuple[str, ...]:
-    """Names of the selection methods."""
-    return tuple(DEFAULT_CRITERION)
 
 
 @renamed_arguments(**{old: new for old, new in RENAMED_ARGUMENTS.items() if new != "include"})
@@ -156,8 +151,8 @@ class SelectOptions:
         """Check every value."""
         for name, new_values in RENAMED_VALUES.items():
             object.__setattr__(self, name, renamed_value(name, getattr(self, name), new_values))
-        if self.method not in method_names():
-            raise SelectionError(f"select: method={self.method!r} is not one of {_listed(method_names())}.")
+        if self.method not in METHODS:
+            raise SelectionError(f"select: method={self.method!r} is not one of {_listed(list(METHODS))}.")
         for name, hint in get_type_hints(type(self)).items():
             _check_choice(name, getattr(self, name), hint)
         for name, least in (("bootstrap", 0), ("max_ar_order", 0), ("max_terms", 1), ("components", 1)):
@@ -181,9 +176,9 @@ class SelectOptions:
             )
 
     @property
-    def criterion_used(self) -> Criterion | None:
+    def criterion_used(self) -> str | None:
         """The criterion asked for, or else that of the method; None where F-tests decide."""
-        return self.criterion if self.criterion is not None else DEFAULT_CRITERION[self.method]
+        return self.criterion if self.criterion is not None else METHODS[self.method].default_criterion
 
 
 def _check_choice(name: str, value: Any, hint: Any) -> None:

@@ -9,22 +9,17 @@ from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 from structsel.errors import SelectionError, TermError
-from structsel.numerics.cutting import split_blocks
-from structsel.numerics.distinct import plan_distinct
-from structsel.numerics.moments import (
-    accumulate,
-    accumulate_whitened,
-    sweep_constant,
-)
-from structsel.numerics.monomials import words_of
+from structsel.numerics.blocks import split_manoeuvres
+from structsel.numerics.cross_products import centre, cross_products, prewhitened_cross_products
 from structsel.numerics.noise_models import ARNoise
-from structsel.numerics.rows import CHUNK, ArraySignals
+from structsel.numerics.polynomial_products import plan_polynomial_products
+from structsel.numerics.regressors import CHUNK, ArrayData, words_of
 
 from .pools import design, monomial_exponents
 
 
 def manoeuvres(rng, lengths, s=4, m=2):
-    return [ArraySignals(rng.standard_normal((s, n)) + 0.5, rng.standard_normal((m, n))) for n in lengths]
+    return [ArrayData(rng.standard_normal((s, n)) + 0.5, rng.standard_normal((m, n))) for n in lengths]
 
 
 def reference(signals, exponents, scale):
@@ -40,7 +35,7 @@ def test_products_of_any_pool_equal_the_explicit_regressors(data):
     exponents = np.array(data.draw(st.lists(rows, min_size=1, max_size=9)))
     lengths = data.draw(st.lists(st.integers(1, 3 * CHUNK), min_size=1, max_size=3))
     flights = manoeuvres(np.random.default_rng(1), lengths, s=s)
-    moments = accumulate(flights, exponents, blocks=5)
+    moments = cross_products(flights, exponents, blocks=5)
     expected = sum(reference(f, exponents, moments.scale) for f in flights)
     assert_allclose(moments.total(), expected, rtol=1e-11, atol=1e-11 * np.abs(expected).max())
 
@@ -48,9 +43,9 @@ def test_products_of_any_pool_equal_the_explicit_regressors(data):
 @pytest.mark.parametrize(("s", "degree"), [(8, 3), (5, 4), (8, 2), (3, 3)])
 def test_a_complete_pool_goes_through_its_distinct_sums_and_gives_the_same_products(s, degree):
     exponents = monomial_exponents(s, degree)
-    assert plan_distinct(tuple(words_of(exponents)), s) is not None
+    assert plan_polynomial_products(tuple(words_of(exponents)), s) is not None
     flights = manoeuvres(np.random.default_rng(2), [1300, 777], s=s)
-    moments = accumulate(flights, exponents, blocks=3)
+    moments = cross_products(flights, exponents, blocks=3)
     expected = sum(reference(f, exponents, moments.scale) for f in flights)
     assert_allclose(moments.total(), expected, rtol=1e-11, atol=1e-12 * np.abs(expected).max())
 
@@ -58,7 +53,7 @@ def test_a_complete_pool_goes_through_its_distinct_sums_and_gives_the_same_produ
 def test_blocks_manoeuvres_and_weights_add_up():
     exponents = monomial_exponents(4, 2)
     flights = manoeuvres(np.random.default_rng(3), [900, 1500, 400])
-    moments = accumulate(flights, exponents, blocks=9)
+    moments = cross_products(flights, exponents, blocks=9)
     assert_allclose(moments.only(1), reference(flights[1], exponents, moments.scale), rtol=1e-10, atol=1e-9)
     assert_allclose(moments.only(1) + moments.without(1), moments.total(), rtol=1e-12)
     assert moments.n.sum() == 2800
@@ -68,7 +63,7 @@ def test_blocks_manoeuvres_and_weights_add_up():
 def test_two_workers_give_the_same_products_as_one():
     exponents = monomial_exponents(4, 3)
     flights = manoeuvres(np.random.default_rng(4), [5000, 3000])
-    one, two = (accumulate(flights, exponents, workers=w).packed for w in (1, 2))
+    one, two = (cross_products(flights, exponents, workers=w).packed for w in (1, 2))
     assert np.array_equal(one, two)
 
 
@@ -79,7 +74,7 @@ def test_whitened_products_equal_filtering_every_column_by_scipy():
         [ARNoise(np.array([0.5, -0.2, 0.1, 0.05, 0.3]), 2.0), ARNoise(np.array([0.9]), 1.0)],
         [ARNoise(np.empty(0), 1.0), ARNoise(np.array([0.4, 0.1]), 0.5)],
     ]
-    moments = accumulate_whitened(flights, exponents, colours, blocks=4)
+    moments = prewhitened_cross_products(flights, exponents, colours, blocks=4)
     reach = [5, 2]  # the longest filter of any response in each manoeuvre
     for r in range(2):
         level = np.sqrt(2000 / sum(f.n / c.sigma**2 for f, c in zip(flights, colours[r], strict=True)))
@@ -95,14 +90,14 @@ def test_whitened_products_equal_filtering_every_column_by_scipy():
 def test_sweeping_the_constant_leaves_the_covariance_times_n():
     flights = manoeuvres(np.random.default_rng(6), [800])
     exponents = monomial_exponents(4, 1)
-    moments = accumulate(flights, exponents)
+    moments = cross_products(flights, exponents)
     Z = np.vstack([flights[0].base_signals, flights[0].response_signals]) / moments.scale[1:, None]
-    assert_allclose(sweep_constant(moments.total()), 800 * np.cov(Z, bias=True), rtol=1e-10)
+    assert_allclose(centre(moments.total()), 800 * np.cov(Z, bias=True), rtol=1e-10)
 
 
 @given(lengths=st.lists(st.integers(1, 5000), min_size=1, max_size=30), wanted=st.integers(1, 40))
 def test_blocks_cover_every_sample_once(lengths, wanted):
-    blocks = split_blocks(lengths, wanted)
+    blocks = split_manoeuvres(lengths, wanted)
     for k, n in enumerate(lengths):
         own = [b for b in blocks if b.manoeuvre == k]
         assert own[0].start == 0
@@ -116,11 +111,11 @@ def test_memory_above_the_signals_does_not_grow_with_samples():
     rng = np.random.default_rng(7)
     peaks = []
     for n in (40_000, 800_000):
-        flight = [ArraySignals(rng.standard_normal((8, n)), rng.standard_normal((1, n)))]
-        accumulate(flight, exponents, workers=1)
+        flight = [ArrayData(rng.standard_normal((8, n)), rng.standard_normal((1, n)))]
+        cross_products(flight, exponents, workers=1)
         tracemalloc.start()
-        accumulate(flight, exponents, workers=1)
-        accumulate_whitened(flight, exponents, [[ARNoise(np.full(6, 0.1))]], workers=1)
+        cross_products(flight, exponents, workers=1)
+        prewhitened_cross_products(flight, exponents, [[ARNoise(np.full(6, 0.1))]], workers=1)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.05 * peaks[0]
@@ -136,4 +131,4 @@ def test_a_constant_or_a_negative_power_is_refused():
 
 def test_zero_workers_are_refused():
     with pytest.raises(SelectionError, match="workers"):
-        accumulate(manoeuvres(np.random.default_rng(8), [100]), monomial_exponents(4, 1), workers=0)
+        cross_products(manoeuvres(np.random.default_rng(8), [100]), monomial_exponents(4, 1), workers=0)

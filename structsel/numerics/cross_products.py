@@ -1,0 +1,313 @@
+"""Cross-products of candidates and responses: one pass over the data, additive, in memory that does not grow.
+
+Columns are always ``z = [1, x_1 .. x_p, y_1 .. y_m]``. Each block of consecutive samples contributes ``Z'Z``; blocks
+add up to manoeuvres and manoeuvres to the whole, so that leaving one out, or weighting them at random, needs no data
+again. Least squares on them are the normal equations of scaled columns.
+
+References
+----------
+[KM16] ch. 5; prewhitening each manoeuvre is generalised least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial, reduce
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from structsel.numerics.arrays import Array
+from structsel.numerics.blocks import Samples, attach_data, count_samples, cut_blocks
+from structsel.numerics.jobs import JobRunner, Progress, choose_workers
+from structsel.numerics.noise_models import ARNoise, pooled_innovation_std, prewhiten
+from structsel.numerics.polynomial_products import PolynomialProducts, plan_polynomial_products
+from structsel.numerics.regressors import (
+    CHUNK,
+    DataSource,
+    RegressorChunks,
+    Scales,
+    Word,
+    column_scale,
+    find_scales,
+    words_of,
+)
+
+
+@dataclass(frozen=True)
+class CrossProducts:
+    """Products ``Z'Z`` of scaled columns, one packed triangle per block.
+
+    Attributes
+    ----------
+    scale : (1 + p + m,) array
+        What each column was divided by.
+    n : (B,) int array
+        Samples each block contributed.
+    manoeuvre, last : (B,) int array
+        Which manoeuvre each block belongs to; where it holds several, the first of them, and the last.
+    packed : (B, q (q + 1) / 2) array
+        Upper triangles, row by row, q = 1 + p + m.
+    n_candidates, n_responses : int
+    """
+
+    scale: Array
+    n: NDArray[np.int64]
+    manoeuvre: NDArray[np.int64]
+    last: NDArray[np.int64]
+    packed: Array
+    n_candidates: int
+    n_responses: int
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of blocks."""
+        return int(self.n.size)
+
+    def members(self, blocks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Every manoeuvre of which samples are in these blocks."""
+        ranges = zip(self.manoeuvre[blocks], self.last[blocks], strict=True)
+        return np.unique(np.concatenate([np.arange(first, last + 1) for first, last in ranges]))
+
+    def unpack(self, packed: Array) -> Array:
+        """Full symmetric (q, q) matrix of one packed triangle."""
+        return np.take(packed, _places(self.scale.size))
+
+    def total(self, weights: Array | None = None) -> Array:
+        """Weighted sum of the products of all blocks, (q, q)."""
+        return self.unpack(self.packed.sum(axis=0) if weights is None else weights @ self.packed)
+
+    def only(self, manoeuvre: int) -> Array:
+        """Products of one manoeuvre."""
+        return self.total((self.manoeuvre == manoeuvre).astype(float))
+
+    def without(self, manoeuvre: int) -> Array:
+        """Products of all manoeuvres but one."""
+        return self.total((self.manoeuvre != manoeuvre).astype(float))
+
+    def samples(self, weights: Array | None = None) -> float:
+        """Samples behind `total` with the same weights."""
+        return float(self.n.sum() if weights is None else weights @ self.n)
+
+    def of_response(self, response: int) -> CrossProducts:
+        """The same with a single response."""
+        if self.n_responses == 1:
+            return self
+        keep = np.append(np.arange(1 + self.n_candidates), 1 + self.n_candidates + response)
+        inside = np.isin(np.array(np.triu_indices(self.scale.size)), keep).all(axis=0)
+        return replace(self, scale=self.scale[keep], packed=self.packed[:, inside], n_responses=1)
+
+
+@lru_cache(maxsize=8)
+def _places(q: int) -> NDArray[np.intp]:
+    """(q, q) table of where each entry of a symmetric matrix lies in its packed upper triangle."""
+    table = np.zeros((q, q), dtype=np.intp)
+    upper = np.triu_indices(q)
+    table[upper] = np.arange(upper[0].size)
+    table.T[upper] = table[upper]
+    return table
+
+
+# ---------------------------------------------------------------- least squares
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def centre(product: Array) -> Array:  # pragma: no cover - compiled
+    """Products with the constant (column 0) regressed out, (q - 1, q - 1)."""
+    centred = product[1:, 1:].copy()
+    if product[0, 0] > 0.0:
+        for i in range(centred.shape[0]):
+            mean = product[i + 1, 0] / product[0, 0]
+            for j in range(centred.shape[1]):
+                centred[i, j] -= mean * product[0, j + 1]
+    return centred
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Least squares of every column on k of them, from their cross-products.
+
+    Attributes
+    ----------
+    inverse : (k, k) array
+        Of the products of the k columns.
+    coefficients : (k, q) array
+        Of each column on the k.
+    remaining : (q,) array
+        Sum of squares of each column that the k leave.
+    """
+
+    inverse: Array
+    coefficients: Array
+    remaining: Array
+
+    @property
+    def theta(self) -> Array:
+        """(k,) parameters of the last column, the response."""
+        return self.coefficients[:, -1]
+
+    @property
+    def rss(self) -> float:
+        """Residual sum of squares of the last column."""
+        return float(self.remaining[-1])
+
+
+def project(product: Array, columns: Sequence[int]) -> Projection:
+    """Least squares of every column on some of them, by the normal equations of columns scaled to unit length.
+
+    Parameters
+    ----------
+    product : (q, q) array
+        Cross-products, centred or not.
+    columns : sequence of int
+        Where they are dependent, the solution of least length.
+    """
+    rows = np.asarray(columns, dtype=int)
+    A = product[np.ix_(rows, rows)]
+    root = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(A / np.outer(root, root), hermitian=True) / np.outer(root, root)
+    coefficients = inverse @ product[rows]
+    remaining = np.diag(product) - np.einsum("ij,ij->j", product[rows], coefficients)
+    return Projection(inverse, coefficients, np.maximum(remaining, 0.0))
+
+
+# ---------------------------------------------------------------- passes over the data
+
+
+def triangle_size(q: int) -> int:
+    """Entries of the upper triangle of a (q, q) matrix."""
+    return q * (q + 1) // 2
+
+
+def cross_products(
+    manoeuvres: Sequence[DataSource],
+    exponents: NDArray[np.integer],
+    *,
+    blocks: int = 12,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    scales: Scales | None = None,
+    runner: JobRunner | None = None,
+) -> CrossProducts:
+    """Cross-products of [1, candidates, responses] of every manoeuvre in one pass.
+
+    Parameters
+    ----------
+    manoeuvres : sequence of DataSource
+    exponents : (p, s) int array
+        Each candidate's powers of the base signals; the constant is always added.
+    blocks : int
+        About how many blocks to cut the manoeuvres into, at least one each; very many manoeuvres share blocks.
+    workers : int, optional
+        Threads. By default one where there is little to do, else two.
+    progress : callable, optional
+        Called with blocks done and blocks in all.
+    scales : (s,) array, (m,) array, optional
+        Of base signals and responses; as `find_scales` finds them where absent.
+    runner : JobRunner, optional
+        Who goes through the data; this process where absent.
+
+    Returns
+    -------
+    CrossProducts
+        Memory: one (1 + p + m)^2 / 2 triangle per block and a workspace of 512 samples per worker.
+    """
+    scales = scales or find_scales(manoeuvres)
+    p, m = len(exponents), scales[1].size
+    cut = cut_blocks([s.n for s in manoeuvres], blocks, p)
+    n = count_samples(cut)
+    packed = (runner or JobRunner()).run_pass(
+        partial(_products_of_block, words_of(exponents), scales),
+        attach_data(cut, manoeuvres),
+        [triangle_size(1 + p + m)] * len(cut),
+        choose_workers(workers, int(n.sum()), p),
+        progress,
+    )
+    first, last = np.array([[block[0].manoeuvre, block[-1].manoeuvre] for block in cut]).T
+    return CrossProducts(column_scale(exponents, scales), n, first, last, packed.reshape(len(cut), -1), p, m)
+
+
+def _products_of_block(words: tuple[Word, ...], scales: Scales, block: Sequence[Samples]) -> Array:
+    """Upper triangle of Z'Z, through distinct sums where that is cheaper."""
+    if plan_polynomial_products(words, scales[0].size) is not None:
+        polynomial = PolynomialProducts(words, scales)
+        return reduce(np.add, (polynomial.over(part.source, part.start, part.stop) for part in block))
+    chunks = RegressorChunks(words, scales)
+    total, product = np.zeros((2, chunks.q, chunks.q))
+    for part in block:
+        for rows in chunks.over(part.source, part.start, part.stop):
+            np.matmul(rows, rows.T, out=product)
+            total += product
+    return total[np.triu_indices(chunks.q)]
+
+
+def prewhitened_cross_products(
+    manoeuvres: Sequence[DataSource],
+    exponents: NDArray[np.integer],
+    noise: Sequence[Sequence[ARNoise]],
+    *,
+    blocks: int = 12,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    scales: Scales | None = None,
+    runner: JobRunner | None = None,
+) -> list[CrossProducts]:
+    """Cross-products after prewhitening: one set per response, each through its own filters, in one pass.
+
+    Parameters
+    ----------
+    noise : sequence over responses of sequences over manoeuvres
+        Model of each response's residual in each manoeuvre. The constant is filtered like every other column; the
+        first samples of a manoeuvre, as many as the filter is long, start the filter and do not count.
+    blocks, workers, progress, scales, runner
+        As for `cross_products`.
+
+    Returns
+    -------
+    list of CrossProducts
+        With one response each, rows weighted by the pooled innovation over that of their manoeuvre.
+    """
+    scales = scales or find_scales(manoeuvres)
+    p, m = len(exponents), scales[1].size
+    lengths = [s.n for s in manoeuvres]
+    cut = cut_blocks(lengths, blocks, p)
+    n = count_samples(cut, [max(of[k].order for of in noise) for k in range(len(manoeuvres))])
+    levels = [pooled_innovation_std(of, lengths) for of in noise]
+    values = (runner or JobRunner()).run_pass(
+        partial(_prewhitened_products_of_block, words_of(exponents), scales, levels),
+        attach_data(cut, manoeuvres, noise),
+        [m * triangle_size(2 + p)] * len(cut),
+        choose_workers(workers, int(n.sum()), p),
+        progress,
+    )
+    packed = values.reshape(len(cut), m, -1)
+    scale = column_scale(exponents, scales)
+    of_response = [np.append(scale[: p + 1], scale[p + 1 + r]) for r in range(m)]
+    first, last = np.array([[block[0].manoeuvre, block[-1].manoeuvre] for block in cut]).T
+    return [CrossProducts(of_response[r], n, first, last, packed[:, r], p, 1) for r in range(m)]
+
+
+def _prewhitened_products_of_block(
+    words: tuple[Word, ...], scales: Scales, levels: Sequence[float], block: Sequence[Samples]
+) -> Array:
+    """Upper triangles of all responses; rows are made once, and filtered for each response."""
+    q, m = 2 + len(words), scales[1].size
+    filtered, product = np.empty((q, CHUNK)), np.empty((q, q))
+    totals = np.zeros((m, q, q))
+    chunks: dict[int, RegressorChunks] = {}
+    for part in block:
+        reach = max(model.order for model in part.noise)
+        if reach not in chunks:
+            chunks[reach] = RegressorChunks(words, scales, reach)
+        for rows in chunks[reach].over(part.source, max(part.start, reach), part.stop):
+            responses = rows[q - 1 :].copy()
+            into = filtered[:, : rows.shape[1] - reach]
+            for r, model in enumerate(part.noise):
+                rows[q - 1] = responses[r]
+                prewhiten(rows[:q], model.ar, levels[r] / model.sigma, reach, into)
+                np.matmul(into, into.T, out=product)
+                totals[r] += product
+    upper = np.triu_indices(q)
+    return np.concatenate([total[upper] for total in totals])

@@ -1,0 +1,239 @@
+"""Rows of regressors from any manoeuvre, a few hundred samples at a time.
+
+Every candidate is a monomial in *base signals* (a channel, an offset channel, a spline, a user's function), so that a
+pool is a small table of exponents. Time runs along the last axis: a row is one candidate, made from its parent row
+by one multiplication with a base signal. The regressor matrix is never formed: rows are made for a few hundred
+samples, used and overwritten.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from structsel.errors import TermError
+from structsel.numerics.arrays import Array
+
+Scales = tuple[Array, Array]
+"""Root mean squares of base signals and of responses."""
+
+Word = tuple[int, ...]
+"""A monomial as the sorted numbers of its base signals: alpha^2 de is (0, 0, 1)."""
+
+CHUNK = 512  # samples of a workspace: its rows stay in the second-level cache
+SLAB = 2048  # samples asked of a manoeuvre at a time
+
+
+class DataSource(Protocol):
+    """Base signals and responses of a manoeuvre over any range of samples."""
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+
+    def base(self, start: int, stop: int) -> Array:
+        """(s, stop - start) base signals."""
+
+    def responses(self, start: int, stop: int) -> Array:
+        """(m, stop - start) responses."""
+
+
+@dataclass(frozen=True)
+class ArrayData:
+    """A manoeuvre held in memory.
+
+    Attributes
+    ----------
+    base_signals : (s, n) array
+    response_signals : (m, n) array
+    """
+
+    base_signals: Array
+    response_signals: Array
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return int(self.base_signals.shape[1])
+
+    def base(self, start: int, stop: int) -> Array:
+        """Base signals of these samples."""
+        return self.base_signals[:, start:stop]
+
+    def responses(self, start: int, stop: int) -> Array:
+        """Responses of these samples."""
+        return self.response_signals[:, start:stop]
+
+
+# ---------------------------------------------------------------- scales
+
+
+def find_scales(manoeuvres: Sequence[DataSource]) -> Scales:
+    """Root mean squares of base signals and responses over a part of each manoeuvre; one where zero."""
+    return scales_of([sums_of_squares(m) for m in manoeuvres])
+
+
+def sums_of_squares(manoeuvre: DataSource) -> tuple[Array, Array, int]:
+    """Sums of squares of base signals and responses over a part of a manoeuvre, and its samples."""
+    parts = []
+    for start in np.linspace(0, max(manoeuvre.n - 1024, 0), 4).astype(int).tolist():
+        stop = min(start + 1024, manoeuvre.n)
+        b, y = manoeuvre.base(start, stop), manoeuvre.responses(start, stop)
+        parts.append((np.einsum("ij,ij->i", b, b), np.einsum("ij,ij->i", y, y), stop - start))
+    base, response, count = zip(*parts)
+    return sum(base), sum(response), sum(count)
+
+
+def scales_of(squares: Sequence[tuple[Array, Array, int]]) -> Scales:
+    """Root mean squares from the sums of all manoeuvres; one where zero."""
+    count = sum(s[2] for s in squares)
+    roots = [np.sqrt(sum(s[i] for s in squares) / max(count, 1)) for i in (0, 1)]
+    base, response = (np.where(np.isfinite(r) & (r > 0), r, 1.0) for r in roots)
+    return base, response
+
+
+def column_scale(exponents: NDArray[np.integer], scales: Scales) -> Array:
+    """Scale of [1, candidates, responses] that follows from those of the base signals."""
+    base, response = scales
+    return np.concatenate([[1.0], np.exp(np.asarray(exponents) @ np.log(base)), response])
+
+
+# ---------------------------------------------------------------- monomials
+
+
+@dataclass(frozen=True)
+class MonomialPlan:
+    """The multiplications that make a set of monomials.
+
+    Attributes
+    ----------
+    target, parent, factor : (m,) int array
+        Row ``target[i]`` is row ``parent[i]`` (or one, where -1) times base signal ``factor[i]``, in this order.
+    n_rows : int
+        Rows the workspace needs; those past the monomials asked for are parents needed on the way.
+    """
+
+    target: NDArray[np.int32]
+    parent: NDArray[np.int32]
+    factor: NDArray[np.int32]
+    n_rows: int
+
+
+def words_of(exponents: NDArray[np.integer]) -> tuple[Word, ...]:
+    """Each row of exponents as a sorted word.
+
+    Raises
+    ------
+    TermError
+        Where exponents are negative, or a row is the constant (which is always there and never a candidate).
+    """
+    table = np.asarray(exponents)
+    if table.size and table.min() < 0:
+        raise TermError("words_of needs exponents of zero and above; a negative one is no monomial.")
+    words = tuple(tuple(int(v) for v in np.repeat(np.arange(row.size), row)) for row in table)
+    if () in words:
+        raise TermError(f"words_of: candidate {words.index(())} is the constant, which every pool already holds.")
+    return words
+
+
+@lru_cache(maxsize=32)
+def plan_monomials(words: tuple[Word, ...]) -> MonomialPlan:
+    """The cheapest way to make these monomials, one multiplication each, parents first.
+
+    Parameters
+    ----------
+    words : tuple of tuple of int
+        Sorted, as from `words_of`; row i of the result is ``words[i]``.
+    """
+    row_of = {word: i for i, word in enumerate(words)}
+    n_rows = len(words)
+    pending = sorted(set(words), key=len, reverse=True)
+    seen = set(pending)
+    while pending:  # add the parents that are not candidates themselves
+        word = pending.pop()
+        if len(word) > 1 and word[:-1] not in seen:
+            seen.add(word[:-1])
+            pending.append(word[:-1])
+            row_of[word[:-1]] = n_rows
+            n_rows += 1
+    order = sorted(seen, key=lambda w: (len(w), w))
+    steps = [(row_of[w], row_of[w[:-1]] if len(w) > 1 else -1, w[-1]) for w in order]
+    # A repeated candidate is made as a copy of its twin's parent times factor, like the twin itself.
+    steps += [(i, row_of[w[:-1]] if len(w) > 1 else -1, w[-1]) for i, w in enumerate(words) if row_of[w] != i]
+    target, parent, factor = np.array(steps, dtype=np.int32).reshape(-1, 3).T.copy()
+    return MonomialPlan(target, parent, factor, n_rows)
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def fill_rows(
+    base: NDArray[np.float64],
+    target: NDArray[np.int32],
+    parent: NDArray[np.int32],
+    factor: NDArray[np.int32],
+    out: NDArray[np.float64],
+) -> None:  # pragma: no cover - compiled
+    """Write each planned row into ``out``; ``base`` is (s, c), ``out`` (n_rows, >= c)."""
+    c = base.shape[1]
+    for i in range(target.size):
+        row = out[target[i]]
+        signal = base[factor[i]]
+        if parent[i] < 0:
+            for t in range(c):
+                row[t] = signal[t]
+        else:
+            above = out[parent[i]]
+            for t in range(c):
+                row[t] = above[t] * signal[t]
+
+
+# ---------------------------------------------------------------- rows
+
+
+class RegressorChunks:
+    """Scaled rows [1, x_1 .. x_p, y_1 .. y_m] of any range of a manoeuvre, ``chunk`` samples at a time.
+
+    Owns its workspace: every job makes one of its own.
+
+    Parameters
+    ----------
+    words : tuple of tuple of int
+        The candidates.
+    scales : (s,) array, (m,) array
+    reach : int
+        Samples before the first that every chunk has too, for a filter.
+    chunk : int
+    """
+
+    def __init__(self, words: tuple[Word, ...], scales: Scales, reach: int = 0, chunk: int = CHUNK):
+        plan, p = plan_monomials(words), len(words)
+        self.m = scales[1].size
+        self.q = 1 + p + self.m
+        self.reach, self.chunk = reach, chunk
+        shift = np.where(np.arange(plan.n_rows) < p, 1, 1 + self.m).astype(np.int32)
+        self.target = plan.target + shift[plan.target]
+        self.parent = np.where(plan.parent < 0, -1, plan.parent + shift[plan.parent]).astype(np.int32)
+        self.factor = plan.factor
+        self.rows = np.empty((plan.n_rows + 1 + self.m, chunk + reach))
+        self.rows[0] = 1.0
+        self.base_scale, self.response_scale = scales
+
+    def over(self, source: DataSource, start: int, stop: int) -> Iterator[Array]:
+        """Rows (q, reach + c) of c samples each, from ``start``, which is at least ``reach``, to ``stop``."""
+        p = self.q - 1 - self.m
+        for slab in range(start, stop, SLAB):
+            end = min(slab + SLAB, stop)
+            base = source.base(slab - self.reach, end) / self.base_scale[:, None]
+            response = source.responses(slab - self.reach, end) / self.response_scale[:, None]
+            for a in range(slab, end, self.chunk):
+                b = min(a + self.chunk, end)
+                inside = slice(a - slab, b - slab + self.reach)
+                width = b - a + self.reach
+                fill_rows(base[:, inside], self.target, self.parent, self.factor, self.rows)
+                self.rows[1 + p : self.q, :width] = response[:, inside]
+                yield self.rows[: self.q, :width]

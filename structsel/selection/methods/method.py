@@ -1,0 +1,150 @@
+"""What a selection method is, what it is given to search, and what it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structsel.errors import SelectionError
+from structsel.numerics import criteria
+from structsel.numerics.arrays import Array
+from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.stepwise import SearchPath, SearchStep
+
+Model = tuple[tuple[int, ...], float]
+"""Candidates in a model, and its residual sum of squares."""
+
+
+@dataclass(frozen=True)
+class SearchConstraints:
+    """What is known of the candidates before the search.
+
+    Attributes
+    ----------
+    degrees : (p,) int array
+        Of two aliased terms the one of lower degree is kept.
+    include, initial : tuple of int
+        Always in the model; in it at the start.
+    """
+
+    degrees: NDArray[np.integer]
+    include: tuple[int, ...] = ()
+    initial: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class SearchProblem:
+    """Cross-products to be searched, and how.
+
+    Attributes
+    ----------
+    products : (p + 1, p + 1) array
+        Centred, of candidates and response.
+    dof : float
+        Samples less one.
+    options : SelectOptions
+    constraints : SearchConstraints
+    sigma_max2 : float, optional
+        Bound of the squared prediction error, where the criterion or the stopping rule is PSE.
+    blocks : (CrossProducts, weights), optional
+        The blocks behind the products, where F-tests take the scatter between them.
+    """
+
+    products: Array
+    dof: float
+    options: Any
+    constraints: SearchConstraints
+    sigma_max2: float | None = None
+    blocks: tuple[CrossProducts, Array | None] | None = None
+
+    @property
+    def n_candidates(self) -> int:
+        """Number of candidates."""
+        return int(self.products.shape[0]) - 1
+
+    @property
+    def tss(self) -> float:
+        """Sum of squares of the response about its mean."""
+        return float(self.products[-1, -1])
+
+
+@dataclass(frozen=True)
+class VisitedModels:
+    """Models that a method visited.
+
+    Attributes
+    ----------
+    models : sequence of (candidates, rss)
+    last : (candidates, rss)
+        Where the search ended: the selection, if no criterion chooses among the models.
+    steps : tuple of SearchStep
+        Moves of the search.
+    stop_reason : str
+    """
+
+    models: Sequence[Model]
+    last: Model
+    steps: tuple[SearchStep, ...]
+    stop_reason: str
+
+
+@dataclass(frozen=True)
+class SelectionMethod:
+    """A way to search for the terms of a model.
+
+    Attributes
+    ----------
+    name : str
+        Value of the option ``method``.
+    heading : str
+        What reports and help call it.
+    search : callable
+        From a `SearchProblem` to `VisitedModels`.
+    default_criterion : str, optional
+        Chooses among the models visited, where no criterion is asked for; None: the search itself decides.
+    options : tuple of str
+        Fields of `SelectOptions` that this method reads and others need not.
+    cluster_robust : bool
+        Whether the search can take F-tests from the scatter between blocks. Other methods then choose by
+        cross-validation.
+    """
+
+    name: str
+    heading: str
+    search: Callable[[SearchProblem], VisitedModels]
+    default_criterion: str | None = None
+    options: tuple[str, ...] = ()
+    cluster_robust: bool = False
+
+
+def visited_on(path: SearchPath) -> VisitedModels:
+    """Every model along a path of moves, from the constant alone."""
+    inside: list[int] = []
+    models: list[Model] = [((), path.tss)]
+    for step in path.steps:
+        if step.action in ("enter", "swap"):
+            inside.append(step.index)
+        if step.action in ("leave", "swap"):
+            inside.remove(step.index if step.action == "leave" else step.other)
+        if step.action != "refuse":
+            models.append((tuple(inside), step.rss))
+    return VisitedModels(models, (path.selected, path.rss), path.steps, path.stopped)
+
+
+def thresholds(options: Any, p: int, dof: float) -> tuple[float, float, NDArray[np.float64] | None]:
+    """F_in, F_out and, for controlled false discovery, the threshold of each entry."""
+    if options.F_in == "fdr":
+        steps = criteria.fdr_thresholds(p, dof, 0.05)
+        return float(steps[0]), options.F_out if options.F_out is not None else float(steps[0]), steps
+    F_in = criteria.f_in_from_candidates(p, dof) if options.F_in == "auto" else float(options.F_in)
+    F_out = F_in if options.F_out is None else options.F_out
+    if F_out > F_in:
+        raise SelectionError(
+            f"select: F_out={F_out:g} is above the F_in of {F_in:.3g} that {p} candidates give: a term between the "
+            "two would enter and leave for ever. Lower F_out, or leave it out."
+        )
+    return F_in, F_out, None
