@@ -118,10 +118,10 @@ def test_the_automatic_threshold_lets_a_false_term_in_about_once_in_twenty_fligh
     exponents = monomial_exponents(4, 2)
     false = {"ar": 0, "white": 0}
     for seed in range(120):
-        noise = cases.residual("ar1_0.92", 1500, np.random.default_rng([seed, 3]))
-        one = [ArrayData(cases.flight_signals(1500, seed, 4), noise[None])]
+        residual = cases.residual("ar1_0.92", 1500, np.random.default_rng([seed, 3]))
+        one = [ArrayData(cases.flight_signals(1500, seed, 4), residual[None])]
         for noise in false if seed < 40 else ("ar",):
             asked = SelectOptions(F_in="auto", noise=noise, bootstrap=0, workers=1)
-            false[noise] += len(select_arrays(one, exponents, asked)[0].found.selected) > 0
+            false[noise] += len(select_arrays(one, exponents, asked)[0].search.selected) > 0
     assert false["ar"] < 14
     assert false["white"] > 35  # of 40
