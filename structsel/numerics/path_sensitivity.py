@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from scipy.fft import dct, idct
+from scipy.integrate import cumulative_trapezoid
 
 from structsel.errors import DomainError
 from structsel.numerics.flight_path import MEASUREMENTS, MOTION, readings, slopes
@@ -75,7 +76,7 @@ def recorded_path(problem: FlightPathProblem, stretches: list[slice]) -> tuple[n
     path[:, 3], path[:, 4] = found["phi"], np.clip(found["theta"], -_STEEPEST, _STEEPEST)
     if "psi" not in found:
         rate = slopes(path, problem.inputs, problem.place, problem.g)[:, 5]
-        found["psi"] = start[5] + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+        found["psi"] = start[5] + cumulative_trapezoid(rate, t, initial=0.0)
     path[:, 5] = found["psi"]
     return path, tuple(notes)
 

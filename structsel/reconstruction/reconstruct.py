@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from threadpoolctl import threadpool_limits
 
 from structsel.aircraft import Aircraft
@@ -326,7 +327,7 @@ def _whole_path(problem: FlightPathProblem, x: np.ndarray) -> np.ndarray:
     if 5 not in problem.active:
         path[:, 5] = problem.start[5]
         turn = fp.slopes(path, problem.inputs, problem.place, problem.g)[:, 5]
-        path[1:, 5] += np.cumsum(0.5 * np.diff(problem.t) * (turn[1:] + turn[:-1]))
+        path[1:, 5] += cumulative_trapezoid(turn, problem.t)
     return path
 
 

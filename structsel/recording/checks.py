@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from structsel.errors import DataError
 from structsel.nomenclature import find_channel, is_known
@@ -336,7 +337,7 @@ def _check_rate(rate: str, angle: str, t: np.ndarray, channels: Mapping[str, np.
     # Over steps of several samples, because the difference of noisy neighbours is mostly noise.
     k = max(1, min(len(t) // 10, round(0.5 / max(float(np.median(np.diff(t))), 1e-9))))
     slope = (channels[angle][k:] - channels[angle][:-k]) / (t[k:] - t[:-k])
-    turned = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (channels[rate][1:] + channels[rate][:-1]))))
+    turned = cumulative_trapezoid(channels[rate], t, initial=0.0)
     mean_rate = (turned[k:] - turned[:-k]) / (t[k:] - t[:-k])
     slope, mean_rate = slope - slope.mean(), mean_rate - mean_rate.mean()
     spread, agree = (

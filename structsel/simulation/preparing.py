@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from structsel.aircraft import Aircraft
 from structsel.candidates.formulas import Node, evaluate
@@ -257,7 +258,7 @@ def _mass(t: np.ndarray, given: Mapping[str, Any], aircraft: Aircraft, name: str
     mass = np.full(len(t), aircraft.mass)
     if "fuel_flow" in given:
         flow = _column("fuel_flow", t, given, {}, name)
-        mass[1:] -= np.cumsum(0.5 * np.diff(t) * (flow[1:] + flow[:-1]))
+        mass[1:] -= cumulative_trapezoid(flow, t)
         if not mass[-1] > 0.0:
             raise DataError(f"'{name}': the fuel flow burns more than the whole aircraft. Check its unit, kg/s.")
     return mass
