@@ -7,6 +7,7 @@ recordings, named terms and the report; use these inside pipelines, grid searche
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -30,6 +31,10 @@ from structsel.selection.settings import (
     StoppingRule,
 )
 
+_OF_ONE_METHOD = {
+    **dict.fromkeys(("F_in", "F_out", "initial_terms", "stopping_rule", "min_r2_gain"), "stepwise"),
+    "order": "orthogonal",
+}
 FEWEST = 4  # samples: more than the three that even white noise of unknown size asks for
 ROUNDING = 1e-12  # of its size: what varies no more than this is constant
 
@@ -37,9 +42,50 @@ __all__ = ["BestSubsetRegressor", "OrthogonalRegressor", "StepwiseRegressor"]
 
 
 class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
-    """What the three share: one call of the engine, and the model as coefficients of the columns."""
+    """What the three share: their parameters, one call of the engine, and the model as coefficients of the columns."""
 
     _method: ClassVar[str]
+
+    def __init__(
+        self,
+        *,
+        F_in: float | Literal["auto", "fdr"] = 4.0,
+        F_out: float | None = None,
+        noise: Noise = "ar",
+        include: Sequence[int] = (),
+        initial_terms: InitialTerms = "empty",
+        stopping_rule: StoppingRule = "F",
+        min_r2_gain: float = 0.005,
+        criterion: Criterion | None = None,
+        sigma_max: Literal["response", "residual"] | float = "response",
+        order: Literal["greedy", "given"] = "greedy",
+        estimate: Estimate = "least_squares",
+        components: Components = "variance",
+        correlation_limit: float | None = None,
+        max_terms: int | None = None,
+        bootstrap: int = 0,
+        max_ar_order: int = 24,
+        seed: int = 0,
+        workers: int | None = None,
+    ):
+        self.F_in = F_in
+        self.F_out = F_out
+        self.noise = noise
+        self.include = include
+        self.initial_terms = initial_terms
+        self.stopping_rule = stopping_rule
+        self.min_r2_gain = min_r2_gain
+        self.criterion = criterion
+        self.sigma_max = sigma_max
+        self.order = order
+        self.estimate = estimate
+        self.components = components
+        self.correlation_limit = correlation_limit
+        self.max_terms = max_terms
+        self.bootstrap = bootstrap
+        self.max_ar_order = max_ar_order
+        self.seed = seed
+        self.workers = workers
 
     def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
         """Choose columns and estimate them.
@@ -60,24 +106,25 @@ class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
         Raises
         ------
         SelectionError
-            An option that cannot be meant, an included column that is not there, or too few samples for it.
+            An option out of its range or of another method, an included column that is not there, or too few
+            samples.
         """
         table, response = self._checked(X, y)
         p = table.shape[1]
-        options, forced, start = self._asked(p)
+        options, included, initial = self._options(p)
         # The constant is in the model, so moving the origin changes nothing but the digits that are lost.
         middle, level = table.mean(axis=0), float(response.mean())
         self.coef_ = np.zeros(p)
         self.intercept_ = level
         self.support_ = np.zeros(p, dtype=bool)
-        self.support_[forced] = True
+        self.support_[included] = True
         self.selection_: ArraySelection | None = None
         if np.ptp(response) <= ROUNDING * np.abs(response).max():
-            return self  # a constant response: there is nothing to choose by, and the constant says it all
+            return self  # a constant response: the constant describes all of it
         rows = np.ascontiguousarray((table - middle).T)
         rows[np.ptp(rows, axis=1) <= ROUNDING * np.abs(middle)] = 0.0
-        flown = [ArrayData(rows[:, i], (response[i] - level)[None]) for i in _manoeuvres(groups, table)]
-        outcome = select_arrays(flown, np.eye(p, dtype=np.int64), options, forced, start)[0]
+        recordings = [ArrayData(rows[:, i], (response[i] - level)[None]) for i in _manoeuvres(groups, table)]
+        outcome = select_arrays(recordings, np.eye(p, dtype=np.int64), options, included, initial)[0]
         kept = list(outcome.search.selected)
         self.coef_[kept] = outcome.values[1:]
         self.intercept_ = level + float(outcome.values[0]) - float(self.coef_ @ middle)
@@ -100,17 +147,24 @@ class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
         table, response = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=FEWEST)
         return table, np.asarray(response, dtype=np.float64)
 
-    def _asked(self, p: int) -> tuple[SelectOptions, list[int], list[int]]:
-        """SelectOptions, forced columns and starting columns from the parameters."""
+    def _options(self, p: int) -> tuple[SelectOptions, list[int], list[int]]:
+        """Options, included columns and initial columns from the parameters."""
         given = self.get_params(deep=False)
-        forced = [int(j) for j in given.pop("include")]
-        if any(not 0 <= j < p for j in forced):
+        included = [int(j) for j in given.pop("include")]
+        if any(not 0 <= j < p for j in included):
             raise SelectionError(
-                f"{type(self).__name__} is to include columns {forced}; X has columns 0 to {p - 1}. "
+                f"{type(self).__name__} is to include columns {included}; X has columns 0 to {p - 1}. "
                 "Give their numbers, counted from zero."
             )
         options = SelectOptions(method=self._method, **given)
-        return options, forced, list(range(p)) if options.initial_terms != "empty" else []
+        for field in fields(SelectOptions):
+            own = _OF_ONE_METHOD.get(field.name, self._method)
+            if own != self._method and given[field.name] != field.default:
+                raise SelectionError(
+                    f"{type(self).__name__} does not use {field.name}={given[field.name]!r}: it belongs to the method "
+                    f"{own!r}. Leave it out."
+                )
+        return options, included, list(range(p)) if options.initial_terms != "empty" else []
 
 
 @renamed_arguments(**RENAMED_ARGUMENTS)
@@ -151,8 +205,8 @@ class StepwiseRegressor(_Selector):
     support_ : (p,) bool array
         Columns kept.
     selection_ : ArraySelection or None
-        Everything the engine found: covariance, path, colours, rivals, held-out error, bootstrap. In order of
-        entry, and about the columns' means. None where the response is constant.
+        Result of the search: covariance, steps, noise models, aliases, held-out error, bootstrap. Terms in order of
+        entry, columns about their means. None where the response is constant.
     n_features_in_ : int
 
     References
@@ -168,45 +222,6 @@ class StepwiseRegressor(_Selector):
     """
 
     _method = "stepwise"
-
-    def __init__(
-        self,
-        *,
-        F_in: float | Literal["auto", "fdr"] = 4.0,
-        F_out: float | None = None,
-        noise: Noise = "ar",
-        include: Sequence[int] = (),
-        initial_terms: InitialTerms = "empty",
-        stopping_rule: StoppingRule = "F",
-        min_r2_gain: float = 0.005,
-        criterion: Criterion | None = None,
-        sigma_max: Literal["response", "residual"] | float = "response",
-        estimate: Estimate = "least_squares",
-        components: Components = "variance",
-        correlation_limit: float | None = None,
-        max_terms: int | None = None,
-        bootstrap: int = 0,
-        max_ar_order: int = 24,
-        seed: int = 0,
-        workers: int | None = None,
-    ):
-        self.F_in = F_in
-        self.F_out = F_out
-        self.noise = noise
-        self.include = include
-        self.initial_terms = initial_terms
-        self.stopping_rule = stopping_rule
-        self.min_r2_gain = min_r2_gain
-        self.criterion = criterion
-        self.sigma_max = sigma_max
-        self.estimate = estimate
-        self.components = components
-        self.correlation_limit = correlation_limit
-        self.max_terms = max_terms
-        self.bootstrap = bootstrap
-        self.max_ar_order = max_ar_order
-        self.seed = seed
-        self.workers = workers
 
 
 @renamed_arguments(**RENAMED_ARGUMENTS)
@@ -234,37 +249,6 @@ class OrthogonalRegressor(_Selector):
 
     _method = "orthogonal"
 
-    def __init__(
-        self,
-        *,
-        sigma_max: Literal["response", "residual"] | float = "response",
-        order: Literal["greedy", "given"] = "greedy",
-        noise: Noise = "ar",
-        include: Sequence[int] = (),
-        criterion: Criterion | None = None,
-        estimate: Estimate = "least_squares",
-        components: Components = "variance",
-        correlation_limit: float | None = None,
-        max_terms: int | None = None,
-        bootstrap: int = 0,
-        max_ar_order: int = 24,
-        seed: int = 0,
-        workers: int | None = None,
-    ):
-        self.sigma_max = sigma_max
-        self.order = order
-        self.noise = noise
-        self.include = include
-        self.criterion = criterion
-        self.estimate = estimate
-        self.components = components
-        self.correlation_limit = correlation_limit
-        self.max_terms = max_terms
-        self.bootstrap = bootstrap
-        self.max_ar_order = max_ar_order
-        self.seed = seed
-        self.workers = workers
-
 
 @renamed_arguments(**RENAMED_ARGUMENTS)
 class BestSubsetRegressor(_Selector):
@@ -289,35 +273,6 @@ class BestSubsetRegressor(_Selector):
     """
 
     _method = "best_subset"
-
-    def __init__(
-        self,
-        *,
-        criterion: Criterion | None = None,
-        noise: Noise = "ar",
-        include: Sequence[int] = (),
-        sigma_max: Literal["response", "residual"] | float = "response",
-        estimate: Estimate = "least_squares",
-        components: Components = "variance",
-        correlation_limit: float | None = None,
-        max_terms: int | None = None,
-        bootstrap: int = 0,
-        max_ar_order: int = 24,
-        seed: int = 0,
-        workers: int | None = None,
-    ):
-        self.criterion = criterion
-        self.noise = noise
-        self.include = include
-        self.sigma_max = sigma_max
-        self.estimate = estimate
-        self.components = components
-        self.correlation_limit = correlation_limit
-        self.max_terms = max_terms
-        self.bootstrap = bootstrap
-        self.max_ar_order = max_ar_order
-        self.seed = seed
-        self.workers = workers
 
 
 def _manoeuvres(groups: ArrayLike | None, X: Any) -> list[Any]:

@@ -213,3 +213,11 @@ def test_groups_of_another_length_and_too_few_rows_are_refused():
         StepwiseRegressor().fit(X, y, groups=np.zeros(599))
     with pytest.raises(ValueError, match="minimum of 4 is required"):
         BestSubsetRegressor().fit(X[:3], y[:3])
+
+
+def test_a_parameter_of_another_method_is_refused():
+    X, y = problem()
+    with pytest.raises(SelectionError, match=r"OrthogonalRegressor does not use F_in=12\.0: it belongs to the method"):
+        OrthogonalRegressor(F_in=12.0).fit(X, y)
+    with pytest.raises(SelectionError, match="StepwiseRegressor does not use order='given'"):
+        StepwiseRegressor(order="given").fit(X, y)
