@@ -19,7 +19,7 @@ from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
 from structsel import AeroModel, Aircraft, ResponseModel, Term, export_model, ready
-from structsel.candidates.formulas import FUNCTIONS
+from structsel.candidates.formula import FUNCTIONS
 from structsel.cli import app
 from structsel.errors import DataError, ModelError, TermError
 from structsel.exporting import TARGETS

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from structsel.candidates import formulas
-from structsel.candidates.formulas import Node
-from structsel.candidates.reading import read, refuse
+from structsel.candidates import formula
+from structsel.candidates.formula import Node
+from structsel.candidates.parse import parse_with_form, raise_parse_error
 from structsel.errors import TermError
 from structsel.nomenclature import latex_of
 
@@ -45,7 +45,7 @@ class Factor:
     @classmethod
     def offset(cls, name: str, reference: float) -> Factor:
         """Return ``name - reference``, in the channel's SI unit; prints as ``(alpha - 0.1)``."""
-        return cls(formulas.shifted(_named(name), _finite(reference, "reference")))
+        return cls(formula.shifted(_named(name), _finite(reference, "reference")))
 
     @classmethod
     def spline(cls, name: str, knot: float) -> Factor:
@@ -55,12 +55,12 @@ class Factor:
         ----------
         [TP1916], [KM16]: splines of degree m are powers m of it.
         """
-        return cls(formulas.plus(formulas.shifted(_named(name), _finite(knot, "knot"))))
+        return cls(formula.plus(formula.shifted(_named(name), _finite(knot, "knot"))))
 
     @classmethod
     def step(cls, name: str, knot: float) -> Factor:
         """Return 1 where the channel is at or above the knot, else 0: the spline of degree zero."""
-        return cls(formulas.call("step", formulas.shifted(_named(name), _finite(knot, "knot"))))
+        return cls(formula.call("step", formula.shifted(_named(name), _finite(knot, "knot"))))
 
     @cached_property
     def _reading(self) -> tuple[str, str, float]:
@@ -87,7 +87,7 @@ class Factor:
     @cached_property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels it needs, sorted."""
-        return formulas.channels(self.node)
+        return formula.channels(self.node)
 
     @cached_property
     def _key(self) -> tuple[str, int, float, str]:
@@ -96,7 +96,7 @@ class Factor:
 
     @cached_property
     def _text(self) -> str:
-        return formulas.render(self.node, 3)
+        return formula.to_text(self.node, 3)
 
     def __str__(self) -> str:
         return self._text
@@ -109,7 +109,7 @@ class Factor:
 
     def latex(self) -> str:
         """Return the factor in LaTeX."""
-        text = formulas.latex(self.node, latex_of)
+        text = formula.latex(self.node, latex_of)
         # V/V_0 squared is not V/V_0^2.
         loose = self.node.kind in ("sum", "product", "power") or (self.kind == "channel" and "/" in text)
         return rf"\left({text}\right)" if loose else text
@@ -136,7 +136,7 @@ class Factor:
         TermError
             The formula is not finite somewhere; names the sample.
         """
-        return formulas.evaluate(self.node, source, needed_by or self._text)
+        return formula.evaluate(self.node, source, needed_by or self._text)
 
 
 @total_ordering
@@ -296,11 +296,11 @@ def samples(source: Any) -> int:
 
 
 def _read_term(text: str) -> dict[Factor, int]:
-    node, bare = read(text)
+    node, bare = parse_with_form(text)
     powers = _powers(node, text)
     if bare:
-        remedy = f"Write two terms, or parentheses around it if one signal is meant: '({formulas.render(node)})'."
-        refuse(text, len(text) - len(text.lstrip()), "a sum is more than one term", remedy)
+        remedy = f"Write two terms, or parentheses around it if one signal is meant: '({formula.to_text(node)})'."
+        raise_parse_error(text, len(text) - len(text.lstrip()), "a sum is more than one term", remedy)
     return powers
 
 
@@ -308,25 +308,25 @@ def _powers(node: Node, text: str) -> dict[Factor, int]:
     """Split a product into its factors and their powers."""
     if node == Node("number", value=1.0):
         return {}
-    if not formulas.channels(node):
+    if not formula.channels(node):
         remedy = "Its value is what the fit finds: leave it out ('1' is the constant)."
-        refuse(text, node.at, f"{formulas.render(node)} is only a number", remedy)
+        raise_parse_error(text, node.at, f"{formula.to_text(node)} is only a number", remedy)
     if node.signs == (-1,) and node.kind == "sum":
-        refuse(text, node.at, "a term has no sign of its own", "Leave it out: the fit finds it.")
+        raise_parse_error(text, node.at, "a term has no sign of its own", "Leave it out: the fit finds it.")
     powers: dict[Factor, int] = {}
     if node.kind == "product":
         for sign, child in zip(node.signs, node.children):
             for factor, power in _powers(child, text).items():
-                kept = factor if sign > 0 else Factor(formulas.reciprocal(factor.node))
+                kept = factor if sign > 0 else Factor(formula.reciprocal(factor.node))
                 powers[kept] = powers.get(kept, 0) + power
         return powers
     if node.kind == "power" and node.value == int(node.value):
         if node.value == 0:
-            refuse(text, node.at, "a power of zero is the constant", "Write '1', or leave it out.")
+            raise_parse_error(text, node.at, "a power of zero is the constant", "Write '1', or leave it out.")
         if abs(node.value) > _HIGHEST:
-            refuse(text, node.at, f"the power is above {_HIGHEST}", "Lower it.")
+            raise_parse_error(text, node.at, f"the power is above {_HIGHEST}", "Lower it.")
         for factor, power in _powers(node.children[0], text).items():
-            kept = factor if node.value > 0 else Factor(formulas.reciprocal(factor.node))
+            kept = factor if node.value > 0 else Factor(formula.reciprocal(factor.node))
             powers[kept] = powers.get(kept, 0) + power * abs(int(node.value))
         return powers
     return {Factor(node): 1}

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from structsel.candidates import Term
-from structsel.candidates.reading import read
+from structsel.candidates.formula import substitute
+from structsel.candidates.parse import parse_formula
 from structsel.candidates.terms import Factor
 from structsel.comparison.flight import Flight
 from structsel.comparison.surrogate import Surrogate, identify
 from structsel.diagnosis.adding import Addition
 from structsel.model import ResponseModel, State, flown_region
-from structsel.model.states import substituted
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
@@ -93,8 +93,8 @@ class Extended:
 
     def _response(self, response: str, own: ResponseModel) -> ResponseModel:
         added, swaps = self._values[response], self._replaced.get(response, {})
-        nodes = {channel: read(text)[0] for channel, text in swaps.items()}
-        kept = [t.replace(lambda f: Factor(substituted(f.node, nodes))) for t in own.terms]
+        nodes = {channel: parse_formula(text) for channel, text in swaps.items()}
+        kept = [t.replace(lambda f: Factor(substitute(f.node, nodes))) for t in own.terms]
         if not added and kept == list(own.terms):
             return own
         values = dict(zip(kept, own.values.tolist()))

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from structsel.candidates import Factor, Term
-from structsel.candidates.formulas import Node
+from structsel.candidates.formula import Node
 from structsel.exporting.facts import term_notes
 from structsel.model import ResponseModel
 
@@ -19,7 +19,7 @@ class Dialect:
     Attributes
     ----------
     calls : mapping of function to str
-        Pattern of each of `structsel.candidates.formulas.FUNCTIONS`, its argument at ``{}``, and of ``plus``.
+        Pattern of each of `structsel.candidates.formula.FUNCTIONS`, its argument at ``{}``, and of ``plus``.
     power : str
         Pattern of base and exponent.
     reserved : frozenset of str

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from structsel.aircraft import Aircraft
 from structsel.candidates import Term
-from structsel.candidates.formulas import Node
-from structsel.candidates.reading import read
+from structsel.candidates.formula import Node
+from structsel.candidates.parse import parse_formula
 from structsel.errors import ModelError
 from structsel.exporting.facts import describe_channel, fact_lines, term_notes
 from structsel.exporting.infix import plain
@@ -217,7 +217,9 @@ class _Section:
             "CX": f"{CL}*sin(alpha) - {drag}*cos(alpha)",
             "CZ": f"-{CL}*cos(alpha) - {drag}*sin(alpha)",
         }.items():
-            self._define(f"{self.under}/coefficient/{name}", self.node(read(text)[0], name), "turned from wind axes")
+            self._define(
+                f"{self.under}/coefficient/{name}", self.node(parse_formula(text), name), "turned from wind axes"
+            )
         return [name for name in _AXES if name in self.model or name in ("CX", "CZ")]
 
     def _total(self, held: ResponseModel) -> ET.Element:
@@ -250,7 +252,7 @@ class _Section:
         if name in inside:
             raise ModelError(f"The definitions go in a circle: {' -> '.join((*inside, name))}.")
         if name in self.formulas and name not in self.own:
-            content = self.node(read(self.formulas[name])[0], needed_by, (*inside, name))
+            content = self.node(parse_formula(self.formulas[name]), needed_by, (*inside, name))
         elif name in self.held:
             found, factor = self.held[name]
             if factor in (1.0, -1.0):
@@ -261,7 +263,7 @@ class _Section:
             above = op("product", self.channel(rate, needed_by, (*inside, name)), prop(length))
             content = op("quotient", above, op("product", number(2.0), prop("velocities/vt-fps")))
         elif name == "CT" and "thrust" in self.held | self.formulas:
-            content = self.node(read("thrust/qbar")[0], needed_by, (*inside, name))
+            content = self.node(parse_formula("thrust/qbar"), needed_by, (*inside, name))
             content = op("quotient", content, op("product", number(FOOT**2), prop(_AREA)))
         else:
             self._refuse(name, needed_by)

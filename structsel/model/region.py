@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from structsel.candidates.formulas import fetch
+from structsel.candidates.formula import get_channel
 from structsel.nomenclature import unit_of
 
 
@@ -64,7 +64,7 @@ def flown_region(sources: Iterable[Any], channels: Iterable[str]) -> dict[str, t
     names = sorted(set(channels))
     for source in sources:
         for name in names:
-            values = fetch(source, name, name)
+            values = get_channel(source, name, name)
             low, high = float(values.min()), float(values.max())
             if name in region:
                 low, high = min(low, region[name][0]), max(high, region[name][1])

@@ -12,10 +12,11 @@ import numpy as np
 from scipy import stats
 
 from structsel.candidates import Term
+from structsel.candidates.formula import substitute
 from structsel.candidates.terms import Factor, product, samples
 from structsel.errors import ModelError
 from structsel.model.region import Excursion, leave
-from structsel.model.states import Beside, State, substituted
+from structsel.model.states import Beside, State
 from structsel.nomenclature import unit_of
 from structsel.rich_text import opening, to_html
 
@@ -197,7 +198,7 @@ class ResponseModel:
         settled = {name: state.steady() for name, state in self.states.items()}
         values: dict[Term, float] = {}
         for term, value in zip(self.terms, self.values.tolist()):
-            still = term.replace(lambda factor: Factor(substituted(factor.node, settled)))
+            still = term.replace(lambda factor: Factor(substitute(factor.node, settled)))
             values[still] = values.get(still, 0.0) + value
         return ResponseModel(tuple(values), np.array(list(values.values())), method=self.method, region=self.region)
 

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from structsel.candidates.formulas import Node, add, evaluate, fetch, multiply
-from structsel.candidates.reading import read
+from structsel.candidates.formula import Node, evaluate, get_channel
+from structsel.candidates.parse import parse_formula
 from structsel.errors import ChannelError, ModelError
 from structsel.numerics.actuators import actuate
 from structsel.numerics.arrays import Array
@@ -154,19 +154,19 @@ class State:
         """Formula of what the state follows."""
         if self.kind != "separation":
             return Node("channel", name=self.input)
-        return read(self._flow(f"{self.input} - {self['tau2']!r}*{self.input}_dot"))[0]
+        return parse_formula(self._flow(f"{self.input} - {self['tau2']!r}*{self.input}_dot"))
 
     def steady(self) -> Node:
         """Formula of the state where nothing changes."""
         x = self.input
         if self.kind == "separation":
-            return read(self._flow(x))[0]
+            return parse_formula(self._flow(x))
         if self.kind != "stops":
-            return read(x)[0]
+            return parse_formula(x)
         low, high = (f"({self[name]!r})" if name in self.parameters else "" for name in ("low", "high"))
         within = f"{low} + ({x} - {low})+" if low else x
         within += f" - ({x} - {high})+" if high else ""
-        return read(f"{x} + ({self['share']!r})*({within} - {x})" if "share" in self.parameters else within)[0]
+        return parse_formula(f"{x} + ({self['share']!r})*({within} - {x})" if "share" in self.parameters else within)
 
     @property
     def fraction(self) -> float:
@@ -211,16 +211,6 @@ class State:
         return f"{self.kind} of {self.input}, {', '.join(told)}"
 
 
-def substituted(node: Node, by: Mapping[str, Node]) -> Node:
-    """The formula with some channels replaced by formulas."""
-    if node.kind == "channel":
-        return by.get(node.name, node)
-    children = tuple(substituted(child, by) for child in node.children)
-    if node.kind in ("sum", "product"):
-        return (add if node.kind == "sum" else multiply)(zip(node.signs, children), node.at)
-    return Node(node.kind, children, node.signs, node.name, node.value)
-
-
 class Beside:
     """A recording, or what serves as one, with the states of a model as channels of its own.
 
@@ -242,7 +232,7 @@ class Beside:
         self._source, self._made = source, {}
         for name, state in states.items():
             if ("state", name) not in known:
-                held = {c: fetch(source, c, name) for c in state.channels}
+                held = {c: get_channel(source, c, name) for c in state.channels}
                 known["state", name] = state.along(_clock_of(source, name), held)
             self._made[name] = known["state", name]
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.candidates import Term
-from structsel.candidates.formulas import Node, channels, render
-from structsel.candidates.reading import read
+from structsel.candidates.formula import Node, channels, to_text
+from structsel.candidates.parse import parse_formula
 from structsel.errors import ChannelError, ModelError
 from structsel.model import AeroModel, State
 from structsel.nomenclature import COEFFICIENTS, WIND_AXIS_COEFFICIENTS, suggest
@@ -47,7 +47,7 @@ class Formulas:
         for name in self.own:
             if name in CHANNELS:
                 raise ModelError(f"'{name}' cannot be defined: the flight itself makes it.")
-        self._nodes = {name: read(text)[0] for name, text in {**made, **self.own}.items()}
+        self._nodes = {name: parse_formula(text) for name, text in {**made, **self.own}.items()}
 
     def __contains__(self, name: object) -> bool:
         return name in self._nodes
@@ -64,8 +64,7 @@ class Formulas:
             if node.name in inside:
                 raise ModelError(f"The definitions go in a circle: {' -> '.join((*inside, node.name))}.")
             return self.expand(self._nodes[node.name], (*inside, node.name))
-        children = tuple(self.expand(child, inside) for child in node.children)
-        return Node(node.kind, children, node.signs, node.name, node.value)
+        return node.map(lambda child: self.expand(child, inside))
 
     def needs(self, names: Iterable[str]) -> tuple[str, ...]:
         """Channels that remain when these are expanded, sorted."""
@@ -252,7 +251,9 @@ class _Code:
                 return emit("power", self.node(node.children[0], term), value=node.value)
             case "sum" | "product":
                 return self._chain(node, term)
-        raise ModelError(f"Term '{term}' holds '{render(node)}' of kind '{node.kind}', which a flight cannot evaluate.")
+        raise ModelError(
+            f"Term '{term}' holds '{to_text(node)}' of kind '{node.kind}', which a flight cannot evaluate."
+        )
 
     def _chain(self, node: Node, term: str) -> int:
         """A sum or product from left to right, as `formulas` evaluates it."""

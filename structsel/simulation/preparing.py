@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from structsel.aircraft import Aircraft
-from structsel.candidates.formulas import Node, evaluate
+from structsel.candidates.formula import Node, evaluate
 from structsel.errors import AircraftError, ChannelError, DataError, ModelError
 from structsel.model import AeroModel
 from structsel.numerics import flight_path

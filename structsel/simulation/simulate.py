@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.candidates.formulas import Node, evaluate
+from structsel.candidates.formula import Node, evaluate
 from structsel.errors import ModelError, SimulationError, StructselWarning
 from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS, WIND_AXIS_COEFFICIENTS

@@ -1,4 +1,4 @@
-"""Reading a formula: text to the tree in formulas.py.
+"""Parser of formulas: text to the tree in formula.py.
 
 The text is read with `ast` and only the pieces named here are accepted; nothing is ever executed.
 """
@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable
 from typing import NoReturn
 
-from structsel.candidates.formulas import FUNCTIONS, Node, add, channel, multiply, number, plus
+from structsel.candidates.formula import FUNCTIONS, Node, add, channel, multiply, number, plus
 from structsel.errors import TermError
 
 _LONGEST = 1000
@@ -19,14 +19,25 @@ _DEEPEST = 150
 _REMEDY = "Use channel names, numbers, + - * / ^, parentheses and the functions " + ", ".join(FUNCTIONS) + "."
 
 
-def refuse(text: str, at: int, found: str, remedy: str) -> NoReturn:
+def raise_parse_error(text: str, at: int, found: str, remedy: str) -> NoReturn:
     """Raise the TermError of a text that cannot be read, pointing at the place."""
     where = f"\n  {text}\n  {' ' * at}^\n" if len(text) <= 100 else " "
     raise TermError(f"Term {text[:100]!r} cannot be read at position {at + 1}: {found}.{where}{remedy}")
 
 
-def read(text: str) -> tuple[Node, bool]:
-    """Read a formula.
+def parse_formula(text: str) -> Node:
+    """Read a formula, as `parse_with_form`.
+
+    Raises
+    ------
+    TermError
+        With the position (1-based) and what to write instead.
+    """
+    return parse_with_form(text)[0]
+
+
+def parse_with_form(text: str) -> tuple[Node, bool]:
+    """Read a formula, and say whether it is a sum without parentheses, which is more than one term.
 
     Parameters
     ----------
@@ -47,10 +58,10 @@ def read(text: str) -> tuple[Node, bool]:
     if not isinstance(text, str):
         raise TermError(f"A term is text such as 'alpha*de'; found {text!r} of type {type(text).__name__}.")
     if len(text) > _LONGEST:
-        refuse(text, _LONGEST, f"longer than {_LONGEST} characters", "Split it, or add it as a channel.")
+        raise_parse_error(text, _LONGEST, f"longer than {_LONGEST} characters", "Split it, or add it as a channel.")
     strange = re.search(r"[^\w\s.()+\-*/^,]", text)
     if strange:
-        refuse(
+        raise_parse_error(
             text,
             strange.start(),
             f"{strange.group()!r} means nothing here",
@@ -65,9 +76,9 @@ def read(text: str) -> tuple[Node, bool]:
         # Offset 0 is Python's way of saying that the text ended too early.
         at = places[min((error.offset or len(places)) - 1, len(places) - 1)]
         found = "it ends too early" if at == len(text.rstrip()) else "this does not follow on"
-        refuse(text, at, found, "Check for a missing factor, sign or parenthesis.")
+        raise_parse_error(text, at, found, "Check for a missing factor, sign or parenthesis.")
     except (ValueError, RecursionError, MemoryError):
-        refuse(text, 0, "too deeply nested", "Write it with fewer parentheses, or add it as a channel.")
+        raise_parse_error(text, 0, "too deeply nested", "Write it with fewer parentheses, or add it as a channel.")
     encoded = python.encode()
 
     def place(offset: int) -> int:
@@ -109,7 +120,7 @@ def _is_positive_part(text: str, i: int) -> bool:
 def _convert(tree: ast.expr, text: str, place: Callable[[int], int], depth: int) -> Node:
     at = place(tree.col_offset)
     if depth > _DEEPEST:
-        refuse(text, at, "too deeply nested", "Write it with fewer parentheses, or add it as a channel.")
+        raise_parse_error(text, at, "too deeply nested", "Write it with fewer parentheses, or add it as a channel.")
 
     def inner(child: ast.expr) -> Node:
         return _convert(child, text, place, depth + 1)
@@ -137,20 +148,22 @@ def _convert(tree: ast.expr, text: str, place: Callable[[int], int], depth: int)
             exponent = inner(right)
             sign, exponent = (-1, exponent.children[0]) if exponent.signs == (-1,) else (1, exponent)
             if exponent.kind != "number":
-                refuse(text, place(right.col_offset), "a power is a number", "Write for instance alpha^2.")
+                raise_parse_error(text, place(right.col_offset), "a power is a number", "Write for instance alpha^2.")
             return Node("power", (inner(left),), value=sign * exponent.value, at=at)
         case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
             if isinstance(argument, ast.Starred):
-                refuse(text, at, f"{name} takes one argument", f"Write for instance {name}(alpha).")
+                raise_parse_error(text, at, f"{name} takes one argument", f"Write for instance {name}(alpha).")
             return Node("call", (inner(argument),), name=name, at=at)
         case ast.Call(func=ast.Name(id=name)) if name in FUNCTIONS:
-            refuse(text, at, f"{name} takes one argument", f"Write for instance {name}(alpha).")
+            raise_parse_error(text, at, f"{name} takes one argument", f"Write for instance {name}(alpha).")
         case ast.Call():
             found = ast.unparse(tree.func)
             known = ", ".join(FUNCTIONS)
-            refuse(text, at, f"{found!r} is not a function known here", f"Use * to multiply, or one of: {known}.")
+            raise_parse_error(
+                text, at, f"{found!r} is not a function known here", f"Use * to multiply, or one of: {known}."
+            )
     kind = type(tree.op).__name__ if isinstance(tree, ast.BinOp | ast.UnaryOp) else type(tree).__name__
-    refuse(text, at, f"{kind} cannot be used", _REMEDY)
+    raise_parse_error(text, at, f"{kind} cannot be used", _REMEDY)
 
 
 def _finite(value: float, text: str, at: int) -> float:
@@ -159,5 +172,5 @@ def _finite(value: float, text: str, at: int) -> float:
     except OverflowError:
         value = math.inf
     if not math.isfinite(value):
-        refuse(text, at, "the number is too large", "Write one that fits in double precision.")
+        raise_parse_error(text, at, "the number is too large", "Write one that fits in double precision.")
     return value

@@ -44,6 +44,10 @@ class Node:
     value: float = 0.0
     at: int = field(default=0, compare=False)
 
+    def map(self, change: Callable[[Node], Node]) -> Node:
+        """Return the node with `change` applied to its children, in their order."""
+        return Node(self.kind, tuple(map(change, self.children)), self.signs, self.name, self.value, self.at)
+
 
 def number(value: float, at: int = 0) -> Node:
     """Return a number, negative ones as a subtraction from nothing."""
@@ -88,7 +92,7 @@ def add(items: Iterable[tuple[int, Node]], at: int = 0) -> Node:
             flat.append((sign, item))
     flat = [pair for pair in flat if pair[1] != Node("number")] or flat[:1]  # a zero changes nothing
     # Added before subtracted, channels before numbers, so "alpha - 0.2" and "0.2 - alpha" read as written.
-    flat.sort(key=lambda pair: (pair[0] < 0, pair[1].kind == "number", render(pair[1])))
+    flat.sort(key=lambda pair: (pair[0] < 0, pair[1].kind == "number", to_text(pair[1])))
     if len(flat) == 1 and flat[0][0] > 0:
         return flat[0][1]
     return Node("sum", tuple(n for _, n in flat), tuple(s for s, _ in flat), at=at)
@@ -105,7 +109,7 @@ def multiply(items: Iterable[tuple[int, Node]], at: int = 0) -> Node:
             flat += [(power * s, child) for s, child in zip(item.signs, item.children)]
         else:
             flat.append((power, item))
-    flat.sort(key=lambda pair: (pair[0] < 0, pair[1].kind != "number", render(pair[1])))
+    flat.sort(key=lambda pair: (pair[0] < 0, pair[1].kind != "number", to_text(pair[1])))
     if len(flat) > 1:  # a factor of one changes nothing
         flat = [p for p in flat if not (p[1].kind == "number" and p[1].value == 1.0)] or flat[:1]
     if len(flat) == 1 and (flat[0][0] > 0 or flat[0][1] == Node("number", value=1.0)):
@@ -120,32 +124,32 @@ def multiply(items: Iterable[tuple[int, Node]], at: int = 0) -> Node:
 _STRENGTH = {"sum": 1, "product": 2, "power": 3}
 
 
-def figure(value: float) -> str:
+def shortest_number(value: float) -> str:
     """Return the shortest text of a number that reads back to the same double."""
     return repr(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
 
 
-def render(node: Node, inside: int = 0) -> str:
+def to_text(node: Node, inside: int = 0) -> str:
     """Return a node's text, in parentheses where what it stands inside binds as strongly or more."""
     match node.kind:
         case "number":
-            return figure(node.value)
+            return shortest_number(node.value)
         case "channel":
             return node.name
         case "call":
-            return f"{node.name}({render(node.children[0])})"
+            return f"{node.name}({to_text(node.children[0])})"
         case "plus":
-            return f"({render(node.children[0])})+"
+            return f"({to_text(node.children[0])})+"
         case "sum":
-            text = " ".join(f"{'-' if s < 0 else '+'} {render(n, 1)}" for s, n in zip(node.signs, node.children))
+            text = " ".join(f"{'-' if s < 0 else '+'} {to_text(n, 1)}" for s, n in zip(node.signs, node.children))
             text = text[2:] if text[0] == "+" else "-" + text[2:]
         case "product":
-            above = [render(n, 2) for s, n in zip(node.signs, node.children) if s > 0]
-            below = [render(n, 2) for s, n in zip(node.signs, node.children) if s < 0]
+            above = [to_text(n, 2) for s, n in zip(node.signs, node.children) if s > 0]
+            below = [to_text(n, 2) for s, n in zip(node.signs, node.children) if s < 0]
             text = "/".join(["*".join(above) or "1", *below])
         case _:
-            exponent = figure(node.value)
-            text = f"{render(node.children[0], 3)}^{exponent}"
+            exponent = shortest_number(node.value)
+            text = f"{to_text(node.children[0], 3)}^{exponent}"
     return f"({text})" if inside >= _STRENGTH[node.kind] else text
 
 
@@ -153,7 +157,7 @@ def latex(node: Node, symbol: Callable[[str], str]) -> str:
     r"""Return a node in LaTeX; ``symbol`` gives a channel's."""
     match node.kind:
         case "number":
-            return figure(node.value)
+            return shortest_number(node.value)
         case "channel":
             return symbol(node.name)
         case "call":
@@ -169,7 +173,7 @@ def latex(node: Node, symbol: Callable[[str], str]) -> str:
             below = r" \, ".join(_bracket(n, 2, symbol) for s, n in zip(node.signs, node.children) if s < 0)
             return rf"\frac{{{above}}}{{{below}}}" if below else above
         case _:
-            return f"{_bracket(node.children[0], 3, symbol)}^{{{figure(node.value)}}}"
+            return f"{_bracket(node.children[0], 3, symbol)}^{{{shortest_number(node.value)}}}"
 
 
 def _bracket(node: Node, inside: int, symbol: Callable[[str], str]) -> str:
@@ -186,6 +190,16 @@ def _latex_call(name: str, argument: str) -> str:
     return rf"{known}\left({argument}\right)"
 
 
+def substitute(node: Node, formulas: Mapping[str, Node]) -> Node:
+    """Return a node with channels replaced by formulas, sums and products flat and sorted again."""
+    if node.kind == "channel":
+        return formulas.get(node.name, node)
+    new = node.map(lambda child: substitute(child, formulas))
+    if node.kind in ("sum", "product"):
+        return (add if node.kind == "sum" else multiply)(zip(new.signs, new.children), node.at)
+    return new
+
+
 # --- values ----------------------------------------------------------------------------------------
 
 
@@ -196,7 +210,7 @@ def channels(node: Node) -> tuple[str, ...]:
     return tuple(sorted({name for child in node.children for name in channels(child)}))
 
 
-def fetch(source: Any, name: str, needed_by: str) -> np.ndarray:
+def get_channel(source: Any, name: str, needed_by: str) -> np.ndarray:
     """Return one channel of a recording or mapping as float64.
 
     Raises
@@ -234,11 +248,11 @@ def evaluate(node: Node, source: Any, needed_by: str) -> np.ndarray:
     Raises
     ------
     ChannelError, DataError
-        As `fetch`.
+        As `get_channel`.
     TermError
         A value is not finite (the logarithm of a negative number, ...); names the term and the first sample.
     """
-    arrays = {name: fetch(source, name, needed_by) for name in channels(node)}
+    arrays = {name: get_channel(source, name, needed_by) for name in channels(node)}
     with np.errstate(all="ignore"):
         values = np.asarray(_values(node, arrays), dtype=float)
     finite = np.isfinite(values)
@@ -247,7 +261,7 @@ def evaluate(node: Node, source: Any, needed_by: str) -> np.ndarray:
         at = ", ".join(f"{name} = {float(a.flat[i]):.6g}" for name, a in arrays.items())
         raise TermError(
             f"Term {needed_by!r} is {float(values.flat[i])} at sample {i}, where {at} "
-            f"({int(np.sum(~finite))} such in all). {render(node)!r} does not hold there: "
+            f"({int(np.sum(~finite))} such in all). {to_text(node)!r} does not hold there: "
             "keep to samples where it does, or leave the term out."
         )
     return values
