@@ -199,9 +199,7 @@ class _Computation:
             self._say("left-out", "alpha", message, "warning", "map the pitch rate")
             return
         beta, p, r = self._or_zero(("beta", "p", "r"), "carrying V and alpha to the centre of gravity")
-        made = rb.air_data_at_cg(
-            self.recording["V"], self.recording["alpha"], beta, p, self.recording["q"], r, tuple(place)
-        )
+        made = rb.air_data_at_cg(self.recording["V"], self.recording["alpha"], beta, p, self.recording["q"], r, place)
         named = dict(zip(AIR_DATA, made))
         if "beta" not in self.recording:
             del named["beta"]
@@ -247,7 +245,7 @@ class _Computation:
             return record["ax"], ay, record["az"]
         use = "carrying accelerations to the centre of gravity"
         turning = self._or_zero((*BODY_RATES, *ANGULAR_ACCELERATIONS), use)
-        moved = rb.acceleration_at_cg(record["ax"], ay, record["az"], turning[:3], turning[3:], tuple(place))
+        moved = rb.acceleration_at_cg(record["ax"], ay, record["az"], turning[:3], turning[3:], place)
         self.recording = record.with_channels(note=f"forces: accelerometer at {_metres(place)} allowed for")
         return moved
 

@@ -118,7 +118,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step(trimmed):
 
 
 def test_the_demonstration_flight_is_flown_again_from_its_own_surfaces(trimmed):
-    flown = integrate([0], 1, 15.0, 0.0, demo_aircraft(), jumps="at")[0]
+    flown = integrate([0], 1, 15.0, 0.0, demo_aircraft(), steps_at="sample")[0]
     assert_allclose(trimmed.state, flown.states[0, :12], atol=1e-9)
     surfaces = dict(zip(("de", "da", "dr"), flown.states[:, 12:].T))
     inputs = {"t": flown.t, "thrust": flown.thrust, **surfaces}

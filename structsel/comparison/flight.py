@@ -158,9 +158,8 @@ class Flight:
             made |= {f"{c}_dot": x for c, x, own in zip("pqr", turning, COEFFICIENTS[3:]) if own in self.simulated}
         push = rb.thrust_force(ch["thrust"], craft.thrust.inclination)
         fx, fy, fz = ((told[c] * qS + x) / ch["mass"] for c, x in zip(COEFFICIENTS[:3], push))
-        back = tuple(-x for x in craft.position("accelerometer"))
         turned = (made["p_dot"], made["q_dot"], made["r_dot"])
-        read = rb.acceleration_at_cg(fx, fy, fz, rates, turned, back)
+        read = rb.acceleration_at_sensor(fx, fy, fz, rates, turned, craft.position("accelerometer"))
         return made | {c: x for c, x in zip(("ax", "ay", "az"), read) if c in self.recorded}
 
     def told(self, name: str) -> Array:
@@ -298,10 +297,10 @@ def _close(
     ch = {**smooth, **raw}
     rates = (ch["p"], ch["q"], ch["r"])
     place = craft.position("vane")
-    air = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, tuple(place))
-    calm = rb.air_data_at_cg(smooth["V"], smooth["alpha"], smooth["beta"], *rates, tuple(place))
+    air = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, place)
+    calm = rb.air_data_at_cg(smooth["V"], smooth["alpha"], smooth["beta"], *rates, place)
     turning = tuple(Rate(float(t[1] - t[0]))(smooth[c]) for c in "pqr")
-    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, tuple(craft.position("accelerometer")))
+    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, craft.position("accelerometer"))
     told = told_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
     read = {**dict(zip(("V", "alpha", "beta"), air)), **{c: ch[c] for c in ("phi", "theta", "psi")}}
     flown, made, inertial = {}, {}, set()
@@ -318,7 +317,7 @@ def _close(
     # With the gyros' noise, a long arm would give the angles' rates the noise of the moments.
     still = (smooth["p"], smooth["q"], smooth["r"])
     air_data = ("V", "alpha", "beta")
-    carried = [rb.air_data_at_cg(x["V"], x["alpha"], x["beta"], *still, tuple(-place)) for x in (flown, made)]
+    carried = [rb.air_data_at_sensor(x["V"], x["alpha"], x["beta"], *still, place) for x in (flown, made)]
     smooth.update(zip(air_data, carried[1]))
     smooth.update({c: made[c] for c in ("phi", "theta", "psi")})
     return dict(zip(air_data, carried[0])), frozenset(inertial)

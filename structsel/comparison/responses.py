@@ -82,8 +82,8 @@ def respond(ch: Mapping[str, Array], craft: Aircraft, dt: float, wanted: tuple[s
     made: dict[str, Array] = {}
     rates = (ch["p"], ch["q"], ch["r"])
     turning = (ch["p_dot"], ch["q_dot"], ch["r_dot"])
-    V, alpha, beta = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, tuple(craft.position("vane")))
-    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, tuple(craft.position("accelerometer")))
+    V, alpha, beta = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, craft.position("vane"))
+    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, craft.position("accelerometer"))
     qbar = ch["qbar_ratio"] * 0.5 * ch["rho"] * V**2
     if any(name in wanted for name in COEFFICIENTS[:3]):
         made |= zip(
@@ -115,14 +115,13 @@ def told_rates(ch: Mapping[str, Array], air: Three, force: Three) -> dict[str, A
     V, alpha, beta = air
     rates = (ch["p"], ch["q"], ch["r"])
     u, v, w = rb.body_velocity(V, alpha, beta)
-    u_dot, v_dot, w_dot = rb.velocity_derivative((u, v, w), rates, force, ch["phi"], ch["theta"])
-    level = u**2 + w**2
-    V_dot = (u * u_dot + v * v_dot + w * w_dot) / V
+    turning = rb.velocity_derivative((u, v, w), rates, force, ch["phi"], ch["theta"])
+    alpha_dot, beta_dot, V_dot = rb.flow_angle_rates(u, v, w, *turning)
     turned = rb.euler_rates(*rates, ch["phi"], ch["theta"])
     return {
         "V": V_dot,
-        "alpha": (u * w_dot - w * u_dot) / level,
-        "beta": (v_dot - v * V_dot / V) / np.sqrt(level),
+        "alpha": alpha_dot,
+        "beta": beta_dot,
     } | dict(zip(("phi", "theta", "psi"), turned))
 
 

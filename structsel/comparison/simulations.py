@@ -18,6 +18,7 @@ from structsel.errors import DataError, ModelError
 from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
+from structsel.numerics.rigid_body import body_from_wind_axes
 from structsel.recording import Recording, read_recordings
 
 _STATES = ("V", "alpha")
@@ -129,11 +130,8 @@ def body_axes(told: Mapping[str, Array], alpha: Array) -> dict[str, Array]:
         raise ModelError("a simulation that gives one of CL and CD must give both: body axes need them together.")
     CL, CD = told["CL"], told["CD"]
     rest = {name: x for name, x in told.items() if name not in ("CL", "CD")}
-    return {
-        "CX": CL * np.sin(alpha) - CD * np.cos(alpha),
-        "CZ": -CL * np.cos(alpha) - CD * np.sin(alpha),
-        **rest,
-    }
+    CX, CZ = body_from_wind_axes(CL, CD, alpha)
+    return {"CX": CX, "CZ": CZ, **rest}
 
 
 def _of_files(found: dict[str, Recording], recordings: Sequence[Recording], where: str) -> Simulation:

@@ -275,7 +275,7 @@ def accelerometer_moved(f: Flight, k: int) -> dict[str, Array]:
     turning = tuple(f[f"{c}_dot"] for c in "pqr")
     still = np.zeros(len(f))
     rates = (f["p"], f["q"], f["r"])
-    moved = rb.acceleration_at_cg(still, still, still, rates, turning, tuple(place))
+    moved = rb.acceleration_at_cg(still, still, still, rates, turning, place)
     return misread(f, ax=moved[0], ay=moved[1], az=moved[2])
 
 
@@ -283,5 +283,5 @@ def vane_moved(f: Flight, k: int) -> dict[str, Array]:
     """Vanes and pitot one metre further along body axis k than assumed."""
     place = [0.0, 0.0, 0.0]
     place[k] = -1.0
-    V, alpha, beta = rb.air_data_at_cg(f["V"], f["alpha"], f["beta"], f["p"], f["q"], f["r"], tuple(place))
+    V, alpha, beta = rb.air_data_at_cg(f["V"], f["alpha"], f["beta"], f["p"], f["q"], f["r"], place)
     return misread(f, V=V - f["V"], alpha=alpha - f["alpha"], beta=beta - f["beta"])

@@ -15,6 +15,7 @@ from structsel.errors import DomainError
 from structsel.nomenclature import AIR_DATA, ANGULAR_ACCELERATIONS, BODY_RATES, CONTROL_SURFACES, SPECIFIC_FORCES
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.atmosphere import standard_atmosphere
+from structsel.numerics.integration import rk4
 from structsel.recording import Recording
 
 _DT = 1.0 / RATE
@@ -144,9 +145,9 @@ def integrate(
     aircraft: Aircraft,
     *,
     wind: np.ndarray | None = None,
-    jumps: str = "between",
+    steps_at: str = "within_sample",
 ) -> list[Flown]:
-    """Integrate flights by Runge and Kutta's fourth-order rule, all at once.
+    """Integrate several flights at once, by Runge-Kutta steps of fourth order.
 
     Parameters
     ----------
@@ -158,9 +159,9 @@ def integrate(
     aircraft : Aircraft
     wind : (3, m) array [m/s], optional
         North, east, down. It carries the position along.
-    jumps : {"between", "at"}
-        Where the pilot's steps fall: within the step that ends at their sample, or at that sample. Only with
-        "at" are the states between samples one smooth motion.
+    steps_at : {"within_sample", "sample"}
+        When a step of a command acts: within the integration step that ends at its sample, or from that sample on.
+        Only the latter makes the states smooth between samples.
 
     Raises
     ------
@@ -182,26 +183,28 @@ def integrate(
     state = np.stack([x for x, _ in trims], axis=-1)
     thrust = np.array([T for _, T in trims])
     held = state.copy()  # the attitude and surfaces that the augmentation holds
-    flown = np.empty((samples, *state.shape))
-    outputs = np.empty((samples, len(_OUTPUTS), len(plans)))
-    drift = np.zeros((3, len(plans))) if wind is None else wind
-    end = {"between": 2, "at": 1}[jumps]  # half step whose command rules at the end of a step
+    states = np.empty((samples, *state.shape))
+    states[0] = state
+    drift = np.zeros((3, len(plans))) if wind is None else np.broadcast_to(wind, (3, len(plans)))
+    last = {"within_sample": 2, "sample": 1}[steps_at]  # half step whose command acts at the end of a step
 
-    def slope(x: np.ndarray, half_step: int, ruling: int) -> tuple[np.ndarray, np.ndarray]:
-        return _derivative(x, command[ruling], gust[half_step], thrust, held, aircraft, drift)
+    for i in range(samples - 1):
 
-    for i in range(samples):
-        flown[i] = state
-        k1, outputs[i] = slope(state, 2 * i, 2 * i)
-        if i == samples - 1:
-            break
-        k2, _ = slope(state + 0.5 * _DT * k1, 2 * i + 1, 2 * i + 1)
-        k3, _ = slope(state + 0.5 * _DT * k2, 2 * i + 1, 2 * i + 1)
-        k4, _ = slope(state + _DT * k3, 2 * i + 2, 2 * i + end)
-        state = state + _DT / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        def slope(t: float, x: np.ndarray, i: int = i) -> np.ndarray:
+            half = round(2.0 * t / _DT)
+            acting = 2 * i + last if half == 2 * i + 2 else half
+            return _derivative(x, command[acting], gust[half], thrust, held, aircraft, drift)[0]
+
+        states[i + 1] = rk4(slope, states[i], i * _DT, _DT)
+    # All samples of all flights in one row, for what is to be recorded.
+    whole = states.transpose(1, 0, 2).reshape(len(state), -1)
+    commanded, blown = (x[::2].transpose(1, 0, 2).reshape(x.shape[1], -1) for x in (command, gust))
+    thrusts, holds, drifts = (np.tile(x, samples) for x in (thrust, held, drift))
+    _, row = _derivative(whole, commanded, blown, thrusts, holds, aircraft, drifts)
+    outputs = row.reshape(len(_OUTPUTS), samples, len(plans))
     t = np.arange(samples) * _DT
     return [
-        Flown(k, plan, t, flown[:, :, j], dict(zip(_OUTPUTS, outputs[:, :, j].T)), float(thrust[j]))
+        Flown(k, plan, t, states[:, :, j], dict(zip(_OUTPUTS, outputs[:, :, j])), float(thrust[j]))
         for j, (k, plan) in enumerate(zip(which, plans))
     ]
 
@@ -215,7 +218,7 @@ def _derivative(
     gust: np.ndarray,
     thrust: np.ndarray,
     held: np.ndarray,
-    craft: Aircraft,
+    aircraft: Aircraft,
     wind: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slope of the state (rigid body, then surfaces) and what is to be recorded, for m flights at once.
@@ -225,16 +228,16 @@ def _derivative(
     velocity, rates, (phi, theta, psi) = x[0:3], x[3:6], x[6:9]
     V, alpha, beta = rb.air_data(*(velocity - gust[:3]))
     rho = standard_atmosphere(x[11])[2]
-    CX, CY, CZ, Cl, Cm, Cn = aerodynamics(V, alpha, beta, rates + gust[3:], x[12:], craft)
+    CX, CY, CZ, Cl, Cm, Cn = aerodynamics(V, alpha, beta, rates + gust[3:], x[12:], aircraft)
     qbar = 0.5 * rho * V * V
-    line = craft.thrust
-    assert craft.mass is not None
-    assert craft.inertia is not None
-    force = rb.specific_force(CX, CY, CZ, qbar, craft.mass, craft.S, thrust, line.inclination)
-    qS = qbar * craft.S
-    aero = (qS * craft.b * Cl, qS * craft.cbar * Cm, qS * craft.b * Cn)
+    line = aircraft.thrust
+    assert aircraft.mass is not None
+    assert aircraft.inertia is not None
+    force = rb.specific_force(CX, CY, CZ, qbar, aircraft.mass, aircraft.S, thrust, line.inclination)
+    qS = qbar * aircraft.S
+    aero = (qS * aircraft.b * Cl, qS * aircraft.cbar * Cm, qS * aircraft.b * Cn)
     engine = rb.thrust_moment(thrust, line.offset, line.inclination)
-    turning = rb.angular_acceleration(rates, [a + e for a, e in zip(aero, engine)], craft.inertia.tensor)
+    turning = rb.angular_acceleration(rates, [a + e for a, e in zip(aero, engine)], aircraft.inertia.tensor)
     out = np.empty_like(x)
     out[0:3] = rb.velocity_derivative(velocity, rates, force, phi, theta)
     out[3:6] = turning
@@ -251,7 +254,7 @@ def _derivative(
     return out, np.array([V, alpha, beta, *force, *turning, rho])
 
 
-def _trim(craft: Aircraft, V: float) -> tuple[np.ndarray, float]:
+def _trim(aircraft: Aircraft, V: float) -> tuple[np.ndarray, float]:
     """Straight and level state (15,) at an airspeed, without sideslip, and its thrust [N]."""
     still = np.zeros((6, 1))
 
@@ -263,7 +266,7 @@ def _trim(craft: Aircraft, V: float) -> tuple[np.ndarray, float]:
 
     def unbalance(z: np.ndarray) -> np.ndarray:
         x, thrust = assemble(z)
-        slope, _ = _derivative(x, still[:3], still, thrust, x, craft, still[:3])
+        slope, _ = _derivative(x, still[:3], still, thrust, x, aircraft, still[:3])
         return np.concatenate([slope[0:6, 0], slope[11]])
 
     found = root(unbalance, np.array([0.08, 0.08, 0.0, 0.0, 0.0, 0.0, 2.0]), tol=1e-12)
@@ -271,29 +274,21 @@ def _trim(craft: Aircraft, V: float) -> tuple[np.ndarray, float]:
     return x[:, 0], float(thrust[0])
 
 
-def at_instruments(flown: Flown, craft: Aircraft) -> dict[str, np.ndarray]:
-    """V, alpha, beta at the vanes and ax, ay, az at the accelerometer.
-
-    Reading is the centre's value plus what turning adds at the place: the transfer with the place reversed
-    for velocities, the same kinematics with the other sign for accelerations.
-    """
+def at_instruments(flown: Flown, aircraft: Aircraft) -> dict[str, np.ndarray]:
+    """V, alpha, beta at the vanes and ax, ay, az at the accelerometer."""
     got = flown.outputs
     rates = flown.states[:, 3:6].T
     turning = [got[name] for name in ANGULAR_ACCELERATIONS]
-    place = craft.position("vane")
-    seen = rb.air_data_at_cg(got["V"], got["alpha"], got["beta"], rates[0], rates[1], rates[2], tuple(-place))
-    ax, ay, az = (got[name] for name in SPECIFIC_FORCES)
-    nothing = np.zeros_like(ax)
-    added = rb.acceleration_at_cg(nothing, nothing, nothing, rates, turning, tuple(craft.position("accelerometer")))
-    channels = dict(zip(AIR_DATA, seen))
-    channels |= dict(zip(SPECIFIC_FORCES, (a - e for a, e in zip((ax, ay, az), added))))
-    return channels
+    V, alpha, beta, ax, ay, az = (got[name] for name in (*AIR_DATA, *SPECIFIC_FORCES))
+    air = rb.air_data_at_sensor(V, alpha, beta, rates[0], rates[1], rates[2], aircraft.position("vane"))
+    force = rb.acceleration_at_sensor(ax, ay, az, rates, turning, aircraft.position("accelerometer"))
+    return dict(zip((*AIR_DATA, *SPECIFIC_FORCES), (*air, *force)))
 
 
-def _record(flown: Flown, seed: int, noise: float, exact: bool, craft: Aircraft) -> Recording:
+def _record(flown: Flown, seed: int, noise: float, exact: bool, aircraft: Aircraft) -> Recording:
     """What the instruments, at their places, make of one flight."""
     plan, states = flown.plan, flown.states
-    channels = at_instruments(flown, craft)
+    channels = at_instruments(flown, aircraft)
     channels |= dict(zip(rb.STATES[3:9], states[:, 3:9].T))
     channels |= {"h": states[:, 11], "rho": flown.outputs["rho"], "thrust": np.full(len(states), flown.thrust)}
     channels |= dict(zip(CONTROL_SURFACES, states[:, 12:].T))

@@ -120,7 +120,7 @@ def demo_instruments(
     set_to = _draw_errors(seed, k) if errors is None else _named_errors(errors)
     aircraft = _instrumented_aircraft(noise)
     wind = np.array([set_to["wn"], set_to["we"], set_to["wd"]])
-    flown = integrate([k], seed, duration, 0.0, aircraft, wind=wind[:, None], jumps="at")[0]
+    flown = integrate([k], seed, duration, 0.0, aircraft, wind=wind[:, None], steps_at="sample")[0]
     truth = _truth(flown, wind)
     measured = _measure(flown, truth, aircraft, set_to, np.random.default_rng([seed, k, 8]), noise)
     return InstrumentedFlight(measured, truth, aircraft, MappingProxyType(set_to))

@@ -229,7 +229,7 @@ def _tables(predicted: Sequence[PredictedCoefficients], aircraft: Aircraft, path
         slopes.append([[np.broadcast_to(f.slope(c, x), len(f)) for x in _AIR] for c in COEFFICIENTS])
     joined = np.concatenate(rates, axis=2)
     V, alpha, beta, p, q, r = path[:6]
-    at_cg = rb.air_data_at_cg(V, alpha, beta, p, q, r, tuple(aircraft.position("vane")))
+    at_cg = rb.air_data_at_cg(V, alpha, beta, p, q, r, aircraft.position("vane"))
     return CoefficientTables(
         aircraft, joined[:6], joined[6:], np.concatenate(environment, axis=1), np.array([*at_cg, p, q, r]),
         path[6:], np.concatenate(slopes, axis=2),

@@ -14,7 +14,7 @@ from structsel.effects.signals import available, coefficients, gathered, moves, 
 from structsel.effects.wording import shown
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.rigid_body import body_to_earth, body_velocity
+from structsel.numerics.rigid_body import body_to_earth, body_velocity, flow_angle_rates
 
 _OVER_GROUND = ("vn", "ve", "vd")
 _AXES = ("north", "east", "down")
@@ -39,15 +39,14 @@ def moving_air(flight: Flight, wind: Array) -> dict[str, Array]:
         Velocity of the air over the ground, north, east, down.
     """
     (u, v, w), frame = (lambda made: (made[0].T, made[1]))(_frames(flight))
-    V, level = flight["V"], np.maximum(u**2 + w**2, 1.0)
     # The instruments feel the motion through space; that through the air also loses what the air gains.
     gains = np.column_stack([flight.rate(x) for x in wind.T])
     ud, vd, wd = -np.einsum("nji,nj->in", frame, gains)
-    V_dot = (u * ud + v * vd + w * wd) / V
+    alpha_dot, beta_dot, V_dot = flow_angle_rates(u, v, w, ud, vd, wd)
     made = {
         "k_V": V_dot,
-        "k_alpha": (u * wd - w * ud) / level,
-        "k_beta": (vd - v * V_dot / V) / np.sqrt(level),
+        "k_alpha": alpha_dot,
+        "k_beta": beta_dot,
         "k_h": wind[:, 2] * -1.0,
         **{f"k_{name}": x for name, x in zip(_OVER_GROUND, wind.T)},
     }
@@ -74,13 +73,10 @@ def _along(axis: int, size: Array) -> Array:
 def _ground_speed_as_airspeed(flight: Flight) -> list[dict[str, Array]]:
     """Readings that are wrong because they were made from the motion over the ground, for 1 m/s of wind each way."""
     (u, v, w), frame = (lambda made: (made[0].T, made[1]))(_frames(flight))
-    level = np.maximum(u**2 + w**2, 1.0)
     made = []
     for axis in range(3):
-        du, dv, dw = frame[:, axis, :].T
-        dV = (u * du + v * dv + w * dw) / flight["V"]
-        angles = {"alpha": (u * dw - w * du) / level, "beta": (dv - v * dV / flight["V"]) / np.sqrt(level)}
-        made.append({"V": dV, **angles})
+        dalpha, dbeta, dV = flow_angle_rates(u, v, w, *frame[:, axis, :].T)
+        made.append({"V": dV, "alpha": dalpha, "beta": dbeta})
     return made
 
 

@@ -11,6 +11,7 @@ from structsel.effects.base import Columns, EffectParameter, Flights, Variant
 from structsel.nomenclature import COEFFICIENTS, LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.centring import centred, rms_within
+from structsel.numerics.rigid_body import body_from_wind_axes, lift_and_drag
 
 CHANNELS_OF = {
     **dict.fromkeys(LONGITUDINAL_COEFFICIENTS, ("alpha", "q_hat", "de", "df", "V")),
@@ -131,15 +132,15 @@ def from_lift_and_drag(
     flight: Flight, j: int, CL: Array | float = 0.0, CD: Array | float = 0.0
 ) -> list[tuple[str, int, Array]]:
     """Parts of `signature` for an increment of lift and drag."""
-    sin, cos = np.sin(flight["alpha"]), np.cos(flight["alpha"])
-    return [("CX", j, CL * sin - CD * cos), ("CZ", j, -CL * cos - CD * sin)]
+    CX, CZ = body_from_wind_axes(CL, CD, flight["alpha"])
+    return [("CX", j, CX), ("CZ", j, CZ)]
 
 
 def lift(flight: Flight) -> Array:
     """Lift coefficient as simulated; where the simulation does not tell it, as measured."""
     CZ = flight.told("CZ")
     CX = flight.told("CX")
-    return CX * np.sin(flight["alpha"]) - CZ * np.cos(flight["alpha"])
+    return lift_and_drag(CX, 0.0, CZ, flight["alpha"])[0]
 
 
 def lift_line(flights: Flights) -> tuple[float, float]:

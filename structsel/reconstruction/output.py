@@ -34,15 +34,15 @@ def output_recording(
     du, dv, dw = (slope[:, j] for j in range(3))
     V, alpha, beta = rb.air_data(u, v, w)
     plane = u * u + w * w
-    V_dot = (u * du + v * dv + w * dw) / V
+    alpha_dot, beta_dot, V_dot = rb.flow_angle_rates(u, v, w, du, dv, dw)
     channels = {"u": u, "w": w, "V": V, "alpha": alpha, "theta": path[:, 4]}
-    channels |= {"V_dot": V_dot, "alpha_dot": (u * dw - w * du) / plane}
+    channels |= {"V_dot": V_dot, "alpha_dot": alpha_dot}
     channels["gamma"] = np.arcsin(np.clip((slope[:, 8] + path[:, 17]) / V, -1.0, 1.0))
     kept = [name for j, name in enumerate(INERTIAL) if lateral or name in ("ax", "az", "q")]
     channels |= {name: force[:, INERTIAL.index(name)] for name in kept}
     channels |= {f"{name}_dot": assembly.turning[:, INERTIAL.index(name) - 3] for name in kept if name in BODY_RATES}
     if lateral:
-        channels |= {"v": v, "beta": beta, "phi": path[:, 3], "beta_dot": (dv - v * V_dot / V) / np.sqrt(plane)}
+        channels |= {"v": v, "beta": beta, "phi": path[:, 3], "beta_dot": beta_dot}
     channels |= {name: path[:, fp.STATES.index(name)] for name in ("psi", "x", "y", "h") if name in estimated}
     stds = {name: std[:, j].copy() for j, name in enumerate(assembly.names) if fp.STATES.index(name) < fp.MOTION}
     for j, name in enumerate(("u", "v", "w")):

@@ -211,7 +211,7 @@ def first_state(inputs: Inputs, start: Start | None, aircraft: Aircraft, name: s
         if start is None and not (isinstance(inputs, Recording) and inputs.at_cg):
             # Measured at the vane; the state is that of the centre of gravity.
             p, q, r = state[3:6]
-            at_cg = rb.air_data_at_cg(V, alpha, beta, p, q, r, tuple(aircraft.position("vane")))
+            at_cg = rb.air_data_at_cg(V, alpha, beta, p, q, r, aircraft.position("vane"))
             V, alpha, beta = (float(x) for x in at_cg)
         state[:3] = rb.body_velocity(V, alpha, beta)
     return state

@@ -66,14 +66,14 @@ def make_recording(
     channels = {c: held[c] for c in (*_AS_READ, *COEFFICIENTS, *controls)}
     u, v, w, u_dot, v_dot, w_dot = (held[c] for c in ("u", "v", "w", "u_dot", "v_dot", "w_dot"))
     V, alpha, beta = rb.air_data(u, v, w)
-    V_dot = (u * u_dot + v * v_dot + w * w_dot) / V
+    alpha_dot, beta_dot, V_dot = rb.flow_angle_rates(u, v, w, u_dot, v_dot, w_dot)
     channels |= {
         "V": V,
         "alpha": alpha,
         "beta": beta,
         "V_dot": V_dot,
-        "alpha_dot": (u * w_dot - w * u_dot) / (u * u + w * w),
-        "beta_dot": (v_dot * V - v * V_dot) / (V * np.hypot(u, w)),
+        "alpha_dot": alpha_dot,
+        "beta_dot": beta_dot,
         "qbar": 0.5 * held["rho"] * V * V,
     }
     channels |= {f"a{c}": held[f"F{c}"] / held["mass"] for c in "xyz"}
