@@ -1,20 +1,29 @@
 """What may be added from outside the package: a toy of each kind."""
 
+import json
+
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from structsel import write_report
-from structsel.candidates import Term
+from structsel.candidates import Candidates, Term
+from structsel.cli import app
 from structsel.cli.tables import print_validation
 from structsel.cli.terminal import stdout
 from structsel.demo import demo_missing_physics
 from structsel.diagnosis import diagnose
 from structsel.effects import EFFECTS, Effect, EffectParameter, Variant
-from structsel.errors import DomainError
+from structsel.errors import DomainError, SelectionError
 from structsel.metrics import metric, remove_metric
 from structsel.model import AeroModel, ResponseModel
-from structsel.recording import Recording
+from structsel.recording import Recording, write_recording
+from structsel.report.selection import describe_method
+from structsel.selection import select
+from structsel.selection.methods import METHODS, SelectionMethod, VisitedModels
 from structsel.validation import validate
+
+from .flights import fly
 
 # --- a metric -------------------------------------------------------------------------------------
 
@@ -94,3 +103,50 @@ def test_an_effect_from_outside_is_named_and_enters_model_text_json_and_report(t
     assert found.to_dict()["findings"][0]["physics"][0]["effect"] == "toy-tab"
     write_report(found, tmp_path / "report.html")
     assert "toy-tab" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+# --- a selection method ---------------------------------------------------------------------------
+
+
+@pytest.fixture
+def single_best(monkeypatch):
+    """The single candidate that correlates most with the response, from outside the package."""
+
+    def search(problem):
+        C = problem.products
+        explained = C[:-1, -1] ** 2 / np.diag(C)[:-1]
+        order = np.argsort(explained)[::-1][: problem.options.max_terms]
+        models = [((), problem.tss), *(((int(j),), problem.tss - explained[j]) for j in order)]
+        return VisitedModels(models, models[1], (), "one term is enough")
+
+    method = SelectionMethod("single_best", "The single best term", search)
+    monkeypatch.setitem(METHODS, "single_best", method)
+    return method
+
+
+def test_a_method_from_outside_is_an_option_of_select_with_its_errors_warnings_and_report(single_best):
+    recordings = fly({"1": -0.3, "alpha": -4.0, "de": -0.2}, 0.03, lengths=(600, 500, 700))
+    pool = Candidates.polynomial(["alpha", "q_hat", "de"], 2)
+    selections = select(recordings, "CZ", pool, method="single_best", bootstrap=5)
+    (term,) = selections["CZ"].terms
+    assert str(term) == "alpha"
+    assert selections["CZ"].standard_errors[1] > 0.0
+    assert len(selections["CZ"].held_out) == 3
+    assert "1 of 9 candidate terms, single_best" in str(selections["CZ"])
+    chosen = select(recordings, "CZ", pool, method="single_best", criterion="BIC", max_terms=2, bootstrap=0)["CZ"]
+    assert chosen.stop_reason == "least BIC of 3 models visited"
+    assert "The single best term; " in describe_method(selections["CZ"])[0]
+    with pytest.raises(SelectionError, match="is not one of 'stepwise', 'orthogonal', 'best_subset', 'single_best'"):
+        select(recordings, "CZ", pool, method="double_best")
+
+
+def test_a_method_from_outside_is_known_to_the_command_line(single_best, tmp_path):
+    for recording in fly({"1": -0.3, "alpha": -4.0}, 0.03, lengths=(600, 500)):
+        write_recording(recording, tmp_path / f"{recording.name}.csv")
+    asked = ["select", str(tmp_path), "--responses", "CZ", "--candidates", "alpha,de", "--bootstrap", "0", "--json"]
+    result = CliRunner().invoke(app, [*asked, "--method", "single_best"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["responses"]["CZ"]["method"] == "single_best"
+    result = CliRunner().invoke(app, [*asked, "--method", "double_best"])
+    assert result.exit_code == 2
+    assert "single_best" in result.output

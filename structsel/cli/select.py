@@ -103,7 +103,7 @@ def run(
     ] = None,
     include: Annotated[str, option("--include", "Terms always in the model; they join the pool.", _POOL, "TERMS")] = "",
     method: Annotated[
-        Literal["stepwise", "orthogonal", "best_subset", "all"],
+        str,
         option(
             "--method",
             "stepwise: partial F; orthogonal: functions ranked by PSE; best_subset; all: compared.",
@@ -177,6 +177,8 @@ def run(
     """Choose which candidate terms belong in the model of each response, and say how sure that is."""
     if json and latex:
         raise typer.BadParameter("give one of --json and --latex, not both.")
+    if method not in (*METHODS, "all"):
+        raise typer.BadParameter(f"--method '{method}' is not one of {', '.join(METHODS)} or all.")
     wanted = words(responses)
     pool = build_pool(candidates, degree, terms, spline or [], include)
     if not wanted:

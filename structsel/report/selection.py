@@ -74,7 +74,7 @@ def sheet_of(
         sections=tuple(sections),
         doubts=doubts,
         notes=(),
-        done=_done(each[0]),
+        done=describe_method(each[0]),
         sources=list_sources(recordings, each[0].recordings, held),
         history=conversions(recordings),
         data=figures_of({"physics": ("model", found)}, recordings, charts),
@@ -185,7 +185,8 @@ def _judgement(judged: Validation) -> Section:
                    tables=(Table(heads, tuple(rows), "", note),))  # fmt: skip
 
 
-def _done(s: Selection) -> tuple[str, ...]:
+def describe_method(s: Selection) -> tuple[str, ...]:
+    """Sentences about how the terms were searched, estimated and resampled, and the candidates."""
     o = s.options
     method = METHODS[o.method]
     words = method.heading
