@@ -286,7 +286,7 @@ def test_an_optimal_input_keeps_its_limits_and_separates_what_is_asked(folder, c
 def test_an_input_that_excites_nothing_names_the_parameters_it_leaves_open():
     model = ("--model", "ready:hawk:lateral", "--noise", "p=0.01,r=0.01", "--parameters", "lda,lp,nr")
     result = run("inputs", "doublet", "--channel", "da", "--amplitude", 0, *model, code=1)
-    assert "does not show all of lda, lp, nr" in told(result)
+    assert "does not determine all of lda, lp, nr" in told(result)
     assert "Excite the motion" in told(result)
     assert re.search(r"^lda +-34.84 +- ", result.stdout, re.MULTILINE)  # the table stands, without bounds
     fine = run("inputs", "doublet", "--channel", "da", "--amplitude", 0.01, *model)

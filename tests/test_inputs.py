@@ -30,7 +30,7 @@ from structsel.inputs import (
     two_one_one_one,
     with_energy,
 )
-from structsel.inputs.criteria import Problem, elementary_matrices
+from structsel.inputs.criteria import DesignProblem, elementary_matrices
 from structsel.inputs.mehra_schulz import optimal_powers, sensitivity_response
 from structsel.inputs.optimal import frame, newton, orthonormal_functions, spherical
 from structsel.simulation.linear_library import as355, hawk
@@ -163,12 +163,14 @@ def test_an_input_that_excites_nothing_names_the_parameters():
     aileron_only = doublet("da", 0.05).with_channels(dr=0.0)
     noise = {"v": 0.3, "p": 0.01, "r": 0.01}
     found = information(model, aileron_only, noise=noise)
-    assert found.unseen == tuple(f"{n} does not act on what is measured" for n in ("ydr", "ldr", "ndr"))
+    with pytest.warns(DeprecationWarning, match="use unidentifiable instead"):
+        assert found.unseen == found.unidentifiable
+    assert found.unidentifiable == tuple(f"{n} does not affect the measured outputs" for n in ("ydr", "ldr", "ndr"))
     assert np.isnan(found.crlb).all()
-    with pytest.raises(ModelError, match=r"'doublet' does not show all of yv.*\n  ydr does not act"):
+    with pytest.raises(ModelError, match=r"'doublet' does not determine all of yv.*\n  ydr does not affect"):
         found.require()
     still = information(model, step("da", 0.0).with_channels(dr=0.0), noise=noise, parameters=["lp", "lda"])
-    assert len(still.unseen) == 2
+    assert len(still.unidentifiable) == 2
 
 
 def test_parameters_that_act_alike_are_named_together():
@@ -179,11 +181,13 @@ def test_parameters_that_act_alike_are_named_together():
         noise={"theta": 0.01},
         parameters=["ref_theta", "ref_q", "Md", "Mq"],
     )
-    assert biased.unseen == ("ref_q does not act on what is measured",)
+    assert biased.unidentifiable == ("ref_q does not affect the measured outputs",)
     scaled = information(
         held, doublet("dlon", 1.0, duration=8.0), noise={"alpha": 0.01}, parameters=["Md", "Zd", "Xd", "K_alpha"]
     )
-    assert scaled.unseen == ("Md, Zd, Xd, K_alpha act alike: only a combination of them shows",)
+    assert scaled.unidentifiable == (
+        "Md, Zd, Xd, K_alpha have the same effect: only a combination of them is determined",
+    )
 
 
 # Optimal inputs
@@ -201,7 +205,7 @@ def test_the_functions_are_orthonormal(basis):
 def a_problem(criterion, of_interest=(0, 1, 2, 3), limits=None):
     S = np.random.default_rng(1).normal(size=(7, 40, 4)) * [1.0, 2.0, 0.5, 1.0]
     rows = np.zeros((0, 6)) if limits is None else limits
-    return Problem(elementary_matrices(S), criterion, np.array(of_interest), 2.0, rows), S
+    return DesignProblem(elementary_matrices(S), criterion, np.array(of_interest), 2.0, rows), S
 
 
 def test_the_information_is_quadratic_in_the_coefficients():
@@ -249,7 +253,7 @@ def test_newton_on_the_trace_ends_at_the_leading_eigenvector():
     # Without a constant part, trace M is a quadratic form of a, so its largest value is known.
     S = np.random.default_rng(4).normal(size=(7, 30, 3))
     S[0] = 0.0
-    problem = Problem(elementary_matrices(S), "trace", np.arange(3), 2.0, np.zeros((0, 6)))
+    problem = DesignProblem(elementary_matrices(S), "trace", np.arange(3), 2.0, np.zeros((0, 6)))
     T = np.einsum("ijll->ij", problem.elementary[1:, 1:])
     found = newton(problem, np.ones(6))
     assert found.converged
@@ -387,7 +391,7 @@ def test_limits_on_amplitude_rate_and_excursion_hold_and_are_said(tmp_path):
     assert np.abs(np.diff(flight["de"])).max() / 0.05 <= 0.1 * (1 + 1e-9)
     assert {r.what: r.allowed for r in design.limits} == limits | {"rate of de": 0.1}
     assert_allclose(design.limits[1].reached, np.abs(flight["w"]).max() / 105.5, rtol=1e-9)
-    assert "not the 0.01 asked for" in str(design)
+    assert "not the given 0.01" in str(design)
     assert design.energy < 0.01
     # Shaped by the limits it tells more than the free shape merely scaled down to them.
     free = design_inputs(model, noise=NOISE, energy=0.01, duration=15.0)
@@ -459,7 +463,7 @@ def test_designs_that_cannot_be_meant_are_refused_by_name():
     with pytest.raises(ModelError, match="no 'beta' to limit"):
         design_inputs(model, noise=NOISE, energy=1.0, limits={"beta": 0.1})
     # No elevator input moves what only the rudder moves, and what is not measured tells nothing.
-    with pytest.raises(ModelError, match=r"any input of this kind.*\n.*ref_q does not act on what is measured"):
+    with pytest.raises(ModelError, match=r"any input of this kind.*\n.*ref_q does not affect the measured outputs"):
         design_inputs(
             as355(), noise={"theta": 0.01}, energy=1.0, parameters=["Mq", "ref_q"], parameter_scales={"ref_q": 1.0}
         )

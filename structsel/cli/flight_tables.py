@@ -198,7 +198,7 @@ def print_inputs_compared(console: Console, found: InputComparison) -> None:
     note = f"least standard deviation by Cramer and Rao, in % of {sizes}; A: sum of their squares, D: their volume."
     console.print(Text(note, "dim"))
     for u, info in zip(found.inputs, found.found):
-        print_doubts(console, (f"{u.name}: {text}" for text in info.unseen))
+        print_doubts(console, (f"{u.name}: {text}" for text in info.unidentifiable))
     console.print()
 
 

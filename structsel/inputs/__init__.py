@@ -1,9 +1,9 @@
-"""Inputs worth flying: classical ones, multisines, optimal ones, and what each tells about a model's parameters.
+"""Design of inputs: classical ones, multisines, optimal ones, and their information about a model's parameters.
 
-Inputs are Recordings of controls, as `simulate` takes them; amplitudes are departures from trim.
+Inputs are Recordings of controls, as `simulate` takes them; amplitudes are changes from trim.
 """
 
-from structsel.inputs.comparison import InputComparison, Scatter, compare_inputs, scatter
+from structsel.inputs.compare import InputComparison, Scatter, compare_inputs, scatter
 from structsel.inputs.derivatives import name_derivatives
 from structsel.inputs.design import InputDesign, design_inputs
 from structsel.inputs.information import Information, information

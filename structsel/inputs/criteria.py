@@ -4,8 +4,8 @@ With u = sum_i a_i phi_i and a linear system, sensitivities add, so the informat
 
     M(a) = sum_ij a_i a_j M_ij,    M_ij = sum_k S_i(k)' inv(R) S_j(k)
 
-The *elementary* matrices M_ij are found once [M86]; then every value, slope and curvature of a criterion is algebra.
-a_0 = 1 belongs to what is there without input (biases).
+The *elementary* matrices M_ij are computed once [M86]; every value, slope and curvature of a criterion follows by
+algebra. a_0 = 1 belongs to the motion without input (biases).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 Criterion = Literal["A", "D", "trace", "E"]
 
 _SINGULAR = 1e-13
-"""Least eigenvalue of M scaled to unit diagonal, as a share of the largest: under it nothing can be told."""
+"""Least eigenvalue of M scaled to unit diagonal, relative to the largest: below it M is singular."""
 
 
 def elementary_matrices(S: np.ndarray) -> np.ndarray:
@@ -30,13 +30,13 @@ def elementary_matrices(S: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Problem:
-    """What an optimal input is to achieve, as arrays; a (b,) are the coefficients.
+class DesignProblem:
+    """Criterion, energy and limits of an optimal input, as arrays; a (b,) are the coefficients.
 
     Attributes
     ----------
     elementary : (1 + b, 1 + b, k, k) array
-        Of parameters scaled so that 1 matters equally; row 0 is the motion without input.
+        Of parameters in units of their scales; row 0 is the motion without input.
     criterion : {"A", "D", "trace", "E"}
         Least trace of the covariance; least ln det of it; largest trace of M; least largest eigenvalue of the
         covariance.
@@ -44,7 +44,7 @@ class Problem:
         Parameters whose covariance counts, the others being estimated too.
     energy : float
     limits : (c, b) array
-        Rows that may not go beyond 1 either way: amplitudes, rates, excursions, each over its limit.
+        Amplitudes, rates and excursions over their limits: rows a must lie between -1 and 1.
     """
 
     elementary: np.ndarray
@@ -66,15 +66,15 @@ class Problem:
         s = self.of_interest
         if self.criterion == "trace":
             return -np.trace(M[:, s][:, :, s], axis1=1, axis2=2)
-        sound = well_posed(M)
+        regular = well_posed(M)
         out = np.full(len(a), np.inf)
-        V = np.linalg.inv(M[sound])[:, s][:, :, s]
+        V = np.linalg.inv(M[regular])[:, s][:, :, s]
         if self.criterion == "A":
-            out[sound] = np.trace(V, axis1=1, axis2=2)
+            out[regular] = np.trace(V, axis1=1, axis2=2)
         elif self.criterion == "D":
-            out[sound] = np.linalg.slogdet(V)[1]
+            out[regular] = np.linalg.slogdet(V)[1]
         else:
-            out[sound] = np.linalg.eigvalsh(V)[:, -1]
+            out[regular] = np.linalg.eigvalsh(V)[:, -1]
         return out
 
     def derivatives(self, a: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -111,14 +111,14 @@ class Problem:
                 np.einsum("ac,ijca->ij", W, V2) - np.einsum("iac,jca->ij", first, first),
             )
         w, Z = np.linalg.eigh(Vs)
-        turned = np.einsum("ac,iad,de->ice", Z, V1, Z, optimize=True)
-        top = turned[:, -1, :-1]
+        rotated = np.einsum("ac,iad,de->ice", Z, V1, Z, optimize=True)
+        top = rotated[:, -1, :-1]
         curvature = np.einsum("a,ijac,c->ij", Z[:, -1], V2, Z[:, -1], optimize=True)
         gap = np.maximum(w[-1] - w[:-1], 1e-9 * w[-1])  # equal eigenvalues have no curvature; the step is damped
-        return value, turned[:, -1, -1], curvature + 2.0 * (top / gap) @ top.T
+        return value, rotated[:, -1, -1], curvature + 2.0 * (top / gap) @ top.T
 
     def penalty(self, a: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Sum of squares of what goes beyond the limits, with slope and curvature."""
+        """Sum of squares of the excess over the limits, with slope and curvature."""
         beyond = self.limits @ a
         over = np.abs(beyond) > 1.0
         rows, excess = self.limits[over], (np.abs(beyond[over]) - 1.0) * np.sign(beyond[over])
@@ -128,8 +128,8 @@ class Problem:
 def well_posed(M: np.ndarray) -> np.ndarray:
     """Whether information matrices (m, k, k) can be inverted, (m,)."""
     size = np.sqrt(np.maximum(np.einsum("mii->mi", M), 0.0))
-    sound = (size > 0.0).all(axis=1) & np.isfinite(M).all(axis=(1, 2))
-    scaled = M[sound] / (size[sound][:, :, None] * size[sound][:, None, :])
+    regular = (size > 0.0).all(axis=1) & np.isfinite(M).all(axis=(1, 2))
+    scaled = M[regular] / (size[regular][:, :, None] * size[regular][:, None, :])
     w = np.linalg.eigvalsh(scaled)
-    sound[sound] = w[:, 0] > _SINGULAR * w[:, -1]
-    return sound
+    regular[regular] = w[:, 0] > _SINGULAR * w[:, -1]
+    return regular

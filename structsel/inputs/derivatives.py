@@ -11,7 +11,7 @@ from structsel.simulation.concise import lateral_model, longitudinal_model
 from structsel.simulation.linear import LinearModel
 
 _LONGITUDINAL, _LATERAL = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
-_NOTHING = 1e-6  # of the largest in its equation: what differences leave where a derivative is zero
+_ZERO = 1e-6  # of the largest in its equation: rounding of the differences where a derivative is zero
 
 
 def name_derivatives(
@@ -36,7 +36,7 @@ def name_derivatives(
     Raises
     ------
     ModelError
-        Other states, an input or output that there is not, or no airspeed in the condition.
+        Other states, an unknown input or output, or no airspeed in the condition.
     """
     along, across = model.states == _LONGITUDINAL, model.states == _LATERAL
     if not (along or across) or "V" not in model.condition:
@@ -51,7 +51,7 @@ def name_derivatives(
     V, alpha = held["V"], held.get("alpha", 0.0)
     Ue, We = V * np.cos(alpha), V * np.sin(alpha)
     A = np.array(model.system.A)
-    if along:  # the motion of the axes is no derivative
+    if along:  # without the motion of the axes
         A[0, 2] += We
         A[1, 2] -= Ue
     else:
@@ -61,7 +61,7 @@ def name_derivatives(
     made: dict[str, float] = {}
     for row, letter in enumerate("xzm" if along else "yln"):
         found = dict(zip((*model.states[:3], *kept), [*A[row, :3], *B[row]]))
-        least = _NOTHING * max(map(abs, found.values()))
+        least = _ZERO * max(map(abs, found.values()))
         made |= {letter + name: float(value) for name, value in found.items() if abs(value) > least}
     build = longitudinal_model if along else lateral_model
     shown = model.states if outputs is None else outputs

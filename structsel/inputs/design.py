@@ -1,4 +1,4 @@
-"""`design_inputs`: the input that tells most about parameters, or about the difference between some of them."""
+"""`design_inputs`: the input that determines parameters best, or the difference between some of them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from structsel.errors import DomainError, ModelError
-from structsel.inputs.criteria import Criterion, Problem, elementary_matrices
-from structsel.inputs.information import Information, chosen, information, of_sensitivities, sensitivities
-from structsel.inputs.limits import Reached, limit_rows, reached
+from structsel.inputs.criteria import Criterion, DesignProblem, elementary_matrices
+from structsel.inputs.information import Information, information, of_sensitivities, select_parameters, sensitivities
+from structsel.inputs.limits import LimitUse, limit_rows, reached
 from structsel.inputs.optimal import optimise, orthonormal_functions, within_limits
 from structsel.inputs.settings import DesignOptions
 from structsel.inputs.signals import clock
@@ -22,40 +22,40 @@ from structsel.recording import Recording, write_recording
 from structsel.rich_text import opening, to_html
 from structsel.simulation.linear import LinearModel
 
-_MEANS = {
+_CRITERIA = {
     "A": "trace of the covariance",
     "D": "ln det of the covariance",
     "trace": "trace of the information",
     "E": "largest variance of any combination",
 }
-_BROKEN = 1e-3  # of the energy: less than that short of what was asked is the penalty's tail
+_ENERGY_TOLERANCE = 1e-3  # of the energy: a smaller deficit is due to the penalty
 
 
 @dataclass(frozen=True, eq=False)
 class InputDesign:
-    """An input made to tell most, with what it tells.
+    """An optimal input, with its information.
 
     Attributes
     ----------
     inputs : Recording
         The input on its clock; held from sample to sample unless `hold` was ``"linear"``.
     information : Information
-        Cramer-Rao bounds it reaches.
+        Its Cramer-Rao bounds.
     criterion : {"A", "D", "trace", "E"}
     of_interest : tuple of str
-        Parameters the criterion counts; the others are estimated too.
+        Parameters in the criterion; the others are estimated too.
     value, free_value : float
-        Of the criterion, parameters scaled: reached, and without limits at the energy asked for.
+        Of the criterion, parameters scaled: of the input, and without limits at the given energy.
     energy, energy_asked : float
-        Of the input, and as asked; nan where the limits alone were to set it.
+        Of the input, and as given; nan where only the limits set it.
     basis : str
     coefficients : (inputs, functions) array
-    limits : tuple of Reached
+    limits : tuple of LimitUse
     history : tuple of (float, float)
         Criterion and slope at each Newton-Raphson step.
     converged : bool
     notes : tuple of str
-        What limits did, and other things to know.
+        Effect of the limits, and other remarks.
     """
 
     inputs: Recording
@@ -68,7 +68,7 @@ class InputDesign:
     energy_asked: float
     basis: str
     coefficients: np.ndarray
-    limits: tuple[Reached, ...]
+    limits: tuple[LimitUse, ...]
     history: tuple[tuple[float, float], ...]
     converged: bool
     notes: tuple[str, ...]
@@ -110,9 +110,9 @@ class InputDesign:
     def __str__(self) -> str:
         shape = f"{self.coefficients.shape[1]} {self.basis} on {', '.join(self.inputs.names)}"
         lines = [
-            f"input for the least {_MEANS[self.criterion]}"
+            f"input for the least {_CRITERIA[self.criterion]}"
             if self.criterion != "trace"
-            else f"input for the largest {_MEANS[self.criterion]}",
+            else f"input for the largest {_CRITERIA[self.criterion]}",
             f"  of {', '.join(self.of_interest)}",
             f"  {shape}, {self.inputs.duration:g} s, energy {self.energy:.4g}",
             f"  {len(self.history)} Newton-Raphson steps, "
@@ -147,15 +147,15 @@ def design_inputs(model: LinearModel, *, noise: Mapping[str, float], options: De
     Returns
     -------
     InputDesign
-        Its notes say where limits shaped the input, or lowered its energy.
+        Its notes state where limits changed the input, or lowered its energy.
 
     Raises
     ------
     ModelError
-        Names that are not there, neither energy nor limits, a parameter that is zero without a scale, or parameters
-        no input can tell apart; the message names them.
+        Unknown names, neither energy nor limits, a parameter that is zero without a scale, or parameters that no input
+        can separate; the message names them.
     """
-    names = chosen(model, options.parameters)
+    names = select_parameters(model, options.parameters)
     criterion, to_separate, energy, dt = options.criterion, options.to_separate, options.energy, options.dt
     limits, rate_limits = options.limits or {}, options.rate_limits or {}
     scales, hold, basis = options.scales or {}, options.hold, options.basis
@@ -176,11 +176,11 @@ def design_inputs(model: LinearModel, *, noise: Mapping[str, float], options: De
     phi = orthonormal_functions(basis, count, len(t), dt)
     u = _spread(phi, [scales.get(c, 1.0) for c in model.inputs])
     S = sensitivities(model, names, np.concatenate([np.zeros_like(u[:1]), u]), dt, noise, hold)
-    S[1:] -= S[0]  # what an input adds to the motion without one
-    all_at_once = of_sensitivities("any input of this kind", names, np.ones(len(names)), S.reshape(-1, len(names)))
-    all_at_once.require()
+    S[1:] -= S[0]  # change of the motion due to the input
+    complete = of_sensitivities("any input of this kind", names, np.ones(len(names)), S.reshape(-1, len(names)))
+    complete.require()
     rows = limit_rows(model, u, dt, limits, rate_limits, hold)
-    problem = Problem(
+    problem = DesignProblem(
         elementary=elementary_matrices(S * size),
         criterion=criterion,
         of_interest=np.array([names.index(p) for p in interest]),
@@ -196,15 +196,17 @@ def design_inputs(model: LinearModel, *, noise: Mapping[str, float], options: De
     value, held = float(problem.values(a[None])[0]), float(a @ a)
     if energy is None:
         notes.append(f"the limits set the energy, {held:.4g}")
-    elif held < (1.0 - _BROKEN) * energy:
+    elif held < (1.0 - _ENERGY_TOLERANCE) * energy:
         notes.append(
-            f"within the limits an energy of {held:.4g} tells most, not the {energy:.4g} asked for; without limits the "
+            f"within the limits the best energy is {held:.4g}, not the given {energy:.4g}; without limits the "
             f"criterion is {free.value:.4g} instead of {value:.4g}"
         )
     elif found is not free:
-        notes.append(f"limits shape this input; without them the criterion is {free.value:.4g} instead of {value:.4g}")
+        notes.append(
+            f"the limits change this input; without them the criterion is {free.value:.4g} instead of {value:.4g}"
+        )
     if not found.converged:
-        notes.append("the search stopped before the slope vanished; the best input found is given")
+        notes.append("the search stopped before the gradient was zero; the best input found is given")
     made = np.tensordot(a, u, 1)
     note = f"optimal input: criterion {criterion}, {count} {basis}, energy {float(a @ a):.6g}"
     units = {c: model.unit(c) for c in model.inputs}
@@ -230,7 +232,7 @@ def design_inputs(model: LinearModel, *, noise: Mapping[str, float], options: De
 def parameter_sizes(
     model: LinearModel, names: tuple[str, ...], scales: Mapping[str, float] | None = None
 ) -> np.ndarray:
-    """What an error of each parameter is measured by, (k,): given, else its value.
+    """Unit of the error of each parameter, (k,): given, else its value.
 
     Raises
     ------
@@ -241,7 +243,7 @@ def parameter_sizes(
     if (size == 0.0).any():
         zero = [n for n, s in zip(names, size) if s == 0.0]
         raise ModelError(
-            f"{', '.join(zero)} of '{model.name}' is zero, so its value says nothing of how well it need be known. "
+            f"{', '.join(zero)} of '{model.name}' is zero, so its value is no scale for its error. "
             f"Give parameter_scales for it, as parameter_scales={{'{zero[0]}': 0.1}}."
         )
     return size
@@ -253,7 +255,7 @@ def _functions(model: LinearModel, duration: float) -> int:
 
 
 def _spread(phi: np.ndarray, sizes: Sequence[float]) -> np.ndarray:
-    """(inputs * functions, n, inputs) inputs that each move one control."""
+    """(inputs * functions, n, inputs) inputs, each of one control."""
     count, n = phi.shape
     u = np.zeros((len(sizes), count, n, len(sizes)))
     for i, size in enumerate(sizes):
@@ -261,15 +263,15 @@ def _spread(phi: np.ndarray, sizes: Sequence[float]) -> np.ndarray:
     return u.reshape(-1, n, len(sizes))
 
 
-def _starts(problem: Problem, phi: np.ndarray, inputs: int) -> np.ndarray:
-    """Directions to begin from: the strongest responses, and doublets and 3-2-1-1s of several widths."""
+def _starts(problem: DesignProblem, phi: np.ndarray, inputs: int) -> np.ndarray:
+    """Start directions: the strongest responses, and doublets and 3-2-1-1s of several widths."""
     T = np.einsum("ijll->ij", problem.elementary[1:, 1:])
     strongest = np.linalg.eigh(T)[1][:, -4:].T
     n = phi.shape[1]
     rows = [*strongest]
     for pattern in ((1, -1), (3, -2, 1, -1)):
-        for share in (0.1, 0.2, 0.4, 0.8):
-            edges = np.round(share * n * np.concatenate([[0.0], np.cumsum(np.abs(pattern))]) / np.abs(pattern).sum())
+        for fraction in (0.1, 0.2, 0.4, 0.8):
+            edges = np.round(fraction * n * np.concatenate([[0.0], np.cumsum(np.abs(pattern))]) / np.abs(pattern).sum())
             wave = np.zeros(n)
             for first, last, sign in zip(edges[:-1].astype(int), edges[1:].astype(int), np.sign(pattern)):
                 wave[first + n // 20 : last + n // 20] = sign

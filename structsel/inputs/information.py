@@ -1,4 +1,4 @@
-"""What an input tells about the parameters of a linear model: information matrix and Cramer-Rao bounds.
+"""Information of an input about the parameters of a linear model, and their Cramer-Rao bounds.
 
 With S the sensitivities of the outputs and R the covariance of white measurement noise, the information matrix is
 M = sum_k S_k' inv(R) S_k, and no unbiased estimate from these outputs scatters less than inv(M) [M86].
@@ -14,15 +14,16 @@ import numpy as np
 import pandas as pd
 from scipy import linalg
 
+from structsel.deprecation import renamed_attribute
 from structsel.errors import ModelError
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
 from structsel.simulation.linear import Hold, LinearModel
 
-_LOST = 1e-7
-"""Singular value of the sensitivities, scaled to unit columns, below which a direction is not seen at all."""
+_RANK = 1e-7
+"""Singular value of the sensitivities, scaled to unit columns, below which a direction is not determined."""
 
-_SHARE = 0.01  # of the strongest in a direction: parameters with less have no part in it
+_NAMED = 0.01  # of the largest component of a direction: parameters with less are not named
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +40,8 @@ class Information:
         Information matrix.
     covariance : (k, k) array
         Its inverse, the Cramer-Rao bound; nan throughout where the information is rank-deficient.
-    unseen : tuple of str
-        What the input does not show, one sentence each; empty where everything can be estimated.
+    unidentifiable : tuple of str
+        One sentence on each parameter or combination that the input does not determine; empty where there is none.
     """
 
     name: str
@@ -48,7 +49,9 @@ class Information:
     values: np.ndarray
     matrix: np.ndarray
     covariance: np.ndarray
-    unseen: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
+
+    unseen = renamed_attribute("unidentifiable")
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -68,18 +71,18 @@ class Information:
         return self.covariance / np.outer(self.crlb, self.crlb)
 
     def require(self) -> Information:
-        """Itself, if everything can be estimated.
+        """Return itself, if all parameters are identifiable.
 
         Raises
         ------
         ModelError
             The information is rank-deficient; the message names the parameters.
         """
-        if self.unseen:
+        if self.unidentifiable:
             raise ModelError(
-                f"the input '{self.name}' does not show all of {', '.join(self.parameters)}:\n"
-                + "\n".join(f"  {line}" for line in self.unseen)
-                + "\nExcite the motion these act on, measure more outputs, or hold one of them fixed."
+                f"the input '{self.name}' does not determine all of {', '.join(self.parameters)}:\n"
+                + "\n".join(f"  {line}" for line in self.unidentifiable)
+                + "\nExcite the motion that these affect, measure more outputs, or hold one of them fixed."
             )
         return self
 
@@ -95,19 +98,19 @@ class Information:
             "crlb": dict(zip(self.parameters, bounds)),
             "values": dict(zip(self.parameters, self.values.tolist())),
             "matrix": self.matrix.tolist(),
-            "unseen": list(self.unseen),
+            "unseen": list(self.unidentifiable),
         }
 
     def __str__(self) -> str:
         wide = max(map(len, (*self.parameters, "parameter")))
         lines = [f"{self.name}: Cramer-Rao bounds", f"  {'parameter':<{wide}} {'value':>12} {'std':>10} {'%':>8}"]
         for name, value, std in zip(self.parameters, self.values, self.crlb):
-            share = f"{100 * std / abs(value):8.2f}" if value else f"{'-':>8}"
-            lines.append(f"  {name:<{wide}} {value:>12.5g} {std:>10.3g} {share}")
-        return "\n".join([*lines, *(f"  ! {line}" for line in self.unseen)])
+            percent = f"{100 * std / abs(value):8.2f}" if value else f"{'-':>8}"
+            lines.append(f"  {name:<{wide}} {value:>12.5g} {std:>10.3g} {percent}")
+        return "\n".join([*lines, *(f"  ! {line}" for line in self.unidentifiable)])
 
     def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self), self.unseen)
+        return to_html(self.to_frame(), opening(self), self.unidentifiable)
 
 
 def information(
@@ -123,7 +126,7 @@ def information(
     Parameters
     ----------
     model : LinearModel
-        Flown from the reference condition.
+        Simulated from the reference condition.
     inputs : Recording
     noise : mapping of str to float
         Standard deviation of white noise on each output measured; outputs not named are not measured.
@@ -134,14 +137,14 @@ def information(
     Returns
     -------
     Information
-        A rank-deficient one says in ``.unseen`` which parameters; ``.require()`` raises on it.
+        A rank-deficient one names the parameters in ``.unidentifiable``; ``.require()`` raises on it.
 
     Raises
     ------
     ModelError
         Names the model does not have, or noise that is not above zero.
     """
-    names = chosen(model, parameters)
+    names = select_parameters(model, parameters)
     inputs.require(*model.inputs, finite=True, by="information")
     u = np.column_stack([inputs[c] for c in model.inputs])
     S = sensitivities(model, names, u[None], inputs.dt, noise, hold)[0]
@@ -151,7 +154,7 @@ def information(
 def of_sensitivities(name: str, names: tuple[str, ...], values: np.ndarray, S: np.ndarray) -> Information:
     """Information from sensitivities over the noise's standard deviation, (rows, k)."""
     M = S.T @ S
-    lines = unseen(S, names)
+    lines = unidentifiable(S, names)
     covariance = np.full_like(M, np.nan)
     if not lines:
         scale = 1.0 / np.linalg.norm(S, axis=0)
@@ -161,24 +164,24 @@ def of_sensitivities(name: str, names: tuple[str, ...], values: np.ndarray, S: n
     return Information(name, names, values, M, covariance, lines)
 
 
-def unseen(S: np.ndarray, names: tuple[str, ...]) -> tuple[str, ...]:
-    """What sensitivities (rows, k) leave undetermined, in words."""
+def unidentifiable(S: np.ndarray, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Sentences on what sensitivities (rows, k) leave undetermined."""
     size = np.linalg.norm(S, axis=0)
     silent = size <= 1e-12 * size.max() if size.max() > 0.0 else np.ones(len(names), dtype=bool)
-    lines = [f"{n} does not act on what is measured" for n in np.array(names, dtype=object)[silent]]
+    lines = [f"{n} does not affect the measured outputs" for n in np.array(names, dtype=object)[silent]]
     if (~silent).any():
         rest = np.array(names, dtype=object)[~silent]
         _, values, directions = np.linalg.svd(S[:, ~silent] / size[~silent], full_matrices=False)
-        for direction in directions[values < _LOST * values[0]]:
-            among = [n for n, d in zip(rest, np.abs(direction)) if d > _SHARE * np.abs(direction).max()]
-            lines.append(f"{', '.join(among)} act alike: only a combination of them shows")
+        for direction in directions[values < _RANK * values[0]]:
+            among = [n for n, d in zip(rest, np.abs(direction)) if d > _NAMED * np.abs(direction).max()]
+            lines.append(f"{', '.join(among)} have the same effect: only a combination of them is determined")
         if len(S) < len(rest):
-            lines.append(f"{len(S)} numbers are measured for {len(rest)} parameters")
+            lines.append(f"{len(S)} values are measured for {len(rest)} parameters")
     return tuple(lines)
 
 
-def chosen(model: LinearModel, parameters: Sequence[str] | None) -> tuple[str, ...]:
-    """Parameters asked for, checked; those that are not zero where none are."""
+def select_parameters(model: LinearModel, parameters: Sequence[str] | None) -> tuple[str, ...]:
+    """Given parameters, checked; by default those that are not zero."""
     if parameters is None:
         return tuple(n for n, v in model.parameters.items() if v != 0.0)
     if isinstance(parameters, str) or not len(parameters):

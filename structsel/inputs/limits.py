@@ -1,4 +1,4 @@
-"""Limits on an input and on the motion it makes: amplitude, rate, excursion."""
+"""Limits on an input and on the motion it causes: amplitude, rate, excursion."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _BY_SPEED = {"alpha": "w", "beta": "v"}
 
 
 @dataclass(frozen=True)
-class Reached:
-    """One limit and what was reached of it.
+class LimitUse:
+    """One limit and the largest value reached.
 
     Attributes
     ----------
@@ -46,12 +46,12 @@ def limit_rows(
     rate_limits: Mapping[str, float],
     hold: Hold,
 ) -> np.ndarray:
-    """What each of b inputs (b, n, inputs) does to every limited quantity, over its limit, (samples in all, b).
+    """Every limited quantity over its limit for each of b inputs (b, n, inputs), (samples of all quantities, b).
 
     Raises
     ------
     ModelError
-        A limit on what the model does not have, or that is not above zero.
+        A limit on a quantity that the model does not have, or that is not above zero.
     """
     traces = [t / allowed for _, allowed, t in _traces(model, u, dt, limits, rate_limits, hold)]
     return np.concatenate([t.T for t in traces]) if traces else np.zeros((0, len(u)))
@@ -64,10 +64,10 @@ def reached(
     limits: Mapping[str, float],
     rate_limits: Mapping[str, float],
     hold: Hold,
-) -> tuple[Reached, ...]:
-    """What an input (n, inputs) reaches of each limit."""
+) -> tuple[LimitUse, ...]:
+    """Largest value of each limited quantity for an input (n, inputs)."""
     found = _traces(model, u[None], dt, limits, rate_limits, hold)
-    return tuple(Reached(what, allowed, float(np.abs(t).max())) for what, allowed, t in found)
+    return tuple(LimitUse(what, allowed, float(np.abs(t).max())) for what, allowed, t in found)
 
 
 def _traces(
@@ -80,9 +80,9 @@ def _traces(
 ) -> list[tuple[str, float, np.ndarray]]:
     for name, value in [*limits.items(), *rate_limits.items()]:
         if not value > 0.0:
-            raise ModelError(f"the limit on '{name}' is to be above zero; found {value}.")
+            raise ModelError(f"the limit on '{name}' must be above zero; found {value}.")
     s = model.system
-    # Without bias and reference: what the input does, departures from the motion there is anyway.
+    # Without bias and reference: the change of the motion due to the input.
     y, x = simulate_linear(s.A, s.B, s.C, s.D, u, dt, delay=s.delay, hold=hold, return_states=True)
     made: dict[str, np.ndarray] = {name: x[:, :, i] for i, name in enumerate(s.states)}
     made |= {name: y[:, :, i] for i, name in enumerate(s.outputs)}

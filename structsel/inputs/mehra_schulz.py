@@ -22,7 +22,7 @@ from scipy import fft
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from structsel.errors import ModelError
-from structsel.inputs.information import chosen, sensitivities
+from structsel.inputs.information import select_parameters, sensitivities
 from structsel.inputs.multisine import phased
 from structsel.inputs.signals import clock
 from structsel.recording import Recording
@@ -71,9 +71,9 @@ def mehra(
     energy : float
         As `structsel.inputs.energy` counts it.
     low, high : float [Hz]
-        Band; its harmonics of 1 / duration are dealt to the inputs in turn.
+        Band; its harmonics of 1 / duration are assigned to the inputs in turn.
     scales : mapping of str to float, optional
-        What counts as one in each input.
+        Unit of each input in the energy.
     duration, dt : float [s]
     seed : int
         Of the phase search.
@@ -87,7 +87,7 @@ def mehra(
     ----------
     [M86], [MR74]
     """
-    names = chosen(model, parameters)
+    names = select_parameters(model, parameters)
     t = clock(duration, dt)
     n = len(t) - 1
     lines = np.arange(max(int(np.ceil(low * duration)), 1), int(np.floor(high * duration)) + 1)
@@ -105,10 +105,10 @@ def mehra(
     power = optimal_powers(M)
     made = {}
     for i, channel in enumerate(model.inputs):
-        mine = (which == i) & (power > _FRACTION)
+        own_lines = (which == i) & (power > _FRACTION)
         wave = np.zeros(n)
-        if mine.any():
-            wave = phased(lines[mine], power[mine], n, seed=seed)
+        if own_lines.any():
+            wave = phased(lines[own_lines], power[own_lines], n, seed=seed)
         made[channel] = np.append(wave, wave[0]) * (scales or {}).get(channel, 1.0)
     total = sum(float(((v / (scales or {}).get(c, 1.0)) ** 2).sum()) for c, v in made.items()) * dt
     made = {c: v * np.sqrt(energy / total) for c, v in made.items()}
@@ -116,7 +116,7 @@ def mehra(
     return Recording("Mehra", t, made, provenance=(f"Mehra-type input: {kept}",))
 
 
-def optimal_powers(M: np.ndarray, *, tolerance: float = 1e-6, most: int = 20000) -> np.ndarray:
+def optimal_powers(M: np.ndarray, *, tolerance: float = 1e-6, iterations: int = 20000) -> np.ndarray:
     """Powers (l,), adding to one, of least ln det inv(sum_l P_l M_l), for M (l, k, k).
 
     Raises
@@ -127,10 +127,12 @@ def optimal_powers(M: np.ndarray, *, tolerance: float = 1e-6, most: int = 20000)
     lines, k = M.shape[:2]
     size = np.sqrt(np.einsum("lii->i", M))
     if not (size > 0.0).all() or np.linalg.cond(M.sum(axis=0) / np.outer(size, size)) > 1e12:
-        raise ModelError("no line spectrum in this band tells all the parameters apart. Hold one fixed or widen it.")
+        raise ModelError(
+            "no line spectrum in this band separates all the parameters. Hold one fixed or widen the band."
+        )
     flat = (M / np.outer(size, size)).reshape(lines, k * k)
     power = np.full(lines, 1.0 / lines)
-    for _ in range(most):
+    for _ in range(iterations):
         gain = flat @ np.linalg.inv((power @ flat).reshape(k, k)).ravel()
         if gain.max() <= k * (1.0 + tolerance):
             break
@@ -158,13 +160,13 @@ def schulz(
     noise, parameters, scales, energy, duration, dt
         As `mehra` takes them.
     parameter_scales : mapping of str to float, optional
-        What a change of each parameter is measured by; its value where not named.
+        Unit of the change of each parameter; its value by default.
 
     References
     ----------
     [M86]
     """
-    names = chosen(model, parameters)
+    names = select_parameters(model, parameters)
     t = clock(duration, dt)
     n, ni = len(t), len(model.inputs)
     size = np.array([(scales or {}).get(c, 1.0) for c in model.inputs])

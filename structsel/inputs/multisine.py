@@ -1,8 +1,8 @@
 """Orthogonal multisines: several inputs at once, each a sum of harmonics of its own, phased for a low peak.
 
-Harmonics of one period T are orthogonal over it, in time and in frequency. Dealt out in turn, one to each input, they
-excite all inputs at all frequencies without any two being correlated [KM16]. The phases that make a sum of cosines
-stay flattest are found by minimising rising L_p norms of the signal from Schroeder's phases [S70], seeded.
+Harmonics of one period T are orthogonal over it, in time and in frequency. Assigned in turn, one to each input, they
+excite all inputs over the band without correlation between any two [KM16]. The phases of the sum of cosines with the
+lowest peak are found by minimising L_p norms of increasing p from Schroeder's phases [S70] and seeded random ones.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ def multisine(
     channels : str or sequence of str
         Inputs that move at once.
     amplitude : float or sequence of float
-        Greatest departure of each input.
+        Largest change of each input.
     low, high : float [Hz]
-        Band; the harmonics of 1 / period within it are dealt to the inputs in turn.
+        Band; the harmonics of 1 / period within it are assigned to the inputs in turn.
     period, dt : float [s]
         The period is a whole number of steps.
     powers : sequence of float, optional
@@ -98,12 +98,12 @@ def multisine(
         raise DomainError(f"multisine needs {len(harmonics)} powers, none below zero; found {power.size}.")
     made, notes = {}, []
     for i, (name, peak) in enumerate(zip(names, peaks)):
-        mine, weight = harmonics[i :: len(names)], power[i :: len(names)]
+        own, weight = harmonics[i :: len(names)], power[i :: len(names)]
         if not weight.any():
             raise DomainError(f"multisine: every harmonic of '{name}' has power zero. Give it some.")
-        wave = phased(mine[weight > 0.0], weight[weight > 0.0], n, seed=seed)
+        wave = phased(own[weight > 0.0], weight[weight > 0.0], n, seed=seed)
         made[name] = peak / np.abs(wave).max() * np.append(np.tile(wave, periods), wave[0])
-        listed = ", ".join(map(str, mine[weight > 0.0]))
+        listed = ", ".join(map(str, own[weight > 0.0]))
         notes.append(
             f"multisine on {name}: harmonics {listed} of {1 / period:g} Hz, peak factor {peak_factor(wave):.3f}"
         )
@@ -111,7 +111,7 @@ def multisine(
 
 
 def phased(harmonics: np.ndarray, powers: np.ndarray, n: int, *, seed: int = 0) -> np.ndarray:
-    """One period (n,) of a sum of harmonics with given powers and the flattest phases found, from zero.
+    """One period (n,) of a sum of harmonics with given powers and the phases of the lowest peak found, from zero.
 
     Parameters
     ----------
@@ -133,14 +133,14 @@ def phased(harmonics: np.ndarray, powers: np.ndarray, n: int, *, seed: int = 0) 
         inside = angles + phases[:, None]
         wave = amplitudes @ np.cos(inside) / rms
         top = np.abs(wave).max()
-        share = (np.abs(wave) / top) ** p
-        value = top * float(np.mean(share)) ** (1.0 / p)
-        slope = value / share.sum() * (np.abs(wave) / top) ** (p - 1) * np.sign(wave) / top
+        level = (np.abs(wave) / top) ** p
+        value = top * float(np.mean(level)) ** (1.0 / p)
+        slope = value / level.sum() * (np.abs(wave) / top) ** (p - 1) * np.sign(wave) / top
         return value, -(amplitudes[:, None] * np.sin(inside)) @ slope / rms
 
     rng = np.random.default_rng(seed)
-    share = np.cumsum(powers) / powers.sum()
-    schroeder = -2.0 * np.pi * np.concatenate([[0.0], np.cumsum(share[:-1])])
+    level = np.cumsum(powers) / powers.sum()
+    schroeder = -2.0 * np.pi * np.concatenate([[0.0], np.cumsum(level[:-1])])
     starts = [schroeder, *rng.uniform(-np.pi, np.pi, (_STARTS, len(harmonics)))]
     best, lowest = schroeder, np.inf
     for start in starts if len(harmonics) > 1 else ():

@@ -1,8 +1,8 @@
-"""Optimal inputs of [M86]: a finite sum of orthonormal functions, of fixed energy, that tells most.
+"""Optimal inputs of [M86]: a finite sum of orthonormal functions, of fixed energy, with the best criterion.
 
 The energy sum_i a_i^2 = E is kept by construction: the coefficients a are given by angles in spherical coordinates,
-and Newton-Raphson works on these. So that it never meets their poles, the frame is turned at each step: the present a
-lies where every angle is pi/2. There, with Q an orthonormal base of what is square to a,
+and Newton-Raphson works on these. To avoid their poles the frame is rotated at each step so that every angle of the
+current a is pi/2. There, with Q an orthonormal basis of the space normal to a,
 
     da/dangle = -sqrt(E) Q,    d2a/dangle_i dangle_j = -a delta_ij
 
@@ -18,14 +18,14 @@ import numpy as np
 from scipy import optimize
 
 from structsel.errors import DomainError
-from structsel.inputs.criteria import Problem
+from structsel.inputs.criteria import DesignProblem
 
 Basis = Literal["sines", "fourier", "legendre"]
 
 _LONGEST_STEP = 0.5  # rad
 _PENALTIES = (1e0, 1e2, 1e4)
-_AMPLE = 10.0
-_RUNGS = 10  # energies tried between what touches the limits and what was asked
+_LARGEST_ENERGY = 10.0
+_ENERGIES = 10  # tried between that at which a limit is reached and the given one
 
 
 def orthonormal_functions(kind: Basis, count: int, n: int, dt: float) -> np.ndarray:
@@ -37,7 +37,7 @@ def orthonormal_functions(kind: Basis, count: int, n: int, dt: float) -> np.ndar
     Raises
     ------
     DomainError
-        More functions than the samples can hold apart.
+        More functions than the samples can distinguish.
     """
     if not 1 <= count <= (n - 2) // 2:
         raise DomainError(f"{count} orthonormal functions on {n} samples: from 1 to {(n - 2) // 2} are possible.")
@@ -74,14 +74,14 @@ def frame(direction: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Found:
-    """An optimum, and the way to it.
+class Optimum:
+    """An optimum, and the course of its search.
 
     Attributes
     ----------
     a : (b,) array
     value : float
-        Of the criterion, the penalty not in it.
+        Of the criterion, without the penalty.
     history : tuple of (float, float)
         Criterion with penalty, and length of the slope by the angles, at each Newton step.
     converged : bool
@@ -93,22 +93,24 @@ class Found:
     converged: bool
 
 
-def newton(problem: Problem, a: np.ndarray, weight: float = 0.0, *, most: int = 200, tolerance: float = 1e-8) -> Found:
+def newton(
+    problem: DesignProblem, a: np.ndarray, weight: float = 0.0, *, iterations: int = 200, tolerance: float = 1e-8
+) -> Optimum:
     """Newton-Raphson on the spherical angles, from a (b,) of the problem's energy.
 
-    Where the curvature is not positive its eigenvalues' magnitudes are used, so that every step goes down, and
-    it is halved until it does.
+    Where the curvature is not positive the magnitudes of its eigenvalues are used, so that every step descends; it is
+    halved until the criterion decreases.
 
     Parameters
     ----------
-    problem : Problem
+    problem : DesignProblem
     a : (b,) array
     weight : float
         Of the penalty on limits, over the criterion's magnitude at the start.
-    most : int
-        Steps.
+    iterations : int
+        Maximum number of steps.
     tolerance : float
-        Length of the slope by the angles, over 1 + |criterion|, at which it is done.
+        Length of the gradient by the angles, over 1 + |criterion|, at which the search has converged.
     """
     root = np.sqrt(problem.energy)
     a = root * a / np.linalg.norm(a)
@@ -119,15 +121,15 @@ def newton(problem: Problem, a: np.ndarray, weight: float = 0.0, *, most: int = 
         return value + scale * problem.penalty(a)[0] if weight else value
 
     history, converged, value = [], False, total(a)
-    for _ in range(most):
+    for _ in range(iterations):
         _, g, H = problem.derivatives(a)
         if not np.isfinite(g).all():
             break
         if weight:
             _, slope, curvature = problem.penalty(a)
             g, H = g + scale * slope, H + scale * curvature
-        turned = frame(a / root)
-        Q = turned[:, :-1]
+        rotated = frame(a / root)
+        Q = rotated[:, :-1]
         slope = -root * Q.T @ g
         curvature = problem.energy * Q.T @ H @ Q - (a @ g) * np.eye(len(a) - 1)
         size = float(np.linalg.norm(slope))
@@ -139,31 +141,31 @@ def newton(problem: Problem, a: np.ndarray, weight: float = 0.0, *, most: int = 
         move = -Z @ ((Z.T @ slope) / np.maximum(np.abs(w), 1e-8 * np.abs(w).max()))
         move *= min(1.0, _LONGEST_STEP / np.linalg.norm(move))
         for _ in range(40):
-            trial = root * turned @ spherical(0.5 * np.pi + move)
+            trial = root * rotated @ spherical(0.5 * np.pi + move)
             if (reached := total(trial)) < value:
                 break
             move = 0.5 * move
         else:
-            # No step goes down any more: rounding decides, not the slope.
+            # No step descends any more: rounding decides, not the gradient.
             converged = size <= 1e-4 * (1.0 + abs(value))
             break
         a, value = trial, reached
-    return Found(a, float(problem.values(a[None])[0]), tuple(history), converged)
+    return Optimum(a, float(problem.values(a[None])[0]), tuple(history), converged)
 
 
-def search(problem: Problem, starts: np.ndarray, *, seed: int, generations: int = 60) -> np.ndarray:
+def search(problem: DesignProblem, starts: np.ndarray, *, seed: int, generations: int = 60) -> np.ndarray:
     """Direct search: differential evolution over directions, from given starts and random ones.
 
     Parameters
     ----------
-    problem : Problem
+    problem : DesignProblem
     starts : (m, b) array
     seed, generations : int
 
     Returns
     -------
     (m, b) array
-        Directions worth a Newton-Raphson search, the best first, of the problem's energy.
+        Start directions for Newton-Raphson, the best first, of the problem's energy.
     """
     b = starts.shape[1]
     root = np.sqrt(problem.energy)
@@ -193,37 +195,37 @@ def search(problem: Problem, starts: np.ndarray, *, seed: int, generations: int 
     return root * candidates
 
 
-def optimise(problem: Problem, starts: np.ndarray, *, seed: int = 0) -> Found:
-    """Best input of the problem's energy, limits left out of account.
+def optimise(problem: DesignProblem, starts: np.ndarray, *, seed: int = 0) -> Optimum:
+    """Best input of the problem's energy, without limits.
 
     Raises
     ------
     DomainError
-        Every input tried leaves the information singular.
+        The information is singular for every input tried.
     """
-    best: Found | None = None
+    best: Optimum | None = None
     for a in search(problem, starts, seed=seed):
         if np.isfinite(problem.values(a[None])[0]):
             found = newton(problem, a)
             best = found if best is None or found.value < best.value else best
     if best is None:
-        raise DomainError("every input tried leaves the information matrix singular.")
+        raise DomainError("the information matrix is singular for every input tried.")
     return best
 
 
-def within_limits(problem: Problem, free: Found, most: float | None) -> Found:
+def within_limits(problem: DesignProblem, free: Optimum, largest_energy: float | None) -> Optimum:
     """Best input within the limits and an energy.
 
-    The free input is scaled until it touches a limit; from there the energy rises in steps to `most`, each time with
-    penalties on what goes beyond that grow until nearly nothing does, and the rest scaled away. The best is kept.
+    The free input is scaled until it reaches a limit. From there the energy rises in steps to `largest_energy`, each
+    with increasing penalties on the excess; the remaining excess is scaled away. The best is kept.
 
     Parameters
     ----------
-    problem : Problem
-    free : Found
+    problem : DesignProblem
+    free : Optimum
         The best input without limits.
-    most : float, optional
-        Energy not to exceed; ten times that at which the free input touches a limit where absent.
+    largest_energy : float, optional
+        Ten times that at which the free input reaches a limit by default.
     """
 
     def worst(a: np.ndarray) -> float:
@@ -232,22 +234,23 @@ def within_limits(problem: Problem, free: Found, most: float | None) -> Found:
     if not len(problem.limits):
         return free
     over = worst(free.a)
-    most = _AMPLE * float(free.a @ free.a) / over**2 if most is None else most
-    if over * np.sqrt(most / (free.a @ free.a)) <= 1.0:
+    if largest_energy is None:
+        largest_energy = _LARGEST_ENERGY * float(free.a @ free.a) / over**2
+    if over * np.sqrt(largest_energy / (free.a @ free.a)) <= 1.0:
         return free
     a = free.a / over
     touching = float(a @ a)
-    best = Found(a, float(problem.values(a[None])[0]), free.history, free.converged)
+    best = Optimum(a, float(problem.values(a[None])[0]), free.history, free.converged)
     worse = 0
-    for energy in np.geomspace(touching, most, _RUNGS + 1)[1:]:
-        rung = replace(problem, energy=float(energy))
+    for energy in np.geomspace(touching, largest_energy, _ENERGIES + 1)[1:]:
+        limited = replace(problem, energy=float(energy))
         for weight in _PENALTIES:
-            found = newton(rung, a, weight)
+            found = newton(limited, a, weight)
             a = found.a
         inside = a / max(worst(a), 1.0)
         value = float(problem.values(inside[None])[0])
         if value < best.value:
-            best, worse = Found(inside, value, found.history, found.converged), 0
+            best, worse = Optimum(inside, value, found.history, found.converged), 0
         elif (worse := worse + 1) == 3:
             break
     return best

@@ -1,4 +1,4 @@
-"""Kinds of input side by side at equal energy: what each tells by the Cramer-Rao bound, and by repeated flights."""
+"""Comparison of inputs at equal energy: their Cramer-Rao bounds, and estimates from repeated simulations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from structsel.errors import DomainError, ModelError
 from structsel.inputs import signals
 from structsel.inputs.criteria import Criterion
 from structsel.inputs.design import design_inputs, parameter_sizes
-from structsel.inputs.information import Information, chosen, information
+from structsel.inputs.information import Information, information, select_parameters
 from structsel.inputs.mehra_schulz import mehra, schulz
 from structsel.inputs.multisine import multisine
 from structsel.inputs.settings import InputOptions
@@ -29,13 +29,13 @@ _WIDTHS = 24  # tried for each kind of pulses
 
 @dataclass(frozen=True, eq=False)
 class InputComparison:
-    """Inputs of equal energy and what they tell.
+    """Inputs of equal energy and their information.
 
     Attributes
     ----------
     parameters : tuple of str
     sizes : (k,) array
-        What an error of each parameter is measured by.
+        Unit of the error of each parameter.
     energy : float
     inputs : tuple of Recording
     found : tuple of Information
@@ -49,9 +49,10 @@ class InputComparison:
     found: tuple[Information, ...]
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per input: largest departure, A (trace of the scaled covariance), D (its k-th root det), bounds.
+        """One row per input: largest amplitude, A (trace of the scaled covariance), D (its k-th root det), bounds.
 
-        The columns ``std_<parameter>`` are in the parameter's unit; nan where the input does not show all parameters.
+        The columns ``std_<parameter>`` are in the parameter's unit; nan where the input does not determine all
+        parameters.
         """
         rows = []
         for u, info in zip(self.inputs, self.found):
@@ -94,19 +95,19 @@ class InputComparison:
             f"  {'input':<16} {'peak':>9} {'A':>9} {'D':>9} " + " ".join(f"{p:>8}" for p in self.parameters),
         ]
         for _, row in frame.iterrows():
-            shares = [100.0 * row[f"std_{p}"] / s for p, s in zip(self.parameters, self.sizes)]
+            percents = [100.0 * row[f"std_{p}"] / s for p, s in zip(self.parameters, self.sizes)]
             lines.append(
                 f"  {row['input']:<16} {row['peak']:>9.4g} {row['A']:>9.4g} {row['D']:>9.4g} "
-                + " ".join(f"{x:>8.3g}" for x in shares)
+                + " ".join(f"{x:>8.3g}" for x in percents)
             )
-        lines += [f"  ! {u.name}: {line}" for u, i in zip(self.inputs, self.found) for line in i.unseen]
+        lines += [f"  ! {u.name}: {line}" for u, i in zip(self.inputs, self.found) for line in i.unidentifiable]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         return to_html(
             self.to_frame(),
             opening(self),
-            [f"{u.name}: {line}" for u, i in zip(self.inputs, self.found) for line in i.unseen],
+            [f"{u.name}: {line}" for u, i in zip(self.inputs, self.found) for line in i.unidentifiable],
         )
 
 
@@ -121,7 +122,7 @@ def compare_inputs(
 ) -> InputComparison:
     """Compare kinds of input at equal energy.
 
-    Doublet, 3-2-1-1 and 2-1-1-1 with the width that serves them best (least A criterion), one input after the other
+    Doublet, 3-2-1-1 and 2-1-1-1 with the best width (least A criterion), one input after the other
     where there are several; sweep, multisine, Mehra, Schulz; and optimal inputs by the A and the D criterion.
 
     Parameters
@@ -144,7 +145,7 @@ def compare_inputs(
     ModelError
         As `design_inputs`.
     """
-    names = chosen(model, options.parameters)
+    names = select_parameters(model, options.parameters)
     duration, dt, seed = options.duration, options.dt, options.seed
     sizes = parameter_sizes(model, names, options.parameter_scales)
     size = {c: (options.scales or {}).get(c, 1.0) for c in model.inputs}
@@ -152,7 +153,7 @@ def compare_inputs(
     low, high = max(1.0 / duration, 0.1 * fastest), min(3.0 * fastest, 0.4 / dt)
     common: dict[str, Any] = {"noise": noise, "parameters": names, "energy": energy, "duration": duration, "dt": dt}
 
-    def judged(u: Recording) -> tuple[Recording, Information, float]:
+    def with_information(u: Recording) -> tuple[Recording, Information, float]:
         u = signals.with_energy(u, energy, size)
         info = information(model, u, noise=noise, parameters=names)
         A = float(np.trace(info.covariance / np.outer(sizes, sizes)))
@@ -168,7 +169,7 @@ def compare_inputs(
                 signals.multistep(c, s, pattern, width, start=dt + i * slot, duration=duration, dt=dt, name=name)
                 for i, (c, s) in enumerate(size.items())
             ]
-            tried.append(judged(signals.combine(*one, name=name)))
+            tried.append(with_information(signals.combine(*one, name=name)))
         return min(tried, key=lambda item: item[2])[0]
 
     sweeps = [
@@ -192,7 +193,7 @@ def compare_inputs(
         )  # fmt: skip
         u = made.inputs
         inputs.append(Recording(f"optimal {criterion}", u.t, u.channels, u.units, u.provenance))
-    done = [judged(u) for u in [*inputs, *more]]
+    done = [with_information(u) for u in [*inputs, *more]]
     return InputComparison(names, sizes, energy, tuple(u for u, _, _ in done), tuple(info for _, info, _ in done))
 
 
@@ -202,7 +203,7 @@ def _whole(duration: float, dt: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Estimates from repeated flights against the Cramer-Rao bound.
+    """Estimates from repeated simulations and the Cramer-Rao bound.
 
     Attributes
     ----------
@@ -213,7 +214,7 @@ class Scatter:
     estimates : (runs, k) array
     crlb : (k,) array
     lost : int
-        Runs without an estimate, left out.
+        Runs without an estimate, which are left out.
     """
 
     name: str
@@ -254,7 +255,9 @@ class Scatter:
         return {"input": self.name, "runs": len(self.estimates), "parameters": self.to_frame().to_dict("records")}
 
     def __str__(self) -> str:
-        head = f"{self.name}: {len(self.estimates)} flights" + (f", {self.lost} without an estimate" * bool(self.lost))
+        head = f"{self.name}: {len(self.estimates)} simulations" + (
+            f", {self.lost} without an estimate" * bool(self.lost)
+        )
         text = self.to_frame().to_string(index=False, float_format="{:.4g}".format)
         return "\n".join([head, *("  " + line for line in text.splitlines())])
 
@@ -272,7 +275,7 @@ def scatter(
     seed: int = 0,
     estimate: Callable[[Recording], Sequence[float]] | None = None,
 ) -> Scatter:
-    """Fly the same input many times with fresh noise, estimate each time, and compare with the bound.
+    """Simulate the same input many times with new noise, estimate each time, and compare with the bound.
 
     Parameters
     ----------
@@ -283,15 +286,15 @@ def scatter(
         As `information` takes them.
     runs, seed : int
     estimate : callable, optional
-        Takes the Recording of one flight and gives the parameters' estimates; where absent, output error with known
-        noise by Gauss-Newton, all flights at once.
+        Takes the Recording of one simulation and returns the estimates of the parameters; by default output error with
+        known noise by Gauss-Newton.
 
     Raises
     ------
     ModelError
-        The input does not show all parameters; the message names them.
+        The input does not determine all parameters; the message names them.
     """
-    names = chosen(model, parameters)
+    names = select_parameters(model, parameters)
     info = information(model, inputs, noise=noise, parameters=names).require()
     truth = np.array([model.parameters[n] for n in names])
     flight = model.simulate(inputs)
@@ -305,10 +308,10 @@ def scatter(
         estimates = np.array(
             [np.asarray(estimate(flight.with_channels(**dict(zip(noise, y.T)))), dtype=float) for y in readings]
         )
-    sound = np.isfinite(estimates).all(axis=1)
-    if sound.sum() < 2:
-        raise DomainError(f"scatter: {int(sound.sum())} of {runs} flights gave an estimate. Check the estimator.")
-    return Scatter(inputs.name, names, truth, estimates[sound], info.crlb, int((~sound).sum()))
+    finite = np.isfinite(estimates).all(axis=1)
+    if finite.sum() < 2:
+        raise DomainError(f"scatter: {int(finite.sum())} of {runs} simulations gave an estimate. Check the estimator.")
+    return Scatter(inputs.name, names, truth, estimates[finite], info.crlb, int((~finite).sum()))
 
 
 def _output_error(
