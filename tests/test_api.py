@@ -1,5 +1,7 @@
 """The public names: all there, all documented, one version."""
 
+import ast
+import re
 import tomllib
 from importlib.metadata import requires, version
 from pathlib import Path
@@ -7,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import structsel as ss
+from tests.source import imports, modules
 
 ROOT = Path(__file__).parents[1]
 
@@ -42,3 +45,37 @@ def test_everything_imported_is_declared():
     declared = " ".join(requires("structsel") or [])
     for package in ("numpy", "scipy", "pandas", "scikit-learn", "statsmodels", "numba", "pint", "pydantic", "typer"):
         assert package in declared
+
+
+# --- the rooms -------------------------------------------------------------------------------------
+
+
+def test_the_map_of_the_rooms_has_the_order_in_which_they_may_import():
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    (layers,) = (one["layers"] for one in contracts if one["type"] == "layers")
+    text = (ROOT / "structsel/README.md").read_text()
+    rooms = re.findall(r"^\| `(\w+)/?` \|", text, re.MULTILINE)
+    assert [f"structsel.{room}" for room in rooms] == layers[::-1]
+    assert len(text.splitlines()) <= 60
+
+
+# Private names that modules take from others, still. This list only shrinks.
+BORROWED: set[str] = set()
+
+
+def borrowed(module):
+    """Names with an underscore that a module takes from another module of the package."""
+    local = {}
+    for other, name, as_name in imports(module):
+        if name is None:
+            local[as_name] = other
+        elif name.startswith("_") and not name.startswith("__"):
+            yield f"{module}: {other}.{name}"
+    for node in ast.walk(modules()[module]):
+        taken = isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in local
+        if taken and node.attr.startswith("_") and not node.attr.startswith("__"):
+            yield f"{module}: {local[node.value.id]}.{node.attr}"
+
+
+def test_no_module_takes_a_private_name_from_another():
+    assert {name for module in modules() for name in borrowed(module)} == BORROWED
