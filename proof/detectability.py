@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from proof.case_files import Case
-from proof.scenario.measurement import COEFFICIENTS
+from proof.keys import COEFFICIENTS
 from proof.worker import open_case
 from structsel.diagnosis import comparison
 

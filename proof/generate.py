@@ -9,6 +9,7 @@ import numpy as np
 
 from proof.case_files import Case
 from proof.scenario.declared import DeclaredEffect, declare
+from proof.scenario.errors import SEVERITIES
 from proof.scenario.sizing import NotAttainable
 from structsel import effects
 from structsel.effects import Effect
@@ -18,7 +19,7 @@ _TRIES = 12
 POLYNOMIAL = {"single": 0.54, "null": 0.20, "pair": 0.10, "outside": 0.08, "clutter": 0.08}
 JSBSIM = {"single": 0.62, "pair": 0.12, "null": 0.14, "outside": 0.06, "clutter": 0.06}
 """How often each family is drawn."""
-SEVERITIES = {"easy": 0.35, "medium": 0.4, "hard": 0.25}
+_AIMED = {"easy": 0.35, "medium": 0.4, "hard": 0.25}
 
 
 def draw_case(
@@ -94,7 +95,7 @@ def _polynomial(seed: int, attempt: int, family: str | None, effect: str | None,
     from proof.polynomial.families import make
 
     rng = np.random.default_rng([seed, attempt, 11])
-    drawn, aim = _choice(rng, POLYNOMIAL), _choice(rng, SEVERITIES)  # drawn even where given: the stream stays alike
+    drawn, aim = _choice(rng, POLYNOMIAL), _choice(rng, _AIMED)  # drawn even where given: the stream stays alike
     return make(
         "single" if effect else family or drawn, rng, seed, attempt, effect, severity or aim, declared_effects()
     )
@@ -104,12 +105,12 @@ def _jsbsim(
     seed: int, attempt: int, family: str | None, effect: str | None, severity: str | None, aircraft: str | None
 ) -> Case:
     from proof.jsbsim.aircraft import FLEET, JSBSimPlant
-    from proof.jsbsim.cases import BANDS, CaseBuilder
+    from proof.jsbsim.cases import CaseBuilder
 
     rng = np.random.default_rng([seed, attempt, 0x5B])
     name = aircraft or str(rng.choice(FLEET))
     drawn: Any = family or _choice(rng, JSBSIM)
-    aim: Any = severity or str(rng.choice(list(BANDS)))
+    aim: Any = severity or str(rng.choice(list(SEVERITIES)))
     return CaseBuilder(JSBSimPlant(name), drawn, aim, effect, seed, rng, declared_effects()).case()
 
 

@@ -14,6 +14,7 @@ Kind = Literal[
     "static", "memory", "sensor", "actuator", "propulsive", "inertial", "atmospheric", "structural", "parameter",
     "random",
 ]  # fmt: skip
+COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 Verdict = Literal["mismatch", "consistent", "undecidable"]
 Form = Literal["forced", "free", "model", "jsbsim", "python"]
 Severity = Literal["easy", "medium", "hard", "none"]

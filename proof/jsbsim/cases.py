@@ -13,31 +13,24 @@ from proof.case_files import Case
 from proof.jsbsim import setting
 from proof.jsbsim.aircraft import JSBSimPlant
 from proof.jsbsim.effects import SelectedEffect, choose, effects_of, unknown_effect
-from proof.jsbsim.faults import Fault
+from proof.jsbsim.faults import joined
 from proof.jsbsim.flight import Additions, TruthFlight, simulate_manoeuvre
 from proof.jsbsim.functions import AeroFunction, scaled
 from proof.jsbsim.manoeuvres import plan_flights
 from proof.jsbsim.open_loop import simulate_open_loop
 from proof.jsbsim.prescribed_motion import coefficients, functions_with
-from proof.jsbsim.readings import channels_of, joined, measured_as_stated, read, restated, state_offsets
-from proof.keys import EffectKey, Key
+from proof.jsbsim.readings import channels_of, read, restated, state_offsets
+from proof.keys import COEFFICIENTS, EffectKey, Key
 from proof.scenario.declared import DeclaredEffect
-from proof.scenario.measurement import COEFFICIENTS, OFF_BY, gains
-from proof.scenario.sizing import NotAttainable
+from proof.scenario.errors import EXCLUSIVE_JSBSIM, OFF_BY, SEVERITIES, may_share, severity_of
+from proof.scenario.instruments import coefficients_of
+from proof.scenario.intervals import intervals_of
+from proof.scenario.sizing import NotAttainable, attainable, bisect
 from structsel.errors import SimulationError
 from structsel.recording import Recording
 
 Family = Literal["single", "pair", "null", "outside", "clutter"]
 Severity = Literal["easy", "medium", "hard"]
-
-BANDS = {"easy": (0.3, 0.7), "medium": (0.15, 0.3), "hard": (0.05, 0.15)}
-_EXCLUSIVE = (
-    {"static-stall", "stall-hysteresis"}, {"configuration-change", "store-release", "mass-error", "icing"},
-    {"actuator-lag", "actuator-rate-limit", "actuator-saturation", "backlash", "augmentation"},
-    {"sensor-scale", "sensor-bias", "position-error", "sensor-misalignment", "sensor-delay", "gust"},
-    {"thrust-scale", "thrust-lag"}, {"compressibility", "flexibility", "control-stretch", "reynolds"},
-)  # fmt: skip
-"""Effects that would come in by the same door do not share a case."""
 
 
 @dataclass(eq=False)
@@ -83,7 +76,7 @@ class CaseBuilder:
             plain = [simulate_manoeuvre(craft, m, Additions(wind=self.wind)) for m in self.manoeuvres]
         self.factors = setting.draw_factors(craft, plain, share, rng)
         for k, selected in enumerate(self.effects):
-            band = BANDS[self.severity] if k == 0 or self.family == "pair" else (0.02, 0.05)
+            band = SEVERITIES[self.severity] if k == 0 or self.family == "pair" else (0.02, 0.05)
             self.effects[k] = self._scaled(selected, plain, float(rng.uniform(*band)))
         flights = plain
         if any(e.needs_simulation for e in self.effects):
@@ -108,9 +101,7 @@ class CaseBuilder:
             names = [self.wanted, *[n for n in names if n != self.wanted]]
         chosen: list[str] = []
         for n in names:
-            if len(chosen) < count and not any(
-                n in doors and other in doors for other in chosen for doors in _EXCLUSIVE
-            ):
+            if len(chosen) < count and may_share(n, chosen, EXCLUSIVE_JSBSIM):
                 chosen.append(n)
         return [choose(self.plant, n, self.rng, self.declared) for n in chosen]
 
@@ -130,19 +121,17 @@ class CaseBuilder:
         def reached(size: float) -> float:
             contribution = [size * u for u in unit] or self._contributions(selected, size, flights)
             with_it = [r + d for r, d in zip(rest, contribution)]
-            return max(gains(with_it, rest).values())
+            return max(attainable(with_it, rest).values())
 
         low, high = selected.low, selected.high
         most = reached(high)
-        if most < min(BANDS["hard"][0], target):
+        if most < min(SEVERITIES["hard"][0], target):
             raise NotAttainable(f"'{selected.name}' reaches {most:.3f} on {self.plant.name}, {target:.2f} is wanted")
         if most < target:
             return selected.at(high)
         if reached(low) > target:
             return selected.at(low)
-        for _ in range(14):
-            middle = (low * high) ** 0.5
-            low, high = (middle, high) if reached(middle) < target else (low, middle)
+        _, high = bisect(reached, target, low, high, 14)
         return selected.at(high)
 
     def _contributions(self, selected: SelectedEffect, size: float, flights: Sequence[TruthFlight]) -> list[np.ndarray]:
@@ -160,14 +149,14 @@ class CaseBuilder:
         fault = joined([e.fault(e.size) for e in effects if e.fault is not None])
         stated = restated(self.instruments.stated, fault)
         unseen = any(e.gust is not None for e in self.effects)
-        clean = channels_of(flight, self.instruments.truth, Fault(), unseen)
-        faulty = channels_of(flight, self.instruments.truth, fault, unseen)
+        clean = channels_of(flight, self.instruments.truth, vanes_blind=unseen)
+        faulty = channels_of(flight, self.instruments.truth, fault.errors, unseen)
         readings = read(flight, faulty, self.instruments, k)
         blind = self.instruments.blind or any(e.gust is not None for e in effects)
         off = state_offsets(flight, clean, faulty, readings, replace(self.instruments, stated=stated, blind=blind), k)
         changed = [p for e in effects for p in e.without(self.plant)]
         simulated = coefficients(self.plant, flight, self._wrong_parts(changed), off)
-        return measured_as_stated(flight.t, readings, stated), simulated, readings
+        return coefficients_of(flight.t, readings, stated), simulated, readings
 
     # --- the truth and the case -------------------------------------------------------------------
 
@@ -191,7 +180,7 @@ class CaseBuilder:
         made = [self._one(f, k, self.effects) for k, f in enumerate(flights)]
         before = [m - s for m, s, _ in made]
         after = [self._perfect(f, k, self.effects) for k, f in enumerate(flights)]
-        attainable = gains(before, after)
+        gained = attainable(before, after)
         fault = joined([e.fault(e.size) for e in self.effects if e.fault is not None])
         stated = restated(self.instruments.stated, fault)
         names = [f.manoeuvre.name for f in flights]
@@ -214,8 +203,8 @@ class CaseBuilder:
                 simulated, form = simulated_flight, "free"
         recorded = self._recorded
         recordings = [Recording(n, f.t, recorded(r)) for n, f, (_, _, r) in zip(names, flights, made)]
-        size = max(attainable.values(), default=0.0)
-        severity = "none" if not self.effects else next((s for s, (low, _) in BANDS.items() if size >= low), "hard")
+        size = max(gained.values(), default=0.0)
+        severity = "none" if not self.effects else severity_of(size)
         severity = cast(Literal["easy", "medium", "hard", "none"], severity)
         keyed = sorted((self._key(e, flights) for e in self.effects), key=lambda found: -found[0])
         keys = tuple(found[1] for found in keyed)
@@ -227,7 +216,7 @@ class CaseBuilder:
             )
         key = Key(
             verdicts=("mismatch",) if self.effects else ("consistent",), form=form, severity=severity,
-            attainable={a: max(0.0, v) for a, v in attainable.items()}, effects=keys,
+            attainable={a: max(0.0, v) for a, v in gained.items()}, effects=keys,
             source=f"jsbsim/{self.plant.name}", family=self.family, seed=self.seed,
         )  # fmt: skip
         contribution = self._contribution(flights) if self.effects else ()
@@ -274,7 +263,7 @@ class CaseBuilder:
         alone = [self._perfect(f, k, self.effects) for k, f in enumerate(flights)]
         missing = [self._perfect(f, k, others) for k, f in enumerate(flights)] if others else \
             [m - s for m, s, _ in (self._one(f, k, self.effects) for k, f in enumerate(flights))]  # fmt: skip
-        shares = gains(missing, alone)
+        shares = attainable(missing, alone)
         clear = sorted(
             (a for a in COEFFICIENTS if shares[a] > max(0.03, 0.2 * max(shares.values()))), key=lambda a: -shares[a]
         )
@@ -284,7 +273,10 @@ class CaseBuilder:
             k = COEFFICIENTS.index(axes[0])
             contribution = [np.abs(b - a)[:, k] for b, a in zip(missing, alone)]
             limit = 0.12 * max(float(s.max()) for s in contribution)
-            intervals = {f.manoeuvre.name: _stretches(f.t, s > limit) for f, s in zip(flights, contribution)}
+            intervals = {
+                f.manoeuvre.name: intervals_of(f.t, s > limit, gap=0.8, shortest=0.2)
+                for f, s in zip(flights, contribution)
+            }
             if selected.region in ("h_agl", "alpha"):
                 seen = np.concatenate(
                     [
@@ -303,13 +295,3 @@ class CaseBuilder:
             parameters=selected.parameters(),
             intervals=intervals,
         )
-
-
-def _stretches(t: np.ndarray, on: np.ndarray, gap: float = 0.8) -> list[tuple[float, float]]:
-    """Stretches of time in which a flag is up, short gaps closed, blips left out."""
-    if not on.any():
-        return []
-    at = t[on]
-    cuts = np.flatnonzero(np.diff(at) > gap)
-    starts, ends = np.concatenate([at[:1], at[cuts + 1]]), np.concatenate([at[cuts], at[-1:]])
-    return [(float(a), float(b)) for a, b in zip(starts, ends) if b - a > 0.2]

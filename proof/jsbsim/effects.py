@@ -16,9 +16,10 @@ from proof.jsbsim.flight import Manoeuvre, TruthFlight
 from proof.jsbsim.functions import AeroFunction
 from proof.jsbsim.laws import AddedForce
 from proof.jsbsim.prescribed_motion import SEEN, coefficients, functions_with
-from proof.jsbsim.readings import InstrumentSet, channels_of, measured_as_stated, restated
+from proof.jsbsim.readings import InstrumentSet, channels_of, restated
 from proof.keys import Kind
 from proof.scenario.declared import DeclaredEffect
+from proof.scenario.instruments import coefficients_of
 
 _NATIVE_FIRST = 0.7
 
@@ -158,13 +159,13 @@ class SelectedEffect:
             surface, make = fault.actuator
             real = {surface: follow_along(flight, surface, make) - flight[surface]}
             return coefficients(plant, flight, plant.functions, real) - coefficients(plant, flight, plant.functions)
-        clean = channels_of(flight, instruments.truth, Fault(), False)
-        bad = channels_of(flight, instruments.truth, fault, False)
+        clean = channels_of(flight, instruments.truth)
+        bad = channels_of(flight, instruments.truth, fault.errors)
         for held in (clean, bad):
             held["qbar"] = 0.5 * held["rho"] * held["V"] ** 2
         off = {c: bad[c] - clean[c] for c in SEEN if c in clean and np.any(bad[c] != clean[c])}
-        stated = measured_as_stated(flight.t, clean, instruments.stated)
-        more = measured_as_stated(flight.t, bad, restated(instruments.stated, fault)) - stated
+        stated = coefficients_of(flight.t, clean, instruments.stated)
+        more = coefficients_of(flight.t, bad, restated(instruments.stated, fault)) - stated
         state_offsets = coefficients(plant, flight, plant.functions, off) - coefficients(plant, flight, plant.functions)
         return np.asarray(more - state_offsets)
 

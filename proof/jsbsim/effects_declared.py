@@ -6,8 +6,8 @@ import numpy as np
 
 from proof.jsbsim.catalogue import AddedForceSpec
 from proof.jsbsim.laws import Formula, Now
+from proof.keys import COEFFICIENTS
 from proof.scenario.declared import DeclaredEffect, band_noise, product, strength
-from proof.scenario.measurement import COEFFICIENTS
 from structsel.aircraft import Aircraft
 
 _CLOCK = np.arange(0.0, 40.0, 0.01)  # s, longer than any manoeuvre

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from proof.jsbsim.flight import TruthFlight
 from proof.keys import Kind
-from structsel.simulation import Instruments
+from proof.scenario.instruments import SOUND, InstrumentErrors
 
 Follower = Callable[[float, float, Mapping[str, float]], float]
 
@@ -21,12 +21,8 @@ class Fault:
 
     Attributes
     ----------
-    scale, bias, delay : mapping of channel to value
+    errors : InstrumentErrors
         Of what is recorded.
-    place : mapping of {"accelerometer", "vane"} to (3,) array [m]
-        True less stated place.
-    mix : tuple of (channel, other, angle)
-        The channel takes angle times the other, which loses as much of the channel.
     mass, inertia : mapping
         Factors of the stated ones: ``mass``, ``Ix``, ``Iy``, ``Iz``.
     actuator : (surface, maker of a follower), optional
@@ -34,11 +30,7 @@ class Fault:
         For the key.
     """
 
-    scale: Mapping[str, float] = field(default_factory=dict)
-    bias: Mapping[str, float] = field(default_factory=dict)
-    delay: Mapping[str, float] = field(default_factory=dict)
-    place: Mapping[str, np.ndarray] = field(default_factory=dict)
-    mix: tuple[tuple[str, str, float], ...] = ()
+    errors: InstrumentErrors = SOUND
     mass: float = 1.0
     inertia: Mapping[str, float] = field(default_factory=dict)
     actuator: tuple[str, Callable[[], Follower]] | None = None
@@ -65,17 +57,21 @@ def _sign(rng: np.random.Generator) -> float:
 def _bias(rng: np.random.Generator) -> Callable[[float], Fault]:
     channel, s = str(rng.choice(["alpha", "beta", "alpha", "de", "az"])), _sign(rng)
     unit = {"az": 30.0}.get(channel, 1.0)
-    return lambda x: Fault(bias={channel: s * x * unit}, key_parameters={"channel": channel, "bias": s * x * unit})
+    return lambda x: Fault(
+        InstrumentErrors(bias={channel: s * x * unit}), key_parameters={"channel": channel, "bias": s * x * unit}
+    )
 
 
 def _scale(rng: np.random.Generator) -> Callable[[float], Fault]:
     channel, s = str(rng.choice(["alpha", "alpha", "beta", "az", "de", "q"])), _sign(rng)
-    return lambda x: Fault(scale={channel: s * x}, key_parameters={"channel": channel, "scale": 1.0 + s * x})
+    return lambda x: Fault(
+        InstrumentErrors(scale={channel: s * x}), key_parameters={"channel": channel, "scale": 1.0 + s * x}
+    )
 
 
 def _delay(rng: np.random.Generator) -> Callable[[float], Fault]:
     channel = str(rng.choice(["alpha", "beta", "q", "p", "alpha"]))
-    return lambda x: Fault(delay={channel: x}, key_parameters={"channel": channel, "delay": x})
+    return lambda x: Fault(InstrumentErrors(delay={channel: x}), key_parameters={"channel": channel, "delay": x})
 
 
 def _place(rng: np.random.Generator) -> Callable[[float], Fault]:
@@ -83,19 +79,22 @@ def _place(rng: np.random.Generator) -> Callable[[float], Fault]:
     axis = int(rng.choice([0, 2])) if sensor == "accelerometer" else 0
     names = "xyz"
     return lambda x: Fault(
-        place={sensor: np.eye(3)[axis] * s * x}, key_parameters={"sensor": sensor, f"d{names[axis]}": s * x}
+        InstrumentErrors(place={sensor: np.eye(3)[axis] * s * x}),
+        key_parameters={"sensor": sensor, f"d{names[axis]}": s * x},
     )
 
 
 def _misaligned(rng: np.random.Generator) -> Callable[[float], Fault]:
     one, other = [("ax", "az"), ("r", "p"), ("ay", "az"), ("alpha", "beta")][int(rng.choice([0, 0, 1, 2]))]
     s = _sign(rng)
-    return lambda x: Fault(mix=((one, other, s * x),), key_parameters={"channels": f"{one}, {other}", "angle": s * x})
+    return lambda x: Fault(
+        InstrumentErrors(mix=((one, other, s * x),)), key_parameters={"channels": f"{one}, {other}", "angle": s * x}
+    )
 
 
 def _static_pressure_error(rng: np.random.Generator) -> Callable[[float], Fault]:
     s = _sign(rng)
-    return lambda x: Fault(scale={"V": s * x}, key_parameters={"scale of V": 1.0 + s * x})
+    return lambda x: Fault(InstrumentErrors(scale={"V": s * x}), key_parameters={"scale of V": 1.0 + s * x})
 
 
 def _mass(rng: np.random.Generator) -> Callable[[float], Fault]:
@@ -219,13 +218,12 @@ FAULTS: dict[str, FaultSpec] = {
 }
 
 
-def apply(t: np.ndarray, channels: dict[str, np.ndarray], fault: Fault) -> dict[str, np.ndarray]:
-    """Channels as a fault records them; places are for who makes the channels."""
-    made = dict(channels)
-    for one, other, angle in fault.mix:
-        made[one], made[other] = made[one] + angle * made[other], made[other] - angle * made[one]
-    keep = lambda held: {c: v for c, v in held.items() if c in made}  # noqa: E731
-    return Instruments(scale=keep(fault.scale), bias=keep(fault.bias), delay=keep(fault.delay)).read(t, made)
+def joined(faults: Sequence[Fault]) -> Fault:
+    """All faults at once, their actuators apart."""
+    made = Fault()
+    for f in faults:
+        made = Fault(made.errors.joined(f.errors), made.mass * f.mass, {**made.inertia, **f.inertia})
+    return made
 
 
 def follow_along(flight: TruthFlight, surface: str, make: Callable[[], Follower]) -> np.ndarray:

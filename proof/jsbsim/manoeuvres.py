@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from proof.jsbsim.aircraft import JSBSimPlant
 from proof.jsbsim.flight import LEAD, Additions, Manoeuvre, TruthFlight, simulate_manoeuvre
+from proof.scenario.shapes import DOUBLET, THREE_TWO_ONE_ONE, pulses, ramp
 from structsel.errors import SimulationError
 from structsel.numerics.rigid_body import G0
 
@@ -116,25 +117,16 @@ def _wander(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(CubicSpline(knots, values)(np.maximum(t, 0.0)))
 
 
-def _pulse(t: np.ndarray, start: float, end: float) -> np.ndarray:
-    return ((t >= start) & (t < end)).astype(float)
-
-
 def _doublet(t: np.ndarray, start: float, length: float) -> np.ndarray:
-    middle = start + 0.5 * length
-    return _pulse(t, start, middle) - _pulse(t, middle, start + length)
+    return pulses(t, DOUBLET, start, 0.5 * length)[0]
 
 
 def _3211(t: np.ndarray, start: float, unit: float) -> np.ndarray:
-    made, sign, at = np.zeros_like(t), 1.0, start
-    for k in (3, 2, 1, 1):
-        made += sign * _pulse(t, at, at + k * unit)
-        sign, at = -sign, at + k * unit
-    return made
+    return pulses(t, THREE_TWO_ONE_ONE, start, unit)[0]
 
 
-def _ramp(t: np.ndarray, *knots: tuple[float, float]) -> np.ndarray:
-    return np.interp(t, [k[0] for k in knots], [k[1] for k in knots])
+def _pulse(t: np.ndarray, start: float, end: float) -> np.ndarray:
+    return pulses(t, (1,), start, end - start)[0]
 
 
 def _tempo(plant: JSBSimPlant) -> float:
@@ -164,7 +156,7 @@ def _lateral(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Genera
 
 
 def _multisine(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    made, window = {}, _ramp(t, (0.5, 0.0), (2.0, 1.0), (t[-1] - 2.0, 1.0), (t[-1] - 0.5, 0.0))
+    made, window = {}, ramp(t, (0.5, 0.0), (2.0, 1.0), (t[-1] - 2.0, 1.0), (t[-1] - 0.5, 0.0))
     base, fastest = 1.0 / (t[-1] - 1.0), 0.75 / _tempo(plant)
     lines = np.arange(2, int(fastest / base))
     for k, (surface, size) in enumerate((("de", 1.2), ("da", 0.9), ("dr", 0.8))):
@@ -180,7 +172,7 @@ def _throttle(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Gener
     up, down = min(0.35, 0.98 - thr), -min(0.35, thr - 0.08)
     unit = 2.0 * _tempo(plant)
     first, second = (up, down) if rng.random() < 0.5 else (down, up)
-    steps = _ramp(t, (2, 0), (2.4, first), (10, first), (10.4, second), (18, second), (18.4, 0.6 * first))
+    steps = ramp(t, (2, 0), (2.4, first), (10, first), (10.4, second), (18, second), (18.4, 0.6 * first))
     active = at.reach["de"] * (_doublet(t, 6.0, unit) + _doublet(t, 14.0, unit) + 0.8 * _doublet(t, 21.0, unit))
     return {"throttle": steps, "de": rng.uniform(0.5, 1.1) * active,
             "dr": 0.4 * at.reach["dr"] * _doublet(t, 16.5, unit)}  # fmt: skip
@@ -191,20 +183,20 @@ def _speed(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Generato
     half, sign = 0.5 * t[-1], rng.choice([-1.0, 1.0])
     a, b = (min(0.6, 0.98 - thr), -min(0.6, thr - 0.08))[:: int(sign)]
     active = sum((_doublet(t, s, 1.6 * _tempo(plant)) for s in np.arange(4.0, t[-1] - 3.0, 6.0)), np.zeros_like(t))
-    return {"throttle": _ramp(t, (1, 0), (2, a), (half, a), (half + 1, b)), "h": np.zeros_like(t),
+    return {"throttle": ramp(t, (1, 0), (2, a), (half, a), (half + 1, b)), "h": np.zeros_like(t),
             "firm": np.full_like(t, 2.0), "de": 0.5 * at.reach["de"] * active}  # fmt: skip
 
 
 def _turn(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
     bank, s = rng.uniform(0.5, 0.9), rng.choice([-1.0, 1.0])
-    phi = s * bank * _ramp(t, (2, 0), (4, 1), (11, 1), (14, -0.8), (21, -0.8), (23.5, 0))
-    pull = rng.uniform(0.02, 0.05) * _ramp(t, (5, 0), (6.5, 1), (9, 1), (11, 0), (15, 0), (16.5, 1), (19, 1), (21, 0))
+    phi = s * bank * ramp(t, (2, 0), (4, 1), (11, 1), (14, -0.8), (21, -0.8), (23.5, 0))
+    pull = rng.uniform(0.02, 0.05) * ramp(t, (5, 0), (6.5, 1), (9, 1), (11, 0), (15, 0), (16.5, 1), (19, 1), (21, 0))
     return {"phi": phi, "alpha": pull, "de": _lead(at, pull), "throttle": 0.08 * _pulse(t, 4.0, 22.0)}
 
 
 def _pull(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
     up, down = rng.uniform(0.04, 0.08), rng.uniform(0.03, 0.05)
-    alpha = _ramp(t, (2, 0), (3.5, up), (5, up), (6.5, -down), (8, -down), (9.5, 0), (14, 0), (16, 0.7 * up),
+    alpha = ramp(t, (2, 0), (3.5, up), (5, up), (6.5, -down), (8, -down), (9.5, 0), (14, 0), (16, 0.7 * up),
                   (17, 0.7 * up), (18.5, -0.6 * down), (20, 0))  # fmt: skip
     return {"alpha": alpha, "de": _lead(at, alpha), "dr": 0.4 * at.reach["dr"] * _doublet(t, 11.0, 2 * _tempo(plant))}
 
@@ -214,7 +206,7 @@ def _stall(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Generato
     top = max(top, 0.1)
     quick = rng.uniform(0.7, 1.6)
     peak = 3.0 + 7.0 / quick
-    alpha = _ramp(t, (1.5, 0), (peak, 0.9 * top), (peak + 1.5, top), (peak + 3.0, 0.02), (peak + 6, 0),
+    alpha = ramp(t, (1.5, 0), (peak, 0.9 * top), (peak + 1.5, top), (peak + 3.0, 0.02), (peak + 6, 0),
                   (peak + 9.5, 0.85 * top), (peak + 11.5, 0.0))  # fmt: skip
     small = sum((_doublet(t, s, 1.2 * _tempo(plant)) for s in np.arange(3.0, t[-1] - 4.0, 5.0)), np.zeros_like(t))
     return {"alpha": alpha, "throttle": -0.3 * _pulse(t, 1.5, peak + 2.0),
@@ -227,7 +219,7 @@ def _low(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Generator)
     down, up = rng.uniform(2.0, 4.0), t[-1] - rng.uniform(4.0, 8.0)
     bottom = down + max(5.0, drop / (0.06 * at.V))
     rise = (min(t[-1], up + 6.0), -0.3 * drop)
-    h = _ramp(t, (down, 0), (bottom, -drop), (max(up, bottom + 4.0), -drop), (max(rise[0], bottom + 8.0), rise[1]))
+    h = ramp(t, (down, 0), (bottom, -drop), (max(up, bottom + 4.0), -drop), (max(rise[0], bottom + 8.0), rise[1]))
     h = np.convolve(np.pad(h, 25, mode="edge"), np.ones(51) / 51, mode="valid")
     active = sum((_doublet(t, s, 1.3 * _tempo(plant)) for s in np.arange(2.0, t[-1] - 2.0, 4.5)), np.zeros_like(t))
     return {"h": h, "climb": np.gradient(h, t), "firm": np.full_like(t, 4.0), "de": 0.25 * at.reach["de"] * active,
@@ -241,7 +233,7 @@ def _config(
     end = start + rng.uniform(2.0, 4.0)
     out = rng.uniform(17.0, 19.0)
     size = plant.flap * rng.uniform(0.3, 0.5) if which == "df" else 1.0
-    travel = size * _ramp(t, (start, 0), (end, 1), (out, 1), (out + 3.0, 0.0))
+    travel = size * ramp(t, (start, 0), (end, 1), (out, 1), (out + 3.0, 0.0))
     active = sum((_doublet(t, s, 1.6 * _tempo(plant)) for s in (2.0, 12.0, 23.0)), np.zeros_like(t))
     return {which: travel, "theta": np.zeros_like(t), "firm": np.full_like(t, 3.0), "de": 0.7 * at.reach["de"] * active}
 

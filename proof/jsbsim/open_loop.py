@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from proof.jsbsim.aircraft import JSBSimPlant
-from proof.jsbsim.faults import Fault
 from proof.jsbsim.flight import Additions, Manoeuvre, TruthFlight, simulate_manoeuvre
 from proof.jsbsim.functions import AeroFunction
 from proof.jsbsim.readings import channels_of
@@ -40,7 +39,7 @@ def simulate_open_loop(
             return None
         if any(np.abs(simulated_flight[c] - flight[c]).max() > limit for c, limit in _FAR.items()):
             return None
-        channels = channels_of(simulated_flight, truth, Fault(), False)
+        channels = channels_of(simulated_flight, truth)
         channels |= {"qbar": 0.5 * channels["rho"] * channels["V"] ** 2, "mach": channels["V"] / channels["sound"]}
         made[flight.manoeuvre.name] = {"t": simulated_flight.t, **{c: channels[c] for c in _CHANNELS if c in channels}}
     return made

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from proof.jsbsim.faults import Fault, apply
+from proof.jsbsim.faults import Fault
 from proof.jsbsim.flight import TruthFlight
 from proof.jsbsim.prescribed_motion import SEEN
-from proof.scenario.measurement import measured, slow
+from proof.scenario.instruments import (
+    SOUND,
+    Channels,
+    InstrumentErrors,
+    at_cg,
+    derived,
+    first_order_noise,
+    reconstruction_errors,
+)
 from structsel.aircraft import Aircraft
 from structsel.numerics import rigid_body as rb
 from structsel.simulation import Instruments
-
-# At the best; a case has these times a factor of 1 to 1.7.
-NOISE = {"V": 0.15, "alpha": 1.0e-3, "beta": 1.0e-3, **dict.fromkeys("pqr", 4e-4), "phi": 9e-4, "theta": 9e-4,
-         "psi": 1.2e-3, "h": 0.37, "h_agl": 0.095, "ax": 0.0125, "ay": 0.0125, "az": 0.025,
-         **dict.fromkeys(("de", "da", "dr"), 3e-4)}  # fmt: skip
-BIAS = {"V": 0.2, "alpha": 1.5e-3, "beta": 1.5e-3, **dict.fromkeys("pqr", 6e-4), "phi": 1.5e-3, "theta": 1.5e-3,
-        "psi": 2e-3, "h": 1.0, "ax": 0.02, "ay": 0.02, "az": 0.03,
-        **dict.fromkeys(("de", "da", "dr"), 4e-4)}  # fmt: skip
-THRUST_NOISE = 0.003  # of its mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +36,8 @@ class InstrumentSet:
         As aircraft.toml has it.
     noise, bias : mapping of channel to standard deviation
         Noise of thrust is a share of its mean.
-    scale, delay, tilt : mapping of channel to value
+    scale, delay : mapping of channel to value
         Errors within the tolerances.
-    gust_seen : float
-        Share of a gust that the simulation is told of.
     raw : bool
         The simulation is computed at the channels themselves.
     """
@@ -58,26 +55,19 @@ class InstrumentSet:
     seed: int
 
 
-def channels_of(flight: TruthFlight, truth: Aircraft, fault: Fault, blind: bool) -> dict[str, np.ndarray]:
-    """Channels at the instruments' places, as the faulty ones give them, without noise."""
-    rates = [flight[c] for c in "pqr"]
-    dots = [flight[f"{c}_dot"] for c in "pqr"]
-    boom = truth.position("vane") + np.asarray(fault.place.get("vane", 0.0))
-    seat = truth.position("accelerometer") + np.asarray(fault.place.get("accelerometer", 0.0))
-    air = "" if blind else "_air"
-    moved = np.cross(np.column_stack(rates), boom)
-    V, alpha, beta = rb.air_data(*(flight[f"{c}{air}"] + moved[:, k] for k, c in enumerate("uvw")))
-    omega = np.column_stack(rates)
-    lever = np.cross(np.column_stack(dots), seat) + np.cross(omega, np.cross(omega, seat))
-    force = np.column_stack([flight[f"F{c}"] / flight["mass"] for c in "xyz"]) + lever
-    made = {"V": V, "alpha": alpha, "beta": beta, **dict(zip("pqr", rates))}
-    made |= {c: flight[c] for c in ("phi", "theta", "psi", "h")}
-    made |= {f"a{c}": force[:, k] for k, c in enumerate("xyz")}
-    made |= {c: flight[c] for c in ("de", "da", "dr") if c in flight.channels}
-    made |= {c: flight[c] for c in ("df", "gear", "brake") if c in flight.channels}
+def channels_of(
+    flight: TruthFlight, truth: Aircraft, errors: InstrumentErrors = SOUND, vanes_blind: bool = False
+) -> Channels:
+    """Channels at the instruments' places, with the errors, without noise."""
+    rates, dots = [flight[c] for c in "pqr"], [flight[f"{c}_dot"] for c in "pqr"]
+    velocity = [flight[c if vanes_blind else f"{c}_air"] for c in "uvw"]
+    felt = errors.at_sensors(truth, velocity, rates, dots, [flight[f"F{c}"] / flight["mass"] for c in "xyz"])
+    made = {c: felt[c] for c in ("V", "alpha", "beta")} | dict(zip("pqr", rates))
+    made |= {c: flight[c] for c in ("phi", "theta", "psi", "h")} | {c: felt[c] for c in ("ax", "ay", "az")}
+    made |= {c: flight[c] for c in ("de", "da", "dr", "df", "gear", "brake") if c in flight.channels}
     made |= {"throttle": flight["throttle"], "thrust": flight["thrust"], "rho": flight["rho"], "h_agl": flight["h"]}
     made |= {"sound": flight["V"] / np.maximum(flight["mach"], 1e-3)}
-    return apply(flight.t, made, fault)
+    return errors.applied(flight.t, made)
 
 
 def read(
@@ -89,29 +79,15 @@ def read(
     level = float(np.abs(clean["thrust"]).mean())
     noise = {c: s for c, s in instruments.noise.items() if c in clean} | {"thrust": instruments.noise["thrust"] * level}
     seed = int(rng.integers(2**31))
-    keep = lambda held: {c: v for c, v in held.items() if c in clean}  # noqa: E731
-    wrong = Instruments(
-        scale=keep(instruments.scale) | {"thrust": instruments.thrust},
-        delay=keep(instruments.delay),
-        bias=bias,
-        noise=noise,
-        seed=seed,
-    )
+    scale, delay = ({c: v for c, v in held.items() if c in clean} for held in (instruments.scale, instruments.delay))
+    scale["thrust"] = instruments.thrust
+    wrong = Instruments(scale=scale, delay=delay, bias=bias, noise=noise, seed=seed)
     made = wrong.read(flight.t, {c: v for c, v in clean.items() if c != "sound"})
     if instruments.colour:
         for c in ("alpha", "beta", "V", "ax", "ay", "az", "p", "q", "r"):
-            made[c] = made[c] + instruments.colour * instruments.noise[c] * slow(len(flight.t), rng, 0.9)
-    made["qbar"] = 0.5 * made["rho"] * made["V"] ** 2
-    made["mach"] = made["V"] / clean["sound"]
-    made["h_agl"] = np.maximum(made["h_agl"], 0.0)
-    return made
-
-
-def measured_as_stated(t: np.ndarray, held: Mapping[str, np.ndarray], aircraft: Aircraft) -> np.ndarray:
-    """(n, 6) coefficients by what is read, with the mass and inertia of the aircraft and the thrust recorded."""
-    tensor = aircraft.require_inertia("measured").tensor
-    mass = float(aircraft.mass or 0.0)
-    return measured(t, held, aircraft, mass=mass, inertia=tensor, thrust=held["thrust"])
+            made[c] = made[c] + instruments.colour * instruments.noise[c] * first_order_noise(len(flight.t), rng, 0.9)
+    made = derived(made)
+    return {**made, "mach": made["V"] / clean["sound"]}
 
 
 def state_offsets(
@@ -126,11 +102,8 @@ def state_offsets(
     rng = np.random.default_rng([instruments.seed, number, 11])
     places = [c for c in SEEN if c in clean]
     if instruments.raw:
-        boom = tuple(instruments.stated.position("vane"))
-        air, rates = [readings[c] for c in ("V", "alpha", "beta")], [readings[c] for c in "pqr"]
-        V, alpha, beta = rb.air_data_at_cg(air[0], air[1], air[2], rates[0], rates[1], rates[2], boom)
         # Near the ground the height above it is what a simulation is asked at; terrain is at zero.
-        seen = {**{c: readings[c] for c in places}, "V": V, "alpha": alpha, "beta": beta, "h": readings["h_agl"]}
+        seen = {c: readings[c] for c in places} | at_cg(dict(readings), instruments.stated) | {"h": readings["h_agl"]}
         true = {c: flight[c] for c in places}
     else:
         seen, true = {c: faulty[c] for c in places}, {c: clean[c] for c in places}
@@ -142,20 +115,9 @@ def state_offsets(
         if instruments.blind:
             for c, x in zip(("V", "alpha", "beta"), rb.air_data(*(flight[c] for c in "uvw"))):
                 off[c] = off[c] + x - flight[c]
-        for c, size in (("V", 0.05), ("alpha", 2e-4), ("beta", 2e-4)):
-            off[c] = off[c] + size * slow(len(flight.t), rng, 0.97)
+        for c, error in reconstruction_errors(len(flight.t), rng).items():
+            off[c] = off[c] + error
     return off
-
-
-def joined(faults: Sequence[Fault]) -> Fault:
-    """All faults at once, their actuators apart."""
-    made = Fault()
-    for f in faults:
-        made = Fault(
-            {**made.scale, **f.scale}, {**made.bias, **f.bias}, {**made.delay, **f.delay}, {**made.place, **f.place},
-            (*made.mix, *f.mix), made.mass * f.mass, {**made.inertia, **f.inertia},
-        )  # fmt: skip
-    return made
 
 
 def restated(stated: Aircraft, fault: Fault) -> Aircraft:

@@ -10,12 +10,13 @@ import numpy as np
 from proof.jsbsim.aircraft import JSBSimPlant
 from proof.jsbsim.flight import Manoeuvre, TruthFlight
 from proof.jsbsim.prescribed_motion import contributions
-from proof.jsbsim.readings import BIAS, NOISE, THRUST_NOISE, InstrumentSet
+from proof.jsbsim.readings import InstrumentSet
+from proof.scenario.errors import BIAS, CONTROLS, NOISE, THRUST_NOISE, TIGHT
 from structsel.aircraft import Aircraft, Simulation, Tolerances
 from structsel.numerics.turbulence import dryden_gusts, dryden_scales
 
-_TOLERANCES = {"main": 0.01, "secondary": 0.03, "mass": 0.003, "inertia": 0.01, "cg": 0.001, "thrust": 0.01,
-               "vane_scale": 0.005, "alignment": 0.002, "delay": 0.002, "lever_arm": 0.05}  # fmt: skip
+_LEVELS = NOISE | dict.fromkeys("pqr", 4e-4) | dict.fromkeys(CONTROLS, 3e-4)
+_BIASES = BIAS | dict.fromkeys(CONTROLS, 4e-4)
 _MAIN = 0.2  # of its axis' rms; a part above it has the tolerance of a main derivative
 
 
@@ -36,7 +37,7 @@ def draw_instruments(
         Whether the air may be turbulent and the noise coloured.
     """
     true, draw = plant.aircraft, rng.standard_normal
-    t = {name: share * sd for name, sd in _TOLERANCES.items()}
+    t = {name: share * sd for name, sd in TIGHT.items()}
     level = float(rng.uniform(1.0, 1.7))
     seat = np.array([rng.uniform(-0.06, 0.08) * true.b, 0.0, rng.uniform(-0.1, 0.1)])
     boom = np.array([rng.uniform(0.15, 0.35) * true.b, 0.0, 0.0])
@@ -56,7 +57,7 @@ def draw_instruments(
             cbar=true.cbar,
             thrust=true.thrust,
             inertia=moments,
-            tolerances=Tolerances(**_TOLERANCES),
+            tolerances=Tolerances(**TIGHT),
             sensors={n: {"position": tuple(place.round(3).tolist())} for n, place in places.items()},
             simulation=Simulation(states=state_offsets if rng.random() < 0.5 else None),
         )
@@ -67,8 +68,8 @@ def draw_instruments(
     return InstrumentSet(
         truth=truth,
         stated=make(f"aircraft {int(rng.integers(1, 999)):03d}", mass, moments, seat + off_seat, boom + off_boom),
-        noise={c: level * v for c, v in NOISE.items()} | {"thrust": THRUST_NOISE},
-        bias=dict(BIAS),
+        noise={c: level * v for c, v in _LEVELS.items()} | {"thrust": THRUST_NOISE},
+        bias=_BIASES,
         scale={c: t["vane_scale"] * float(draw()) for c in ("alpha", "beta")},
         delay={c: max(0.0, t["delay"] * float(draw())) for c in ("alpha", "beta", "V", "de", "da", "dr")},
         thrust=t["thrust"] * float(draw()),
@@ -88,7 +89,7 @@ def draw_factors(
     sizes = {n: float(np.sqrt(np.mean(np.concatenate([h[n] for h in held]) ** 2))) for n in axes}
     total = {axis: sum(sizes[n] for n, a in axes.items() if a == axis) for axis in set(axes.values())}
     kinds = {n: "main" if sizes[n] > _MAIN * total[a] else "secondary" for n, a in axes.items()}
-    return {n: 1.0 + share * _TOLERANCES[kinds[n]] * float(rng.standard_normal()) for n in axes}
+    return {n: 1.0 + share * TIGHT[kinds[n]] * float(rng.standard_normal()) for n in axes}
 
 
 def draw_turbulence(manoeuvres: Sequence[Manoeuvre], b: float, rng: np.random.Generator) -> dict[str, np.ndarray]:

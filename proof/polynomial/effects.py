@@ -10,9 +10,9 @@ import numpy as np
 from proof.keys import Form, Intervals, Kind
 from proof.polynomial.aircraft import TruthAircraft
 from proof.polynomial.flight import InjectedPhysics, TruthFlight
-from proof.polynomial.instruments import InstrumentErrors
 from proof.polynomial.manoeuvres import InputSizes, Manoeuvre, input_sizes
 from proof.polynomial.terms import AXES, INDEX
+from proof.scenario.instruments import InstrumentErrors
 from structsel.aircraft import Tolerances
 
 

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.signal import lsim
 
 from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection
-from proof.polynomial.instruments import BIAS, InstrumentErrors
+from proof.scenario.errors import BIAS
+from proof.scenario.instruments import InstrumentErrors
 
 _SHOWS = {
     "alpha": ("CZ", "Cm", "CX"),
@@ -108,7 +109,7 @@ def _misaligned(c: EffectContext) -> EffectDesign:
     def at(size: float) -> Injection:
         angle = sign * 0.05 * size
         return Injection(
-            errors=InstrumentErrors(mix=[(channel, other, angle)]),
+            errors=InstrumentErrors(mix=((channel, other, angle),)),
             parameters={"channel": channel, "of": other, "angle": angle},
         )
 

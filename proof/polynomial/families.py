@@ -17,12 +17,13 @@ from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
 from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection
 from proof.polynomial.effects_declared import declared_effect
 from proof.polynomial.flight import simulate_truth
-from proof.polynomial.handing import assemble, describe, make_single, make_windy, severity_of
-from proof.polynomial.instruments import InstrumentErrors
+from proof.polynomial.handing import assemble, describe, make_single, make_windy
 from proof.polynomial.making import SHARES, Scenario, ScenarioResult, draw_scenario, scale_effect, simulate_scenario
 from proof.polynomial.single_channel import SINGLE_CHANNEL, make_single_channel
 from proof.polynomial.terms import AXES
 from proof.scenario.declared import DeclaredEffect
+from proof.scenario.errors import EXCLUSIVE, may_share, severity_of
+from proof.scenario.instruments import InstrumentErrors
 from proof.scenario.sizing import NotAttainable
 
 SINGLES: tuple[Effect, ...] = effects_aerodynamic.EFFECTS + effects_systems.EFFECTS + effects_instruments.EFFECTS
@@ -150,7 +151,7 @@ def _several(
     count = 2 if family == "pair" else int(rng.integers(3, 5))
     chosen: list[Effect] = []
     for i in rng.permutation(len(able)):
-        if len(chosen) < count and all(_apart(able[i], other) for other in chosen):
+        if len(chosen) < count and may_share(able[i].name, [e.name for e in chosen], EXCLUSIVE):
             chosen.append(able[i])
     # Every effect gets the manoeuvres it needs most.
     shortened = [replace(e, needs=e.needs[: 6 // count + 1]) for e in chosen]
@@ -181,32 +182,3 @@ def _several(
         raise NotAttainable("they hide each other")
     keys = [describe(e, c, injection, alone) for e, c, injection, alone in parts]
     return assemble(scenario, result, form, keys, severity_of(max(result.attainable.values())), family)
-
-
-def _apart(one: Effect, other: Effect) -> bool:
-    """Two effects that do not enter by the same door."""
-    same = {
-        "static-stall": 1,
-        "stall-hysteresis": 1,
-        "configuration-change": 2,
-        "store-release": 2,
-        "mass-error": 2,
-        "asymmetric-thrust": 3,
-        "actuator-lag": 4,
-        "actuator-rate-limit": 4,
-        "actuator-saturation": 4,
-        "backlash": 4,
-        "augmentation": 4,
-        "gust": 5,
-        "sensor-scale": 6,
-        "position-error": 6,
-        "sensor-bias": 7,
-        "structural-mode": 7,
-        "thrust-scale": 8,
-        "thrust-lag": 8,
-        "compressibility": 9,
-        "flexibility": 9,
-        "control-stretch": 9,
-        "reynolds": 9,
-    }
-    return one.name != other.name and (same.get(one.name) is None or same.get(one.name) != same.get(other.name))

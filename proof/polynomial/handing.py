@@ -13,7 +13,6 @@ from proof.polynomial import instruments as ins
 from proof.polynomial.aircraft import truth_aircraft
 from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection, name
 from proof.polynomial.flight import simulate_model, simulate_truth
-from proof.polynomial.instruments import Channels, InstrumentErrors
 from proof.polynomial.making import (
     SHARES,
     Scenario,
@@ -24,7 +23,10 @@ from proof.polynomial.making import (
     simulate_scenario,
 )
 from proof.polynomial.terms import AXES
-from proof.scenario.sizing import NotAttainable
+from proof.scenario.errors import severity_of
+from proof.scenario.instruments import Channels, InstrumentErrors
+from proof.scenario.intervals import intervals_of
+from proof.scenario.sizing import NotAttainable, bisect
 from structsel.recording import Recording
 
 
@@ -36,18 +38,10 @@ def find_active(
     most = max(float(np.quantile(np.abs(d[:, i]), 0.995)) for d in result.delta)
     made: Intervals = {}
     seen = []
-    for k, d in enumerate(result.delta):
-        t = result.flights[k].t
+    for k, (d, flight) in enumerate(zip(result.delta, result.flights)):
         on = np.abs(d[:, i]) > 0.25 * most
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], on.astype(int), [0]))))
-        spans = [[float(t[a]), float(t[b - 1])] for a, b in zip(edges[::2], edges[1::2])]
-        joined: list[list[float]] = []
-        for a, b in spans:
-            if joined and a - joined[-1][1] < 0.6:
-                joined[-1][1] = b
-            else:
-                joined.append([a, b])
-        made[name(k)] = [(round(a, 2), round(b, 2)) for a, b in joined if b - a > 0.15]
+        found = intervals_of(flight.t, on, gap=0.599, shortest=0.15)
+        made[name(k)] = [(round(a, 2), round(b, 2)) for a, b in found]
         if region:
             seen.append(result.clean[k][region][on])
     if not region or not any(len(s) for s in seen):
@@ -158,11 +152,6 @@ def make_single(
     return assemble(scenario, result, form, [key], severity, "single")
 
 
-def severity_of(share: float) -> Severity:
-    """By what is attainable in the main axis."""
-    return "easy" if share >= 0.30 else "medium" if share >= 0.15 else "hard"
-
-
 def assemble(
     scenario: Scenario,
     result: ScenarioResult,
@@ -217,21 +206,20 @@ def make_windy(effect: Effect, aircraft_name: str, severity: str, seed: int, att
     design = effect.make(
         EffectContext(scenario.truth, scenario.manoeuvres, base, scenario.settings, scenario.aircraft.tolerances, rng)
     )
-    wanted, low, high = float(rng.uniform(*SHARES[severity])), np.log(design.low), np.log(design.high)
-    for _ in range(6):
-        injection = design.at(float(np.exp(0.5 * (low + high))))
+
+    def tried(size: float) -> tuple[Injection, ScenarioResult, dict[str, float]]:
+        injection = design.at(size)
         result = simulate_scenario(scenario, injection)
         still, blown = free(scenario, result), free(scenario, result, injection.physics.settings)
-        shares = {}
-        for channel in ("vn", "ve", "vd", "V", "h"):
-            seen = np.concatenate([r[channel] for r in result.readings])
-            b, a = (
-                np.sqrt(np.mean((seen - np.concatenate([run[channel] for run in runs.values()])) ** 2))
-                for runs in (still, blown)
-            )
-            shares[channel] = float(1.0 - a / b)
-        share = max(shares["vn"], shares["ve"])
-        low, high = (0.5 * (low + high), high) if share < wanted else (low, 0.5 * (low + high))
+        return injection, result, {c: _explained(result, still, blown, c) for c in ("vn", "ve", "vd", "V", "h")}
+
+    def reached(size: float) -> float:
+        shares = tried(size)[2]
+        return max(shares["vn"], shares["ve"])
+
+    size, _ = bisect(reached, float(rng.uniform(*SHARES[severity])), design.low, design.high, 6)
+    injection, result, shares = tried(size)
+    share = max(shares["vn"], shares["ve"])
     if share < 0.05:
         raise NotAttainable(f"{effect.name} does not show")
     axes = tuple(sorted((c for c in shares if shares[c] > 0.03), key=lambda c: -shares[c]))
@@ -245,3 +233,15 @@ def make_windy(effect: Effect, aircraft_name: str, severity: str, seed: int, att
     )
     case = assemble(scenario, result, "free", [key], severity_of(max(shares.values())), "single")
     return replace(case, key=case.key.model_copy(update={"attainable": {**dict.fromkeys(AXES, 0.0), **shares}}))
+
+
+def _explained(
+    result: ScenarioResult, still: Mapping[str, Channels], blown: Mapping[str, Channels], channel: str
+) -> float:
+    """Fraction of a channel's rms difference that knowing the wind takes away."""
+    seen = np.concatenate([r[channel] for r in result.readings])
+    before, after = (
+        np.sqrt(np.mean((seen - np.concatenate([run[channel] for run in runs.values()])) ** 2))
+        for runs in (still, blown)
+    )
+    return float(1.0 - after / before)

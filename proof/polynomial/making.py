@@ -11,41 +11,16 @@ from proof.polynomial import instruments as ins
 from proof.polynomial.aircraft import Term, TruthAircraft
 from proof.polynomial.effects import Effect, EffectDesign, Injection
 from proof.polynomial.flight import InjectedPhysics, TruthFlight, settings_of, simulate_truth
-from proof.polynomial.instruments import Channels, InstrumentErrors
 from proof.polynomial.manoeuvres import Manoeuvre, draw_manoeuvres
 from proof.polynomial.terms import AXES
-from proof.scenario.measurement import OFF_BY, gains, measured
-from proof.scenario.sizing import NotAttainable
+from proof.scenario.errors import BETWEEN, BIAS, NOISE, OFF_BY, THRUST_NOISE, TIGHT
+from proof.scenario.instruments import Channels, InstrumentErrors, coefficients_of
+from proof.scenario.sizing import NotAttainable, attainable
 from structsel.aircraft import Aircraft, Tolerances
 
 SHARES = {"easy": (0.32, 0.65), "medium": (0.16, 0.29), "hard": (0.06, 0.14)}
 """Attainable in the main axis, by severity."""
 _EVENTS = ("configuration-change", "store-release")
-_THRUST_NOISE = 0.003  # of its mean
-_TIGHT = {
-    "main": 0.01,
-    "secondary": 0.03,
-    "mass": 0.003,
-    "inertia": 0.01,
-    "cg": 0.001,
-    "thrust": 0.01,
-    "vane_scale": 0.005,
-    "alignment": 0.002,
-    "delay": 0.002,
-    "lever_arm": 0.05,
-}
-_BETWEEN = {
-    "main": 0.02,
-    "secondary": 0.06,
-    "mass": 0.005,
-    "inertia": 0.02,
-    "cg": 0.002,
-    "thrust": 0.015,
-    "vane_scale": 0.008,
-    "alignment": 0.003,
-    "delay": 0.003,
-    "lever_arm": 0.1,
-}
 
 
 @dataclass
@@ -86,7 +61,7 @@ class ScenarioResult:
     @property
     def attainable(self) -> dict[str, float]:
         """Of all coefficients."""
-        return gains(self.before, self.after)
+        return attainable(self.before, self.after)
 
     def _sizes(self, axes: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Rms of what the effect brings, and of what is there without it."""
@@ -117,7 +92,7 @@ def draw_scenario(effects: Sequence[Effect], base: TruthAircraft, seed: int, sta
     rng = np.random.default_rng([seed, attempt, 1])
     truth = base.perturbed_copy(rng)
     choice = rng.choice(3, p=[0.5, 0.25, 0.25])
-    tolerances = Tolerances(**[_TIGHT, _BETWEEN, {}][choice])  # type: ignore[arg-type]
+    tolerances = Tolerances(**[TIGHT, BETWEEN, {}][choice])  # type: ignore[arg-type]
     ground = float(rng.uniform(0.0, 800.0))
     rate = float(rng.choice([25.0, 50.0]))
     duration = float(rng.integers(22, 36))
@@ -157,10 +132,10 @@ def draw_scenario(effects: Sequence[Effect], base: TruthAircraft, seed: int, sta
         ),
         InstrumentErrors(
             place={"accelerometer": (shift[0], 0.0, 0.0)},
-            mix=[("ax", "az", half * float(tolerances.alignment) * float(rng.standard_normal()))],
+            mix=(("ax", "az", half * float(tolerances.alignment) * float(rng.standard_normal())),),
         ),
     )
-    biases = [{n: s * float(rng.standard_normal()) for n, s in ins.BIAS.items()} for _ in manoeuvres]
+    biases = [{n: s * float(rng.standard_normal()) for n, s in BIAS.items()} for _ in manoeuvres]
     terms = truth.with_parameter_errors(rng, share * float(tolerances.main), share * float(tolerances.secondary))  # type: ignore[arg-type]
     extra = {c for e in effects for c in e.channels}
     # Channels that an effect needs are there at other times as well.
@@ -186,7 +161,7 @@ def draw_scenario(effects: Sequence[Effect], base: TruthAircraft, seed: int, sta
         tuple(sorted(extra)),
         terms,
         injection,
-        {n: s * level for n, s in ins.NOISE.items()} | {"thrust": _THRUST_NOISE},
+        {n: s * level for n, s in NOISE.items()} | {"thrust": THRUST_NOISE},
         biases,
         wrong,
         seed,
@@ -230,7 +205,7 @@ def simulate_scenario(scenario: Scenario, injection: Injection) -> ScenarioResul
         extras[:, 5] += f.coefs[:, 1] * shift / air.b
         S0 = ins.simulated(scenario.sim_terms, f, air, given, V0)
         S1 = ins.simulated(scenario.sim_terms, f, air, ideal, V0) + extras
-        M0 = measured(f.t, readings, air, mass=air.mass or 0.0, inertia=tensor, thrust=readings["thrust"])
+        M0 = coefficients_of(f.t, readings, air)
         # The perfect account: true mass and inertia as far as the effect changes them, true thrust, sound instruments.
         mass = (air.mass or 0.0) * f.reads["mass"] / (under.mass * (scenario.truth.aircraft.mass or 1.0))
         real = tensor.copy()
@@ -239,10 +214,10 @@ def simulate_scenario(scenario: Scenario, injection: Injection) -> ScenarioResul
             real[i, j] *= value
             real[j, i] = real[i, j]
         thrust = readings["thrust"] + f.reads["thrust"] - f.reads["thrust_model"]
-        M1 = measured(f.t, better, air, mass=mass, inertia=real, thrust=thrust)
+        M1 = coefficients_of(f.t, better, air, mass=mass, inertia=real, thrust=thrust)
         if injection.physics.after != 1.0:
             gone = f.reads["mass"] < 0.999 * f.reads["mass"][0]
-            later = measured(f.t, better, air, mass=mass, inertia=real * injection.physics.after, thrust=thrust)
+            later = coefficients_of(f.t, better, air, mass=mass, inertia=real * injection.physics.after, thrust=thrust)
             M1[gone] = later[gone]
         out.clean.append(clean)
         out.faulty.append(faulty)

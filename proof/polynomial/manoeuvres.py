@@ -9,6 +9,7 @@ import numpy as np
 
 from proof.polynomial.aircraft import TruthAircraft
 from proof.polynomial.kernel import SCHEDULES
+from proof.scenario.shapes import DOUBLET, ONE_TWO_ONE, THREE_TWO_ONE_ONE, pulses
 from structsel.numerics.atmosphere import standard_atmosphere
 
 DT = 0.01
@@ -16,7 +17,6 @@ DT = 0.01
 SETTLING = 5.0
 """TruthFlight before the recording begins [s]."""
 _COLUMN = {name: i for i, name in enumerate(SCHEDULES)}
-_3211, _DOUBLET, _121 = (3, -2, 1, -1), (1, -1), (1, -2, 1)
 
 
 @dataclass
@@ -58,12 +58,9 @@ class Manoeuvre:
 
     def pulses(self, name: str, pattern: Sequence[int], start: float, unit: float, size: float) -> float:
         """Add pulses; returns when they end."""
-        t, edge = self.t, start
-        for units in pattern:
-            end = edge + abs(units) * unit
-            self.column(name)[(t >= edge) & (t < end)] += size * np.sign(units)
-            edge = end
-        return edge
+        shape, end = pulses(self.t, pattern, start, unit)
+        self.column(name)[:] += size * shape
+        return end
 
     def ramp(self, name: str, start: float, end: float, change: float) -> None:
         """Add a ramp that stays."""
@@ -115,30 +112,30 @@ def _sign(rng: np.random.Generator) -> float:
 
 def _elevator(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     sign, k = _sign(rng), rng.uniform(0.7, 1.2)
-    end = manoeuvre.pulses("de", _3211, 2.0, s.unit, sign * k * s.de)
-    end = manoeuvre.pulses("de", _DOUBLET, end + rng.uniform(2.0, 4.0), 1.2 * s.unit, -sign * k * s.de)
+    end = manoeuvre.pulses("de", THREE_TWO_ONE_ONE, 2.0, s.unit, sign * k * s.de)
+    end = manoeuvre.pulses("de", DOUBLET, end + rng.uniform(2.0, 4.0), 1.2 * s.unit, -sign * k * s.de)
     if end + 8.0 < manoeuvre.duration:
-        manoeuvre.pulses("de", _3211, end + 3.0, 0.7 * s.unit, -sign * 0.6 * s.de)
+        manoeuvre.pulses("de", THREE_TWO_ONE_ONE, end + 3.0, 0.7 * s.unit, -sign * 0.6 * s.de)
     _free(manoeuvre, 1.5, manoeuvre.duration)
 
 
 def _aileron(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     sign, k = _sign(rng), rng.uniform(0.7, 1.2)
-    end = manoeuvre.pulses("da", _121, 2.0, 1.0, sign * k * s.da)
-    end = manoeuvre.pulses("da", _3211, end + 2.5, 0.5, -sign * k * s.da)
-    end = manoeuvre.pulses("de", _DOUBLET, end + 1.5, s.unit, 0.7 * s.de)
+    end = manoeuvre.pulses("da", ONE_TWO_ONE, 2.0, 1.0, sign * k * s.da)
+    end = manoeuvre.pulses("da", THREE_TWO_ONE_ONE, end + 2.5, 0.5, -sign * k * s.da)
+    end = manoeuvre.pulses("de", DOUBLET, end + 1.5, s.unit, 0.7 * s.de)
     if end + 5.0 < manoeuvre.duration:
-        manoeuvre.pulses("da", _DOUBLET, end + 2.0, 0.8, sign * s.da)
+        manoeuvre.pulses("da", DOUBLET, end + 2.0, 0.8, sign * s.da)
     _free(manoeuvre, 1.5, manoeuvre.duration)
 
 
 def _rudder(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     sign, k = _sign(rng), rng.uniform(0.7, 1.2)
-    end = manoeuvre.pulses("dr", _DOUBLET, 2.0, 1.1, sign * k * s.dr)
-    end = manoeuvre.pulses("dr", _3211, end + 4.0, 0.6, -sign * k * s.dr)
-    end = manoeuvre.pulses("da", _DOUBLET, end + 2.0, 0.8, sign * s.da)
+    end = manoeuvre.pulses("dr", DOUBLET, 2.0, 1.1, sign * k * s.dr)
+    end = manoeuvre.pulses("dr", THREE_TWO_ONE_ONE, end + 4.0, 0.6, -sign * k * s.dr)
+    end = manoeuvre.pulses("da", DOUBLET, end + 2.0, 0.8, sign * s.da)
     if end + 5.0 < manoeuvre.duration:
-        manoeuvre.pulses("de", _DOUBLET, end + 1.0, s.unit, 0.6 * s.de)
+        manoeuvre.pulses("de", DOUBLET, end + 1.0, s.unit, 0.6 * s.de)
     _free(manoeuvre, 1.5, manoeuvre.duration)
 
 
@@ -160,8 +157,8 @@ def _turns(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.ra
     manoeuvre.ramp("phi", third, third + 2.0, -2.0 * sign * bank)
     manoeuvre.ramp("phi", 2.3 * third, 2.3 * third + 1.5, sign * bank)
     manoeuvre.column("theta")[:] += 0.06 * np.abs(manoeuvre.column("phi")) * np.abs(manoeuvre.column("phi"))
-    manoeuvre.pulses("de", _DOUBLET, 0.6 * third, s.unit, 0.8 * s.de)
-    manoeuvre.pulses("de", _DOUBLET, 1.8 * third, s.unit, -0.8 * s.de)
+    manoeuvre.pulses("de", DOUBLET, 0.6 * third, s.unit, 0.8 * s.de)
+    manoeuvre.pulses("de", DOUBLET, 1.8 * third, s.unit, -0.8 * s.de)
 
 
 def _throttle(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
@@ -175,10 +172,10 @@ def _throttle(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np
         (1.0 + 3.4 * fifth, base, high),
     ):
         manoeuvre.ramp("throttle", start, start + 0.25, level - before)
-    manoeuvre.pulses("de", _DOUBLET, 1.0 + 0.4 * fifth, s.unit, 0.8 * s.de)
-    manoeuvre.pulses("de", _DOUBLET, 1.0 + 1.5 * fifth, s.unit, -0.8 * s.de)
-    manoeuvre.pulses("de", _3211, 1.0 + 2.6 * fifth, 0.6 * s.unit, 0.6 * s.de)
-    manoeuvre.pulses("dr", _DOUBLET, 1.0 + 3.5 * fifth, 0.9, 0.7 * s.dr)
+    manoeuvre.pulses("de", DOUBLET, 1.0 + 0.4 * fifth, s.unit, 0.8 * s.de)
+    manoeuvre.pulses("de", DOUBLET, 1.0 + 1.5 * fifth, s.unit, -0.8 * s.de)
+    manoeuvre.pulses("de", THREE_TWO_ONE_ONE, 1.0 + 2.6 * fifth, 0.6 * s.unit, 0.6 * s.de)
+    manoeuvre.pulses("dr", DOUBLET, 1.0 + 3.5 * fifth, 0.9, 0.7 * s.dr)
 
 
 def _speeds(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
@@ -189,8 +186,8 @@ def _speeds(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.r
     one, two = (low, high) if first > 0 else (high, low)
     manoeuvre.ramp("throttle", 0.5, 1.5, one - base)
     manoeuvre.ramp("throttle", half, half + 1.0, two - one)
-    manoeuvre.pulses("de", _DOUBLET, 0.6 * half, s.unit, 0.6 * s.de)
-    manoeuvre.pulses("de", _DOUBLET, 1.6 * half, s.unit, -0.6 * s.de)
+    manoeuvre.pulses("de", DOUBLET, 0.6 * half, s.unit, 0.6 * s.de)
+    manoeuvre.pulses("de", DOUBLET, 1.6 * half, s.unit, -0.6 * s.de)
 
 
 def _pulls(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
@@ -223,7 +220,7 @@ def _low_pass(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np
     profile = np.interp(t, [0.0, 0.12 * d, 0.42 * d, 0.62 * d, 0.9 * d, d], [0.0, 0.0, 1.0, 1.0, 0.1, 0.1])
     manoeuvre.column("h")[:] = manoeuvre.h - profile * (1.5 - depth) * b
     manoeuvre.hold = True
-    manoeuvre.pulses("de", _DOUBLET, 0.5 * d, s.unit, 0.25 * s.de)
+    manoeuvre.pulses("de", DOUBLET, 0.5 * d, s.unit, 0.25 * s.de)
 
 
 def _sideslip(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
@@ -234,7 +231,7 @@ def _sideslip(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np
         manoeuvre.ramp("phi", start, start + 1.0, -side * 0.06)
         manoeuvre.ramp("dr", start + 0.36 * d, start + 0.36 * d + 1.0, -side * 1.5 * s.dr)
         manoeuvre.ramp("phi", start + 0.36 * d, start + 0.36 * d + 1.0, side * 0.06)
-        manoeuvre.pulses("de", _DOUBLET, start + 3.0, s.unit, 0.5 * s.de)
+        manoeuvre.pulses("de", DOUBLET, start + 3.0, s.unit, 0.5 * s.de)
 
 
 def _large(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
@@ -249,9 +246,9 @@ def _large(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.ra
 
 def _flap(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
     """Elevator and aileron work about the time at which the configuration changes."""
-    manoeuvre.pulses("de", _DOUBLET, 2.0, s.unit, 0.6 * s.de)
-    manoeuvre.pulses("da", _DOUBLET, 0.3 * manoeuvre.duration, 0.9, 0.7 * s.da)
-    manoeuvre.pulses("de", _3211, 0.62 * manoeuvre.duration, 0.7 * s.unit, 0.6 * s.de)
+    manoeuvre.pulses("de", DOUBLET, 2.0, s.unit, 0.6 * s.de)
+    manoeuvre.pulses("da", DOUBLET, 0.3 * manoeuvre.duration, 0.9, 0.7 * s.da)
+    manoeuvre.pulses("de", THREE_TWO_ONE_ONE, 0.62 * manoeuvre.duration, 0.7 * s.unit, 0.6 * s.de)
 
 
 def _free(manoeuvre: Manoeuvre, start: float, end: float) -> None:

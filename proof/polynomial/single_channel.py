@@ -14,7 +14,8 @@ from numba import njit
 from proof.case_files import Case
 from proof.keys import EffectKey, Form, Key, Kind
 from proof.polynomial.effects import name
-from proof.scenario.sizing import NotAttainable
+from proof.scenario.errors import severity_of
+from proof.scenario.sizing import NotAttainable, bisect
 from structsel.aircraft import Aircraft, Tolerances
 from structsel.recording import Recording
 
@@ -43,14 +44,14 @@ SINGLE_CHANNEL = {
 }
 
 
-def make_single_channel(effect: str, severity_share: float, seed: int, attempt: int, form: Form) -> Case:
+def make_single_channel(effect: str, wanted: float, seed: int, attempt: int, form: Form) -> Case:
     """A case of a response channel.
 
     Parameters
     ----------
     effect : str
         Of `SINGLE_CHANNEL`.
-    severity_share : float
+    wanted : float
         Attainable share aimed at.
 
     Raises
@@ -84,16 +85,16 @@ def make_single_channel(effect: str, severity_share: float, seed: int, attempt: 
             return noisy, _forced(u, truth, {**p, **wrong}), S1
         return noisy, without[channel], perfect[channel]
 
-    # An inflow's lag is no less than 0.03 s.
-    low, high, size = np.log(0.15 if rotor else 1e-3), np.log(8.0), 1.0
-    for _ in range(10):
-        size = float(np.exp(0.5 * (low + high)))
+    def reached(size: float) -> float:
         noisy, S0, S1 = at(size)
-        share = _share(noisy[channel], S0, S1)
-        low, high = (np.log(size), high) if share < severity_share else (low, np.log(size))
+        return _share(noisy[channel], S0, S1)
+
+    # The lag of an inflow is no less than 0.03 s.
+    size, _ = bisect(reached, wanted, 0.15 if rotor else 1e-3, 8.0, 10)
+    noisy, S0, _ = at(size)
+    share = reached(size)
     if not 0.05 < share < 0.97:
         raise NotAttainable(effect)
-    severity = "easy" if share >= 0.30 else "medium" if share >= 0.15 else "hard"
     aircraft = Aircraft.from_dict(
         {
             "name": f"plant {seed}",
@@ -121,7 +122,7 @@ def make_single_channel(effect: str, severity_share: float, seed: int, attempt: 
     key = Key(
         verdicts=("mismatch",),
         form="forced" if channel == "a" else "free",
-        severity=severity,  # type: ignore[arg-type]
+        severity=severity_of(share),
         attainable={channel: share},
         effects=(injection,),
         source=f"own/{'rotor' if rotor else 'oscillator'}",

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from proof.scenario.measurement import COEFFICIENTS
+from proof.keys import COEFFICIENTS
 
 AXES = COEFFICIENTS
 VARIABLES = (

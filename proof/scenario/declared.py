@@ -13,8 +13,7 @@ from typing import Protocol
 import numpy as np
 from scipy.signal import butter, sosfilt
 
-from proof.keys import Kind
-from proof.scenario.measurement import COEFFICIENTS
+from proof.keys import COEFFICIENTS, Kind
 from structsel.errors import DataError
 
 VARIABLES = ("1", "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "CT", "CL", "abs_alpha", "abs_beta",
