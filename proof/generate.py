@@ -82,17 +82,17 @@ def drawable(source: str) -> frozenset[str]:
     """Effects of which a source has cases."""
     declared = {d.name for d in declared_effects()}
     if source == "jsbsim":
-        from proof.jsbsim.catalogue import ADDED_FORCES
-        from proof.jsbsim.faults import FAULTS
+        from proof.jsbsim.effects_added import ADDED_FORCES
+        from proof.jsbsim.effects_faults import FAULTS
 
         return frozenset({*ADDED_FORCES, *FAULTS, "gust", "wrong-derivative"} | declared)
-    from proof.polynomial.families import NAMES
+    from proof.polynomial.cases import NAMES
 
     return frozenset({*NAMES} | declared)
 
 
 def _polynomial(seed: int, attempt: int, family: str | None, effect: str | None, severity: str | None) -> Case:
-    from proof.polynomial.families import make
+    from proof.polynomial.cases import make
 
     rng = np.random.default_rng([seed, attempt, 11])
     drawn, aim = _choice(rng, POLYNOMIAL), _choice(rng, _AIMED)  # drawn even where given: the stream stays alike

@@ -10,16 +10,16 @@ from typing import Literal, cast
 import numpy as np
 
 from proof.case_files import Case
-from proof.jsbsim import setting
 from proof.jsbsim.aircraft import JSBSimPlant
 from proof.jsbsim.effects import SelectedEffect, choose, effects_of, unknown_effect
-from proof.jsbsim.faults import joined
+from proof.jsbsim.effects_faults import joined
 from proof.jsbsim.flight import Additions, TruthFlight, simulate_manoeuvre
 from proof.jsbsim.functions import AeroFunction, scaled
+from proof.jsbsim.instruments import channels_of, read, restated, state_offsets
 from proof.jsbsim.manoeuvres import plan_flights
 from proof.jsbsim.open_loop import simulate_open_loop
 from proof.jsbsim.prescribed_motion import coefficients, functions_with
-from proof.jsbsim.readings import channels_of, read, restated, state_offsets
+from proof.jsbsim.scenario import draw_factors, draw_instruments, draw_turbulence
 from proof.keys import COEFFICIENTS, EffectKey, Key
 from proof.scenario.declared import DeclaredEffect
 from proof.scenario.errors import EXCLUSIVE_JSBSIM, OFF_BY, SEVERITIES, may_share, severity_of
@@ -69,12 +69,12 @@ class CaseBuilder:
         self.manoeuvres = [f.manoeuvre for f in plain]
         store = sum(e.store_mass for e in self.effects)
         share = float(rng.choice(OFF_BY))
-        self.instruments = setting.draw_instruments(craft, rng, share=share, store=store, null=self.family == "null")
+        self.instruments = draw_instruments(craft, rng, share=share, store=store, null=self.family == "null")
         self.wind: dict[str, np.ndarray] = {}
         if self.family == "null" and self.instruments.blind:
-            self.wind = setting.draw_turbulence(self.manoeuvres, craft.aircraft.b, rng)
+            self.wind = draw_turbulence(self.manoeuvres, craft.aircraft.b, rng)
             plain = [simulate_manoeuvre(craft, m, Additions(wind=self.wind)) for m in self.manoeuvres]
-        self.factors = setting.draw_factors(craft, plain, share, rng)
+        self.factors = draw_factors(craft, plain, share, rng)
         for k, selected in enumerate(self.effects):
             band = SEVERITIES[self.severity] if k == 0 or self.family == "pair" else (0.02, 0.05)
             self.effects[k] = self._scaled(selected, plain, float(rng.uniform(*band)))

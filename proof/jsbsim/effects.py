@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from proof.jsbsim.added_force import AddedForce, AddedForceSpec
 from proof.jsbsim.aircraft import JSBSimPlant
-from proof.jsbsim.catalogue import ADDED_FORCES, UNMODELLED, AddedForceSpec
+from proof.jsbsim.effects_added import ADDED_FORCES, UNMODELLED
 from proof.jsbsim.effects_built_in import BuiltInEffect, find_built_in
 from proof.jsbsim.effects_declared import declared_force
-from proof.jsbsim.faults import FAULTS, Fault, follow_along
+from proof.jsbsim.effects_faults import FAULTS, Fault, follow_along
 from proof.jsbsim.flight import Manoeuvre, TruthFlight
 from proof.jsbsim.functions import AeroFunction
-from proof.jsbsim.laws import AddedForce
+from proof.jsbsim.instruments import InstrumentSet, channels_of, restated
 from proof.jsbsim.prescribed_motion import SEEN, coefficients, functions_with
-from proof.jsbsim.readings import InstrumentSet, channels_of, restated
 from proof.keys import Kind
 from proof.scenario.declared import DeclaredEffect
 from proof.scenario.instruments import coefficients_of

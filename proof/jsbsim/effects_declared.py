@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from proof.jsbsim.catalogue import AddedForceSpec
-from proof.jsbsim.laws import Formula, Now
+from proof.jsbsim.added_force import AddedForceSpec, Formula, Memory, Now, Six
 from proof.keys import COEFFICIENTS
 from proof.scenario.declared import DeclaredEffect, band_noise, product, strength
 from structsel.aircraft import Aircraft
@@ -23,7 +22,7 @@ def declared_force(declared: DeclaredEffect) -> AddedForceSpec:
         seed = int(rng.integers(2**31))
         noise: dict[int, dict[str, np.ndarray]] = {}
 
-        def formula(now: Now, memory: dict[str, float], dt: float) -> tuple[float, float, float, float, float, float]:
+        def formula(now: Now, memory: Memory, dt: float) -> Six:
             values = _values(now, aircraft)
             number = int(now["number"])
             if truth.signals and number not in noise:
@@ -35,7 +34,7 @@ def declared_force(declared: DeclaredEffect) -> AddedForceSpec:
             made = [0.0] * 6
             for axis, factors, value in declared.terms:
                 made[COEFFICIENTS.index(axis)] += value * float(product(factors, values))
-            return made[0], made[1], made[2], made[3], made[4], made[5]
+            return tuple(made)
 
         return formula, {}
 

@@ -9,7 +9,7 @@ import numpy as np
 from proof.jsbsim.aircraft import JSBSimPlant
 from proof.jsbsim.flight import Additions, Manoeuvre, TruthFlight, simulate_manoeuvre
 from proof.jsbsim.functions import AeroFunction
-from proof.jsbsim.readings import channels_of
+from proof.jsbsim.instruments import channels_of
 from structsel.aircraft import Aircraft
 from structsel.errors import SimulationError
 from structsel.numerics.rigid_body import STATES

@@ -18,11 +18,11 @@ from proof.generate import draw_case
 from proof.keys import DECIDABLE
 from proof.polynomial import instruments
 from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
+from proof.polynomial.cases import NAMES, SINGLES
 from proof.polynomial.effects import EffectContext, Injection
-from proof.polynomial.families import NAMES, SINGLES
 from proof.polynomial.flight import STATES, InjectedPhysics, settings_of, simulate_truth
-from proof.polynomial.making import draw_scenario, simulate_scenario
 from proof.polynomial.manoeuvres import make_manoeuvre
+from proof.polynomial.scenario import draw_scenario, simulate_scenario
 from proof.polynomial.single_channel import SINGLE_CHANNEL
 from proof.polynomial.terms import AXES, compile_terms, evaluate
 from proof.polynomial.unmodelled import EFFECTS as OUTSIDE

@@ -9,11 +9,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 jsbsim = pytest.importorskip("jsbsim", reason="JSBSim is not installed")
 
 from proof.generate import draw_case  # noqa: E402
+from proof.jsbsim.added_force import AddedForce  # noqa: E402
 from proof.jsbsim.aircraft import JSBSimPlant, load_plant  # noqa: E402
 from proof.jsbsim.effects import effects_of  # noqa: E402
 from proof.jsbsim.effects_built_in import find_built_in  # noqa: E402
 from proof.jsbsim.flight import LEAD, Additions, Manoeuvre, simulate_manoeuvre  # noqa: E402
-from proof.jsbsim.laws import AddedForce  # noqa: E402
 from proof.jsbsim.manoeuvres import find_point  # noqa: E402
 from proof.jsbsim.prescribed_motion import coefficients, functions_with  # noqa: E402
 

@@ -13,7 +13,7 @@ from proof.polynomial import instruments as ins
 from proof.polynomial.aircraft import truth_aircraft
 from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection, name
 from proof.polynomial.flight import simulate_model, simulate_truth
-from proof.polynomial.making import (
+from proof.polynomial.scenario import (
     SHARES,
     Scenario,
     ScenarioResult,

@@ -14,11 +14,11 @@ from proof.keys import EffectKey, Form
 from proof.polynomial import effects_aerodynamic, effects_instruments, effects_systems, unmodelled
 from proof.polynomial import instruments as ins
 from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
+from proof.polynomial.assembly import assemble, describe, make_single, make_windy
 from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection
 from proof.polynomial.effects_declared import declared_effect
 from proof.polynomial.flight import simulate_truth
-from proof.polynomial.handing import assemble, describe, make_single, make_windy
-from proof.polynomial.making import SHARES, Scenario, ScenarioResult, draw_scenario, scale_effect, simulate_scenario
+from proof.polynomial.scenario import SHARES, Scenario, ScenarioResult, draw_scenario, scale_effect, simulate_scenario
 from proof.polynomial.single_channel import SINGLE_CHANNEL, make_single_channel
 from proof.polynomial.terms import AXES
 from proof.scenario.declared import DeclaredEffect

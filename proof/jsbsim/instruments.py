@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proof.jsbsim.faults import Fault
+from proof.jsbsim.effects_faults import Fault
 from proof.jsbsim.flight import TruthFlight
 from proof.jsbsim.prescribed_motion import SEEN
 from proof.scenario.instruments import (

@@ -9,8 +9,8 @@ import numpy as np
 
 from proof.jsbsim.aircraft import JSBSimPlant
 from proof.jsbsim.flight import Manoeuvre, TruthFlight
+from proof.jsbsim.instruments import InstrumentSet
 from proof.jsbsim.prescribed_motion import contributions
-from proof.jsbsim.readings import InstrumentSet
 from proof.scenario.errors import BIAS, CONTROLS, NOISE, THRUST_NOISE, TIGHT
 from structsel.aircraft import Aircraft, Simulation, Tolerances
 from structsel.numerics.turbulence import dryden_gusts, dryden_scales
