@@ -37,7 +37,7 @@ TOLD = AeroModel(
             np.diag([0.00112, 0.0334, 5.5e-9]) ** 2,
             method="stepwise",
             residuals="coloured",
-            region={"alpha": (-0.125, 0.375)},
+            ranges={"alpha": (-0.125, 0.375)},
             n=500,
             s2=1e-4,
             r2=0.9712,
@@ -176,7 +176,7 @@ def test_c_agrees_for_any_formula(model, tmp_path_factory):
 
 @needs_compiler
 def test_inputs_that_are_no_numbers_stay_so_and_none_is_clipped(tmp_path):
-    model = model_of({"Cm": ("(alpha - 0.1)+", "sign(beta)")}, region={"alpha": (0.0, 0.2), "beta": (-0.1, 0.1)})
+    model = model_of({"Cm": ("(alpha - 0.1)+", "sign(beta)")}, ranges={"alpha": (0.0, 0.2), "beta": (-0.1, 0.1)})
     for function in (exported_to_python(model, tmp_path), exported_to_c(model, tmp_path, COMPILER)):
         assert math.isnan(function(alpha=math.nan, beta=0.0)["Cm"])
         assert math.isnan(function(alpha=0.0, beta=math.nan)["Cm"])

@@ -1,4 +1,4 @@
-"""AeroModel: values, the region flown, files and tables."""
+"""AeroModel: values, the recorded ranges, files and tables."""
 
 import json
 import math
@@ -15,7 +15,7 @@ from scipy import stats
 
 from structsel.candidates import Candidates, Term
 from structsel.errors import ChannelError, ModelError, StructselWarning
-from structsel.model import AeroModel, ResponseModel, flown_region
+from structsel.model import AeroModel, ResponseModel, recorded_ranges
 from structsel.recording import Recording
 
 TERMS = ["1", "alpha", "alpha^2*de", "(alpha - 0.2)+", "abs(de)*de"]
@@ -34,7 +34,7 @@ def make_model(**changes):
         "covariance": root @ root.T,
         "method": "stepwise",
         "residuals": "coloured",
-        "region": flown_region([make_recording()], ["alpha", "de"]),
+        "ranges": recorded_ranges([make_recording()], ["alpha", "de"]),
         "n": 300,
         "s2": 1.0 / 3.0,
         "r2": 0.957,
@@ -111,10 +111,10 @@ def test_unknown_errors_are_nan_not_zero():
     assert np.isnan(Cm.intervals()).all()
 
 
-# --- the region flown ------------------------------------------------------------------------------
+# --- the recorded ranges ------------------------------------------------------------------------------
 
 
-def test_inside_the_region_flown_nothing_is_said():
+def test_inside_the_recorded_ranges_nothing_is_said():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         make_model().evaluate(make_recording())
@@ -126,12 +126,12 @@ def test_outside_the_region_flown_the_warning_gives_channel_share_and_distance()
     low, high = alpha.min(), alpha.max()
     alpha[:75], alpha[75] = high + 0.125, low - 0.5
     moved = recording.with_channels(alpha=alpha)
-    with pytest.warns(StructselWarning, match=r"'m01' leaves the region .*alpha \[rad\] in 25.3 % of samples"):
+    with pytest.warns(StructselWarning, match=r"'m01' leaves the ranges .*alpha \[rad\] in 25.3 % of samples"):
         make_model().evaluate(moved)
-    (excursion,) = make_model().leaves_region(moved)
+    (excursion,) = make_model().range_excursions(moved)
     assert (excursion.channel, excursion.low, excursion.high) == ("alpha", low, high)
     assert_allclose([excursion.fraction, excursion.above, excursion.below], [76 / 300, 0.125, 0.5], rtol=1e-12)
-    with pytest.raises(ModelError, match="leaves the region"):
+    with pytest.raises(ModelError, match="leaves the ranges"):
         make_model().evaluate(moved, outside="raise")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -141,15 +141,15 @@ def test_outside_the_region_flown_the_warning_gives_channel_share_and_distance()
 def test_only_channels_the_terms_need_count():
     region = {"alpha": (-1.0, 1.0), "de": (-1.0, 1.0), "q_hat": (0.0, 0.0)}
     recording = make_recording().with_channels(q_hat=np.ones(300))
-    assert make_model(region=region).leaves_region(recording) == ()
+    assert make_model(ranges=region).range_excursions(recording) == ()
 
 
 def test_the_region_spans_all_recordings_and_the_model_s_is_common_to_its_responses():
     one, two = make_recording(seed=1), make_recording(seed=2)
-    region = flown_region([one, two], ["alpha"])
+    region = recorded_ranges([one, two], ["alpha"])
     both = np.concatenate([one["alpha"], two["alpha"]])
     assert region == {"alpha": (both.min(), both.max())}
-    part = [ResponseModel(("alpha",), [1.0], region={"alpha": bounds}) for bounds in ((0, 2), (1, 3))]
+    part = [ResponseModel(("alpha",), [1.0], ranges={"alpha": bounds}) for bounds in ((0, 2), (1, 3))]
     assert AeroModel({"CX": part[0], "CZ": part[1]}).region == {"alpha": (1.0, 2.0)}
 
 
@@ -283,7 +283,7 @@ def test_the_report_shows_values_errors_region_and_bias():
     text = str(model)
     assert "CZ: 5 terms, R2 0.9570, s 0.577, n 300, stepwise, coloured residuals" in text
     assert "Biased estimates" in text
-    assert "Region flown: alpha -0.09" in text
+    assert "Recorded ranges: alpha -0.09" in text
     row = next(line for line in text.splitlines() if line.strip().startswith("alpha  "))
     assert row.split() == ["alpha", "-4.037", "0.01", "-403.7", "-4.0567", "-4.0173"]
     table = [line for line in text.splitlines() if line.startswith("  ")]
@@ -331,3 +331,19 @@ def test_a_model_cannot_be_changed_by_hand():
     part = ResponseModel(("1",), values)
     values[0] = 2.0
     assert part["1"] == 1.0
+
+
+def test_the_old_names_of_ranges_and_of_the_quasi_steady_model_still_work():
+    model = make_model()
+    with pytest.warns(DeprecationWarning, match="ranges"):
+        assert model.region == model.ranges
+    with pytest.warns(DeprecationWarning, match="range_excursions"):
+        assert model.leaves_region(make_recording()) == model.range_excursions(make_recording())
+    with pytest.warns(DeprecationWarning, match="quasi_steady"):
+        assert model.steady() == model.quasi_steady()
+    with pytest.warns(DeprecationWarning, match="ranges"):
+        old = ResponseModel(("alpha",), [1.0], region={"alpha": (0.0, 1.0)})
+    assert old.ranges == {"alpha": (0.0, 1.0)}
+    with pytest.warns(DeprecationWarning, match="recorded_ranges"):
+        from structsel.model import flown_region
+    assert flown_region is recorded_ranges

@@ -59,7 +59,7 @@ def test_an_account_without_the_channel_is_left_out_and_none_is_an_error(ax):
 def test_coverage_encloses_what_was_flown_in_its_hull_and_shows_the_models_box(ax):
     flown, beyond = [flight("a", 1), flight("b", 2)], [flight("c", 3, at=0.3)]
     region = {"alpha": (0.05, 0.15), "beta": (-0.02, 0.02)}
-    model = AeroModel({"CZ": ResponseModel(("1", "alpha", "beta"), np.zeros(3), region=region)})
+    model = AeroModel({"CZ": ResponseModel(("1", "alpha", "beta"), np.zeros(3), ranges=region)})
     plot_coverage(flown, held_out=beyond, model=model, ax=ax)
     hull, box = ax.patches
     corners = np.asarray(hull.get_xy())

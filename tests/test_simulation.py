@@ -456,10 +456,10 @@ def test_a_term_in_what_the_flight_makes_is_refused(trimmed):
 
 
 def test_leaving_the_region_flown_is_said(trimmed):
-    narrow = model_of(TRUTH, region={"alpha": (0.14, 0.15), "q_hat": (-1e-4, 1e-4)})
-    with pytest.warns(StructselWarning, match=r"leaves the region.*alpha.*q_hat"):
+    narrow = model_of(TRUTH, ranges={"alpha": (0.14, 0.15), "q_hat": (-1e-4, 1e-4)})
+    with pytest.warns(StructselWarning, match=r"leaves the ranges.*alpha.*q_hat"):
         simulate(narrow, demo_aircraft(), moved(trimmed), start=trimmed)
-    with pytest.raises(ModelError, match="leaves the region"):
+    with pytest.raises(ModelError, match="leaves the ranges"):
         simulate(narrow, demo_aircraft(), moved(trimmed), start=trimmed, outside="raise")
 
 

@@ -48,7 +48,7 @@ def make_recording(name, seed, n=400, rho=0.0, sigma=0.02):
 
 TRUTH = AeroModel(
     {
-        "CZ": ResponseModel(("1", "alpha", "de"), [-0.2, -4.0, -0.8], region={"alpha": (-0.1, 0.3)}),
+        "CZ": ResponseModel(("1", "alpha", "de"), [-0.2, -4.0, -0.8], ranges={"alpha": (-0.1, 0.3)}),
         "Cm": ResponseModel(("1", "de"), [0.1, -1.0]),
     },
     name="truth",
@@ -185,7 +185,7 @@ def test_pooled_lags_do_not_cross_from_one_manoeuvre_to_the_next():
 
 def test_doubts_are_stated_beside_the_numbers():
     exact = make_recording("m00", 3, sigma=0.0)
-    model = AeroModel({"CZ": ResponseModel(("1",), [0.5], region={})}, recordings=())
+    model = AeroModel({"CZ": ResponseModel(("1",), [0.5], ranges={})}, recordings=())
     assert "so no correlation" in str(validate(model, exact))
     flat = exact.with_channels(CZ=0.1 - exact["de"], Cm=0.1 - exact["de"])
     validation = validate(AeroModel({"Cm": TRUTH["Cm"]}, recordings=("m00",)), flat)
@@ -194,7 +194,7 @@ def test_doubts_are_stated_beside_the_numbers():
     assert any("was used to identify" in doubt for doubt in validation.doubts)
     assert any("no test of whiteness" in doubt for doubt in validation.doubts)
     wide = exact.with_channels(alpha=exact["alpha"] * 2)
-    assert any("leaves the region flown: alpha [rad]" in d for d in validate(TRUTH, wide).doubts)
+    assert any("leaves the ranges the model was identified in: alpha [rad]" in d for d in validate(TRUTH, wide).doubts)
 
 
 def test_the_tables_hold_every_score():

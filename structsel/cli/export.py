@@ -28,7 +28,7 @@ EPILOG = page(
     --aircraft. [bold]python[/bold], [bold]c[/bold], [bold]modelica[/bold]: a function of the model's channels, SI, that
     needs nothing else. [bold]latex[/bold]: equations and table. [bold]csv[/bold]: a row per term.
     [bold]summary[/bold]: text as statsmodels prints it.""",
-    """Each says the standard errors and the region flown; no function clips its inputs to it.""",
+    """Each says the standard errors and the recorded ranges; no function clips its inputs to it.""",
 )
 
 _JSBSIM = "For JSBSim"

@@ -14,7 +14,7 @@ from structsel.candidates.terms import Factor
 from structsel.comparison.flight import Flight
 from structsel.comparison.surrogate import Surrogate, identify
 from structsel.diagnosis.adding import Addition
-from structsel.model import ResponseModel, State, flown_region
+from structsel.model import ResponseModel, State, recorded_ranges
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
@@ -115,9 +115,9 @@ class Extended:
             at = [place[kept[i]] for i in alone]
             covariance[np.ix_(at, at)] = own.covariance[np.ix_(alone, alone)]
             whole = covariance
-        named = {c for t in added for c in t.channels} - set(own.region)
+        named = {c for t in added for c in t.channels} - set(own.ranges)
         flown = [c for c in sorted(named) if all(c in f or c in f.channels for f in self._flights)]
-        region = flown_region([{c: f[c] for c in flown} for f in self._flights], flown) if flown else {}
+        region = recorded_ranges([{c: f[c] for c in flown} for f in self._flights], flown) if flown else {}
         return replace(
             own,
             terms=tuple(terms),
@@ -125,7 +125,7 @@ class Extended:
             covariance=whole,
             standard_errors=np.array([errors[t] for t in terms]),
             method=f"{own.method or 'as given'}, physics added",
-            region={**own.region, **region},
+            ranges={**own.ranges, **region},
             s2=np.nan,
             r2=np.nan,
             states={**own.states, **self._states},
@@ -163,7 +163,7 @@ def as_models(stand_in: Surrogate, flights: Sequence[Flight]) -> dict[str, Respo
             for f in sorted({f for t in terms for f in t})
         }
         made[c] = ResponseModel(
-            tuple(Term.parse(t) for t in texts), np.array(values), method="stand-in of a simulation", region=region,
+            tuple(Term.parse(t) for t in texts), np.array(values), method="stand-in of a simulation", ranges=region,
             n=sum(len(f) for f in flights), r2=stand_in.r2[c],
         )  # fmt: skip
     return made

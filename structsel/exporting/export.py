@@ -93,7 +93,7 @@ def export_model(
     if model.states:
         raise ModelError(
             f"The model has states of its own ({', '.join(model.states)}), which no export holds. Export "
-            "model.steady(), where nothing is late, or fly it with simulate()."
+            "model.quasi_steady(), where nothing is late, or fly it with simulate()."
         )
     if to == "jsbsim":
         written = write_jsbsim(model, aircraft, path, definitions or {}, properties or {})

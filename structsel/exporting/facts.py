@@ -21,9 +21,9 @@ def reference_lines(model: AeroModel, aircraft: Aircraft | None) -> list[str]:
     if aircraft is not None:
         sizes = f"S = {aircraft.S!r} m^2, b = {aircraft.b!r} m, cbar = {aircraft.cbar!r} m"
         lines.append(f"Reference: {sizes} ({one_line(aircraft.name)}).")
-    if not model.region:
+    if not model.ranges:
         return [*lines, "The model does not say where it was flown. Inputs are not clipped."]
-    flown = [f"  {one_line(name)} {low!r} to {high!r} {unit_of(name)}" for name, (low, high) in model.region.items()]
+    flown = [f"  {one_line(name)} {low!r} to {high!r} {unit_of(name)}" for name, (low, high) in model.ranges.items()]
     outside = "Outside it is an extrapolation. Inputs are not clipped."
     return [*lines, "Flown by every response, and valid, within:", *flown, outside]
 
@@ -37,7 +37,7 @@ def describe_channel(name: str, model: AeroModel, written: str) -> str:
     """Unit and meaning of a channel, its name if it is written otherwise, and where it was flown."""
     said = find_channel(name).meaning if is_known(name) else "as in the recordings"
     said += f", {one_line(name)} in the model" if written != name else ""
-    low, high = model.region.get(name, (-math.inf, math.inf))
+    low, high = model.ranges.get(name, (-math.inf, math.inf))
     flown = f"; flown {low:.6g} to {high:.6g}" if low > -math.inf else ""
     return f"[{unit_of(name)}] {said}{flown}"
 

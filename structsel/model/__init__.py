@@ -1,9 +1,12 @@
-"""AeroModel: per response the terms, values, standard errors, covariance and the region flown."""
+"""AeroModel: per response the terms, values, standard errors, covariance and the recorded ranges."""
 
+from structsel.deprecation import renamed_names
 from structsel.model.aero_model import AeroModel
+from structsel.model.dynamics import Quantity, State
 from structsel.model.files import SCHEMA
-from structsel.model.region import Excursion, flown_region
+from structsel.model.ranges import RangeExcursion, recorded_ranges
 from structsel.model.response import ResponseModel
-from structsel.model.states import Quantity, State
 
-__all__ = ["SCHEMA", "AeroModel", "Excursion", "Quantity", "ResponseModel", "State", "flown_region"]
+__all__ = ["SCHEMA", "AeroModel", "Quantity", "RangeExcursion", "ResponseModel", "State", "recorded_ranges"]
+
+__getattr__ = renamed_names(__name__, {"Excursion": "RangeExcursion", "flown_region": "recorded_ranges"})

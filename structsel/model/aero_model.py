@@ -13,11 +13,12 @@ from typing import Any, Literal, cast
 import numpy as np
 import pandas as pd
 
+from structsel.deprecation import renamed_attribute
 from structsel.errors import ModelError, StructselError, StructselWarning
 from structsel.model import files
-from structsel.model.region import Excursion, leave
+from structsel.model.dynamics import Quantity, State
+from structsel.model.ranges import RangeExcursion, find_excursions
 from structsel.model.response import ResponseModel, response_rows
-from structsel.model.states import Quantity, State
 from structsel.nomenclature import latex_of
 from structsel.provenance import provenance_of
 from structsel.recording import Recording
@@ -39,6 +40,10 @@ class AeroModel:
     responses: Mapping[str, ResponseModel]
     name: str = ""
     recordings: tuple[str, ...] = ()
+
+    region = renamed_attribute("ranges")
+    steady = renamed_attribute("quasi_steady")
+    leaves_region = renamed_attribute("range_excursions")
 
     def __post_init__(self) -> None:
         if not self.responses:
@@ -88,27 +93,27 @@ class AeroModel:
         """What the terms name that is no channel, and has dynamics of its own."""
         return {name: state for model in self.responses.values() for name, state in model.states.items()}
 
-    def steady(self) -> AeroModel:
+    def quasi_steady(self) -> AeroModel:
         """The model where nothing changes: every state at the value it then has."""
         if not self.states:
             return self
-        return AeroModel({name: m.steady() for name, m in self.responses.items()}, self.name, self.recordings)
+        return AeroModel({name: m.quasi_steady() for name, m in self.responses.items()}, self.name, self.recordings)
 
     @property
-    def region(self) -> dict[str, tuple[float, float]]:
-        """Region flown by every response: per channel needed, the part common to those that state one."""
-        region: dict[str, tuple[float, float]] = {}
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Ranges recorded for every response: per channel needed, the part common to those that state one."""
+        ranges: dict[str, tuple[float, float]] = {}
         for model in self.responses.values():
             for name in model.channels:
-                if name in model.region:
-                    low, high = model.region[name]
-                    known = region.get(name, (-math.inf, math.inf))
-                    region[name] = (max(low, known[0]), min(high, known[1]))
-        return dict(sorted(region.items()))
+                if name in model.ranges:
+                    low, high = model.ranges[name]
+                    known = ranges.get(name, (-math.inf, math.inf))
+                    ranges[name] = (max(low, known[0]), min(high, known[1]))
+        return dict(sorted(ranges.items()))
 
-    def leaves_region(self, source: Any) -> tuple[Excursion, ...]:
-        """Channels that a recording takes outside the region flown, and how far."""
-        return leave(source, self.region)
+    def range_excursions(self, source: Any) -> tuple[RangeExcursion, ...]:
+        """Channels that a recording takes outside the recorded ranges, and how far."""
+        return find_excursions(source, self.ranges)
 
     def evaluate(self, source: Any, *, outside: Literal["warn", "ignore", "raise"] = "warn") -> dict[str, np.ndarray]:
         """Every response on a recording or mapping of arrays.
@@ -117,7 +122,7 @@ class AeroModel:
         ----------
         source : Recording or mapping of name to (n,) array [SI]
         outside : {"warn", "ignore", "raise"}
-            What to do where the recording leaves the region flown.
+            What to do where the recording leaves the ranges the model was identified in.
 
         Returns
         -------
@@ -128,20 +133,20 @@ class AeroModel:
         ChannelError, DataError, TermError
             A channel is missing or not finite, or a formula does not hold.
         ModelError
-            The region is left and ``outside`` is ``"raise"``.
+            A range is left and ``outside`` is ``"raise"``.
 
         Warns
         -----
         StructselWarning
-            The region is left: names each channel, the share of samples and the distance.
+            A range is left: names each channel, the fraction of the samples and the distance.
         """
         if outside not in ("warn", "ignore", "raise"):
             raise ModelError(f"outside={outside!r} is not one of 'warn', 'ignore', 'raise'.")
         known: dict[Any, np.ndarray] = {}
         values = {name: model.evaluate(source, known=known) for name, model in self.responses.items()}
-        if outside != "ignore" and (excursions := self.leaves_region(source)):
+        if outside != "ignore" and (excursions := self.range_excursions(source)):
             whose = repr(source.name) if isinstance(getattr(source, "name", None), str) else "The source"
-            message = f"{whose} leaves the region the model was identified in: "
+            message = f"{whose} leaves the ranges the model was identified in: "
             message += "; ".join(map(str, excursions)) + ". The model is an extrapolation there."
             if outside == "raise":
                 raise ModelError(message)
@@ -203,6 +208,7 @@ class AeroModel:
         states = {name: _state(path, name, fields) for name, fields in held["states"].items()}
         responses = {}
         for name, fields in held["responses"].items():
+            fields["ranges"] = fields.pop("region")  # the name in the file's schema
             for unknown in ("s2", "r2"):
                 fields[unknown] = math.nan if fields[unknown] is None else fields[unknown]
             if fields["standard_errors"] is not None:

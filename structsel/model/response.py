@@ -14,13 +14,15 @@ from scipy import stats
 from structsel.candidates import Term
 from structsel.candidates.formula import substitute
 from structsel.candidates.terms import Factor, product, samples
+from structsel.deprecation import renamed_arguments, renamed_attribute
 from structsel.errors import ModelError
-from structsel.model.region import Excursion, leave
-from structsel.model.states import Beside, State
+from structsel.model.dynamics import RecordingWithStates, State
+from structsel.model.ranges import RangeExcursion, find_excursions
 from structsel.nomenclature import unit_of
 from structsel.rich_text import opening, to_html
 
 
+@renamed_arguments(region="ranges")
 @dataclass(frozen=True, eq=False)
 class ResponseModel:
     """A response as a sum of terms times values.
@@ -37,11 +39,11 @@ class ResponseModel:
     method : str
         How the terms were chosen.
     residuals : str
-        How the residuals were treated: white, coloured, ...
+        Noise assumed in the residuals: white, ar, cluster, ...
     biased : bool
         True for principal-components, ridge and other estimates that trade bias for variance.
-    region : mapping of channel to (least, greatest) [SI]
-        What the identification recordings flew.
+    ranges : mapping of channel to (least, greatest) [SI]
+        Of the recordings it was identified from.
     n : int
         Samples used; 0 where not known.
     s2 : float [response unit^2]
@@ -64,11 +66,15 @@ class ResponseModel:
     method: str = ""
     residuals: str = ""
     biased: bool = False
-    region: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     n: int = 0
     s2: float = math.nan
     r2: float = math.nan
     states: Mapping[str, State] = field(default_factory=dict)
+
+    region = renamed_attribute("ranges")
+    steady = renamed_attribute("quasi_steady")
+    leaves_region = renamed_attribute("range_excursions")
 
     def __post_init__(self) -> None:
         terms = tuple(term if isinstance(term, Term) else Term(term) for term in self.terms)
@@ -87,10 +93,10 @@ class ResponseModel:
             errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         else:
             errors = np.full(k, np.nan)
-        region = {str(name): (float(low), float(high)) for name, (low, high) in self.region.items()}
-        for name, (low, high) in region.items():
+        ranges = {str(name): (float(low), float(high)) for name, (low, high) in self.ranges.items()}
+        for name, (low, high) in ranges.items():
             if not low <= high:
-                raise ModelError(f"The region of '{name}' is [{low}, {high}]. Write the least value first.")
+                raise ModelError(f"The range of '{name}' is [{low}, {high}]. Write the least value first.")
         for array in (values, covariance, errors):
             if array is not None:
                 array.setflags(write=False)
@@ -99,7 +105,7 @@ class ResponseModel:
         object.__setattr__(self, "covariance", covariance)
         object.__setattr__(self, "standard_errors", errors)
         object.__setattr__(self, "biased", bool(self.biased))
-        object.__setattr__(self, "region", MappingProxyType(region))
+        object.__setattr__(self, "ranges", MappingProxyType(ranges))
         object.__setattr__(self, "n", int(self.n))
         object.__setattr__(self, "s2", float(self.s2))
         object.__setattr__(self, "r2", float(self.r2))
@@ -162,7 +168,7 @@ class ResponseModel:
         return self.standard_errors
 
     def evaluate(self, source: Any, *, known: dict[Any, np.ndarray] | None = None) -> np.ndarray:
-        """Values of the response, (n,), on a recording or mapping of arrays; does not look at the region.
+        """Values of the response, (n,), on a recording or mapping of arrays; does not look at the ranges.
 
         Parameters
         ----------
@@ -177,7 +183,7 @@ class ResponseModel:
         """
         known = {} if known is None else known
         if self.states:
-            source = Beside(source, self.states, known)
+            source = RecordingWithStates(source, self.states, known)
         total: np.ndarray | None = None
         for term, value in zip(self.terms, self.values):
             for factor, _ in term.factors:
@@ -191,21 +197,21 @@ class ResponseModel:
             total = part if total is None else np.add(total, part, out=total)
         return np.zeros(samples(source)) if total is None else total
 
-    def steady(self) -> ResponseModel:
+    def quasi_steady(self) -> ResponseModel:
         """The response where nothing changes: every state at the value it then has."""
         if not self.states:
             return self
-        settled = {name: state.steady() for name, state in self.states.items()}
+        settled = {name: state.quasi_steady() for name, state in self.states.items()}
         values: dict[Term, float] = {}
         for term, value in zip(self.terms, self.values.tolist()):
             still = term.replace(lambda factor: Factor(substitute(factor.node, settled)))
             values[still] = values.get(still, 0.0) + value
-        return ResponseModel(tuple(values), np.array(list(values.values())), method=self.method, region=self.region)
+        return ResponseModel(tuple(values), np.array(list(values.values())), method=self.method, ranges=self.ranges)
 
-    def leaves_region(self, source: Any) -> tuple[Excursion, ...]:
-        """Channels the terms need that a recording takes outside the region flown."""
+    def range_excursions(self, source: Any) -> tuple[RangeExcursion, ...]:
+        """Channels the terms need that a recording takes outside the recorded ranges."""
         mine = set(self.channels)
-        return leave(source, {name: bounds for name, bounds in self.region.items() if name in mine})
+        return find_excursions(source, {name: bounds for name, bounds in self.ranges.items() if name in mine})
 
     def to_dict(self) -> dict[str, Any]:
         """Return the model as plain lists and numbers, None for what is not known."""
@@ -217,7 +223,7 @@ class ResponseModel:
             "method": self.method,
             "residuals": self.residuals,
             "biased": self.biased,
-            "region": {name: list(bounds) for name, bounds in self.region.items()},
+            "region": {name: list(bounds) for name, bounds in self.ranges.items()},
             "n": self.n,
             "s2": _known(self.s2),
             "r2": _known(self.r2),
@@ -233,9 +239,9 @@ class ResponseModel:
         lines = [", ".join(facts), *self._table()]
         if self.biased:
             lines.append("Biased estimates: the standard errors and intervals leave the bias out.")
-        if self.region:
-            flown = [f"{name} {lo:.4g} to {hi:.4g} {unit_of(name)}" for name, (lo, hi) in self.region.items()]
-            lines.append("Region flown: " + "; ".join(flown).replace(" -;", ";").removesuffix(" -"))
+        if self.ranges:
+            ranges = [f"{name} {lo:.4g} to {hi:.4g} {unit_of(name)}" for name, (lo, hi) in self.ranges.items()]
+            lines.append("Recorded ranges: " + "; ".join(ranges).replace(" -;", ";").removesuffix(" -"))
         return "\n".join(lines)
 
     def _table(self) -> list[str]:

@@ -107,7 +107,7 @@ def plot_coverage(
         ax.fill(*edge.T, facecolor="none", edgecolor=KEPT, lw=1.0, label="around them")
     except QhullError:  # all on one line: nothing is enclosed
         pass
-    region = {} if model is None else model.region
+    region = {} if model is None else model.ranges
     if x in region and y in region:
         (left, right), (low, high) = region[x], region[y]
         corner, size = (across * left, up * low), (across * (right - left), up * (high - low))

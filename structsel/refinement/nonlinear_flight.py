@@ -158,7 +158,7 @@ class NonlinearFilter:
         if ready.compiled.memory_names:
             raise ModelError(
                 f"The state '{ready.compiled.memory_names[0]}' depends on the motion itself; the gain of a "
-                "filter is not computed with such states. Refine by output error, or take model.steady()."
+                "filter is not computed with such states. Refine by output error, or take model.quasi_steady()."
             )
         names = [flight.outputs[i] for i in outputs]
         self.observed = outputs_index(names, instruments=not recording.at_cg)

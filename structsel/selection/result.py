@@ -205,7 +205,7 @@ class Selection:
             method=f"{self.options.method}, {self.estimator}",
             residuals=self.residual_description,
             biased=self.biased,
-            region=self.region,
+            ranges=self.region,
             n=self.n,
             s2=self.rms**2 * self.n / max(self.dof, 1),
             r2=self.r2,

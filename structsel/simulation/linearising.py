@@ -82,7 +82,7 @@ def linearise(
             StructselWarning,
             stacklevel=2,
         )
-        model = model.steady()
+        model = model.quasi_steady()
     ready = prepare(model, aircraft, trim.inputs(np.array([0.0, 1.0])), start=trim, air=air, definitions=definitions)
     controls = ready.compiled.controls
     if inputs is None:

@@ -70,7 +70,7 @@ def simulate(
     substeps : int, optional
         Steps of the integration (Runge and Kutta, fourth order) per sample; by default none is above 0.02 s.
     outside : {"warn", "ignore", "raise"}
-        What to do where the flight leaves the region the model was identified in.
+        What to do where the flight leaves the ranges the model was identified in.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def simulate(
     Warns
     -----
     StructselWarning
-        The flight leaves the region flown.
+        The flight leaves the ranges the model was identified in.
 
     References
     ----------
@@ -171,12 +171,12 @@ def _judge_region(ready: Prepared, model: AeroModel, flight: Recording, outside:
     if outside == "ignore":
         return
     channels = dict(flight.channels)
-    for name in model.region:
+    for name in model.ranges:
         if name not in channels and name in ready.formulas and set(ready.formulas.needs([name])) <= set(channels):
             channels[name] = evaluate(ready.formulas.expand(Node("channel", name=name)), channels, name)
-    if not (excursions := model.leaves_region(channels)):
+    if not (excursions := model.range_excursions(channels)):
         return
-    message = f"The simulated flight '{flight.name}' leaves the region the model was identified in: "
+    message = f"The simulated flight '{flight.name}' leaves the ranges the model was identified in: "
     message += "; ".join(map(str, excursions)) + ". The model is an extrapolation there."
     if outside == "raise":
         raise ModelError(message)

@@ -265,4 +265,4 @@ def _still(
     zero = dict.fromkeys((*CONTROL_SURFACES, "throttle", "df", "gear", *pushed), 0.0)
     start = {"V": V, "alpha": 0.0, "theta": 0.0, "h": h}
     inputs = {"t": np.array([0.0, 1.0]), **zero, **given}
-    return prepare(model.steady(), aircraft, inputs, start=start, air=calm, definitions=definitions)
+    return prepare(model.quasi_steady(), aircraft, inputs, start=start, air=calm, definitions=definitions)

@@ -249,7 +249,7 @@ def _divergence(
 def _outside_region(model: AeroModel, flights: Sequence[Recording]) -> list[str]:
     said = []
     for recording in flights:
-        known = [name for name in model.region if name in recording]
-        excursions = model.leaves_region({name: recording[name] for name in known})
-        said += [f"'{recording.name}' leaves the region the model was identified in: {e}" for e in excursions]
+        known = [name for name in model.ranges if name in recording]
+        excursions = model.range_excursions({name: recording[name] for name in known})
+        said += [f"'{recording.name}' leaves the ranges the model was identified in: {e}" for e in excursions]
     return said

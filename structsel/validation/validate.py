@@ -210,8 +210,10 @@ def validate(
             found = f"'{recording.name}' has {len(recording)}"
             raise DataError(f"validate needs {_FEWEST} samples or more; {found}.")
         modelled = part.evaluate(recording, outside="ignore")
-        excursions = part.leaves_region(recording)
-        doubts += [f"'{recording.name}' leaves the region flown: {excursion}" for excursion in excursions]
+        excursions = part.range_excursions(recording)
+        doubts += [
+            f"'{recording.name}' leaves the ranges the model was identified in: {excursion}" for excursion in excursions
+        ]
         if recording.name in model.recordings:
             doubts.append(f"'{recording.name}' was used to identify the model: its scores describe the fit.")
         for name in wanted:

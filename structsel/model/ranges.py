@@ -1,4 +1,4 @@
-"""The region a model was identified in, and how far a recording leaves it."""
+"""Ranges of the channels a model was identified from, and how far a recording leaves them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from structsel.nomenclature import unit_of
 
 
 @dataclass(frozen=True)
-class Excursion:
-    """How far one channel leaves the region flown.
+class RangeExcursion:
+    """How far one channel leaves the ranges the model was identified in.
 
     Attributes
     ----------
     channel : str
     low, high : float [the channel's SI unit]
-        The region flown.
+        The recorded range.
     fraction : float
-        Share of samples outside, 0 to 1.
+        Fraction of the samples outside, 0 to 1.
     below, above : float [the channel's SI unit]
         Largest distance below ``low`` and above ``high``; zero where there is none.
     """
@@ -43,7 +43,7 @@ class Excursion:
         )
 
 
-def flown_region(sources: Iterable[Any], channels: Iterable[str]) -> dict[str, tuple[float, float]]:
+def recorded_ranges(sources: Iterable[Any], channels: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Least and greatest value of each channel over recordings.
 
     Parameters
@@ -60,27 +60,27 @@ def flown_region(sources: Iterable[Any], channels: Iterable[str]) -> dict[str, t
     ChannelError, DataError
         A channel is missing, or not finite somewhere.
     """
-    region: dict[str, tuple[float, float]] = {}
+    ranges: dict[str, tuple[float, float]] = {}
     names = sorted(set(channels))
     for source in sources:
         for name in names:
             values = get_channel(source, name, name)
             low, high = float(values.min()), float(values.max())
-            if name in region:
-                low, high = min(low, region[name][0]), max(high, region[name][1])
-            region[name] = (low, high)
-    return region
+            if name in ranges:
+                low, high = min(low, ranges[name][0]), max(high, ranges[name][1])
+            ranges[name] = (low, high)
+    return ranges
 
 
-def leave(source: Any, region: Mapping[str, tuple[float, float]]) -> tuple[Excursion, ...]:
-    """Return the channels of a recording that leave a region, those the recording does not hold apart."""
+def find_excursions(source: Any, ranges: Mapping[str, tuple[float, float]]) -> tuple[RangeExcursion, ...]:
+    """Channels of a recording that leave their ranges; those that the recording does not have are passed over."""
     out = []
-    for name, (low, high) in region.items():
+    for name, (low, high) in ranges.items():
         if name not in source:
             continue
         values = np.asarray(source[name], dtype=float)
         outside = (values < low) | (values > high)
         if outside.any():
             below, above = max(low - values.min(), 0.0), max(values.max() - high, 0.0)
-            out.append(Excursion(name, low, high, float(outside.mean()), float(below), float(above)))
+            out.append(RangeExcursion(name, low, high, float(outside.mean()), float(below), float(above)))
     return tuple(out)

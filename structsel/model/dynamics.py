@@ -156,7 +156,7 @@ class State:
             return Node("channel", name=self.input)
         return parse_formula(self._flow(f"{self.input} - {self['tau2']!r}*{self.input}_dot"))
 
-    def steady(self) -> Node:
+    def quasi_steady(self) -> Node:
         """Formula of the state where nothing changes."""
         x = self.input
         if self.kind == "separation":
@@ -211,7 +211,7 @@ class State:
         return f"{self.kind} of {self.input}, {', '.join(told)}"
 
 
-class Beside:
+class RecordingWithStates:
     """A recording, or what serves as one, with the states of a model as channels of its own.
 
     Parameters
