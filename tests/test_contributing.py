@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from structsel.candidates import Candidates
 from structsel.diagnosis import diagnose
 from structsel.effects import EFFECTS
 from structsel.metrics import compute_metrics, remove_metric
 from structsel.readers import READERS
 from structsel.recording import Recording, read_recording
+from structsel.selection import select
+from structsel.selection.methods import METHODS
+from tests.flights import fly as simulated_flights
 from tests.missing_physics import CRAFT, T, best, check_all, flights_with, fly
 from tests.source import ROOT
 
@@ -39,6 +43,7 @@ def test_a_deterministic_effect_is_found_with_its_value():
     check_all(flights, effect)
 
 
+@pytest.mark.slow
 def test_a_new_effect_goes_through_diagnosis_report_and_model():
     wash = recipe("Propeller wash over the elevator")["ELEVATOR_WASH"]
     recordings, simulated = fly(
@@ -78,6 +83,16 @@ def test_a_metric_is_computed_with_the_others():
         assert compute_metrics(np.array([1.0, 2.0, 4.0]), np.array([1.0, 2.0, 3.0]))["largest_error"] == 1.0
     finally:
         remove_metric("largest_error")
+
+
+def test_a_selection_method_is_an_option_of_select():
+    recipe("Single best term")
+    try:
+        (recording,) = simulated_flights({"1": -0.3, "alpha": -4.0}, 0.03)
+        selection = select(recording, "CZ", Candidates(["alpha", "q_hat", "de"]), method="single", bootstrap=0)["CZ"]
+        assert list(map(str, selection.terms)) == ["alpha"]
+    finally:
+        del METHODS["single"]
 
 
 @pytest.mark.slow
