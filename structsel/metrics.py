@@ -1,4 +1,4 @@
-"""Metrics of fit, by name, and tests of whiteness.
+"""Metrics of fit, by name.
 
 Arrays in, one number or array out. ``measured`` and ``modelled`` are (n,) arrays of one response.
 
@@ -21,11 +21,8 @@ from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from statsmodels.stats.diagnostic import acorr_ljungbox
-from statsmodels.stats.stattools import durbin_watson as durbin_watson_of
 
 from structsel.errors import DataError, DomainError
-from structsel.numerics import noise_models
 
 Normaliser = Literal["rms", "std", "range"]
 _Function = TypeVar("_Function", bound=Callable[..., float])
@@ -209,7 +206,7 @@ def r2(measured: Any, modelled: Any) -> float:
     [KM16], [H17]
     """
     y, yhat = _pair(measured, modelled)
-    _varies(y, "R2", "measured response")
+    require_variation(y, "R2", "measured response")
     return float(1.0 - np.sum((y - yhat) ** 2) / np.sum((y - y.mean()) ** 2))
 
 
@@ -262,7 +259,7 @@ def rrmse(measured: Any, modelled: Any, normaliser: Normaliser = "rms") -> float
     if normaliser not in sizes:
         raise DomainError(f"normaliser={normaliser!r} is not one of 'rms', 'std', 'range'.")
     if normaliser != "rms":
-        _varies(y, "RRMSE", "measured response")
+        require_variation(y, "RRMSE", "measured response")
     size = sizes[normaliser]()
     if not size > 0:
         raise DomainError("RRMSE needs a measured response that is not zero throughout; found only zeros.")
@@ -313,8 +310,8 @@ def correlation(measured: Any, modelled: Any) -> float:
         As `r2`.
     """
     y, yhat = _pair(measured, modelled)
-    _varies(y, "Correlation", "measured response")
-    _varies(yhat, "Correlation", "modelled response")
+    require_variation(y, "Correlation", "measured response")
+    require_variation(yhat, "Correlation", "modelled response")
     return float(np.corrcoef(y, yhat)[0, 1])
 
 
@@ -333,90 +330,8 @@ def bias(measured: Any, modelled: Any) -> float:
     return float(np.mean(y - yhat))
 
 
-def autocorrelation(residual: Any, lags: int) -> np.ndarray:
-    """Autocorrelation of a residual::
-
-        rho_l = sum_t e_t e_{t-l} / sum_t e_t^2,   e about its mean
-
-    Parameters
-    ----------
-    residual : (n,) array
-    lags : int
-        Highest lag, below n.
-
-    Returns
-    -------
-    (lags + 1,) array
-        The first is 1. White residuals stay within `white_bound` at 19 lags of 20.
-
-    Raises
-    ------
-    DomainError
-        The residual is constant, or as short as the lags.
-    DataError
-        A value is not finite.
-    """
-    e = _one(residual, "residual")
-    _reaches(e, lags, "Autocorrelation")
-    return noise_models.autocorrelation(e, lags)
-
-
-def white_bound(n: int) -> float:
-    """95 % bound of the autocorrelation of n white samples, 1.96 / sqrt(n)."""
-    return 1.959963984540054 / float(np.sqrt(n))
-
-
-def ljung_box(residual: Any, lags: int, n_terms: int = 0) -> tuple[float, float]:
-    """Ljung-Box statistic of a residual and its p value; a small p says that it is not white.
-
-    Parameters
-    ----------
-    residual : (n,) array
-    lags : int
-    n_terms : int
-        Taken off the degrees of freedom; autoregressive terms fitted to the residual, else 0.
-
-    Returns
-    -------
-    statistic, p : float
-
-    Raises
-    ------
-    DomainError, DataError
-        As `autocorrelation`.
-    """
-    e = _one(residual, "residual")
-    _reaches(e, lags, "Ljung-Box")
-    table = acorr_ljungbox(e, lags=[lags], model_df=n_terms)
-    return float(table["lb_stat"].iloc[0]), float(table["lb_pvalue"].iloc[0])
-
-
-def durbin_watson(residual: Any) -> float:
-    """Durbin-Watson statistic: 2 for white residuals, towards 0 for slowly varying ones::
-
-        d = sum_t (e_t - e_{t-1})^2 / sum_t e_t^2
-
-    Raises
-    ------
-    DomainError
-        The residual is zero throughout.
-    DataError
-        A value is not finite.
-    """
-    e = _one(residual, "residual")
-    if not np.any(e):
-        raise DomainError("Durbin-Watson needs a residual that is not zero throughout.")
-    return float(durbin_watson_of(e))
-
-
-def _reaches(residual: np.ndarray, lags: int, measure: str) -> None:
-    if not 1 <= lags < len(residual):
-        least = max(lags, 1)
-        raise DomainError(f"{measure} to lag {lags} needs more than {least} samples; found {len(residual)}.")
-    _varies(residual, measure, "residual")
-
-
-def _one(values: Any, what: str) -> np.ndarray:
+def finite_vector(values: Any, what: str) -> np.ndarray:
+    """Return values as a vector; refuse another shape, and values that are not finite."""
     array = np.asarray(values, dtype=float)
     if array.ndim != 1 or len(array) == 0:
         raise DataError(f"A {what} is a vector of at least one sample; found shape {array.shape}.")
@@ -430,13 +345,14 @@ def _one(values: Any, what: str) -> np.ndarray:
 
 
 def _pair(measured: Any, modelled: Any) -> tuple[np.ndarray, np.ndarray]:
-    y, yhat = _one(measured, "measured response"), _one(modelled, "modelled response")
+    y, yhat = finite_vector(measured, "measured response"), finite_vector(modelled, "modelled response")
     if y.shape != yhat.shape:
         raise DataError(f"Measured and modelled response differ in length: {len(y)} and {len(yhat)} samples.")
     return y, yhat
 
 
-def _varies(values: np.ndarray, measure: str, what: str) -> None:
+def require_variation(values: np.ndarray, measure: str, what: str) -> None:
+    """Refuse a response that is constant."""
     if np.ptp(values) == 0:
         raise DomainError(
             f"{measure} is not defined: the {what} is {values[0]:.6g} at all {len(values)} samples. "

@@ -389,5 +389,5 @@ def test_a_driven_linear_model_predicts_what_simulate_linear_flies():
 
 def test_an_output_that_was_never_sampled_is_refused():
     flight = turbulent(8)
-    with pytest.raises(DataError, match="output 'w', of which no recording has a sample"):
+    with pytest.raises(DataError, match="output 'w', but no recording has a sample of it"):
         refine(pitch(), None, flight.with_channels(w=np.full(len(CLOCK), np.nan)), noise="process")

@@ -179,7 +179,7 @@ def design_inputs(model: LinearModel, *, noise: Mapping[str, float], options: De
     S[1:] -= S[0]  # change of the motion due to the input
     complete = of_sensitivities("any input of this kind", names, np.ones(len(names)), S.reshape(-1, len(names)))
     complete.require()
-    rows = limit_rows(model, u, dt, limits, rate_limits, hold)
+    rows = limit_rows(model, u, options)
     problem = DesignProblem(
         elementary=elementary_matrices(S * size),
         criterion=criterion,
@@ -222,7 +222,7 @@ def design_inputs(model: LinearModel, *, noise: Mapping[str, float], options: De
         energy_asked=np.nan if energy is None else float(energy),
         basis=basis,
         coefficients=a.reshape(len(model.inputs), count),
-        limits=reached(model, made, dt, limits, rate_limits, hold),
+        limits=reached(model, made, options),
         history=found.history,
         converged=found.converged,
         notes=tuple(notes),

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from structsel.errors import ModelError
+from structsel.inputs.settings import DesignOptions
 from structsel.numerics.linear_systems import simulate_linear
-from structsel.simulation.linear import Hold, LinearModel
+from structsel.simulation.linear import LinearModel
 
 _BY_SPEED = {"alpha": "w", "beta": "v"}
 
@@ -38,14 +38,7 @@ class LimitUse:
         return f"{self.what:<14} {self.allowed:>10.4g} {self.reached:>10.4g}"
 
 
-def limit_rows(
-    model: LinearModel,
-    u: np.ndarray,
-    dt: float,
-    limits: Mapping[str, float],
-    rate_limits: Mapping[str, float],
-    hold: Hold,
-) -> np.ndarray:
+def limit_rows(model: LinearModel, u: np.ndarray, options: DesignOptions) -> np.ndarray:
     """Every limited quantity over its limit for each of b inputs (b, n, inputs), (samples of all quantities, b).
 
     Raises
@@ -53,37 +46,24 @@ def limit_rows(
     ModelError
         A limit on a quantity that the model does not have, or that is not above zero.
     """
-    traces = [t / allowed for _, allowed, t in _traces(model, u, dt, limits, rate_limits, hold)]
+    traces = [t / allowed for _, allowed, t in _traces(model, u, options)]
     return np.concatenate([t.T for t in traces]) if traces else np.zeros((0, len(u)))
 
 
-def reached(
-    model: LinearModel,
-    u: np.ndarray,
-    dt: float,
-    limits: Mapping[str, float],
-    rate_limits: Mapping[str, float],
-    hold: Hold,
-) -> tuple[LimitUse, ...]:
+def reached(model: LinearModel, u: np.ndarray, options: DesignOptions) -> tuple[LimitUse, ...]:
     """Largest value of each limited quantity for an input (n, inputs)."""
-    found = _traces(model, u[None], dt, limits, rate_limits, hold)
+    found = _traces(model, u[None], options)
     return tuple(LimitUse(what, allowed, float(np.abs(t).max())) for what, allowed, t in found)
 
 
-def _traces(
-    model: LinearModel,
-    u: np.ndarray,
-    dt: float,
-    limits: Mapping[str, float],
-    rate_limits: Mapping[str, float],
-    hold: Hold,
-) -> list[tuple[str, float, np.ndarray]]:
+def _traces(model: LinearModel, u: np.ndarray, options: DesignOptions) -> list[tuple[str, float, np.ndarray]]:
+    dt, limits, rate_limits = options.dt, options.limits or {}, options.rate_limits or {}
     for name, value in [*limits.items(), *rate_limits.items()]:
         if not value > 0.0:
             raise ModelError(f"the limit on '{name}' must be above zero; found {value}.")
     s = model.system
     # Without bias and reference: the change of the motion due to the input.
-    y, x = simulate_linear(s.A, s.B, s.C, s.D, u, dt, delay=s.delay, hold=hold, return_states=True)
+    y, x = simulate_linear(s.A, s.B, s.C, s.D, u, dt, delay=s.delay, hold=options.hold, return_states=True)
     made: dict[str, np.ndarray] = {name: x[:, :, i] for i, name in enumerate(s.states)}
     made |= {name: y[:, :, i] for i, name in enumerate(s.outputs)}
     made |= {name: u[:, :, i] for i, name in enumerate(s.inputs)}

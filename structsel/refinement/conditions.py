@@ -1,4 +1,4 @@
-"""Derivatives over many manoeuvres against the condition they were flown from: angle of attack in trim, airspeed."""
+"""Derivatives over many manoeuvres against the condition they were recorded from: angle of attack in trim, airspeed."""
 
 from __future__ import annotations
 
@@ -173,9 +173,9 @@ def derivatives_by_condition(
     values = np.full((len(groups), len(reported), len(methods)), np.nan)
     std, notes = values.copy(), {}
     for g, members in enumerate(groups):
-        flown = [flights[i] for i in members]
+        recorded = [flights[i] for i in members]
         for j, method in enumerate(methods):
-            found, note = _estimate(method, model, aircraft, flown, options)
+            found, note = _estimate(method, model, aircraft, recorded, options)
             if note:
                 notes[g, method] = note
             for i, name in enumerate(reported):
@@ -205,18 +205,18 @@ def _groups(at: np.ndarray, edges: Sequence[float] | None) -> list[list[int]]:
 
 
 def _estimate(
-    method: str, model: AeroModel, aircraft: Aircraft, flown: list[Recording], options: Mapping[str, Any]
+    method: str, model: AeroModel, aircraft: Aircraft, recorded: list[Recording], options: Mapping[str, Any]
 ) -> tuple[dict[str, tuple[float, float]], str]:
     """Estimates by name, and a note."""
     try:
         found: Estimates
         if method == "equation error":
-            found = equation_error(model, aircraft, flown)
+            found = equation_error(model, aircraft, recorded)
         elif method == "two-step":
-            found = equation_error(model, aircraft, [reconstruct(r, aircraft).recording for r in flown])
+            found = equation_error(model, aircraft, [reconstruct(r, aircraft).recording for r in recorded])
         else:
             noise = "process" if method == "filter error" else "measurement"
-            found = refine(model, aircraft, flown, **{"starts": "all", "noise": noise, **options})
+            found = refine(model, aircraft, recorded, **{"starts": "all", "noise": noise, **options})
             if not found.converged:
                 return estimates_by_name(found), found.message
         return estimates_by_name(found), ""

@@ -142,8 +142,8 @@ def equation_error(
         std += list(found[1])
         r2[name] = found[2]
     refined = _with(model, dict(zip(names, values)), dict(zip(names, std)))
-    flown = tuple(r.name for r in flights)
-    return EquationError(tuple(names), np.array(values), np.array(std), r2, refined, domain, band, flown)
+    names_of_recordings = tuple(r.name for r in flights)
+    return EquationError(tuple(names), np.array(values), np.array(std), r2, refined, domain, band, names_of_recordings)
 
 
 @dataclass(frozen=True)

@@ -136,7 +136,7 @@ def check_frequency(
     for option, names in constants.items():
         if names:
             raise ModelError(
-                f"refine was asked for {option} ({', '.join(names)}) in the frequency domain, where constants have no "
+                f"refine was given {option} ({', '.join(names)}) in the frequency domain, where constants have no "
                 "transform. Leave them out; 'starts' lets the ends of a record differ."
             )
     return band

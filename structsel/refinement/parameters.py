@@ -1,4 +1,4 @@
-"""Names of what can be estimated, and where each stands in the parameter vector.
+"""Names of what can be estimated, and their order in the parameter vector.
 
 ============================  ================================================================================
 ``CL:alpha``                  term of a response of an AeroModel; a linear structure names its own
@@ -69,7 +69,7 @@ class Parameter:
 def bound(parameters: Sequence[Parameter], bounds: Mapping[str, tuple[float, float]]) -> list[Parameter]:
     """Parameters with these bounds, each start brought inside.
 
-    A name that ends in a colon stands for all that begin so: ``"start:m01:"``.
+    A name that ends in a colon means all that begin so: ``"start:m01:"``.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def choose_outputs(flight: FlightModel, recordings: Sequence[Recording], outputs
             recording.require(*default_outputs, by="refine")
     for name in default_outputs:
         if not any(np.isfinite(r[name]).any() for r in recordings):
-            raise DataError(f"refine was given output '{name}', of which no recording has a sample. Leave it out.")
+            raise DataError(f"refine was given output '{name}', but no recording has a sample of it. Leave it out.")
     return default_outputs
 
 
@@ -160,7 +160,7 @@ def _chosen(names: Names, among: Sequence[str], what: str, flight: FlightModel) 
     for name in chosen:
         if name not in among:
             raise ModelError(
-                f"refine was asked for {what} '{name}'; '{flight.name}' has: {', '.join(among)}.{suggest(name, among)}"
+                f"refine was given {what} '{name}'; '{flight.name}' has: {', '.join(among)}.{suggest(name, among)}"
             )
     return chosen
 
@@ -205,7 +205,7 @@ def build_parameters(
     among = flight.states if process != "all" else flight.states_with_noise(outputs)
     for s in _chosen(process, among, "the process noise of state", flight):
         size = _spread_of(s, recordings)
-        low, value, high = (share * size for share in _PROCESS)
+        low, value, high = (fraction * size for fraction in _PROCESS)
         made.append(Parameter(f"process:{s}", "process", value, low, high, size))
     known = [p.name for p in made]
     for name in guess:

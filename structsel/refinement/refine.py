@@ -191,20 +191,20 @@ def search_between_bounds(
     searchable = np.array([p.kind != "process" for p in problem.parameters])
     searched = np.flatnonzero(np.isfinite(bounds).all(axis=1) & searchable)
 
-    def whole(sets: np.ndarray) -> np.ndarray:
+    def complete(sets: np.ndarray) -> np.ndarray:
         full = np.tile(theta, (len(sets), 1))
         full[:, searched] = sets
         return full
 
     reduced = OutputErrorProblem(
         problem.predict(theta, searched), problem.y, R=R, cost=options.cost, full=options.full_noise,
-        bounds=bounds[searched], constraint=None if allowed is None else lambda sets: allowed(whole(sets)),
+        bounds=bounds[searched], constraint=None if allowed is None else lambda sets: allowed(complete(sets)),
     )  # fmt: skip
     found = search_globally(
         reduced, seed=options.seed, population=options.population, generations=options.generations,
         progress=None if progress is None else lambda count, value: progress("evolution", count, value),
     )  # fmt: skip
-    return found, whole(found.members) if len(found.members) else theta[None]
+    return found, complete(found.members) if len(found.members) else theta[None]
 
 
 def report(

@@ -112,7 +112,7 @@ class Refinement:
     doubts : tuple of str
     noise : {"measurement", "process"}
         Output error, or filter error: residuals are then innovations, simulated outputs those expected of each
-        sample, and costs and thetas those of all rounds in which the measurements' noise settled.
+        sample, and costs and thetas those of all rounds of the iteration of the measurement noise.
     domain : {"time", "frequency"}
         In the frequency domain residuals are complex, of the scaled transforms; `fits` judge these, and the
         recordings are flown from rest and have the means measured.

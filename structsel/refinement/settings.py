@@ -56,7 +56,7 @@ class RefineOptions:
         Start values of the search. By default the model's value; 1 for scale factors; 0 for constants, but the first
         readings for the references of a linear model.
     bounds : mapping of parameter's name to (low, high), optional
-        A name that ends in a colon stands for all that begin so. The delay is bounded by zero and a quarter of the
+        A name that ends in a colon means all that begin so. The delay is bounded by zero and a quarter of the
         shortest recording unless given.
     constraint : "stable" or callable, optional
         ``"stable"``: no mode of a linear model is unstable. A callable takes parameters by name, (m,) each, and

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from structsel import metrics
+from structsel import whiteness
 from structsel.errors import DataError, DomainError, ModelError
-from structsel.metrics import MetricValues, compute_metrics, in_tables
+from structsel.metrics import MetricValues, Normaliser, compute_metrics, in_tables
 from structsel.model import AeroModel
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
@@ -153,7 +153,7 @@ def validate(
     recordings: Recording | Sequence[Recording],
     *,
     responses: Iterable[str] | None = None,
-    normaliser: metrics.Normaliser = "rms",
+    normaliser: Normaliser = "rms",
     lags: int = 40,
 ) -> Validation:
     """Score a model on recordings it need not have seen.
@@ -234,7 +234,7 @@ def _score(
     recording: str,
     pieces: Sequence[tuple[np.ndarray, np.ndarray]],
     model: AeroModel,
-    normaliser: metrics.Normaliser,
+    normaliser: Normaliser,
     lags: int,
 ) -> Score:
     """Score one response on the pieces together, lags kept inside each."""
@@ -254,19 +254,19 @@ def _score(
 def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> dict[str, Any]:
     n = sum(map(len, residuals))
     lags = max(1, min(lags, min(map(len, residuals)) // 5))
-    bound = metrics.white_bound(n)
+    bound = whiteness.white_bound(n)
     if any(np.ptp(e) == 0 for e in residuals):
         nothing = np.full(lags + 1, math.nan)
         nothing.setflags(write=False)
         nan = math.nan
         tests = {"outside": nan, "ljung_box": nan, "ljung_box_p": nan, "durbin_watson": nan}
         return {"autocorrelation": nothing, "bound": bound, **tests}
-    products = [(e - e.mean()) @ (e - e.mean()) * metrics.autocorrelation(e, lags) for e in residuals]
+    products = [(e - e.mean()) @ (e - e.mean()) * whiteness.autocorrelation(e, lags) for e in residuals]
     rho = np.sum(products, axis=0)
     rho /= rho[0]
     rho.setflags(write=False)
     # Manoeuvres are independent, so their statistics add and so do their degrees of freedom.
-    statistic = sum(metrics.ljung_box(e, lags)[0] for e in residuals)
+    statistic = sum(whiteness.ljung_box(e, lags)[0] for e in residuals)
     steps = sum(np.sum(np.diff(e) ** 2) for e in residuals)
     return {
         "autocorrelation": rho,
