@@ -36,13 +36,13 @@ _OF_ONE_METHOD = {
     "order": "orthogonal",
 }
 FEWEST = 4  # samples: more than the three that even white noise of unknown size asks for
-ROUNDING = 1e-12  # of its size: what varies no more than this is constant
+ROUNDING = 1e-12  # of its size: a column that varies less is constant
 
 __all__ = ["BestSubsetRegressor", "OrthogonalRegressor", "StepwiseRegressor"]
 
 
 class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
-    """What the three share: their parameters, one call of the engine, and the model as coefficients of the columns."""
+    """Base of the three: their parameters, one call of the engine, and the model as coefficients of the columns."""
 
     _method: ClassVar[str]
 

@@ -84,7 +84,7 @@ _CC = "compute_coefficients"
 _ROWS: tuple[tuple[str, str, str, str, str, float, float, str, str], ...] = (
     ("t", "t", "s", "time", "clock", -1e10, 1e10, "", ""),
     ("V", "V", "m/s", "true airspeed", "air data", 0.0, 2000.0, "a wrong unit", "reconstruct"),
-    ("alpha", r"\alpha", "rad", "incidence, nose above the flight path", "air data", -1.6, 1.6, _DEG, ""),
+    ("alpha", r"\alpha", "rad", "angle of attack, nose above the flight path", "air data", -1.6, 1.6, _DEG, ""),
     ("beta", r"\beta", "rad", "sideslip, wind from the right", "air data", -1.6, 1.6, _DEG, ""),
     ("qbar", r"\bar q", "Pa", "dynamic pressure", "air data", 0.0, 2e5, "a wrong unit", _CC),
     ("mach", "M", "-", "Mach number", "air data", 0.0, 6.0, "airspeed fed as Mach", _CC),
@@ -127,7 +127,7 @@ _ROWS: tuple[tuple[str, str, str, str, str, float, float, str, str], ...] = (
     ("q_dot", r"\dot q", "rad/s^2", "pitch acceleration", "derived", -200.0, 200.0, _DEG, "differentiate"),
     ("r_dot", r"\dot r", "rad/s^2", "yaw acceleration", "derived", -200.0, 200.0, _DEG, "differentiate"),
     ("V_dot", r"\dot V", "m/s^2", "rate of airspeed", "derived", -300.0, 300.0, "", "differentiate"),
-    ("alpha_dot", r"\dot\alpha", "rad/s", "rate of incidence", "derived", -50.0, 50.0, _DEG, "differentiate"),
+    ("alpha_dot", r"\dot\alpha", "rad/s", "rate of the angle of attack", "derived", -50.0, 50.0, _DEG, "differentiate"),
     ("beta_dot", r"\dot\beta", "rad/s", "rate of sideslip", "derived", -50.0, 50.0, _DEG, "differentiate"),
     ("p_hat", r"\hat p", "-", "p b / 2V", "derived", -2.0, 2.0, "", _CC),
     ("q_hat", r"\hat q", "-", "q cbar / 2V", "derived", -2.0, 2.0, "", _CC),
@@ -210,7 +210,7 @@ def close_names(name: str, among: Iterable[str], count: int = 3) -> list[str]:
 
 
 def suggest(name: str, among: Iterable[str]) -> str:
-    """Sentence " Did you mean ...?" for a message, or nothing when no name is near."""
+    """Sentence " Did you mean ...?" for a message, or nothing where no name is similar."""
     near = close_names(name, among)
     return f" Did you mean {' or '.join(repr(other) for other in near)}?" if near else ""
 

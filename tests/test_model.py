@@ -150,7 +150,7 @@ def test_the_region_spans_all_recordings_and_the_model_s_is_common_to_its_respon
     both = np.concatenate([one["alpha"], two["alpha"]])
     assert region == {"alpha": (both.min(), both.max())}
     part = [ResponseModel(("alpha",), [1.0], ranges={"alpha": bounds}) for bounds in ((0, 2), (1, 3))]
-    assert AeroModel({"CX": part[0], "CZ": part[1]}).region == {"alpha": (1.0, 2.0)}
+    assert AeroModel({"CX": part[0], "CZ": part[1]}).ranges == {"alpha": (1.0, 2.0)}
 
 
 # --- files -----------------------------------------------------------------------------------------
@@ -181,7 +181,7 @@ def test_everything_a_model_knows_survives_its_file(tmp_path):
     CZ, held = again["CZ"], model["CZ"]
     assert CZ.biased
     assert (CZ.method, CZ.residuals, CZ.n, CZ.s2, CZ.r2) == ("stepwise", "coloured", 300, 1 / 3, 0.957)
-    assert dict(CZ.region) == dict(held.region)
+    assert dict(CZ.ranges) == dict(held.ranges)
     assert_array_equal(CZ.covariance, held.covariance)
     assert_array_equal(CZ.standard_errors, held.standard_errors)
     assert math.isnan(again["Cm"].r2)

@@ -1,4 +1,4 @@
-"""Candidate terms: what may stand in a model, as values with an algebra.
+"""Candidate terms: what a model may contain, as values with an algebra.
 
 A `Factor` is one evaluated signal (a channel, an offset from a reference, a spline basis, a formula),
 a `Term` a product of powers of factors, and `Candidates` the ordered pool a selection chooses from.

@@ -237,7 +237,7 @@ def get_channel(source: Any, name: str, needed_by: str) -> np.ndarray:
         raise DataError(
             f"Term {needed_by!r} needs channel {name!r}; {whose} holds {values[~finite][0]} at sample "
             f"{int(np.argmin(finite))} ({int(np.sum(~finite))} such in all). "
-            "Cut the stretch out, or repair the channel."
+            "Remove that interval, or repair the channel."
         )
     return values
 

@@ -37,7 +37,7 @@ def parse_formula(text: str) -> Node:
 
 
 def parse_with_form(text: str) -> tuple[Node, bool]:
-    """Read a formula, and say whether it is a sum without parentheses, which is more than one term.
+    """Read a formula, and return whether it is a sum without parentheses, which is more than one term.
 
     Parameters
     ----------

@@ -93,15 +93,15 @@ class Candidates:
         if isinstance(channels, str):
             raise TermError(f"polynomial() takes a list of channels; found the text {channels!r}.")
         factors = sorted({_as_factor(name) for name in channels})
-        _whole("degree", degree, 1)
+        _check_integer("degree", degree, 1)
         if max_power is not None:
-            _whole("max_power", max_power, 1)
+            _check_integer("max_power", max_power, 1)
         if interactions is True:
             cross = degree
         elif interactions is False:
             cross = 1
         else:
-            _whole("interactions", interactions, 0)
+            _check_integer("interactions", interactions, 0)
             cross = min(interactions, degree)
         if (count := math.comb(len(factors) + cross, cross)) > _LARGEST:
             raise TermError(
@@ -142,7 +142,7 @@ class Candidates:
         ----------
         [TP1916], [KM16]
         """
-        _whole("degree", degree, 0)
+        _check_integer("degree", degree, 0)
         if isinstance(times, str):
             raise TermError(f"splines() takes a list of terms in times; found the text {times!r}.")
         others = [Term(), *map(_as_term, times)]
@@ -306,7 +306,7 @@ class Candidates:
         return values
 
     def evaluate(self, source: Any) -> np.ndarray:
-        """Values of every term, (n, p) float64 array: for plots and checks, since it holds the whole matrix.
+        """Values of every term, (n, p) float64 array: for plots and checks, since it forms the complete matrix.
 
         Raises
         ------
@@ -341,6 +341,6 @@ def _as_factor(name: Any) -> Factor:
     return term.factors[0][0]
 
 
-def _whole(what: str, value: Any, least: int) -> None:
+def _check_integer(what: str, value: Any, least: int) -> None:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise TermError(f"{what} is a whole number, {least} or more; found {value!r}.")

@@ -275,7 +275,7 @@ class Term:
 
 
 def product(signals: Iterable[tuple[np.ndarray, int]]) -> np.ndarray:
-    """Return the product of powers of signals, multiplied one at a time in the order given.
+    """Return the product of powers of signals, multiplied one by one in the order given.
 
     Everything that evaluates a term goes through here, so that values agree to the last bit.
     """

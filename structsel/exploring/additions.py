@@ -15,6 +15,7 @@ from structsel.model import AeroModel
 from structsel.numerics.arrays import Array
 from structsel.numerics.binning import split_into_stretches
 from structsel.numerics.criteria import pse
+from structsel.numerics.cross_products import project
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
 
@@ -167,14 +168,9 @@ def try_additions(
     )
 
 
-def _regress(product: Array, base: int) -> Array:
-    """Coefficients of every column on the first `base` ones, (base, m)."""
-    return np.asarray(np.linalg.lstsq(product[:base, :base], product[:base], rcond=None)[0], dtype=float)
-
-
 def _sweep(product: Array, base: int) -> Array:
     """Products of the columns less what the first `base` ones explain of them."""
-    return product - product[:, :base] @ _regress(product, base)
+    return product - product[:, :base] @ project(product, range(base)).coefficients
 
 
 def _held_out(total: Array, products: Array, base: int) -> tuple[Array, float]:
@@ -183,7 +179,7 @@ def _held_out(total: Array, products: Array, base: int) -> tuple[Array, float]:
     bare = spread = 0.0
     for own in products:
         others = total - own
-        B = _regress(others, base)
+        B = project(others, range(base)).coefficients
         swept = others - others[:, :base] @ B
         variances = swept[base:-1, base:-1].diagonal()
         # A candidate that stands still in all the other parts gets no value from them.

@@ -90,11 +90,11 @@ class AeroModel:
 
     @property
     def states(self) -> dict[str, State]:
-        """What the terms name that is no channel, and has dynamics of its own."""
+        """States named by the terms: signals with dynamics of their own."""
         return {name: state for model in self.responses.values() for name, state in model.states.items()}
 
     def quasi_steady(self) -> AeroModel:
-        """The model where nothing changes: every state at the value it then has."""
+        """The model without dynamics: every state at its steady value."""
         if not self.states:
             return self
         return AeroModel({name: m.quasi_steady() for name, m in self.responses.items()}, self.name, self.recordings)

@@ -1,6 +1,6 @@
-"""States of a model: what follows a channel late, within limits, or after the flow.
+"""Dynamics in a model: states that follow a channel with a lag, a delay, limits, or as a separation point.
 
-A small closed set of kinds, each started at rest on the first sample::
+The kinds, each starting at rest on the first sample::
 
     lag          tau y' + y = x
     delay        y(t) = x(t - tau)
@@ -9,8 +9,9 @@ A small closed set of kinds, each started at rest on the first sample::
     stops        y = x between `low` and `high`
     separation   tau1 y' + y = (1 - tanh(sharpness (x - tau2 x' - onset))) / 2
 
-x is the input. A lag or a delay may be of a `way` [m] instead of `tau` [s]: what the air takes to travel it. With a
-`share` other than 1 the state is x + share (y - x). The separation point is that of [GK94], 1 attached to 0 stalled.
+x is the input. A lag or a delay may be given as a distance `way` [m] that the air travels, instead of `tau` [s]. With a
+fraction `share` other than 1 the state is x + share (y - x). The separation point, 1 attached to 0 stalled, is that of
+[GK94].
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ _PARAMETERS: dict[str, tuple[frozenset[str], ...]] = {
     "separation": (frozenset({"tau1", "tau2", "sharpness", "onset"}),),
 }
 KINDS = tuple(_PARAMETERS)
-"""Kinds of states that there are."""
+"""Kinds of states."""
 _ABOVE_ZERO = ("tau", "way", "rate", "width", "tau1", "sharpness")
 _LINEAR = ("lag", "delay", "separation")
 
@@ -91,8 +92,8 @@ class State:
         held = {name: q if isinstance(q, Quantity) else Quantity(**q) for name, q in self.parameters.items()}
         given = set(held) - ({"share"} if self.kind != "separation" else set())
         if given not in _PARAMETERS[self.kind]:
-            ways = " or ".join(", ".join(sorted(names)) for names in _PARAMETERS[self.kind])
-            raise ModelError(f"A {self.kind} has the parameters {ways}; it was given {', '.join(held) or 'none'}.")
+            allowed = " or ".join(", ".join(sorted(names)) for names in _PARAMETERS[self.kind])
+            raise ModelError(f"A {self.kind} has the parameters {allowed}; it was given {', '.join(held) or 'none'}.")
         for name, q in held.items():
             if not math.isfinite(q.value) or (name in _ABOVE_ZERO and not q.value > 0.0):
                 need = "above zero" if name in _ABOVE_ZERO else "finite"
@@ -204,15 +205,15 @@ class State:
         }
 
     def __str__(self) -> str:
-        told = [
+        parts = [
             f"{name} {q.value:.4g}" + (f" +- {q.std:.1g}" if math.isfinite(q.std) else "") + f" {q.unit}".rstrip(" -")
             for name, q in self.parameters.items()
         ]
-        return f"{self.kind} of {self.input}, {', '.join(told)}"
+        return f"{self.kind} of {self.input}, {', '.join(parts)}"
 
 
 class RecordingWithStates:
-    """A recording, or what serves as one, with the states of a model as channels of its own.
+    """A recording, or a mapping of arrays, with the states of a model as channels.
 
     Parameters
     ----------
@@ -220,7 +221,7 @@ class RecordingWithStates:
         With the clock ``t``.
     states : mapping of name to State
     known : dict
-        States worked out already, added to.
+        States computed so far, added to.
 
     Raises
     ------

@@ -108,4 +108,4 @@ def write(path: str | os.PathLike[str], content: dict[str, Any], overwrite: bool
 
 
 def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is not a JSON number; null stands for what is not known")
+    raise ValueError(f"{name} is not a JSON number; null denotes an unknown value")

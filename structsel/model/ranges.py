@@ -36,9 +36,9 @@ class RangeExcursion:
 
     def __str__(self) -> str:
         unit = unit_of(self.channel)
-        ways = [f"{d:.3g} {way}" for d, way in ((self.below, "below"), (self.above, "above")) if d > 0]
+        parts = [f"{d:.3g} {side}" for d, side in ((self.below, "below"), (self.above, "above")) if d > 0]
         return (
-            f"{self.channel} [{unit}] in {100 * self.fraction:.3g} % of samples, up to {' and '.join(ways)} "
+            f"{self.channel} [{unit}] in {100 * self.fraction:.3g} % of samples, up to {' and '.join(parts)} "
             f"[{self.low:.4g}, {self.high:.4g}]"
         )
 

@@ -155,7 +155,7 @@ class ResponseModel:
     def intervals(self, level: float = 0.95) -> np.ndarray:
         """Confidence intervals of the values, (k, 2), from Student's t with n - k degrees of freedom.
 
-        The normal distribution stands in where n is not known. Estimates labelled ``biased`` are not
+        Where n is not known, from the normal distribution. Estimates labelled ``biased`` are not
         covered at this level.
         """
         dof = self.n - len(self.terms)
@@ -174,7 +174,7 @@ class ResponseModel:
         ----------
         source : Recording or mapping of name to (n,) array [SI]
         known : dict, optional
-            Factors and states worked out already, added to; responses that share it evaluate each once.
+            Factors and states computed so far, added to; responses that are given the same evaluate each once.
 
         Raises
         ------
@@ -198,13 +198,13 @@ class ResponseModel:
         return np.zeros(samples(source)) if total is None else total
 
     def quasi_steady(self) -> ResponseModel:
-        """The response where nothing changes: every state at the value it then has."""
+        """The response without dynamics: every state at its steady value."""
         if not self.states:
             return self
-        settled = {name: state.quasi_steady() for name, state in self.states.items()}
+        constants = {name: state.quasi_steady() for name, state in self.states.items()}
         values: dict[Term, float] = {}
         for term, value in zip(self.terms, self.values.tolist()):
-            still = term.replace(lambda factor: Factor(substitute(factor.node, settled)))
+            still = term.replace(lambda factor: Factor(substitute(factor.node, constants)))
             values[still] = values.get(still, 0.0) + value
         return ResponseModel(tuple(values), np.array(list(values.values())), method=self.method, ranges=self.ranges)
 

@@ -24,10 +24,10 @@ from scipy.linalg import cho_factor, cho_solve
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.stepwise import candidate_numbers, check_products, check_size
+from structsel.numerics.search_inputs import candidate_numbers, check_products, check_size
 from structsel.numerics.stepwise_kernel import stepwise_search
 
-MOST_CANDIDATES = 40
+MAX_CANDIDATES = 40
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def _prepare(S, active, m, tol, bound):  # type: ignore[no-untyped-def]
         worth = loss
         # The losses carry a rounding error of about eps / smallest pivot; a bound must not be too high.
         trust = max(0.0, 1.0 - 1e-13 / smallest)
-    else:  # dependent candidates: nothing is known of the losses, and each is judged by itself
+    else:  # dependent candidates: nothing is known of the losses, and each is judged alone
         loss, worth, trust = np.zeros(m), np.zeros(m), 0.0
         for a in range(m):
             worth[a] = S[a, m] * S[a, m] / S[a, a]
@@ -218,14 +218,13 @@ def best_subset(
     include : sequence of int
         Candidates in every model.
     min_tolerance : float [-]
-        Models in which a candidate keeps no more than this fraction of its centred variance given the
+        Models in which a candidate keeps at most this fraction of its centred variance given the
         others are refused.
 
     Returns
     -------
     subsets : list of Subset
-        One for each size from the number of included terms up, ascending; sizes of which every model is
-        refused are missing.
+        One for each size, ascending, from the number of included terms. Sizes without a permitted model are missing.
 
     Raises
     ------
@@ -244,9 +243,9 @@ def best_subset(
     check_size(included, np.empty(0, np.int64), dof, most, "best_subset")
     varying = np.diag(C)[:p] > 0.0
     free = np.setdiff1d(np.flatnonzero(varying), included)
-    if free.size > MOST_CANDIDATES:
+    if free.size > MAX_CANDIDATES:
         raise SelectionError(
-            f"best_subset is practical up to {MOST_CANDIDATES} candidates besides the included ones; found "
+            f"best_subset is practical up to {MAX_CANDIDATES} candidates besides the included ones; found "
             f"{free.size}. Choose terms by stepwise or orthogonal first and search among those, or improve "
             "their answer with refine_subset."
         )

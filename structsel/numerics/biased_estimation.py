@@ -30,7 +30,7 @@ from scipy.optimize import minimize_scalar
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array, read_only
 from structsel.numerics.criteria import pse
-from structsel.numerics.stepwise import check_products
+from structsel.numerics.search_inputs import check_products
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ PERFECT = 1e-12  # of the response's sum of squares
 
 
 class _Clusters:
-    """Weighted cross-products of every block, unpacked a column at a time and only when asked for."""
+    """Weighted cross-products of every block, unpacked column by column when they are first used."""
 
     def __init__(self, products: CrossProducts, weights: Array | None):
         q = products.scale.size

@@ -56,8 +56,8 @@ from scipy import fft, linalg, ndimage
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 
-LONGEST_STRETCH = 1 << 16
-"""Samples correlated at a time, which bounds the memory; lags across the edge of a stretch are not counted."""
+LONGEST_SEGMENT = 1 << 16
+"""Most samples correlated together, which bounds the memory; lags across the ends of a segment are not counted."""
 _IN_A_ROW = 5
 
 
@@ -103,7 +103,7 @@ def prewhiten(rows: Array, ar: Array, weight: float, start: int, out: Array) -> 
 
 
 class LagProducts:
-    """Products of a residual with its own past, added up stretch by stretch.
+    """Products of a residual with its own past, added up segment by segment.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class LagProducts:
         self._past = np.empty(0)
 
     def add(self, residual: NDArray[np.float64]) -> None:
-        """Add the next stretch (n,) of the same manoeuvre."""
+        """Add the next segment (n,) of the same manoeuvre."""
         series = np.concatenate([self._past, residual])
         count = series.size - self.max_order
         if count > 0:
@@ -145,7 +145,7 @@ def fit_ar(lags: LagProducts, floor: float = 0.0) -> ARNoise:
     Raises
     ------
     SelectionError
-        The manoeuvre is too short for the orders asked for.
+        The manoeuvre is too short for the highest order.
     """
     n, top = lags.n, lags.max_order
     if n <= 3 * (top + 1):
@@ -234,21 +234,21 @@ def score_covariance(S: Array, residuals: Array) -> Array:
     (k, k) array
         Symmetric, not negative.
     """
-    stretches = split_for_correlation(residuals.shape[0])
-    total = np.sum([_score_covariance(S[:, a:b], residuals[a:b]) for a, b in stretches], axis=0)
+    segments = split_for_correlation(residuals.shape[0])
+    total = np.sum([_score_covariance(S[:, a:b], residuals[a:b]) for a, b in segments], axis=0)
     # Pairs of samples are counted, so missing samples may leave it a little short of positive.
     values, vectors = linalg.eigh(0.5 * (total + total.T))
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
 def split_for_correlation(n: int) -> Iterator[tuple[int, int]]:
-    """Start and stop of stretches of about equal length, at most `LONGEST_STRETCH`, of n samples."""
-    edges = np.linspace(0, n, -(-n // LONGEST_STRETCH) + 1).astype(int).tolist()
+    """Start and stop of segments of about equal length, at most `LONGEST_SEGMENT`, of n samples."""
+    edges = np.linspace(0, n, -(-n // LONGEST_SEGMENT) + 1).astype(int).tolist()
     yield from pairwise(edges)
 
 
 def _score_covariance(S: Array, residuals: Array) -> Array:
-    """The double sum of `score_covariance` over one stretch, by transforms."""
+    """The double sum of `score_covariance` over one segment, by transforms."""
     k, n, _ = S.shape
     channels = np.flatnonzero(np.isfinite(residuals).any(axis=0))
     if not channels.size:

@@ -1,4 +1,4 @@
-"""Orthogonal functions made of the candidates, ranked by the reduction of the cost.
+"""Orthogonal functions of the candidates, ranked by the reduction of the cost.
 
 Arrays only, on the centred cross-products; the constant is p_0 and is already swept out.
 """
@@ -15,14 +15,8 @@ from scipy.linalg import cholesky, solve_triangular
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import pse
-from structsel.numerics.stepwise import (
-    SearchPath,
-    SearchStep,
-    candidate_numbers,
-    check_products,
-    check_size,
-    run_kernel,
-)
+from structsel.numerics.search_inputs import candidate_numbers, check_products, check_size
+from structsel.numerics.stepwise import SearchPath, SearchStep, run_kernel
 from structsel.numerics.stepwise_kernel import ACTION, ENTER, INDEX, PARTIAL_R, UNEXPLAINED, stepwise_search
 
 
@@ -101,12 +95,12 @@ def orthogonal(
     order : {"greedy", "given"}
         "greedy": the next function is always the one that reduces the cost most [M95]. "given":
         orthogonalise in the candidates' order, then rank by cost reduction [H17]; the ranking depends
-        on that order, since what two candidates share is credited to the first.
+        on that order, since what two candidates have in common is credited to the first.
     include : sequence of int
         Candidates that come first and always stay.
     max_terms : int, optional
     min_tolerance : float [-]
-        Refuse a candidate of whose centred variance the earlier ones leave no more than this fraction.
+        Refuse a candidate of whose centred variance the earlier ones leave at most this fraction.
 
     Returns
     -------

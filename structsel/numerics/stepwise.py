@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
+from structsel.numerics.search_inputs import candidate_numbers, check_products, check_size
 from structsel.numerics.stepwise_kernel import penalised_search, stepwise_search
 
 ACTIONS = ("enter", "leave", "swap", "refuse")
@@ -101,74 +102,6 @@ class SearchPath:
         return 1.0 - self.rss / self.tss
 
 
-# ---------------------------------------------------------------- checks, for every method on cross-products
-
-
-def check_products(C: ArrayLike, dof: float, who: str) -> Array:
-    """Return C (p+1, p+1) as the kernels need it: C-contiguous float64, writeable; `who` is named in the messages.
-
-    Raises
-    ------
-    SelectionError
-        C is not square or not finite, dof is not above 1, or the response is constant.
-    """
-    C = np.require(C, np.float64, ["C", "A", "W"])
-    if C.ndim != 2 or C.shape[0] != C.shape[1] or C.shape[0] < 2:
-        raise SelectionError(
-            f"{who} needs square cross-products of at least one candidate and the response; found shape "
-            f"{C.shape}. Pass the centred Z'Z of [candidates, response]."
-        )
-    # One sum sees every NaN and infinity; the exact place is looked for only to report it.
-    if not np.isfinite(C.sum()) and not np.isfinite(C).all():
-        # A bad column spoils its product with every other, but on the diagonal only its own.
-        wrong = ~np.isfinite(np.diag(C))
-        bad = int(np.argmax(wrong if wrong.any() else ~np.isfinite(C).all(axis=0)))
-        what = "the response" if bad == C.shape[0] - 1 else f"candidate {bad}"
-        raise SelectionError(
-            f"{who} needs finite cross-products; {what} has NaN or infinite ones. Remove the samples that "
-            "are not finite before accumulating."
-        )
-    if not dof > 1.0:
-        raise SelectionError(
-            f"{who} needs more than one degree of freedom besides the constant; found {dof:g}. Use a longer recording."
-        )
-    if not C[-1, -1] > 0.0:
-        raise SelectionError(
-            f"{who} needs a response that varies; the sum of squares about its mean is {C[-1, -1]:g}. "
-            "Choose another response: the constant alone describes this one."
-        )
-    return C
-
-
-def candidate_numbers(values: Sequence[int], p: int, who: str, what: str) -> NDArray[np.int64]:
-    """Columns of C without repetition, or a `SelectionError` that states the wrong ones."""
-    array = np.asarray(list(dict.fromkeys(int(v) for v in values)), dtype=np.int64)
-    if array.size and (array.min() < 0 or array.max() >= p):
-        bad = [int(v) for v in array if not 0 <= v < p]
-        raise SelectionError(
-            f"{who} needs {what} to be candidate numbers from 0 to {p - 1}; found {bad}. Number the "
-            "candidates as the columns of C."
-        )
-    return array
-
-
-def check_size(include: NDArray[np.int64], initial: NDArray[np.int64], dof: float, max_terms: int, who: str) -> None:
-    """Raise `SelectionError` where the terms a search starts from are more than the samples or max_terms allow."""
-    wanted = np.union1d(include, initial).size
-    if wanted >= dof:
-        raise SelectionError(
-            f"{who} is to start from {wanted} terms but has {dof:g} degrees of freedom. Start from fewer "
-            "terms (initial=() adds them one by one) or use more samples."
-        )
-    if include.size > max_terms:
-        raise SelectionError(
-            f"{who} is to include {include.size} terms but max_terms is {max_terms}. Raise max_terms or include fewer."
-        )
-
-
-# ---------------------------------------------------------------- searches
-
-
 def _path(answer: Any, trace: Array, tss: float, dof: float) -> SearchPath:
     chosen, theta, rss, refused, why, moves = answer
     theta.setflags(write=False)
@@ -230,7 +163,7 @@ def stepwise(
         The candidate to enter is the one whose weight times what it explains is largest; min_gain is compared with
         that product. Prior preference of some candidates; all 1 by default.
     min_tolerance : float [-]
-        Refuse a candidate of whose centred variance the kept terms leave no more than this fraction.
+        Refuse a candidate of whose centred variance the kept terms leave at most this fraction.
     entry_thresholds : (p,) array [-], optional
         In place of F_in: what the first, second, ... term needs to enter (:func:`fdr_thresholds`). With k
         terms in, F_out is at most the k-th of them.
@@ -248,7 +181,7 @@ def stepwise(
     Notes
     -----
     It ends: log rss + sum_{i<=k} log(1 + F_in / (dof - i)) does not rise on entry and falls when a
-    term leaves or is exchanged, so no model returns. What cannot be told from rounding
+    term leaves or is exchanged, so no model returns. What is within rounding
     (1 - R^2 below about 1e-14 times the squared size of the standardised coefficients) is a perfect fit.
 
     References
@@ -275,11 +208,11 @@ def stepwise(
         raise SelectionError("stepwise needs numbers for F_in and F_out; found NaN. The usual values are 4 to 12.")
     included = candidate_numbers(include, p, "stepwise", "include")
     begin = candidate_numbers(initial, p, "stepwise", "initial")
-    most = p if max_terms is None else int(max_terms)
-    check_size(included, begin, dof, most, "stepwise")
+    max_size = p if max_terms is None else int(max_terms)
+    check_size(included, begin, dof, max_size, "stepwise")
     preference = np.ones(p) if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
     answer, trace = run_kernel(
-        *(stepwise_search, C, float(dof), thresholds, float(F_out), included, begin, most, float(min_gain)),
+        *(stepwise_search, C, float(dof), thresholds, float(F_out), included, begin, max_size, float(min_gain)),
         *(preference, bool(swap), float(min_tolerance)),
     )
     return _path(answer, trace, float(C[-1, -1]), float(dof))
@@ -378,10 +311,10 @@ def refine_subset(
         raise SelectionError(f"refine_subset needs depth 1, 2 or 3; found {depth!r}. 2 is the usual choice.")
     included = candidate_numbers(include, p, "refine_subset", "include")
     begin = candidate_numbers(selected, p, "refine_subset", "selected")
-    most = p if max_terms is None else int(max_terms)
-    check_size(included, begin, dof, most, "refine_subset")
+    max_size = p if max_terms is None else int(max_terms)
+    check_size(included, begin, dof, max_size, "refine_subset")
     answer, trace = run_kernel(
-        *(penalised_search, C, float(dof), float(penalty), included, begin, most, int(depth), float(min_tolerance))
+        *(penalised_search, C, float(dof), float(penalty), included, begin, max_size, int(depth), float(min_tolerance))
     )
     return _path(answer, trace, float(C[-1, -1]), float(dof))
 
