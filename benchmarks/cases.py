@@ -239,10 +239,10 @@ def colour_case(
             parts.append(s + e)
             total.append(parts[-1])
         if k == 0:
-            share = 1 - np.concatenate(explained).var() / np.concatenate(total).var()
-            first = (true, theta, intercept, se, noise_std, float(share))
+            fraction = 1 - np.concatenate(explained).var() / np.concatenate(total).var()
+            first = (true, theta, intercept, se, noise_std, float(fraction))
     assert first is not None
-    true, theta, intercept, se, noise_std, share = first
+    true, theta, intercept, se, noise_std, fraction = first
     manoeuvres = tuple((base, np.array(parts)) for base, parts in zip(bases, responses))
     return Case(
         colour=colour,
@@ -255,7 +255,7 @@ def colour_case(
         standard_errors=se,
         noise_std=noise_std,
         ar=ar,
-        r2=share,
+        r2=fraction,
     )
 
 

@@ -41,17 +41,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--out")
-    told = parser.parse_args()
+    stated = parser.parse_args()
     figures, said = [], []
-    for k in range(told.repeats):
+    for k in range(stated.repeats):
         one = in_child("diagnosis", "once", {})
         figures.append((one["wall"], one["cpu"], one["cpu"] / one["floor"]))
         said.append(one["said"])
-        say(f"diagnosis {k + 1} of {told.repeats}: {one['wall']:.1f} s")
+        say(f"diagnosis {k + 1} of {stated.repeats}: {one['wall']:.1f} s")
     rows: list[list[object]] = [[k + 1, *each, what] for k, (each, what) in enumerate(zip(figures, said))]
     rows.append(["median", *np.median(figures, axis=0), ""])
     head = ("run", "wall [s]", "CPU [s]", "times the smoothing of all channels", "said")
-    publish(f"# Time of a diagnosis\n\n{machine()}\n\n{table(head, rows)}\n", told.out)
+    publish(f"# Time of a diagnosis\n\n{machine()}\n\n{table(head, rows)}\n", stated.out)
 
 
 if __name__ == "__main__":

@@ -239,10 +239,10 @@ def main() -> None:
     if a.compare:
         some = [str(f) for f in files[: a.compare]]
         streamed = select(some, work / "some_streamed")
-        whole = select(some, work / "some_held", "--no-stream")
+        complete = select(some, work / "some_held", "--no-stream")
         lines.append(
-            f"First {a.compare} recordings, in memory: largest relative difference {difference(streamed, whole):.1e}; "
-            f"peak {whole.memory:.0f} MiB held, {streamed.memory:.0f} MiB streamed."
+            f"First {a.compare} recordings, in memory: largest relative error {difference(streamed, complete):.1e}; "
+            f"peak {complete.memory:.0f} MiB held, {streamed.memory:.0f} MiB streamed."
         )
     rows = [
         [name, r.wall, r.wall / a.rows * 1e6, r.cpu, f"{r.memory:.0f}", "killed" if r.killed else exact(r)]

@@ -124,7 +124,7 @@ def bic_along(X: Array, y: Array, path: Sequence[int]) -> Array:
     return n * np.log(np.maximum(rss, 1e-300) / n) + k * np.log(n)
 
 
-def _omp_told(X: Array, y: Array, count: int) -> Chosen:
+def _omp_stated(X: Array, y: Array, count: int) -> Chosen:
     from sklearn.linear_model import OrthogonalMatchingPursuit
 
     model = OrthogonalMatchingPursuit(n_nonzero_coefs=count, fit_intercept=False).fit(X, y)
@@ -225,7 +225,7 @@ def _statsmodels_loop(X: Array, y: Array, _: int) -> Chosen:
 
 
 PEERS: tuple[Peer, ...] = (
-    Peer("scikit-learn OMP, told the count", "scikit-learn", "sklearn", True, _omp_told, "given the count"),
+    Peer("scikit-learn OMP, told the count", "scikit-learn", "sklearn", True, _omp_stated, "given the count"),
     Peer("scikit-learn OMP, CV", "scikit-learn", "sklearn", False, _omp_cv, "5 folds of samples, up to 20 terms", 3.0),
     Peer("scikit-learn LassoLarsIC", "scikit-learn", "sklearn", False, _lasso_lars_bic, "BIC", 3.0),
     Peer("SysIdentPy FROLS", "sysidentpy", "sysidentpy", False, _sysidentpy_frols,

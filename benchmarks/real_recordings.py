@@ -142,8 +142,8 @@ def motor_lag(recording: Recording) -> float:
     """Lag [s] with which a quasi-steady thrust curve fits best."""
     spread = {}
     for tau in np.arange(0.02, 0.12, 0.0025):
-        late = lagged(recording, tau)
-        spread[tau] = np.std(late["az"] - thrust_curve([late]).evaluate(late, outside="ignore")["az"])
+        delayed = lagged(recording, tau)
+        spread[tau] = np.std(delayed["az"] - thrust_curve([delayed]).evaluate(delayed, outside="ignore")["az"])
     return float(min(spread, key=spread.__getitem__))
 
 
@@ -160,9 +160,9 @@ def crazyflie_correct() -> Case:
     log = crazyflie_log("log10")
     first, second = cut(log, evenly(8.7, 38.7, 2))
     tau = motor_lag(first)
-    late = lagged(log, tau)
-    curve = thrust_curve([late.between(*first.t[[0, -1]])])
-    log = log.with_channels(simulated=curve.evaluate(late, outside="ignore")["az"])
+    delayed = lagged(log, tau)
+    curve = thrust_curve([delayed.between(*first.t[[0, -1]])])
+    log = log.with_channels(simulated=curve.evaluate(delayed, outside="ignore")["az"])
     return plant_case("nothing", cut(log, evenly(second.t[0], 38.7, 3)), "az", "Crazyflie")
 
 
@@ -413,7 +413,7 @@ RUDDER = np.array([[8, 4.5, 2.5, 0, -3, -6.5, -10], [1251, 722, 353, 0, -499, -9
 """Degrees and counts, as the team measured them."""
 
 
-def uav_craft() -> ss.Aircraft:
+def uav_aircraft() -> ss.Aircraft:
     """The team's constants."""
     return ss.Aircraft.from_dict(
         {
@@ -461,7 +461,7 @@ UAV_FIRST, UAV_SECOND = ("el_1", "el_2", "ail_1", "ail_2", "rud_1"), ("el_3", "e
 
 def uav_model() -> ss.AeroModel:
     """Terms chosen on the first manoeuvres of each kind."""
-    flights = compute_all([uav_record(m) for m in UAV_FIRST], uav_craft())
+    flights = compute_all([uav_record(m) for m in UAV_FIRST], uav_aircraft())
     return chosen(flights, SIX, ss.Candidates.parse(STATES))
 
 
@@ -469,20 +469,20 @@ def uav_velocity() -> Case:
     """Air data made from the file's u, v, w, which were turned by degrees taken as radians."""
     records = without([uav_record(m, own_velocity=True) for m in UAV_SECOND], "vn", "ve", "vd")
     return Case(
-        "u, v, w wrong", uav_model(), records, uav_craft(), frozenset(["refused", "unknown", "sensor-misalignment"])
+        "u, v, w wrong", uav_model(), records, uav_aircraft(), frozenset(["refused", "unknown", "sensor-misalignment"])
     )
 
 
 def uav_wind() -> Case:
     """Velocity over the ground beside the airspeed, on a windy day."""
     records = [uav_record(m) for m in UAV_SECOND]
-    return Case("wind", uav_model(), records, uav_craft(), frozenset(["steady-wind"]))
+    return Case("wind", uav_model(), records, uav_aircraft(), frozenset(["steady-wind"]))
 
 
 def uav_correct() -> Case:
     """Terms chosen on half of the manoeuvres, on the others; commands, not deflections, are recorded."""
     records = without([uav_record(m) for m in UAV_SECOND], "vn", "ve", "vd")
-    return Case("nothing (servos)", uav_model(), records, uav_craft(),
+    return Case("nothing (servos)", uav_model(), records, uav_aircraft(),
                 frozenset(["actuator-lag", "actuator-rate-limit"]))  # fmt: skip
 
 
@@ -493,7 +493,7 @@ STALL = [0.105, 0.14, 0.157, 0.175, 0.192, 0.209, 0.227, 0.244, 0.262, 0.279, 0.
 """Knots [rad] of the table above 6 deg."""
 
 
-def gtm_craft() -> ss.Aircraft:
+def gtm_aircraft() -> ss.Aircraft:
     """About the constants of the 5.5 per cent model."""
     return ss.Aircraft.from_dict(
         {
@@ -535,12 +535,12 @@ def gtm_flights(count: int = 8) -> list[Recording]:
     flights = []
     for k in range(count):
         speed = (31.0, 34.0, 29.0, 37.0)[k % 4]
-        start = ss.trim(truth, gtm_craft(), V=speed, h=300.0)
+        start = ss.trim(truth, gtm_aircraft(), V=speed, h=300.0)
         t = np.arange(0.0, 12.0, 0.02)
         pull = np.radians((1.5, 4.0, 6.0, 3.0, 7.0, 5.0, 2.0, 8.0)[k])
         form = np.interp(t, *THREES[k % 2])
         inputs = {"t": t, "de": start.controls["de"] - pull * form, "thrust": start.controls["thrust"]}
-        flown = ss.simulate(truth, gtm_craft(), inputs, start=start, outside="ignore",
+        flown = ss.simulate(truth, gtm_aircraft(), inputs, start=start, outside="ignore",
                             instruments=ss.Instruments(noise=noise, seed=k))  # fmt: skip
         keep = ("V", "alpha", "q", "theta", "ax", "az", "de", "thrust", "rho", "h")
         flights.append(Recording(f"m{k + 1:02}", flown.t, {c: flown[c] for c in keep}))
@@ -558,7 +558,7 @@ THREES = (
 
 def gtm_stall() -> Case:
     """A linear model of the database below 8 deg."""
-    return Case("stall", gtm_model(["alpha", "de", "q_hat"], top=8.0), gtm_flights(), gtm_craft(),
+    return Case("stall", gtm_model(["alpha", "de", "q_hat"], top=8.0), gtm_flights(), gtm_aircraft(),
                 frozenset(["static-stall"]), "breaks at 10 to 12 deg")  # fmt: skip
 
 
@@ -566,8 +566,8 @@ def gtm_correct() -> Case:
     """Terms chosen on four flights, with breaks of slope among the candidates, on four others."""
     flights = gtm_flights()
     pool = ss.Candidates.polynomial(["alpha", "de", "q_hat"], 2) + ss.Candidates.splines("alpha", STALL[::2])
-    return Case("nothing", chosen(compute_all(flights[::2], gtm_craft()), ["CX", "CZ", "Cm"], pool), flights[1::2],
-                gtm_craft())  # fmt: skip
+    return Case("nothing", chosen(compute_all(flights[::2], gtm_aircraft()), ["CX", "CZ", "Cm"], pool), flights[1::2],
+                gtm_aircraft())  # fmt: skip
 
 
 CASES: dict[str, Callable[[], Case]] = {
@@ -613,9 +613,9 @@ def row_of(name: str, case: Case, found: ss.Diagnosis, seconds: float) -> list[s
     bars = "; ".join(
         f"{c} {b.delivered.rrmse:.2f}, {b.refitted.rrmse:.2f}, {b.physics.rrmse:.2f}" for c, b in first.bars.items()
     )
-    told = [physics.effect, f"{physics.probability:.2f}", " ".join(first.axes), values, judge(case, found)]
+    stated = [physics.effect, f"{physics.probability:.2f}", " ".join(first.axes), values, judge(case, found)]
     ties = " ".join(first.ambiguous_with)
-    return [name, case.concealed, found.verdict, *told, ties, ", ".join(rest), bars, f"{seconds:.0f}"]
+    return [name, case.concealed, found.verdict, *stated, ties, ", ".join(rest), bars, f"{seconds:.0f}"]
 
 
 def run(name: str) -> tuple[list[str], ss.Diagnosis | None]:

@@ -64,7 +64,7 @@ def fly(
     simulation = model_of(base)
     truth = model_of({r: {**base[r], **extra.get(r, {})} for r in base})
     seen = Aircraft(**{**craft.model_dump(exclude={"schema_name"}), "sensors": {}})
-    recordings, told = [], []
+    recordings, stated = [], []
     for k, V in enumerate(speeds):
         start = trim(simulation, craft, V, h[k])
         moves = start.inputs(T, **inputs(T, k)) | {n: x(k) if callable(x) else x for n, x in more.items()}
@@ -73,14 +73,14 @@ def fly(
             for i in (Instruments(noise=NOISE, seed=k), None)
         ]
         recordings.append(Recording(f"m{k + 1:02d}", flown[0].t, flown[0].channels))
-        told.append(simulation.evaluate(compute_coefficients(flown[1], seen), outside="ignore"))
-    return recordings, told
+        stated.append(simulation.evaluate(compute_coefficients(flown[1], seen), outside="ignore"))
+    return recordings, stated
 
 
-def ready(recordings, told, craft=CRAFT):
+def ready(recordings, stated, craft=CRAFT):
     """Flights to be explained, with a stand-in for the simulation."""
-    flights = [prepare_flight(r, craft, s) for r, s in zip(recordings, told)]
-    stand_in = identify(flights, told, [r for r in COEFFICIENTS if r in told[0]])
+    flights = [prepare_flight(r, craft, s) for r, s in zip(recordings, stated)]
+    stand_in = identify(flights, stated, [r for r in COEFFICIENTS if r in stated[0]])
     return [replace(f, surrogate=stand_in) for f in flights]
 
 
@@ -108,8 +108,8 @@ def explain(flights, variant, responses=None):
     sds = np.array([p.sd for p in variant.parameters])
     H, Y = np.vstack(rows) * sds, np.concatenate(y)
     theta = np.linalg.lstsq(H, Y, rcond=None)[0]
-    share = 1.0 - np.mean((Y - H @ theta) ** 2) / np.mean(Y**2)
-    return dict(zip((p.name for p in variant.parameters), theta * sds)), float(share)
+    fraction = 1.0 - np.mean((Y - H @ theta) ** 2) / np.mean(Y**2)
+    return dict(zip((p.name for p in variant.parameters), theta * sds)), float(fraction)
 
 
 def best(flights, hypothesis, responses):

@@ -147,7 +147,7 @@ def test_a_missing_constant_is_named(key):
         Aircraft.from_dict(content)
 
 
-def test_every_problem_of_a_file_is_told_at_once_with_the_files_name(tmp_path):
+def test_every_problem_of_a_file_is_stated_at_once_with_the_files_name(tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text('name = "x"\nS = -1\nb = 2\ncbar = 0\nwings = 2\n')
     with pytest.raises(AircraftError, match=r"bad\.toml") as caught:

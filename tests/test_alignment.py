@@ -53,17 +53,17 @@ def test_without_noise_the_delay_is_exact(motion):
         assert std < 1e-3
 
 
-def test_noise_does_not_draw_the_delay_to_whole_or_half_samples():
+def test_noise_does_not_draw_the_delay_to_complete_or_half_samples():
     # Linear interpolation of a noisy reference would: its noise variance is half as large between samples.
     t = DT * np.arange(1500)
     rng = np.random.default_rng(0)
-    for share in (0.25, 0.75):
+    for fraction in (0.25, 0.75):
         found = []
         for _ in range(6):
             noise = 0.2 * rng.standard_normal((2, t.size))
-            late = np.sin(t - share * DT) + 0.3 * np.sin(2.7 * (t - share * DT)) + noise[0]
+            late = np.sin(t - fraction * DT) + 0.3 * np.sin(2.7 * (t - fraction * DT)) + noise[0]
             found.append(estimate_delay(late, np.sin(t) + 0.3 * np.sin(2.7 * t) + noise[1], DT, 0.2))
-        error = np.mean([f for f, _ in found]) - share * DT
+        error = np.mean([f for f, _ in found]) - fraction * DT
         assert abs(error) < 3 * found[0][1] / np.sqrt(6)
 
 
@@ -106,7 +106,7 @@ def test_a_ramp_cannot_tell_a_delay_from_an_offset():
         estimate_delay(late, leader, DT, 0.2)
 
 
-def test_a_whole_number_of_samples_is_shifted_exactly_and_the_end_is_unknown():
+def test_a_complete_number_of_samples_is_shifted_exactly_and_the_end_is_unknown():
     x = np.random.default_rng(3).standard_normal(50)
     t = 0.1 * np.arange(50)
     got = shift(x, t, 0.3)
@@ -169,7 +169,7 @@ def test_wraps_are_unwrapped_like_numpy_does_also_past_missing_samples(start):
     assert np.isnan(got["psi"][~known]).all()
 
 
-def test_a_jump_that_is_no_whole_turn_is_left():
+def test_a_jump_that_is_no_complete_turn_is_left():
     x = np.concatenate([np.zeros(50), np.full(50, 4.0)])
     recording = ss.Recording("flight", 0.1 * np.arange(100), {"phi": x})
     assert recording.unwrap("phi")["phi"] is recording["phi"]

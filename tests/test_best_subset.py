@@ -77,7 +77,7 @@ def test_coefficients_are_the_least_squares_fit():
         assert_allclose(subset.rss, rss[0], rtol=1e-10)
 
 
-def test_max_terms_gives_the_same_models_as_the_whole_search():
+def test_max_terms_gives_the_same_models_as_the_complete_search():
     X, y, *_ = problem(2, n=80, p=12, shared=2.0)
     C = products(X, y)
     assert [s.selected for s in best_subset(C, 79.0, max_terms=4)] == [s.selected for s in best_subset(C, 79.0)[:5]]

@@ -109,7 +109,7 @@ def test_describe_prints_channels_units_ranges_and_findings(files):
     compare("describe", run("describe", files / "m01.csv").stdout)
 
 
-def test_select_prints_the_terms_the_fit_the_doubts_and_the_search(files):
+def test_select_prints_the_terms_the_fit_the_warnings_and_the_search(files):
     result = run("select", files, *SELECT, "--trace")
     compare("select", result.stdout)
     assert result.stderr == ""
@@ -190,7 +190,7 @@ def test_splines_join_the_pool(files):
     assert "(alpha - 0.1)+" in [row["term"] for row in held["responses"]["Cm"]["parameters"]]
 
 
-def test_latex_goes_to_stdout_alone_and_doubts_to_stderr(files):
+def test_latex_goes_to_stdout_alone_and_warnings_to_stderr(files):
     result = run("select", files / "m01.csv", *SELECT, "--latex")
     assert result.stdout.startswith("% stepwise\n\\begin{tabular}")
     assert result.stdout.endswith("\\end{tabular}\n")
@@ -335,7 +335,7 @@ def test_zero_dynamic_pressure_names_the_recording_the_sample_and_the_way_out(ra
     assert os.listdir(tmp_path) == ["bad.csv"]
 
 
-def test_more_candidates_than_samples_goes_on_with_the_doubt_in_plain_sight(tmp_path):
+def test_more_candidates_than_samples_goes_on_with_the_warning_in_plain_sight(tmp_path):
     flight(0)[:9].to_csv(tmp_path / "short.csv", index=False)
     arguments = ("--responses", "Cm", "--candidates", "alpha,q_hat,de", "--degree", 3, "--bootstrap", 0)
     printed = run("select", tmp_path / "short.csv", *arguments).stdout

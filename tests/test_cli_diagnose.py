@@ -72,11 +72,11 @@ def given(case, simulation="simulated"):
 # --- what it does -----------------------------------------------------------------------------
 
 
-def test_the_story_is_printed_and_three_files_are_written(case, asked):
+def test_the_text_is_printed_and_three_files_are_written(case, asked):
     result = run(*given(case), "--out", case / "out")
-    story = str(asked["answer"])
-    assert result.stdout.startswith(story)
-    written = " ".join(result.stdout[len(story) :].split())
+    text = str(asked["answer"])
+    assert result.stdout.startswith(text)
+    written = " ".join(result.stdout[len(text) :].split())
     assert written == f"Written to {case / 'out'}: diagnosis.json, model.json, report.html."
     assert result.stderr == ""
     assert sorted(p.name for p in (case / "out").iterdir()) == ["diagnosis.json", "model.json", "report.html"]
@@ -163,7 +163,7 @@ def test_a_recording_with_a_gap_is_cut_only_for_a_simulation_that_can_be_asked_a
     assert len(asked["recordings"]) == 3
 
 
-def test_without_a_model_the_story_says_why_and_an_older_one_is_not_passed_off(case, asked):
+def test_without_a_model_the_text_says_why_and_an_older_one_is_not_passed_off(case, asked):
     run(*given(case), "--out", case / "out")
     asked["answer"] = diagnosis(model=None, responses=("thrust",))
     result = run(*given(case), "--out", case / "out", "--overwrite")
@@ -217,7 +217,7 @@ def test_what_is_not_there_is_named(case, asked, change, says):
     assert re.search(says, " ".join(result.stderr.split()))
 
 
-def test_files_that_exist_are_kept_unless_told_otherwise(case, asked):
+def test_files_that_exist_are_kept_unless_stated_otherwise(case, asked):
     (case / "out").mkdir()
     (case / "out" / "notes.txt").write_text("mine")
     assert "pass --overwrite" in run(*given(case), "--out", case / "out", code=1).stderr
@@ -258,7 +258,7 @@ def test_an_example_case_is_diagnosed_end_to_end(tmp_path):
     ("spoil", "says"),
     [
         (lambda folder: (folder / "m02.csv").unlink(), r"no file for m02"),
-        (lambda folder: _late(folder / "m02.csv"), r"clocks do not match"),
+        (lambda folder: _delayed(folder / "m02.csv"), r"clocks do not match"),
         (lambda folder: _diverge(folder / "m02.csv"), r"diverged"),
     ],
 )
@@ -277,7 +277,7 @@ def test_a_simulation_that_does_not_fit_the_recordings_ends_with_a_sentence(tmp_
     assert not (tmp_path / "out").exists()
 
 
-def _late(path):
+def _delayed(path):
     table = pd.read_csv(path)
     table["t"] += 100.0
     table.to_csv(path, index=False)

@@ -33,7 +33,7 @@ def run(*arguments, code=0):
     return result
 
 
-def told(result):
+def stated(result):
     """What a command said, on one line."""
     return re.sub(r"[\s│]+", " ", result.stderr)
 
@@ -110,7 +110,7 @@ def test_the_hawks_modes_have_the_published_values():
     assert_allclose([modes[0]["re"], modes[0]["im"]], [-1.512, 2.231], atol=0.005)
 
 
-def test_departures_are_flown_from_trim_with_noise_as_asked(schedules, tmp_path):
+def test_departures_are_simulated_from_trim_with_noise_as_asked(schedules, tmp_path):
     out = tmp_path / "flown"
     common = ("simulate", "ready:citation", "--inputs", schedules / "doublet.csv", "--no-plots")
     run(*common, "--noise", "alpha=0.01", "--out", out)
@@ -126,7 +126,7 @@ def test_departures_are_flown_from_trim_with_noise_as_asked(schedules, tmp_path)
     assert held["unfinished"] == {}
 
 
-def test_recorded_inputs_are_flown_from_the_recorded_start(folder, craft, tmp_path):
+def test_recorded_inputs_are_simulated_from_the_recorded_start(folder, craft, tmp_path):
     one = folder / "flights" / "m01.csv"
     printed = run("simulate", folder / "truth.json", *craft, "--recordings", one, "--out", tmp_path / "out").stdout
     recorded, flown = read_recording(one), read_recording(tmp_path / "out" / "flights" / "m01.csv")
@@ -153,7 +153,7 @@ def test_jsbsim_flies_behind_the_same_verb(tmp_path):
 def test_linear_models_fly_about_their_reference(schedules):
     printed = run("simulate", "ready:hawk:longitudinal", "--inputs", schedules / "doublet.csv", "--noise", "q=0.001")
     assert re.search(r"^q +rad/s", printed.stdout, re.MULTILINE)
-    assert "leave --trim" in told(run("simulate", "ready:hawk:lateral", "--trim", "45,0", code=2))
+    assert "leave --trim" in stated(run("simulate", "ready:hawk:lateral", "--trim", "45,0", code=2))
 
 
 def test_a_flight_that_blows_up_says_how_far_it_flew_and_keeps_that(folder, craft, tmp_path):
@@ -162,7 +162,7 @@ def test_a_flight_that_blows_up_says_how_far_it_flew_and_keeps_that(folder, craf
     result = run("simulate", folder / "wild.json", *craft, *one, "--out", out, "--no-plots", code=1)
     until = float(re.search(r"could not be flown beyond t = ([\d.]+) s", result.stderr)[1])
     assert "BROKE OFF" in result.stdout
-    assert "With --out the flight so far is written" in told(result)
+    assert "With --out the flight so far is written" in stated(result)
     kept = read_recording(out / "flights" / "m01.csv")
     assert kept.t[-1] < until < 3.0
     assert "m01" in json.loads((out / "simulation.json").read_text())["unfinished"]
@@ -171,7 +171,7 @@ def test_a_flight_that_blows_up_says_how_far_it_flew_and_keeps_that(folder, craf
     assert len(json.loads(held.stdout)["flights"]) == 3
 
 
-def test_where_no_trim_exists_the_nearest_is_told_and_what_to_try():
+def test_where_no_trim_exists_the_nearest_is_stated_and_what_to_try():
     result = run("simulate", "ready:beaver", "--trim", "15,600", code=1)
     assert "No trim exists at V = 15 m/s" in result.stderr
     assert "the nearest to a trim" in result.stderr
@@ -193,20 +193,20 @@ def test_where_no_trim_exists_the_nearest_is_told_and_what_to_try():
 )
 def test_what_cannot_be_read_exits_with_2(folder, monkeypatch, arguments, says):
     monkeypatch.chdir(folder)
-    assert says in told(run("simulate", *arguments, code=2))
+    assert says in stated(run("simulate", *arguments, code=2))
 
 
 def test_unknown_aircraft_and_inputs_that_move_nothing_are_refused(schedules):
-    assert "Did you mean 'beaver'" in told(run("simulate", "ready:beavr", code=1))
-    assert "ready:hawk:lateral" in told(run("simulate", "ready:hawk", code=1))
+    assert "Did you mean 'beaver'" in stated(run("simulate", "ready:beavr", code=1))
+    assert "ready:hawk:lateral" in stated(run("simulate", "ready:hawk", code=1))
     elevator = ("--inputs", schedules / "doublet.csv")
-    assert "'dlon'" in told(run("simulate", "ready:as355:80kt", *elevator, code=1))
+    assert "'dlon'" in stated(run("simulate", "ready:as355:80kt", *elevator, code=1))
     result = run(
         "inputs", "doublet", "--channel", "dx", "--amplitude", 1, "--out", schedules.parent / "dx", "--no-plots"
     )
     assert result.exit_code == 0
     moved = run("simulate", "ready:citation", "--inputs", schedules.parent / "dx" / "doublet.csv", code=1)
-    assert "'doublet' moves dx, none of which the model flies on" in told(moved)
+    assert "'doublet' moves dx, none of which the model flies on" in stated(moved)
 
 
 def test_a_trim_is_read_by_place_and_by_name():
@@ -247,8 +247,8 @@ def test_inputs_are_compared_by_their_bounds_at_equal_energy(tmp_path):
     table = pd.read_csv(tmp_path / "out" / "comparison.csv").set_index("input")
     assert table["A"].idxmin() == "optimal A"
     assert table["D"].idxmin() == "optimal D"
-    share = re.search(r"^doublet +\S+ +\S+ +\S+ +(\S+)", printed, re.MULTILINE)[1]
-    assert float(share) == pytest.approx(100.0 * table.loc["doublet", "std_mw"] / 0.048, rel=0.01)
+    fraction = re.search(r"^doublet +\S+ +\S+ +\S+ +(\S+)", printed, re.MULTILINE)[1]
+    assert float(fraction) == pytest.approx(100.0 * table.loc["doublet", "std_mw"] / 0.048, rel=0.01)
     energies = [
         (read_recording(path)["de"] ** 2).sum() * 0.05 for path in (tmp_path / "out").glob("*.csv")
         if path.stem != "comparison"
@@ -286,8 +286,8 @@ def test_an_optimal_input_keeps_its_limits_and_separates_what_is_asked(folder, c
 def test_an_input_that_excites_nothing_names_the_parameters_it_leaves_open():
     model = ("--model", "ready:hawk:lateral", "--noise", "p=0.01,r=0.01", "--parameters", "lda,lp,nr")
     result = run("inputs", "doublet", "--channel", "da", "--amplitude", 0, *model, code=1)
-    assert "does not determine all of lda, lp, nr" in told(result)
-    assert "Excite the motion" in told(result)
+    assert "does not determine all of lda, lp, nr" in stated(result)
+    assert "Excite the motion" in stated(result)
     assert re.search(r"^lda +-34.84 +- ", result.stdout, re.MULTILINE)  # the table stands, without bounds
     fine = run("inputs", "doublet", "--channel", "da", "--amplitude", 0.01, *model)
     assert re.search(r"^lda +-34.84 +\d", fine.stdout, re.MULTILINE)
@@ -309,7 +309,7 @@ def test_an_input_that_excites_nothing_names_the_parameters_it_leaves_open():
     ],
 )
 def test_inputs_that_lack_something_exit_with_2(arguments, says):
-    assert says in told(run("inputs", *arguments, code=2))
+    assert says in stated(run("inputs", *arguments, code=2))
 
 
 # --- refine -----------------------------------------------------------------------------------------
@@ -351,7 +351,7 @@ def test_refine_writes_what_the_library_finds(refined, folder):
     assert AeroModel.from_json(out / "model.json").recordings == ("m01", "m02")
 
 
-def test_what_is_held_out_is_flown_before_and_after(refined):
+def test_what_is_held_out_is_simulated_before_and_after(refined):
     held = json.loads((refined[0] / "refinement.json").read_text())["held_out"]
     before, after = (
         next(s for s in held[name]["pooled"] if (s["output"], s["kind"]) == ("q", "whole"))
@@ -361,7 +361,7 @@ def test_what_is_held_out_is_flown_before_and_after(refined):
     assert "after the refinement, on what was held out" in refined[1]
 
 
-def test_a_search_that_did_not_settle_says_so_and_marks_the_best_it_writes(folder, craft, tmp_path):
+def test_a_search_that_did_not_converge_says_so_and_marks_the_best_it_writes(folder, craft, tmp_path):
     arguments = ("refine", folder / "off.json", *craft, "--recordings", folder / "flights", "--free", FREE)
     result = run(*arguments, "--iterations", 1, "--out", tmp_path / "out", "--no-plots")
     assert "NOT CONVERGED" in result.stdout
@@ -391,8 +391,8 @@ def test_filter_error_and_frequencies_are_one_option_away(folder, craft):
     assert held["noise"] == "process"
     assert any(p["name"] == "process:w" for p in held["parameters"])
     result = run("refine", folder / "truth.json", *craft, *one, "--domain", "frequency", "--band", "0.1,2", code=1)
-    assert "linear" in told(result)
-    assert "LOW,HIGH" in told(run("refine", folder / "truth.json", *craft, *one, "--band", "2", code=2))
+    assert "linear" in stated(result)
+    assert "LOW,HIGH" in stated(run("refine", folder / "truth.json", *craft, *one, "--band", "2", code=2))
 
 
 def test_inputs_that_show_nothing_name_the_parameters_and_the_rest_is_written(folder, craft, tmp_path):
@@ -401,8 +401,8 @@ def test_inputs_that_show_nothing_name_the_parameters_and_the_rest_is_written(fo
     write_recording(quiet, tmp_path / "quiet.csv")
     arguments = ("refine", "ready:hawk:longitudinal", "--recordings", tmp_path / "quiet.csv", "--free", "mq,mde")
     result = run(*arguments, "--out", tmp_path / "out", "--no-plots", code=1)
-    assert "cannot determine mq, mde" in told(result)
-    assert "rank-deficient" in told(result)
+    assert "cannot determine mq, mde" in stated(result)
+    assert "rank-deficient" in stated(result)
     held = json.loads((tmp_path / "out" / "refinement.json").read_text())
     assert [p["name"] for p in held["parameters"]] == ["mq", "mde"]
     assert "cannot determine" in held["error"]
@@ -411,15 +411,15 @@ def test_inputs_that_show_nothing_name_the_parameters_and_the_rest_is_written(fo
 def test_a_delay_longer_than_the_record_is_refused_with_the_remedy(folder, craft):
     arguments = ("--recordings", folder / "flights", "--free", FREE, "--delay", "all", "--bounds", "delay=0,20")
     result = run("refine", folder / "truth.json", *craft, *arguments, code=1)
-    assert "they would never act" in told(result)
-    assert "--bounds delay=0,..." in told(result)
+    assert "they would never act" in stated(result)
+    assert "--bounds delay=0,..." in stated(result)
 
 
 def test_a_start_that_diverges_is_refused_with_a_remedy(folder, craft):
     arguments = ("--recordings", folder / "flights", "--free", FREE)
     result = run("refine", folder / "wild.json", *craft, *arguments, code=1)
-    assert "cannot simulate 'wild' with its start values" in told(result)
-    assert "--search global" in told(result)
+    assert "cannot simulate 'wild' with its start values" in stated(result)
+    assert "--search global" in stated(result)
     assert "NOT CONVERGED" in result.stdout
 
 
@@ -435,14 +435,14 @@ def test_a_start_that_diverges_is_refused_with_a_remedy(folder, craft):
 )
 def test_what_refine_cannot_do_is_said(folder, craft, options, says, code):
     result = run("refine", folder / "truth.json", *craft, "--recordings", folder / "flights", *options, code=code)
-    assert says in told(result)
+    assert says in stated(result)
 
 
 def test_refine_needs_recordings_and_a_model_of_ours(folder, craft):
-    assert "needs --recordings" in told(run("refine", folder / "truth.json", *craft, code=2))
+    assert "needs --recordings" in stated(run("refine", folder / "truth.json", *craft, code=2))
     pytest.importorskip("jsbsim")
     arguments = ("--recordings", folder / "flights")
-    assert "no parameters to refine" in told(run("refine", "jsbsim:c172p", *arguments, code=2))
+    assert "no parameters to refine" in stated(run("refine", "jsbsim:c172p", *arguments, code=2))
 
 
 # --- validate --replay ------------------------------------------------------------------------------
@@ -476,8 +476,8 @@ def test_replay_says_where_a_flight_parts_instead_of_failing(folder, craft):
 
 def test_replay_options_need_replay_and_an_aircraft(folder, craft):
     flights = folder / "flights"
-    assert "needs --aircraft" in told(run("validate", folder / "truth.json", flights, "--replay", code=2))
-    assert "go with --replay" in told(run("validate", folder / "truth.json", flights, "--out", "x", code=2))
+    assert "needs --aircraft" in stated(run("validate", folder / "truth.json", flights, "--replay", code=2))
+    assert "go with --replay" in stated(run("validate", folder / "truth.json", flights, "--out", "x", code=2))
     arguments = (folder / "truth.json", flights, *craft, "--replay")
-    assert "of no use" in told(run("validate", *arguments, "--responses", "Cm", code=2))
-    assert "no output 'Cm'" in told(run("validate", *arguments, "--outputs", "Cm", code=1))
+    assert "of no use" in stated(run("validate", *arguments, "--responses", "Cm", code=2))
+    assert "no output 'Cm'" in stated(run("validate", *arguments, "--outputs", "Cm", code=1))

@@ -56,15 +56,15 @@ def test_a_file_of_defaults_stands_for_options_and_the_command_line_wins(tmp_pat
     (tmp_path / "structsel.toml").write_text(
         'bootstrap = 0\n[select]\nresponses = "Cm"\ncandidates = ["alpha", "de"]\nf-in = 9.5\n'
     )
-    told = run("select", "flights", "--json")
-    assert selected(told.stdout) == ["1", "de", "alpha"]
-    assert json.loads(told.stdout)["responses"]["Cm"]["inclusion"] == {}
-    assert told.stderr == "note: options not given are taken from 'structsel.toml'.\n"
+    stated = run("select", "flights", "--json")
+    assert selected(stated.stdout) == ["1", "de", "alpha"]
+    assert json.loads(stated.stdout)["responses"]["Cm"]["inclusion"] == {}
+    assert stated.stderr == "note: options not given are taken from 'structsel.toml'.\n"
     assert selected(run("select", "flights", "--f-in", "1e9", "--json").stdout) == ["1"]
     (tmp_path / "other.toml").write_text('[select]\nresponses = "Cm"\nterms = "de"\n')
-    told = run("select", "flights", "--config", "other.toml", "--json")
-    assert selected(told.stdout) == ["1", "de"]
-    assert {"file": "other.toml", "sha256": digest(tmp_path / "other.toml")} in inputs_of(told.stdout)
+    stated = run("select", "flights", "--config", "other.toml", "--json")
+    assert selected(stated.stdout) == ["1", "de"]
+    assert {"file": "other.toml", "sha256": digest(tmp_path / "other.toml")} in inputs_of(stated.stdout)
 
 
 def test_a_switch_is_set_and_an_option_repeated_by_the_file(tmp_path):
@@ -95,9 +95,9 @@ def test_what_a_file_of_defaults_cannot_mean_is_refused_in_words(text, says, tmp
 
 def test_a_value_that_does_not_fit_its_option_is_laid_to_the_file(tmp_path):
     (tmp_path / "structsel.toml").write_text('[select]\ndegree = "many"\n')
-    told = " ".join(run(*SELECT, code=2).stderr.replace("│", " ").split())
-    assert "--degree" in told
-    assert "(from structsel.toml)" in told
+    stated = " ".join(run(*SELECT, code=2).stderr.replace("│", " ").split())
+    assert "--degree" in stated
+    assert "(from structsel.toml)" in stated
     assert "(from" not in run(*SELECT, "--degree", "many", code=2).stderr
     assert "cannot be read" in run(*SELECT, "--config", "absent.toml", code=1).stderr
 
@@ -130,16 +130,16 @@ def test_quiet_keeps_warnings_errors_and_json(tmp_path):
     table = pd.read_csv(tmp_path / "flights" / "m01.csv")
     table["alpha"] = np.rad2deg(table["alpha"])  # looks like degrees
     table.to_csv(tmp_path / "flights" / "m01.csv", index=False)
-    told = run(*SELECT, "--quiet", "--json")
-    assert "de" in selected(told.stdout)
-    assert told.stderr.startswith("warning: ")
+    stated = run(*SELECT, "--quiet", "--json")
+    assert "de" in selected(stated.stdout)
+    assert stated.stderr.startswith("warning: ")
     assert run("describe", "absent.csv", "--quiet", code=1).stderr == "error: there is no file 'absent.csv'.\n"
 
 
 def test_verbose_says_what_is_done_with_times_on_stderr(tmp_path):
-    usual, told = run(*SELECT), run(*SELECT, "--verbose", "--no-plots", "--out", "out")
-    assert told.stdout.startswith(usual.stdout)
-    lines = told.stderr.splitlines()
+    usual, stated = run(*SELECT), run(*SELECT, "--verbose", "--no-plots", "--out", "out")
+    assert stated.stdout.startswith(usual.stdout)
+    lines = stated.stderr.splitlines()
     assert all(re.match(r"\d\d:\d\d:\d\d\.\d{3} ", line) for line in lines)
     said = [line.partition(" ")[2] for line in lines]
     assert said[0] == f"structsel {__version__} select"
@@ -151,8 +151,8 @@ def test_verbose_says_what_is_done_with_times_on_stderr(tmp_path):
 
 
 def test_a_command_that_fails_says_so_to_the_log_too():
-    told = run("describe", "absent.csv", "--verbose", code=1).stderr
-    assert re.search(r"describe: stopped after \d+\.\d\d s\nerror: there is no file", told)
+    stated = run("describe", "absent.csv", "--verbose", code=1).stderr
+    assert re.search(r"describe: stopped after \d+\.\d\d s\nerror: there is no file", stated)
     assert "not both" in run("describe", "flights", "--quiet", "--verbose", code=2).stderr
 
 
@@ -173,14 +173,14 @@ def test_colours_are_used_on_a_terminal_unless_the_user_wants_none():
 )
 def test_bash_completes_commands_and_options(words, found):
     env = {"_STRUCTSEL_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1)}
-    told = CliRunner().invoke(app, [], prog_name="structsel", env=env)
-    assert found in told.stdout.split()
+    stated = CliRunner().invoke(app, [], prog_name="structsel", env=env)
+    assert found in stated.stdout.split()
 
 
 def test_the_script_that_bash_needs_is_printed():
-    told = CliRunner().invoke(app, ["--show-completion"], prog_name="structsel", env={"SHELL": "/bin/bash"})
+    stated = CliRunner().invoke(app, ["--show-completion"], prog_name="structsel", env={"SHELL": "/bin/bash"})
     assert "--install-completion" in run("--help").stdout
-    assert told.exit_code != 0 or "_STRUCTSEL_COMPLETE=complete_bash" in told.stdout
+    assert stated.exit_code != 0 or "_STRUCTSEL_COMPLETE=complete_bash" in stated.stdout
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -148,7 +148,7 @@ def test_every_method_is_compared_and_leaves_its_own_folder(folder, common, tmp_
         assert held["done"][0]["method"] == method
 
 
-def test_a_late_channel_is_named_and_advanced_by_what_is_given(folder, common, tmp_path):
+def test_a_delayed_channel_is_named_and_advanced_by_what_is_given(folder, common, tmp_path):
     # Five samples of 0.02 s late.
     path = changed(folder, tmp_path / "late.csv", "elevator-3211", lambda data: data.assign(alpha=data.alpha.shift(5)))
 

@@ -82,7 +82,7 @@ def test_samples_worth_one_grow_with_colour():
     assert values[1] > 8.0
 
 
-def late_flight(rng, delay):
+def delayed_flight(rng, delay):
     """A response to signals that the recording has ``delay`` samples late, nearly noise-free."""
     n = 3000
     smooth = np.hanning(25) / np.hanning(25).sum()
@@ -93,9 +93,9 @@ def late_flight(rng, delay):
 
 
 @pytest.mark.parametrize("delay", [0, 6])
-def test_whitening_gives_way_where_a_late_channel_leaves_misfit_and_only_there(delay):
+def test_whitening_gives_way_where_a_delayed_channel_leaves_misfit_and_only_there(delay):
     rng = np.random.default_rng(4)
-    flights = [late_flight(rng, delay) for _ in range(4)]
+    flights = [delayed_flight(rng, delay) for _ in range(4)]
     (outcome,) = select_arrays(flights, monomial_exponents(3, 2), SelectOptions(F_in="auto", bootstrap=0))
     assert set(outcome.search.selected) >= {0, 1}
     assert outcome.r2 > 0.8

@@ -45,7 +45,7 @@ def said(recording, kind):
 
 
 @pytest.mark.parametrize("response", SIX)
-def test_the_coefficients_of_a_simulated_flight_are_those_it_was_flown_with(calm, response):
+def test_the_coefficients_of_a_simulated_flight_are_those_it_was_simulated_with(calm, response):
     # Instruments away from the centre of gravity, thrust line off it and tilted, Ixz, all undone.
     made = compute_coefficients(calm, AIRCRAFT)
     assert_allclose(made[response], truth_at(made, response), rtol=0, atol=1e-12)
@@ -135,7 +135,7 @@ def test_the_density_of_a_recording_with_altitude_alone_is_the_standard_one(clea
     assert any("standard atmosphere at h" in note for note in made.provenance)
 
 
-def test_manoeuvres_share_one_reference_airspeed(clean, calm):
+def test_manoeuvres_fraction_one_reference_airspeed(clean, calm):
     nameless = Aircraft.from_dict({key: v for key, v in AIRCRAFT.to_dict().items() if key != "V0"})
     first, second = compute_all([clean, calm], nameless)
     assert_allclose(first["V_ratio"].mean(), 1.0, rtol=1e-12)

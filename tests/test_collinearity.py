@@ -140,9 +140,9 @@ def test_covariance_of_biased_estimates_is_that_of_a_linear_function_of_the_samp
 def test_number_of_components_by_variance_is_the_fewest():
     X, y = collinear(8)
     C = products(X, y)
-    share = np.cumsum(PCA().fit(StandardScaler().fit_transform(X)).explained_variance_ratio_)
+    fraction = np.cumsum(PCA().fit(StandardScaler().fit_transform(X)).explained_variance_ratio_)
     for wanted in (0.3, 0.9, 0.99, 0.9999):
-        assert components_by_variance(C, wanted) == 1 + int(np.argmax(share >= wanted))
+        assert components_by_variance(C, wanted) == 1 + int(np.argmax(fraction >= wanted))
     assert components_by_variance(C, 1.0) == 7
 
 
@@ -256,7 +256,7 @@ def test_drop_correlated_keeps_forced_terms_and_ends_when_only_they_correlate():
     assert dropped == ()
 
 
-def test_alpha_squared_goes_beside_alpha_where_flown_range_makes_them_alike():
+def test_alpha_squared_goes_beside_alpha_where_simulated_range_makes_them_alike():
     # [H17], CX: alpha between 0.1 and 0.2 rad, linear truth.
     rng = np.random.default_rng(0)
     alpha, q, de = rng.uniform(0.1, 0.2, 400), rng.normal(size=400), rng.normal(size=400)

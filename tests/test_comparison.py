@@ -26,8 +26,8 @@ def flown():
     return fly(LIFT, speeds=(40.0, 45.0, 50.0, 55.0), h=(1000.0,) * 4)
 
 
-def files(recordings, told):
-    return {r.name: Recording(r.name, r.t, s) for r, s in zip(recordings, told)}
+def files(recordings, stated):
+    return {r.name: Recording(r.name, r.t, s) for r, s in zip(recordings, stated)}
 
 
 def altered(recordings, which, **channels):
@@ -38,9 +38,9 @@ def altered(recordings, which, **channels):
 
 
 def test_a_forced_simulation_is_compared_and_its_gap_seen(flown):
-    recordings, told = flown
+    recordings, stated = flown
     seen = []
-    found = compare(files(recordings, told), recordings, CRAFT, progress=lambda *step: seen.append(step))
+    found = compare(files(recordings, stated), recordings, CRAFT, progress=lambda *step: seen.append(step))
     assert found.form == "forced"
     assert found.recordings == ("m01", "m02", "m03", "m04")
     assert found.explainable["CZ"] > 0.5
@@ -93,8 +93,8 @@ def test_a_jsbsim_aircraft_is_asked_along_the_recordings(flown):
 
 def test_any_channel_may_be_compared(flown):
     recordings, _ = flown
-    told = {r.name: Recording(r.name, r.t, {"h": r["h"] + 2.0 * np.sin(T)}) for r in recordings}
-    found = compare(told, recordings, CRAFT)
+    stated = {r.name: Recording(r.name, r.t, {"h": r["h"] + 2.0 * np.sin(T)}) for r in recordings}
+    found = compare(stated, recordings, CRAFT)
     assert list(found.sizes) == ["h"]
     # A sine of 2 has an rms of 2 / sqrt(2), less what fading a tenth of the samples takes.
     assert_allclose(found.sizes["h"].difference, np.sqrt(2.0), rtol=0.08)
@@ -102,34 +102,34 @@ def test_any_channel_may_be_compared(flown):
 
 
 def test_a_single_manoeuvre_says_what_it_cannot_conclude(flown):
-    recordings, told = flown
-    found = compare(files(recordings[:1], told[:1]), recordings[:1], CRAFT)
+    recordings, stated = flown
+    found = compare(files(recordings[:1], stated[:1]), recordings[:1], CRAFT)
     assert found.explainable == {}
     assert found.characters == ()
     assert "a single manoeuvre: nothing can be held out" in str(found)
 
 
 def test_names_that_do_not_match_are_listed(flown):
-    recordings, told = flown
+    recordings, stated = flown
     with pytest.raises(DataError, match=r"no file for m04; it has m01, m02, m03\.\nEach recording needs"):
-        compare(files(recordings[:3], told[:3]), recordings, CRAFT)
+        compare(files(recordings[:3], stated[:3]), recordings, CRAFT)
 
 
 def test_a_clock_that_does_not_overlap_is_refused(flown):
-    recordings, told = flown
-    late = {r.name: Recording(r.name, r.t + 100.0, s) for r, s in zip(recordings, told)}
+    recordings, stated = flown
+    delayed = {r.name: Recording(r.name, r.t + 100.0, s) for r, s in zip(recordings, stated)}
     with pytest.raises(DataError, match=r"'m01' runs from 0 to 19\.96 s, its simulation from 100 to 119\.96 s"):
-        compare(late, recordings, CRAFT)
+        compare(delayed, recordings, CRAFT)
 
 
 def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flown):
-    recordings, told = flown
+    recordings, stated = flown
     bias = 0.002
 
     def first(states, alpha):
         craft = CRAFT.model_copy(update={"simulation": Simulation(states=states)})
         read = [Recording(r.name, r.t, {**r.channels, "alpha": r["alpha"] + alpha}) for r in recordings[:2]]
-        return prepare(files(recordings, told), read, craft).flights[0]
+        return prepare(files(recordings, stated), read, craft).flights[0]
 
     flight = first("reconstructed", 0.0)
     read, asked = (columns for name, _, columns in biases_of(flight) if name == "alpha")
@@ -149,14 +149,14 @@ def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flown):
 
 def test_slopes_of_the_stand_in_are_those_of_the_simulation_whatever_readings_are_biased():
     # Asked at true states at the centre of gravity; incidence and elevator read with another bias in each flight.
-    recordings, told = fly({}, speeds=(42.0, 46.0, 50.0, 54.0), h=(1000.0,) * 4)
+    recordings, stated = fly({}, speeds=(42.0, 46.0, 50.0, 54.0), h=(1000.0,) * 4)
     biases = 0.005 * np.array([1.0, -1.0, 0.8, -0.8])
     read = [
         Recording(r.name, r.t, {**r.channels, "alpha": r["alpha"] + b, "de": r["de"] - b})
         for r, b in zip(recordings, biases)
     ]
     arm = CRAFT.position("vane")[0]
-    for f, r in zip(prepare(files(recordings, told), read, CRAFT).flights, recordings):
+    for f, r in zip(prepare(files(recordings, stated), read, CRAFT).flights, recordings):
         alpha, V = r["alpha"].mean(), r["V"].mean()
         lift = TRUTH["CZ"]["alpha"] + 3.0 * TRUTH["CZ"]["alpha^3"] * np.mean(r["alpha"] ** 2)
         stiffness = TRUTH["Cm"]["alpha"] + 2.0 * TRUTH["Cm"]["alpha^2"] * alpha
@@ -170,11 +170,11 @@ def test_slopes_of_the_stand_in_are_those_of_the_simulation_whatever_readings_ar
 
 
 def test_a_brake_that_comes_out_is_in_the_stand_in_and_in_what_tolerances_allow(flown):
-    recordings, told = flown
+    recordings, stated = flown
     out = [np.clip(T - 8.0, 0.0, 1.0) * (k == 1) for k in range(4)]
-    told = [{**s, "CZ": s["CZ"] + 0.08 * x} for s, x in zip(told, out)]
+    stated = [{**s, "CZ": s["CZ"] + 0.08 * x} for s, x in zip(stated, out)]
     recordings = [Recording(r.name, r.t, {**r.channels, "speedbrake": x}) for r, x in zip(recordings, out)]
-    flights = prepare(files(recordings, told), recordings, CRAFT).flights
+    flights = prepare(files(recordings, stated), recordings, CRAFT).flights
     assert_allclose(flights[0].slope("CZ", "speedbrake"), 0.08, rtol=0.03)
     (allowed,) = (n for n in tolerances_of(flights) if n.name == "CZ: speedbrake")
     assert np.ptp(allowed.columns[1]["CZ"]) == pytest.approx(0.08, rel=0.03)
@@ -182,12 +182,12 @@ def test_a_brake_that_comes_out_is_in_the_stand_in_and_in_what_tolerances_allow(
 
 def test_the_noise_that_a_simulation_was_asked_at_is_allowed_for_and_passes_for_no_dead_play():
     sd = 0.0005  # of a span of 0.08; asked without allowance, the play brings 288 nats
-    recordings, told = fly({}, speeds=(40.0, 45.0, 50.0, 55.0), h=(1000.0,) * 4)
+    recordings, stated = fly({}, speeds=(40.0, 45.0, 50.0, 55.0), h=(1000.0,) * 4)
     rng = np.random.default_rng(4)
     noise = [sd * rng.standard_normal(len(T)) for _ in recordings]
     recordings = [Recording(r.name, r.t, {**r.channels, "de": r["de"] + x}) for r, x in zip(recordings, noise)]
-    told = [{**s, **{c: s[c] + TRUTH[c]["de"] * x for c in ("CZ", "Cm")}} for s, x in zip(told, noise)]
-    flights = prepare(files(recordings, told), recordings, CRAFT).flights
+    stated = [{**s, **{c: s[c] + TRUTH[c]["de"] * x for c in ("CZ", "Cm")}} for s, x in zip(stated, noise)]
+    flights = prepare(files(recordings, stated), recordings, CRAFT).flights
     (allowed,) = (n for n in tolerances_of(flights) if n.name == "noise of de")
     for column, x in zip(allowed.columns, noise):
         assert np.corrcoef(column["Cm"], -TRUTH["Cm"]["de"] * x)[0, 1] > 0.85
@@ -197,8 +197,8 @@ def test_the_noise_that_a_simulation_was_asked_at_is_allowed_for_and_passes_for_
 
 
 def test_a_forced_simulation_that_diverged_names_file_channel_and_sample(flown):
-    recordings, told = flown
-    broken = [dict(s) for s in told]
+    recordings, stated = flown
+    broken = [dict(s) for s in stated]
     broken[1]["Cm"] = np.where(T > 10.0, np.nan, broken[1]["Cm"])
     with pytest.raises(DataError, match=r"'m02' gives Cm = nan at sample 251 \(t = 10\.04 s\)"):
         compare(files(recordings, broken), recordings, CRAFT)
@@ -222,19 +222,19 @@ def test_a_free_simulation_that_flew_elsewhere_is_refused(flown):
 
 
 def test_a_simulation_of_another_aircraft_is_refused(flown):
-    recordings, told = flown
-    degrees = [{c: 57.3 * x for c, x in s.items()} for s in told]
+    recordings, stated = flown
+    degrees = [{c: 57.3 * x for c, x in s.items()} for s in stated]
     with pytest.raises(DataError, match=r"gives CX = .* in 'm0\d' at sample \d+ .* of another aircraft"):
         compare(files(recordings, degrees), recordings, CRAFT)
 
 
 def test_a_recording_with_a_gap_names_channel_and_sample(flown):
-    recordings, told = flown
+    recordings, stated = flown
     gap = recordings[0]["az"].copy()
     gap[100] = np.nan
     holed = [Recording("m01", recordings[0].t, {**recordings[0].channels, "az": gap}), *recordings[1:]]
     with pytest.raises(DataError, match=r"'m01': channel 'az' is nan at sample 100 \(t = 4 s\)"):
-        compare(files(recordings, told), holed, CRAFT)
+        compare(files(recordings, stated), holed, CRAFT)
 
 
 def test_no_recording_or_no_simulation_is_said(flown, tmp_path):

@@ -50,9 +50,9 @@ def make(count, seed, differences, V=60.0):
             "qbar_ratio": np.ones(n),
             "h_agl": 20.0 - 18.0 * np.exp(-(((T - 15.0 - k) / 4.0) ** 2)),
         }
-        told = differences(ch, rng, k)
-        simulated = {c: np.zeros(n) for c in told if not c.startswith("k_")}
-        made.append(Flight(f"m{k + 1}", T, DT, CRAFT, ch, dict(ch), told, simulated, frozenset(ch)))
+        stated = differences(ch, rng, k)
+        simulated = {c: np.zeros(n) for c in stated if not c.startswith("k_")}
+        made.append(Flight(f"m{k + 1}", T, DT, CRAFT, ch, dict(ch), stated, simulated, frozenset(ch)))
     return made
 
 
@@ -79,11 +79,11 @@ def test_short_pauses_are_closed_and_blips_left_out():
     assert stretches(t, np.zeros(len(t), dtype=bool)) == []
 
 
-def test_an_effect_acts_where_it_is_above_its_share_of_the_most():
+def test_an_effect_acts_where_it_is_above_its_fraction_of_the_most():
     flights = make(3, 1, noise_only)
     bump = np.exp(-0.5 * ((T - 12.0) / 1.5) ** 2)
-    told = [{"CZ": 0.05 * bump, "Cm": 1e-4 * np.ones(len(T))}, {"CZ": np.zeros(len(T))}, {}]
-    found = find_intervals(flights, told, {"CZ": 0.01, "Cm": 0.01})
+    stated = [{"CZ": 0.05 * bump, "Cm": 1e-4 * np.ones(len(T))}, {"CZ": np.zeros(len(T))}, {}]
+    found = find_intervals(flights, stated, {"CZ": 0.01, "Cm": 0.01})
     # A bell is above 0.21 of its height within sqrt(-2 ln 0.21) standard deviations.
     reach = 1.5 * np.sqrt(-2.0 * np.log(0.21))
     ((start, end),) = found["m1"]
@@ -106,8 +106,8 @@ def test_nothing_acts_below_a_tenth_of_the_noise():
 
 def test_an_effect_near_the_ground_is_bounded_by_height_alone():
     flights = make(4, 2, noise_only)
-    told = [{"CZ": 0.1 * np.exp(-f["h_agl"] / 2.0)} for f in flights]
-    found = bounds_of(flights, told, {"CZ": 0.001})
+    stated = [{"CZ": 0.1 * np.exp(-f["h_agl"] / 2.0)} for f in flights]
+    found = bounds_of(flights, stated, {"CZ": 0.001})
     assert list(found) == ["h_agl"]
     # The most is at the 99.5 % quantile, just above the lowest height, 2 m.
     assert_allclose(found["h_agl"].high, 2.0 - 2.0 * np.log(0.21), atol=0.3)
@@ -117,43 +117,43 @@ def test_an_effect_near_the_ground_is_bounded_by_height_alone():
 
 def test_two_channels_bound_an_effect_that_needs_both():
     flights = make(5, 3, noise_only)
-    told = [{"CZ": ((f["alpha"] > 0.0) & (f["h_agl"] < 8.0)) * 0.1} for f in flights]
-    found = find_region(flights, told, {"CZ": 0.001})
+    stated = [{"CZ": ((f["alpha"] > 0.0) & (f["h_agl"] < 8.0)) * 0.1} for f in flights]
+    found = find_region(flights, stated, {"CZ": 0.001})
     assert set(found) == {"alpha", "h_agl"}
     assert_allclose(found["h_agl"][1], 8.0, atol=0.3)
     assert_allclose(found["alpha"][0], 0.0, atol=0.005)
 
 
-def test_stretches_that_follow_no_channel_are_bounded_by_none():
+def test_segments_that_follow_no_channel_are_bounded_by_none():
     rng = np.random.default_rng(5)
     bounded = 0
     for seed in range(12):
         flights = make(4, 100 + seed, noise_only)
         at = rng.uniform(5.0, 20.0, 4)
-        told = [{"CZ": ((a < T) & (a + 5.0 > T)) * 0.1} for a in at]
-        bounded += bool(find_region(flights, told, {"CZ": 0.001}))
+        stated = [{"CZ": ((a < T) & (a + 5.0 > T)) * 0.1} for a in at]
+        bounded += bool(find_region(flights, stated, {"CZ": 0.001}))
     assert bounded <= 2  # of 12, at a stated 5 %
 
 
-def test_the_ceiling_is_the_share_that_a_function_of_the_state_has():
-    def told(ch, rng, k):
+def test_the_ceiling_is_the_fraction_that_a_function_of_the_state_has():
+    def stated(ch, rng, k):
         law = 40.0 * ch["alpha"] ** 2 + ch["beta"] * (ch["de"] > 0)
         law = (law - law.mean()) / law.std()
         # White noise of which the band holds 6 of 12.5 Hz.
         return {"CZ": 0.05 * law + 0.04 * rng.standard_normal(len(T)), "Cm": 0.01 * rng.standard_normal(len(T))}
 
-    flights = make(8, 4, told)
+    flights = make(8, 4, stated)
     found = explainable(flights, [f.difference for f in flights])
-    share = 0.05**2 / (0.05**2 + 0.04**2 * 6.0 / 12.5)
-    assert 0.75 * share < found["CZ"] < share + 0.05
+    fraction = 0.05**2 / (0.05**2 + 0.04**2 * 6.0 / 12.5)
+    assert 0.75 * fraction < found["CZ"] < fraction + 0.05
     assert found["Cm"] < 0.02
 
 
 def test_the_ceiling_holds_the_recent_past_and_needs_a_second_manoeuvre():
-    def told(ch, rng, k):
+    def stated(ch, rng, k):
         return {"CZ": np.roll(ch["de"], 10) + 0.02 * rng.standard_normal(len(T))}
 
-    flights = make(6, 5, told)
+    flights = make(6, 5, stated)
     differences = [f.difference for f in flights]
     assert explainable(flights, differences)["CZ"] > 0.6
     assert explainable(flights[:1], differences[:1]) == {}
@@ -162,7 +162,7 @@ def test_the_ceiling_holds_the_recent_past_and_needs_a_second_manoeuvre():
 def vanes(sigma, coloured=0.0, size=6):
     """Flights whose vanes and pitot read turbulence of a size [m/s], and noise; accelerometers and gyros do not."""
 
-    def told(ch, rng, k):
+    def stated(ch, rng, k):
         gusts = dryden_gusts(T, 60.0, CRAFT.b, np.full(3, 250.0), np.full(3, max(sigma, 1e-9)), rng)
         made = {}
         for name, gust, scale in zip(("k_V", "k_beta", "k_alpha"), gusts.T, (1.0, ch["V"], ch["V"])):
@@ -170,7 +170,7 @@ def vanes(sigma, coloured=0.0, size=6):
             made[name] = np.gradient(gust + own, DT) / scale + 0.02 * rng.standard_normal(len(T)) / scale
         return {"CZ": 0.01 * rng.standard_normal(len(T)), **made}
 
-    return lambda seed: make(size, seed, told)
+    return lambda seed: make(size, seed, stated)
 
 
 @pytest.mark.parametrize("sigma", [0.4, 1.0])
@@ -199,23 +199,23 @@ def test_one_noisy_vane_is_no_turbulence():
 
 
 def test_a_step_is_found_at_its_time_with_its_size():
-    def told(ch, rng, k):
+    def stated(ch, rng, k):
         made = noise_only(ch, rng, k)
         return {**made, "CZ": made["CZ"] + 0.02 * ((T > 12.0) & (k == 2))}
 
-    flights = make(6, 8, told)
+    flights = make(6, 8, stated)
     (found,) = find_changes(flights, spectra_of(flights), white(flights, {"CZ": 0.01, "Cm": 0.01}), ("CZ", "Cm"))
     assert (found.flight, found.response) == ("m3", "CZ")
     assert_allclose(found.time, 12.0, atol=0.2)
     assert abs(found.step - 0.02) < 4.0 * found.std
 
 
-def test_windows_name_the_stretch_that_is_worse_and_few_of_noise():
-    def told(ch, rng, k):
+def test_windows_name_the_segment_that_is_worse_and_few_of_noise():
+    def stated(ch, rng, k):
         made = noise_only(ch, rng, k)
         return {**made, "Cm": made["Cm"] * np.where((T > 10.0) & (T < 14.0) & (k == 1), 6.0, 1.0)}
 
-    flights = make(6, 9, told)
+    flights = make(6, 9, stated)
     found = find_windows(flights, spectra_of(flights), white(flights, {"CZ": 0.01, "Cm": 0.01}), ("CZ", "Cm"))
     hit = [w for w in found if w.flight == "m2" and w.response == "Cm" and w.end > 10.0 and w.start < 14.0]
     assert len(hit) >= 2
@@ -230,12 +230,12 @@ def test_what_stands_out_of_lognormal_powers_does_so_at_the_stated_rate():
 
 
 def test_coherence_names_the_input_that_drives_and_by_how_much():
-    def told(ch, rng, k):
+    def stated(ch, rng, k):
         driven = np.roll(ch["de"], 5)
         own = wander(rng, len(T), 0.7, 0.05)
         return {"Cm": driven + own, "CZ": wander(rng, len(T), 0.7, 0.05)}
 
-    flights = make(8, 12, told)
+    flights = make(8, 12, stated)
     found = coherences(flights, [f.difference for f in flights], ("Cm", "CZ"))
     assert (found[0].response, found[0].channel) == ("Cm", "de")
     # Two processes of one spectrum and one size: half of the power.
@@ -245,7 +245,7 @@ def test_coherence_names_the_input_that_drives_and_by_how_much():
 
 
 def test_character_tells_the_state_from_its_past_and_both_from_noise():
-    def told(ch, rng, k):
+    def stated(ch, rng, k):
         n = 0.01 * rng.standard_normal(len(T))
         return {
             "CX": 4.0 * ch["alpha"] ** 2 + n,
@@ -253,7 +253,7 @@ def test_character_tells_the_state_from_its_past_and_both_from_noise():
             "Cm": wander(rng, len(T), 0.5, 0.01),
         }
 
-    flights = make(8, 13, told)
+    flights = make(8, 13, stated)
     found = characterise(flights, spectra_of(flights), white(flights, dict.fromkeys(("CX", "CZ", "Cm"), 0.01)))
     named = {(c.response, c.kind) for c in found if c.significant}
     assert ("CX", "static") in named

@@ -126,7 +126,7 @@ def test_without_noise_the_truth_comes_back_to_rounding():
     assert np.abs((fit.values - path[0, problem.active]) / problem.start_std).max() < 1e-4
 
 
-def test_a_heading_read_within_one_turn_is_no_residual_of_a_whole_one():
+def test_a_heading_read_within_one_turn_is_no_residual_of_a_complete_one():
     problem, _ = quiet(300, 6)
     y = problem.measurements.copy()
     y[100:200, 5] += 2.0 * np.pi
@@ -145,7 +145,7 @@ def test_a_search_that_runs_out_of_steps_says_so_and_hands_over_its_best():
 
 
 @pytest.mark.parametrize(("state", "value"), [(4, 1.56), (0, 1e200)], ids=["nose up", "overflow"])
-def test_a_start_that_cannot_be_flown_is_reported(state, value):
+def test_a_start_that_cannot_be_simulated_is_reported(state, value):
     problem, _ = quiet(300, 8)
     start = problem.start.copy()
     start[state] = value

@@ -90,11 +90,11 @@ def test_a_way_travelled_is_a_time_at_constant_speed():
         assert_allclose(by_way, state(kind, "alpha", tau=0.2).along(T, {"alpha": x}), atol=1e-12)
 
 
-def test_a_share_of_a_state_is_felt():
+def test_a_fraction_of_a_state_is_felt():
     x = np.sin(2.0 * T)
-    whole = state("backlash", "de", width=0.1).along(T, {"de": x})
+    complete = state("backlash", "de", width=0.1).along(T, {"de": x})
     part = state("backlash", "de", width=0.1, share=0.4).along(T, {"de": x})
-    assert_allclose(part, 0.6 * x + 0.4 * whole, atol=1e-15)
+    assert_allclose(part, 0.6 * x + 0.4 * complete, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -131,9 +131,9 @@ def test_a_model_with_states_is_worked_out_along_a_recording_and_reads_back(tmp_
 
 def test_a_file_with_a_state_that_cannot_be_names_the_file_and_the_state(tmp_path):
     model = following(OWN, "de", "de_late", LATE)
-    told = model.to_dict()
-    told["states"]["de_late"]["kind"] = "spring"
-    (tmp_path / "model.json").write_text(json.dumps(told))
+    stated = model.to_dict()
+    stated["states"]["de_late"]["kind"] = "spring"
+    (tmp_path / "model.json").write_text(json.dumps(stated))
     with pytest.raises(ModelError, match=r"model\.json', state 'de_late': There is no state of kind 'spring'"):
         AeroModel.from_json(tmp_path / "model.json")
 
@@ -141,7 +141,7 @@ def test_a_file_with_a_state_that_cannot_be_names_the_file_and_the_state(tmp_pat
 # --- flown ---------------------------------------------------------------------------------------
 
 
-def test_a_late_input_flies_as_one_behind_an_actuator():
+def test_a_delayed_input_flies_as_one_behind_an_actuator():
     flown = fly(following(OWN, "de", "de_late", LATE))
     behind = fly(OWN, actuators={"de": Actuator(lag=0.15)})
     assert_allclose(flown["alpha"], behind["alpha"], atol=1e-14)
@@ -202,7 +202,7 @@ def test_a_state_without_effect_changes_nothing_of_the_flight():
         assert_allclose(beside[c], plain[c], rtol=1e-9, atol=1e-9)
 
 
-def test_play_of_what_is_flown_is_refused():
+def test_play_of_what_is_simulated_is_refused():
     with pytest.raises(ModelError, match="backlash of 'alpha', which is simulated"):
         fly(with_term("alpha_play", -0.1, alpha_play=state("backlash", "alpha", width=0.01)))
 
@@ -235,9 +235,9 @@ def flights():
             "thrust": 5000.0 + 900.0 * np.sin(0.6 * t), "h_agl": 8.0 + 5.0 * w["V"],
         }  # fmt: skip
         made.append(ss.Recording(f"m{k}", t, channels))
-    whole = ss.compute_all(made, CRAFT)
-    told = [OWN.evaluate(r, outside="ignore") for r in whole]
-    prepared = [prepare_flight(r, CRAFT, s) for r, s in zip(made, told)]
+    complete = ss.compute_all(made, CRAFT)
+    stated = [OWN.evaluate(r, outside="ignore") for r in complete]
+    prepared = [prepare_flight(r, CRAFT, s) for r, s in zip(made, stated)]
     smooth = [{c: OWN[c].evaluate(f) for c in OWN} for f in prepared]
     prepared = [replace(f, simulated=s) for f, s in zip(prepared, smooth)]
     stand_in = identify(prepared, smooth, list(OWN))
@@ -247,9 +247,9 @@ def flights():
 def as_added(effect, variant, flights):
     """An effect at its usual size, as an addition."""
     theta = np.array([np.clip(p.sd, p.low, p.high) for p in variant.parameters])
-    told = {p.name: ParameterEstimate(x, 0.1 * abs(x), p.unit) for p, x in zip(variant.parameters, theta)}
-    told |= {n: ParameterEstimate(x, 0.1 * abs(x), variant.units.get(n, "-")) for n, x in variant.shape.items()}
-    case = ModelCase(variant, told, CRAFT, dict(OWN.responses), flights)
+    stated = {p.name: ParameterEstimate(x, 0.1 * abs(x), p.unit) for p, x in zip(variant.parameters, theta)}
+    stated |= {n: ParameterEstimate(x, 0.1 * abs(x), variant.units.get(n, "-")) for n, x in variant.shape.items()}
+    case = ModelCase(variant, stated, CRAFT, dict(OWN.responses), flights)
     return addition_of(effect, case, theta, np.diag((0.1 * theta) ** 2)), theta
 
 
@@ -275,12 +275,12 @@ def test_an_effect_in_the_model_is_the_effect_that_was_found(effect, within, fli
     # Terms are the found signature to the last digits, but for the lift, which the signature has from a stand-in of
     # the simulation; states are the physics that a signature is the slope of.
     variants = named(effect).variants(flights)
-    told = (
+    stated = (
         {(v.about, *(p.name for p in v.parameters)): v for v in variants}.values()
         if effect in _BY_FORM
         else variants[:2]
     )
-    for variant in told:
+    for variant in stated:
         one, theta = as_added(named(effect), variant, flights)
         assert one.is_known
         made = Extended(OWN.responses, flights)
@@ -294,7 +294,7 @@ def test_an_effect_in_the_model_is_the_effect_that_was_found(effect, within, fli
         assert np.sqrt(off) < within * np.sqrt(size)
 
 
-def test_a_stand_in_can_be_flown_with_the_rate_of_incidence_and_says_what_it_said(flights):
+def test_a_stand_in_can_be_simulated_with_the_rate_of_angle_of_attack_and_says_what_it_said(flights):
     scale, centre = {"alpha": 0.1, "alpha_dot_hat": 0.002}, {"alpha": 0.14, "alpha_dot_hat": 1e-4}
     terms, values = {"Cm": (("alpha",), ("alpha_dot_hat",))}, {"Cm": np.array([-0.1, -0.02])}
     stand_in = Surrogate(centre, scale, terms, values, {"Cm": 0.01}, {"Cm": 1.0})
@@ -359,8 +359,8 @@ def test_a_lag_found_flies_nearer_to_the_truth_than_the_simulation_did():
     assert abs(tau.value - 0.15) < 0.02
     assert (found["Cm"].values == OWN["Cm"].values).all()
     assert found["Cl"] == OWN["Cl"]
-    told, before, after = (fly(m, inputs(9))["q"] for m in (truth, OWN, found))
-    assert np.std(after - told) < 0.15 * np.std(before - told)
+    stated, before, after = (fly(m, inputs(9))["q"] for m in (truth, OWN, found))
+    assert np.std(after - stated) < 0.15 * np.std(before - stated)
 
 
 # --- a patched aircraft of JSBSim ----------------------------------------------------------------
@@ -375,17 +375,17 @@ def test_a_patched_aircraft_differs_from_the_original_by_the_term(tmp_path):
     pytest.importorskip("jsbsim")
     from structsel.simulation.jsbsim import open_jsbsim
 
-    plane = open_jsbsim("f16")  # its aerodynamics do not ask for the rate of incidence, which any force changes
+    aircraft = open_jsbsim("f16")  # its aerodynamics do not ask for the rate of incidence, which any force changes
     terms = {"Cm": {"alpha^2": -2.0, "alpha*q_hat": -3.0}, "CD": {"alpha^2": 0.3}, "CY": {"beta^3": 2.0},
              "Cn": {"beta*dr": -0.3}}  # fmt: skip
-    patched = patched_aircraft("f16", [effect("missing-term", terms)], plane.aircraft, [])
+    patched = patched_aircraft("f16", [effect("missing-term", terms)], aircraft.aircraft, [])
     assert patched.remarks == ()
     t = np.linspace(0.0, 1.0, 5)
     at = ss.Recording("x", t, {"V": 200.0 + t, "h": 1000.0 + 0.0 * t, "alpha": 0.05 + 0.1 * t, "beta": 0.08 * t,
                                "q": 0.1 - 0.2 * t, "dr": 0.05 * t})  # fmt: skip
-    before = plane.coefficients(at)
+    before = aircraft.coefficients(at)
     after = open_jsbsim(patched.write(tmp_path)).coefficients(at)
-    alpha, beta, q_hat = at["alpha"], at["beta"], at["q"] * plane.aircraft.cbar / (2.0 * at["V"])
+    alpha, beta, q_hat = at["alpha"], at["beta"], at["q"] * aircraft.aircraft.cbar / (2.0 * at["V"])
     expected = {
         "CX": -0.3 * alpha**2 * np.cos(alpha), "CY": 2.0 * beta**3, "CZ": -0.3 * alpha**2 * np.sin(alpha),
         "Cl": 0.0 * t, "Cm": -2.0 * alpha**2 - 3.0 * alpha * q_hat, "Cn": -0.3 * beta * at["dr"],
@@ -394,21 +394,21 @@ def test_a_patched_aircraft_differs_from_the_original_by_the_term(tmp_path):
         assert_allclose(after[c] - before[c], x, atol=1e-12)
 
 
-def test_a_patched_actuator_flies_as_the_late_input_does(tmp_path):
+def test_a_patched_actuator_flies_as_the_delayed_input_does(tmp_path):
     pytest.importorskip("jsbsim")
     from structsel.simulation.jsbsim import open_jsbsim
 
-    plane = open_jsbsim("c172p")
-    start = plane.trim(55.0, 1000.0)
+    aircraft = open_jsbsim("c172p")
+    start = aircraft.trim(55.0, 1000.0)
     t = np.arange(0.0, 2.0, 0.02)
     late = state("lag", "de", tau=0.2)
     asked = start.controls["de"] + 0.05 * np.interp(t, [0.0, 0.3, 0.4, 1.0, 1.1, 2.0], [0, 0, 1, 1, -1, -1])
     given = {"t": t, **{c: np.full(len(t), v) for c, v in start.controls.items()}}
     one = effect("actuator-lag", states={"de_late": late}, replaced={"Cm": {"de": "de_late"}})
-    patched = patched_aircraft("c172p", [one], plane.aircraft, [])
+    patched = patched_aircraft("c172p", [one], aircraft.aircraft, [])
     flown = open_jsbsim(patched.write(tmp_path)).fly({**given, "de": asked}, start=start)
-    lagged = plane.fly({**given, "de": late.along(t, {"de": asked})}, start=start)
-    plain = plane.fly({**given, "de": asked}, start=start)
+    lagged = aircraft.fly({**given, "de": late.along(t, {"de": asked})}, start=start)
+    plain = aircraft.fly({**given, "de": asked}, start=start)
     # JSBSim's control system is a step of 2 ms ahead of its aerodynamics.
     assert np.abs(flown["q"] - lagged["q"]).max() < 0.02 * np.abs(plain["q"] - lagged["q"]).max()
 

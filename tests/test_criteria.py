@@ -39,7 +39,7 @@ def test_limits_are_infinities_not_warnings():
     assert np.isnan(adjusted_r2(1.0, 2.0, 4, 3))
 
 
-def test_f_in_from_candidates_leaves_the_chance_asked():
+def test_f_in_from_candidates_leaves_the_probability_asked():
     for p in (1, 164, 494):
         F = f_in_from_candidates(p, 1e4, 0.05)
         assert_allclose(1.0 - f.cdf(F, 1, 1e4) ** p, 0.05, rtol=1e-9)
@@ -69,7 +69,7 @@ def test_fdr_thresholds_follow_the_formula_and_become_normal_quantiles():
     assert (np.diff(thresholds) < 0.0).all()
 
 
-def test_fdr_entry_keeps_the_share_of_false_terms_near_q():
+def test_fdr_entry_keeps_the_fraction_of_false_terms_near_q():
     # 10 true of 100 orthogonal-ish candidates, 200 seeds: mean share of false terms at most q plus 3 errors.
     rng = np.random.default_rng(2)
     shares = []

@@ -41,14 +41,14 @@ def test_a_missing_ground_effect_is_named_located_and_brings_a_gain(ground):
 
 def test_what_is_written_follows_the_contract(ground):
     _, found = ground
-    told = json.loads(json.dumps(found.to_dict()))
-    assert told["schema"] == "structsel.diagnosis/1"
-    assert {"verdict", "findings", "not_testable", "remaining"} <= set(told)
-    finding = told["findings"][0]
+    stated = json.loads(json.dumps(found.to_dict()))
+    assert stated["schema"] == "structsel.diagnosis/1"
+    assert {"verdict", "findings", "not_testable", "remaining"} <= set(stated)
+    finding = stated["findings"][0]
     assert {"axes", "kind", "where", "physics", "ambiguous_with", "to_separate", "fit"} <= set(finding)
     assert {"effect", "probability", "says", "parameters", "terms"} <= set(finding["physics"][0])
     assert {"held_out", "explainable", "explained"} <= set(finding["fit"])
-    assert all({"effect", "needs"} <= set(one) for one in told["not_testable"])
+    assert all({"effect", "needs"} <= set(one) for one in stated["not_testable"])
 
 
 def test_the_corrected_model_can_be_asked_along_the_flights(ground):
@@ -83,7 +83,7 @@ def test_nothing_is_named_where_the_simulation_is_right():
     assert not [f for f in found.findings if f.kind != "random"]
 
 
-def test_a_tolerance_pulled_beyond_itself_is_pointed_at():
+def test_a_tolerance_deviating_beyond_itself_is_pointed_at():
     pulls = [Pull("V scale", 4.8, 0.036, 0.002, "relative"), Pull("mass", -3.9, -0.01, 0.002, "relative")]
     said = strained(pulls)
     assert len(said) == 1

@@ -26,8 +26,8 @@ def test_the_same_effect_in_several_places_is_one_of_those_looked_for(monkeypatc
         monkeypatch.setattr(ranking, "score_all", lambda *_: [])
         monkeypatch.setattr(ranking, "weigh", lambda *_: [likely(next(left))])
         plant = SimpleNamespace(channels={})
-        bench = SimpleNamespace(accepted=(), flights=(plant,), taking=lambda *_: bench)
-        return len(rank(bench, Library((), {})).steps)
+        problem = SimpleNamespace(accepted=(), flights=(plant,), taking=lambda *_: problem)
+        return len(rank(problem, Library((), {})).steps)
 
     assert taken("abcde") == 4
     assert taken("aaabcde") == 6
@@ -49,21 +49,21 @@ def test_what_leaves_much_of_its_own_responses_is_doubted_and_what_explains_them
     alone = found("wrong-derivative")
     assert alone.ambiguous_with == ("unknown",)
     stays = float(re.search(r"leaves (\d+)% of what lies beyond the noise in Cl\.", alone.physics[0].says)[1]) / 100.0
-    chances = {one.effect: one.probability for one in alone.physics}
+    probabilities = {one.effect: one.probability for one in alone.physics}
     # As much as stays, half at most, of the names' probability is that of something else.
-    assert_allclose(chances["unknown"] / sum(chances.values()), min(stays, 0.5), atol=0.006)
+    assert_allclose(probabilities["unknown"] / sum(probabilities.values()), min(stays, 0.5), atol=0.006)
     right = found("wrong-derivative", "control-nonlinearity")
     assert (right.effect, right.ambiguous_with) == ("control-nonlinearity", ())
 
 
 def test_timing_that_other_flights_do_not_bear_out_is_left_as_it_is_stated():
-    recordings, told = fly({})
-    bench, _ = tried(ready(recordings, told), "wrong-derivative")
-    late = [n.name for n in bench.nuisances].index("de, da, dr late")
+    recordings, stated = fly({})
+    problem, _ = tried(ready(recordings, stated), "wrong-derivative")
+    late = [n.name for n in problem.nuisances].index("de, da, dr late")
 
     def free(*signs):
-        y = [s * 5.0 * B[:, late] for s, B in zip(signs, bench.base.given, strict=True)]
-        other = replace(bench, base=Base(y, bench.base.given, bench.base.groups, bench.base.scales))
+        y = [s * 5.0 * B[:, late] for s, B in zip(signs, problem.base.given, strict=True)]
+        other = replace(problem, base=Base(y, problem.base.given, problem.base.groups, problem.base.scales))
         return other.as_delivered.nuisances
 
     assert "de, da, dr late" in [n.name for n in free(1.0, 1.0)]
@@ -71,13 +71,13 @@ def test_timing_that_other_flights_do_not_bear_out_is_left_as_it_is_stated():
 
 
 def test_an_attitude_a_little_out_of_scale_is_within_tolerances_and_accuses_no_gyro():
-    recordings, told = fly({})
+    recordings, stated = fly({})
 
     def read_as(channel, factor):
         read = [Recording(r.name, r.t, {**r.channels, channel: factor * r[channel]}, r.units) for r in recordings]
-        bench, library = tried(ready(read, told), "sensor-scale")
-        k = [n.name for n in bench.nuisances].index("phi scale")
-        return bench.pulled[0][k] * bench.nuisances[k].sd, score_all(bench, library)[0]
+        problem, library = tried(ready(read, stated), "sensor-scale")
+        k = [n.name for n in problem.nuisances].index("phi scale")
+        return problem.pulled[0][k] * problem.nuisances[k].sd, score_all(problem, library)[0]
 
     scale, accused = read_as("phi", 1.02)
     assert_allclose(scale, 0.02, rtol=0.1)
@@ -90,14 +90,14 @@ def test_an_attitude_a_little_out_of_scale_is_within_tolerances_and_accuses_no_g
 
 
 def test_what_only_kinematics_shows_is_a_word_beside_the_verdict():
-    recordings, told = fly({})
+    recordings, stated = fly({})
 
     def said(north, east):
         windy = [
             Recording(r.name, r.t, {**r.channels, "vn": r["vn"] + north, "ve": r["ve"] + east}) for r in recordings
         ]
-        bench, library = tried(ready(windy, told), "steady-wind", "sensor-scale")
-        return asides(Ranking(bench, (), tuple(score_all(bench, library))))
+        problem, library = tried(ready(windy, stated), "steady-wind", "sensor-scale")
+        return asides(Ranking(problem, (), tuple(score_all(problem, library))))
 
     (wind,) = said(3.0, -1.0)
     assert "no coefficient is the better for it: A steady wind of" in wind
@@ -106,7 +106,7 @@ def test_what_only_kinematics_shows_is_a_word_beside_the_verdict():
     assert said(0.0, 0.0) == []
 
 
-def test_responses_of_which_little_is_foretold_are_pointed_at():
+def test_responses_of_which_little_is_predicted_are_pointed_at():
     (said,) = drowned({"CZ": (0.2, True), "Cl": (0.94, True)})
     assert "of its rms Cl 0.94 is left" in said
     assert drowned({"CZ": (0.2, True)}) == []

@@ -16,52 +16,52 @@ from tests.missing_physics import excite, flights_with, tried
 def asked():
     """Bench of two flights whose elevator barely moves, and the scores of two effects in pitch."""
     flights = flights_with({"Cm": {"q_hat": -8.0}}, inputs=lambda t, k: excite(t, k, 0.008, 0.05, 0.04))
-    bench, library = tried(flights, "wrong-derivative", "downwash-lag", "asymmetry", "cg-shift")
-    return bench, {s.effect: s for s in score_all(bench, library)}
+    problem, library = tried(flights, "wrong-derivative", "downwash-lag", "asymmetry", "cg-shift")
+    return problem, {s.effect: s for s in score_all(problem, library)}
 
 
 def test_what_recordings_tell_is_what_the_other_effect_and_tolerances_leave_of_the_first(asked):
-    bench, scores = asked
+    problem, scores = asked
     one, other = scores["wrong-derivative"], scores["downwash-lag"]
     y = np.concatenate(
-        [r.whiten(x, one.signature.width) @ one.trial.theta for r, x in zip(bench.rows, one.signature.spectra)]
+        [r.whiten(x, one.signature.width) @ one.trial.theta for r, x in zip(problem.rows, one.signature.spectra)]
     )
     B = np.vstack([
         np.column_stack([given, r.whiten(x, other.signature.width)])
-        for r, given, x in zip(bench.rows, bench.base.given, other.signature.spectra)
+        for r, given, x in zip(problem.rows, problem.base.given, other.signature.spectra)
     ])  # fmt: skip
     expected = 0.5 * y @ np.linalg.solve(np.eye(len(y)) + B @ B.T, y)
-    assert_allclose(find_separation(bench, one, other).flown, expected, rtol=1e-6)
+    assert_allclose(find_separation(problem, one, other).flown, expected, rtol=1e-6)
 
 
 @pytest.mark.slow
 def test_a_manoeuvre_on_the_control_that_barely_moved_tells_two_effects_in_pitch_apart(asked):
-    bench, scores = asked
+    problem, scores = asked
     one, other = scores["wrong-derivative"], scores["downwash-lag"]
-    found = find_separation(bench, one, other)
+    found = find_separation(problem, one, other)
     assert found.nats > found.flown
     assert "de" in found.inputs.names
     assert f"wrong-derivative from downwash-lag by {found.nats:.0f} nats" in found.says
     seconds = found.inputs.t[-1]
     assert f"in {seconds:.0f} s" in found.says
-    largest = max(np.abs(f["de"] - np.median(np.concatenate([g["de"] for g in bench.flights]))).max()
-                  for f in bench.flights)  # fmt: skip
+    largest = max(np.abs(f["de"] - np.median(np.concatenate([g["de"] for g in problem.flights]))).max()
+                  for f in problem.flights)  # fmt: skip
     assert np.abs(found.inputs["de"]).max() <= 1.001 * largest  # no more than was flown
 
 
 @pytest.mark.slow
 def test_no_manoeuvre_tells_what_is_the_same(asked):
-    bench, scores = asked
+    problem, scores = asked
     one = scores["asymmetry"]
-    found = find_separation(bench, one, one)
+    found = find_separation(problem, one, one)
     assert found.inputs is None
     assert "none tells" in found.says
 
 
-def test_none_is_flown_where_a_simulation_tells_something_that_its_stand_in_does_not(asked):
-    bench, scores = asked
-    flights = tuple(replace(f, simulated={**f.simulated, "lift": f.simulated["CZ"]}) for f in bench.flights)
-    assert find_separation(replace(bench, flights=flights), scores["asymmetry"], scores["cg-shift"]) is None
+def test_none_is_simulated_where_a_simulation_tells_something_that_its_stand_in_does_not(asked):
+    problem, scores = asked
+    flights = tuple(replace(f, simulated={**f.simulated, "lift": f.simulated["CZ"]}) for f in problem.flights)
+    assert find_separation(replace(problem, flights=flights), scores["asymmetry"], scores["cg-shift"]) is None
 
 
 def test_what_is_not_tied_stays_as_it_is():

@@ -22,13 +22,13 @@ def test_the_first_line_is_the_verdict_and_names_the_effect_with_its_probability
 
 
 def test_a_finding_says_what_where_how_much_and_what_it_buys():
-    told = flat(tell(diagnosis()))
-    assert "Within one span of the ground lift grows by 0.10 +- 0.004 at touch-down" in told
-    assert "h_agl 1.5 to 5.4 m" in told
-    assert "m03 12.5-19.0 and 24.0-24.5 s" in told
-    assert "lift -0.100 +- 0.004, height 5.0 +- 0.3 m" in told
-    assert "90 % of the mismatch in CZ and CX; a free learner on all channels 93 %" in told
-    assert "configuration-change 5 %" in told
+    stated = flat(tell(diagnosis()))
+    assert "Within one span of the ground lift grows by 0.10 +- 0.004 at touch-down" in stated
+    assert "h_agl 1.5 to 5.4 m" in stated
+    assert "m03 12.5-19.0 and 24.0-24.5 s" in stated
+    assert "lift -0.100 +- 0.004, height 5.0 +- 0.3 m" in stated
+    assert "90 % of the mismatch in CZ and CX; a free learner on all channels 93 %" in stated
+    assert "configuration-change 5 %" in stated
 
 
 def test_the_three_bars_stand_side_by_side_for_each_response_it_shows_in():
@@ -37,49 +37,49 @@ def test_the_three_bars_stand_side_by_side_for_each_response_it_shows_in():
     assert ["CX", "0.310", "0.300", "0.190"] in rows
 
 
-def test_a_tie_is_told_in_the_first_line_with_what_would_separate():
-    told = flat(tell(diagnosis(GROUND, VANE)))
-    assert "ground-effect (94 %) and sensor-scale or wrong-derivative (together 93 %)" in told
+def test_a_tie_is_stated_in_the_first_line_with_what_would_separate():
+    stated = flat(tell(diagnosis(GROUND, VANE)))
+    assert "ground-effect (94 %) and sensor-scale or wrong-derivative (together 93 %)" in stated
     # 52 % and 41 % are one finding to these recordings.
-    assert "wrong-derivative would do as well (together 93 %)" in told
-    assert "A second source of flow angle" in told
-    assert "10 % is more than a vane on a boom usually has" in told
+    assert "wrong-derivative would do as well (together 93 %)" in stated
+    assert "A second source of flow angle" in stated
+    assert "10 % is more than a vane on a boom usually has" in stated
 
 
 def test_where_none_of_the_names_may_be_right_that_is_said():
-    told = flat(tell(diagnosis(replace(GROUND, ambiguous_with=("unknown",)))))
-    assert "ground-effect or something unknown (together 94 %)" in told
-    assert "something unknown would do as well" in told
+    stated = flat(tell(diagnosis(replace(GROUND, ambiguous_with=("unknown",)))))
+    assert "ground-effect or something unknown (together 94 %)" in stated
+    assert "something unknown would do as well" in stated
 
 
 def test_what_was_not_tested_is_grouped_by_what_it_needs():
-    told = flat(tell(diagnosis()))
-    assert "stall-hysteresis, static-stall (needs angle of attack above 10 deg)" in told
-    assert "engine-gyroscopic (needs channel rpm)" in told
+    stated = flat(tell(diagnosis()))
+    assert "stall-hysteresis, static-stall (needs angle of attack above 10 deg)" in stated
+    assert "engine-gyroscopic (needs channel rpm)" in stated
 
 
-def test_only_tolerances_pulled_beyond_one_sigma_are_told():
-    told = flat(tell(diagnosis()))
-    assert "CZ: alpha +2.3 sigma (+12 %)" in told
-    assert "turned" not in told
+def test_only_tolerances_deviating_beyond_one_sigma_are_stated():
+    stated = flat(tell(diagnosis()))
+    assert "CZ: alpha +2.3 sigma (+12 %)" in stated
+    assert "turned" not in stated
     assert "no tolerance beyond one sigma" in flat(tell(diagnosis(pulls=(Pull("mass", 0.4, 0.004, 0.01, "relative"),))))
 
 
 def test_a_consistent_simulation_gets_its_verdict_and_what_would_have_shown():
-    told = flat(tell(diagnosis(verdict="consistent")))
-    assert told.startswith("CONSISTENT: recordings and simulation agree within the stated tolerances.")
-    assert "1 of 2 effects would be named here at 5 %" in told
-    assert "icing from 35 %" in told
+    stated = flat(tell(diagnosis(verdict="consistent")))
+    assert stated.startswith("CONSISTENT: recordings and simulation agree within the stated tolerances.")
+    assert "1 of 2 effects would be named here at 5 %" in stated
+    assert "icing from 35 %" in stated
 
 
 def test_agreement_that_strains_a_tolerance_is_not_called_agreement_within_them():
     pulls = (Pull("thrust", -8.0, -0.24, 0.01, "relative"),)
-    told = flat(tell(diagnosis(verdict="consistent", pulls=pulls)))
-    assert told.startswith("CONSISTENT, but beyond the stated tolerances")
-    assert "only if 'thrust' is off by -8.0 of its stated standard deviations." in told
+    stated = flat(tell(diagnosis(verdict="consistent", pulls=pulls)))
+    assert stated.startswith("CONSISTENT, but beyond the stated tolerances")
+    assert "only if 'thrust' is off by -8.0 of its stated standard deviations." in stated
 
 
-def test_turbulence_is_told_beside_a_consistent_verdict_and_is_nothing_left_out():
+def test_turbulence_is_stated_beside_a_consistent_verdict_and_is_nothing_left_out():
     first = tell(diagnosis(TURBULENCE, verdict="consistent")).split("\n\n")[0]
     assert first.startswith("CONSISTENT")
     assert "There was turbulence besides." in flat(first)
@@ -117,15 +117,15 @@ def test_a_missing_model_is_explained(changes, says):
     assert bool(no_model(made)) == (made.model is None) == ("no model" in tell(made))
 
 
-def test_the_story_fits_on_a_screen_and_four_findings_with_everything_on_two():
+def test_the_text_fits_on_a_screen_and_four_findings_with_everything_on_two():
     many = {f"effect-{k}": f"something of the kind {k} that these recordings do not hold" for k in range(30)}
     far = {name: [(float(k), k + 0.5) for k in range(12)] for name in NAMES}
     bars = {c: fits(0.4, 0.3, 0.2) for c in ("CX", "CY", "CZ", "Cl", "Cm", "Cn")}
     wide = replace(VANE, axes=tuple(bars), bars=bars, intervals=far)
-    told = tell(diagnosis(wide, wide, wide, wide, not_testable=many, remarks=("a remark",) * 9)).splitlines()
-    assert len(told) <= 70
+    stated = tell(diagnosis(wide, wide, wide, wide, not_testable=many, remarks=("a remark",) * 9)).splitlines()
+    assert len(stated) <= 70
     assert len(tell(diagnosis(GROUND, VANE)).splitlines()) <= 45
-    assert max(map(len, told)) <= 80
+    assert max(map(len, stated)) <= 80
     assert len(tell(diagnosis()).splitlines()) <= 30
 
 
@@ -163,5 +163,5 @@ def test_no_probability_is_called_certain(p, text):
     assert format_probability(p) == text
 
 
-def test_str_of_a_diagnosis_is_its_story():
+def test_str_of_a_diagnosis_is_its_text():
     assert str(diagnosis()) == tell(diagnosis())

@@ -27,7 +27,7 @@ def blown(W20=9.0, **extra):
     """Flights of which neither vanes nor simulation feel the rough air, and its vertical speed."""
     simulation = model_of(TRUTH)
     truth = model_of({r: {**TRUTH[r], **dict(extra.get(r, ()))} for r in TRUTH})
-    recordings, told, gusts = [], [], []
+    recordings, stated, gusts = [], [], []
     rng = np.random.default_rng(8)
     for k, V in enumerate(SPEEDS):
         start = trim(simulation, BARE, V, 1000.0)
@@ -41,8 +41,8 @@ def blown(W20=9.0, **extra):
         exact = Recording(f"m{k}", flown.t, {**{c: flown[c] for c in read}, **still})
         noisy = {c: exact[c] + NOISE[c] * rng.standard_normal(len(exact)) for c in NOISE}
         recordings.append(exact.with_channels(**noisy))
-        told.append(simulation.evaluate(compute_coefficients(exact, BARE), outside="ignore"))
-    return ready(recordings, told, BARE), gusts
+        stated.append(simulation.evaluate(compute_coefficients(exact, BARE), outside="ignore"))
+    return ready(recordings, stated, BARE), gusts
 
 
 def alike(flights, gusts, channel, lags=40):
@@ -56,9 +56,9 @@ def alike(flights, gusts, channel, lags=40):
 def test_what_inputs_make_of_the_motion_does_not_follow_the_gusts():
     flights, gusts = blown()
     moved = driven(flights)
-    by_chance = alike(driven(blown(0.0)[0]), gusts, "alpha")
+    by_probability = alike(driven(blown(0.0)[0]), gusts, "alpha")
     assert alike(flights, gusts, "alpha") > 0.3
-    assert alike(moved, gusts, "alpha") < by_chance + 0.1
+    assert alike(moved, gusts, "alpha") < by_probability + 0.1
     for f, g in zip(flights, moved):
         assert all(np.allclose(f.difference[c], g.difference[c]) for c in f.difference)
 
@@ -70,57 +70,57 @@ EFFECTS = (
 
 
 def test_what_gusts_look_like_on_the_recorded_motion_is_not_borne_out_by_the_inputs():
-    bench, library = tried(blown()[0], *EFFECTS)
-    scores = InputDrivenMotion.of(bench.flights).bear_out(bench, score_all(bench, library))
+    problem, library = tried(blown()[0], *EFFECTS)
+    scores = InputDrivenMotion.of(problem.flights).bear_out(problem, score_all(problem, library))
     plain = {s.effect: nats(replace(s, driven=None)) for s in scores}
     assert sum(x > 200.0 for x in plain.values()) >= 5  # a simulation that is right, in air that no vane feels
     assert max(map(nats, scores)) < 10.0
     assert max(map(alone, scores)) < 10.0
     assert max(s.whole for s in scores) == 0.0  # gusts are others in each manoeuvre
-    air = unfelt(bench.flights, not_borne_out(scores))
+    air = unfelt(problem.flights, not_borne_out(scores))
     size = np.std(np.concatenate(blown()[1]))
     assert air.sigma["w"] == pytest.approx(size, rel=0.4)
     assert "No vane feels it" in air.says
 
 
 def test_what_is_there_is_found_in_rough_air_and_in_the_form_that_inputs_bear_out():
-    bench, library = tried(blown(Cl=(("da^3", -20.0),))[0], *EFFECTS)
-    best = max(InputDrivenMotion.of(bench.flights).bear_out(bench, score_all(bench, library)), key=nats)
+    problem, library = tried(blown(Cl=(("da^3", -20.0),))[0], *EFFECTS)
+    best = max(InputDrivenMotion.of(problem.flights).bear_out(problem, score_all(problem, library)), key=nats)
     assert (best.effect, best.signature.variant.about[:2]) == ("control-nonlinearity", "da")
     assert nats(best) > 15.0
 
 
 def test_calm_air_changes_nothing_of_what_is_there():
-    bench, library = tried(blown(0.0, Cl=(("da^3", -20.0),))[0], *EFFECTS)
-    plain = score_all(bench, library)
-    before, after = max(plain, key=nats), max(InputDrivenMotion.of(bench.flights).bear_out(bench, plain), key=nats)
+    problem, library = tried(blown(0.0, Cl=(("da^3", -20.0),))[0], *EFFECTS)
+    plain = score_all(problem, library)
+    before, after = max(plain, key=nats), max(InputDrivenMotion.of(problem.flights).bear_out(problem, plain), key=nats)
     assert before.effect == after.effect == "control-nonlinearity"
     assert nats(after) == pytest.approx(nats(before))
 
 
-def test_what_takes_all_that_is_beyond_the_noise_counts_where_inputs_foretell_little_of_it():
-    bench, library = tried(blown(0.0, Cl=(("da^3", -60.0),))[0], "control-nonlinearity")
-    (known,) = score_all(bench, library)
-    small = replace(known, log_evidence=4.0, predictive=np.zeros(len(bench.flights)), within=0.0)
+def test_what_takes_all_that_is_beyond_the_noise_counts_where_inputs_predict_little_of_it():
+    problem, library = tried(blown(0.0, Cl=(("da^3", -60.0),))[0], "control-nonlinearity")
+    (known,) = score_all(problem, library)
+    small = replace(known, log_evidence=4.0, predictive=np.zeros(len(problem.flights)), within=0.0)
     little = replace(known, driven=small)
     assert nats(little) == pytest.approx(6.0)
-    (sure,) = with_whole(bench, [little])
+    (sure,) = with_whole(problem, [little])
     assert sure.whole > 0.5
     assert nats(sure) == pytest.approx(sure.whole * nats(known) + (1.0 - sure.whole) * 6.0)
 
 
 def test_calm_air_is_not_called_rough():
-    bench, library = tried(blown(0.0)[0], *EFFECTS)
-    nats_lost = not_borne_out(InputDrivenMotion.of(bench.flights).bear_out(bench, score_all(bench, library)))
-    assert unfelt(bench.flights, nats_lost) is None
+    problem, library = tried(blown(0.0)[0], *EFFECTS)
+    log_bayes_lost = not_borne_out(InputDrivenMotion.of(problem.flights).bear_out(problem, score_all(problem, library)))
+    assert unfelt(problem.flights, log_bayes_lost) is None
 
 
 def test_a_motion_whose_inputs_are_not_recorded_is_not_asked():
     flights = [replace(f, recorded=f.recorded - {"da", "dr"}) for f in blown(0.0, Cl=(("da^3", -20.0),))[0]]
     once_more = InputDrivenMotion.of(flights)
     assert once_more.foretold == (True, False)
-    bench, library = tried(flights, "wrong-derivative", "unsteady-lift", "sidewash-lag")
-    scores = once_more.bear_out(bench, score_all(bench, library))
+    problem, library = tried(flights, "wrong-derivative", "unsteady-lift", "sidewash-lag")
+    scores = once_more.bear_out(problem, score_all(problem, library))
     sideways = [s for s in scores if s.signature.responses <= {"CY", "Cl", "Cn"} and max(nats(s), alone(s)) > 20.0]
     assert sideways
     assert all(s.driven is None for s in sideways)

@@ -25,7 +25,7 @@ def test_a_lag_is_found_on_its_surface_with_its_time_constant():
     assert_allclose(found.values["lag"], 0.1, rtol=0.1)
 
 
-def test_servos_that_are_all_late_are_one_effect():
+def test_servos_that_are_all_delayed_are_one_effect():
     every = dict.fromkeys(("de", "da", "dr"), Actuator(lag=0.1))
     flights = compare(fly(actuators=every, flown={control: lambda x: x for control in every}))
     found = best(flights, one_of(EFFECTS, "actuator-lag"))
@@ -36,7 +36,7 @@ def test_servos_that_are_all_late_are_one_effect():
     assert {v.about for v in one_of(EFFECTS, "actuator-lag").variants(still)} == {"elevator"}
 
 
-def test_a_pure_delay_is_told_from_a_lag():
+def test_a_pure_delay_is_stated_from_a_lag():
     flights = compare(fly(flown={"da": lambda x: np.concatenate([np.full(5, x[0]), x[:-5]])}))
     found = best(flights, one_of(EFFECTS, "actuator-lag"))
     assert (found.variant.about, *found.values) == ("aileron", "delay")
@@ -96,7 +96,7 @@ def test_a_damper_that_was_on_in_some_manoeuvres_only_is_confined_to_those():
     assert not any(v.only_in for v in hypothesis.variants(damped) if v.about == "q to elevator")
 
 
-def test_surfaces_that_never_move_cannot_be_late():
+def test_surfaces_that_never_move_cannot_be_delayed():
     flights = compare(fly(size=1e-13))
     for h in EFFECTS:
         assert "control that moves" in h.needs(flights)

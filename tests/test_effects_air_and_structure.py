@@ -67,7 +67,7 @@ def test_a_pulse_is_one_minus_cosine():
     assert_allclose(form[[149, 175, 200, 225, 251]], [0.0, 0.5, 1.0, 0.5, 0.0], atol=1e-12)
 
 
-def test_without_motion_over_the_ground_a_wind_cannot_be_told():
+def test_without_motion_over_the_ground_a_wind_cannot_be_stated():
     recordings = [Recording(r.name, r.t, {c: r[c] for c in r.names if c not in ("t", "vn", "ve", "vd")}) for r in fly()]
     assert "over the ground" in one_of(atmosphere.EFFECTS, "steady-wind").needs(compare(recordings))
 

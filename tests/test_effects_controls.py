@@ -31,26 +31,26 @@ def flights():
 
 def test_an_aileron_that_fades_is_found_with_its_loss(flights):
     assert BENT.needs(flights) == ""
-    variant, theta, share = best(flights, BENT, ["Cl"])
+    variant, theta, fraction = best(flights, BENT, ["Cl"])
     assert variant.about.startswith("da: d|d|")
-    assert share > 0.9
+    assert fraction > 0.9
     largest = max(np.abs(f["da"]).max() for f in flights)
     assert_allclose(theta["da loss"], 0.4 * largest / 0.105, rtol=0.12)
 
 
 def test_an_elevator_with_a_cubic_is_found(flights):
     cubic = next(v for v in BENT.variants(flights) if v.about == "de: d^3 in Cm only")
-    theta, share = explain(flights, cubic, ["Cm"])
-    assert share > 0.9
+    theta, fraction = explain(flights, cubic, ["Cm"])
+    assert fraction > 0.9
     largest = max(np.abs(f["de"]).max() for f in flights)
     assert_allclose(theta["de loss"], 40.0 * largest**2 / 1.92, rtol=0.12)
 
 
-def test_a_rudder_whose_cables_stretch_is_found(flights):
+def test_a_rudder_whose_cables_segment_is_found(flights):
     assert STRETCH.needs(flights) == ""
-    _, theta, share = best(flights, STRETCH, ["Cn", "CY"])
+    _, theta, fraction = best(flights, STRETCH, ["Cn", "CY"])
     assert set(theta) == {"dr loss at mean qbar"}
-    assert share > 0.6
+    assert fraction > 0.6
     plain = next(
         v
         for v in STRETCH.variants(flights)
@@ -74,11 +74,11 @@ def test_slopes_that_fall_with_dynamic_pressure_are_found_in_all_axes():
     }
     flights = flights_with(lost, speeds=(45.0, 60.0))
     assert FLEXIBLE.needs(flights) == ""
-    whole = next(v for v in FLEXIBLE.variants(flights) if v.about == "all slopes; rigid at rest")
+    complete = next(v for v in FLEXIBLE.variants(flights) if v.about == "all slopes; rigid at rest")
     mean = np.concatenate([f["qbar"] for f in flights]).mean()
     for response in ("CZ", "Cl"):
-        theta, share = explain(flights, whole, [response])
-        assert share > 0.8
+        theta, fraction = explain(flights, complete, [response])
+        assert fraction > 0.8
         assert_allclose(theta["loss at mean qbar"], 1e-4 * mean, rtol=0.12)
 
 
@@ -93,13 +93,13 @@ def test_slopes_that_fall_each_by_its_own_ratio_are_found_with_all_of_them():
     # The wing gives way otherwise than the tail; what is lost of stability may as well be won.
     shares = {("CZ", "alpha"): 1e-4, ("Cm", "alpha"): -1.5e-4, ("Cm", "de"): 2e-4, ("Cl", "da"): 1.5e-4}
     lost = {}
-    for (r, c), share in shares.items():
-        lost.setdefault(r, {})[f"qbar*{c}"] = -share * TRUTH[r][c]
+    for (r, c), fraction in shares.items():
+        lost.setdefault(r, {})[f"qbar*{c}"] = -fraction * TRUTH[r][c]
     flights = flights_with(lost, speeds=(45.0, 60.0))
     each = next(v for v in FLEXIBLE.variants(flights) if v.about == "each slope by its own; rigid at rest")
-    theta, share = explain(flights, each, ["CZ", "Cm", "Cl"])
+    theta, fraction = explain(flights, each, ["CZ", "Cm", "Cl"])
     mean = np.concatenate([f["qbar"] for f in flights]).mean()
-    assert share > 0.95
+    assert fraction > 0.95
     names = {("CZ", "alpha"): "lift slope", ("Cm", "alpha"): "stability", ("Cm", "de"): "de", ("Cl", "da"): "da"}
     for place, name in names.items():  # a share of the mean slope, which curvature has a part in
         found = theta[f"{name} loss at mean qbar"] * mean_slope(flights, *place)

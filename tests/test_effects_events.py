@@ -27,12 +27,12 @@ def without(recordings, *names):
 def test_a_flap_that_no_channel_tells_of_is_found_with_its_times():
     starts = (9.0, 11.0)
     extra = {**lift_and_drag(0.10, 0.02, "cfg"), "Cm": {"cfg": -0.03}}
-    recordings, told = fly(extra, cfg=lambda k: np.clip((T - starts[k]) / 2.5, 0.0, 1.0))
-    flights = ready(without(recordings, "cfg"), told)
+    recordings, stated = fly(extra, cfg=lambda k: np.clip((T - starts[k]) / 2.5, 0.0, 1.0))
+    flights = ready(without(recordings, "cfg"), stated)
     assert CONFIGURATION.needs(flights) == ""
     assert CONFIGURATION.event
-    variant, theta, share = best(flights, CONFIGURATION, ["CZ", "CX", "Cm"])
-    assert share > 0.9
+    variant, theta, fraction = best(flights, CONFIGURATION, ["CZ", "CX", "Cm"])
+    assert fraction > 0.9
     assert_allclose([variant.shape["time in m01"], variant.shape["time in m02"]], starts, atol=0.6)
     assert_allclose([theta["lift"], theta["drag"], theta["pitching moment"]], [0.10, 0.02, -0.03], rtol=0.12)
     check_all(flights, CONFIGURATION)
@@ -42,8 +42,8 @@ def test_a_flap_that_is_recorded_is_found_as_its_channel():
     extra = {**lift_and_drag(0.5, 0.1, "df"), "Cm": {"df": -0.1}}
     flights = flights_with(extra, df=lambda k: 0.3 * np.clip((T - 9.0 - 2.0 * k) / 3.0, 0.0, 1.0))
     assert CONFIGURATION.needs(flights) == ""
-    variant, theta, share = best(flights, CONFIGURATION, ["CZ", "CX", "Cm"])
-    assert share > 0.95
+    variant, theta, fraction = best(flights, CONFIGURATION, ["CZ", "CX", "Cm"])
+    assert fraction > 0.95
     assert variant.terms[0] == "df"
     assert_allclose([theta["lift"], theta["drag"], theta["pitching moment"]], [0.5, 0.1, -0.1], rtol=0.1)
     check_all(flights, CONFIGURATION)
@@ -51,11 +51,11 @@ def test_a_flap_that_is_recorded_is_found_as_its_channel():
 
 def test_a_change_is_an_event_only_at_moments_that_were_sought():
     moved = {"df": lambda k: 0.3 * np.clip((T - 9.0 - 2.0 * k) / 3.0, 0.0, 1.0)}
-    recordings, told = fly({**lift_and_drag(0.5, 0.1, "df"), "Cm": {"df": -0.1}}, **moved)
+    recordings, stated = fly({**lift_and_drag(0.5, 0.1, "df"), "Cm": {"df": -0.1}}, **moved)
     for seen, is_event in ((recordings, False), (without(recordings, "df"), True)):
-        (score,) = score_all(*tried(ready(seen, told), "configuration-change"))
+        (score,) = score_all(*tried(ready(seen, stated), "configuration-change"))
         assert score.event is is_event
-    flights = ready(recordings, told)
+    flights = ready(recordings, stated)
     (ice,) = score_all(*tried(flights, "icing"))
     is_event = {s.variant.about: judged_by(ice, k).event for k, s in enumerate(ice.signatures)}
     assert is_event["in m01"]
@@ -67,11 +67,11 @@ def test_a_change_is_an_event_only_at_moments_that_were_sought():
 def test_ice_that_grows_is_found_with_what_it_costs():
     extra = {"CZ": {"ice*alpha*cos(alpha)": 0.6, "ice*sin(alpha)": -0.03}}
     extra["CX"] = {"ice*alpha*sin(alpha)": -0.6, "ice*cos(alpha)": -0.03}
-    recordings, told = fly(extra, ice=lambda k: np.clip((T - 0.2 * T[-1]) / T[-1], 0.0, 1.0))
-    flights = ready(without(recordings, "ice"), told)
+    recordings, stated = fly(extra, ice=lambda k: np.clip((T - 0.2 * T[-1]) / T[-1], 0.0, 1.0))
+    flights = ready(without(recordings, "ice"), stated)
     assert ICE.needs(flights) == ""
-    variant, theta, share = best(flights, ICE, ["CZ", "CX"])
-    assert share > 0.95
+    variant, theta, fraction = best(flights, ICE, ["CZ", "CX"])
+    assert fraction > 0.95
     assert variant.about == "over each manoeuvre"
     assert_allclose(variant.shape["onset"], 0.2 * T[-1], rtol=0.01)
     # Of the stand-in's slope, 5.58 at the middle of the flights.
@@ -90,16 +90,16 @@ def test_ice_from_manoeuvre_to_manoeuvre_uses_the_clock_of_all():
 
 def test_a_load_let_go_is_found_with_its_mass_and_time():
     starts = (10.0, 12.0)
-    recordings, told = fly(
+    recordings, stated = fly(
         {**lift_and_drag(0.0, -0.006, "gone"), "Cm": {"gone": -0.02}},
         mass=lambda k: np.where(starts[k] > T, CRAFT.mass, 0.92 * CRAFT.mass),
         gone=lambda k: (starts[k] <= T).astype(float),
     )
-    flights = ready(without(recordings, "mass", "gone"), told)
+    flights = ready(without(recordings, "mass", "gone"), stated)
     assert RELEASE.needs(flights) == ""
     assert RELEASE.event
-    variant, theta, share = best(flights, RELEASE, ["CZ", "CX"])
-    assert share > 0.9
+    variant, theta, fraction = best(flights, RELEASE, ["CZ", "CX"])
+    assert fraction > 0.9
     assert_allclose([variant.shape["time in m01"], variant.shape["time in m02"]], starts, atol=0.3)
     assert_allclose(theta["mass"], 1.0 / 0.92 - 1.0, rtol=0.05)
     assert_allclose(theta["drag"], 0.006, rtol=0.2)
@@ -108,8 +108,8 @@ def test_a_load_let_go_is_found_with_its_mass_and_time():
 
 def test_sentences_name_time_and_size():
     starts = (9.0, 11.0)
-    recordings, told = fly({"CZ": {"cfg": -0.2}}, speeds=(45.0,), cfg=lambda k: (starts[k] <= T).astype(float))
-    flights = ready(without(recordings, "cfg"), told)
+    recordings, stated = fly({"CZ": {"cfg": -0.2}}, speeds=(45.0,), cfg=lambda k: (starts[k] <= T).astype(float))
+    flights = ready(without(recordings, "cfg"), stated)
     variant = CONFIGURATION.variants(flights)[0]
     assert variant.about.startswith("m01 at ")
     assert variant.about.endswith("at once")

@@ -71,7 +71,7 @@ def test_one_instrument_of_several_is_found_by_itself(effect, channel, reads, ab
     assert_allclose(next(iter(found.values.values())), value, rtol=0.05)
 
 
-def test_thrust_that_is_late_along_the_axis_alone_leaves_the_moment():
+def test_thrust_that_is_delayed_along_the_axis_alone_leaves_the_moment():
     offset = CRAFT.model_validate(CRAFT.model_dump() | {"thrust": {"offset": (1.8, 0.0, 0.3)}})
     flights = compare(fly(craft=offset), offset)
     about = {v.about for v in one_of(EFFECTS, "thrust-lag").variants(flights)}

@@ -67,7 +67,7 @@ def test_fuel_that_swings_sideways_is_found_at_its_frequency():
 
 
 @pytest.mark.parametrize("effect", ["mass-error", "cg-shift"])
-def test_what_grows_from_manoeuvre_to_manoeuvre_is_in_full_in_one_flown_later(effect):
+def test_what_grows_from_manoeuvre_to_manoeuvre_is_in_full_in_one_simulated_later(effect):
     flights = compare(fly())
     flights = [*flights, replace(flights[0], name="again")]
     growing = [v for v in one_of(EFFECTS, effect).variants(flights) if "growing from" in v.about]
@@ -78,7 +78,7 @@ def test_what_grows_from_manoeuvre_to_manoeuvre_is_in_full_in_one_flown_later(ef
         assert max(np.abs(x).max() for x in later.values()) > 0.0
 
 
-def test_inertia_cannot_be_told_where_none_is_stated():
+def test_inertia_cannot_be_stated_where_none_is_stated():
     bare = craft(inertia=None)
     flights = [replace(f, craft=bare) for f in compare(fly())]
     assert one_of(EFFECTS, "inertia-error").needs(flights) == "moments of inertia"

@@ -65,7 +65,7 @@ def stalled(tau1, tau2, onset=0.13, sharp=25.0):
     return made
 
 
-def test_a_stall_that_remembers_is_found_with_its_onset_and_the_share_of_lift():
+def test_a_stall_that_remembers_is_found_with_its_onset_and_the_fraction_of_lift():
     flights = stalled(0.5, 0.12)
     found = best(flights, one_of(EFFECTS, "stall-hysteresis"))
     assert found.explained > 0.97
@@ -89,7 +89,7 @@ def test_separation_without_memory_is_the_steady_curve():
          {"Cn per beta_dot_hat": 0.02, "CY per beta_dot_hat": -0.1}),
     ],
 )  # fmt: skip
-def test_a_wake_that_comes_late_is_found_in_force_and_moment(effect, terms, values):
+def test_a_wake_that_comes_delayed_is_found_in_force_and_moment(effect, terms, values):
     found = best(compare(fly(aerodynamics(terms))), one_of(EFFECTS, effect))
     assert found.explained > 0.93
     for name, value in values.items():
@@ -97,7 +97,7 @@ def test_a_wake_that_comes_late_is_found_in_force_and_moment(effect, terms, valu
 
 
 @pytest.mark.parametrize("axial", [1.0, 0.0])
-def test_lift_that_builds_up_is_told_by_its_kind_whatever_the_axial_force_does(axial):
+def test_lift_that_builds_up_is_stated_by_its_kind_whatever_the_axial_force_does(axial):
     # Jones's indicial lift at aspect ratio 3: each change of incidence lacks 0.283 exp(-0.540 s) of its lift.
     made = []
     for f in compare(fly()):
@@ -112,11 +112,11 @@ def test_lift_that_builds_up_is_told_by_its_kind_whatever_the_axial_force_does(a
     assert_allclose(found.values["share of the axial force"], axial, atol=0.1)
 
 
-def test_a_rotor_that_follows_all_controls_late_is_found_with_its_lag():
-    late_by = Actuator(lag=0.15)
+def test_a_rotor_that_follows_all_controls_delayed_is_found_with_its_lag():
+    delayed_by = Actuator(lag=0.15)
     flown = {c: lambda x: x for c in ("de", "da", "dr")}
     recordings = []
-    for r in fly(actuators=dict.fromkeys(flown, late_by), flown=flown):
+    for r in fly(actuators=dict.fromkeys(flown, delayed_by), flown=flown):
         channels = {c: r[c] for c in r.names if c != "t"} | {"collective": np.full(len(r), 0.1)}
         recordings.append(Recording(r.name, r.t, channels, {"collective": "rad"}))
     found = best(compare(recordings), one_of(EFFECTS, "rotor-inflow-lag"))

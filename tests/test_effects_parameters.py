@@ -34,10 +34,10 @@ def flights():
         (ACROSS, "Cn", "alpha*p_hat in Cn", -1.5),
     ],
 )
-def test_a_term_flown_but_not_simulated_is_found_with_its_value(flights, hypothesis, response, about, value):
-    variant, theta, share = best(flights, hypothesis, [response])
+def test_a_term_simulated_but_not_simulated_is_found_with_its_value(flights, hypothesis, response, about, value):
+    variant, theta, fraction = best(flights, hypothesis, [response])
     assert variant.about == about
-    assert share > 0.7
+    assert fraction > 0.7
     assert_allclose(next(iter(theta.values())), value, rtol=0.06)
 
 
@@ -71,8 +71,8 @@ def test_a_power_left_out_of_a_fitted_simulation_is_found_beside_the_refitted_li
     bend = 3.0 * (a**2 - np.polyval(np.polyfit(a, a**2, 1), a))
     fitted = [type(one)(**{**vars_of(one), "measured": {**one.measured, "CX": one.simulated["CX"] + bend}})]
     refit = next(v for v in MISSING.variants(fitted) if v.about.startswith("alpha^2 in CX, linear"))
-    _, share = explain(fitted, refit, ["CX"])
-    assert share > 0.9
+    _, fraction = explain(fitted, refit, ["CX"])
+    assert fraction > 0.9
 
 
 def vars_of(flight):
@@ -85,8 +85,8 @@ def test_any_plant_has_its_channels_tried():
     u = np.convolve(rng.standard_normal(len(t)), np.ones(50) / 50.0, "same")
     recording = Recording("tank", t, {"level": 0.5 * u + 0.8 * u**3, "pump": u})
     flights = [prepare_flight(recording, CRAFT, {"level": 0.5 * u})]
-    variant, theta, share = best(flights, MISSING, ["level"])
+    variant, theta, fraction = best(flights, MISSING, ["level"])
     assert variant.about == "pump^3 in level"
-    assert share > 0.9  # the smoother rounds the pump's corners
+    assert fraction > 0.9  # the smoother rounds the pump's corners
     assert_allclose(theta["level: pump^3"], 0.8, rtol=0.05)
     assert ACROSS.needs(flights) != ""

@@ -28,9 +28,9 @@ def rig(parts, dt, response):
         prepare_flight(
             Recording(f"m{k}", dt * np.arange(len(u)), {"u": u, response: y}, units={"u": "?", response: "?"}),
             CRAFT,
-            {response: told},
+            {response: stated},
         )
-        for k, (u, y, told) in enumerate(parts)
+        for k, (u, y, stated) in enumerate(parts)
     ]
 
 
@@ -53,9 +53,9 @@ def ranking(flights):
 def test_the_silverbox_has_a_cubic_spring():
     with gzip.open(DATA / "silverbox" / "SNLS80mV.csv.gz", "rt") as file:
         u, y = np.loadtxt(file, delimiter=",", skiprows=1, usecols=(0, 1), max_rows=66000).T
-    told = linear_fit(u, y, 20000)  # of the gentle beginning
+    stated = linear_fit(u, y, 20000)  # of the gentle beginning
     cut = [slice(30000, 34000), slice(60000, 64000)]
-    order, found = ranking(rig([(u[c], y[c], told[c]) for c in cut], 2**14 / 1e7, "y"))
+    order, found = ranking(rig([(u[c], y[c], stated[c]) for c in cut], 2**14 / 1e7, "y"))
     assert order[0] == "stiffening"
     assert "cube" in found["stiffening"].variant.about
     assert found["stiffening"].explained > 0.95
@@ -66,9 +66,9 @@ def test_the_silverbox_has_a_cubic_spring():
 def test_the_bouc_wen_joint_has_an_internal_state():
     with h5py.File(DATA / "boucwen" / "train.h5") as file:
         u, y = (np.ravel(file["multisine"][name]) for name in ("u", "y"))
-    told = linear_fit(u, y)
+    stated = linear_fit(u, y)
     cut = [slice(1000, 5000), slice(20000, 24000)]
-    order, found = ranking(rig([(u[c], y[c], told[c]) for c in cut], 1.0 / 750.0, "y"))
+    order, found = ranking(rig([(u[c], y[c], stated[c]) for c in cut], 1.0 / 750.0, "y"))
     assert order[0] == "mechanical-hysteresis"
     # The joint's own constants are not among those tried.
     assert found["mechanical-hysteresis"].explained > 0.85
@@ -76,19 +76,19 @@ def test_the_bouc_wen_joint_has_an_internal_state():
 
 
 @shared
-def test_the_motors_of_the_crazyflie_come_late():
+def test_the_motors_of_the_crazyflie_come_delayed():
     log = np.load(DATA / "crazyflie" / "log10.npz")
     t = np.arange(8.7, 38.7, 0.004)
     az = np.interp(t, log["t_s"], np.convolve(log["acc_g"][:, 2], np.ones(4) / 4.0, "same"))
     w = np.column_stack([np.interp(t, log["t_s"], x / 65535.0) for x in log["motor_pwm"].T])
     thrust = np.column_stack([w.sum(axis=1), (w**2).sum(axis=1), np.ones(len(t))])
-    told = thrust @ np.linalg.lstsq(thrust, az, rcond=None)[0]
+    stated = thrust @ np.linalg.lstsq(thrust, az, rcond=None)[0]
     cut = [slice(0, 3500), slice(3500, 7000)]
-    order, found = ranking(rig([(w[c, 0], az[c], told[c]) for c in cut], 0.004, "az"))
+    order, found = ranking(rig([(w[c, 0], az[c], stated[c]) for c in cut], 0.004, "az"))
     assert order[0] == "actuator-lag"
     # The curve was fitted without the lag, so that it is a little flat: about 0.07 s by scanning it.
-    late = found["actuator-lag"].values
-    assert_allclose(next(iter(late.values())), 0.07, atol=0.015)
+    delayed = found["actuator-lag"].values
+    assert_allclose(next(iter(delayed.values())), 0.07, atol=0.015)
 
 
 def mechanism(force, seed=3):
@@ -141,10 +141,10 @@ def test_a_force_is_found_in_what_accelerates_a_recorded_motion(effect, force, n
     for seed in (3, 4):
         t, u = pushed(seed)
         y, v = motion(t, u, force)
-        told = u - 0.6 * v - 25.0 * y
-        channels = {"u": u, "y": y, "v": v, "a": told - force(y, v)}
+        stated = u - 0.6 * v - 25.0 * y
+        channels = {"u": u, "y": y, "v": v, "a": stated - force(y, v)}
         record = Recording(f"m{seed}", t, channels, units=dict.fromkeys(channels, "?"))
-        flights.append(prepare_flight(record, CRAFT, {"a": told}))
+        flights.append(prepare_flight(record, CRAFT, {"a": stated}))
     order, found = ranking(flights)
     assert order[0] == effect
     assert found[effect].explained > 0.97
@@ -152,9 +152,9 @@ def test_a_force_is_found_in_what_accelerates_a_recorded_motion(effect, force, n
 
 
 def test_an_output_that_overflows_is_found_at_its_limit():
-    u, _, told = mechanism(None)
-    limit = 0.6 * told.max()
-    flights = rig([(u, np.minimum(told, limit), told)], 0.02, "y")
+    u, _, stated = mechanism(None)
+    limit = 0.6 * stated.max()
+    flights = rig([(u, np.minimum(stated, limit), stated)], 0.02, "y")
     found = best(flights, one_of(plants.EFFECTS, "saturation"))
     assert found.explained > 0.99
     assert_allclose(found.variant.shape["limit"], limit, rtol=1e-6)
@@ -162,8 +162,8 @@ def test_an_output_that_overflows_is_found_at_its_limit():
 
 
 def test_the_linear_plant_is_found_from_its_input_and_output():
-    u, _, told = mechanism(None)
-    plant = find_plant(rig([(u, told, told)], 0.02, "y"), "y")
+    u, _, stated = mechanism(None)
+    plant = find_plant(rig([(u, stated, stated)], 0.02, "y"), "y")
     assert plant.source == "u"
     assert_allclose(plant.stiffness, 25.0, rtol=1e-3)
     poles = np.log(np.roots(plant.a)) / 0.02
@@ -200,10 +200,10 @@ def test_a_stop_that_a_motion_runs_into_is_found_with_its_place():
 @pytest.mark.parametrize("numerator", [[1.0], [1.0, 0.0]])  # its place, and its speed, which stands still at rest
 def test_tolerances_of_a_plant_are_errors_of_its_stiffness_and_damping(name, wrong, numerator):
     t, u = pushed(3)
-    told, other = (lsim((numerator, list(a)), u, t)[1] for a in ((1.0, 0.6, 25.0), wrong))
-    flights = rig([(u, told, told)], 0.02, "y")
+    stated, other = (lsim((numerator, list(a)), u, t)[1] for a in ((1.0, 0.6, 25.0), wrong))
+    flights = rig([(u, stated, stated)], 0.02, "y")
     column = find_plant(flights, "y").errors(flights)[name][0]
-    expected = other - told  # of one in a hundred more
+    expected = other - stated  # of one in a hundred more
     assert np.corrcoef(column, expected)[0, 1] > 0.995
     assert_allclose(0.01 * column.std(), expected.std(), rtol=0.05)
 

@@ -45,21 +45,21 @@ def test_a_thrust_line_elsewhere_is_found_with_its_place(effect, thrust, name, v
     assert_allclose(found.values[name], value, rtol=0.03)
 
 
-def test_more_thrust_than_stated_is_found_as_a_share():
+def test_more_thrust_than_stated_is_found_as_a_fraction():
     found = best(compare(fly(flown={"thrust": lambda T: 1.1 * T})), one_of(EFFECTS, "thrust-scale"))
     assert found.variant.about == "all of it"
     assert found.explained > 0.98
     assert_allclose(found.values["share"], 0.1, rtol=0.02)
 
 
-def test_thrust_that_comes_late_is_found_with_its_lag():
+def test_thrust_that_comes_delayed_is_found_with_its_lag():
     flights = compare(fly(actuators={"thrust": Actuator(lag=1.0)}, flown={"thrust": lambda T: T}))
     found = best(flights, one_of(EFFECTS, "thrust-lag"))
     assert found.explained > 0.98
     assert_allclose(found.values["lag"], 1.0, rtol=0.15)
 
 
-def test_the_force_across_the_shaft_and_the_p_factor_are_told_apart():
+def test_the_force_across_the_shaft_and_the_p_factor_are_stated_apart():
     found = named(compare(fly(aerodynamics(ACROSS))), "propeller-normal-force", "force across the shaft")
     assert found.explained > 0.97
     assert_allclose([found.values["force per CT"], found.values["moment per CT"]], [1.0, 2.0], rtol=0.05)

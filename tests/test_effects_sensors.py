@@ -70,7 +70,7 @@ def test_turned_accelerometers_are_found_about_their_axis():
     assert_allclose(found.values["about y"], angle, rtol=0.03)
 
 
-def test_errors_of_a_reading_add_up_as_the_whole_chain_says():
+def test_errors_of_a_reading_add_up_as_the_complete_chain_says():
     # An error that varies in time, by level and rate, against the chain gone through with and without it.
     flight = compare(fly())[0]
     error = 1e-4 * np.sin(1.7 * flight.t)
@@ -78,16 +78,16 @@ def test_errors_of_a_reading_add_up_as_the_whole_chain_says():
     felt = {**expected, **{c: flight.channels[c] for c in ("ax", "ay", "az")}}
     for channel in ("V", "alpha", "p", "ax", "theta"):
         off = {channel: error} | ({"p_dot": flight.rate(error)} if channel == "p" else {})
-        told = misread(flight, **{channel: error})
+        stated = misread(flight, **{channel: error})
         for response in flight.responses:
             # Coefficients by the forces that the simulation expects, kinematics by those that were felt.
             clean = expected if response in flight.simulated else felt
             sides = [{**clean, **{c: clean[c] + part * e for c, e in off.items()}} for part in (0.5, -0.5)]
             high, low = (respond(ch, CRAFT, flight.dt, (response,))[response] for ch in sides)
-            whole = high - low
+            complete = high - low
             if response in flight.simulated:
-                whole = whole - flight.slope(response, channel) * error
-            assert_allclose(told.get(response, 0.0 * error), whole, atol=1e-3 * np.abs(whole).max() + 1e-12)
+                complete = complete - flight.slope(response, channel) * error
+            assert_allclose(stated.get(response, 0.0 * error), complete, atol=1e-3 * np.abs(complete).max() + 1e-12)
 
 
 def test_an_accelerometer_is_scaled_by_what_it_should_have_read():

@@ -39,10 +39,10 @@ def test_a_wing_that_separates_is_found_at_its_angle():
     }
     flights = flights_with(extra, inputs=pull, definitions=definitions)
     assert STALL.needs(flights) == ""
-    variant, theta, share = best(flights, STALL, ["CZ", "CX", "Cm"])
+    variant, theta, fraction = best(flights, STALL, ["CZ", "CX", "Cm"])
     assert variant.about == "separation"
     assert_allclose(variant.shape["stall angle"], 0.19, atol=0.015)
-    assert share > 0.95
+    assert fraction > 0.95
     assert_allclose([theta["drag"], theta["pitching moment"]], [0.06, -0.05], rtol=0.1)
     assert_allclose(theta["lift loss"], 0.8, rtol=0.1)
     check_all(flights, STALL)
@@ -50,23 +50,23 @@ def test_a_wing_that_separates_is_found_at_its_angle():
 
 def test_a_kink_of_one_coefficient_needs_no_other():
     flights = flights_with({"Cm": {"abs(alpha - 0.15)": -0.3, "alpha": -0.6028 - 0.3}}, speeds=(42.0, 46.0))
-    _, theta, share = best(flights, STALL, ["Cm"])
-    assert share > 0.9
+    _, theta, fraction = best(flights, STALL, ["Cm"])
+    assert fraction > 0.9
     # abs(x) + x = 2 max(x, 0)
     kinks = [explain(flights, v, ["Cm"]) for v in STALL.variants(flights) if v.about == "a kink in Cm only"]
-    theta, share = max(kinks, key=lambda one: one[1])
-    assert share > 0.9
+    theta, fraction = max(kinks, key=lambda one: one[1])
+    assert fraction > 0.9
     assert_allclose(theta["Cm kink"], -0.6, rtol=0.15)
 
 
 def test_ground_effect_is_found_with_its_decay():
     extra = {"CZ": {"near*alpha": -0.8}, "Cm": {"near": -0.02}}
-    recordings, told = fly(extra, definitions={"near": "exp(-3*(h - 984)/14.63)"}, h=(995.0, 993.0))
-    flights = ready([r.with_channels(h_agl=r["h"] - 984.0) for r in recordings], told)
+    recordings, stated = fly(extra, definitions={"near": "exp(-3*(h - 984)/14.63)"}, h=(995.0, 993.0))
+    flights = ready([r.with_channels(h_agl=r["h"] - 984.0) for r in recordings], stated)
     assert GROUND.needs(flights) == ""
     near = next(v for v in GROUND.variants(flights) if v.shape.get("decay") == 3.0 and "with lift" in v.about)
-    theta, share = explain(flights, near, ["CZ"])
-    assert share > 0.6
+    theta, fraction = explain(flights, near, ["CZ"])
+    assert fraction > 0.6
     # CL is nearly 5.6 alpha here, so 0.8 alpha is a seventh of it.
     assert_allclose(theta["lift"], 0.8 / 5.6, rtol=0.1)
     theta, _ = explain(flights, near, ["Cm"])
@@ -83,8 +83,8 @@ def test_drag_due_to_lift_is_found(term, value, found):
     base = 5.459 if term == "alpha^2" else 0.0
     flights = flights_with({"CX": {term: base + value}}, inputs=pull)
     wanted = [v for v in POLAR.variants(flights) if v.about == ("alpha^2" if base else "CL^2")]
-    theta, share = explain(flights, wanted[0], ["CX"])
-    assert share > 0.97
+    theta, fraction = explain(flights, wanted[0], ["CX"])
+    assert fraction > 0.97
     assert_allclose(theta["drag"], found, rtol=0.06)
     check_all(flights, POLAR)
 
@@ -98,24 +98,25 @@ def test_slopes_that_grow_with_mach_are_found():
         extra, definitions={"glauert": "1/sqrt(1 - mach^2) - 1"}, speeds=(90.0, 130.0), h=(3000.0, 7000.0), inputs=small
     )
     assert MACH.needs(flights) == ""
-    whole = next(v for v in MACH.variants(flights) if v.about == "all slopes; right at rest")
+    complete = next(v for v in MACH.variants(flights) if v.about == "all slopes; right at rest")
     for response in ("CZ", "Cm"):
-        theta, share = explain(flights, whole, [response])
+        theta, fraction = explain(flights, complete, [response])
         # A slope of the stand-in is that of the curved lift at the middle of the flight, and it has q and de besides.
         assert_allclose(theta["slope growth"], 1.0, rtol=0.15)
-        assert share > 0.3
+        assert fraction > 0.3
     check_all(flights, MACH)
 
 
 def test_controls_that_lose_effect_with_mach_each_by_its_own_ratio_are_found_together():
     shares, mean = {("Cm", "de"): -0.6, ("Cl", "da"): -1.0}, 0.345
     extra = {
-        r: {f"mach*{c}": share * TRUTH[r][c], c: (1.0 - mean * share) * TRUTH[r][c]} for (r, c), share in shares.items()
+        r: {f"mach*{c}": fraction * TRUTH[r][c], c: (1.0 - mean * fraction) * TRUTH[r][c]}
+        for (r, c), fraction in shares.items()
     }
     flights = flights_with(extra, speeds=(90.0, 130.0), h=(3000.0, 7000.0), inputs=small)
     each = next(v for v in MACH.variants(flights) if v.about.startswith("each slope by its own, in proportion to Mach"))
-    theta, share = explain(flights, each, ["Cm", "Cl"])
-    assert share > 0.9
+    theta, fraction = explain(flights, each, ["Cm", "Cl"])
+    assert fraction > 0.9
     for place, ratio in shares.items():  # of the mean slope
         found = theta[f"{place[1]} growth"] * mean_slope(flights, *place)
         assert_allclose(found, ratio * TRUTH[place[0]][place[1]], rtol=0.1)
@@ -139,8 +140,8 @@ def test_drag_that_falls_with_reynolds_number_is_found():
     flights = flights_with({"CX": {"log(rho*V)": 0.03}}, speeds=(45.0, 52.0), h=(500.0, 1500.0), inputs=pull)
     assert REYNOLDS.needs(flights) == ""
     drag = next(v for v in REYNOLDS.variants(flights) if v.about == "drag")
-    theta, share = explain(flights, drag, ["CX"])
-    assert share > 0.8
+    theta, fraction = explain(flights, drag, ["CX"])
+    assert fraction > 0.8
     assert_allclose(theta["drag per ln Re"], -0.03, rtol=0.1)
     check_all(flights, REYNOLDS)
 

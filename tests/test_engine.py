@@ -139,7 +139,7 @@ def test_lags_do_not_cross_from_one_manoeuvre_to_the_next():
     assert_allclose(found.covariance, by_hand.cov_params(), rtol=1e-8)
 
 
-def test_selection_on_whitened_residuals_settles_on_the_truth_where_the_white_rule_keeps_false_terms():
+def test_selection_on_whitened_residuals_converges_on_the_truth_where_the_white_rule_keeps_false_terms():
     # 10 flights with lag-one correlation 0.92. Each false term enters with a chance of at most 0.1 % x 11 terms
     # at F = 12, so all ten are exact with a chance of about 99 %; the white rule is never exact here.
     exact = classical = 0
@@ -152,7 +152,7 @@ def test_selection_on_whitened_residuals_settles_on_the_truth_where_the_white_ru
     assert classical <= 2
 
 
-def test_the_settled_structure_is_what_its_own_residuals_colour_selects():
+def test_the_converged_structure_is_what_its_own_residuals_colour_selects():
     # Whitening by hand with the colour found and selecting as if white gives the same terms again.
     flights = [flight(7, 2000, rho=0.9), flight(8, 1500, rho=0.8)]
     (found,) = run(flights, F_in=12.0)
@@ -167,7 +167,7 @@ def test_the_settled_structure_is_what_its_own_residuals_colour_selects():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_rivals_are_the_exchanges_brute_force_finds(seed):
+def test_alternatives_are_the_exchanges_brute_force_finds(seed):
     # Nearly constant fourth signal: products with it can stand in for others.
     one = flight(seed, 600, noise=0.4)
     base = one.base_signals.copy()
@@ -216,7 +216,7 @@ def test_the_coloured_fit_equals_statsmodels_glsar_with_the_same_autoregression(
     assert_allclose(found.covariance, gls.cov_params(), rtol=1e-8)
 
 
-def test_the_bootstrap_is_a_share_repeats_with_its_seed_and_holds_strong_terms():
+def test_the_bootstrap_is_a_fraction_repeats_with_its_seed_and_holds_strong_terms():
     flights = [flight(k, rho=0.8) for k in range(3)]
     (first,), (again,), (other,) = (run(flights, bootstrap=60, seed=s) for s in (5, 5, 6))
     inclusion = first.bootstrap.inclusion

@@ -125,7 +125,7 @@ def test_a_pipeline_of_polynomial_features_finds_the_terms_of_a_nonlinear_model(
     assert pipe.score(X, y) == pytest.approx(1 - 0.05**2 / y.var(), abs=1e-3)
 
 
-def test_a_grid_search_over_whole_manoeuvres_stops_at_the_true_number_of_terms():
+def test_a_grid_search_over_complete_manoeuvres_stops_at_the_true_number_of_terms():
     X, y = problem(2, noise=0.05)
     manoeuvre = np.repeat(range(6), 100)
     search = GridSearchCV(BestSubsetRegressor(), {"max_terms": [1, 2, 3]}, cv=GroupKFold(3))

@@ -55,11 +55,11 @@ def test_each_term_does_what_refitting_with_it_does(term):
     found = try_additions(MODEL, FLOWN, "Cm", POOL)
     terms = ["alpha", "de", term]
     fit = sm.OLS(response(FLOWN), columns(FLOWN, terms)).fit()
-    r2, share, ahead = found[term]
+    r2, fraction, ahead = found[term]
     assert_allclose(r2, fit.rsquared, rtol=1e-10)
     assert_allclose(ahead, held_out(FLOWN, terms), rtol=1e-9)
     tss = np.sum((response(FLOWN) - response(FLOWN).mean()) ** 2)
-    assert_allclose(share, pse(fit.ssr, tss, 1200, 3) / (tss / 1200), rtol=1e-10)
+    assert_allclose(fraction, pse(fit.ssr, tss, 1200, 3) / (tss / 1200), rtol=1e-10)
     order = list(map(str, Candidates.parse(terms)))
     i = [str(t) for t in found.terms].index(term)
     assert_allclose(found.values[i], fit.params[1 + order.index(term)], rtol=1e-8)
@@ -80,7 +80,7 @@ def test_the_term_left_out_comes_first_for_each_response():
     assert str(try_additions(MODEL, FLOWN, "CZ", POOL).terms[0]) == "de^2"
 
 
-def test_one_recording_is_held_out_stretch_by_stretch():
+def test_one_recording_is_held_out_segment_by_segment():
     long = manoeuvre(0, 800)
     parts = [Recording(str(k), long.t[s], {c: long[c][s] for c in ("alpha", "de", "Cm")})
              for k, s in enumerate(np.split(np.arange(800), 8))]  # fmt: skip
@@ -100,7 +100,7 @@ def test_terms_of_the_model_and_what_they_explain_are_passed_over():
         try_additions(MODEL, FLOWN, "Cm", Candidates(["alpha*V", "V"]))
 
 
-def test_a_term_that_one_recording_alone_moves_foretells_nothing_of_that_recording():
+def test_a_term_that_one_recording_alone_moves_predicts_nothing_of_that_recording():
     # In the other three it stands at zero, so that no value can be got from them: the fourth is foretold without it.
     flown = [r.with_channels(df=0.0) for r in FLOWN[:3]] + [FLOWN[3].with_channels(df=FLOWN[3]["Cm"])]
     found = try_additions(MODEL, flown, "Cm", Candidates(["df"]))

@@ -222,7 +222,7 @@ def load(path):
     return fdm
 
 
-def settle(fdm, state, thrust=1500.0):
+def converge(fdm, state, thrust=1500.0):
     """Put JSBSim into a state, without any of our own code, and read back what it holds there in our units."""
     for name, value in {
         "ic/vt-fps": state["V"] / 0.3048, "ic/alpha-rad": state["alpha"], "ic/beta-rad": state["beta"],
@@ -246,7 +246,7 @@ def settle(fdm, state, thrust=1500.0):
 def assert_agrees(fdm, model, states, **more):
     seen = []
     for i in range(len(states["V"])):
-        channels = {**settle(fdm, {name: values[i] for name, values in states.items()}), **more}
+        channels = {**converge(fdm, {name: values[i] for name, values in states.items()}), **more}
         alone = {name: np.array([value]) for name, value in channels.items()}
         for name, expected in model.evaluate(alone).items():
             parts = [abs(v * t.evaluate(alone)[0]) for t, v in zip(model[name].terms, model[name].values)]
@@ -309,7 +309,7 @@ def test_wind_axes_are_turned_into_body_axes(tmp_path):
     fdm = load(export_model(model, tmp_path / "wind.xml", aircraft=CRAFT, definitions={"q_ratio": "q*1.2/V"}))
     for i in range(10):
         state = {name: values[i] for name, values in random_states(10).items()}
-        channels = settle(fdm, state)
+        channels = converge(fdm, state)
         channels["q_ratio"] = channels["q"] * 1.2 / channels["V"]
         made = {n: v[0] for n, v in model.evaluate({c: np.array([x]) for c, x in channels.items()}).items()}
         body = forces(fdm)
@@ -328,17 +328,17 @@ def test_the_beaver_flies_with_its_slipstream_and_an_engine_s_readings_from_outs
     )
     fdm = load(path)
     fdm["aero/input/manifold_pressure"], fdm["aero/input/rpm"] = 20.0, 1800.0
-    settled = settle(fdm, {"V": 45.0, "alpha": 0.1, "beta": 0.02, "p_hat": 0.1, "q_hat": 0.05, "r_hat": -0.1,
+    converged = converge(fdm, {"V": 45.0, "alpha": 0.1, "beta": 0.02, "p_hat": 0.1, "q_hat": 0.05, "r_hat": -0.1,
                            "de": -0.05, "da": 0.02, "dr": 0.01})  # fmt: skip
     # Tjee and Mulder (1988) by hand, kW:
     # 0.7355 (-326.5 + 0.00412 (20 + 7.4) (1800 + 2010) + (408 - 0.0965 1800) (1 - rho/1.225)).
-    power = 0.7355 * (-326.5 + 0.00412 * 27.4 * 3810.0 + (408.0 - 173.7) * (1.0 - settled["rho"] / 1.225))
+    power = 0.7355 * (-326.5 + 0.00412 * 27.4 * 3810.0 + (408.0 - 173.7) * (1.0 - converged["rho"] / 1.225))
     assert fdm["aero/function/power"] == pytest.approx(power, rel=1e-12)
     for name in ("p", "q", "r", "alpha_dot", "beta_dot"):
         length = 1.5875 if name in ("q", "alpha_dot") else 14.63
-        settled[f"{name}_hat"] = settled[name] * length / (2.0 * settled["V"])
-    settled["dpt"] = 0.08696 + 191.18 * power / (0.5 * settled["rho"] * settled["V"] ** 3)
-    for name, expected in craft.model.evaluate({c: np.array([x]) for c, x in settled.items()}).items():
+        converged[f"{name}_hat"] = converged[name] * length / (2.0 * converged["V"])
+    converged["dpt"] = 0.08696 + 191.18 * power / (0.5 * converged["rho"] * converged["V"] ** 3)
+    for name, expected in craft.model.evaluate({c: np.array([x]) for c, x in converged.items()}).items():
         assert fdm[f"aero/coefficient/{name}"] == pytest.approx(expected[0], abs=1e-9)
 
 
@@ -346,7 +346,7 @@ def test_names_that_jsbsim_does_not_take_are_written_otherwise(tmp_path):
     defined = {"Δ": "2*alpha", "Ω": "3*beta"}
     model = model_of({"Cm": ("Δ", "Δ*Ω")})
     fdm = load(export_model(model, tmp_path / "greek.xml", aircraft=CRAFT, definitions=defined))
-    seen = settle(fdm, {name: values[0] for name, values in random_states(1).items()})
+    seen = converge(fdm, {name: values[0] for name, values in random_states(1).items()})
     expected = model.evaluate({"Δ": np.array([2.0 * seen["alpha"]]), "Ω": np.array([3.0 * seen["beta"]])})
     assert fdm["aero/coefficient/Cm"] == pytest.approx(expected["Cm"][0], abs=1e-12)
 
@@ -365,7 +365,7 @@ def forces_are_zero(fdm):
 def test_the_stick_to_the_right_rolls_right(tmp_path):
     # Positive da rolls left: a negative Cl by da, and JSBSim's left aileron goes down to roll right.
     fdm = load(export_model(AeroModel({"Cl": ResponseModel(("da",), [-0.1])}), tmp_path / "roll.xml", aircraft=CRAFT))
-    settle(fdm, {"V": 50.0, "alpha": 0.0, "beta": 0.0, "p_hat": 0.0, "q_hat": 0.0, "r_hat": 0.0, "de": 0.0,
+    converge(fdm, {"V": 50.0, "alpha": 0.0, "beta": 0.0, "p_hat": 0.0, "q_hat": 0.0, "r_hat": 0.0, "de": 0.0,
                  "da": -0.1, "dr": 0.0})  # fmt: skip
     assert fdm["fcs/left-aileron-pos-rad"] > 0.0
     assert fdm["moments/l-aero-lbsft"] > 0.0

@@ -60,7 +60,7 @@ def test_dimensionless_channels_and_definitions_are_worked_out_from_the_state():
     assert_allclose(got[:, 3], (0.1 + 3 * channels["power"] / V**3) ** 2, rtol=1e-14)
 
 
-def test_terms_that_share_a_factor_share_its_work():
+def test_terms_that_fraction_a_factor_fraction_its_work():
     maker = ProgramMaker(2)
     square = maker.emit("multiply", 0, 0)
     assert maker.emit("multiply", 0, 0) == square

@@ -117,7 +117,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step(trimmed):
     assert_allclose(np.median(np.log2(first / second)), 4.0, atol=0.3)
 
 
-def test_the_demonstration_flight_is_flown_again_from_its_own_surfaces(trimmed):
+def test_the_demonstration_flight_is_simulated_again_from_its_own_surfaces(trimmed):
     flown = integrate([0], 1, 15.0, 0.0, demo_aircraft(), steps_at="sample")[0]
     assert_allclose(trimmed.state, flown.states[0, :12], atol=1e-9)
     surfaces = dict(zip(("de", "da", "dr"), flown.states[:, 12:].T))
@@ -339,7 +339,7 @@ def test_a_lag_answers_a_held_step_with_the_exponential():
     assert_allclose(got, 0.2 * (1.0 - np.exp(-after / 0.15)), atol=1e-12)
 
 
-def test_a_lag_follows_a_ramp_late_by_its_time_constant():
+def test_a_lag_follows_a_ramp_delayed_by_its_time_constant():
     got = actuate(CLOCK, 0.1 * CLOCK, lag=0.1)
     assert_allclose(got, 0.1 * (CLOCK - 0.1 * (1.0 - np.exp(-CLOCK / 0.1))), atol=1e-5)
 

@@ -77,7 +77,7 @@ def test_upwash_sidewash_offsets_and_scale_enter_as_in_the_equations(scene):
     assert_allclose(full, expected, rtol=1e-11, atol=1e-12)
 
 
-def test_a_flank_angle_vane_reads_the_angle_in_its_own_plane(scene):
+def test_a_flank_angle_vane_reads_the_angle_in_its_own_aircraft(scene):
     path, inputs, place = scene
     bare = path.copy()
     bare[:, 18:] = 0.0
@@ -99,7 +99,7 @@ def test_height_position_and_ground_velocity_are_those_of_port_and_antenna(scene
     assert_allclose(got[:, 3:6], path[:, 3:6], rtol=0)
 
 
-def test_a_flown_path_is_the_integral_that_scipy_finds():
+def test_a_simulated_path_is_the_integral_that_scipy_finds():
     # Inputs linear between samples on both sides; Runge-Kutta at 20 ms leaves 1e-7 of these motions.
     t = np.cumsum(np.random.default_rng(2).uniform(0.01, 0.03, 60))
     inputs = np.zeros((60, 9))

@@ -210,12 +210,12 @@ def test_the_current_folder_can_be_written_to(select, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["x" * 9000, "x " * 4500], ids=["word", "line"])
-def test_a_name_of_thousands_of_characters_is_not_printed_whole(name):
-    told = str(DataError(f"'r.csv' has no channel 't'.\nIt has: {name}.\nName the column."))
-    assert told.startswith("'r.csv' has no channel 't'.\nIt has: x")
-    assert told.endswith(".\nName the column.")
-    assert re.search(r"\(900\d characters\)", told)
-    assert len(told) < 500
+def test_a_name_of_thousands_of_characters_is_not_printed_complete(name):
+    stated = str(DataError(f"'r.csv' has no channel 't'.\nIt has: {name}.\nName the column."))
+    assert stated.startswith("'r.csv' has no channel 't'.\nIt has: x")
+    assert stated.endswith(".\nName the column.")
+    assert re.search(r"\(900\d characters\)", stated)
+    assert len(stated) < 500
 
 
 # --- two runs at once ------------------------------------------------------------------------------
@@ -291,10 +291,10 @@ def test_ctrl_c_ends_a_command_with_130_and_words(select):
     )  # fmt: skip
     assert program.stdout.readline() == "working\n"
     program.send_signal(signal.SIGINT)
-    _, told = program.communicate(timeout=20)
+    _, stated = program.communicate(timeout=20)
     assert program.returncode == 130
-    assert told.startswith("error: stopped by Ctrl-C. No file is half written")
-    assert "Traceback" not in told
+    assert stated.startswith("error: stopped by Ctrl-C. No file is half written")
+    assert "Traceback" not in stated
     assert content(select[-1]) == before
 
 

@@ -49,7 +49,7 @@ def clean():
     return [prepare_flight(r, craft, one) for r, one in zip(recordings, exact)]
 
 
-def told(flight, *, only=COEFFICIENTS, **more):
+def stated(flight, *, only=COEFFICIENTS, **more):
     """Exact coefficients in perfect air first, then with something added."""
     exact = {c: flight.simulated[c] for c in only} | {k: np.zeros(len(flight)) for k in AIR}
     return PredictedCoefficients(
@@ -67,8 +67,8 @@ def ramp(rate, seconds, dt):
     return rate * np.sqrt(np.mean(t**2))
 
 
-def test_exact_coefficients_fly_what_was_flown(clean):
-    found = rows(simulate_stages([told(f) for f in clean], 2.0))
+def test_exact_coefficients_fly_what_was_simulated(clean):
+    found = rows(simulate_stages([stated(f) for f in clean], 2.0))
     assert list(found) == ["V", "alpha", "beta", "p", "q", "r", "phi", "theta"]
     for channel, row in found.items():
         moved = max(np.ptp(f.raw[channel]) for f in clean)
@@ -80,7 +80,7 @@ def test_exact_coefficients_fly_what_was_flown(clean):
 def test_a_wrong_moment_drifts_as_mechanics_says(clean):
     f = clean[0]
     off = 2e-3
-    found = rows(simulate_stages([told(f, Cm=off)], 1.0))
+    found = rows(simulate_stages([stated(f, Cm=off)], 1.0))
     rate = float(np.mean(f["qbar"])) * f.craft.S * f.craft.cbar * off / f.craft.inertia.Iy
     assert_allclose(found["q"].stages["delivered"].rms, ramp(rate, 1.0, f.dt), rtol=0.03)
     # An angle that grows with t^2 / 2.
@@ -92,14 +92,14 @@ def test_a_wrong_moment_drifts_as_mechanics_says(clean):
 
 def test_a_wrong_drag_slows_down_as_mechanics_says(clean):
     f = clean[0]
-    found = rows(simulate_stages([told(f, CX=-0.01)], 2.0))
+    found = rows(simulate_stages([stated(f, CX=-0.01)], 2.0))
     rate = 0.01 * float(np.mean(f["qbar"])) * f.craft.S / f.craft.mass
     assert_allclose(found["V"].stages["delivered"].rms, ramp(rate, 2.0, f.dt), rtol=0.05)
 
 
 def test_a_rate_that_readings_have_by_themselves_moves_the_reading(clean):
     f = clean[0]
-    found = rows(simulate_stages([told(f, k_theta=0.01, k_V=0.1)], 1.0))
+    found = rows(simulate_stages([stated(f, k_theta=0.01, k_V=0.1)], 1.0))
     assert_allclose(found["theta"].stages["delivered"].rms, ramp(0.01, 1.0, f.dt), rtol=0.03)
     # Gravity along the axis takes off what the false pitch brings.
     assert_allclose(found["V"].stages["delivered"].rms, ramp(0.1, 1.0, f.dt), rtol=0.6)
@@ -112,7 +112,7 @@ def test_damping_of_the_simulation_holds_the_drift_back(clean):
     stand_in = Surrogate({"q_hat": 0.0}, {"q_hat": 1.0}, {"Cm": (("q_hat",),)}, {"Cm": np.array([damping])},
                          {"Cm": 0.0}, {"Cm": 1.0})  # fmt: skip
     held = replace(f, surrogate=stand_in)
-    found = rows(simulate_stages([told(held, Cm=off)], 3.0))
+    found = rows(simulate_stages([stated(held, Cm=off)], 3.0))
     moment = float(np.mean(f["qbar"])) * f.craft.S * f.craft.cbar / f.craft.inertia.Iy
     a = -damping * moment * f.craft.cbar / (2.0 * float(np.mean(f["V"])))
     t = f.dt * np.arange(1, round(3.0 / f.dt) + 1)
@@ -145,18 +145,18 @@ def test_windows_agree_with_a_simulator_that_flies_the_wrong_model_itself():
 
 
 def test_responses_that_the_simulation_does_not_tell_are_taken_as_measured(clean):
-    found = rows(simulate_stages([told(f, only=("CX", "CZ", "Cm")) for f in clean], 2.0))
+    found = rows(simulate_stages([stated(f, only=("CX", "CZ", "Cm")) for f in clean], 2.0))
     assert list(found) == ["V", "alpha", "q", "theta"]
-    whole = rows(simulate_stages([told(f) for f in clean], 2.0))
+    complete = rows(simulate_stages([stated(f) for f in clean], 2.0))
     for channel, row in found.items():
         assert row.stages["refitted"].rms < 0.005 * max(np.ptp(f.raw[channel]) for f in clean)
-        assert_allclose(row.band, whole[channel].band)
+        assert_allclose(row.band, complete[channel].band)
 
 
 def test_forces_alone_fly_an_aircraft_without_moments_of_inertia(clean):
     craft = clean[0].craft.model_copy(update={"inertia": None})
     bare = [replace(f, craft=craft, surrogate=None) for f in clean]
-    found = rows(simulate_stages([told(f, only=("CX", "CY", "CZ"), CX=-0.01) for f in bare], 2.0))
+    found = rows(simulate_stages([stated(f, only=("CX", "CY", "CZ"), CX=-0.01) for f in bare], 2.0))
     assert list(found) == ["V", "alpha", "beta"]
     assert found["alpha"].stages["refitted"].rms < 0.005 * max(np.ptp(f.raw["alpha"]) for f in clean)
     assert window_length(bare) == 2.0
@@ -170,11 +170,11 @@ def test_without_coefficients_nothing_flies_and_it_says_so():
     assert str(found) == f"not flown in windows: {found.reason}"
 
 
-def test_a_motion_that_explodes_is_told_and_not_scored(clean):
+def test_a_motion_that_explodes_is_stated_and_not_scored(clean):
     f = clean[0]
     wild = Surrogate({"q_hat": 0.0}, {"q_hat": 1.0}, {"Cm": (("q_hat",),)}, {"Cm": np.array([1e6])},
                      {"Cm": 0.0}, {"Cm": 1.0})  # fmt: skip
-    found = simulate_stages([told(replace(f, surrogate=wild), Cm=0.1)], 3.0)
+    found = simulate_stages([stated(replace(f, surrogate=wild), Cm=0.1)], 3.0)
     assert found.rows == ()
     assert found.reason
 
@@ -209,7 +209,7 @@ def ground():
 
 
 @needs_examples
-def test_with_the_physics_flights_not_used_for_it_are_flown_nearer(ground):
+def test_with_the_physics_flights_not_used_for_it_are_simulated_nearer(ground):
     found = rows(simulate_held_out(ground))
     theta = found["theta"].stages
     assert theta["physics"].rms < 0.6 * min(theta["delivered"].rms, theta["refitted"].rms)
@@ -232,14 +232,14 @@ def test_what_flies_is_what_the_bars_judge(ground):
 
 
 @needs_examples
-def test_levels_are_as_measured_and_all_else_is_as_told(ground):
+def test_levels_are_as_measured_and_all_else_is_as_stated(ground):
     for one in predictions_by_stage(ground):
         f = one.flight
         for c in COEFFICIENTS:
             moved = one.stages["delivered"][c] - f.simulated[c]
             assert np.ptp(moved) < 1e-12
-            for told in one.stages.values():
-                assert abs(spectrum(f.measured[c] - told[c], 8, edge_of(f))[0]) < 1e-9
+            for stated in one.stages.values():
+                assert abs(spectrum(f.measured[c] - stated[c], 8, edge_of(f))[0]) < 1e-9
 
 
 @needs_examples
@@ -265,7 +265,7 @@ def test_where_nothing_was_taken_in_there_are_two_stages(ground):
 
 
 @needs_examples
-def test_only_flights_held_out_are_flown(ground):
+def test_only_flights_held_out_are_simulated(ground):
     groups = [(1, 3)]
     bench = Bench.set_up(ground.bench.flights, (), groups)
     flown = list(predictions_by_stage(replace(ground, start=bench, steps=())))
@@ -273,7 +273,7 @@ def test_only_flights_held_out_are_flown(ground):
 
 
 @needs_examples
-def test_the_stretch_drawn_is_that_of_the_channel_that_gained_most(ground):
+def test_the_segment_drawn_is_that_of_the_channel_that_gained_most(ground):
     found = simulate_held_out(ground)
     drawn = found.stretch
     assert drawn.channel == found.gained.channel
@@ -295,7 +295,7 @@ def test_the_page_shows_the_table_and_the_windows(ground):
     assert "theta of m0" in page or "alpha of m0" in page
 
 
-def test_the_page_says_why_nothing_was_flown_and_leaves_out_what_was_not_asked():
+def test_the_page_says_why_nothing_was_simulated_and_leaves_out_what_was_not_asked():
     assert "Flown again" not in render(diagnosis(GROUND))
     assert "Not done: no inertia." in render(diagnosis(GROUND, replayed=HeldOutSimulation(reason="no inertia")))
 

@@ -52,7 +52,7 @@ def test_flying_at_other_speeds_as_advised_separates_them(true):
     assert {str(t) for t in after.terms} == {true, "de", "q_hat"}
 
 
-def test_pitch_rate_and_rate_of_incidence_that_move_together_are_aliases():
+def test_pitch_rate_and_rate_of_angle_of_attack_that_move_together_are_aliases():
     # In level flight without plunging, incidence turns as fast as the nose does.
     near = {"alpha_dot_hat": lambda c, rng: c["q_hat"] * (1 + 1e-3 * rng.standard_normal(c["q_hat"].size))}
     pool = Candidates.polynomial(["alpha", "de", "q_hat", "alpha_dot_hat"], 1)
@@ -101,7 +101,7 @@ def flown(flight, *terms):
     return summarise_recordings([flight], Candidates(terms), ["CZ"])
 
 
-def test_terms_that_differ_by_one_factor_are_told_how_little_it_varies():
+def test_terms_that_differ_by_one_factor_are_stated_how_little_it_varies():
     flight = one(V_ratio=np.full(200, 1.5))
     pair = Term("alpha"), Term("V_ratio*alpha")
     assert to_separate(*pair, flown(flight, *pair)) == (
@@ -110,7 +110,7 @@ def test_terms_that_differ_by_one_factor_are_told_how_little_it_varies():
     assert describe_channel("V", flown(one(V=np.linspace(50.0, 70.0, 200)), Term("V"))) == "V = 60 +- 5.8 m/s"
 
 
-def test_terms_of_different_channels_are_told_to_move_each():
+def test_terms_of_different_channels_are_stated_to_move_each():
     pair = Term("alpha*de"), Term("alpha*mine")
     said = to_separate(*pair, flown(one(), *pair))
     assert said == (
@@ -119,7 +119,7 @@ def test_terms_of_different_channels_are_told_to_move_each():
     )
 
 
-def test_powers_of_one_channel_are_told_to_widen_its_range():
+def test_powers_of_one_channel_are_stated_to_widen_its_range():
     pair = Term("alpha"), Term("alpha^3")
     said = to_separate(*pair, flown(one(), *pair))
     assert said.endswith("fly the same inputs about other trim angles of attack, or larger pitch inputs")

@@ -68,7 +68,7 @@ def test_an_impulse_carries_its_area_whatever_the_sampling():
         assert_allclose(impulse("da", 0.3, dt=dt)["da"].sum() * dt, 0.3)
 
 
-def test_a_table_runs_straight_between_points_and_jumps_where_two_share_a_time():
+def test_a_table_runs_straight_between_points_and_jumps_where_two_fraction_a_time():
     points = [(0, 0), (1, 2), (1, -1), (2, -1), (3, 0)]
     assert_allclose(table("de", points, dt=0.5)["de"], [0, 1, -1, -1, -1, -0.5, 0])
     assert_allclose(table("de", points, between="hold", dt=0.5)["de"], [0, 0, -1, -1, -1, -1, 0])
@@ -211,8 +211,8 @@ def a_problem(criterion, of_interest=(0, 1, 2, 3), limits=None):
 def test_the_information_is_quadratic_in_the_coefficients():
     problem, S = a_problem("A")
     a = np.random.default_rng(2).normal(size=6)
-    whole = S[0] + np.tensordot(a, S[1:], 1)
-    assert_allclose(problem.information(a), whole.T @ whole, rtol=1e-12)
+    complete = S[0] + np.tensordot(a, S[1:], 1)
+    assert_allclose(problem.information(a), complete.T @ complete, rtol=1e-12)
 
 
 @pytest.mark.parametrize("criterion", ["A", "D", "trace", "E"])

@@ -26,7 +26,7 @@ def test_hawk_modes_are_those_published_to_three_digits():
     assert_allclose(lateral.eigenvalues, [-3.832, -0.320 + 2.094j, 0.0005], atol=6e-4)
 
 
-def test_the_short_period_alone_is_close_to_that_of_the_whole_aircraft():
+def test_the_short_period_alone_is_close_to_that_of_the_complete_aircraft():
     reduced = hawk(outputs=("w", "q", "theta", "az")).keep("w", "q")
     assert reduced.outputs == ("w", "q", "az")
     assert set(reduced.parameters) == {"zw", "zq", "zde", "mw", "mq", "mde"}
@@ -53,7 +53,7 @@ def test_a_flight_is_that_of_scipy_and_its_derivatives_are_the_state_equation():
     assert flight.findings == ()
 
 
-def test_axes_at_incidence_turn_the_velocities_into_one_another():
+def test_axes_at_angle_of_attack_turn_the_velocities_into_one_another():
     # The same aircraft in stability axes and in body axes turned by alpha has the same modes.
     X = np.array([[-0.016, 0.026], [-0.217, -1.342]])
     M, mq = np.array([-0.005, -0.048]), -1.669
@@ -152,7 +152,7 @@ def test_as355_has_the_23_parameters_and_is_the_published_equations():
     assert "late by 0.284 s" in str(model)
 
 
-def test_a_delay_of_one_sample_makes_the_flight_one_sample_late():
+def test_a_delay_of_one_sample_makes_the_flight_one_sample_delayed():
     model = as355("40kt").with_parameters(tau=0.0)
     inputs = doublet("dlon", 1.0, duration=10.0)
     now, later = model.simulate(inputs), model.with_parameters(tau=0.02).simulate(inputs)

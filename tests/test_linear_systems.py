@@ -33,15 +33,15 @@ def test_motion_without_delay_is_that_of_scipy_lsim(hold):
 
 @pytest.mark.parametrize("hold", ["hold", "linear"])
 @pytest.mark.parametrize("twentieths", [7, 20, 33, 60])
-def test_any_delay_equals_scipy_on_a_grid_fine_enough_to_make_it_whole(hold, twentieths):
+def test_any_delay_equals_scipy_on_a_grid_fine_enough_to_make_it_complete(hold, twentieths):
     A, B, C, D, u = some_system(1)
     fine, n = DT / 20, len(u)
     t = fine * np.arange((n - 1) * 20 + 1)
-    late = t - twentieths * fine
+    delayed = t - twentieths * fine
     if hold == "linear":
-        v = np.column_stack([np.interp(late, DT * np.arange(n), column) for column in u.T])
+        v = np.column_stack([np.interp(delayed, DT * np.arange(n), column) for column in u.T])
     else:
-        v = u[np.clip(np.floor(late / DT + 1e-9).astype(int), 0, None)]
+        v = u[np.clip(np.floor(delayed / DT + 1e-9).astype(int), 0, None)]
     _, want, _ = signal.lsim(signal.StateSpace(A, B, C, D), v, t, interp=hold == "linear")
     got = simulate_linear(A, B, C, D, u, DT, delay=twentieths * fine, hold=hold)
     assert_allclose(got, want[::20], rtol=0, atol=1e-11)

@@ -83,7 +83,7 @@ def long_flight(seed, **how):
 
 
 def excited(recording, **options):
-    return [stretch for stretch in find_manoeuvres(recording, **options) if stretch.kind == "excited"]
+    return [segment for segment in find_manoeuvres(recording, **options) if segment.kind == "excited"]
 
 
 @pytest.mark.default_cases("gusts-trim-digit-drift")
@@ -162,7 +162,7 @@ def test_a_step_held_and_taken_back_is_one_manoeuvre():
     assert 32.0 <= sideslip.moved[1] < 36.0
 
 
-def test_stretches_are_in_order_and_do_not_overlap():
+def test_segments_are_in_order_and_do_not_overlap():
     recording, _ = long_flight(4, gusts=0.1)
     stretches = find_manoeuvres(recording)
     assert [s.name for s in stretches if s.kind == "excited"] == [f"m{k:02d}" for k in range(1, 11)]
@@ -172,28 +172,28 @@ def test_stretches_are_in_order_and_do_not_overlap():
 
 
 def test_without_controls_the_rates_are_looked_at():
-    whole = fly([(20.0, 0.6, "da", "doublet", 0.1), (45.0, 0.6, "de", "doublet", 0.1)], 80.0)
-    rates = Recording("rates", whole.t, {name: whole[name] for name in "pqr"})
+    complete = fly([(20.0, 0.6, "da", "doublet", 0.1), (45.0, 0.6, "de", "doublet", 0.1)], 80.0)
+    rates = Recording("rates", complete.t, {name: complete[name] for name in "pqr"})
     lateral, longitudinal = excited(rates)
     assert lateral.moved[0] == pytest.approx(20.0, abs=0.5)
     assert longitudinal.moved[0] == pytest.approx(45.0, abs=0.5)
     assert (longitudinal.controls, longitudinal.axis, lateral.axis) == (("q",), "longitudinal", "lateral")
 
 
-def test_no_stretch_reaches_across_a_gap():
-    whole = fly([(20.0, 0.6, "de", "3211", 0.08)], 60.0)
-    keep = (whole.t < 25.0) | (whole.t > 40.0)
-    cut = Recording("cut", whole.t[keep], {name: whole[name][keep] for name in whole.names})
+def test_no_segment_reaches_across_a_gap():
+    complete = fly([(20.0, 0.6, "de", "3211", 0.08)], 60.0)
+    keep = (complete.t < 25.0) | (complete.t > 40.0)
+    cut = Recording("cut", complete.t[keep], {name: complete[name][keep] for name in complete.names})
     assert all(s.end <= 25.0 or s.start >= 40.0 for s in find_manoeuvres(cut))
     assert excited(cut)[0].end == pytest.approx(24.98, abs=0.03)
 
 
 def test_missing_samples_and_spikes_are_no_inputs():
-    whole = fly([(20.0, 0.6, "de", "3211", 0.08)], 60.0)
-    de = whole["de"].copy()
+    complete = fly([(20.0, 0.6, "de", "3211", 0.08)], 60.0)
+    de = complete["de"].copy()
     de[500:520] = np.nan
     de[2000] = 0.5
-    (only,) = excited(whole.with_channels(de=de))
+    (only,) = excited(complete.with_channels(de=de))
     assert_allclose(only.moved, (20.0, 24.2), atol=0.3)
 
 
@@ -202,11 +202,11 @@ def test_manoeuvres_are_cut_named_and_noted():
     cuts = split_manoeuvres(recording)
     stretches = excited(recording)
     assert [cut.name for cut in cuts] == [f"flight_m{k:02d}" for k in range(1, len(true) + 1)]
-    for cut, stretch in zip(cuts, stretches):
-        assert cut.t[0] == pytest.approx(stretch.start)
-        assert cut.t[-1] == pytest.approx(stretch.end)
+    for cut, segment in zip(cuts, stretches):
+        assert cut.t[0] == pytest.approx(segment.start)
+        assert cut.t[-1] == pytest.approx(segment.end)
         assert_allclose(cut["de"], recording.between(cut.t[0], cut.t[-1])["de"], rtol=0, atol=0)
-        assert cut.provenance[-1] == f"manoeuvre {stretch}"
+        assert cut.provenance[-1] == f"manoeuvre {segment}"
         assert cut.provenance[-2].endswith("of 'flight'")
     assert split_manoeuvres(fly([], 60.0)) == []
 

@@ -120,7 +120,7 @@ def test_inside_the_recorded_ranges_nothing_is_said():
         make_model().evaluate(make_recording())
 
 
-def test_outside_the_region_flown_the_warning_gives_channel_share_and_distance():
+def test_outside_the_region_simulated_the_warning_gives_channel_fraction_and_distance():
     recording = make_recording()
     alpha = recording["alpha"].copy()
     low, high = alpha.min(), alpha.max()
@@ -240,7 +240,7 @@ def test_a_file_that_is_not_there_is_refused(tmp_path):
         AeroModel.from_json(tmp_path / "absent.json")
 
 
-def test_an_existing_file_is_kept_unless_told_otherwise(tmp_path):
+def test_an_existing_file_is_kept_unless_stated_otherwise(tmp_path):
     path = tmp_path / "model.json"
     path.write_text("mine")
     with pytest.raises(ModelError, match=r"exists\. Choose another name, or pass overwrite=True"):

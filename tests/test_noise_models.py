@@ -38,14 +38,14 @@ def test_order_is_the_least_bic_of_statsmodels_over_all_orders():
     assert fitted(e, top).order == int(np.argmin(scores))
 
 
-def test_stretches_of_any_length_add_up_to_the_whole():
+def test_segments_of_any_length_add_up_to_the_complete():
     e = ar1(np.random.default_rng(4), 1000, 0.8)
-    whole, parts = LagProducts(8), LagProducts(8)
-    whole.add(e)
+    complete, parts = LagProducts(8), LagProducts(8)
+    complete.add(e)
     for part in np.split(e, [1, 2, 5, 100, 101, 700]):
         parts.add(part)
-    assert parts.n == whole.n
-    assert_allclose(parts.products, whole.products, rtol=1e-12)
+    assert parts.n == complete.n
+    assert_allclose(parts.products, complete.products, rtol=1e-12)
 
 
 def test_white_noise_gets_no_autoregression_and_a_noise_free_fit_gets_the_floor():

@@ -100,7 +100,7 @@ def test_samples_that_are_missing_take_no_part():
     assert np.isnan(fit.residuals[0][~seen]).all()
 
 
-def test_manoeuvres_share_what_they_share_and_keep_what_is_their_own():
+def test_manoeuvres_fraction_what_they_fraction_and_keep_what_is_their_own():
     # Decay and frequency are common; each record has its own amplitude.
     rng = np.random.default_rng(5)
     amplitudes = (2.0, -1.2, 0.7)

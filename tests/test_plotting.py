@@ -84,7 +84,7 @@ def test_a_search_without_a_path_says_so(flown, ax):
     assert "no path" in plot_path(selection, ax=ax).texts[0].get_text()
 
 
-def test_inclusion_bars_are_the_shares_the_models_own_terms_first(selections, ax):
+def test_inclusion_bars_are_the_fractions_the_models_own_terms_first(selections, ax):
     selection = selections["Cm"]
     plot_inclusion(selection, ax=ax)
     names = [tick.get_text() for tick in ax.get_yticklabels()]

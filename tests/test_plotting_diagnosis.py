@@ -126,7 +126,7 @@ def test_the_driving_channel_is_what_bounds_the_effect_else_what_its_terms_hold_
     assert driving_channel(replace(made, traces={}), GROUND) == ""
 
 
-def test_where_an_effect_acts_on_a_channel_is_its_region_else_the_range_in_its_stretches():
+def test_where_an_effect_acts_on_a_channel_is_its_region_else_the_range_in_its_segments():
     made = diagnosis()
     assert acting_range(made, GROUND, "h_agl") == (1.5, 5.4)
     # In its stretches the height goes from 1.5 to at most (0.4 * 3.6)^2 + 1.5 = 3.6 m and, in the last of m03, 14.9 m.

@@ -55,9 +55,9 @@ def band(axes, k=0):
 
 def test_readings_show_measured_reconstructed_and_what_is_left(flight, result):
     top, bottom = plot_readings(result, "alpha", axes=Figure().subplots(2))
-    measured, told = top.get_lines()
+    measured, stated = top.get_lines()
     assert_allclose(measured.get_ydata(), flight[0]["alpha"], atol=1e-12)
-    assert_allclose(told.get_ydata(), result.readings["alpha"])
+    assert_allclose(stated.get_ydata(), result.readings["alpha"])
     assert_allclose(bottom.get_lines()[0].get_ydata(), flight[0]["alpha"] - result.readings["alpha"], atol=1e-12)
     assert top.get_ylabel() == r"$\alpha$ [rad]"
     assert bottom.get_ylabel() == "residual [rad]"
@@ -81,9 +81,9 @@ def test_innovations_are_normalised_and_their_autocorrelation_is_statsmodels(res
     bounds = left.patches[0]
     assert (bounds.get_y(), bounds.get_y() + bounds.get_height()) == (-2.0, 2.0)
     tips = [segment[1, 1] for segment in right.collections[0].get_segments()]
-    settled = e[int(0.05 * len(e)) :]  # the first twentieth finds the start
-    assert_allclose(tips, acf(settled, nlags=len(tips), fft=False)[1:], atol=1e-10)
-    assert_allclose(right.patches[0].get_height(), 2.0 * 1.96 / np.sqrt(len(settled)))
+    converged = e[int(0.05 * len(e)) :]  # the first twentieth finds the start
+    assert_allclose(tips, acf(converged, nlags=len(tips), fft=False)[1:], atol=1e-10)
+    assert_allclose(right.patches[0].get_height(), 2.0 * 1.96 / np.sqrt(len(converged)))
 
 
 def test_the_running_nis_has_the_chi_squared_band_of_its_readings(result):

@@ -56,7 +56,7 @@ def test_an_account_without_the_channel_is_left_out_and_none_is_an_error(ax):
         plot_histories({"measured": other}, "alpha", ax=ax)
 
 
-def test_coverage_encloses_what_was_flown_in_its_hull_and_shows_the_models_box(ax):
+def test_coverage_encloses_what_was_simulated_in_its_hull_and_shows_the_models_box(ax):
     flown, beyond = [flight("a", 1), flight("b", 2)], [flight("c", 3, at=0.3)]
     region = {"alpha": (0.05, 0.15), "beta": (-0.02, 0.02)}
     model = AeroModel({"CZ": ResponseModel(("1", "alpha", "beta"), np.zeros(3), ranges=region)})
@@ -90,15 +90,15 @@ def test_spectra_of_different_units_claim_none(ax):
     assert plot_spectrum(flight("a", 1), ["q", "load"], ax=ax).get_ylabel() == "power density"
 
 
-def test_coherence_has_a_line_for_each_input_and_one_for_chance(ax):
+def test_coherence_has_a_line_for_each_input_and_one_for_probability(ax):
     flown = [flight(name, k) for k, name in enumerate("abc")]
     driven = [r.with_channels(out=0.5 * r["load"] + 0.1 * r["V"], units={"out": "N"}) for r in flown]
     plot_coherence(driven, ["load", "q"], "out", segment=2.0, ax=ax)
-    one, _, chance = ax.get_lines()
+    one, _, probability = ax.get_lines()
     _, squared, threshold = coherence([r["load"] for r in driven], [r["out"] for r in driven], 0.02, 2.0)
     assert_allclose(one.get_ydata(), squared)
     assert squared.min() > 0.99  # a gain and a straight line, which each segment loses
-    assert_allclose(chance.get_ydata(), threshold)
+    assert_allclose(probability.get_ydata(), threshold)
 
 
 def test_what_a_comparison_leaves_is_drawn_with_the_channels_it_goes_with_most(ax):

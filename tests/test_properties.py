@@ -56,7 +56,7 @@ def test_any_recording_written_is_read_again_as_it_was(tmp_path_factory, one, su
 
 @given(recordings(), st.data())
 @settings(max_examples=20, deadline=None)
-def test_a_stretch_holds_the_samples_within_it_and_no_other(one, data):
+def test_a_segment_holds_the_samples_within_it_and_no_other(one, data):
     first = data.draw(st.integers(0, len(one) - 2))
     last = data.draw(st.integers(first + 1, len(one) - 1))
     part = one.between(float(one.t[first]), float(one.t[last]))

@@ -215,7 +215,7 @@ def test_a_line_of_too_many_fields_is_named(tmp_path):
         read_recording(path)
 
 
-def test_repeated_headers_are_told_apart_by_number(tmp_path):
+def test_repeated_headers_are_stated_apart_by_number(tmp_path):
     path = write(tmp_path / "m.csv", "t,alpha,alpha\n" + lines())
     recording = read_recording(path)
     assert_allclose(recording["alpha"], ALPHA, rtol=1e-15)
@@ -413,7 +413,7 @@ def test_a_misspelt_unit_in_a_header_keeps_the_column_apart_and_says_so(tmp_path
         ({}, r"lists no channels"),
     ],
 )
-def test_a_wrong_map_is_told_by_its_key(content, words):
+def test_a_wrong_map_is_stated_by_its_key(content, words):
     with pytest.raises(MapError, match=words):
         load_channel_map(content)
 

@@ -50,7 +50,7 @@ def test_nothing_is_drawn_across_a_silence_nor_beyond_a_topics_ends():
     assert topic.silences(0.0, 10.0) == [(0.0, 1.0), (times[19], 5.0), (times[-1], 10.0)]
 
 
-def test_a_single_lost_sample_is_bridged_and_a_late_one_left_out():
+def test_a_single_lost_sample_is_bridged_and_a_delayed_one_left_out():
     topic = Topic.of("x", np.array([0.0, 0.1, 0.2, 0.4, 0.3, 0.5]))
     assert_array_equal(topic.kept, [True, True, True, True, False, True])
     assert_allclose(sample(topic, np.array([0.0, 1.0, 2.0, 4.0, 99.0, 5.0]), np.array([0.3])), [3.0])
@@ -107,22 +107,22 @@ def px4_topics(seconds=12.0, quiet=(5.0, 7.0)):
     air = air[(air < 2.0 + quiet[0]) | (air > 2.0 + quiet[1])]
     rates = np.column_stack([np.sin(fast), np.cos(fast), 0.1 * fast])
     loads = np.column_stack([0.1 * fast, 0.0 * fast, -G + 0.1 * np.sin(fast)])
-    late = 4000  # us from sampling to publishing
+    delayed = 4000  # us from sampling to publishing
     return [
         ("vehicle_angular_velocity", "uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;",
-         zip(us(fast) + late, us(fast), *rates.T)),
+         zip(us(fast) + delayed, us(fast), *rates.T)),
         ("vehicle_acceleration", "uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;",
-         zip(us(fast) + late, us(fast), *loads.T)),
+         zip(us(fast) + delayed, us(fast), *loads.T)),
         ("vehicle_attitude", "uint64_t timestamp;uint64_t timestamp_sample;float[4] q;",
-         zip(us(slow) + late, us(slow), *FLIGHT.quaternion(slow).T)),
+         zip(us(slow) + delayed, us(slow), *FLIGHT.quaternion(slow).T)),
         ("airspeed_validated", "uint64_t timestamp;float true_airspeed_m_s;", zip(us(air), FLIGHT.V(air))),
         ("vehicle_local_position",
          "uint64_t timestamp;uint64_t timestamp_sample;float x;float y;float vx;float vy;float vz;",
-         zip(us(slow) + late, us(slow), 20 * slow, 0 * slow, 20 + 0 * slow, 0 * slow + 1, 0 * slow - 2)),
+         zip(us(slow) + delayed, us(slow), 20 * slow, 0 * slow, 20 + 0 * slow, 0 * slow + 1, 0 * slow - 2)),
         ("actuator_servos", "uint64_t timestamp;uint64_t timestamp_sample;float[3] control;",
-         zip(us(slow), us(slow) - late, FLIGHT.servo(slow), -FLIGHT.servo(slow), np.full(len(slow), np.nan))),
+         zip(us(slow), us(slow) - delayed, FLIGHT.servo(slow), -FLIGHT.servo(slow), np.full(len(slow), np.nan))),
         ("actuator_motors", "uint64_t timestamp;uint64_t timestamp_sample;float[2] control;",
-         zip(us(slow), us(slow) - late, 0.6 + 0 * slow, np.full(len(slow), np.nan))),
+         zip(us(slow), us(slow) - delayed, 0.6 + 0 * slow, np.full(len(slow), np.nan))),
         ("distance_sensor", "uint64_t timestamp;float current_distance;", zip(us(slow), np.full(len(slow), np.nan))),
     ]  # fmt: skip
 
@@ -165,9 +165,9 @@ def test_a_silence_of_the_airspeed_is_not_bridged_and_said_so(ulog):
 
 
 def test_what_the_ready_map_takes_on_trust_is_said(ulog):
-    told = {f.channel: f.message for f in kinds(read_recording(ulog), "assumed")}
-    assert told["phi"] == "PX4's estimate, not a reading of an instrument; so of theta, psi, vn, ve, vd, x, y"
-    assert "not a deflection" in told["servo1"]
+    stated = {f.channel: f.message for f in kinds(read_recording(ulog), "assumed")}
+    assert stated["phi"] == "PX4's estimate, not a reading of an instrument; so of theta, psi, vn, ve, vd, x, y"
+    assert "not a deflection" in stated["servo1"]
 
 
 def test_a_map_for_a_log_makes_deflections_of_commands_and_needs_no_clock(ulog):
@@ -327,7 +327,7 @@ def test_true_airspeed_is_that_of_the_standard_atmosphere(dataflash):
     assert_allclose(read_recording(dataflash)["V"], 20.0 * np.sqrt(1.2250 / 1.1117), rtol=1e-4)
 
 
-def test_outputs_become_shares_of_their_travel_by_the_logs_own_parameters(dataflash):
+def test_outputs_become_fractions_of_their_travel_by_the_logs_own_parameters(dataflash):
     recording = read_recording(dataflash)
     assert_allclose(recording["aileron_command"], 0.5)
     assert_allclose(recording["elevator_command"], -0.5)  # 1800 of 1600 to 2000, reversed
@@ -409,7 +409,7 @@ def test_an_mdf_file_of_one_group_and_foreign_names_is_read_by_them(tmp_path):
     assert_allclose(mapped["alpha"], np.radians(FAST), rtol=1e-15)
 
 
-def test_mdf_names_of_two_groups_are_told_apart_and_invalid_samples_are_nan(tmp_path):
+def test_mdf_names_of_two_groups_are_stated_apart_and_invalid_samples_are_nan(tmp_path):
     with asammdf.MDF(version="4.10") as log:
         bad = np.arange(len(FAST)) == 7
         log.append([asammdf.Signal(samples=FAST, timestamps=FAST, name="p", unit="rad/s", invalidation_bits=bad)])

@@ -90,8 +90,8 @@ def test_a_positive_control_makes_a_negative_moment(flown):
         step = recording[control][after] - recording[control][before]
         assert abs(step) > 0.01
         assert (moment[after] - moment[before]) * step < 0.0, control
-    (told,) = [f for f in recording.findings if f.kind == "assumed"]
-    assert "most make a positive deflection a negative moment; so of da, dr" in told.message
+    (stated,) = [f for f in recording.findings if f.kind == "assumed"]
+    assert "most make a positive deflection a negative moment; so of da, dr" in stated.message
 
 
 def test_jsbsim_groups_alone_are_known_too(flown, tmp_path):
@@ -99,9 +99,9 @@ def test_jsbsim_groups_alone_are_known_too(flown, tmp_path):
     kept = [j for j, name in enumerate(lines[0]) if not name.startswith("/fdm")]
     path = tmp_path / "groups.csv"
     path.write_text("\n".join(",".join(line[j] for j in kept) for line in lines) + "\n")
-    groups, whole = read_recording(path), read_recording(flown[0])
+    groups, complete = read_recording(path), read_recording(flown[0])
     for name in ("V", "p", "q", "r", "ax", "az", "qbar", "vd"):
-        assert_allclose(groups[name], whole[name], rtol=1e-6, atol=1e-6)
+        assert_allclose(groups[name], complete[name], rtol=1e-6, atol=1e-6)
 
 
 # --- X-Plane -------------------------------------------------------------------------------------
@@ -152,8 +152,8 @@ def test_xplane_signs_are_turned_to_ours_and_said_to_be_on_trust(xplane):
         "ay": -0.05 * G,
     }.items():
         assert_allclose(recording[channel], value, rtol=1e-5, err_msg=channel)
-    (told,) = [f for f in recording.findings if f.kind == "assumed"]
-    assert (told.channel, told.message.rpartition("so of ")[2]) == ("beta", "ax, ay, dr")
+    (stated,) = [f for f in recording.findings if f.kind == "assumed"]
+    assert (stated.channel, stated.message.rpartition("so of ")[2]) == ("beta", "ax, ay, dr")
 
 
 def test_headers_that_xplane_repeats_make_no_channel(xplane, tmp_path):

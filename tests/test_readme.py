@@ -130,9 +130,9 @@ def test_every_file_the_documents_point_to_is_there():
 
 
 def test_every_test_that_the_list_of_faults_points_to_is_there():
-    told = (ROOT / "docs/robustness.md").read_text().partition("## Damaged files by the thousand")[0]
-    rows = re.findall(r"^\|.*\| (`test_.*) \|$", told, re.MULTILINE)
-    assert len(rows) == len(re.findall(r"^\|", told, re.MULTILINE)) - 2 * told.count("| shown by |")
+    stated = (ROOT / "docs/robustness.md").read_text().partition("## Damaged files by the thousand")[0]
+    rows = re.findall(r"^\|.*\| (`test_.*) \|$", stated, re.MULTILINE)
+    assert len(rows) == len(re.findall(r"^\|", stated, re.MULTILINE)) - 2 * stated.count("| shown by |")
     for row in rows:
         for names, files in re.findall(r"((?:`test_\w+`(?:, )?)+) \(([\w, ]+)\)", row):
             for name in re.findall(r"`(\w+)`", names):

@@ -301,7 +301,7 @@ def test_rank_and_posterior_are_those_of_flying_again_from_every_start_moved_a_l
         assert_allclose(found.condition, s[0] / s[-1], rtol=0.03)
 
 
-def test_stretches_share_their_constants_and_nothing_else():
+def test_segments_fraction_their_constants_and_nothing_else():
     # The same 30 s three times with gaps between: a least-squares problem with three starts and one set of constants.
     sensors, moving = (*AIR, *ATTITUDE, *HEADING, *POSITION), 9
     t, inputs, start = prescribed("lively", 30.0, 25.0)

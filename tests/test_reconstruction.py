@@ -46,9 +46,9 @@ def ensemble(request):
         nees.append(found.nees(truth))
         biases += [(c.value - flight.errors.get(c.name, 0.0)) / c.std for c in found.constants]
         true = np.stack([np.broadcast_to(truth[n], len(flight.truth)) for n in found.states], axis=1)
-        late = slice(len(true) // 10, None)
-        filtered.append(np.mean((found.filtered - true)[late] ** 2, axis=0))
-        smoothed.append(np.mean((found.estimates - true)[late] ** 2, axis=0))
+        delayed = slice(len(true) // 10, None)
+        filtered.append(np.mean((found.filtered - true)[delayed] ** 2, axis=0))
+        smoothed.append(np.mean((found.estimates - true)[delayed] ** 2, axis=0))
         trusted.append(found.trusted)
     names = found.states
     return {
@@ -184,13 +184,13 @@ def test_slower_instruments_count_only_where_they_read():
 
 
 @pytest.mark.slow
-def test_a_late_vane_is_named_and_brought_into_line():
+def test_a_delayed_vane_is_named_and_brought_into_line():
     flight = demo_instruments("elevator-3211", 2)
     t = flight.measured.t
-    late = np.interp(t - 0.12, t, flight.measured["alpha"])
-    recording = flight.measured.with_channels(alpha=late)
-    told = {d.channel: d for d in reconstruct(recording, flight.aircraft).delays}
-    assert told["alpha"].significant
+    delayed = np.interp(t - 0.12, t, flight.measured["alpha"])
+    recording = flight.measured.with_channels(alpha=delayed)
+    stated = {d.channel: d for d in reconstruct(recording, flight.aircraft).delays}
+    assert stated["alpha"].significant
     found = reconstruct(recording, flight.aircraft, delays="estimate")
     assert any("alpha" in note and "0.1" in note for note in found.recording.provenance)
     left = next(d for d in found.delays if d.channel == "alpha")

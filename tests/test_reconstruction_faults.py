@@ -93,7 +93,7 @@ def test_a_short_hole_in_an_inertial_channel_is_bridged_and_said_a_long_one_refu
     found = change(flight, **edited(flight, name, missing(8.0, 8.3)))
     assert_as_good_as_without_fault(found, flight)
     assert kinds(found, name) == {"missing", "bridged"}
-    assert any(f"{name}: 15 samples in 1 hole bridged" in doubt for doubt in found.doubts)
+    assert any(f"{name}: 15 samples in 1 hole bridged" in warning for warning in found.doubts)
     with pytest.raises(DataError, match=f"'{name}'.* lacks it for 4.98 s, from sample 400"):
         change(flight, **edited(flight, name, missing(8.0, 13.0)))
 
@@ -198,9 +198,9 @@ def test_a_heading_that_wraps_is_no_fault(flight):
     assert found["wn"].value == pytest.approx(-plain["wn"].value, abs=0.02)
 
 
-def test_a_late_vane_is_named_with_its_delay(flight):
-    late = np.interp(flight.measured.t - 0.15, flight.measured.t, flight.measured["alpha"])
-    found = change(flight, alpha=late)
+def test_a_delayed_vane_is_named_with_its_delay(flight):
+    delayed = np.interp(flight.measured.t - 0.15, flight.measured.t, flight.measured["alpha"])
+    found = change(flight, alpha=delayed)
     assert not found.trusted
     assert found.distrust[0].startswith("alpha reads 0.1")
     delay = next(d for d in found.delays if d.channel == "alpha")

@@ -115,7 +115,7 @@ def test_a_missing_channel_says_who_needs_it_what_there_is_and_what_to_do():
     )
 
 
-def test_several_missing_channels_are_told_at_once():
+def test_several_missing_channels_are_stated_at_once():
     with pytest.raises(ChannelError, match=r"select needs channels 'CZ' \[-\], 'q_hat' \[-\]") as caught:
         flight().require("CZ", "q_hat", "alpha", by="select")
     assert "Run compute_coefficients() first, which adds it." in str(caught.value)
@@ -147,7 +147,7 @@ def test_required_finite_names_the_channel_and_the_first_bad_sample():
 # --- cutting and adding --------------------------------------------------------------------------
 
 
-def test_between_takes_both_ends_and_refuses_an_empty_stretch():
+def test_between_takes_both_ends_and_refuses_an_empty_segment():
     part = flight().between(1.0, 2.0)
     assert_allclose([part.t[0], part.t[-1], len(part)], [1.0, 2.0, 21])
     assert part.provenance[-1] == "samples 20 to 40 of 'flight_07'"
@@ -413,7 +413,7 @@ def test_the_attas_file_of_two_manoeuvres_is_cut_at_its_gap():
 
 
 @needs_data
-def test_every_recording_of_the_diagnosis_examples_reads_without_a_map_or_a_doubt():
+def test_every_recording_of_the_diagnosis_examples_reads_without_a_map_or_a_warning():
     folders = sorted((DATA / "diagnose-examples").glob("*/recordings"))
     assert len(folders) == 4
     for folder in folders:

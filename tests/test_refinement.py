@@ -70,7 +70,7 @@ def test_evolution_then_descent_finds_the_as355_from_signs_and_rough_sizes(cost)
     assert stages[-1] == "descent"
 
 
-def test_two_recordings_share_the_derivatives_and_keep_their_own_starts_and_biases():
+def test_two_recordings_fraction_the_derivatives_and_keep_their_own_starts_and_biases():
     structure = helicopter()
     short = T[:240]
     starts = np.array([[0.5, -0.2, 0.02, 0.03], [-0.4, 0.3, -0.01, 0.0]])
@@ -125,7 +125,7 @@ def test_bounds_hold_and_are_doubted():
     found = refine(pitch(), None, pitch_flight(three_two_one_one(CLOCK, 0.5, 0.4, 0.02)), bounds={"mq": (-1.5, 0.0)})
     assert found["mq"].value == -1.5
     assert found["mq"].at_bound
-    assert any("at a bound" in doubt and "mq" in doubt for doubt in found.doubts)
+    assert any("at a bound" in warning and "mq" in warning for warning in found.doubts)
     assert "at its bound" in str(found)
 
 
@@ -168,7 +168,7 @@ def test_a_start_unstable_enough_to_overflow_is_refused_with_the_way_out():
     assert found["mw"].value == pytest.approx(-0.048, abs=4.0 * found["mw"].std_white)
 
 
-def test_an_aircraft_unstable_in_open_loop_is_fitted_where_it_was_flown():
+def test_an_aircraft_unstable_in_open_loop_is_fitted_where_it_was_simulated():
     structure = pitch(mw=0.01)  # diverges at about 0.4 per second: forty-fold in the record
     lever = three_two_one_one(CLOCK, 0.5, 0.3, 0.002)
     y = fly_by_solver(structure, CLOCK, [lever])
@@ -189,7 +189,7 @@ def test_a_search_cut_short_says_so_and_carries_its_best():
 
 def test_estimates_that_move_together_are_named():
     found = refine(wrong(), None, as355_flight(), **ALL_OF_IT)
-    assert any("Xu and Xq are correlated: -0.9" in doubt for doubt in found.doubts)
+    assert any("Xu and Xq are correlated: -0.9" in warning for warning in found.doubts)
 
 
 def test_the_report_the_tables_and_a_pickle_hold_the_result():

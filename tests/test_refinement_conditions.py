@@ -30,11 +30,11 @@ NOISE = {"V": 0.2, "alpha": 0.002, "q": 0.002, "theta": 0.002, "ax": 0.05, "az":
 
 
 def fly(name, V, size=0.03, seed=0):
-    settled = trim(TRUTH, AIRCRAFT, V, 1000.0, free=("de", "thrust"))
+    converged = trim(TRUTH, AIRCRAFT, V, 1000.0, free=("de", "thrust"))
     t = np.arange(0.0, 14.0, 0.05)
-    de = settled.controls["de"] + three_two_one_one(t, 1.5, 0.6, size)
+    de = converged.controls["de"] + three_two_one_one(t, 1.5, 0.6, size)
     flight = simulate(
-        TRUTH, AIRCRAFT, {"t": t, "de": de}, start=settled, instruments=Instruments(noise=NOISE, seed=seed)
+        TRUTH, AIRCRAFT, {"t": t, "de": de}, start=converged, instruments=Instruments(noise=NOISE, seed=seed)
     )
     return Recording(name, flight.t, dict(flight.channels), dict(flight.units), flight.provenance)
 
@@ -49,7 +49,7 @@ def table(flights):
     return derivatives_by_condition(LOCAL, AIRCRAFT, flights, parameters=["CX:alpha", "Cm:alpha", "Cm:q_hat"])
 
 
-def test_derivatives_follow_the_truth_over_trim_incidence(table):
+def test_derivatives_follow_the_truth_over_trim_angle_of_attack(table):
     assert table.recordings == (("m1",), ("m3",), ("m2",))  # by incidence, not as given
     assert not table.notes
     alpha = table.conditions

@@ -55,7 +55,7 @@ def test_the_sampled_response_is_the_transform_of_the_flight_to_the_last_digit(h
     assert_allclose(found[0], W @ y[0, :n], rtol=1e-9, atol=1e-9)
 
 
-def test_over_the_whole_band_it_is_output_error_in_time():
+def test_over_the_complete_band_it_is_output_error_in_time():
     # In time with what the band does not hold set free: constants in states and outputs.
     flight = flown()
     in_time = refine(pitch(**ROUGH), None, flight, drifts="all", biases="all")

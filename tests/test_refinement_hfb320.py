@@ -68,7 +68,7 @@ def test_output_error_fits_better_than_the_published_values_which_allow_for_turb
     near = [n for n in ("CD:1", "CD:V_ratio", "CL:1", "Cm:1", "Cm:V_ratio", "Cm:alpha", "Cm:de") if n in best.names]
     truth = dict(zip(hfb320.NAMES, hfb320.PUBLISHED))
     assert_allclose([(best[n].value - truth[n]) / best[n].std for n in near], 0.0, atol=2.0)
-    assert any("residuals are coloured" in doubt for doubt in best.doubts)
+    assert any("residuals are coloured" in warning for warning in best.doubts)
 
 
 @pytest.mark.slow

@@ -79,10 +79,10 @@ def test_predictions_are_those_of_a_filter_written_out_and_gaps_correct_nothing(
 def beaver():
     plane = ready("beaver")
     model = AeroModel({name: held for name, held in plane.model.responses.items() if name in ("CX", "CZ", "Cm")})
-    settled = trim(model, plane.aircraft, 45.0, 1500.0, free=("de", "thrust"), definitions={"dpt": "0*V"})
+    converged = trim(model, plane.aircraft, 45.0, 1500.0, free=("de", "thrust"), definitions={"dpt": "0*V"})
     t = np.arange(0.0, 6.0, 0.05)
-    inputs = {"t": t, "de": settled.controls["de"] + three_two_one_one(t, 0.5, 0.3, 0.03)}
-    return prepare(model, plane.aircraft, inputs, start=settled, definitions={"dpt": "0*V"}), settled
+    inputs = {"t": t, "de": converged.controls["de"] + three_two_one_one(t, 0.5, 0.3, 0.03)}
+    return prepare(model, plane.aircraft, inputs, start=converged, definitions={"dpt": "0*V"}), converged
 
 
 def test_a_flight_that_lets_nothing_in_is_the_flight_in_open_loop(beaver):
@@ -117,14 +117,14 @@ def test_a_flight_that_lets_nothing_in_is_the_flight_in_open_loop(beaver):
 
 
 def test_the_flights_slopes_hold_the_kinematics_and_gravity(beaver):
-    made, settled = beaver
+    made, converged = beaver
     states = np.array([STATES.index(s) for s in ("u", "w", "q", "theta")])
     observed = outputs_index(("V", "theta", "az"))
     A, C = linearise_batch(
-        made.compiled, made.manoeuvre, made.compiled.parameters(made.manoeuvre)[None], settled.state,
+        made.compiled, made.manoeuvre, made.compiled.parameters(made.manoeuvre)[None], converged.state,
         made.manoeuvre.controls[0], states, observed,
     )  # fmt: skip
-    theta, (u, _, w) = settled.state[7], settled.state[:3]
+    theta, (u, _, w) = converged.state[7], converged.state[:3]
     g = made.manoeuvre.gravity
     assert_allclose(A[0, 3], [0.0, 0.0, 1.0, 0.0], atol=1e-9)
     assert_allclose(A[0, :2, 3], [-g * np.cos(theta), -g * np.sin(theta)], rtol=1e-6)
@@ -238,7 +238,7 @@ def test_filter_error_cut_short_says_so_and_carries_its_best():
     assert found.costs[-1] < found.costs[0]
 
 
-def test_rounds_that_do_not_settle_say_so_and_hand_over_the_lowest_cost(monkeypatch):
+def test_rounds_that_do_not_converge_say_so_and_hand_over_the_lowest_cost(monkeypatch):
     monkeypatch.setattr("structsel.refinement.filter_error._ROUNDS", 2)
     flight, start = turbulent(5), pitch(**ROUGH)
     found = refine(start, None, flight, noise="process")
@@ -284,16 +284,16 @@ def test_a_delay_may_hold_for_one_input_of_two():
 
 
 def test_a_recorded_thrust_is_not_delayed_with_the_controls(beaver):
-    made, settled = beaver
+    made, converged = beaver
     plane = ready("beaver")
     model = AeroModel({name: held for name, held in plane.model.responses.items() if name in ("CX", "CZ", "Cm")})
     t = made.manoeuvre.t
-    thrust = settled.controls["thrust"] * (1.0 + 0.3 * np.sin(2.0 * t))
-    commanded = settled.controls["de"] + three_two_one_one(t, 0.5, 0.3, 0.03)
-    late = np.interp(t - 0.2, t, commanded)
+    thrust = converged.controls["thrust"] * (1.0 + 0.3 * np.sin(2.0 * t))
+    commanded = converged.controls["de"] + three_two_one_one(t, 0.5, 0.3, 0.03)
+    delayed = np.interp(t - 0.2, t, commanded)
     definitions = {"dpt": "0*V"}
     flown = simulate(
-        model, plane.aircraft, {"t": t, "de": late, "thrust": thrust}, start=settled, definitions=definitions
+        model, plane.aircraft, {"t": t, "de": delayed, "thrust": thrust}, start=converged, definitions=definitions
     )
     flight = flown.with_channels(de=commanded)
     options = {"free": ["Cm:de"], "outputs": ["V", "alpha", "q", "theta"], "definitions": definitions}
@@ -306,7 +306,7 @@ def test_a_recorded_thrust_is_not_delayed_with_the_controls(beaver):
 # --- ready models and lateral motion --------------------------------------------------------------
 
 
-def test_the_ready_as355_gives_its_23_parameters_back_with_delay_and_incidence_scale():
+def test_the_ready_as355_gives_its_23_parameters_back_with_delay_and_angle_of_attack_scale():
     truth = as355("80kt", x_boom=2.5, x_acc=0.4, z_acc=0.2, bias=(0.02, -0.05, 0.004, 0.001),
                   y_ref=(0.01, 0.02, 0.15, -9.7, 0.05))  # fmt: skip
     t = np.arange(0.0, 25.0, 0.05)
@@ -335,11 +335,11 @@ def lateral_flight():
            "CY": {"beta": -0.77, "dr": 0.12}, "Cl": {"beta": -0.062, "p_hat": -0.5, "r_hat": 0.17, "da": -0.099},
            "Cn": {"beta": 0.05, "p_hat": -0.06, "r_hat": -0.11, "dr": -0.083}}  # fmt: skip
     model = AeroModel({n: ResponseModel(tuple(terms), list(terms.values())) for n, terms in own.items()}, "truth")
-    settled = trim(model, plane.aircraft, 47.0, 1000.0, free=("de", "da", "dr", "thrust"))
+    converged = trim(model, plane.aircraft, 47.0, 1000.0, free=("de", "da", "dr", "thrust"))
     t = np.arange(0.0, 12.0, 0.05)
     rudder = 0.06 * (((t >= 1.0) & (t < 1.8)) * 1.0 - ((t >= 1.8) & (t < 2.6)))
     aileron = 0.08 * (((t >= 6.0) & (t < 6.6)) * 1.0 - ((t >= 6.6) & (t < 7.2)))
-    flown = simulate(model, plane.aircraft, {"t": t, "da": aileron, "dr": rudder}, start=settled)
+    flown = simulate(model, plane.aircraft, {"t": t, "da": aileron, "dr": rudder}, start=converged)
     rng = np.random.default_rng(0)
     noise = {"beta": 0.002, "p": 0.003, "r": 0.002, "phi": 0.003, "ay": 0.05}
     noisy = {name: flown[name] + std * rng.standard_normal(len(t)) for name, std in noise.items()}
@@ -378,8 +378,8 @@ def test_a_driven_linear_model_predicts_what_simulate_linear_flies():
     flight = Recording("m01", 0.1 * np.arange(50), {"de": u[:, 0], "df": u[:, 1], "w": u[:, 0], "q": u[:, 1]})
     for tau in (0.0, 0.23, 0.3):
         parts = [
-            simulate_linear(A, B * on, C, D * on, u, 0.1, delay=late, hold="linear")
-            for on, late in ((np.array([1.0, 0.0]), tau), (np.array([0.0, 1.0]), 0.0))
+            simulate_linear(A, B * on, C, D * on, u, 0.1, delay=delayed, hold="linear")
+            for on, delayed in ((np.array([1.0, 0.0]), tau), (np.array([0.0, 1.0]), 0.0))
         ]
         found = refine(
             structure, None, flight, free=["a"], delay=["de"], bounds={"delay": (tau, tau + 1e-9)}, iterations=0

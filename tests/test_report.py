@@ -92,16 +92,16 @@ def test_nothing_is_fetched_from_anywhere(case):
 
 
 def test_the_finding_comes_first_and_the_rest_after(page):
-    told = page.words()
+    stated = page.words()
     order = ["leaves out ground-effect (94 %)", "1. ground-effect", "2. sensor-scale", "How much of", "Time history"]
     order += ["What is left", "Tolerances pulled", "What could not be tested", "Notes"]
-    places = [told.find(word) for word in order]
+    places = [stated.find(word) for word in order]
     assert -1 not in places
     assert places == sorted(places)
 
 
 def test_the_tables_hold_the_numbers(page):
-    told = page.words()
+    stated = page.words()
     for word in (
         "-0.100 ± 0.004",
         "5.0 ± 0.3 m",
@@ -110,7 +110,7 @@ def test_the_tables_hold_the_numbers(page):
         "0.220",
         "+12 ± 2 %",
     ):
-        assert word in told
+        assert word in stated
 
 
 def test_bars_are_as_long_as_their_errors(two):

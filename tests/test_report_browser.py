@@ -85,11 +85,11 @@ def test_hovering_reads_every_line_with_its_unit(opened):
     says = page.evaluate(READING)
     assert says.startswith("alpha of m01 over time, measured and simulated")
     page.locator("#history svg").hover(position={"x": 400, "y": 100})
-    told = page.evaluate(READING)
-    assert told.startswith("m01, t = ")
-    assert "measured" in told
-    assert "simulated" in told
-    assert told.endswith("deg")
+    stated = page.evaluate(READING)
+    assert stated.startswith("m01, t = ")
+    assert "measured" in stated
+    assert "simulated" in stated
+    assert stated.endswith("deg")
     page.mouse.move(5, 5)
     assert page.evaluate(READING) == says
 
@@ -101,11 +101,11 @@ def test_the_keyboard_reads_and_zooms_all_time_histories_together(opened):
     assert page.evaluate(READING).startswith("m01, t = 0 s: measured ")
     page.keyboard.press("Shift+ArrowRight")
     assert page.evaluate(READING).startswith("m01, t = 2 s: ")
-    whole = page.evaluate(LABELS)
+    complete = page.evaluate(LABELS)
     page.keyboard.press("+")
     # 0 to 19.96 s, halved about 1.996 s; the focus stays though the figure is drawn anew.
     closer = page.evaluate(LABELS)
-    assert closer != whole
+    assert closer != complete
     assert "10" in closer
     assert "12" not in closer
     assert "12" not in page.evaluate(LABELS.replace("history", "channel"))
@@ -113,13 +113,13 @@ def test_the_keyboard_reads_and_zooms_all_time_histories_together(opened):
     page.keyboard.press("PageDown")
     assert "14" in page.evaluate(LABELS)
     page.keyboard.press("0")
-    assert page.evaluate(LABELS) == whole
+    assert page.evaluate(LABELS) == complete
     assert page.said == []
 
 
 def test_dragging_zooms_and_the_buttons_move_and_show_all_again(opened):
     page = opened("reconstruction")
-    whole = page.evaluate(LABELS)
+    complete = page.evaluate(LABELS)
     page.locator("#history svg").scroll_into_view_if_needed()
     box = page.locator("#history svg").bounding_box()
     page.mouse.move(box["x"] + 200, box["y"] + 60)
@@ -127,11 +127,11 @@ def test_dragging_zooms_and_the_buttons_move_and_show_all_again(opened):
     page.mouse.move(box["x"] + 400, box["y"] + 60, steps=3)
     page.mouse.up()
     part = page.evaluate(LABELS)
-    assert part != whole
+    assert part != complete
     page.get_by_role("button", name="later").click()
-    assert page.evaluate(LABELS) not in (part, whole)
+    assert page.evaluate(LABELS) not in (part, complete)
     page.get_by_role("button", name="Whole range").click()
-    assert page.evaluate(LABELS) == whole
+    assert page.evaluate(LABELS) == complete
 
 
 def test_a_line_is_hidden_by_its_name_and_other_channels_are_picked(opened):

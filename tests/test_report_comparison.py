@@ -28,17 +28,17 @@ def compared(tmp_path_factory):
 
 
 def test_methods_stand_side_by_side_with_their_values_and_scores(compared):
-    told = compared.page.words()
+    stated = compared.page.words()
     kept = {response: [set(s[response].terms) for s in compared.found.values()] for response in ("Cm", "CZ")}
     apart = [response for response, (a, b) in kept.items() if a != b]
     assert apart  # or the page would have nothing to show
-    assert all(f"{response}: all keep" in told for response in apart)
+    assert all(f"{response}: all keep" in stated for response in apart)
     values = " ".join(format_number(float(one["Cm"].values[0])) for one in compared.found.values())
-    assert f"1 {values} 2 of 2" in told
+    assert f"1 {values} 2 of 2" in stated
     for response in ("Cm", "CZ"):
         scores = [one.score(response) for one in compared.scores.values()]
-        assert f"R², held out {' '.join(f'{s.r2:.4f}' for s in scores)}" in told
-        assert f"RRMSE, held out {' '.join(f'{s.rrmse:.4f}' for s in scores)}" in told
+        assert f"R², held out {' '.join(f'{s.r2:.4f}' for s in scores)}" in stated
+        assert f"RRMSE, held out {' '.join(f'{s.rrmse:.4f}' for s in scores)}" in stated
 
 
 def test_a_term_that_one_method_leaves_out_shows_as_a_dash(compared):

@@ -55,42 +55,43 @@ def test_nothing_is_fetched_from_anywhere(kind):
         "refinement": ("The search converged: the model flies alpha, q, theta and az", "Parameters", "Outputs"),
     }.items(),
 )
-def test_the_finding_comes_first_then_figures_doubts_and_what_was_done(kind, order):
-    told = Page(pages()[kind]).words()
-    places = [told.find(word) for word in (*order, "Time history", "Doubts and warnings", "What was done", "The data")]
+def test_the_finding_comes_first_then_figures_warnings_and_what_was_done(kind, order):
+    stated = Page(pages()[kind]).words()
+    ends = ("Time history", "Doubts and warnings", "What was done", "The data")
+    places = [stated.find(word) for word in (*order, *ends)]
     assert -1 not in places
     assert places == sorted(places)
-    assert re.search(r"structsel \d\S*, Python \d\S*, NumPy \d\S*, SciPy \d", told)
+    assert re.search(r"structsel \d\S*, Python \d\S*, NumPy \d\S*, SciPy \d", stated)
 
 
-def test_a_selections_page_holds_its_numbers_and_doubts():
+def test_a_selections_page_holds_its_numbers_and_warnings():
     found, _, judged = selected()
-    told = Page(pages()["selection"]).words()
+    stated = Page(pages()["selection"]).words()
     for s in found.values():
         for row in s.to_frame().to_dict("records"):
-            assert f"{row['term']} {row['value']:.4g}"[:9] in told
-        assert all(doubt in told for doubt in s.doubts)
+            assert f"{row['term']} {row['value']:.4g}"[:9] in stated
+        assert all(warning in stated for warning in s.doubts)
     assert any(s.doubts for s in found.values())
-    assert f"{judged.score('Cm').r2:.4f}" in told
-    assert "m04 judges m04.csv" in told
+    assert f"{judged.score('Cm').r2:.4f}" in stated
+    assert "m04 judges m04.csv" in stated
     # Counted on the page, whose verdict it is.
-    assert f"{sum(len(s.doubts) for s in found.values()) + len(judged.doubts)} doubts" in told
+    assert f"{sum(len(s.doubts) for s in found.values()) + len(judged.doubts)} doubts" in stated
 
 
 def test_a_reconstructions_page_says_what_is_not_trusted_and_what_was_found():
     text = pages()["reconstruction"]
-    told = Page(text).words()
+    stated = Page(text).words()
     for word in (
         "second: theta and the accelerometers contradict.",
         "third: not reconstructed: no channel 'V' [m/s]",
         "Cbeta0 was not estimated: never observable in flight",
         "Nothing but what stands at the top",
     ):
-        assert word in told
+        assert word in stated
     one = next(iter(reconstructed()))
     # Biases of gyros are told in degrees; the std has one digit, which says how many the value has.
     p = np.rad2deg(one["bp"].value)
-    assert f"{p:.3f} ± {np.rad2deg(one['bp'].std):.3f} deg/s" in told
+    assert f"{p:.3f} ± {np.rad2deg(one['bp'].std):.3f} deg/s" in stated
     held = data_of(text)["recordings"]["all-axes"]["responses"]["h"]
     known = np.flatnonzero(np.isfinite(one.residuals["h"]))
     # Read four times a second only: drawn as a line through these readings, not as gaps.
@@ -101,12 +102,12 @@ def test_a_reconstructions_page_says_what_is_not_trusted_and_what_was_found():
 
 def test_a_refinements_page_holds_estimates_their_errors_and_flights_held_out():
     found, _, replays = refined()
-    told = Page(pages()["refinement"]).words()
+    stated = Page(pages()["refinement"]).words()
     for e in found.estimates[:4]:
-        assert f"{e.name} {e.value:.4g} ± {e.std:.2g}".replace("e-05", "e-5") in told
+        assert f"{e.name} {e.value:.4g} ± {e.std:.2g}".replace("e-05", "e-5") in stated
     ratios = {o: replays["after"].score(o).rms_error / replays["before"].score(o).rms_error for o in found.noise_std}
     worst = max(ratios, key=ratios.get)
-    assert f"{100.0 * ratios[worst]:.0f} % of what it was ({worst})" in told
+    assert f"{100.0 * ratios[worst]:.0f} % of what it was ({worst})" in stated
     bad = replace(found, converged=False, message="60 iterations")
     text = Page(render(bad, reasons=["the flights do not determine Cm:q_hat"])).words()
     assert text.index("the flights do not determine Cm:q_hat") < text.index("NOT CONVERGED: 60 iterations")
@@ -171,10 +172,10 @@ def test_the_files_are_named_with_their_hashes(tmp_path):
     write_recording(manoeuvre(0), path)
     flown = [read_recording(path)]
     found = select(flown, "Cm", Candidates.polynomial(["alpha", "q_hat", "de"], 1), bootstrap=0)
-    told = Page(render(found, recordings=flown)).words()
+    stated = Page(render(found, recordings=flown)).words()
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-    assert f"m01 used m01.csv {digest} 500 0 to 19.96 s 0.04 s" in told
-    assert str(tmp_path) not in told
+    assert f"m01 used m01.csv {digest} 500 0 to 19.96 s 0.04 s" in stated
+    assert str(tmp_path) not in stated
     path.unlink()
     assert "m01 used m01.csv - 500" in Page(render(found, recordings=flown)).words()
 
@@ -211,7 +212,7 @@ def test_an_hour_at_50_hz_of_12_channels_can_be_mailed_and_keeps_its_peaks(tmp_p
     assert_allclose(seconds[y.argmax()], 123_456 * 0.02, atol=1e-3)
 
 
-def test_thinning_keeps_the_least_and_the_greatest_of_every_stretch():
+def test_thinning_keeps_the_least_and_the_greatest_of_every_segment():
     rng = np.random.default_rng(0)
     y = rng.standard_normal(10_000)
     y[[17, 9_000]] = 50.0, -50.0
@@ -233,7 +234,7 @@ def test_a_line_breaks_where_readings_fail_for_long_but_not_between_slow_ones():
     assert keep_extremes([np.full(5, np.nan)], 10).size == 0
 
 
-def test_means_over_a_channel_hold_their_share_of_all_samples():
+def test_means_over_a_channel_hold_their_fraction_of_all_samples():
     found, flown, _ = selected()
     bins = data_of(pages()["selection"])["binned"]["CZ"]["alpha"]
     assert all(half > 0.0 for half in bins["half"]["physics"])

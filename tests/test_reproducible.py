@@ -61,8 +61,8 @@ def test_every_file_of_a_selection_is_written_alike_twice(flown, tmp_path, monke
     names = [f"{one.name}.csv" for one in flown]
     asked = ("--responses", "Cm,CZ", "--candidates", "alpha,q_hat,de", "--degree", "2", "--bootstrap", "20")
     for out in ("first", "second"):
-        told = CliRunner().invoke(app, ["select", *names, *asked, "--held-out", "m04", "--no-plots", "--out", out])
-        assert told.exit_code == 0, told.output
+        stated = CliRunner().invoke(app, ["select", *names, *asked, "--held-out", "m04", "--no-plots", "--out", out])
+        assert stated.exit_code == 0, stated.output
     first = {p.name: p.read_bytes() for p in (tmp_path / "first").iterdir()}
     assert first.keys() >= {"model.json", "selection.json", "validation.json", "report.html", "terms.csv", "report.txt"}
     assert {p.name: p.read_bytes() for p in (tmp_path / "second").iterdir()} == first

@@ -37,7 +37,7 @@ def test_a_table_has_a_caption_a_head_and_a_row_for_each_row():
     assert [note.text for note in read(html).iter("li")] == ["doubtful"]
 
 
-def test_words_and_truths_are_told_from_numbers():
+def test_words_and_truths_are_stated_from_numbers():
     html = to_html([{"name": "m1", "trusted": True, "n": 3, "nis": 1.0, "why": None}], "")
     assert cells(html)[1] == ["m1", "yes", "3", "1", "\N{EN DASH}"]
     aligned = [cell.get("style") for cell in read(html).iter("td")]

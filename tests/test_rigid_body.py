@@ -176,7 +176,7 @@ def test_accelerations_anywhere_on_a_moving_body_come_from_its_path():
     assert_allclose(got, expected, atol=2e-5)
 
 
-def test_a_boom_ahead_of_the_centre_reads_less_incidence_while_pitching_up():
+def test_a_boom_ahead_of_the_centre_reads_less_angle_of_attack_while_pitching_up():
     # [M86]: alpha_v = atan((w - x q + y p) / u).
     u, w, q, p = 50.0, 4.0, 0.2, 0.5
     V, alpha, beta = rb.air_data(u, 0.0, w - 6.0 * q + 1.0 * p)

@@ -110,7 +110,7 @@ def test_several_responses_come_back_as_a_mapping_and_one_model(flights):
         found["CX"]
 
 
-def test_the_model_evaluates_to_the_values_fitted_and_knows_the_region_flown(flights):
+def test_the_model_evaluates_to_the_values_fitted_and_knows_the_region_simulated(flights):
     found = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0)
     one, sse = found["CZ"], 0.0
     for r in flights:
@@ -145,7 +145,7 @@ def test_the_result_is_plain_json(coloured):
         assert body["doubts"] == list(found["CZ"].doubts)
 
 
-def test_the_report_names_method_residuals_terms_and_doubts(coloured):
+def test_the_report_names_method_residuals_terms_and_warnings(coloured):
     found = select(coloured, "CZ", POOL, F_in=12.0, bootstrap=20)["CZ"]
     text = str(found)
     assert text.startswith(f"CZ: {len(found.terms)} of 19 candidate terms, stepwise, coloured residuals, AR order")
@@ -153,7 +153,7 @@ def test_the_report_names_method_residuals_terms_and_doubts(coloured):
         assert line in text
 
 
-def test_progress_is_told_stage_by_stage(coloured):
+def test_progress_is_stated_stage_by_stage(coloured):
     calls = []
     select(coloured, "CZ", POOL, bootstrap=5, workers=1, progress=lambda *call: calls.append(call))
     assert {"cross-products", "prewhitened", "bootstrap"} <= {stage for stage, _, _ in calls}
@@ -408,12 +408,12 @@ def test_ridge_is_called_biased_and_shrinks_what_trades_against_each_other():
 # --- doubts ----------------------------------------------------------------------------------------
 
 
-def doubts_of(recordings, pool=POOL, **options):
+def warnings_of(recordings, pool=POOL, **options):
     return "\n".join(select(recordings, "CZ", pool, **{"F_in": "auto", "bootstrap": 50, **options})["CZ"].doubts)
 
 
-def test_well_excited_channels_with_white_noise_leave_no_doubt():
-    assert doubts_of(made(lambda c: c["alpha"] - 2 * c["de"] + 9 * c["q_hat"] * c["alpha"])) == ""
+def test_well_excited_channels_with_white_noise_leave_no_warning():
+    assert warnings_of(made(lambda c: c["alpha"] - 2 * c["de"] + 9 * c["q_hat"] * c["alpha"])) == ""
 
 
 def test_white_and_coloured_rules_are_reported_side_by_side_where_they_disagree():
@@ -425,14 +425,14 @@ def test_white_and_coloured_rules_are_reported_side_by_side_where_they_disagree(
     extra = [str(t) for t in found.classical if t not in found.terms]
     assert names(found.terms) == {"alpha", "de"}
     assert len(extra) >= 2
-    (told,) = [d for d in found.doubts if d.startswith("Taking residuals as white, the sources' rule")]
-    assert f"would also keep {', '.join(extra[:3])}" in told
+    (stated,) = [d for d in found.doubts if d.startswith("Taking residuals as white, the sources' rule")]
+    assert f"would also keep {', '.join(extra[:3])}" in stated
     white = select(flights, "CZ", POOL, F_in="auto", **WHITE)["CZ"]
     assert white.terms == found.classical
     assert not any(d.startswith("Taking residuals") for d in white.doubts)
 
 
-def late(recordings, samples):
+def delayed(recordings, samples):
     """The same recordings with the angle of attack read this many samples late."""
     shifted = [np.concatenate([np.full(samples, r["alpha"][0]), r["alpha"][:-samples]]) for r in recordings]
     return [r.with_channels(alpha=a) for r, a in zip(recordings, shifted)]
@@ -441,14 +441,14 @@ def late(recordings, samples):
 def test_whitening_is_given_up_where_the_residual_is_misfit_and_not_noise():
     # A channel that is late leaves a residual that follows the inputs: whitening takes it for noise and predicts worse.
     flights = fly(TRUTH, 0.005, lengths=(2000, 1500, 1800))
-    found = select(late(flights, 10), "CZ", POOL, F_in="auto", bootstrap=0)["CZ"]
+    found = select(delayed(flights, 10), "CZ", POOL, F_in="auto", bootstrap=0)["CZ"]
     (said,) = [d for d in found.doubts if d.startswith("Prewhitening was dropped")]
     assert "look for delayed channels" in said
     assert found.noise_models == ()
-    robust = select(late(flights, 10), "CZ", POOL, F_in="auto", noise="cluster", bootstrap=0)["CZ"]
+    robust = select(delayed(flights, 10), "CZ", POOL, F_in="auto", noise="cluster", bootstrap=0)["CZ"]
     assert found.terms == robust.terms
     assert_allclose(found.values, robust.values, rtol=1e-12)
-    assert "Whitening" not in doubts_of(flights)
+    assert "Whitening" not in warnings_of(flights)
 
 
 def test_tests_by_blocks_hold_in_coloured_noise():
@@ -463,8 +463,8 @@ def test_tests_by_blocks_hold_in_coloured_noise():
     assert exact["white"] <= 2
 
 
-def test_a_threshold_that_lets_chance_in_is_named():
-    found = doubts_of(made(lambda c: c["alpha"]), F_in=4.0)
+def test_a_threshold_that_lets_probability_in_is_named():
+    found = warnings_of(made(lambda c: c["alpha"]), F_in=4.0)
     assert "With F_in = 4 and 19 candidates about 0.8 false terms are expected" in found
 
 
@@ -501,7 +501,7 @@ def test_collinear_terms_and_a_bad_condition_are_named():
     near = {"q_hat": lambda c, rng: c["alpha"] + 1e-4 * rng.standard_normal(1500)}
     flights = made(lambda c: c["alpha"] + c["q_hat"], noise=1e-6, **near)
     pool = Candidates.polynomial(["alpha", "q_hat", "de"], 1)
-    said = doubts_of(flights, pool, include=["alpha", "q_hat"])
+    said = warnings_of(flights, pool, include=["alpha", "q_hat"])
     assert "Collinear (VIF above 10): alpha (" in said
     assert "Condition number" not in said
     # Two channels that hardly move, and move together but for a thousandth: 1 / (1e-4 x 1e-3).
@@ -510,14 +510,14 @@ def test_collinear_terms_and_a_bad_condition_are_named():
         "da": lambda c, rng: 1.0 + 1e-3 * (c["alpha"] + 1e-3 * c["q_hat"]),
     }
     pool = Candidates.parse(["beta", "da", "de"])
-    said = doubts_of(made(lambda c: c["de"], **still), pool, include=["beta", "da"])
+    said = warnings_of(made(lambda c: c["de"], **still), pool, include=["beta", "da"])
     assert "about 7 digits of the values are sure" in said
 
 
 def test_an_oscillation_the_noise_model_cannot_hold_is_named():
     flights = fly(TRUTH, 0.02, "ar2_mode_3Hz", lengths=(2000, 2000))
-    assert "asks for more than AR order 1. Raise max_ar_order" in doubts_of(flights, max_ar_order=1)
-    assert "Raise max_ar_order" not in doubts_of(flights)
+    assert "asks for more than AR order 1. Raise max_ar_order" in warnings_of(flights, max_ar_order=1)
+    assert "Raise max_ar_order" not in warnings_of(flights)
 
 
 def test_terms_most_resamples_leave_out_are_named():
@@ -537,15 +537,15 @@ def test_terms_most_resamples_leave_out_are_named():
 
 def test_one_manoeuvre_says_that_its_held_out_parts_flatter():
     flights = made(lambda c: c["alpha"])
-    assert "One manoeuvre only" in doubts_of(flights[:1])
-    assert "One manoeuvre only" not in doubts_of(flights)
+    assert "One manoeuvre only" in warnings_of(flights[:1])
+    assert "One manoeuvre only" not in warnings_of(flights)
 
 
 def test_a_model_that_does_not_carry_over_to_other_flights_says_so():
     # The sign of alpha's effect differs between the flights.
     flights = made(lambda c: 0.0 * c["alpha"], noise=0.01)
     flights = [r.with_channels(CZ=r["CZ"] + s * r["alpha"]) for r, s in zip(flights, (1.0, 0.3))]
-    assert "on data not used for selecting" in doubts_of(flights)
+    assert "on data not used for selecting" in warnings_of(flights)
 
 
 # --- bad input -------------------------------------------------------------------------------------

@@ -108,14 +108,14 @@ def test_a_model_identified_from_its_own_flight_is_the_model(trimmed):
 
 def test_a_flight_goes_on_from_any_sample_of_itself(trimmed):
     inputs = moved(trimmed)
-    whole = simulate(DEMO, demo_aircraft(), inputs, start=trimmed)
-    rest = simulate(DEMO, demo_aircraft(), whole.between(4.0, 10.0))
+    complete = simulate(DEMO, demo_aircraft(), inputs, start=trimmed)
+    rest = simulate(DEMO, demo_aircraft(), complete.between(4.0, 10.0))
     for name in ("V", "alpha", "q", "phi", "h", "ax"):
-        assert_allclose(rest[name], whole[name][200:], atol=1e-9)
+        assert_allclose(rest[name], complete[name][200:], atol=1e-9)
     read = simulate(DEMO, demo_aircraft(), inputs, start=trimmed, instruments=Instruments())
     again = simulate(DEMO, demo_aircraft(), read.between(4.0, 10.0))
     # Air data read at the vane were carried to the centre of gravity.
-    assert_allclose(again["alpha"], whole["alpha"][200:], atol=1e-9)
+    assert_allclose(again["alpha"], complete["alpha"][200:], atol=1e-9)
 
 
 # --- trim ------------------------------------------------------------------------------------------------------
@@ -352,9 +352,9 @@ def test_every_fault_does_what_it_says_and_nothing_else(read):
     plain = read()
     assert_allclose(read(bias={"az": 0.3})["az"], plain["az"] + 0.3, rtol=1e-14)
     assert_allclose(read(scale={"q": 0.02})["q"], 1.02 * plain["q"], rtol=1e-14)
-    late = read(delay={"p": 0.06})["p"]
-    assert_allclose(late[3:], plain["p"][:-3], atol=1e-12)
-    assert_allclose(late[:3], plain["p"][0], atol=1e-12)
+    delayed = read(delay={"p": 0.06})["p"]
+    assert_allclose(delayed[3:], plain["p"][:-3], atol=1e-12)
+    assert_allclose(delayed[:3], plain["p"][0], atol=1e-12)
     coarse = read(resolution={"theta": 0.01})["theta"]
     assert_allclose(coarse / 0.01, np.round(coarse / 0.01), atol=1e-9)
     assert np.abs(coarse - plain["theta"]).max() <= 0.005 + 1e-12
@@ -455,7 +455,7 @@ def test_a_term_in_what_the_flight_makes_is_refused(trimmed):
             simulate(model_of({"Cm": {term: 1.0}}), demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed)
 
 
-def test_leaving_the_region_flown_is_said(trimmed):
+def test_leaving_the_region_simulated_is_said(trimmed):
     narrow = model_of(TRUTH, ranges={"alpha": (0.14, 0.15), "q_hat": (-1e-4, 1e-4)})
     with pytest.warns(StructselWarning, match=r"leaves the ranges.*alpha.*q_hat"):
         simulate(narrow, demo_aircraft(), moved(trimmed), start=trimmed)

@@ -71,7 +71,7 @@ def test_the_stated_accuracy_of_values_and_derivative_is_the_actual_one(response
 
 
 @pytest.mark.parametrize("method", ["spline", "fourier"])
-def test_smoothing_beats_the_best_fixed_local_polynomial_on_a_noisy_incidence(response, method):
+def test_smoothing_beats_the_best_fixed_local_polynomial_on_a_noisy_angle_of_attack(response, method):
     from scipy.signal import savgol_filter
 
     t, states, rates = response
@@ -158,7 +158,7 @@ def test_the_spline_and_its_accuracy_are_those_of_a_dense_gaussian_regression(or
         assert_allclose(std, np.sqrt(variance), rtol=1e-4 if order < 4 else 0.02)
 
 
-def test_the_spline_bridges_missing_samples_with_the_doubt_that_deserves(response):
+def test_the_spline_bridges_missing_samples_with_the_warning_that_deserves(response):
     t, states, _ = response
     x = states[:, 0]
     noisy = x + 0.02 * x.std() * np.random.default_rng(2).standard_normal(t.size)

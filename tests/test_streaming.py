@@ -73,22 +73,22 @@ def test_files_are_cut_at_gaps_and_coefficients_computed_at_every_reading(tmp_pa
         both = {name: np.concatenate([a[name], b[name]]) for name in a.names if name in b}
         write_recording(Recording(f"pair{k}", t, both, a.units), tmp_path / f"pair{k}.parquet")
     prepare = partial(compute_coefficients, aircraft=craft, V0=45.0)
-    held = [prepare(part) for whole in read_recordings(tmp_path) for part in whole.split()]
+    held = [prepare(part) for complete in read_recordings(tmp_path) for part in complete.split()]
     streamed = stream_recordings(tmp_path, prepare=prepare, split=True)
-    for stored, whole in zip(streamed, held, strict=True):
-        assert (stored.name, len(stored), stored.dt) == (whole.name, len(whole), whole.dt)
-        assert (stored.findings, stored.provenance) == (whole.findings, whole.provenance)
+    for stored, complete in zip(streamed, held, strict=True):
+        assert (stored.name, len(stored), stored.dt) == (complete.name, len(complete), complete.dt)
+        assert (stored.findings, stored.provenance) == (complete.findings, complete.provenance)
     assert_same(select(streamed, "Cm", POOL, **ASKED), select(held, "Cm", POOL, **ASKED))
 
 
 def test_a_stored_recording_answers_like_the_one_it_stores(folder):
-    (whole, *_), (stored, *_) = read_recordings(folder), stream_recordings(folder)
-    assert (stored.name, len(stored), stored.names, stored.unit("alpha")) == (whole.name, 900, whole.names, "rad")
+    (complete, *_), (stored, *_) = read_recordings(folder), stream_recordings(folder)
+    assert (stored.name, len(stored), stored.names, stored.unit("alpha")) == (complete.name, 900, complete.names, "rad")
     assert "CZ" in stored
     assert "mach" not in stored
-    assert_array_equal(stored["CZ"], whole["CZ"])
+    assert_array_equal(stored["CZ"], complete["CZ"])
     again = stored.read()
-    assert (again.name, again.findings, again.provenance) == (whole.name, whole.findings, whole.provenance)
+    assert (again.name, again.findings, again.provenance) == (complete.name, complete.findings, complete.provenance)
     with pytest.raises(ChannelError, match=r"select needs channel 'mach' \[-\]; 'flight_1' has none"):
         stored.require("mach", by="select")
 
@@ -155,10 +155,10 @@ def test_an_error_in_one_thread_stops_the_others():
 
 
 @given(lengths=st.lists(st.integers(1, 5000), min_size=1, max_size=200), most=st.integers(1, 40))
-def test_joined_blocks_hold_every_manoeuvre_whole_and_once_in_their_order(lengths, most):
+def test_joined_blocks_hold_every_manoeuvre_complete_and_once_in_their_order(lengths, most):
     joined = blocks.join_manoeuvres(lengths, most)
     assert len(joined) <= most
-    assert [tuple(stretch) for block in joined for stretch in block] == [(k, 0, n) for k, n in enumerate(lengths)]
+    assert [tuple(segment) for block in joined for segment in block] == [(k, 0, n) for k, n in enumerate(lengths)]
     assert blocks.count_samples(joined).sum() == sum(lengths)
 
 
@@ -207,7 +207,7 @@ def test_a_run_that_was_broken_off_goes_on_where_it_was(folder, tmp_path, stage,
         select(flights, ["CZ", "CY"], POOL, checkpoint=kept, workers=1, progress=broken(stage, parts), **ASKED)
     assert kept.exists()
     done = []
-    found = select(flights, ["CZ", "CY"], POOL, checkpoint=kept, progress=lambda *told: done.append(told), **ASKED)
+    found = select(flights, ["CZ", "CY"], POOL, checkpoint=kept, progress=lambda *stated: done.append(stated), **ASKED)
     assert_same(found, expected, rtol=0.0)
     assert list(tmp_path.iterdir()) == []
     again = [name for name, _, _ in done]
@@ -395,7 +395,7 @@ def test_a_streamed_run_keeps_its_checkpoint_beside_the_results(folder, tmp_path
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
-def test_large_folders_are_streamed_unless_told_otherwise(folder, monkeypatch):
+def test_large_folders_are_streamed_unless_stated_otherwise(folder, monkeypatch):
     from structsel.cli import streaming
 
     assert not streaming.to_stream([folder], None, False)

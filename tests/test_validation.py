@@ -165,7 +165,7 @@ def test_every_score_is_the_measure_on_its_recording_and_the_pool_on_all():
     assert_allclose(pooled.ljung_box_p, stats.chi2.sf(sum(s.ljung_box for s in own), 80), rtol=1e-9)
 
 
-def test_coloured_residuals_are_told_from_white_ones():
+def test_coloured_residuals_are_stated_from_white_ones():
     validation = validate(TRUTH, [make_recording("m01", 1), make_recording("m02", 2, rho=0.9)])
     white, coloured = validation.score("CZ", "m01"), validation.score("CZ", "m02")
     assert white.white
@@ -183,7 +183,7 @@ def test_pooled_lags_do_not_cross_from_one_manoeuvre_to_the_next():
     assert np.abs(pooled.autocorrelation[1:]).max() < 0.15
 
 
-def test_doubts_are_stated_beside_the_numbers():
+def test_warnings_are_stated_beside_the_numbers():
     exact = make_recording("m00", 3, sigma=0.0)
     model = AeroModel({"CZ": ResponseModel(("1",), [0.5], ranges={})}, recordings=())
     assert "so no correlation" in str(validate(model, exact))
@@ -191,8 +191,8 @@ def test_doubts_are_stated_beside_the_numbers():
     validation = validate(AeroModel({"Cm": TRUTH["Cm"]}, recordings=("m00",)), flat)
     assert math.isnan(validation.score("Cm").ljung_box_p)
     assert validation.score("Cm").r2 == 1.0
-    assert any("was used to identify" in doubt for doubt in validation.doubts)
-    assert any("no test of whiteness" in doubt for doubt in validation.doubts)
+    assert any("was used to identify" in warning for warning in validation.doubts)
+    assert any("no test of whiteness" in warning for warning in validation.doubts)
     wide = exact.with_channels(alpha=exact["alpha"] * 2)
     assert any("leaves the ranges the model was identified in: alpha [rad]" in d for d in validate(TRUTH, wide).doubts)
 

@@ -15,7 +15,7 @@ from structsel.effects.base import EffectParameter
 from structsel.numerics.evidence import Trial
 
 
-def test_chances_are_a_softmax_with_nothing_among_the_choices():
+def test_probabilities_are_a_softmax_with_nothing_among_the_choices():
     rng = np.random.default_rng(1)
     x = rng.normal(size=(3, len(weighing.FEATURES)))
 
@@ -67,7 +67,7 @@ def test_what_inputs_do_not_bear_out_does_not_count():
     assert (weighing.nats(half), weighing.alone(half)) == pytest.approx((449.25, 201.5))
 
 
-def test_nats_ahead_are_of_the_best_other_and_within_one():
+def test_log_bayes_ahead_are_of_the_best_other_and_within_one():
     scores = [SimpleNamespace(nats=x) for x in (100.0, 40.0, -5.0)]
     ahead = [weighing.ahead_of(s, scores, lambda one: one.nats) for s in scores]
     assert ahead == pytest.approx([0.6, -1.0, -1.0])
@@ -91,7 +91,7 @@ def test_an_effect_is_behind_the_best_by_what_it_was_let_in_for():
     assert weighing.behind(score(11.0, 0.0), [score(16.0, 0.0)]) == pytest.approx(-0.5)  # ten nats are clear
 
 
-def bench_of(signals):
+def problem_of(signals):
     """Benches that hold white rows of one response of several flights: a level, and cosine coefficients."""
     rows = SimpleNamespace(part=lambda response: slice(None), flight=SimpleNamespace(name="m01"))
     left = [(rows, np.concatenate([[0.0], dct(x, norm="ortho")])) for x in signals]
@@ -103,7 +103,7 @@ def test_a_few_moments_count_by_what_the_effect_does_there():
     noise = [rng.normal(size=400) for _ in range(3)]
     stop = np.zeros(400)
     stop[100:104] = 8.0
-    without, beside = bench_of([x + stop for x in noise]), bench_of(noise)
+    without, beside = problem_of([x + stop for x in noise]), problem_of(noise)
     before, after = judging.excess_where_moved(without, beside)["CZ"]
     there = np.concatenate([x[100:104] for x in noise])
     assert before == pytest.approx(np.mean((there + 8.0) ** 2))
@@ -111,7 +111,7 @@ def test_a_few_moments_count_by_what_the_effect_does_there():
     assert judging.excess_where_moved(without, without) == {}
 
 
-def test_what_an_effect_carries_is_a_share_of_each_response_however_quiet_that_is():
+def test_what_an_effect_carries_is_a_fraction_of_each_response_however_quiet_that_is():
     """Two effects, one in each response: as much of either counts the same, whatever its noise."""
 
     def plain(kept):
@@ -119,9 +119,9 @@ def test_what_an_effect_carries_is_a_share_of_each_response_however_quiet_that_i
         rows = SimpleNamespace(part=lambda c: slice(*{"CZ": (0, 4), "Cm": (4, 8), "CY": (8, 12)}[c]))
         return SimpleNamespace(left_in=[(rows, np.concatenate([left["CZ"], left["Cm"], np.zeros(4)]))])
 
-    bench = SimpleNamespace(keeping=plain, told=["CZ", "Cm", "CY"])  # nothing is amiss in CY
+    problem = SimpleNamespace(keeping=plain, told=["CZ", "Cm", "CY"])  # nothing is amiss in CY
     both = [Member((), (0,)), Member((), (1,))]
-    assert shares(bench, both) == pytest.approx([0.75, 0.75])
+    assert shares(problem, both) == pytest.approx([0.75, 0.75])
 
 
 def test_the_jackknife_of_a_mean_is_its_standard_error():

@@ -81,7 +81,7 @@ def test_a_trimmed_aircraft_that_nobody_disturbs_flies_on_level():
 
 
 @pytest.mark.parametrize("effect", [*SINGLES, *OUTSIDE], ids=lambda e: e.label or e.name)
-def test_each_effect_can_be_flown_and_shows_in_its_own_axes(effect):
+def test_each_effect_can_be_simulated_and_shows_in_its_own_axes(effect):
     base = (effect.aircraft or AIRCRAFT_NAMES)[0]
     scenario = draw_scenario([effect], truth_aircraft(base), 4, "reconstructed")
     flights = simulate_truth(
@@ -123,7 +123,7 @@ def test_nothing_in_the_case_s_folder_tells_what_is_concealed(tmp_path):
     assert Aircraft.from_toml(folder / "aircraft.toml").tolerances.main in (0.01, 0.02, 0.05)
 
 
-def test_the_attainable_share_of_a_mass_error_is_what_the_true_mass_brings(tmp_path):
+def test_the_attainable_fraction_of_a_mass_error_is_what_the_true_mass_brings(tmp_path):
     case = draw_case(3, effect="mass-error", severity="easy")
     while "factor" not in case.key.effects[0].parameters or case.key.form != "forced":
         case = draw_case(case.key.seed + 1, effect="mass-error", severity="easy")

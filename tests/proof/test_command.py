@@ -86,20 +86,20 @@ def test_the_tables_are_printed_and_written_with_the_command(run, tmp_path):
 
 def test_json_is_the_proof_and_nothing_else(run, tmp_path):
     done = run("--cases", "single=1,null=1", "--sources", "own", "--out", tmp_path / "p", "--json")
-    told = json.loads(done.stdout)
-    assert told == json.loads((tmp_path / "p" / "proof.json").read_text())
-    assert told["schema"] == "structsel.proof/1"
-    assert told["judged"] is False
-    assert [c["name"] for c in told["cases"]] == ["own-0000000", "own-0000001"]
-    figure = next(f for f in told["figures"] if f["name"] == "held-out gain over the attainable, median")
+    stated = json.loads(done.stdout)
+    assert stated == json.loads((tmp_path / "p" / "proof.json").read_text())
+    assert stated["schema"] == "structsel.proof/1"
+    assert stated["judged"] is False
+    assert [c["name"] for c in stated["cases"]] == ["own-0000000", "own-0000001"]
+    figure = next(f for f in stated["figures"] if f["name"] == "held-out gain over the attainable, median")
     assert (figure["value"], figure["met"]) == (1.0, True)  # 1 - 0.3/0.5 of 0.4
 
 
 def test_what_is_done_so_far_is_scored_and_nothing_else_begun(run, tmp_path):
     out = tmp_path / "p"
     run("--cases", 2, "--sources", "own", "--out", out)
-    told = json.loads(run("--cases", 5, "--sources", "own", "--out", out, "--done", "--json").stdout)
-    assert [c["name"] for c in told["cases"]] == ["own-0000000", "own-0000001"]
+    stated = json.loads(run("--cases", 5, "--sources", "own", "--out", out, "--done", "--json").stdout)
+    assert [c["name"] for c in stated["cases"]] == ["own-0000000", "own-0000001"]
     assert "so far: 2 of the 5 cases asked for are done" in (out / "proof.md").read_text()
     assert len(list((out / "cases").iterdir())) == 2
     assert "holds no answer" in run("--cases", 2, "--seed", 50, "--out", out, "--done", code=1).stderr

@@ -135,7 +135,7 @@ def test_a_null_is_alarmed_by_a_mismatch_or_by_anything_named_but_turbulence(ans
         (said(a_finding("icing"), verdict="undecidable"), False),
     ],
 )
-def test_outside_the_library_a_name_without_doubt_is_a_claim(answer, claimed):
+def test_outside_the_library_a_name_without_warning_is_a_claim(answer, claimed):
     outside = a_key(an_effect("unknown", tie=()), family="outside")
     assert score_case("a", answer, outside).claimed is claimed
     # The same where the hypothesis was taken out: nothing said there counts towards the probabilities.
@@ -150,7 +150,7 @@ def test_overlap_is_seconds_shared_over_seconds_covered():
     assert overlap({"m01": [[0, 1]]}, {}) == 0.0
 
 
-def test_a_finding_without_intervals_covers_the_whole_of_every_recording():
+def test_a_finding_without_intervals_covers_the_complete_of_every_recording():
     key = a_key(an_effect(intervals={"m01": [(2.0, 4.0)], "m02": []}))
     spans = {"m01": [0.0, 10.0], "m02": [0.0, 10.0]}
     assert_allclose(score_case("a", said(a_finding()), key, spans).iou, 0.1)
@@ -180,7 +180,7 @@ def test_the_last_finding_tells_the_gain_of_all():
     assert_allclose(score.gain, 1.5 / 0.8)
 
 
-def test_gain_beyond_a_refit_is_told_from_a_loss():
+def test_gain_beyond_a_refit_is_stated_from_a_loss():
     better = score_case("a", said(a_finding()), a_key(an_effect()))  # of CZ alone: of Cm nothing is told
     assert_allclose(better.beyond, 1.0 - 0.2 / 0.35)
     fit = {"held_out": {"before": {}, "refitted": {"CZ": {"rrmse": 0.3}}, "after": {"CZ": {"rrmse": 0.33}}}}
@@ -191,12 +191,12 @@ def test_gain_beyond_a_refit_is_told_from_a_loss():
 
 def test_parameters_are_compared_in_size_where_names_correspond():
     effect = an_effect("sensor-scale", parameters={"channel": "alpha", "scale": 0.96})
-    told = {"scale": {"value": -0.042, "std": 0.001, "unit": "-"}, "other": {"value": 3.0, "std": 1.0, "unit": ""}}
-    (one,) = score_case("a", said(a_finding("sensor-scale", parameters=told)), a_key(effect)).sizes
+    stated = {"scale": {"value": -0.042, "std": 0.001, "unit": "-"}, "other": {"value": 3.0, "std": 1.0, "unit": ""}}
+    (one,) = score_case("a", said(a_finding("sensor-scale", parameters=stated)), a_key(effect)).sizes
     assert (one.effect, one.name, one.inside) == ("sensor-scale", "scale", False)  # 2 standard deviations off
     assert_allclose(one.error, 0.05, rtol=1e-9)
-    told["scale"]["std"] = 0.002
-    assert score_case("a", said(a_finding("sensor-scale", parameters=told)), a_key(effect)).sizes[0].inside
+    stated["scale"]["std"] = 0.002
+    assert score_case("a", said(a_finding("sensor-scale", parameters=stated)), a_key(effect)).sizes[0].inside
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def a_score(k=0, **more):
     return CaseScore(name=f"c{k}", source="own/hawk", form="forced", **{**held, **more})
 
 
-def test_shares_and_their_intervals_are_those_of_the_binomial():
+def test_fractions_and_their_intervals_are_those_of_the_binomial():
     summary = summarise([a_score(k, top1=k < 9, tie=True, top3=True) for k in range(10)])
     first = summary["right effect first"]
     assert (first.value, first.of, first.met) == (0.9, 10, True)
@@ -393,7 +393,7 @@ def fake(tmp_path):
     return make
 
 
-def test_who_diagnoses_is_told_of_nothing_but_the_case(fake, tmp_path):
+def test_who_diagnoses_is_stated_of_nothing_but_the_case(fake, tmp_path):
     out = tmp_path / "proof"
     draws = campaign.plan({"": 2}, 0, sources=["own"])
     campaign.prove(draws, out, program=fake(), jobs=1, simple=True)
@@ -412,7 +412,7 @@ def test_who_diagnoses_is_told_of_nothing_but_the_case(fake, tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system does not say which cores a process has")
-def test_each_case_runs_on_one_core_and_cases_share_them_out(fake, tmp_path):
+def test_each_case_runs_on_one_core_and_cases_fraction_them_out(fake, tmp_path):
     free = os.sched_getaffinity(0)
     draws = campaign.plan({"": 4}, 0, sources=["own"])
     campaign.prove(draws, tmp_path / "proof", program=fake(), jobs=2)
@@ -434,12 +434,12 @@ def test_a_run_broken_off_is_a_fair_sample_of_its_families():
 
 
 def test_a_run_goes_on_where_it_stopped(fake, tmp_path):
-    program, told = fake(), []
+    program, stated = fake(), []
     campaign.prove(campaign.plan({"": 2}, 0, sources=["own"]), tmp_path, program=program)
     draws = campaign.plan({"": 5}, 0, sources=["own"])
-    campaign.prove(draws, tmp_path, program=program, progress=lambda *step: told.append(step))
+    campaign.prove(draws, tmp_path, program=program, progress=lambda *step: stated.append(step))
     assert len(fake.notes()) == 4  # the first two are not asked again, and one cannot be drawn
-    assert told[-1] == ("cases", 5, 5)
+    assert stated[-1] == ("cases", 5, 5)
     campaign.prove(draws, tmp_path, program=program, again=True)
     assert len(fake.notes()) == 8
     scores, undrawn = campaign.scores_of(draws, tmp_path)
@@ -462,9 +462,9 @@ def test_a_process_that_breaks_down_or_takes_too_long_is_no_answer(fake, tmp_pat
     campaign.prove(draws, tmp_path / "a", program=fake())  # it may have been stopped from outside: it is asked again
     assert not campaign.errors_of(draws, tmp_path / "a")
     slow = (sys.executable, "-c", "import time; time.sleep(20)")
-    bench = campaign._Bench(tmp_path, 0.2, slow, False, False)
+    problem = campaign._Bench(tmp_path, 0.2, slow, False, False)
     (tmp_path / "case").mkdir()
-    assert bench._ask(tmp_path / "case", "diagnose") == {"error": "no answer within 0.2 s"}
+    assert problem._ask(tmp_path / "case", "diagnose") == {"error": "no answer within 0.2 s"}
 
 
 def test_a_diagnosis_stands_though_asking_the_baselines_broke_down(fake, tmp_path):
