@@ -19,9 +19,9 @@ from scipy.integrate import cumulative_trapezoid
 from timing import in_child, machine, measure, measure_once, one_blas_thread, peak_above_now, publish, say, table
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.compatibility import output_error_path
 from structsel.numerics.flight_path import STATES, noise_gain, observe, readings, slopes, step
 from structsel.numerics.unscented import FlightPathProblem, run_filter, run_smoother
+from structsel.reconstruction.data_compatibility import output_error_path
 
 try:
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter

@@ -14,11 +14,11 @@ from structsel.errors import DomainError, ReconstructionError
 from structsel.nomenclature import unit_of
 from structsel.numerics import flight_path as fp
 from structsel.numerics.atmosphere import G0
-from structsel.numerics.compatibility import output_error_path
 from structsel.numerics.reconstructibility import reconstructibility
 from structsel.numerics.unscented import STEEP, Filtered, FlightPathProblem, Smoothed, run_smoother
 from structsel.reconstruction.assembly import ESTIMATED, INERTIAL, Assembly, assemble
 from structsel.reconstruction.consistency import Consistency, judge
+from structsel.reconstruction.data_compatibility import output_error_path
 from structsel.reconstruction.doubting import find_doubts
 from structsel.reconstruction.lateness import LONGEST_DELAY, Delay, find_delays
 from structsel.reconstruction.mistakes import refuse_mistaken_channels

@@ -9,8 +9,8 @@ import numpy as np
 
 from structsel.numerics.output_error import OutputErrorFit
 from structsel.numerics.output_error_problem import Predict
-from structsel.refinement.flight_model import FilterPredictor
 from structsel.refinement.problem import EstimationProblem, filled
+from structsel.refinement.protocols import FilterPredictor
 
 _ROUNDS = 15
 _SAME_VARIANCE = 0.02  # change of a variance that no longer counts, relative

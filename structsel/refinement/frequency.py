@@ -11,10 +11,10 @@ from structsel.numerics.frequency_domain import as_real, choose_frequencies, sam
 from structsel.numerics.output_error import OutputErrorFit
 from structsel.numerics.output_error_problem import Predict
 from structsel.recording import Recording
-from structsel.refinement.flight_model import FlightModel
 from structsel.refinement.linear_flight import InputResponse, LinearFlight
 from structsel.refinement.parameters import Parameter
 from structsel.refinement.problem import EstimationProblem, FitsAndResiduals, filled
+from structsel.refinement.protocols import RefinableModel
 from structsel.refinement.result import OutputFit, compare_output
 
 
@@ -31,7 +31,7 @@ class FrequencyProblem(EstimationProblem):
 
     def __init__(
         self,
-        model: FlightModel,
+        model: RefinableModel,
         recordings: Sequence[Recording],
         outputs: Sequence[str],
         parameters: Sequence[Parameter],
@@ -117,7 +117,7 @@ class FrequencyProblem(EstimationProblem):
 
 
 def check_frequency(
-    flight: FlightModel, band: tuple[float, float] | None, constants: Mapping[str, Sequence[str]]
+    flight: RefinableModel, band: tuple[float, float] | None, constants: Mapping[str, Sequence[str]]
 ) -> tuple[float, float]:
     """The band [Hz], where the frequency domain is possible.
 

@@ -11,8 +11,8 @@ from structsel.nomenclature import suggest
 from structsel.numerics.linear_systems import discretise, discretise_noise, interval, simulate_linear, split_delay
 from structsel.recording import Recording
 from structsel.refinement.filter_kernels import diagonal, predict_linear, steady_gain
-from structsel.refinement.flight_model import Simulator
 from structsel.refinement.linear_structure import LinearStructure, Matrices
+from structsel.refinement.protocols import Simulator
 from structsel.simulation.linear import LinearModel
 
 

@@ -17,8 +17,8 @@ from structsel.numerics.linear_systems import discretise_noise
 from structsel.numerics.rigid_body import body_velocity
 from structsel.recording import Recording
 from structsel.refinement.filter_kernels import diagonal, steady_gain
-from structsel.refinement.flight_model import Simulator
 from structsel.refinement.linear_flight import delayed_inputs
+from structsel.refinement.protocols import Simulator
 from structsel.simulation.air import Air
 from structsel.simulation.preparing import Prepared, prepare
 

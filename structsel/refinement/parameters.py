@@ -24,7 +24,7 @@ import numpy as np
 from structsel.errors import DataError, ModelError
 from structsel.nomenclature import suggest
 from structsel.recording import Recording
-from structsel.refinement.flight_model import FlightModel
+from structsel.refinement.protocols import RefinableModel
 from structsel.refinement.settings import Names, RefineOptions
 
 _UNEVEN = 1e-3  # of the sampling interval
@@ -128,7 +128,7 @@ def check_recordings(recordings: Sequence[Recording]) -> None:
         require_even_clock(recording)
 
 
-def choose_outputs(flight: FlightModel, recordings: Sequence[Recording], outputs: Iterable[str] | None) -> list[str]:
+def choose_outputs(flight: RefinableModel, recordings: Sequence[Recording], outputs: Iterable[str] | None) -> list[str]:
     """Outputs to fit.
 
     Raises
@@ -155,7 +155,7 @@ def choose_outputs(flight: FlightModel, recordings: Sequence[Recording], outputs
     return default_outputs
 
 
-def _chosen(names: Names, among: Sequence[str], what: str, flight: FlightModel) -> list[str]:
+def _chosen(names: Names, among: Sequence[str], what: str, flight: RefinableModel) -> list[str]:
     chosen = list(among) if isinstance(names, str) and names == "all" else list(names)
     for name in chosen:
         if name not in among:
@@ -166,7 +166,7 @@ def _chosen(names: Names, among: Sequence[str], what: str, flight: FlightModel) 
 
 
 def build_parameters(
-    flight: FlightModel, recordings: Sequence[Recording], outputs: Sequence[str], options: RefineOptions
+    flight: RefinableModel, recordings: Sequence[Recording], outputs: Sequence[str], options: RefineOptions
 ) -> list[Parameter]:
     """Every parameter to estimate, in the order of the table in parameters.py."""
     in_time = options.domain == "time"
@@ -232,7 +232,7 @@ def _spread_of(state: str, recordings: Sequence[Recording]) -> float:
     return found if np.isfinite(found) and found > 0.0 else 1.0
 
 
-def check_delay(parameters: Sequence[Parameter], flight: FlightModel, recordings: Sequence[Recording]) -> None:
+def check_delay(parameters: Sequence[Parameter], flight: RefinableModel, recordings: Sequence[Recording]) -> None:
     """Refuse a delay longer than a recording."""
     longest = max([flight.delay, *(p.high for p in parameters if p.kind == "delay")])
     for p in parameters:

@@ -10,8 +10,8 @@ import numpy as np
 from structsel.numerics.output_error import OutputErrorFit
 from structsel.numerics.output_error_problem import Constraint, OutputErrorProblem, Predict
 from structsel.recording import Recording
-from structsel.refinement.flight_model import FlightModel
 from structsel.refinement.parameters import Parameter
+from structsel.refinement.protocols import RefinableModel
 from structsel.refinement.result import OutputFit, compare_output
 from structsel.refinement.settings import RefineOptions
 
@@ -32,7 +32,7 @@ class EstimationProblem:
 
     Parameters
     ----------
-    model : FlightModel
+    model : RefinableModel
     recordings : sequence of Recording
     outputs : sequence of str
     parameters : sequence of Parameter
@@ -43,7 +43,7 @@ class EstimationProblem:
 
     def __init__(
         self,
-        model: FlightModel,
+        model: RefinableModel,
         recordings: Sequence[Recording],
         outputs: Sequence[str],
         parameters: Sequence[Parameter],

@@ -17,13 +17,13 @@ from structsel.numerics.output_error_problem import Constraint, OutputErrorProbl
 from structsel.options import takes_options
 from structsel.recording import Recording
 from structsel.refinement.filter_error import FilterErrorProblem, iterate_noise
-from structsel.refinement.flight_model import FlightModel
 from structsel.refinement.frequency import FrequencyProblem, check_frequency
 from structsel.refinement.linear_flight import LinearFlight
 from structsel.refinement.linear_structure import LinearStructure
 from structsel.refinement.nonlinear_flight import NonlinearFlight
 from structsel.refinement.parameters import bound, build_parameters, check_delay, check_recordings, choose_outputs
 from structsel.refinement.problem import EstimationProblem
+from structsel.refinement.protocols import RefinableModel
 from structsel.refinement.result import Estimate, Refinement, check_estimates
 from structsel.refinement.settings import RefineOptions, StabilityConstraint
 from structsel.simulation.linear import LinearModel
@@ -129,7 +129,7 @@ def _covariance(outputs: Sequence[str], options: RefineOptions) -> np.ndarray | 
     return np.array([options.weights[name] ** 2 for name in outputs])
 
 
-def _make_flight(model: Any, aircraft: Aircraft | None, options: RefineOptions) -> FlightModel:
+def _make_flight(model: Any, aircraft: Aircraft | None, options: RefineOptions) -> RefinableModel:
     delayed = None if isinstance(options.delay, bool) else options.delay
     if isinstance(model, LinearStructure | LinearModel):
         return LinearFlight(model, delayed)

@@ -32,7 +32,7 @@ class FilterPredictor(Protocol):
         """(m, n, c) outputs predicted for each sample from the measurements before it, (m, n, c)."""
 
 
-class FlightModel(Protocol):
+class RefinableModel(Protocol):
     """A model that `refine` can simulate."""
 
     name: str

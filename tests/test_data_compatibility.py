@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
-from structsel.numerics.compatibility import output_error_path
 from structsel.numerics.flight_path import STATES, fly, readings
+from structsel.reconstruction.data_compatibility import output_error_path
 from tests.dense_flight_path import ANGLES, dense_observe, dense_step, flight, jacobian
 
 BIASES = slice(9, 15)
