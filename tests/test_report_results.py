@@ -199,9 +199,9 @@ def test_an_hour_at_50_hz_of_12_channels_can_be_mailed_and_keeps_its_peaks(tmp_p
     flown = [Recording("hour", t, channels)]
     pool = Candidates.polynomial([c for c in channels if c != "Cm"], 1)
     found = select(flown, "Cm", pool, bootstrap=0)
-    began = time.perf_counter()
+    began = time.process_time()
     path = write_report(found, tmp_path / "report.html", recordings=flown)
-    assert time.perf_counter() - began < 10.0
+    assert time.process_time() - began < 20.0  # it takes one: a report that draws every sample takes minutes
     assert 1_000_000 < path.stat().st_size < 3_000_000
     one = data_of(path.read_text())["recordings"]["hour"]
     held = one["responses"]["Cm"]
