@@ -1,4 +1,4 @@
-"""A picture of each effect: what it leaves of measured less simulated, over time and over what drives it."""
+"""A picture of each effect: what it adds to measured minus simulated, over time and over the channel that drives it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DRIVERS = (
     *("alpha_dot", "q_dot", "p_dot", "r_dot"),
 )
 _FEW = 12  # bins
-_CLEAR = 0.2  # share of a signature's variance that means over a channel must explain to call it the driver
+_CLEAR = 0.2  # fraction of a signature's variance that the bin means of a channel explain if it is the driver
 _SLOW = {"h_agl": 0.9}  # the same for what itself moves as slowly as time
 _TIME = 0.8  # the same, over time: then no channel drives it
 
@@ -52,30 +52,30 @@ def _pulses(*at: tuple[float, float, float]) -> np.ndarray:
 @cache
 def _aircraft(speeds: tuple[float, ...]) -> tuple[Flight, ...]:
     """Flights that move every control and the thrust, low over the ground, flaps and gear moving."""
-    craft = demo_aircraft()
+    aircraft = demo_aircraft()
     truth = {r: ResponseModel(tuple(map(Term, terms)), np.array(list(terms.values()))) for r, terms in TRUTH.items()}
     model = AeroModel(truth)
-    made, told = [], []
+    recordings, simulated = [], []
     for k, V in enumerate(speeds):
-        start = trim(model, craft, V, 500.0)
+        start = trim(model, aircraft, V, 500.0)
         moves = {
             "de": _pulses((1.0, 0.9, 0.05), (13.0 - k, 0.6, -0.06)),
             "dr": _pulses((6.0 + k, 0.9, 0.06), (19.0, 0.7, -0.05)),
             "da": _pulses((9.5, 0.7, 0.06), (16.0 + k, 0.7, -0.05)),
         }
         thrust = 900.0 * (((_T >= 3.0) & (_T < 9.0)) * 1.0 - ((_T >= 15.0) & (_T < 20.0)))
-        flown = simulate(model, craft, start.inputs(_T, **moves, thrust=thrust), start=start, outside="ignore")
+        flight = simulate(model, aircraft, start.inputs(_T, **moves, thrust=thrust), start=start, outside="ignore")
         extra = {
             "df": 0.35 * np.clip((_T - 10.0) / 3.0, 0.0, 1.0),
             "gear": 1.0 * (_T > 12.0),
             "h_agl": 25.0 - 23.0 * np.sin(np.pi * _T / _SECONDS),
             "collective": _pulses((4.0, 1.5, 0.1), (17.0, 1.0, 0.15)),
         }
-        recording = Recording(f"m{k + 1:02d}", flown.t, {**flown.channels, **extra}, units={"collective": "rad"})
-        made.append(recording)
-        told.append(dict(model.evaluate(compute_coefficients(recording, craft), outside="ignore")))
-    flights = [prepare_flight(r, craft, s) for r, s in zip(made, told)]
-    stand_in = identify(flights, told, list(told[0]))
+        recording = Recording(f"m{k + 1:02d}", flight.t, {**flight.channels, **extra}, units={"collective": "rad"})
+        recordings.append(recording)
+        simulated.append(dict(model.evaluate(compute_coefficients(recording, aircraft), outside="ignore")))
+    flights = [prepare_flight(r, aircraft, s) for r, s in zip(recordings, simulated)]
+    stand_in = identify(flights, simulated, list(simulated[0]))
     return tuple(replace(f, surrogate=stand_in) for f in flights)
 
 
@@ -118,11 +118,11 @@ def _clearest(flights: tuple[Flight, ...], form: Variant) -> tuple[Flight, str, 
 def _driver(flight: Flight, left: np.ndarray) -> str:
     """Channel whose bins explain most of a signature; empty where time alone does, or none."""
     moving = [name for name in _DRIVERS if (name in flight or name in flight.simulated) and np.ptp(_seen(flight, name))]
-    shares = {name: _share(_seen(flight, name), left) for name in moving}
-    told = {name: share for name, share in shares.items() if share > _SLOW.get(name, _CLEAR)}
-    best = max(told, key=lambda name: told[name], default="")
-    over_time = _share(flight.t, left)
-    return best if best and (over_time < _TIME or told[best] > over_time) else ""
+    fractions = {name: _fraction(_seen(flight, name), left) for name in moving}
+    clear = {name: x for name, x in fractions.items() if x > _SLOW.get(name, _CLEAR)}
+    best = max(clear, key=lambda name: clear[name], default="")
+    over_time = _fraction(flight.t, left)
+    return best if best and (over_time < _TIME or clear[best] > over_time) else ""
 
 
 def _seen(flight: Flight, name: str) -> np.ndarray:
@@ -130,7 +130,7 @@ def _seen(flight: Flight, name: str) -> np.ndarray:
     return flight.simulated[name] if name in flight.simulated else flight[name]
 
 
-def _share(x: np.ndarray, left: np.ndarray) -> float:
+def _fraction(x: np.ndarray, left: np.ndarray) -> float:
     edges = np.quantile(x, np.linspace(0.0, 1.0, _FEW + 1)[1:-1])
     place = np.searchsorted(edges, x)
     means = np.bincount(place, left, minlength=_FEW) / np.maximum(np.bincount(place, minlength=_FEW), 1)
