@@ -144,18 +144,13 @@ class Projection:
     remaining: Array
 
     @property
-    def theta(self) -> Array:
-        """(k,) parameters of the last column, the response."""
-        return self.coefficients[:, -1]
-
-    @property
     def rss(self) -> float:
         """Residual sum of squares of the last column."""
         return float(self.remaining[-1])
 
 
 def project(product: Array, columns: Sequence[int]) -> Projection:
-    """Least squares of every column on some of them, by the normal equations of columns scaled to unit length.
+    """Least squares of every column on some of them, by the normal equations.
 
     Parameters
     ----------
@@ -165,12 +160,24 @@ def project(product: Array, columns: Sequence[int]) -> Projection:
         Where they are dependent, the solution of least length.
     """
     rows = np.asarray(columns, dtype=int)
-    A = product[np.ix_(rows, rows)]
-    root = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(A / np.outer(root, root), hermitian=True) / np.outer(root, root)
+    inverse = _inverse(product[np.ix_(rows, rows)])
     coefficients = inverse @ product[rows]
     remaining = np.diag(product) - np.einsum("ij,ij->j", product[rows], coefficients)
     return Projection(inverse, coefficients, np.maximum(remaining, 0.0))
+
+
+def solve_normal_equations(product: Array, columns: Sequence[int]) -> Array:
+    """Parameters (k,) of the last column on some of the others; as `project`, without the other columns."""
+    rows = np.asarray(columns, dtype=int)
+    theta: Array = _inverse(product[np.ix_(rows, rows)]) @ product[rows, -1]
+    return theta
+
+
+def _inverse(A: Array) -> Array:
+    """Pseudo-inverse of a symmetric matrix whose columns are scaled to unit length for it."""
+    root = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    inverse: Array = np.linalg.pinv(A / np.outer(root, root), hermitian=True) / np.outer(root, root)
+    return inverse
 
 
 # ---------------------------------------------------------------- passes over the data

@@ -13,7 +13,7 @@ from structsel.numerics import criteria
 from structsel.numerics.arrays import Array
 from structsel.numerics.cluster_stepwise import samples_per_independent_sample
 from structsel.numerics.collinearity import drop_correlated
-from structsel.numerics.cross_products import CrossProducts, centre, project
+from structsel.numerics.cross_products import CrossProducts, centre, project, solve_normal_equations
 from structsel.numerics.stepwise import SearchStep, partial_f, stepwise
 from structsel.selection.methods import METHODS, SearchConstraints, SearchProblem
 from structsel.selection.methods.method import Model
@@ -281,7 +281,6 @@ def find_aliases(
     kept = list(selected)
     if not kept:
         return []
-    pairs: list[AliasedPair] = []
     size = np.sqrt(np.diag(C))
     size[size == 0] = 1.0
     R = C[kept] / np.outer(size[kept], size)  # only these rows, and everybody's with the response, are looked at
@@ -294,24 +293,23 @@ def find_aliases(
     # What all kept terms leave of the candidates outside, and of their products with the response.
     d = 1.0 - np.einsum("ij,ij->j", R[:, outside], explained)
     b = response[outside] - R[:, p] @ explained
-    for j in kept if among is None else among:
-        at = kept.index(j)
-        # The same without j: what it takes from each comes back, by its row of the inverse.
-        back, alone = explained[at], inverse[at, at]
-        free, with_y = d + back**2 / alone, b + back * theta[at] / alone
-        usable = free > DEPENDENT
-        loss = np.full(outside.size, np.inf)
-        loss[usable] = (theta[at] ** 2 / alone - with_y[usable] ** 2 / free[usable]) / s2
-        for i in np.flatnonzero(loss < SAME_FIT):
-            correlation = float(np.clip(back[i] / np.sqrt(max(alone * free[i], 1e-300)), -1.0, 1.0))
-            if abs(correlation) >= ALIASED:
-                pairs.append(AliasedPair(j, int(outside[i]), float(loss[i]), correlation))
+    # The same without one kept term: what it takes from each comes back, by its row of the inverse.
+    at = np.array([kept.index(j) for j in (kept if among is None else among)], dtype=int)
+    back, alone, own = explained[at], np.diag(inverse)[at, None], theta[at, None]
+    free, with_y = d + back**2 / alone, b + back * own / alone
+    usable = free > DEPENDENT
+    loss = (own**2 / alone - with_y**2 / np.where(usable, free, 1.0)) / s2
+    correlation = np.clip(back / np.sqrt(np.maximum(alone * free, 1e-300)), -1.0, 1.0)
+    pairs = [
+        AliasedPair(kept[at[i]], int(outside[j]), float(loss[i, j]), float(correlation[i, j]))
+        for i, j in np.argwhere(usable & (loss < SAME_FIT) & (np.abs(correlation) >= ALIASED))
+    ]
     return sorted(pairs, key=lambda a: (kept.index(a.kept), a.loss))
 
 
 def solve(product: Array, kept: Sequence[int]) -> Array:
     """Parameters of the constant and the kept terms from products of [1, x, y], (1 + k,)."""
-    return project(product, [0, *(j + 1 for j in kept)]).theta
+    return solve_normal_equations(product, [0, *(j + 1 for j in kept)])
 
 
 def prediction_error(theta: Array, kept: Sequence[int], product: Array) -> float:
