@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, Protocol
 
 import numpy as np
-from joblib import Parallel, delayed
 from threadpoolctl import ThreadpoolController
 
 from structsel.errors import SelectionError
@@ -110,8 +110,12 @@ def _one_blas_thread() -> Any:
 
 
 def _in_threads(function: Callable[[Any], Any], items: Sequence[Any], workers: int) -> Iterator[Any]:
-    parallel = Parallel(n_jobs=workers, prefer="threads", batch_size=1, return_as="generator")
-    yield from parallel(delayed(function)(item) for item in items)
+    # Not joblib: its generator looks for results every 10 ms, where a pass may take 20.
+    if workers == 1:
+        yield from map(function, items)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        yield from pool.map(function, items)
 
 
 def _on_cluster(client: Any, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
