@@ -1,4 +1,4 @@
-"""What many scored cases say together: shares, calibration, confusions, and the figures held against their aims."""
+"""Figures of many scored cases: rates with confidence limits, groups, calibration, confusions, and their aims."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import betaincinv
+import pandas as pd
+from scipy.stats import binomtest
+from sklearn.metrics import brier_score_loss
 
 from proof.score import CONFIDENT, NO_ANSWER, WITHOUT, CaseScore, Claim
 
@@ -152,8 +154,9 @@ def _share(
 
 
 def _limits(k: int, n: int) -> tuple[float, float]:
-    low = float(betaincinv(k, n - k + 1, 0.05)) if k else 0.0
-    return low, float(betaincinv(k + 1, n - k, 0.95)) if k < n else 1.0
+    """90 % confidence interval of a rate, after Clopper and Pearson."""
+    limits = binomtest(k, n).proportion_ci(0.9, method="exact")
+    return float(limits.low), float(limits.high)
 
 
 def _median(
@@ -197,8 +200,8 @@ def _of_places(named: Sequence[CaseScore]) -> list[Figure]:
 
 
 def _of_probabilities(claims: Sequence[Claim]) -> list[Figure]:
-    n = len(claims)
-    brier = float(np.mean([(c.probability - c.right) ** 2 for c in claims])) if n else math.nan
+    n, right = len(claims), [c.right for c in claims]
+    brier = float(brier_score_loss(right, [c.probability for c in claims], pos_label=True)) if n else math.nan
     off = sum(b.count * abs(b.stated - b.right) for b in reliability(claims) if b.count)
     return [
         Figure("Brier score", brier, n, 0.10, "low"),
@@ -223,26 +226,33 @@ def _beside_simple(named: Sequence[CaseScore]) -> list[Figure]:
 
 def reliability(claims: Sequence[Claim]) -> tuple[Bin, ...]:
     """Claims in ten bins of stated probability."""
-    made = []
-    place = [min(int(c.probability * _BINS), _BINS - 1) for c in claims]
-    for k in range(_BINS):
-        held = [c for c, at in zip(claims, place) if at == k]
-        mean = [float(np.mean(x)) if x else math.nan for x in ([c.probability for c in held], [c.right for c in held])]
-        made.append(Bin(len(held), mean[0], mean[1]))
-    return tuple(made)
+    frame = pd.DataFrame([(c.probability, c.right) for c in claims], columns=["stated", "right"], dtype=float)
+    place = np.clip((frame["stated"] * _BINS).astype(int), 0, _BINS - 1)
+    found = frame.groupby(place).agg(["size", "mean"]).reindex(range(_BINS))
+    return tuple(
+        Bin(0 if math.isnan(count) else int(count), float(stated), float(right))
+        for count, stated, right in zip(found["stated", "size"], found["stated", "mean"], found["right", "mean"])
+    )
 
 
 # --- groups ----------------------------------------------------------------------------------------------------------
 
 
 def _groups(scores: Sequence[CaseScore], by: Callable[[CaseScore], str]) -> tuple[Group, ...]:
-    made = []
-    for name in sorted({by(s) for s in scores}):
-        held = [s for s in scores if by(s) == name]
-        shares = {f: _share(f, (getattr(s, f) for s in held)).value for f in ("top1", "tie", "top3", "kind", "axis")}
-        medians = [_median("", (getattr(s, f) for s in held)).value for f in ("gain", "iou")]
-        made.append(Group(name, len(held), shares, *medians))
-    return tuple(made)
+    if not scores:
+        return ()
+    shares, medians = ["top1", "tie", "top3", "kind", "axis"], ["gain", "iou"]
+    values = [[getattr(s, f) for f in (*shares, *medians)] for s in scores]
+    frame = pd.DataFrame(values, columns=[*shares, *medians], dtype=float)
+    return tuple(
+        Group(
+            str(name),
+            len(held),
+            {f: float(held[f].mean()) for f in shares},
+            *(float(held[f].median()) for f in medians),
+        )
+        for name, held in frame.groupby([by(s) for s in scores])
+    )
 
 
 def _confusion(scores: Sequence[CaseScore]) -> dict[str, dict[str, int]]:
