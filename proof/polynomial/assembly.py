@@ -224,13 +224,9 @@ def make_windy(effect: Effect, aircraft_name: str, severity: str, seed: int, att
         raise NotAttainable(f"{effect.name} does not show")
     axes = tuple(sorted((c for c in shares if shares[c] > 0.03), key=lambda c: -shares[c]))
     key = EffectKey(
-        effect=effect.name,
-        accept=(effect.name,),
-        tie=design.tie,
-        kinds=effect.kinds,
-        axes=axes,
+        effect=effect.name, accept=(effect.name,), tie=design.tie, kinds=effect.kinds, axes=axes,
         parameters=injection.parameters,
-    )
+    )  # fmt: skip
     case = assemble(scenario, result, "free", [key], severity_of(max(shares.values())), "single")
     return replace(case, key=case.key.model_copy(update={"attainable": {**dict.fromkeys(AXES, 0.0), **shares}}))
 

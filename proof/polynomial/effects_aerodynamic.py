@@ -6,57 +6,24 @@ from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Inject
 from proof.polynomial.flight import InjectedPhysics
 
 _LINEAR = (
-    ("CZ", "alpha"),
-    ("Cm", "alpha"),
-    ("Cm", "q_hat"),
-    ("Cm", "de"),
-    ("Cl", "p_hat"),
-    ("Cl", "da"),
-    ("Cl", "beta"),
-    ("Cn", "beta"),
-    ("Cn", "dr"),
-    ("Cn", "r_hat"),
-    ("CY", "beta"),
-)
+    ("CZ", "alpha"), ("Cm", "alpha"), ("Cm", "q_hat"), ("Cm", "de"), ("Cl", "p_hat"), ("Cl", "da"), ("Cl", "beta"),
+    ("Cn", "beta"), ("Cn", "dr"), ("Cn", "r_hat"), ("CY", "beta"),
+)  # fmt: skip
 _LOOKS_LIKE_DERIVATIVE = {
-    ("CZ", "alpha"): ("sensor-scale", "mass-error", "position-error"),
-    ("Cm", "alpha"): ("cg-shift",),
-    ("Cm", "q_hat"): ("downwash-lag", "augmentation"),
-    ("Cm", "de"): ("inertia-error",),
-    ("Cl", "p_hat"): ("augmentation",),
-    ("Cl", "da"): ("inertia-error",),
-    ("Cl", "beta"): ("sensor-scale",),
-    ("Cn", "beta"): ("sensor-scale", "cg-shift"),
-    ("Cn", "r_hat"): ("sidewash-lag", "augmentation"),
-    ("Cn", "dr"): ("inertia-error",),
-    ("CY", "beta"): ("sensor-scale", "mass-error"),
-}
+    ("CZ", "alpha"): ("sensor-scale", "mass-error", "position-error"), ("Cm", "alpha"): ("cg-shift",),
+    ("Cm", "q_hat"): ("downwash-lag", "augmentation"), ("Cm", "de"): ("inertia-error",),
+    ("Cl", "p_hat"): ("augmentation",), ("Cl", "da"): ("inertia-error",), ("Cl", "beta"): ("sensor-scale",),
+    ("Cn", "beta"): ("sensor-scale", "cg-shift"), ("Cn", "r_hat"): ("sidewash-lag", "augmentation"),
+    ("Cn", "dr"): ("inertia-error",), ("CY", "beta"): ("sensor-scale", "mass-error"),
+}  # fmt: skip
 _MISSING = (
-    ("Cm", "alpha^2"),
-    ("CZ", "alpha^2"),
-    ("Cm", "alpha*q_hat"),
-    ("Cm", "alpha*de"),
-    ("Cn", "beta^3"),
-    ("Cl", "beta^3"),
-    ("CY", "da"),
-    ("Cl", "dr"),
-    ("Cn", "da"),
-    ("CX", "de"),
-    ("CY", "p_hat"),
-    ("CZ", "alpha*de"),
-)
+    ("Cm", "alpha^2"), ("CZ", "alpha^2"), ("Cm", "alpha*q_hat"), ("Cm", "alpha*de"), ("Cn", "beta^3"), ("Cl", "beta^3"),
+    ("CY", "da"), ("Cl", "dr"), ("Cn", "da"), ("CX", "de"), ("CY", "p_hat"), ("CZ", "alpha*de"),
+)  # fmt: skip
 _COUPLED = (
-    ("Cm", "beta^2"),
-    ("Cl", "alpha*beta"),
-    ("Cn", "alpha*p_hat"),
-    ("Cn", "alpha*beta"),
-    ("CZ", "beta^2"),
-    ("Cm", "r_hat"),
-    ("CX", "beta^2"),
-    ("Cl", "alpha*r_hat"),
-    ("CY", "alpha*p_hat"),
-    ("Cm", "abs_beta"),
-)
+    ("Cm", "beta^2"), ("Cl", "alpha*beta"), ("Cn", "alpha*p_hat"), ("Cn", "alpha*beta"), ("CZ", "beta^2"),
+    ("Cm", "r_hat"), ("CX", "beta^2"), ("Cl", "alpha*r_hat"), ("CY", "alpha*p_hat"), ("Cm", "abs_beta"),
+)  # fmt: skip
 
 
 def _wrong_derivative(c: EffectContext) -> EffectDesign:

@@ -10,15 +10,9 @@ from proof.scenario.errors import BIAS
 from proof.scenario.instruments import InstrumentErrors
 
 _SHOWS = {
-    "alpha": ("CZ", "Cm", "CX"),
-    "beta": ("CY", "Cl", "Cn"),
-    "ax": ("CX",),
-    "ay": ("CY",),
-    "az": ("CZ",),
-    "q": ("Cm", "CZ"),
-    "p": ("Cl", "Cn", "CY"),
-    "r": ("Cn", "Cl", "CY"),
-}
+    "alpha": ("CZ", "Cm", "CX"), "beta": ("CY", "Cl", "Cn"), "ax": ("CX",), "ay": ("CY",), "az": ("CZ",),
+    "q": ("Cm", "CZ"), "p": ("Cl", "Cn", "CY"), "r": ("Cn", "Cl", "CY"),
+}  # fmt: skip
 
 
 def _pick(c: EffectContext, *channels: str) -> str:

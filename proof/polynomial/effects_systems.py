@@ -59,13 +59,9 @@ def _propeller_force(c: EffectContext) -> EffectDesign:
     ratio = air.cbar / air.b
     # Along and across alike: the force acts ahead, and the blade that meets the wind has more of the thrust.
     terms = (
-        ("CZ", "CT*alpha", -1.2),
-        ("Cm", "CT*alpha", 0.8),
-        ("CY", "CT*beta", -1.2),
-        ("Cn", "CT*beta", -0.8 * ratio),
-        ("Cn", "CT*alpha", side * 0.2),
-        ("Cm", "CT*beta", side * 0.2 / ratio),
-    )
+        ("CZ", "CT*alpha", -1.2), ("Cm", "CT*alpha", 0.8), ("CY", "CT*beta", -1.2), ("Cn", "CT*beta", -0.8 * ratio),
+        ("Cn", "CT*alpha", side * 0.2), ("Cm", "CT*beta", side * 0.2 / ratio),
+    )  # fmt: skip
     return EffectDesign(with_terms(*terms), ("Cn", "Cm", "CZ", "CY"), ("slipstream", "cross-coupling"))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proof.polynomial.aircraft import Term, TruthAircraft
-from proof.polynomial.kernel import READS, SCHEDULES, SETTINGS, STATES, SURFACE, simulate_flight
+from proof.polynomial.kernel import READS, SCHEDULES, SETTINGS, STATES, SURFACE, Pilot, Plant, simulate_flight
 from proof.polynomial.manoeuvres import DT, SETTLING, Manoeuvre
 from proof.polynomial.terms import INDEX, Terms, compile_terms
 from proof.scenario.sizing import NotAttainable
@@ -126,49 +126,24 @@ def simulate_truth(
     ------
     NotAttainable
     """
-    base, added = compile_terms(truth.terms), compile_terms(physics.terms)
     held = {**settings, **physics.settings}
-    values = np.array([held[name] for name in SETTINGS])
-    tensor = truth.aircraft.require_inertia("fly_truth").tensor.copy()
+    tensor = truth.aircraft.require_inertia("simulate_truth").tensor.copy()
     for name, factor in physics.inertia.items():
         i, j = "xyz".index(name[1]), "xyz".index(name[-1])
         tensor[i, j] *= factor
         tensor[j, i] = tensor[i, j]
-    tensors = np.array([tensor, tensor * physics.after])
-    inverses = np.linalg.inv(tensors)
-    surfaces = np.array(
-        [
-            [{**dict.fromkeys(SURFACE, 0.0), **_CLEAN, **physics.surfaces.get(c, {})}[f] for f in SURFACE]
-            for c in CONTROLS
-        ]
-    )
+    plant = _plant(truth, compile_terms(truth.terms), compile_terms(physics.terms), tensor, physics.after, held)
+    surfaces = _actuators(physics.surfaces)
     flights = []
     for k, manoeuvre in enumerate(manoeuvres):
         schedules = manoeuvre.schedules.copy()
         for name, arrays in physics.schedules.items():
             schedules[:, _column(name)] += arrays[k]
         schedules[:, _column("mass")] *= physics.mass * (1.0 if physics.mass_of is None else physics.mass_of[k])
-        start = _start(manoeuvre, truth)
         trim = manoeuvre.trim
         trims = np.array([trim["de"], trim["alpha"], trim["alpha"], trim["throttle"], manoeuvre.V])
-        flights.append(
-            _run(
-                manoeuvre,
-                start,
-                schedules,
-                rate,
-                round(SETTLING / DT),
-                base,
-                added,
-                tensors,
-                inverses,
-                truth.constants(),
-                values,
-                truth.gains(manoeuvre.V, manoeuvre.h),
-                trims,
-                surfaces,
-            )
-        )
+        pilot = Pilot(truth.gains(manoeuvre.V, manoeuvre.h), trims, surfaces, float(manoeuvre.hold))
+        flights.append(_run(manoeuvre, _start(manoeuvre, truth), schedules, rate, round(SETTLING / DT), plant, pilot))
     return flights
 
 
@@ -194,25 +169,25 @@ def simulate_model(
         schedules[:, _column(name)] = np.repeat(values, hold)[: len(schedules)]
     for name, value in {"alpha": -9.0, "mass": truth.aircraft.mass or 0.0, "throttle": 0.5}.items():
         schedules[:, _column(name)] = value
-    clean = np.array([[{**dict.fromkeys(SURFACE, 0.0), **_CLEAN}[f] for f in SURFACE]] * 3)
-    tensor = truth.aircraft.require_inertia("fly_simulation").tensor
-    tensors = np.array([tensor, tensor])
-    nothing = compile_terms([])
-    return _run(
-        flight.manoeuvre,
-        start,
-        schedules,
-        rate,
-        0,
-        compile_terms(terms),
-        nothing,
-        tensors,
-        np.linalg.inv(tensors),
-        truth.constants(),
-        np.array([settings[n] for n in SETTINGS]),
-        np.zeros(9),
-        np.zeros(5),
-        clean,
+    tensor = truth.aircraft.require_inertia("simulate_model").tensor
+    plant = _plant(truth, compile_terms(terms), compile_terms([]), tensor, 1.0, settings)
+    pilot = Pilot(np.zeros(9), np.zeros(5), _actuators({}), float(flight.manoeuvre.hold))
+    return _run(flight.manoeuvre, start, schedules, rate, 0, plant, pilot)
+
+
+def _plant(
+    truth: TruthAircraft, base: Terms, added: Terms, tensor: np.ndarray, after: float, settings: Mapping[str, float]
+) -> Plant:
+    """What the kernel needs of the aircraft; `after` is the factor of the inertia after a release."""
+    tensors = np.array([tensor, tensor * after])
+    values = np.array([settings[name] for name in SETTINGS])
+    return Plant(*base, *added, tensors, np.linalg.inv(tensors), truth.constants(), values)
+
+
+def _actuators(differing: Mapping[str, Mapping[str, float]]) -> np.ndarray:
+    """(3, SURFACE) actuators; without faults but for those that differ."""
+    return np.array(
+        [[{**dict.fromkeys(SURFACE, 0.0), **_CLEAN, **differing.get(c, {})}[f] for f in SURFACE] for c in CONTROLS]
     )
 
 
@@ -222,34 +197,11 @@ def _run(
     schedules: np.ndarray,
     rate: float,
     first: int,
-    base: Terms,
-    added: Terms,
-    tensors: np.ndarray,
-    inverses: np.ndarray,
-    constants: np.ndarray,
-    settings: np.ndarray,
-    gains: np.ndarray,
-    trims: np.ndarray,
-    surfaces: np.ndarray,
+    plant: Plant,
+    pilot: Pilot,
 ) -> TruthFlight:
     every = round(1.0 / (rate * DT))
-    rows, *logged = simulate_flight(
-        start,
-        schedules,
-        DT,
-        every,
-        first,
-        *base,
-        *added,
-        tensors,
-        inverses,
-        constants,
-        settings,
-        gains,
-        trims,
-        surfaces,
-        float(manoeuvre.hold),
-    )
+    rows, *logged = simulate_flight(start, schedules, DT, every, first, plant, pilot)
     states, table, coefs, extras, reads = logged
     if rows < len(states):
         raise NotAttainable(manoeuvre.purpose)

@@ -1,9 +1,17 @@
-"""The flight itself, compiled: rigid aircraft, pilot, surfaces, and the physics that may be added.
+"""A truth flight, compiled: rigid aircraft, pilot, actuators, engine, and the effects that may be added.
 
-One manoeuvre per call. The step is that of the schedules; classical Runge-Kutta with controls and air held over it.
+One manoeuvre per call. The step is that of the schedules: classical Runge-Kutta, controls and air held over it.
+
+What is independent of structsel here, and must stay so, are the states with memory: the lags of the wake at tail and
+fin, Wagner's function, the separation point after Goman and Khrabrov, and slosh. The rigid-body equations are not
+kept for independence: a test holds them equal to `structsel.numerics.rigid_body`, and JSBSim is the foreign plant.
+They are written here because pilot, actuators and states with memory run in one compiled loop with them, and because
+the cases kept for evaluation stay what they were.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -49,20 +57,20 @@ _G0 = 9.80665
 
 
 @njit(cache=True)
-def _fill(s, deflection, now, thrust, rpm, truth, settings, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _fill(s, deflection, now, thrust, rpm, constants, settings, x):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Row of variables at a state; returns qbar, V, rho, mach."""
     u, v, w = s[0] - now[_GU], s[1] - now[_GV], s[2] - now[_GW]
     V = np.sqrt(u * u + v * v + w * w)
     alpha, beta = np.arctan2(w, u), np.arcsin(v / V)
     _, _, rho, sound = standard_air(s[11], 0.0)
     qbar, mach = 0.5 * rho * V * V, V / sound
-    b, c = truth[_CB], truth[_CC]
+    b, c = constants[_CB], constants[_CC]
     x[0], x[1], x[2] = 1.0, alpha, beta
     x[3] = (s[3] - now[_GP]) * b / (2.0 * V)
     x[4] = (s[4] - now[_GQ]) * c / (2.0 * V)
     x[5] = (s[5] - now[_GR]) * b / (2.0 * V)
     x[6], x[7], x[8], x[9] = deflection[0], deflection[1], deflection[2], now[_DF]
-    x[10] = thrust / (qbar * truth[_CS])
+    x[10] = thrust / (qbar * constants[_CS])
     x[11] = V / settings[_V0] - 1.0
     x[12], x[13] = abs(alpha), abs(beta)
     x[14], x[15], x[16] = abs(deflection[0]), abs(deflection[1]), abs(deflection[2])
@@ -87,37 +95,38 @@ def _fill(s, deflection, now, thrust, rpm, truth, settings, x):  # type: ignore[
 
 
 @njit(cache=True)
-def _loads(base_rows, base_values, rows, values, settings, truth, x, whole, extra):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _loads(plant, x, whole, extra):  # type: ignore[no-untyped-def]  # pragma: no cover
     """All coefficients, and those of the added physics alone."""
+    constants, settings = plant.constants, plant.settings
     whole[:] = 0.0
     extra[:] = 0.0
-    add_terms(base_rows, base_values, x, whole)
+    add_terms(plant.base_rows, plant.base_values, x, whole)
     x[_LIFT] = -whole[_CZ]
-    add_terms(rows, values, x, extra)
+    add_terms(plant.rows, plant.values, x, extra)
     for j in range(6):
         whole[j] += extra[j]
     # A centre of gravity that lies elsewhere: the moment is about the true one.
     dx, dy = settings[_ARMX], settings[_ARMY]
-    extra[4] += whole[2] * dx / truth[_CC]
-    extra[5] += -whole[1] * dx / truth[_CB] + whole[0] * dy / truth[_CB]
-    extra[3] += -whole[2] * dy / truth[_CB]
-    whole[4] += whole[2] * dx / truth[_CC]
-    whole[5] += -whole[1] * dx / truth[_CB] + whole[0] * dy / truth[_CB]
-    whole[3] += -whole[2] * dy / truth[_CB]
+    extra[4] += whole[2] * dx / constants[_CC]
+    extra[5] += -whole[1] * dx / constants[_CB] + whole[0] * dy / constants[_CB]
+    extra[3] += -whole[2] * dy / constants[_CB]
+    whole[4] += whole[2] * dx / constants[_CC]
+    whole[5] += -whole[1] * dx / constants[_CB] + whole[0] * dy / constants[_CB]
+    whole[3] += -whole[2] * dy / constants[_CB]
 
 
 @njit(cache=True)
-def _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, truth, settings, out, force):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, constants, settings, out, force):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Derivative of the state; specific force at the centre of gravity on the way."""
-    qS = qbar * truth[_CS]
-    tilt = truth[_TILT]
+    qS = qbar * constants[_CS]
+    tilt = constants[_TILT]
     Tx, Tz = thrust * np.cos(tilt), -thrust * np.sin(tilt)
     force[0], force[1], force[2] = (qS * whole[0] + Tx) / mass, qS * whole[1] / mass, (qS * whole[2] + Tz) / mass
-    L = qS * truth[_CB] * whole[3]
-    M = qS * truth[_CC] * whole[4] + truth[_TZ] * Tx - truth[_TX] * Tz
-    N = qS * truth[_CB] * whole[5]
+    L = qS * constants[_CB] * whole[3]
+    M = qS * constants[_CC] * whole[4] + constants[_TZ] * Tx - constants[_TX] * Tz
+    N = qS * constants[_CB] * whole[5]
     u, v, w, p, q, r, phi, theta, psi = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8]
-    hx = inertia[0, 0] * p + inertia[0, 2] * r + truth[_EH]
+    hx = inertia[0, 0] * p + inertia[0, 2] * r + constants[_EH]
     hy, hz = inertia[1, 1] * q, inertia[2, 0] * p + inertia[2, 2] * r
     L -= q * hz - r * hy
     M -= r * hx - p * hz
@@ -139,9 +148,9 @@ def _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, trut
     out[9] = north + settings[_WN] + settings[_SHN] * (s[11] - settings[_SHH])
     out[10] = east + settings[_WE] + settings[_SHE] * (s[11] - settings[_SHH])
     out[11] = up
-    chord, alpha = truth[_CC], x[1]
+    chord, alpha = constants[_CC], x[1]
     out[12] = x[25] * V / (settings[_TAIL] * chord)
-    out[13] = x[26] * V / (settings[_FIN] * truth[_CB])
+    out[13] = x[26] * V / (settings[_FIN] * constants[_CB])
     out[14] = 0.0455 * 2.0 * V / chord * (alpha - s[14])
     out[15] = 0.3 * 2.0 * V / chord * (alpha - s[15])
     out[16] = 0.0
@@ -153,16 +162,87 @@ def _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, trut
     out[18] = -w0 * w0 * s[17] - 2.0 * settings[_SLZ] * w0 * s[18] - force[1] / settings[_SLL]
 
 
-@njit(cache=True)
-def simulate_flight(  # type: ignore[no-untyped-def]  # pragma: no cover
-    start, schedules, dt, every, first, base_rows, base_values, rows, values, inertias, inverses, truth, settings,
-    gains, trims, surfaces, height_hold,
-):  # fmt: skip
-    """Fly one manoeuvre.
+class Plant(NamedTuple):
+    """The aircraft: base and added terms (rows, values), inertias (2, 3, 3) before and after a release, inverses,
+    `CONSTANTS` and `SETTINGS`."""  # noqa: D209
 
-    start (19,), schedules (steps, SCHEDULES), inertias (2, 3, 3) before and after a release, chosen by the mass,
-    trims (de, alpha, theta, throttle, V), surfaces (3, SURFACE). From step `first` on every `every`-th is logged:
-    states, variables, whole and extra coefficients, READS.
+    base_rows: np.ndarray
+    base_values: np.ndarray
+    rows: np.ndarray
+    values: np.ndarray
+    inertias: np.ndarray
+    inverses: np.ndarray
+    constants: np.ndarray
+    settings: np.ndarray
+
+
+class Pilot(NamedTuple):
+    """The pilot's `GAINS`, the trim (de, alpha, theta, throttle, V), (3, `SURFACE`) actuators, height hold or not."""
+
+    gains: np.ndarray
+    trims: np.ndarray
+    surfaces: np.ndarray
+    height_hold: float
+
+
+@njit(cache=True)
+def _command(s, now, V, alpha, pilot, command):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Commanded surfaces, into `command`; returns the throttle wanted."""
+    gains, trims = pilot.gains, pilot.trims
+    light = 1.0 - 0.75 * now[_FREE]
+    theta_ref, wanted = now[_THETA], now[_THR]
+    up = np.sin(s[7]) * s[0] - np.cos(s[7]) * s[2]
+    if pilot.height_hold > 0.0:
+        theta_ref += min(max(gains[6] * (now[_H] - s[11]) - gains[7] * up, -0.12), 0.12)
+        wanted += min(max(gains[8] * (trims[4] - V), -0.3), 0.3)
+    command[0] = trims[0] + now[_DE] + light * gains[0] * s[4]
+    if now[_ALPHA] > -1.0:
+        command[0] += gains[5] * (alpha - now[_ALPHA])
+    else:
+        command[0] += light * gains[1] * (s[7] - theta_ref)
+    turn = 9.81 / V * np.sin(s[6]) * np.cos(s[7])
+    command[1] = now[_DA] + light * (gains[2] * s[3] + gains[3] * (s[6] - now[_PHI]))
+    command[2] = now[_DR] + light * gains[4] * (s[5] - turn)
+    for j in range(3):
+        command[j] = min(max(command[j], -0.5), 0.5)
+    return min(max(wanted, 0.02), 1.0)
+
+
+@njit(cache=True)
+def _actuate(j, n, dt, a, history, after_backlash, position):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Position of surface j after delay, backlash, lag, rate limit and travel limits; `a` as `SURFACE`."""
+    delayed = history[max(n - int(a[5] / dt), 0), j]
+    if a[4] > 0.0:
+        if delayed > after_backlash[j] + 0.5 * a[4]:
+            after_backlash[j] = delayed - 0.5 * a[4]
+        elif delayed < after_backlash[j] - 0.5 * a[4]:
+            after_backlash[j] = delayed + 0.5 * a[4]
+    else:
+        after_backlash[j] = delayed
+    move = after_backlash[j] - position[j]
+    if a[0] > 0.0:
+        move *= 1.0 - np.exp(-dt / a[0])
+    move = min(max(move, -a[1] * dt), a[1] * dt)
+    position[j] = min(max(position[j] + move, a[2]), a[3])
+
+
+@njit(cache=True)
+def _evaluate(s, surface, now, air, plant, inertia, inverse, out, work):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Derivative of the state, into `out`; returns qbar, V, rho, mach. air: (thrust, rpm, mass, alpha_dot)."""
+    thrust, rpm, mass, alpha_dot = air
+    x, whole, extra, force = work
+    qbar, V, rho, mach = _fill(s, surface, now, thrust, rpm, plant.constants, plant.settings, x)
+    _loads(plant, x, whole, extra)
+    _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, plant.constants, plant.settings, out, force)
+    return qbar, V, rho, mach
+
+
+@njit(cache=True)
+def simulate_flight(start, schedules, dt, every, first, plant, pilot):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Simulate one manoeuvre.
+
+    start (19,), schedules (steps, SCHEDULES). From step `first` on every `every`-th is logged: states, variables, whole
+    and extra coefficients, READS. Of two inertias the mass chooses. Fewer rows are returned where the flight diverges.
     """
     steps = schedules.shape[0]
     count = (steps - 1 - first) // every + 1
@@ -170,61 +250,33 @@ def simulate_flight(  # type: ignore[no-untyped-def]  # pragma: no cover
     coefs, extras, reads = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 26))
     s, x = start.copy(), np.zeros(_N)
     whole, extra, force = np.zeros(6), np.zeros(6), np.zeros(3)
+    work = (x, whole, extra, force)
     k1, k2, k3, k4, mid = np.zeros(19), np.zeros(19), np.zeros(19), np.zeros(19), np.zeros(19)
     command, after_backlash, position, surface = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     history = np.zeros((steps, 3))
+    constants, settings, surfaces, trims = plant.constants, plant.settings, pilot.surfaces, pilot.trims
     command[0] = trims[0]
     after_backlash[:] = command
     position[:] = command
-    throttle = trims[3]
     spooled, lagged, alpha_dot, row = -1.0, -1.0, 0.0, 0
     whole_mass = schedules[0, _MASS]
     for n in range(steps):
         now = schedules[n]
         V = np.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
         alpha = np.arctan2(s[2], s[0])
-        # The pilot.
-        light = 1.0 - 0.75 * now[_FREE]
-        theta_ref, wanted = now[_THETA], now[_THR]
-        up = np.sin(s[7]) * s[0] - np.cos(s[7]) * s[2]
-        if height_hold > 0.0:
-            theta_ref += min(max(gains[6] * (now[_H] - s[11]) - gains[7] * up, -0.12), 0.12)
-            wanted += min(max(gains[8] * (trims[4] - V), -0.3), 0.3)
-        command[0] = trims[0] + now[_DE] + light * gains[0] * s[4]
-        if now[_ALPHA] > -1.0:
-            command[0] += gains[5] * (alpha - now[_ALPHA])
-        else:
-            command[0] += light * gains[1] * (s[7] - theta_ref)
-        turn = 9.81 / V * np.sin(s[6]) * np.cos(s[7])
-        command[1] = now[_DA] + light * (gains[2] * s[3] + gains[3] * (s[6] - now[_PHI]))
-        command[2] = now[_DR] + light * gains[4] * (s[5] - turn)
-        throttle = min(max(wanted, 0.02), 1.0)
+        # Pilot and actuators.
+        throttle = _command(s, now, V, alpha, pilot, command)
         for j in range(3):
-            command[j] = min(max(command[j], -0.5), 0.5)
             history[n, j] = command[j]
             a = surfaces[j]
-            back = int(a[5] / dt)
-            seen = history[max(n - back, 0), j]
-            if a[4] > 0.0:
-                if seen > after_backlash[j] + 0.5 * a[4]:
-                    after_backlash[j] = seen - 0.5 * a[4]
-                elif seen < after_backlash[j] - 0.5 * a[4]:
-                    after_backlash[j] = seen + 0.5 * a[4]
-            else:
-                after_backlash[j] = seen
-            move = after_backlash[j] - position[j]
-            if a[0] > 0.0:
-                move *= 1.0 - np.exp(-dt / a[0])
-            move = min(max(move, -a[1] * dt), a[1] * dt)
-            position[j] = min(max(position[j] + move, a[2]), a[3])
-            on = now[_AUG]
-            surface[j] = position[j] + on * (
+            _actuate(j, n, dt, a, history, after_backlash, position)
+            surface[j] = position[j] + now[_AUG] * (
                 a[6] * s[4] + a[7] * (alpha - trims[1]) + a[8] * s[3] + a[9] * s[5] + a[10] * s[1] / V
             )
-        # The engine: the thrust the model says, and the one there is.
+        # Engine: the thrust the model states, and the one there is.
         _, _, rho, _ = standard_air(s[11], 0.0)
-        static = truth[_TST] * throttle * (rho / 1.225) ** truth[_HP] / (1.0 + V / truth[_VT])
-        spooled = static if spooled < 0.0 else spooled + (static - spooled) * (1.0 - np.exp(-dt / truth[_SPOOL]))
+        static = constants[_TST] * throttle * (rho / 1.225) ** constants[_HP] / (1.0 + V / constants[_VT])
+        spooled = static if spooled < 0.0 else spooled + (static - spooled) * (1.0 - np.exp(-dt / constants[_SPOOL]))
         lagged = (
             spooled
             if lagged < 0.0 or settings[_TLAG] <= 0.0
@@ -234,22 +286,18 @@ def simulate_flight(  # type: ignore[no-untyped-def]  # pragma: no cover
         if now[_THRUST] >= 0.0:
             thrust = now[_THRUST]
             spooled = thrust
-        rpm = truth[_RPM0] + truth[_RPM1] * spooled / max(truth[_TST], 1.0)
+        rpm = constants[_RPM0] + constants[_RPM1] * spooled / max(constants[_TST], 1.0)
         mass = now[_MASS]
         which = 0 if mass > 0.999 * whole_mass else 1
-        inertia, inverse = inertias[which], inverses[which]
+        inertia, inverse = plant.inertias[which], plant.inverses[which]
+        air = (thrust, rpm, mass, alpha_dot)
         # One Runge-Kutta step.
-        qbar, V, rho, mach = _fill(s, surface, now, thrust, rpm, truth, settings, x)
-        _loads(base_rows, base_values, rows, values, settings, truth, x, whole, extra)
-        _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, truth, settings, k1, force)
+        qbar, V, rho, mach = _evaluate(s, surface, now, air, plant, inertia, inverse, k1, work)
         if n == 0:
             s[12], s[13], s[14], s[15] = x[1], x[2], x[1], x[1]
             s[16] = 0.5 * (1.0 - np.tanh(settings[_SSL] * (x[1] - settings[_SAL])))
         if n >= first and (n - first) % every == 0:
-            states[row] = s
-            table[row] = x
-            coefs[row] = whole
-            extras[row] = extra
+            states[row], table[row], coefs[row], extras[row] = s, x, whole, extra
             o = reads[row]
             o[0], o[1], o[2], o[3], o[4], o[5] = force[0], force[1], force[2], k1[3], k1[4], k1[5]
             o[6], o[7], o[8], o[9], o[10], o[11], o[12], o[13] = rho, qbar, mach, V, thrust, spooled, throttle, rpm
@@ -261,19 +309,13 @@ def simulate_flight(  # type: ignore[no-untyped-def]  # pragma: no cover
         before = x[1]
         for j in range(19):
             mid[j] = s[j] + 0.5 * dt * k1[j]
-        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, truth, settings, x)
-        _loads(base_rows, base_values, rows, values, settings, truth, x, whole, extra)
-        _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, truth, settings, k2, force)
+        _evaluate(mid, surface, now, air, plant, inertia, inverse, k2, work)
         for j in range(19):
             mid[j] = s[j] + 0.5 * dt * k2[j]
-        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, truth, settings, x)
-        _loads(base_rows, base_values, rows, values, settings, truth, x, whole, extra)
-        _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, truth, settings, k3, force)
+        _evaluate(mid, surface, now, air, plant, inertia, inverse, k3, work)
         for j in range(19):
             mid[j] = s[j] + dt * k3[j]
-        qbar, V, _, _ = _fill(mid, surface, now, thrust, rpm, truth, settings, x)
-        _loads(base_rows, base_values, rows, values, settings, truth, x, whole, extra)
-        _slope(mid, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, truth, settings, k4, force)
+        _evaluate(mid, surface, now, air, plant, inertia, inverse, k4, work)
         for j in range(19):
             s[j] += dt / 6.0 * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j])
         alpha_dot += 0.3 * ((x[1] - before) / dt - alpha_dot)

@@ -258,20 +258,10 @@ def _free(manoeuvre: Manoeuvre, start: float, end: float) -> None:
 
 
 PURPOSES: dict[str, Purpose] = {
-    "elevator": _elevator,
-    "aileron": _aileron,
-    "rudder": _rudder,
-    "multisine": _multisine,
-    "turns": _turns,
-    "throttle": _throttle,
-    "speeds": _speeds,
-    "pulls": _pulls,
-    "stall": _stall,
-    "low-pass": _low_pass,
-    "sideslip": _sideslip,
-    "large": _large,
-    "flap": _flap,
-}
+    "elevator": _elevator, "aileron": _aileron, "rudder": _rudder, "multisine": _multisine, "turns": _turns,
+    "throttle": _throttle, "speeds": _speeds, "pulls": _pulls, "stall": _stall, "low-pass": _low_pass,
+    "sideslip": _sideslip, "large": _large, "flap": _flap,
+}  # fmt: skip
 USUAL = ("elevator", "aileron", "rudder", "multisine", "turns", "throttle", "speeds", "pulls", "sideslip", "large")
 
 
