@@ -42,7 +42,7 @@ def state(kind, of, **values):
 
 
 LATE = state("lag", "de", tau=0.15)
-SEPARATED = state("separation", "alpha", tau1=0.3, tau2=0.15, sharpness=20.0, onset=0.08)
+SEPARATED = state("separation", "alpha", tau1=0.3, tau2=0.15, a1=20.0, alpha_star=0.08)
 
 
 def with_term(term, value, **states):
@@ -86,14 +86,14 @@ def test_a_lag_is_what_a_linear_system_makes_of_its_input():
 def test_a_way_travelled_is_a_time_at_constant_speed():
     x, V = np.sin(2.0 * T), np.full(len(T), 40.0)
     for kind in ("lag", "delay"):
-        by_way = state(kind, "alpha", way=8.0).along(T, {"alpha": x, "V": V})
+        by_way = state(kind, "alpha", distance=8.0).along(T, {"alpha": x, "V": V})
         assert_allclose(by_way, state(kind, "alpha", tau=0.2).along(T, {"alpha": x}), atol=1e-12)
 
 
 def test_a_fraction_of_a_state_is_felt():
     x = np.sin(2.0 * T)
     complete = state("backlash", "de", width=0.1).along(T, {"de": x})
-    part = state("backlash", "de", width=0.1, share=0.4).along(T, {"de": x})
+    part = state("backlash", "de", width=0.1, fraction=0.4).along(T, {"de": x})
     assert_allclose(part, 0.6 * x + 0.4 * complete, atol=1e-15)
 
 
@@ -101,7 +101,7 @@ def test_a_fraction_of_a_state_is_felt():
     ("kind", "values", "says"),
     [
         ("spring", {"tau": 1.0}, "no state of kind 'spring'"),
-        ("lag", {"rate": 1.0}, "tau or way"),
+        ("lag", {"rate": 1.0}, "tau or distance"),
         ("lag", {"tau": 0.0}, "must be above zero"),
         ("stops", {"low": 0.2, "high": 0.1}, "nothing between"),
     ],
@@ -175,7 +175,7 @@ def test_a_state_of_the_flight_itself_is_integrated_beside_the_rigid_body(term, 
     assert_allclose(found.y[12], flown[term], atol=2e-6)
 
 
-@pytest.mark.parametrize("values", [{"tau": 0.11}, {"way": 15.0}, {"tau": 0.11, "share": 0.5}])
+@pytest.mark.parametrize("values", [{"tau": 0.11}, {"distance": 15.0}, {"tau": 0.11, "fraction": 0.5}])
 def test_a_delayed_angle_of_attack_is_the_one_simulated_before(values):
     one = state("delay", "alpha", **values)
     flown = fly(with_term("alpha_late", -0.15, alpha_late=one), inputs(size=0.005), substeps=4)
@@ -197,7 +197,7 @@ def test_delayed_controls_and_a_state_of_the_motion_are_simulated_together():
 
 def test_a_state_without_effect_changes_nothing_of_the_flight():
     plain = fly(OWN)
-    beside = fly(with_term("alpha_late", 0.0, alpha_late=state("delay", "alpha", way=20.0)))
+    beside = fly(with_term("alpha_late", 0.0, alpha_late=state("delay", "alpha", distance=20.0)))
     for c in ("V", "alpha", "q", "h", "x", "Cm"):
         assert_allclose(beside[c], plain[c], rtol=1e-9, atol=1e-9)
 
@@ -429,3 +429,9 @@ def test_what_jsbsim_cannot_hold_is_said_and_nothing_is_written():
     patched = patched_aircraft("c172p", [one], CRAFT, [])
     assert patched.name == patched.text == ""
     assert "separation of alpha) cannot be written" in patched.remarks[0]
+
+
+def test_old_names_of_the_parameters_of_a_state_still_work():
+    with pytest.warns(DeprecationWarning, match="alpha_star"):
+        old = state("separation", "alpha", tau1=0.3, tau2=0.15, sharpness=20.0, onset=0.08)
+    assert old == SEPARATED

@@ -294,7 +294,7 @@ class _Patch:
         channel = ET.SubElement(control, "channel", name=f"{_UNDER} {state.kind} of {state.input}")
         for path, unit, sense in self._read_by_aerodynamics(state.input):
             output = path.replace("fcs/", f"fcs/{_UNDER}/")
-            share = state["share"] if "share" in state.parameters else 1.0
+            share = state["fraction"] if "fraction" in state.parameters else 1.0
             follower = output if share == 1.0 else f"{output}-whole"
             _component(channel, follower, _following(state, path, follower, _UNITS.get(unit, 1.0), sense))
             if share != 1.0:

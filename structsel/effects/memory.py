@@ -132,7 +132,8 @@ def _stall_variants(flights: Flights) -> list[Variant]:
 
 def _separation_state(case: ModelCase) -> State:
     """State of the separation point, which follows the angle of attack."""
-    return State("separation", "alpha", {name: case.quantity(name) for name in ("onset", "sharpness", "tau1", "tau2")})
+    names = {"alpha_star": "onset", "a1": "sharpness", "tau1": "tau1", "tau2": "tau2"}
+    return State("separation", "alpha", {name: case.quantity(of) for name, of in names.items()})
 
 
 def _separated_model(case: ModelCase) -> ModelForm:
@@ -147,7 +148,7 @@ def _stalling_model(case: ModelCase, beyond_steady: bool) -> ModelForm:
     state = _separation_state(case)
     lost, drag = Term("(0.25*(1 + sqrt(x_sep))^2 - 1)"), Term("(1 - x_sep)")
     if beyond_steady:
-        steady = steady_formula("alpha", state["sharpness"], state["onset"])
+        steady = steady_formula("alpha", state["a1"], state["alpha_star"])
         lost = Term(f"((1 + sqrt(x_sep))^2/(1 + sqrt({steady}))^2 - 1)")
         drag = Term(f"({steady} - x_sep)")
     terms: Weights = {}
@@ -231,7 +232,7 @@ def _wake_model(case: ModelCase, angle: str, length: str, moved: tuple[str, ...]
     size = getattr(case.craft, length) / (2.0 * chords.value * case.craft.cbar)
     term = Term(f"({angle} - {angle}_late)")
     terms = {c: {term: size * one_hot(j, len(moved))} for j, c in enumerate(moved)}
-    return ModelForm(states={f"{angle}_late": State("delay", angle, {"way": way})}, terms=terms)
+    return ModelForm(states={f"{angle}_late": State("delay", angle, {"distance": way})}, terms=terms)
 
 
 def _wake_says(found: FittedEffect) -> str:
@@ -287,7 +288,7 @@ def _building_model(case: ModelCase, parts: tuple[tuple[float, float], ...] = ()
         for k, (A, way) in enumerate(late, 1):
             mine.append(f"alpha_{what}{k if len(late) > 1 else ''}")
             states[mine[-1]] = State(
-                "lag", "alpha", {"way": way, "share": Quantity(share.value * A, share.std * A, share.unit)}
+                "lag", "alpha", {"distance": way, "fraction": Quantity(share.value * A, share.std * A, share.unit)}
             )
         formula = " + ".join(mine) + f" - {len(mine) - 1}*alpha" * (len(mine) > 1)
         replaced |= {c: {"alpha": formula} for c in responses if c in case.base}

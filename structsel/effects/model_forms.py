@@ -41,7 +41,7 @@ def state_after(
             return None
         given = dict(parameters(case))
         if "share" in case.estimates:
-            given["share"] = case.quantity("share")
+            given["fraction"] = case.quantity("share")
         states = {name: State(kind, control, given) for control, name in names.items()}
         return ModelForm(states=states, replaced=dict.fromkeys(case.base, names))
 

@@ -7,10 +7,10 @@ The kinds, each starting at rest on the first sample::
     rate limit   y' = x', no faster than `rate`
     backlash     y stays until x has moved half of `width` beyond it
     stops        y = x between `low` and `high`
-    separation   tau1 y' + y = (1 - tanh(sharpness (x - tau2 x' - onset))) / 2
+    separation   tau1 y' + y = (1 - tanh(a1 (x - tau2 x' - alpha_star))) / 2
 
-x is the input. A lag or a delay may be given as a distance `way` [m] that the air travels, instead of `tau` [s]. With a
-fraction `share` other than 1 the state is x + share (y - x). The separation point, 1 attached to 0 stalled, is that of
+x is the input. A lag or a delay may be given as the `distance` [m] that the air travels, instead of `tau` [s]. With a
+`fraction` other than 1 the state is x + fraction (y - x). The separation point, 1 attached to 0 stalled, is that of
 [GK94].
 """
 
@@ -27,6 +27,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from structsel.candidates.formula import Node, evaluate, get_channel
 from structsel.candidates.parse import parse_formula
+from structsel.deprecation import renamed_value
 from structsel.errors import ChannelError, ModelError
 from structsel.numerics.actuators import actuate
 from structsel.numerics.arrays import Array
@@ -34,16 +35,17 @@ from structsel.numerics.first_order import delayed
 from structsel.numerics.separation import steady_formula
 
 _PARAMETERS: dict[str, tuple[frozenset[str], ...]] = {
-    "lag": (frozenset({"tau"}), frozenset({"way"})),
-    "delay": (frozenset({"tau"}), frozenset({"way"})),
+    "lag": (frozenset({"tau"}), frozenset({"distance"})),
+    "delay": (frozenset({"tau"}), frozenset({"distance"})),
     "rate limit": (frozenset({"rate"}),),
     "backlash": (frozenset({"width"}),),
     "stops": (frozenset({"low"}), frozenset({"high"}), frozenset({"low", "high"})),
-    "separation": (frozenset({"tau1", "tau2", "sharpness", "onset"}),),
+    "separation": (frozenset({"tau1", "tau2", "a1", "alpha_star"}),),
 }
 KINDS = tuple(_PARAMETERS)
 """Kinds of states."""
-_ABOVE_ZERO = ("tau", "way", "rate", "width", "tau1", "sharpness")
+_OLD_PARAMETERS = {"way": "distance", "share": "fraction", "sharpness": "a1", "onset": "alpha_star"}
+_ABOVE_ZERO = ("tau", "distance", "rate", "width", "tau1", "a1")
 _LINEAR = ("lag", "delay", "separation")
 
 
@@ -90,7 +92,8 @@ class State:
         if self.kind not in _PARAMETERS:
             raise ModelError(f"There is no state of kind '{self.kind}'; there are {', '.join(KINDS)}.")
         held = {name: q if isinstance(q, Quantity) else Quantity(**q) for name, q in self.parameters.items()}
-        given = set(held) - ({"share"} if self.kind != "separation" else set())
+        held = {renamed_value("parameter", name, _OLD_PARAMETERS): q for name, q in held.items()}
+        given = set(held) - ({"fraction"} if self.kind != "separation" else set())
         if given not in _PARAMETERS[self.kind]:
             allowed = " or ".join(", ".join(sorted(names)) for names in _PARAMETERS[self.kind])
             raise ModelError(f"A {self.kind} has the parameters {allowed}; it was given {', '.join(held) or 'none'}.")
@@ -144,7 +147,7 @@ class State:
             y = delayed(x, clock, self.time_constant, hold=hold)
         else:
             y = actuate(clock, x, hold=hold, **self._actuator)
-        return x + self.fraction * (y - x) if "share" in self.parameters else y
+        return x + self.fraction * (y - x) if "fraction" in self.parameters else y
 
     def clock(self, t: Array, held: Mapping[str, Array]) -> Array:
         """What its time constant or delay is counted in: time [s], or the distance travelled through the air [m]."""
@@ -167,22 +170,24 @@ class State:
         low, high = (f"({self[name]!r})" if name in self.parameters else "" for name in ("low", "high"))
         within = f"{low} + ({x} - {low})+" if low else x
         within += f" - ({x} - {high})+" if high else ""
-        return parse_formula(f"{x} + ({self['share']!r})*({within} - {x})" if "share" in self.parameters else within)
+        return parse_formula(
+            f"{x} + ({self['fraction']!r})*({within} - {x})" if "fraction" in self.parameters else within
+        )
 
     @property
     def fraction(self) -> float:
         """Fraction f of the state in its value x + f (y - x)."""
-        return self["share"] if "share" in self.parameters else 1.0
+        return self["fraction"] if "fraction" in self.parameters else 1.0
 
     @property
     def by_distance(self) -> bool:
         """Whether its time constant or delay is a distance travelled through the air [m]."""
-        return "way" in self.parameters
+        return "distance" in self.parameters
 
     @property
     def time_constant(self) -> float:
         """Time constant or delay [s], or distance [m]."""
-        return next(self[name] for name in ("tau", "way", "tau1") if name in self.parameters)
+        return next(self[name] for name in ("tau", "distance", "tau1") if name in self.parameters)
 
     @property
     def _actuator(self) -> dict[str, float]:
@@ -191,7 +196,7 @@ class State:
         return made or {"lag": self.time_constant}
 
     def _flow(self, angle: str) -> str:
-        return steady_formula(angle, self["sharpness"], self["onset"])
+        return steady_formula(angle, self["a1"], self["alpha_star"])
 
     def to_dict(self) -> dict[str, Any]:
         """For model.json."""
