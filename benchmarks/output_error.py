@@ -26,7 +26,7 @@ from structsel.errors import RefinementError
 from structsel.model import AeroModel, ResponseModel
 from structsel.recording import Recording
 from structsel.refinement import Refinement, refine
-from structsel.simulation.air import Air
+from structsel.simulation.atmosphere import Atmosphere
 
 HERE = Path(__file__).parents[1]
 G, RHO, V0, HALF_CHORD = 9.80665, 0.792, 104.67, 1.215
@@ -90,7 +90,7 @@ def model(values: np.ndarray) -> AeroModel:
 
 def estimate(record: Recording, start: np.ndarray, **options: object) -> Refinement:
     """Output error with structsel."""
-    return refine(model(start), aircraft(), record, outputs=OUTPUTS, air=Air(rho=RHO), substeps=1, **options)  # type: ignore[arg-type]
+    return refine(model(start), aircraft(), record, outputs=OUTPUTS, air=Atmosphere(rho=RHO), substeps=1, **options)  # type: ignore[arg-type]
 
 
 def usual_way(

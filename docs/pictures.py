@@ -15,7 +15,7 @@ from structsel import AeroModel, Recording, ResponseModel, Term, simulate, trim
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.flight import Flight, prepare_flight
 from structsel.comparison.surrogate import identify
-from structsel.demo.truth import TRUTH, demo_aircraft
+from structsel.demo.aircraft import TRUTH, demo_aircraft
 from structsel.effects import EFFECTS, Variant
 from structsel.effects.base import Effect
 from structsel.nomenclature import unit_of

@@ -10,7 +10,7 @@
 import structsel as ss
 from structsel.inputs import combine, name_derivatives, three_two_one_one
 
-craft = ss.ready("citation")
+craft = ss.published_aircraft("citation")
 steady = craft.trim(V=120.0, h=7500.0)
 print(steady)
 small = craft.linearise(steady, inputs=["de"])

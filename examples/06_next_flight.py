@@ -15,7 +15,7 @@ import structsel as ss
 from structsel.inputs import doublet, information, name_derivatives, scatter, with_energy
 from structsel.plotting import plot_histories
 
-craft = ss.ready("citation")
+craft = ss.published_aircraft("citation")
 steady = craft.trim(V=120.0, h=7500.0)
 pitch = name_derivatives(craft.linearise(steady, inputs=["de"]), outputs=["alpha", "q"])
 noise = {"alpha": 0.008, "q": 0.004}

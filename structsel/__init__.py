@@ -40,15 +40,15 @@ from structsel.report import write_report
 from structsel.selection import Selection, Selections, select
 from structsel.simulation import (
     Actuator,
-    Air,
+    Atmosphere,
     Gust,
     Instruments,
     LinearModel,
-    ReadyAircraft,
+    PublishedAircraft,
     Trim,
     Turbulence,
     linearise,
-    ready,
+    published_aircraft,
     simulate,
     trim,
 )
@@ -58,14 +58,22 @@ from structsel.validation import Ensemble, Resimulation, Validation, ensemble, r
 __version__ = "0.1.0"
 
 __getattr__ = renamed_names(
-    __name__, {"Comparison": "EstimateComparison", "Replay": "Resimulation", "replay": "resimulate"}
+    __name__,
+    {
+        "Comparison": "EstimateComparison",
+        "Replay": "Resimulation",
+        "replay": "resimulate",
+        "Air": "Atmosphere",
+        "ReadyAircraft": "PublishedAircraft",
+        "ready": "published_aircraft",
+    },
 )
 
 __all__ = [
     "Actuator",
     "AeroModel",
-    "Air",
     "Aircraft",
+    "Atmosphere",
     "Candidates",
     "Derivatives",
     "Diagnosis",
@@ -80,7 +88,7 @@ __all__ = [
     "LinearModel",
     "LinearStructure",
     "Mismatch",
-    "ReadyAircraft",
+    "PublishedAircraft",
     "Reconstruction",
     "Reconstructions",
     "Recording",
@@ -111,9 +119,9 @@ __all__ = [
     "export_model",
     "linearise",
     "open_jsbsim",
+    "published_aircraft",
     "read_recording",
     "read_recordings",
-    "ready",
     "reconstruct",
     "reconstruct_all",
     "refine",

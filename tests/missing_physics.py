@@ -10,7 +10,7 @@ from structsel.candidates import Term
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.flight import prepare_flight
 from structsel.comparison.surrogate import identify
-from structsel.demo.truth import TRUTH, demo_aircraft
+from structsel.demo.aircraft import TRUTH, demo_aircraft
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.signatures import work_out
 from structsel.effects import EFFECTS

@@ -11,7 +11,7 @@ from structsel import (
     Reconstructions,
     Recording,
     ResponseModel,
-    ready,
+    published_aircraft,
     reconstruct,
     refine,
     resimulate,
@@ -68,7 +68,7 @@ def reconstructed():
 @cache
 def refined():
     """Refinement, recordings it was made of, and replays of another before and after."""
-    craft = ready("citation")
+    craft = published_aircraft("citation")
     start = craft.trim()
     flights = []
     for k, size in enumerate((0.02, -0.02), 1):

@@ -31,7 +31,8 @@ def test_every_public_verb_says_what_goes_in_comes_out_and_goes_wrong(name):
 
 def test_every_step_of_the_journey_is_at_the_top():
     steps = "read_recording reconstruct compute_coefficients select validate trim linearise simulate refine resimulate"
-    more = "compare_estimates design_inputs compare_inputs ready open_jsbsim Air Instruments Refinement Resimulation"
+    more = "compare_estimates design_inputs compare_inputs published_aircraft open_jsbsim Atmosphere"
+    more += " Instruments Refinement Resimulation"
     assert {*steps.split(), *more.split()} <= set(ss.__all__)
 
 

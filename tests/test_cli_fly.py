@@ -11,14 +11,23 @@ import pytest
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
-from structsel import AeroModel, Instruments, Recording, ResponseModel, read_recording, ready, refine, write_recording
+from structsel import (
+    AeroModel,
+    Instruments,
+    Recording,
+    ResponseModel,
+    published_aircraft,
+    read_recording,
+    refine,
+    write_recording,
+)
 from structsel.cli import app
 from structsel.cli.crafts import read_trim
 from structsel.cli.demo import _toml
 from structsel.inputs import three_two_one_one
 
 PLAIN = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
-CRAFT = ready("citation")
+CRAFT = published_aircraft("citation")
 TRIM = CRAFT.trim()
 NOISE = {"V": 0.1, "alpha": 0.001, "q": 0.001, "theta": 0.001, "az": 0.05}
 FREE = "Cm:1,Cm:alpha,Cm:q_hat,Cm:de"
@@ -91,7 +100,7 @@ def test_help_pages_hold_examples_and_fit_80_columns(command):
 
 def test_trim_and_modes_are_those_of_the_library():
     printed = run("simulate", "ready:beaver", "--trim", "45,609.6", "--modes").stdout
-    craft = ready("beaver")
+    craft = published_aircraft("beaver")
     trim = craft.trim(45.0, 609.6)
     for name in ("alpha", "de", "manifold_pressure"):
         value = re.search(rf"^{name} +(-?[\d.]+)", printed, re.MULTILINE)[1]

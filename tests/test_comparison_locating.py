@@ -15,7 +15,7 @@ from structsel.comparison.locating.region import bounds_of, find_region
 from structsel.comparison.locating.turbulence import find_turbulence
 from structsel.comparison.locating.windows import acting, find_intervals, stretches
 from structsel.comparison.noise import Noise, bins_of, edge_of
-from structsel.demo.truth import demo_aircraft
+from structsel.demo.aircraft import demo_aircraft
 from structsel.numerics.evidence import spectrum
 from structsel.numerics.turbulence import dryden_gusts
 

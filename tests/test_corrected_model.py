@@ -29,9 +29,9 @@ from structsel.errors import ChannelError, ModelError, StructselWarning
 from structsel.model import AeroModel, Quantity, ResponseModel, State
 from structsel.numerics.flight_model import outputs_index
 from structsel.numerics.flight_simulation import state_derivatives
-from structsel.simulation import Actuator, Instruments, linearise, prepare, ready, simulate, trim
+from structsel.simulation import Actuator, Instruments, linearise, prepare, published_aircraft, simulate, trim
 
-CITATION = ready("citation")
+CITATION = published_aircraft("citation")
 OWN, CRAFT = CITATION.model, CITATION.aircraft
 TRIM = CITATION.trim()
 T = np.arange(0.0, 6.0, 0.02)

@@ -15,7 +15,7 @@ from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import alone, nats, not_borne_out, with_whole
 from structsel.numerics.rigid_body import air_data, body_to_earth
 from structsel.recording import Recording
-from structsel.simulation import Air, Turbulence, simulate, trim
+from structsel.simulation import Atmosphere, Turbulence, simulate, trim
 from tests.missing_physics import CRAFT, NOISE, TRUTH, T, excite, model_of, ready, tried
 
 BARE = Aircraft(**{**CRAFT.model_dump(exclude={"schema_name"}), "sensors": {}})  # vanes at the centre of gravity
@@ -31,7 +31,7 @@ def blown(W20=9.0, **extra):
     rng = np.random.default_rng(8)
     for k, V in enumerate(SPEEDS):
         start = trim(simulation, BARE, V, 1000.0)
-        air = Air(turbulence=Turbulence(W20, seed=k, high=0.1 * W20)) if W20 else Air()
+        air = Atmosphere(turbulence=Turbulence(W20, seed=k, high=0.1 * W20)) if W20 else Atmosphere()
         flown = simulate(truth, BARE, start.inputs(T, **excite(T, k % 3)), start=start, air=air, outside="ignore")
         ground = np.column_stack([flown[c] for c in ("vn", "ve", "vd")])
         body = np.einsum("nij,ni->nj", body_to_earth(flown["phi"], flown["theta"], flown["psi"]), ground)

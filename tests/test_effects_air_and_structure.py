@@ -11,7 +11,7 @@ from structsel.effects import atmosphere, structural
 from structsel.effects.operators import pulse
 from structsel.numerics.rigid_body import air_data, body_to_earth
 from structsel.recording import Recording
-from structsel.simulation import Air, Gust
+from structsel.simulation import Atmosphere, Gust
 from tests.injected import CRAFT, best, compare, explain, fly, one_of
 
 VANE_AT_CG = CRAFT.model_validate(CRAFT.model_dump() | {"sensors": {}})
@@ -30,7 +30,7 @@ def over_ground(recordings):
 
 def test_a_shear_with_height_is_found_by_kinematics_alone():
     # 8 m/s more northerly wind per 100 m, through climbs and descents of some 30 m.
-    air = Air(wind=[[-40.0, 0.0, 0.0], [40.0, 0.0, 0.0]], heights=[500.0, 1500.0])
+    air = Atmosphere(wind=[[-40.0, 0.0, 0.0], [40.0, 0.0, 0.0]], heights=[500.0, 1500.0])
     flights = compare(fly(craft=VANE_AT_CG, air=air), VANE_AT_CG)
     variants = {v.about: v for v in one_of(atmosphere.EFFECTS, "wind-shear").variants(flights)}
     found = explain(flights, variants["linear with height"])
@@ -40,7 +40,7 @@ def test_a_shear_with_height_is_found_by_kinematics_alone():
 
 
 def test_a_steady_wind_that_went_into_the_airspeed_is_found():
-    air = Air(wind=(6.0, 4.0, 0.0))
+    air = Atmosphere(wind=(6.0, 4.0, 0.0))
     flights = compare(over_ground(fly(craft=VANE_AT_CG, air=air)), VANE_AT_CG)
     variants = {v.about: v for v in one_of(atmosphere.EFFECTS, "steady-wind").variants(flights)}
     found = explain(flights, variants["airspeed and angles made from the motion over the ground"])
@@ -49,7 +49,7 @@ def test_a_steady_wind_that_went_into_the_airspeed_is_found():
 
 
 def test_a_gust_the_vane_missed_is_found_with_its_time_and_speed():
-    air = Air(gusts=(Gust("w", -3.0, 5.0, 1.6),))
+    air = Atmosphere(gusts=(Gust("w", -3.0, 5.0, 1.6),))
     first, _ = fly(craft=VANE_AT_CG, air=air)
     _, second = fly(craft=VANE_AT_CG)
     flights = compare(over_ground([first, second]), VANE_AT_CG)
@@ -111,7 +111,7 @@ def test_slow_samples_cannot_show_a_mode():
 def test_the_same_gust_in_two_manoeuvres_is_one_effect_with_both_moments():
     seen = []
     for k, start in enumerate((5.0, 11.0)):
-        air = Air(gusts=(Gust("w", -3.0, start, 1.6),))
+        air = Atmosphere(gusts=(Gust("w", -3.0, start, 1.6),))
         seen.append(fly(craft=VANE_AT_CG, air=air)[k])
     found = best(compare(over_ground(seen)), one_of(atmosphere.EFFECTS, "gust"))
     assert set(found.variant.about.removeprefix("upward, in ").split(", ")) == {"'m0'", "'m1'"}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from structsel.demo.truth import TRUTH
+from structsel.demo.aircraft import TRUTH
 from structsel.effects import controls
 from structsel.effects.signals import mean_slope
 from tests.missing_physics import best, check_all, excite, explain, flights_with, named

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.comparison.flight import prepare_flight
-from structsel.demo.truth import TRUTH
+from structsel.demo.aircraft import TRUTH
 from structsel.effects import parameters
 from structsel.recording import Recording
 from tests.missing_physics import CRAFT, best, check_all, excite, explain, flights_with, named

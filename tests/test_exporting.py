@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
-from structsel import AeroModel, Aircraft, ResponseModel, Term, export_model, ready
+from structsel import AeroModel, Aircraft, ResponseModel, Term, export_model, published_aircraft
 from structsel.candidates.formula import FUNCTIONS
 from structsel.cli import app
 from structsel.errors import DataError, ModelError, TermError
@@ -282,7 +282,7 @@ def test_a_model_of_constants_has_no_inputs(tmp_path):
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_every_export_says_the_errors_the_region_and_the_lengths(target, tmp_path):
-    path = export_model(TOLD, tmp_path / "told.xml", to=target, aircraft=ready("citation").aircraft)
+    path = export_model(TOLD, tmp_path / "told.xml", to=target, aircraft=published_aircraft("citation").aircraft)
     text = path.read_text()
     for said in (
         "m01, m02",

@@ -24,8 +24,8 @@ from structsel import (
     compute_coefficients,
     export_model,
     open_jsbsim,
+    published_aircraft,
     read_recording,
-    ready,
     select,
     write_recording,
 )
@@ -37,7 +37,7 @@ from tests.exported import KINDS, RANGES, model_of, random_states
 
 jsbsim = pytest.importorskip("jsbsim", reason='JSBSim is not installed: pip install "structsel[jsbsim]"')
 
-CITATION = ready("citation")
+CITATION = published_aircraft("citation")
 AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 CLOCK = np.arange(0.0, 20.0, 0.02)
 CRAFT = Aircraft(
@@ -321,7 +321,7 @@ def test_wind_axes_are_turned_into_body_axes(tmp_path):
 
 
 def test_the_beaver_flies_with_its_slipstream_and_an_engine_s_readings_from_outside(tmp_path):
-    craft = ready("beaver")
+    craft = published_aircraft("beaver")
     inputs = {"manifold_pressure": "aero/input/manifold_pressure", "rpm": "aero/input/rpm"}
     path = export_model(
         craft.model, tmp_path / "beaver.xml", aircraft=craft.aircraft, definitions=craft.definitions, properties=inputs

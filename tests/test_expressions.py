@@ -10,7 +10,7 @@ from structsel.errors import ChannelError, ModelError, TermError
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics.expressions import Program, ProgramMaker, run_program
 from structsel.numerics.flight_model import CHANNELS
-from structsel.simulation.compiling import Formulas, compile_aircraft
+from structsel.simulation.compile_model import Formulas, compile_aircraft
 
 AIRCRAFT = Aircraft(name="test", mass=1000.0, S=10.0, b=8.0, cbar=1.4, V0=50.0)
 TERMS = [

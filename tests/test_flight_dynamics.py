@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from structsel.aircraft import Aircraft
 from structsel.candidates import Term
-from structsel.demo.flight import integrate
-from structsel.demo.truth import TRUTH, demo_aircraft
+from structsel.demo.aircraft import TRUTH, demo_aircraft
+from structsel.demo.flights import integrate
 from structsel.errors import ChannelError, DataError, DomainError, ModelError
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics import rigid_body as rb
@@ -20,7 +20,7 @@ from structsel.numerics.actuators import actuate
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.numerics.flight_model import OUTPUTS, REASONS, STATES, outputs_index
 from structsel.numerics.flight_simulation import simulate_batch, state_derivatives
-from structsel.simulation import Air, prepare, trim
+from structsel.simulation import Atmosphere, prepare, trim
 
 STATE_COLUMNS = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h")
 NOTHING = AeroModel({"CX": ResponseModel((), np.zeros(0))})
@@ -136,7 +136,7 @@ def test_tumbling_without_moments_keeps_energy_and_angular_momentum():
     )
     t = np.arange(0.0, 6.001, 0.01)
     start = {"u": 50.0, "v": 0.0, "w": 0.0, "theta": 0.05, "h": 3000.0, "p": 0.02, "q": 0.05, "r": 0.4}
-    ready = prepare(NOTHING, body, {"t": t}, start=start, air=Air(gravity=0.0))
+    ready = prepare(NOTHING, body, {"t": t}, start=start, air=Atmosphere(gravity=0.0))
     batch = ready.simulate(STATE_COLUMNS)
     assert batch.samples[0] == len(t)
     path = batch.outputs[0]
@@ -158,7 +158,7 @@ def test_a_body_without_air_forces_falls_on_a_parabola_in_the_wind():
     t = np.linspace(0.0, 8.0, 401)
     V, theta, psi = 60.0, 0.6, 0.4
     start = {"V": V, "alpha": 0.0, "theta": theta, "psi": psi, "h": 800.0}
-    ready = prepare(NOTHING, body, {"t": t}, start=start, air=Air(wind=(3.0, -2.0, 0.5)))
+    ready = prepare(NOTHING, body, {"t": t}, start=start, air=Atmosphere(wind=(3.0, -2.0, 0.5)))
     x, y, h, ax, speed = ready.simulate(("x", "y", "h", "ax", "V")).outputs[0].T
     along, up = V * np.cos(theta), V * np.sin(theta) * t - 0.5 * rb.G0 * t**2
     assert_allclose(x, along * np.cos(psi) * t + 3.0 * t, atol=1e-8)
@@ -173,7 +173,7 @@ def test_wind_that_changes_with_height_changes_the_airspeed_of_a_falling_body():
     t = np.linspace(0.0, 5.0, 251)
     heights, wind = [0.0, 1000.0], [[0.0, 0.0, 0.0], [-20.0, 0.0, 0.0]]
     start = {"V": 50.0, "alpha": 0.0, "theta": 0.0, "h": 1000.0}
-    ready = prepare(NOTHING, body, {"t": t}, start=start, air=Air(wind=wind, heights=heights))
+    ready = prepare(NOTHING, body, {"t": t}, start=start, air=Atmosphere(wind=wind, heights=heights))
     speed, vn, h = ready.simulate(("V", "vn", "h")).outputs[0].T
     # Over the ground it keeps 50 - 20 m/s; the head wind dies away below it.
     assert_allclose(vn, 30.0, atol=1e-9)
@@ -304,7 +304,7 @@ def test_every_way_to_stop_has_its_reason(start, model, said):
     gravity = 0.0 if "airspeed" in said else rb.G0
     ready = prepare(
         model_of(model) if model else NOTHING, body, {"t": np.arange(0.0, 5.0, 0.01)}, start=start,
-        air=Air(gravity=gravity),
+        air=Atmosphere(gravity=gravity),
     )  # fmt: skip
     batch = ready.simulate(("h",))
     assert said in REASONS[batch.reason[0]]

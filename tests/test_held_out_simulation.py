@@ -122,7 +122,7 @@ def test_damping_of_the_simulation_holds_the_drift_back(clean):
 
 
 def test_windows_agree_with_a_simulator_that_flies_the_wrong_model_itself():
-    craft = ss.ready("citation")
+    craft = ss.published_aircraft("citation")
     trim = craft.trim()
     held = craft.model["Cm"]
     off = {"alpha": 0.8, "q_hat": 0.7, "de": 1.15}

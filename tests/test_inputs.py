@@ -33,7 +33,7 @@ from structsel.inputs import (
 from structsel.inputs.criteria import DesignProblem, elementary_matrices
 from structsel.inputs.mehra_schulz import optimal_powers, sensitivity_response
 from structsel.inputs.optimal import frame, newton, orthonormal_functions, spherical
-from structsel.simulation.linear_library import as355, hawk
+from structsel.simulation.library.linear import as355, hawk
 
 NOISE = {"w": 0.3, "q": 0.003}
 

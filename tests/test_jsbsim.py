@@ -9,13 +9,13 @@ from numpy.testing import assert_allclose
 
 from structsel.candidates import Term
 from structsel.coefficients import compute_coefficients
-from structsel.demo.truth import TRUTH
+from structsel.demo.aircraft import TRUTH
 from structsel.errors import ChannelError, SimulationError
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics import rigid_body as rb
 from structsel.reconstruction import reconstruct
 from structsel.recording import Recording
-from structsel.simulation import Air, simulate, trim
+from structsel.simulation import Atmosphere, simulate, trim
 from structsel.simulation.jsbsim import open_jsbsim
 
 CLOCK = np.arange(0.0, 30.0, 0.02)
@@ -95,7 +95,7 @@ def xml(installed, tmp_path_factory):
 # Density is held, since JSBSim takes h as a geometric altitude and simulate() as a geopotential one; gravity is that of
 # a sphere of 3e9 m at 1000 m.
 RHO, H = 1.1, 1000.0
-AIR = Air(rho=RHO, gravity=rb.G0 * (1.0 - 2.0 * H / 3e9))
+AIR = Atmosphere(rho=RHO, gravity=rb.G0 * (1.0 - 2.0 * H / 3e9))
 ANGLES = ("alpha", "beta", "phi", "theta", "psi")
 RATES = ("p", "q", "r")
 PLACE = ("x", "y", "h")

@@ -12,8 +12,8 @@ from structsel.candidates import Candidates
 from structsel.errors import ChannelError, DataError, ModelError, SimulationError
 from structsel.inputs import combine, doublet, impulse, step, table
 from structsel.recording import Recording
-from structsel.simulation.concise import lateral_model, longitudinal_model
-from structsel.simulation.linear_library import as355, hawk
+from structsel.simulation.dimensional_derivatives import lateral_model, longitudinal_model
+from structsel.simulation.library.linear import as355, hawk
 
 
 def test_hawk_modes_are_those_published_to_three_digits():

@@ -5,7 +5,7 @@ import pytest
 
 from structsel.aircraft import Aircraft
 from structsel.demo import demo_flight, demo_instruments
-from structsel.demo.truth import demo_aircraft
+from structsel.demo.aircraft import demo_aircraft
 from structsel.errors import DataError, ReconstructionError
 from structsel.numerics import flight_path as fp
 from structsel.reconstruction import reconstruct

@@ -5,10 +5,10 @@ from structsel.errors import DataError, ModelError
 from structsel.model import AeroModel, ResponseModel
 from structsel.recording import Recording
 from structsel.refinement import derivatives_by_condition
-from structsel.simulation import Instruments, ready, simulate, trim
+from structsel.simulation import Instruments, published_aircraft, simulate, trim
 from tests.linear_flights import three_two_one_one
 
-AIRCRAFT = ready("beaver").aircraft
+AIRCRAFT = published_aircraft("beaver").aircraft
 
 
 def model(**responses):

@@ -10,7 +10,7 @@ from structsel.numerics.linear_systems import interval, simulate_linear
 from structsel.numerics.noise_models import spectral_score_covariance
 from structsel.recording import Recording
 from structsel.refinement import LinearStructure, compare_estimates, equation_error, refine
-from structsel.simulation.linear_library import as355
+from structsel.simulation.library.linear import as355
 from tests.linear_flights import AS355, fly_by_solver, helicopter, recording, three_two_one_one
 
 T = np.arange(0.0, 20.0, 0.05)

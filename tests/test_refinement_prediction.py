@@ -12,8 +12,8 @@ from structsel.numerics.linear_systems import discretise_noise, simulate_linear
 from structsel.recording import Recording
 from structsel.refinement import LinearStructure, refine
 from structsel.refinement.filter_kernels import diagonal, predict_linear, steady_gain
-from structsel.simulation import prepare, ready, simulate, trim
-from structsel.simulation.linear_library import as355
+from structsel.simulation import prepare, published_aircraft, simulate, trim
+from structsel.simulation.library.linear import as355
 from tests.linear_flights import fly_by_solver, recording, three_two_one_one
 
 # --- kernels --------------------------------------------------------------------------------------
@@ -77,7 +77,7 @@ def test_predictions_are_those_of_a_filter_written_out_and_gaps_correct_nothing(
 
 @pytest.fixture(scope="module")
 def beaver():
-    plane = ready("beaver")
+    plane = published_aircraft("beaver")
     model = AeroModel({name: held for name, held in plane.model.responses.items() if name in ("CX", "CZ", "Cm")})
     converged = trim(model, plane.aircraft, 45.0, 1500.0, free=("de", "thrust"), definitions={"dpt": "0*V"})
     t = np.arange(0.0, 6.0, 0.05)
@@ -285,7 +285,7 @@ def test_a_delay_may_hold_for_one_input_of_two():
 
 def test_a_recorded_thrust_is_not_delayed_with_the_controls(beaver):
     made, converged = beaver
-    plane = ready("beaver")
+    plane = published_aircraft("beaver")
     model = AeroModel({name: held for name, held in plane.model.responses.items() if name in ("CX", "CZ", "Cm")})
     t = made.manoeuvre.t
     thrust = converged.controls["thrust"] * (1.0 + 0.3 * np.sin(2.0 * t))
@@ -328,7 +328,7 @@ def test_the_ready_as355_gives_its_23_parameters_back_with_delay_and_angle_of_at
 
 
 def lateral_flight():
-    plane = ready("beaver")
+    plane = published_aircraft("beaver")
     own = {"CX": {"1": -0.04, "alpha": 0.05, "alpha^2": 4.0},
            "CZ": {"1": -0.2, "alpha": -5.2, "q_hat": -6.0, "de": -0.4},
            "Cm": {"1": 0.06, "alpha": -0.9, "q_hat": -28.0, "de": -1.9},

@@ -14,7 +14,7 @@ from structsel import (
     Recording,
     ResponseModel,
     linearise,
-    ready,
+    published_aircraft,
     resimulate,
     simulate,
     trim,
@@ -25,7 +25,7 @@ from structsel.plotting import draw_flight, draw_inputs, draw_replay, plot_repla
 from structsel.validation import r2, rrmse, tic
 from structsel.validation.resimulate import window_rows
 
-CRAFT = ready("citation")
+CRAFT = published_aircraft("citation")
 TRIM = CRAFT.trim()
 
 
@@ -149,7 +149,7 @@ def test_bands_may_be_given_and_decide_what_is_inside(flight):
 
 
 def test_longitudinal_models_start_without_lateral_motion_and_need_no_altitude_with_a_density():
-    craft = ready("hfb320")
+    craft = published_aircraft("hfb320")
     trim = craft.trim()
     u = doublet("de", 0.02, duration=8.0, dt=0.05)
     record = craft.simulate(Recording("m01", u.t, {"de": trim["de"] + u["de"]}), start=trim)

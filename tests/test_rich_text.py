@@ -116,7 +116,7 @@ def test_models_validations_and_diagnoses_show_what_they_are(selections):
 
 
 def test_aircraft_trims_and_inputs_show_what_they_are():
-    craft = ss.ready("citation")
+    craft = ss.published_aircraft("citation")
     steady = craft.trim(V=120.0, h=7500.0)
     assert ["V", "120", "m/s"] in cells(steady._repr_html_())
     assert craft.aircraft.name in craft.aircraft._repr_html_()

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+import structsel as ss
 from structsel.aircraft import Aircraft
 from structsel.candidates import Term
 from structsel.coefficients import compute_coefficients
-from structsel.demo.truth import TRUTH, demo_aircraft
+from structsel.demo.aircraft import TRUTH, demo_aircraft
 from structsel.errors import (
     AircraftError,
     ChannelError,
@@ -22,14 +23,14 @@ from structsel.numerics import rigid_body as rb
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.recording import Recording
 from structsel.simulation import (
-    READY,
+    PUBLISHED_AIRCRAFT,
     Actuator,
-    Air,
+    Atmosphere,
     Gust,
     Instruments,
     Turbulence,
     linearise,
-    ready,
+    published_aircraft,
     simulate,
     trim,
 )
@@ -66,7 +67,7 @@ def moved(start, t=CLOCK):
 
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_the_coefficients_of_a_simulated_flight_are_those_of_the_model(name):
-    craft = ready(name)
+    craft = published_aircraft(name)
     found = craft.trim()
     flight = craft.simulate(moved(found), start=found)
     made = compute_coefficients(flight, craft.aircraft)
@@ -123,7 +124,7 @@ def test_a_flight_goes_on_from_any_sample_of_itself(trimmed):
 
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_a_ready_aircraft_trims_and_stays_there(name):
-    craft = ready(name)
+    craft = published_aircraft(name)
     found = craft.trim()
     assert max(abs(x) for x in found.unbalance.values()) < 1e-9
     assert_allclose((found["V"], found["h"]), (craft.condition["V"], craft.condition["h"]), rtol=1e-12)
@@ -134,7 +135,7 @@ def test_a_ready_aircraft_trims_and_stays_there(name):
 
 def test_the_beaver_trims_where_the_fdc_toolbox_has_it():
     # Its example at 35 m/s and sea level, wings level, 1800 rpm and 20 inHg: alpha 0.2113, theta 0.1919, de -0.0931.
-    found = ready("beaver").trim(
+    found = published_aircraft("beaver").trim(
         35.0, 0.0, climb=None, bank=0.0, turn_rate=0.0, controls={"manifold_pressure": 20.0}
     )  # fmt: skip
     assert_allclose([found["alpha"], found["theta"], found["de"]], [0.2113, 0.1919, -0.0931], atol=1e-4)
@@ -143,7 +144,7 @@ def test_the_beaver_trims_where_the_fdc_toolbox_has_it():
 
 def test_the_citation_carries_its_weight_as_a_hand_calculation_says():
     # With q = 0: Cm gives de from alpha, CZ then alpha from the weight across the path, thrust and sideslip apart.
-    craft = ready("citation")
+    craft = published_aircraft("citation")
     found = craft.trim()
     qbar = 0.5 * standard_atmosphere(7500.0)[2] * 120.0**2
     de = -(0.021 - 0.488 * found["alpha"]) / -1.25
@@ -153,7 +154,7 @@ def test_the_citation_carries_its_weight_as_a_hand_calculation_says():
 
 
 def test_a_steady_turn_turns_at_its_rate():
-    craft = ready("beaver")
+    craft = published_aircraft("beaver")
     found = craft.trim(turn_rate=0.15)
     assert_allclose(np.tan(found["phi"]), 45.0 * 0.15 / rb.G0, rtol=0.04)
     flight = craft.simulate(found.inputs(CLOCK), start=found)
@@ -163,7 +164,7 @@ def test_a_steady_turn_turns_at_its_rate():
 
 
 def test_a_climb_climbs_at_its_angle():
-    craft = ready("hfb320")  # its air does not thin
+    craft = published_aircraft("hfb320")  # its air does not thin
     found = craft.trim(climb=0.02)
     flight = craft.simulate(found.inputs(CLOCK), start=found)
     assert_allclose(flight["h"] - flight["h"][0], 104.67 * np.sin(0.02) * CLOCK, atol=1e-6)
@@ -177,7 +178,7 @@ def test_a_climb_climbs_at_its_angle():
 
 
 def test_wings_level_without_a_turn_finds_the_sideslip():
-    found = ready("beaver").trim(bank=0.0, turn_rate=0.0)
+    found = published_aircraft("beaver").trim(bank=0.0, turn_rate=0.0)
     assert found["phi"] == 0.0
     assert 0.001 < abs(found["beta"]) < 0.05
 
@@ -186,14 +187,14 @@ def test_an_impossible_trim_says_what_is_missing_and_hands_over_the_nearest():
     with pytest.raises(
         SimulationError, match=r"No trim exists at V = 80.*\n?.*At a limit: manifold_pressure = 37"
     ) as error:
-        ready("beaver").trim(80.0, 600.0, climb=0.3)
+        published_aircraft("beaver").trim(80.0, 600.0, climb=0.3)
     assert error.value.partial.controls["manifold_pressure"] == pytest.approx(37.0)
     with pytest.raises(SimulationError, match="No trim exists"):
         trim(DEMO, demo_aircraft(), 12.0, 1000.0)
 
 
 def test_what_a_trim_cannot_be_asked_is_refused():
-    craft = ready("hfb320")
+    craft = published_aircraft("hfb320")
     with pytest.raises(ModelError, match="flies straight"):
         craft.trim(turn_rate=0.1)
     with pytest.raises(DomainError, match="above zero"):
@@ -223,7 +224,7 @@ def test_a_trim_prints_what_it_found(trimmed):
     ("name", "axis"), [("beaver", "longitudinal"), ("hfb320", "longitudinal"), ("citation", "lateral")]
 )
 def test_small_departures_follow_the_linear_model(name, axis):
-    craft = ready(name)
+    craft = published_aircraft(name)
     found = craft.trim()
     shown = ("V", "alpha", "q", "az") if axis == "longitudinal" else ("beta", "p", "r", "phi", "ay")
     # The Beaver's axes are coupled, and its engine knows the altitude.
@@ -243,11 +244,11 @@ def test_small_departures_follow_the_linear_model(name, axis):
 
 
 def test_modes_have_their_usual_names_and_order():
-    craft = ready("beaver")
+    craft = published_aircraft("beaver")
     found = craft.trim()
     assert craft.linearise(found).modes().names == ("short period", "phugoid")
     assert craft.linearise(found, axis="lateral").modes().names == ("roll", "Dutch roll", "spiral")
-    hansa = ready("hfb320")
+    hansa = published_aircraft("hfb320")
     modes = hansa.linearise(hansa.trim()).modes()
     # Lanchester: the phugoid's frequency is about sqrt(2) g / V.
     assert_allclose(modes.frequency[1], np.sqrt(2.0) * rb.G0 / 104.67, rtol=0.05)
@@ -255,7 +256,7 @@ def test_modes_have_their_usual_names_and_order():
 
 def test_the_linear_model_is_that_of_textbook_derivatives():
     # HFB-320 about its trim: M_w, M_q and M_de of the definitions, thrust and speed derivatives apart.
-    craft = ready("hfb320")
+    craft = published_aircraft("hfb320")
     found = craft.trim()
     linear = craft.linearise(found, states=("q",), inputs=("de",))
     a = craft.aircraft
@@ -282,7 +283,7 @@ def test_an_axis_or_a_channel_that_is_none_is_refused(trimmed):
 def test_a_steady_wind_carries_the_aircraft_and_leaves_its_motion_through_the_air(trimmed):
     inputs = moved(trimmed)
     calm = simulate(DEMO, demo_aircraft(), inputs, start=trimmed)
-    windy = simulate(DEMO, demo_aircraft(), inputs, start=trimmed, air=Air(wind=(6.0, -4.0, 0.0)))
+    windy = simulate(DEMO, demo_aircraft(), inputs, start=trimmed, air=Atmosphere(wind=(6.0, -4.0, 0.0)))
     for name in ("V", "alpha", "beta", "p", "theta", "h", "az"):
         assert_allclose(windy[name], calm[name], atol=1e-9)
     assert_allclose(windy["x"] - calm["x"], 6.0 * CLOCK, atol=1e-8)
@@ -291,7 +292,7 @@ def test_a_steady_wind_carries_the_aircraft_and_leaves_its_motion_through_the_ai
 
 def test_a_gust_is_met_by_the_air_data_before_the_aircraft_moves(trimmed):
     gust = Gust("w", -3.0, start=1.0, duration=0.4)
-    flight = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Air(gusts=(gust,)))
+    flight = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Atmosphere(gusts=(gust,)))
     met = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed)["w"][0] + 3.0
     k = 60  # t = 1.2 s, the middle of the gust
     assert_allclose(flight["w"][k], met, atol=0.6)
@@ -304,7 +305,7 @@ def test_a_gust_is_met_by_the_air_data_before_the_aircraft_moves(trimmed):
 
 def test_turbulence_is_drawn_by_its_seed_and_shakes_the_aircraft(trimmed):
     def fly(seed, W20=7.7):
-        air = Air(turbulence=Turbulence(W20, seed=seed))
+        air = Atmosphere(turbulence=Turbulence(W20, seed=seed))
         return simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=air)
 
     one, same, other = fly(1), fly(1), fly(2)
@@ -315,24 +316,24 @@ def test_turbulence_is_drawn_by_its_seed_and_shakes_the_aircraft(trimmed):
 
 
 def test_warmer_air_is_thinner_and_a_given_density_is_kept(trimmed):
-    warm = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Air(warmer=20.0))
+    warm = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Atmosphere(isa_offset=20.0))
     temperature, _, rho, sound = standard_atmosphere(1000.0)
     assert_allclose(warm["rho"][0], rho * temperature / (temperature + 20.0), rtol=1e-12)
     assert_allclose(45.0 / warm["mach"][0], sound * np.sqrt((temperature + 20.0) / temperature), rtol=1e-12)
-    held = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Air(rho=0.9))
+    held = simulate(DEMO, demo_aircraft(), trimmed.inputs(CLOCK), start=trimmed, air=Atmosphere(rho=0.9))
     assert_array_equal(held["rho"], 0.9)
 
 
 def test_a_sheared_wind_blows_from_its_direction_with_its_speed_at_the_reference_height():
     for law in ("power", "log"):
-        air = Air.sheared(8.0, np.pi / 2, law=law, ground=100.0)
+        air = Atmosphere.sheared(8.0, np.pi / 2, law=law, ground=100.0)
         at = [np.interp(110.0, air.heights, air.wind[:, j]) for j in range(3)]
         assert_allclose(at, [0.0, -8.0, 0.0], atol=0.01)
         assert_allclose(air.wind[0], 0.0, atol=1e-12)
     with pytest.raises(DomainError, match="no wind law 'cubic'"):
-        Air.sheared(8.0, 0.0, law="cubic")
+        Atmosphere.sheared(8.0, 0.0, law="cubic")
     with pytest.raises(DomainError, match="ascending"):
-        Air(wind=[[0, 0, 0], [1, 0, 0]], heights=[10.0, 5.0])
+        Atmosphere(wind=[[0, 0, 0], [1, 0, 0]], heights=[10.0, 5.0])
     with pytest.raises(DomainError, match="axes are u, v and w"):
         Gust("x", 1.0, 0.0, 1.0)
 
@@ -480,21 +481,35 @@ def test_thrust_may_be_defined_by_a_formula(trimmed):
 
 
 def test_every_ready_aircraft_is_there_and_describes_itself():
-    for name in READY:
-        craft = ready(name)
+    for name in PUBLISHED_AIRCRAFT:
+        craft = published_aircraft(name)
         assert craft.name == name
         assert str(craft)
         assert (craft.model is None) == bool(craft.linear)
-    with pytest.raises(ModelError, match=r"no ready aircraft 'beavr'. Did you mean 'beaver'.*hfb320"):
-        ready("beavr")
+    with pytest.raises(ModelError, match=r"no published aircraft 'beavr'. Did you mean 'beaver'.*hfb320"):
+        published_aircraft("beavr")
     with pytest.raises(ModelError, match="only linear ones of 'hawk'"):
-        ready("hawk").trim()
+        published_aircraft("hawk").trim()
 
 
 def test_the_beavers_engine_and_slipstream_are_as_published():
     # 76 kW at 45 m/s and sea level gives dpt 0.35; 20 inHg and 1800 rpm give those 76 kW.
-    craft = ready("beaver")
+    craft = published_aircraft("beaver")
     found = craft.trim(45.0, 0.0, climb=None, controls={"manifold_pressure": 20.0})
     flight = craft.simulate(found.inputs(CLOCK[:5]), start=found)
     assert_allclose(flight["power"][0], 76.2, atol=0.1)
     assert_allclose(flight["dpt"][0], 0.35, atol=0.005)
+
+
+def test_the_old_names_work_with_a_warning_for_one_release():
+    with pytest.warns(DeprecationWarning, match="use Atmosphere"):
+        air = ss.Air
+    assert air is Atmosphere
+    with pytest.warns(DeprecationWarning, match="use published_aircraft"):
+        assert ss.ready("beaver").name == published_aircraft("beaver").name
+    with pytest.warns(DeprecationWarning, match="use PublishedAircraft"):
+        assert isinstance(published_aircraft("hawk"), ss.ReadyAircraft)
+    with pytest.warns(DeprecationWarning, match="use isa_offset"):
+        warm = Atmosphere(warmer=20.0)
+    with pytest.warns(DeprecationWarning, match="use isa_offset"):
+        assert warm.warmer == warm.isa_offset == 20.0

@@ -15,8 +15,8 @@ import numpy as np
 
 from proof.jsbsim.functions import AeroFunction, Property, Table, read_functions, to_xml, walk
 from structsel.errors import SimulationError
-from structsel.simulation.jsbsim.craft import JSBSimAircraft
-from structsel.simulation.jsbsim.machine import quietly
+from structsel.simulation.jsbsim.aircraft import JSBSimAircraft
+from structsel.simulation.jsbsim.fdm import silence_output
 
 FLEET = ("c172p", "c172r", "c172x", "pa28", "J3Cub", "t6texan2", "DHC6", "OV10", "global5000", "737", "A320", "B747",
          "MD11", "T37", "A4", "F80C", "f15", "F4N")  # fmt: skip
@@ -61,7 +61,7 @@ class JSBSimPlant(JSBSimAircraft):
 
     def __init__(self, name: str, functions: tuple[AeroFunction, ...] | None = None):
         source = original(name)
-        with quietly(), tempfile.TemporaryDirectory() as folder:
+        with silence_output(), tempfile.TemporaryDirectory() as folder:
             super().__init__(_copy(source, Path(folder), functions), None, "flat", None)
         self.name = name
         self.mass = float(self.aircraft.mass or 0.0)
@@ -136,7 +136,7 @@ class JSBSimPlant(JSBSimAircraft):
     def effectiveness(self, state: np.ndarray, controls: Mapping[str, float]) -> dict[str, float]:
         """Angular acceleration per radian of each surface [1/s^2], as sizes."""
         found = {}
-        with quietly():
+        with silence_output():
             for surface, rate in (("de", "q_dot"), ("da", "p_dot"), ("dr", "r_dot")):
                 if surface not in self.controls:
                     continue
@@ -168,7 +168,7 @@ class JSBSimPlant(JSBSimAircraft):
 @lru_cache(maxsize=4)
 def load_plant(name: str) -> JSBSimPlant:
     """The aircraft, loaded once."""
-    with quietly():
+    with silence_output():
         return JSBSimPlant(name)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from proof.jsbsim.aircraft import JSBSimPlant
 from structsel.errors import SimulationError
 from structsel.numerics.rigid_body import STATES
-from structsel.simulation.jsbsim.machine import quietly
+from structsel.simulation.jsbsim.fdm import silence_output
 
 STEP = 0.01  # s
 LEAD = 1.5  # s flown before the recording starts, the commands at rest
@@ -136,7 +136,7 @@ def simulate_manoeuvre(plant: JSBSimPlant, manoeuvre: Manoeuvre, additions: Addi
     lengths = np.array([plant.aircraft.b, plant.aircraft.cbar, plant.aircraft.b])
     pushed = np.zeros(6)
     rows: list[list[float]] = []
-    with quietly():
+    with silence_output():
         machine = plant.machine
         plant.set_wind(np.zeros(3) if wind is None else wind[0])
         plant.set_store_mass(manoeuvre.store[0] if manoeuvre.store else 0.0)

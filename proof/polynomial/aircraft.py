@@ -20,7 +20,7 @@ from proof.polynomial.kernel import CONSTANTS, GAINS
 from proof.polynomial.terms import INDEX, VARIABLES, compile_terms, evaluate
 from structsel.aircraft import Aircraft
 from structsel.numerics.atmosphere import standard_atmosphere
-from structsel.simulation import ready
+from structsel.simulation import published_aircraft
 
 Term = tuple[str, str, float]
 _MAIN = {
@@ -137,7 +137,7 @@ def _terms(model: Mapping[str, Mapping[str, float]]) -> tuple[Term, ...]:
 
 
 def _published(name: str) -> dict[str, dict[str, float]]:
-    model = ready(name).model
+    model = published_aircraft(name).model
     assert model is not None
     return {r: {str(t): float(v) for t, v in zip(model[r].terms, model[r].values)} for r in model.responses}
 
@@ -152,7 +152,7 @@ def _beaver() -> TruthAircraft:
                 continue
             power = 3 if "dpt^3" in text else 2 if "dpt^2" in text else 1 if "dpt" in text else 0
             made[axis][text.replace("dpt", "CT")] = value * pressure**power
-    aircraft = ready("beaver").aircraft
+    aircraft = published_aircraft("beaver").aircraft
     assert aircraft is not None
     engine = {"static_thrust": 7500.0, "V_thrust": 60.0, "h_power": 1.0, "spool": 0.25, "rpm_idle": 1500.0,
               "rpm_range": 900.0}  # fmt: skip
@@ -160,7 +160,7 @@ def _beaver() -> TruthAircraft:
 
 
 def _citation() -> TruthAircraft:
-    aircraft = ready("citation").aircraft
+    aircraft = published_aircraft("citation").aircraft
     assert aircraft is not None
     engine = {"static_thrust": 22000.0, "V_thrust": 500.0, "h_power": 0.8, "spool": 0.8, "rpm_idle": 8000.0,
               "rpm_range": 8000.0}  # fmt: skip
@@ -198,7 +198,7 @@ def _hfb320() -> TruthAircraft:
     made["CY"] = {"beta": -0.75, "p_hat": -0.05, "r_hat": 0.30, "dr": 0.17}
     made["Cl"] = {"beta": -0.090, "p_hat": -0.45, "r_hat": 0.15, "da": -0.12, "dr": 0.015}
     made["Cn"] = {"beta": 0.110, "p_hat": -0.04, "r_hat": -0.20, "da": 0.008, "dr": -0.090}
-    aircraft = ready("hfb320").aircraft
+    aircraft = published_aircraft("hfb320").aircraft
     assert aircraft is not None
     engine = {"static_thrust": 36000.0, "V_thrust": 500.0, "h_power": 0.8, "spool": 0.9, "rpm_idle": 7000.0,
               "rpm_range": 9000.0}  # fmt: skip
@@ -222,7 +222,7 @@ def _joined(text: str) -> str:
 
 
 def _hawk() -> TruthAircraft:
-    long, lat = ready("hawk").linear["longitudinal"], ready("hawk").linear["lateral"]
+    long, lat = published_aircraft("hawk").linear["longitudinal"], published_aircraft("hawk").linear["lateral"]
     at = long.condition
     m, S, b, Ix, Iy, Iz = (float(at[k]) for k in ("mass", "S", "b", "Ix", "Iy", "Iz"))
     V, c = 105.5, 1.78

@@ -13,16 +13,16 @@ from structsel.cli.flights import load_aircraft, option, read_manoeuvres, words
 from structsel.errors import ChannelError, ModelError
 from structsel.model import AeroModel
 from structsel.recording import Recording
-from structsel.simulation import READY, Air, LinearModel, ReadyAircraft, ready
+from structsel.simulation import PUBLISHED_AIRCRAFT, Atmosphere, LinearModel, PublishedAircraft, published_aircraft
 
 if TYPE_CHECKING:
     from structsel.simulation.jsbsim import JSBSimAircraft
 
-Craft: TypeAlias = "ReadyAircraft | LinearModel | JSBSimAircraft"
+Craft: TypeAlias = "PublishedAircraft | LinearModel | JSBSimAircraft"
 
 MODEL_HELP = (
-    f"A model file; ready:NAME of {', '.join(READY)}, for linear ones with its axis, ready:hawk:lateral; or "
-    "jsbsim:AIRCRAFT, a name or PATH.xml."
+    f"A model file; ready:NAME of {', '.join(PUBLISHED_AIRCRAFT)}, for linear ones with its axis, "
+    "ready:hawk:lateral; or jsbsim:AIRCRAFT, a name or PATH.xml."
 )
 FlownAircraft = Annotated[
     Path | None,
@@ -145,14 +145,18 @@ def open_craft(
     model = AeroModel.from_json(text)
     if aircraft is None:
         raise typer.BadParameter("a model file flies with its aircraft: give --aircraft AIRCRAFT.TOML.")
-    return ReadyAircraft(
-        model.name or Path(text).stem, load_aircraft(aircraft), model, definitions=definitions or {}, air=Air(rho=rho)
+    return PublishedAircraft(
+        model.name or Path(text).stem,
+        load_aircraft(aircraft),
+        model,
+        definitions=definitions or {},
+        air=Atmosphere(rho=rho),
     )
 
 
-def _open_ready(name: str, definitions: Mapping[str, str], rho: float | None) -> ReadyAircraft | LinearModel:
+def _open_ready(name: str, definitions: Mapping[str, str], rho: float | None) -> PublishedAircraft | LinearModel:
     name, _, which = name.partition(":")
-    craft = ready(name)
+    craft = published_aircraft(name)
     if craft.model is None or which:
         if which not in craft.linear:
             choice = ", ".join(f"ready:{name}:{key}" for key in craft.linear)
@@ -166,7 +170,7 @@ def _open_ready(name: str, definitions: Mapping[str, str], rho: float | None) ->
     return craft
 
 
-def trim_craft(craft: ReadyAircraft | JSBSimAircraft, trim: str, controls: str, free: str = "") -> Any:
+def trim_craft(craft: PublishedAircraft | JSBSimAircraft, trim: str, controls: str, free: str = "") -> Any:
     """Trim of a craft, a `Trim`.
 
     Raises
@@ -178,13 +182,13 @@ def trim_craft(craft: ReadyAircraft | JSBSimAircraft, trim: str, controls: str, 
     """
     asked: dict[str, Any] = dict(read_trim(trim))
     given = numbers(controls, "--controls", "df=0.1,rpm=1800")
-    usual = craft.condition if isinstance(craft, ReadyAircraft) else {}
+    usual = craft.condition if isinstance(craft, PublishedAircraft) else {}
     V, h = asked.pop("V", usual.get("V")), asked.pop("h", usual.get("h"))
     if V is None or h is None:
         raise typer.BadParameter("--trim needs an airspeed and an altitude: --trim V,H.")
-    if not isinstance(craft, ReadyAircraft) and (wrong := [n for n in asked if n not in ("climb", "sideslip")]):
+    if not isinstance(craft, PublishedAircraft) and (wrong := [n for n in asked if n not in ("climb", "sideslip")]):
         raise typer.BadParameter(f"an aircraft of JSBSim is trimmed straight only, without {wrong[0]}.")
-    if isinstance(craft, ReadyAircraft):
+    if isinstance(craft, PublishedAircraft):
         asked["free"] = words(free) or craft.free or None
     elif free:
         raise typer.BadParameter("an aircraft of JSBSim is trimmed with all its controls: leave --free out.")

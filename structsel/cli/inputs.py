@@ -30,7 +30,7 @@ from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.formatting import format_number
 from structsel.inputs import Information, InputComparison, InputDesign, Scatter
 from structsel.recording import Recording, write_recording
-from structsel.simulation import LinearModel, ReadyAircraft
+from structsel.simulation import LinearModel, PublishedAircraft
 
 EPILOG = page(
     [
@@ -202,7 +202,7 @@ def _linear(
 ) -> LinearModel:
     """A linear model whose parameters have names, with the outputs measured."""
     craft = open_craft(text, aircraft, definitions, rho)
-    if isinstance(craft, ReadyAircraft):
+    if isinstance(craft, PublishedAircraft):
         trimmed = trim_craft(craft, trim, controls)
         linear = craft.linearise(trimmed, axis=axis, inputs=channels or _SURFACES[axis])
         return signals.name_derivatives(linear, outputs=list(measured))

@@ -33,7 +33,7 @@ from structsel.model import AeroModel
 from structsel.recording import Recording
 from structsel.refinement import Refinement, refine
 from structsel.report import write_report
-from structsel.simulation import LinearModel, ReadyAircraft
+from structsel.simulation import LinearModel, PublishedAircraft
 from structsel.validation import Resimulation, resimulate
 
 EPILOG = page(
@@ -212,7 +212,7 @@ def _names(text: str) -> list[str] | Literal["all"]:
 def _free(craft: Craft, text: str) -> list[str] | Literal["all"]:
     """Names, those that end in a colon spelled out."""
     names = _names(text)
-    model = craft.model if isinstance(craft, ReadyAircraft) else None
+    model = craft.model if isinstance(craft, PublishedAircraft) else None
     if names == "all" or model is None:
         return names
     every = [f"{response}:{term}" for response, held in model.responses.items() for term in held.terms]
@@ -240,7 +240,7 @@ def _refine(
 
         if isinstance(craft, LinearModel):
             return refine(craft, None, flown, **asked, progress=progress)
-        if not isinstance(craft, ReadyAircraft):
+        if not isinstance(craft, PublishedAircraft):
             raise typer.BadParameter("JSBSim's aircraft have no parameters to refine; give a model file.")
         assert craft.model is not None
         return refine(
@@ -258,7 +258,7 @@ def _judge(craft: Craft, found: Refinement, judges: Sequence[Recording]) -> dict
     """
     if not judges:
         return {}
-    if not isinstance(craft, ReadyAircraft) or craft.model is None or craft.aircraft is None:
+    if not isinstance(craft, PublishedAircraft) or craft.model is None or craft.aircraft is None:
         raise typer.BadParameter("--held-out is judged by replay, which flies model files and ready aircraft only.")
     flies = {"air": craft.air, "definitions": craft.definitions}
     pair = {"before": craft.model, "after": found.model}

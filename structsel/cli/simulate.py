@@ -36,7 +36,7 @@ from structsel.errors import SimulationError
 from structsel.nomenclature import LATERAL_COEFFICIENTS
 from structsel.numerics.linear_modes import Modes
 from structsel.recording import Recording, write_recording
-from structsel.simulation import Instruments, LinearModel, ReadyAircraft, Trim, Turbulence
+from structsel.simulation import Instruments, LinearModel, PublishedAircraft, Trim, Turbulence
 from structsel.validation import recorded_start
 
 EPILOG = page(
@@ -175,7 +175,7 @@ def _modes(craft: Craft, trim: Trim | None) -> dict[str, Modes]:
     """
     if isinstance(craft, LinearModel):
         return {"": craft.modes()}
-    if trim is None or not isinstance(craft, ReadyAircraft) or craft.model is None:
+    if trim is None or not isinstance(craft, PublishedAircraft) or craft.model is None:
         raise typer.BadParameter("--modes needs --trim, and a model of ours.")
     axes = ["longitudinal"] + ["lateral"] * any(name in craft.model for name in LATERAL_COEFFICIENTS)
     return {axis: craft.linearise(trim, axis=axis).modes() for axis in axes}
@@ -219,7 +219,7 @@ class _Surroundings:
         if isinstance(craft, LinearModel):
             return craft.simulate(recording, hold=self.between, noise=self.noise, seed=seed)
         given = recording if trim is None else departures(recording, trim.controls)
-        if not isinstance(craft, ReadyAircraft):
+        if not isinstance(craft, PublishedAircraft):
             self._refuse_air()
             return craft.fly(given, start=trim, stabilise=self.stabilise)
         if self.stabilise:
@@ -233,7 +233,7 @@ class _Surroundings:
             given, start=start, air=air, instruments=self._instruments(craft, seed), between=self.between
         )
 
-    def _instruments(self, craft: ReadyAircraft, seed: int) -> Instruments | None:
+    def _instruments(self, craft: PublishedAircraft, seed: int) -> Instruments | None:
         if self.stated:
             assert craft.aircraft is not None
             return Instruments.of(craft.aircraft, seed=seed)

@@ -31,7 +31,7 @@ from structsel.cli.pages import page
 from structsel.cli.tables import print_files, print_validation
 from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.model import AeroModel
-from structsel.simulation import Air
+from structsel.simulation.atmosphere import Atmosphere
 from structsel.validation import Resimulation, resimulate, validate
 
 EPILOG = page(
@@ -95,7 +95,7 @@ def run(
         with Waiting("flying") as waiting:
             found = resimulate(
                 held, craft, recorded, outputs=words(outputs) or None, window=window, normaliser=normaliser,
-                air=Air(rho=rho), definitions=read_definitions(define), progress=waiting,
+                air=Atmosphere(rho=rho), definitions=read_definitions(define), progress=waiting,
             )  # fmt: skip
         _tell(found, model.name, out, plots, json)
         return

@@ -8,11 +8,11 @@ moments are coloured, as in flight. `demo_instruments` flies the same in calm ai
 reconstruction: exact, and as read by instruments with constant errors.
 """
 
-from structsel.demo.flight import demo_flight, demo_flights
+from structsel.demo.aircraft import RESPONSES, TRUTH, demo_aircraft
+from structsel.demo.commands import FLIGHTS, RATE
+from structsel.demo.flights import demo_flight, demo_flights
 from structsel.demo.instruments import INSTRUMENT_ERRORS, InstrumentedFlight, demo_instruments
 from structsel.demo.missing_physics import MissingPhysics, demo_missing_physics
-from structsel.demo.plans import FLIGHTS, RATE
-from structsel.demo.truth import RESPONSES, TRUTH, demo_aircraft
 
 __all__ = [
     "FLIGHTS",

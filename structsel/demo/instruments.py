@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.demo.flight import NOISE, Flown, at_instruments, integrate, number_of
-from structsel.demo.truth import demo_aircraft
+from structsel.demo.aircraft import demo_aircraft
+from structsel.demo.flights import NOISE, Flown, at_instruments, integrate, number_of
 from structsel.errors import DomainError
 from structsel.nomenclature import BODY_RATES, CONTROL_SURFACES, EULER_ANGLES, SPECIFIC_FORCES, suggest
 from structsel.numerics import rigid_body as rb

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from structsel.aircraft import Aircraft, Tolerances
 from structsel.candidates import Term
 from structsel.coefficients import compute_coefficients
-from structsel.demo.truth import TRUTH, demo_aircraft
+from structsel.demo.aircraft import TRUTH, demo_aircraft
 from structsel.errors import DataError
 from structsel.inputs.signals import combine, doublet
 from structsel.model import AeroModel, ResponseModel

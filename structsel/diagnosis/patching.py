@@ -28,7 +28,7 @@ from structsel.exporting.jsbsim_pieces import comment, number, op, prop
 from structsel.model import AeroModel, ResponseModel, State
 from structsel.nomenclature import COEFFICIENTS
 from structsel.simulation.jsbsim import JSBSimAircraft, open_jsbsim
-from structsel.simulation.jsbsim.machine import quietly
+from structsel.simulation.jsbsim.fdm import silence_output
 
 _UNDER = "found"
 _WHERE = "model.json holds it"
@@ -115,7 +115,7 @@ def patched_aircraft(
             return Patched(remarks=tuple(patch.remarks))
         text = patch.text(written)
         made = Patched(f"{source.stem}-corrected", text, _beside(source), tuple(patch.remarks))
-        with quietly(), tempfile.TemporaryDirectory() as folder:
+        with silence_output(), tempfile.TemporaryDirectory() as folder:
             open_jsbsim(made.write(Path(folder)))
     except (StructselError, OSError, ET.ParseError) as error:
         return Patched(remarks=(f"no aircraft of JSBSim was written: {' '.join(str(error).split())}",))

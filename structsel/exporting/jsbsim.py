@@ -21,7 +21,7 @@ from structsel.exporting.jsbsim_aircraft import FOOT, POUND, aircraft_around
 from structsel.exporting.jsbsim_pieces import comment, joined, number, op, prop
 from structsel.model import AeroModel, ResponseModel
 from structsel.nomenclature import EULER_ANGLES, suggest
-from structsel.simulation.jsbsim.machine import EXTERNAL
+from structsel.simulation.jsbsim.fdm import EXTERNAL
 
 _SLUG = POUND / FOOT
 # Property of JSBSim, and what makes it SI with our sign.

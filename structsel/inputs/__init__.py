@@ -4,7 +4,6 @@ Inputs are Recordings of controls, as `simulate` takes them; amplitudes are chan
 """
 
 from structsel.inputs.compare import InputComparison, Scatter, compare_inputs, scatter
-from structsel.inputs.derivatives import name_derivatives
 from structsel.inputs.design import InputDesign, design_inputs
 from structsel.inputs.information import Information, information
 from structsel.inputs.mehra_schulz import mehra, schulz
@@ -23,6 +22,7 @@ from structsel.inputs.signals import (
     two_one_one_one,
     with_energy,
 )
+from structsel.simulation.dimensional_derivatives import name_derivatives
 
 __all__ = [
     "DesignOptions",

@@ -19,8 +19,8 @@ from structsel.recording import Recording
 from structsel.refinement.filter_kernels import diagonal, steady_gain
 from structsel.refinement.linear_flight import delayed_inputs
 from structsel.refinement.protocols import Simulator
-from structsel.simulation.air import Air
-from structsel.simulation.preparing import Prepared, prepare
+from structsel.simulation.atmosphere import Atmosphere
+from structsel.simulation.flight_setup import FlightSetup, prepare
 
 _LONGITUDINAL, _LATERAL = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
 _LONGITUDINAL_OUTPUTS, _LATERAL_OUTPUTS = ("V", "alpha", "q", "theta", "ax", "az"), ("beta", "p", "r", "phi", "ay")
@@ -43,7 +43,7 @@ class NonlinearFlight:
         model: AeroModel,
         aircraft: Aircraft,
         *,
-        air: Air | None = None,
+        air: Atmosphere | None = None,
         definitions: Mapping[str, str] | None = None,
         substeps: int | None = None,
         delayed: Iterable[str] | None = None,
@@ -102,7 +102,7 @@ class NonlinearFlight:
         """Parameters of the compiled kernel that `refine` may vary."""
         return (*self.parameters, *(f"start:{state}" for state in self.states), "delay")
 
-    def prepare(self, recording: Recording) -> Prepared:
+    def prepare(self, recording: Recording) -> FlightSetup:
         """The recording prepared for the kernel; the delay is that of the inputs named, or of all but the thrust."""
         ready = prepare(
             self.model, self.aircraft, recording, start=self._start(recording), air=self.air,

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from structsel.options import option
-from structsel.simulation.air import Air
+from structsel.simulation.atmosphere import Atmosphere
 
 Names: TypeAlias = Iterable[str] | Literal["all"]
 NoiseKind: TypeAlias = Literal["measurement", "process"]
@@ -133,6 +133,6 @@ class RefineOptions:
     method: Method = option("levenberg-marquardt")
     iterations: int = option(60, help="Of the local search.", group=_SEARCH)
     tolerance: float = option(1e-5)
-    air: Air | None = option(None)
+    air: Atmosphere | None = option(None)
     definitions: Mapping[str, str] | None = option(None)
     substeps: int | None = option(None)

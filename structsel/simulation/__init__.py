@@ -5,30 +5,42 @@ motions about them; `prepare` makes a manoeuvre ready for many parameter sets at
 `ready` gives aircraft from the literature.
 """
 
-from structsel.simulation.air import Air, Gust, Turbulence
+from structsel.deprecation import renamed_names
+from structsel.simulation.atmosphere import Atmosphere, Gust, Turbulence
+from structsel.simulation.flight_setup import FlightSetup, prepare
 from structsel.simulation.instruments import Actuator, Instruments
-from structsel.simulation.library import READY, ReadyAircraft, ready
+from structsel.simulation.library import PUBLISHED_AIRCRAFT, PublishedAircraft, published_aircraft
 from structsel.simulation.linear import LinearModel
-from structsel.simulation.linearising import linearise
-from structsel.simulation.preparing import Prepared, prepare
+from structsel.simulation.linearise import linearise
 from structsel.simulation.simulate import simulate
-from structsel.simulation.trimmed import Trim
-from structsel.simulation.trimming import trim
+from structsel.simulation.steady_flight import Trim
+from structsel.simulation.trim import trim
+
+__getattr__ = renamed_names(
+    __name__,
+    {
+        "Air": "Atmosphere",
+        "Prepared": "FlightSetup",
+        "READY": "PUBLISHED_AIRCRAFT",
+        "ReadyAircraft": "PublishedAircraft",
+        "ready": "published_aircraft",
+    },
+)
 
 __all__ = [
-    "READY",
+    "PUBLISHED_AIRCRAFT",
     "Actuator",
-    "Air",
+    "Atmosphere",
+    "FlightSetup",
     "Gust",
     "Instruments",
     "LinearModel",
-    "Prepared",
-    "ReadyAircraft",
+    "PublishedAircraft",
     "Trim",
     "Turbulence",
     "linearise",
     "prepare",
-    "ready",
+    "published_aircraft",
     "simulate",
     "trim",
 ]

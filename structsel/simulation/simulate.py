@@ -16,9 +16,9 @@ from structsel.nomenclature import COEFFICIENTS, WIND_AXIS_COEFFICIENTS
 from structsel.numerics.flight_model import READINGS, REASONS
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Recording
-from structsel.simulation.air import Air
+from structsel.simulation.atmosphere import Atmosphere
+from structsel.simulation.flight_setup import Between, FlightSetup, Inputs, Start, prepare
 from structsel.simulation.instruments import Actuator, Instruments
-from structsel.simulation.preparing import Between, Inputs, Prepared, Start, prepare
 
 _AT_CG = ("V", "alpha", "beta", "ax", "ay", "az")
 _MOTION = ("p", "q", "r", "phi", "theta", "psi", "x", "y", "h", "vn", "ve", "vd", "rho", "qbar", "mach", "mass")
@@ -31,7 +31,7 @@ def simulate(
     inputs: Inputs,
     *,
     start: Start | None = None,
-    air: Air | None = None,
+    air: Atmosphere | None = None,
     actuators: Mapping[str, Actuator] | None = None,
     instruments: Instruments | None = None,
     definitions: Mapping[str, str] | None = None,
@@ -56,7 +56,7 @@ def simulate(
         V, alpha, beta or u, v, w (relative to the air), p, q, r, phi, theta, psi, x, y, h; what is not named is zero,
         but V, alpha, theta and h must be. By default the first sample of the recording. A Trim also settles the
         controls that the inputs lack.
-    air : Air, optional
+    air : Atmosphere, optional
         Atmosphere, wind, shear, gusts, turbulence; calm standard air by default.
     actuators : mapping of channel to Actuator, optional
         Then those inputs are commands.
@@ -123,7 +123,7 @@ def simulate(
     return flight
 
 
-def _outputs(ready: Prepared, model: AeroModel, instruments: Instruments | None) -> tuple[str, ...]:
+def _outputs(ready: FlightSetup, model: AeroModel, instruments: Instruments | None) -> tuple[str, ...]:
     thrust = ("thrust",) if ready.compiled.has_thrust and "thrust" not in ready.compiled.controls else ()
     if instruments is not None:
         return (*_AT_CG, *_MOTION, *thrust)
@@ -131,7 +131,7 @@ def _outputs(ready: Prepared, model: AeroModel, instruments: Instruments | None)
 
 
 def _recording(
-    ready: Prepared,
+    ready: FlightSetup,
     model: AeroModel,
     names: tuple[str, ...],
     outputs: np.ndarray,
@@ -165,7 +165,7 @@ def _recording(
     return Recording(ready.name, t, channels, provenance=tuple(notes), at_cg=at_cg).check()
 
 
-def _judge_region(ready: Prepared, model: AeroModel, flight: Recording, outside: str) -> None:
+def _judge_region(ready: FlightSetup, model: AeroModel, flight: Recording, outside: str) -> None:
     if outside not in ("warn", "ignore", "raise"):
         raise ModelError(f"outside={outside!r} is not one of 'warn', 'ignore', 'raise'.")
     if outside == "ignore":

@@ -15,8 +15,8 @@ from structsel.model import AeroModel
 from structsel.nomenclature import BODY_RATES, LATERAL_COEFFICIENTS, SPECIFIC_FORCES, suggest
 from structsel.numerics.flight_model import REASONS, STATES
 from structsel.recording import Recording
-from structsel.simulation import Air, prepare
-from structsel.simulation.preparing import first_state
+from structsel.simulation import Atmosphere, prepare
+from structsel.simulation.flight_setup import first_state
 from structsel.validation.resimulation import Divergence, Resimulation, score_output
 
 BANDS: Mapping[str, float] = {
@@ -46,7 +46,7 @@ def resimulate(
     window: float = 4.0,
     bands: Mapping[str, float] | None = None,
     normaliser: Normaliser = "rms",
-    air: Air | None = None,
+    air: Atmosphere | None = None,
     definitions: Mapping[str, str] | None = None,
     substeps: int | None = None,
     progress: Callable[[str, int, int], None] | None = None,
@@ -206,7 +206,7 @@ def _simulate(
 
 
 def recorded_start(
-    model: AeroModel, aircraft: Aircraft, recording: Recording, air: Air | None = None
+    model: AeroModel, aircraft: Aircraft, recording: Recording, air: Atmosphere | None = None
 ) -> dict[str, float]:
     """State at the first sample, by name, carried to the centre of gravity.
 

@@ -3,6 +3,6 @@
 ``pip install "structsel[jsbsim]"`` brings JSBSim.
 """
 
-from structsel.simulation.jsbsim.craft import JSBSimAircraft, open_jsbsim
+from structsel.simulation.jsbsim.aircraft import JSBSimAircraft, open_jsbsim
 
 __all__ = ["JSBSimAircraft", "open_jsbsim"]

@@ -13,8 +13,8 @@ from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body import STATES
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Recording
-from structsel.simulation.preparing import Inputs, Start
-from structsel.simulation.trimmed import Trim
+from structsel.simulation.flight_setup import Inputs, Start
+from structsel.simulation.steady_flight import Trim
 
 _AS_READ = (*STATES, "p_dot", "q_dot", "r_dot", "vn", "ve", "vd", "rho", "mach", "mass", "thrust")
 
@@ -56,7 +56,7 @@ def make_recording(
     name : str
     t : (n,) array [s]
     held : mapping of str to (n,) array
-        Content of `Machine.now`, thrust, coefficients and controls.
+        Content of `FlightDynamicsModel.now`, thrust, coefficients and controls.
     controls : sequence of str
     start : (12,) array
         Heading and place are counted from there.

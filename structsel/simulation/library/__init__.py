@@ -12,7 +12,8 @@ from structsel.model import AeroModel
 from structsel.nomenclature import suggest
 from structsel.recording import Recording
 from structsel.rich_text import opening, to_html
-from structsel.simulation.air import Air
+from structsel.simulation.atmosphere import Atmosphere
+from structsel.simulation.flight_setup import Inputs
 from structsel.simulation.library.beaver import POWER, SLIPSTREAM, beaver_aircraft, beaver_model
 from structsel.simulation.library.jets import (
     HFB_RATE,
@@ -22,17 +23,16 @@ from structsel.simulation.library.jets import (
     hfb320_aircraft,
     hfb320_model,
 )
+from structsel.simulation.library.linear import as355, hawk
 from structsel.simulation.linear import LinearModel
-from structsel.simulation.linear_library import as355, hawk
-from structsel.simulation.linearising import linearise
-from structsel.simulation.preparing import Inputs
+from structsel.simulation.linearise import linearise
 from structsel.simulation.simulate import simulate
-from structsel.simulation.trimmed import Trim
-from structsel.simulation.trimming import trim
+from structsel.simulation.steady_flight import Trim
+from structsel.simulation.trim import trim
 
 
 @dataclass(frozen=True, eq=False)
-class ReadyAircraft:
+class PublishedAircraft:
     """An aircraft of the library.
 
     Attributes
@@ -45,7 +45,7 @@ class ReadyAircraft:
         By axis or by speed.
     definitions : mapping of channel to formula
         What `simulate` and `trim` need beside the model.
-    air : Air
+    air : Atmosphere
     condition : mapping
         V [m/s] and h [m] of a usual flight.
     controls : mapping of channel to value
@@ -63,7 +63,7 @@ class ReadyAircraft:
     model: AeroModel | None = None
     linear: Mapping[str, LinearModel] = field(default_factory=dict)
     definitions: Mapping[str, str] = field(default_factory=dict)
-    air: Air = field(default_factory=Air)
+    air: Atmosphere = field(default_factory=Atmosphere)
     condition: Mapping[str, float] = field(default_factory=dict)
     controls: Mapping[str, float] = field(default_factory=dict)
     free: tuple[str, ...] = ()
@@ -100,7 +100,8 @@ class ReadyAircraft:
         if self.model is None or self.aircraft is None:
             raise ModelError(
                 f"{verb} needs a nonlinear model, and only linear ones of '{self.name}' are published: "
-                f"ready('{self.name}').linear has {', '.join(self.linear)}, each with a simulate() of its own."
+                f"published_aircraft('{self.name}').linear has {', '.join(self.linear)}, each with a simulate() "
+                "of its own."
             )
         return self.model, self.aircraft
 
@@ -115,8 +116,8 @@ class ReadyAircraft:
         return to_html([], opening(self), str(self).splitlines()[1:])
 
 
-def _beaver() -> ReadyAircraft:
-    return ReadyAircraft(
+def _beaver() -> PublishedAircraft:
+    return PublishedAircraft(
         "beaver",
         beaver_aircraft(),
         beaver_model(),
@@ -132,21 +133,21 @@ def _beaver() -> ReadyAircraft:
     )
 
 
-def _hfb320() -> ReadyAircraft:
-    return ReadyAircraft(
+def _hfb320() -> PublishedAircraft:
+    return PublishedAircraft(
         "hfb320",
         hfb320_aircraft(),
         hfb320_model(),
         definitions={"q_ratio": HFB_RATE},
-        air=Air(rho=HFB_RHO),
+        air=Atmosphere(rho=HFB_RHO),
         condition={"V": 104.67, "h": 4260.0},
         free=("de", "thrust"),
         notes=("published output-error estimates [J15]; longitudinal only; Ix, Iz stand in for unpublished values",),
     )
 
 
-def _citation() -> ReadyAircraft:
-    return ReadyAircraft(
+def _citation() -> PublishedAircraft:
+    return PublishedAircraft(
         "citation",
         citation_aircraft(),
         citation_model(),
@@ -159,27 +160,27 @@ def _citation() -> ReadyAircraft:
     )
 
 
-def _hawk() -> ReadyAircraft:
+def _hawk() -> PublishedAircraft:
     linear = {"longitudinal": hawk("longitudinal"), "lateral": hawk("lateral")}
-    return ReadyAircraft("hawk", linear=linear, notes=("[C89]",))
+    return PublishedAircraft("hawk", linear=linear, notes=("[C89]",))
 
 
-def _as355() -> ReadyAircraft:
-    return ReadyAircraft("as355", linear={"80kt": as355("80kt"), "40kt": as355("40kt")}, notes=("[A10]",))
+def _as355() -> PublishedAircraft:
+    return PublishedAircraft("as355", linear={"80kt": as355("80kt"), "40kt": as355("40kt")}, notes=("[A10]",))
 
 
-_READY: dict[str, Callable[[], ReadyAircraft]] = {
+_MAKERS: dict[str, Callable[[], PublishedAircraft]] = {
     "beaver": _beaver,
     "hfb320": _hfb320,
     "citation": _citation,
     "hawk": _hawk,
     "as355": _as355,
 }
-READY: Sequence[str] = tuple(_READY)
+PUBLISHED_AIRCRAFT: Sequence[str] = tuple(_MAKERS)
 """Names that `ready` knows."""
 
 
-def ready(name: str) -> ReadyAircraft:
+def published_aircraft(name: str) -> PublishedAircraft:
     """Aircraft of the library by name.
 
     Parameters
@@ -188,16 +189,19 @@ def ready(name: str) -> ReadyAircraft:
 
     Returns
     -------
-    ReadyAircraft
+    PublishedAircraft
 
     Raises
     ------
     ModelError
         For another name.
     """
-    if name not in _READY:
-        raise ModelError(f"There is no ready aircraft '{name}'.{suggest(name, READY)} There are {', '.join(READY)}.")
-    return _READY[name]()
+    if name not in _MAKERS:
+        raise ModelError(
+            f"There is no published aircraft '{name}'.{suggest(name, PUBLISHED_AIRCRAFT)} There are "
+            f"{', '.join(PUBLISHED_AIRCRAFT)}."
+        )
+    return _MAKERS[name]()
 
 
-__all__ = ["READY", "ReadyAircraft", "ready"]
+__all__ = ["PUBLISHED_AIRCRAFT", "PublishedAircraft", "published_aircraft"]

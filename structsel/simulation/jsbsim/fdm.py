@@ -67,7 +67,7 @@ EXTERNAL = "external_reactions/thrust"
 
 
 @contextmanager
-def quietly() -> Iterator[None]:
+def silence_output() -> Iterator[None]:
     """Nothing that JSBSim prints, past Python, reaches the terminal."""
     sys.stdout.flush()
     sys.stderr.flush()
@@ -84,7 +84,7 @@ def quietly() -> Iterator[None]:
         os.close(nowhere)
 
 
-class Machine:
+class FlightDynamicsModel:
     """One loaded aircraft of JSBSim.
 
     Parameters
@@ -110,7 +110,7 @@ class Machine:
                 f"JSBSim is needed for the aircraft '{aircraft}', and is not installed.\n"
                 'Install it with: pip install "structsel[jsbsim]"'
             ) from error
-        with quietly():
+        with silence_output():
             self.fdm = _load(jsbsim, aircraft, root, flat)
             manager = self.fdm.get_property_manager()
             self._nodes = {name: (manager.get_node(path), factor) for name, (path, factor) in _READ.items()}

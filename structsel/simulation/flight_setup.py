@@ -19,10 +19,10 @@ from structsel.numerics import rigid_body as rb
 from structsel.numerics.flight_model import CONDITIONS, STATES, CompiledAircraft, ManoeuvreInputs, outputs_index
 from structsel.numerics.flight_simulation import BatchResult, simulate_batch
 from structsel.recording import Recording
-from structsel.simulation.air import Air
-from structsel.simulation.compiling import Formulas, compile_aircraft, needed_inputs
+from structsel.simulation.atmosphere import Atmosphere
+from structsel.simulation.compile_model import Formulas, compile_aircraft, needed_inputs
 from structsel.simulation.instruments import Actuator
-from structsel.simulation.trimmed import Trim
+from structsel.simulation.steady_flight import Trim
 
 Between = Literal["linear", "hold"]
 Inputs = Recording | Mapping[str, Any]
@@ -32,7 +32,7 @@ _LONGEST_STEP = 0.02  # s; the roll mode of a light aeroplane, 10 1/s, is then f
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class FlightSetup:
     """One manoeuvre ready to simulate, with one or many parameter sets.
 
     Attributes
@@ -94,13 +94,13 @@ def prepare(
     inputs: Inputs,
     *,
     start: Start | None = None,
-    air: Air | None = None,
+    air: Atmosphere | None = None,
     actuators: Mapping[str, Actuator] | None = None,
     definitions: Mapping[str, str] | None = None,
     between: Between = "linear",
     substeps: int | None = None,
     vanes: np.ndarray | None = None,
-) -> Prepared:
+) -> FlightSetup:
     """Make a manoeuvre ready to simulate; the parameters are those of `simulate`.
 
     Parameters
@@ -112,14 +112,14 @@ def prepare(
 
     Returns
     -------
-    Prepared
+    FlightSetup
 
     Raises
     ------
     ChannelError, DataError, ModelError, AircraftError
         As `simulate`.
     """
-    air = air or Air()
+    air = air or Atmosphere()
     formulas = Formulas(aircraft, definitions)
     t, given, name = _schedule(inputs)
     settled = dict(start.controls) if isinstance(start, Trim) else {}
@@ -162,14 +162,14 @@ def prepare(
         vanes=np.zeros(5) if vanes is None else vanes,
         heights=air.heights,
         wind=air.wind,
-        isa_offset=air.warmer,
+        isa_offset=air.isa_offset,
         gravity=air.gravity,
         sensor_positions=np.array([aircraft.position(place) for place in flight_path.PLACES]),
         flank_angle_vane=vane is not None and vane.angle == "flank",
     )
     step = float(np.diff(t).max())
     steps = substeps or max(1, math.ceil(step / _LONGEST_STEP - 1e-9))
-    return Prepared(name, compiled, manoeuvre, formulas, steps)
+    return FlightSetup(name, compiled, manoeuvre, formulas, steps)
 
 
 def first_state(inputs: Inputs, start: Start | None, aircraft: Aircraft, name: str) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from structsel.errors import ModelError
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.linear_models import LinearFamily, LinearSystem
-from structsel.simulation.concise import lateral_model, longitudinal_model
+from structsel.simulation.dimensional_derivatives import lateral_model, longitudinal_model
 from structsel.simulation.linear import LinearModel
 
 KNOT = 1852.0 / 3600.0  # m/s

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structsel.demo.truth import demo_aircraft
+from structsel.demo.aircraft import demo_aircraft
 from structsel.nomenclature import CONTROL_SURFACES
 from structsel.numerics.first_order import first_order_noise
 

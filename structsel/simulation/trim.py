@@ -16,9 +16,9 @@ from structsel.numerics import rigid_body as rb
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import OUTPUTS
 from structsel.numerics.flight_simulation import state_derivatives
-from structsel.simulation.air import Air
-from structsel.simulation.preparing import Prepared, prepare
-from structsel.simulation.trimmed import Trim
+from structsel.simulation.atmosphere import Atmosphere
+from structsel.simulation.flight_setup import FlightSetup, prepare
+from structsel.simulation.steady_flight import Trim
 
 _PROPULSION = ("throttle", "thrust")
 _LIMITS = {
@@ -49,7 +49,7 @@ def trim(
     free: Sequence[str] | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     definitions: Mapping[str, str] | None = None,
-    air: Air | None = None,
+    air: Atmosphere | None = None,
 ) -> Trim:
     """Find a steady flight: straight and level, climbing, or turning.
 
@@ -117,7 +117,7 @@ class _Search:
         bank: float | None,
         sideslip: float | None,
         definitions: Mapping[str, str] | None,
-        air: Air | None,
+        air: Atmosphere | None,
         controls: Mapping[str, float] | None,
         free: Sequence[str] | None,
         limits: Mapping[str, tuple[float, float]] | None,
@@ -256,11 +256,11 @@ def _still(
     given: Mapping[str, float],
     free: Sequence[str] | None,
     definitions: Mapping[str, str] | None,
-    air: Air | None,
-) -> Prepared:
+    air: Atmosphere | None,
+) -> FlightSetup:
     """A plan whose controls are all there, at values yet to be found."""
-    air = air or Air()
-    calm = Air(air.warmer, air.wind, air.heights, rho=air.rho, gravity=air.gravity)
+    air = air or Atmosphere()
+    calm = Atmosphere(air.isa_offset, air.wind, air.heights, rho=air.rho, gravity=air.gravity)
     pushed = ("thrust",) if free is None else tuple(free)
     zero = dict.fromkeys((*CONTROL_SURFACES, "throttle", "df", "gear", *pushed), 0.0)
     start = {"V": V, "alpha": 0.0, "theta": 0.0, "h": h}

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import root
 
 from structsel.aircraft import Aircraft
-from structsel.demo.plans import FLIGHTS, RATE, Plan, commands_of, gusts_of
-from structsel.demo.truth import TRUTH, aerodynamics, demo_aircraft
+from structsel.demo.aircraft import TRUTH, aerodynamics, demo_aircraft
+from structsel.demo.commands import FLIGHTS, RATE, Plan, commands_of, gusts_of
 from structsel.errors import DomainError
 from structsel.nomenclature import AIR_DATA, ANGULAR_ACCELERATIONS, BODY_RATES, CONTROL_SURFACES, SPECIFIC_FORCES
 from structsel.numerics import rigid_body as rb

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from structsel.deprecation import renamed_arguments, renamed_attribute
 from structsel.errors import DomainError
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.turbulence import dryden_gusts, dryden_scales, log_law, one_minus_cosine, power_law
@@ -65,13 +66,14 @@ class Turbulence:
     rates: bool = True
 
 
+@renamed_arguments(warmer="isa_offset")
 @dataclass(frozen=True, eq=False)
-class Air:
+class Atmosphere:
     """Atmosphere, wind and gusts.
 
     Attributes
     ----------
-    warmer : float [K]
+    isa_offset : float [K]
         Than the standard atmosphere, at the same pressure altitude.
     wind : (3,) or (k, 3) array-like [m/s]
         Of the air, north, east, down; a row for each of `heights` where it changes with altitude.
@@ -89,24 +91,25 @@ class Air:
         Heights that do not ascend, or are not as many as the winds.
     """
 
-    warmer: float = 0.0
+    isa_offset: float = 0.0
     wind: Any = (0.0, 0.0, 0.0)
     heights: Any = (0.0,)
     gusts: tuple[Gust, ...] = ()
     turbulence: Turbulence | None = None
     rho: float | None = None
     gravity: float = G0
+    warmer = renamed_attribute("isa_offset")
 
     def __post_init__(self) -> None:
         wind = np.atleast_2d(np.array(self.wind, dtype=float))
         heights = np.atleast_1d(np.array(self.heights, dtype=float))
         if wind.shape != (len(heights), 3) or not np.isfinite(wind).all():
             raise DomainError(
-                f"Air with wind of shape {wind.shape} at {len(heights)} heights: each height needs its own north, east "
-                "and down component."
+                f"An Atmosphere has wind of shape {wind.shape} at {len(heights)} heights: each height needs its own "
+                "north, east and down component."
             )
         if not (np.diff(heights) > 0.0).all():
-            raise DomainError("Air needs the heights of its wind in ascending order.")
+            raise DomainError("An Atmosphere needs the heights of its wind in ascending order.")
         for array in (wind, heights):
             array.setflags(write=False)
         object.__setattr__(self, "wind", wind)
@@ -124,8 +127,8 @@ class Air:
         ground: float = 0.0,
         top: float = 600.0,
         turbulence: Turbulence | None = None,
-    ) -> Air:
-        """Air whose wind grows with height above ground.
+    ) -> Atmosphere:
+        """Atmosphere whose wind grows with height above ground.
 
         Parameters
         ----------

@@ -14,10 +14,10 @@ from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import STATES, outputs_index
 from structsel.numerics.flight_simulation import central_differences
 from structsel.numerics.linear_models import LinearFamily, LinearSystem
-from structsel.simulation.air import Air
+from structsel.simulation.atmosphere import Atmosphere
+from structsel.simulation.flight_setup import prepare
 from structsel.simulation.linear import LinearModel
-from structsel.simulation.preparing import prepare
-from structsel.simulation.trimmed import Trim
+from structsel.simulation.steady_flight import Trim
 
 _LONGITUDINAL, _LATERAL = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
 _AXES = {"longitudinal": _LONGITUDINAL, "lateral": _LATERAL, "coupled": (*_LONGITUDINAL, *_LATERAL)}
@@ -35,7 +35,7 @@ def linearise(
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
     definitions: Mapping[str, str] | None = None,
-    air: Air | None = None,
+    air: Atmosphere | None = None,
 ) -> LinearModel:
     """Linear model of small departures from a steady flight, by central differences of the compiled slope.
 

@@ -16,10 +16,10 @@ from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body import G0, STATES
 from structsel.recording import Recording
+from structsel.simulation.flight_setup import Inputs, Start, first_state
+from structsel.simulation.jsbsim.fdm import FlightDynamicsModel, silence_output
 from structsel.simulation.jsbsim.flights import make_recording, read_schedule
-from structsel.simulation.jsbsim.machine import Machine, quietly
-from structsel.simulation.preparing import Inputs, Start, first_state
-from structsel.simulation.trimmed import Trim
+from structsel.simulation.steady_flight import Trim
 
 _TURNS = {"de": "Cm", "da": "Cl", "dr": "Cn"}
 _ACCELERATIONS = ("u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot")
@@ -86,7 +86,7 @@ class JSBSimAircraft:
         if earth not in ("flat", "round"):
             raise SimulationError(f"earth={earth!r} is not one of 'flat', 'round'.")
         self.name = Path(aircraft).stem
-        self._machine = Machine(aircraft, root, earth == "flat", rho)
+        self._machine = FlightDynamicsModel(aircraft, root, earth == "flat", rho)
         from_cg = self._machine.from_cg
         self.aircraft = self._machine.describe(self.name)
         self.reference_points = MappingProxyType(
@@ -166,7 +166,7 @@ class JSBSimAircraft:
         # Engines are settled by iteration: much finer differences would see where it stopped.
         step = 1e-3 if self._machine.engines else 1e-6
         first = np.clip([guess.get(c, 0.0) for c in unknowns], low + 1e-6, high - 1e-6)
-        with quietly():
+        with silence_output():
             found = least_squares(
                 residual, first, bounds=(low, high), jac="3-point", diff_step=step, x_scale=0.1, xtol=1e-14,
                 ftol=1e-14, gtol=1e-14, max_nfev=100,
@@ -232,7 +232,7 @@ class JSBSimAircraft:
         count = substeps or max(1, math.ceil(float(np.diff(t).max()) / _LONGEST_STEP - 1e-9))
         rows: list[dict[str, float]] = []
         applied = dict(zip(self.controls, controls[0].tolist()))
-        with quietly():
+        with silence_output():
             self._machine.place(state, applied)
             rows.append(self._row(applied))
             for i in range(len(t) - 1):
@@ -294,7 +294,7 @@ class JSBSimAircraft:
             states[:, STATES.index(c)] = held[c]
         states[:, 11] = recording["h"]
         rows = []
-        with quietly():
+        with silence_output():
             for i, state in enumerate(states):
                 settled = {c: float(held[c][i]) for c in self.controls}
                 self._machine.place(state, settled)
@@ -318,7 +318,7 @@ class JSBSimAircraft:
         state = np.zeros(12)
         state[0], state[11] = 60.0, 1000.0
         reached = []
-        with quietly():
+        with silence_output():
             for surface, axis in _TURNS.items():
                 moments = []
                 for angle in (-0.02, 0.02):
