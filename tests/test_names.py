@@ -73,9 +73,6 @@ REMAIN = {
     "structsel.cli.simulate: craft",
     "structsel.cli.streaming: flown",
     "structsel.cli.tables: doubts",
-    "structsel.demo.flight: craft",
-    "structsel.demo.flight: flown",
-    "structsel.demo.truth: craft",
     "structsel.numerics.flight_path: flank",
     "structsel.numerics.unscented.kernel: flank",
     "structsel.plotting.axes: colour",
@@ -86,8 +83,6 @@ REMAIN = {
     "structsel.reconstruction.mistakes: mistakes",
     "structsel.reconstruction.reconstruct: late",
     "structsel.report.charts: surprise",
-    "structsel.simulation.jsbsim.craft: craft",
-    "structsel.simulation.jsbsim.flights: craft",
 }
 
 

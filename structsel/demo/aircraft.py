@@ -91,10 +91,10 @@ def demo_aircraft() -> Aircraft:
 
 
 def aerodynamics(
-    V: np.ndarray, alpha: np.ndarray, beta: np.ndarray, rates: np.ndarray, surfaces: np.ndarray, craft: Aircraft
+    V: np.ndarray, alpha: np.ndarray, beta: np.ndarray, rates: np.ndarray, surfaces: np.ndarray, aircraft: Aircraft
 ) -> np.ndarray:
     """(6, m) coefficients CX to Cn of the truth."""
-    p_hat, q_hat, r_hat = rb.nondimensional_rates(V, rates[0], rates[1], rates[2], craft.b, craft.cbar)
+    p_hat, q_hat, r_hat = rb.nondimensional_rates(V, rates[0], rates[1], rates[2], aircraft.b, aircraft.cbar)
     de, da, dr = surfaces
     b2 = beta * beta
     terms = (

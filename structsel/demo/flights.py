@@ -60,7 +60,7 @@ def demo_flights(
     turbulence: float = 1.0,
     exact_derivatives: bool = False,
 ) -> tuple[list[Recording], Aircraft, dict[str, dict[str, float]]]:
-    """Return manoeuvres flown through turbulence at 50 Hz, their aircraft, and the truth.
+    """Return manoeuvres simulated in turbulence at 50 Hz, their aircraft, and the truth.
 
     Parameters
     ----------
@@ -109,12 +109,12 @@ def _fly(
     which: Sequence[int], seed: int, duration: float, noise: float, turbulence: float, exact: bool
 ) -> list[Recording]:
     aircraft = demo_aircraft()
-    flown = integrate(which, seed, duration, turbulence, aircraft)
-    return [_record(one, seed, noise, exact, aircraft) for one in flown]
+    flights = integrate(which, seed, duration, turbulence, aircraft)
+    return [_record(one, seed, noise, exact, aircraft) for one in flights]
 
 
 @dataclass(frozen=True)
-class Flown:
+class SimulatedFlight:
     """One flight as it was, sample by sample, before any instrument.
 
     Attributes
@@ -146,7 +146,7 @@ def integrate(
     *,
     wind: np.ndarray | None = None,
     steps_at: str = "within_sample",
-) -> list[Flown]:
+) -> list[SimulatedFlight]:
     """Integrate several flights at once, by Runge-Kutta steps of fourth order.
 
     Parameters
@@ -204,7 +204,7 @@ def integrate(
     outputs = row.reshape(len(_OUTPUTS), samples, len(plans))
     t = np.arange(samples) * _DT
     return [
-        Flown(k, plan, t, states[:, :, j], dict(zip(_OUTPUTS, outputs[:, :, j])), float(thrust[j]))
+        SimulatedFlight(k, plan, t, states[:, :, j], dict(zip(_OUTPUTS, outputs[:, :, j])), float(thrust[j]))
         for j, (k, plan) in enumerate(zip(which, plans))
     ]
 
@@ -274,10 +274,10 @@ def _trim(aircraft: Aircraft, V: float) -> tuple[np.ndarray, float]:
     return x[:, 0], float(thrust[0])
 
 
-def at_instruments(flown: Flown, aircraft: Aircraft) -> dict[str, np.ndarray]:
+def at_instruments(flight: SimulatedFlight, aircraft: Aircraft) -> dict[str, np.ndarray]:
     """V, alpha, beta at the vanes and ax, ay, az at the accelerometer."""
-    got = flown.outputs
-    rates = flown.states[:, 3:6].T
+    got = flight.outputs
+    rates = flight.states[:, 3:6].T
     turning = [got[name] for name in ANGULAR_ACCELERATIONS]
     V, alpha, beta, ax, ay, az = (got[name] for name in (*AIR_DATA, *SPECIFIC_FORCES))
     air = rb.air_data_at_sensor(V, alpha, beta, rates[0], rates[1], rates[2], aircraft.position("vane"))
@@ -285,17 +285,17 @@ def at_instruments(flown: Flown, aircraft: Aircraft) -> dict[str, np.ndarray]:
     return dict(zip((*AIR_DATA, *SPECIFIC_FORCES), (*air, *force)))
 
 
-def _record(flown: Flown, seed: int, noise: float, exact: bool, aircraft: Aircraft) -> Recording:
-    """What the instruments, at their places, make of one flight."""
-    plan, states = flown.plan, flown.states
-    channels = at_instruments(flown, aircraft)
+def _record(flight: SimulatedFlight, seed: int, noise: float, exact: bool, aircraft: Aircraft) -> Recording:
+    """Readings of the instruments at their positions."""
+    plan, states = flight.plan, flight.states
+    channels = at_instruments(flight, aircraft)
     channels |= dict(zip(rb.STATES[3:9], states[:, 3:9].T))
-    channels |= {"h": states[:, 11], "rho": flown.outputs["rho"], "thrust": np.full(len(states), flown.thrust)}
+    channels |= {"h": states[:, 11], "rho": flight.outputs["rho"], "thrust": np.full(len(states), flight.thrust)}
     channels |= dict(zip(CONTROL_SURFACES, states[:, 12:].T))
-    rng = np.random.default_rng([seed, flown.number, 6])
+    rng = np.random.default_rng([seed, flight.number, 6])
     for name, std in NOISE.items():
         channels[name] = channels[name] + noise * std * rng.standard_normal(len(states))
     if exact:
-        channels |= {name: flown.outputs[name] for name in ANGULAR_ACCELERATIONS}
+        channels |= {name: flight.outputs[name] for name in ANGULAR_ACCELERATIONS}
     note = f"simulated: {plan.name} at {plan.V:.1f} m/s, seed {seed}, noise {noise:g}"
-    return Recording(plan.name, flown.t, channels, provenance=(note,))
+    return Recording(plan.name, flight.t, channels, provenance=(note,))

@@ -1,6 +1,6 @@
 """Flights in calm air whose truth is known sample by sample, seen by instruments with constant errors.
 
-What flight-path reconstruction is judged by: every bias, scale error and wind is set, so what it finds can be
+What flight-path reconstruction is tested with: every bias, scale error and wind is set, so what it finds can be
 compared with what was put in.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.demo.aircraft import demo_aircraft
-from structsel.demo.flights import NOISE, Flown, at_instruments, integrate, number_of
+from structsel.demo.flights import NOISE, SimulatedFlight, at_instruments, integrate, number_of
 from structsel.errors import DomainError
 from structsel.nomenclature import BODY_RATES, CONTROL_SURFACES, EULER_ANGLES, SPECIFIC_FORCES, suggest
 from structsel.numerics import rigid_body as rb
@@ -120,9 +120,9 @@ def demo_instruments(
     set_to = _draw_errors(seed, k) if errors is None else _named_errors(errors)
     aircraft = _instrumented_aircraft(noise)
     wind = np.array([set_to["wn"], set_to["we"], set_to["wd"]])
-    flown = integrate([k], seed, duration, 0.0, aircraft, wind=wind[:, None], steps_at="sample")[0]
-    truth = _truth(flown, wind)
-    measured = _measure(flown, truth, aircraft, set_to, np.random.default_rng([seed, k, 8]), noise)
+    flight = integrate([k], seed, duration, 0.0, aircraft, wind=wind[:, None], steps_at="sample")[0]
+    truth = _truth(flight, wind)
+    measured = _measure(flight, truth, aircraft, set_to, np.random.default_rng([seed, k, 8]), noise)
     return InstrumentedFlight(measured, truth, aircraft, MappingProxyType(set_to))
 
 
@@ -152,19 +152,22 @@ def _instrumented_aircraft(noise: float) -> Aircraft:
     return Aircraft.from_dict(content)
 
 
-def _truth(flown: Flown, wind: np.ndarray) -> Recording:
-    states = dict(zip(rb.STATES, flown.states.T))
-    velocity = flown.states[:, 0:3]
+def _truth(flight: SimulatedFlight, wind: np.ndarray) -> Recording:
+    states = dict(zip(rb.STATES, flight.states.T))
+    velocity = flight.states[:, 0:3]
     to_earth = rb.body_to_earth(states["phi"], states["theta"], states["psi"])
     ground = np.einsum("nij,nj->in", to_earth, velocity) + wind[:, None]
-    channels = {**states, **flown.outputs, **dict(zip(("vn", "ve", "vd"), ground))}
-    channels |= {"thrust": np.full(len(flown.t), flown.thrust), **dict(zip(CONTROL_SURFACES, flown.states[:, 12:].T))}
-    note = f"simulated: {flown.plan.name} at {flown.plan.V:.1f} m/s in calm air, exact, at the centre of gravity"
-    return Recording(flown.plan.name, flown.t, channels, provenance=(note,))
+    channels = {**states, **flight.outputs, **dict(zip(("vn", "ve", "vd"), ground))}
+    channels |= {
+        "thrust": np.full(len(flight.t), flight.thrust),
+        **dict(zip(CONTROL_SURFACES, flight.states[:, 12:].T)),
+    }
+    note = f"simulated: {flight.plan.name} at {flight.plan.V:.1f} m/s in calm air, exact, at the centre of gravity"
+    return Recording(flight.plan.name, flight.t, channels, provenance=(note,))
 
 
 def _measure(
-    flown: Flown,
+    flight: SimulatedFlight,
     truth: Recording,
     aircraft: Aircraft,
     errors: Mapping[str, float],
@@ -177,7 +180,7 @@ def _measure(
     antenna = aircraft.position("gps")
     swing = np.stack(np.broadcast_arrays(*cross([truth[name] for name in BODY_RATES], antenna)), axis=-1)
     ahead, swinging = to_earth @ antenna, np.einsum("nij,nj->ni", to_earth, swing)
-    channels = at_instruments(flown, aircraft)
+    channels = at_instruments(flight, aircraft)
     channels["V"] = (1.0 + errors["KV"]) * channels["V"]
     channels["alpha"] = channels["alpha"] + errors["Cup"] * truth["alpha"] + errors["Calpha0"]
     channels["beta"] = channels["beta"] + errors["Csi"] * truth["beta"] + errors["Cbeta0"]
@@ -192,5 +195,5 @@ def _measure(
     stds |= {name: NOISE[name] for name in ("thrust", *CONTROL_SURFACES)}
     for name, std in stds.items():
         channels[name] = channels[name] + noise * std * rng.standard_normal(len(truth))
-    note = f"simulated: {flown.plan.name} at {flown.plan.V:.1f} m/s in calm air, instrument errors, noise {noise:g}"
-    return Recording(flown.plan.name, flown.t, channels, provenance=(note,))
+    note = f"simulated: {flight.plan.name} at {flight.plan.V:.1f} m/s in calm air, instrument errors, noise {noise:g}"
+    return Recording(flight.plan.name, flight.t, channels, provenance=(note,))

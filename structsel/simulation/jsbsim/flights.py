@@ -20,14 +20,14 @@ _AS_READ = (*STATES, "p_dot", "q_dot", "r_dot", "vn", "ve", "vd", "rho", "mach",
 
 
 def read_schedule(
-    inputs: Inputs, start: Start | None, needed: Sequence[str], craft: str
+    inputs: Inputs, start: Start | None, needed: Sequence[str], aircraft: str
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """Clock (n,) [s], controls (n, k) in the order needed, and name of a schedule of inputs.
 
     Raises
     ------
     ChannelError, DataError
-        There is no clock, a control that the craft has not, or a sample that is not finite.
+        There is no clock, a control that the aircraft has not, or a sample that is not finite.
     """
     settled = dict(start.controls) if isinstance(start, Trim) else {}
     if isinstance(inputs, Recording):
@@ -37,7 +37,7 @@ def read_schedule(
             raise ChannelError(f"The inputs need a clock 't' [s]; they have {', '.join(inputs) or 'nothing'}.")
         t = np.array(inputs["t"], dtype=float)
         if unknown := [c for c in inputs if c not in ("t", *needed)]:
-            raise ChannelError(f"JSBSim's {craft} has no control '{unknown[0]}'; it has {', '.join(needed)}.")
+            raise ChannelError(f"JSBSim's {aircraft} has no control '{unknown[0]}'; it has {', '.join(needed)}.")
         given = {c: np.broadcast_to(np.asarray(v, dtype=float), t.shape) for c, v in inputs.items() if c != "t"}
         recording = Recording("simulated", t, given)
     used = [c for c in needed if c in recording]
