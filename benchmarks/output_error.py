@@ -72,7 +72,7 @@ def load(path: Path) -> Recording:
 
 def aircraft() -> ss.Aircraft:
     """The aircraft's constants."""
-    return ss.Aircraft.from_toml(HERE / "examples" / "hfb320.toml")
+    return ss.Airplant.from_toml(HERE / "examples" / "hfb320.toml")
 
 
 def model(values: np.ndarray) -> AeroModel:
@@ -93,15 +93,18 @@ def estimate(record: Recording, start: np.ndarray, **options: object) -> Refinem
     return refine(model(start), aircraft(), record, outputs=OUTPUTS, air=Atmosphere(rho=RHO), substeps=1, **options)  # type: ignore[arg-type]
 
 
-def usual_way(
+def scipy_reference(
     record: Recording, start: np.ndarray, std: Mapping[str, float], descend: bool = True
 ) -> tuple[np.ndarray, float, int]:
-    """The same problem through solve_ivp and least_squares: values, sum of squares, and the flights it took."""
-    craft = aircraft()
-    assert craft.mass is not None
-    assert craft.inertia is not None
-    S, mass, Iy, chord, tilt = craft.S, craft.mass, craft.inertia.Iy, craft.cbar, craft.thrust.inclination
-    arm = craft.thrust.arm[1]
+    """The same problem by solve_ivp and least_squares: values, sum of squares, and the number of simulations.
+
+    A deliberate reference: what a user would write without structsel.
+    """
+    plant = aircraft()
+    assert plant.mass is not None
+    assert plant.inertia is not None
+    S, mass, Iy, chord, tilt = plant.S, plant.mass, plant.inertia.Iy, plant.cbar, plant.thrust.inclination
+    arm = plant.thrust.arm[1]
     t, de, thrust = record.t, record["de"], record["thrust"]
     weights = np.array([std[name] for name in OUTPUTS])
     y = np.column_stack([record[name] for name in OUTPUTS])
@@ -132,11 +135,11 @@ def usual_way(
         CD, CL, Cm = coefficients(V, alpha, q, de, p)
         qbar = 0.5 * RHO * V**2
         CX, CZ = CL * np.sin(alpha) - CD * np.cos(alpha), -CL * np.cos(alpha) - CD * np.sin(alpha)
-        flown = np.column_stack([
+        simulated = np.column_stack([
             *found.y, (qbar * S * chord * Cm + arm * thrust) / Iy,
             qbar * S / mass * CX + thrust * np.cos(tilt) / mass, qbar * S / mass * CZ - thrust * np.sin(tilt) / mass,
         ])  # fmt: skip
-        return ((y - flown) / weights).ravel()
+        return ((y - simulated) / weights).ravel()
 
     if not descend:
         return start, float(np.sum(residuals(start) ** 2)), count[0]
@@ -147,22 +150,22 @@ def usual_way(
 
 
 def race(record: Recording) -> list[tuple[str, float, float, float]]:
-    """Name, CPU seconds, distance from the best [std] and sum of squares of each way."""
+    """Name, CPU seconds, distance from the best [std] and sum of squares of each method."""
     best = estimate(record, BOOK_START)  # compiles too
     std = dict(best.noise_std)
-    ways = {
+    methods = {
         "structsel, noise estimated": lambda: estimate(record, BOOK_START).values,
         "structsel, weighted": lambda: estimate(record, BOOK_START, cost="weighted", weights=std).values,
-        "solve_ivp and least_squares, weighted": lambda: usual_way(record, BOOK_START, std)[0],
+        "solve_ivp and least_squares, weighted": lambda: scipy_reference(record, BOOK_START, std)[0],
     }
     rows = []
-    for name, run in ways.items():
+    for name, run in methods.items():
         times = []
         for _ in range(3 if "structsel" in name else 1):
             begin = time.process_time()
             values = run()
             times.append(time.process_time() - begin)
-        squares = usual_way(record, values, std, descend=False)[1]
+        squares = scipy_reference(record, values, std, descend=False)[1]
         rows.append((name, float(np.median(times)), float(np.max(np.abs(values - best.values) / best.std)), squares))
     return rows
 
@@ -205,7 +208,7 @@ def main() -> None:
     """Print the tables."""
     record, starts = load(Path(sys.argv[1])), int(sys.argv[2]) if len(sys.argv) > 2 else 20
     rows = race(record)
-    print("| way | CPU s | ratio | distance [std] | sum of squares |\n| --- | ---: | ---: | ---: | ---: |")
+    print("| method | CPU s | ratio | distance [std] | sum of squares |\n| --- | ---: | ---: | ---: | ---: |")
     for name, seconds, distance, squares in rows:
         print(f"| {name} | {seconds:.3f} | {rows[-1][1] / seconds:.1f} | {distance:.4f} | {squares:.3f} |")
     bests = {noise: estimate(record, BOOK_START, noise=noise) for noise in ("measurement", "process")}

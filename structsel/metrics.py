@@ -43,9 +43,9 @@ class Metric:
     best : float
         Value of a perfect model.
     unit : str
-        Empty, or ``"response"``; a metric with a unit stands in frames and JSON but in no table of several responses.
+        Empty, or ``"response"``; a metric with a unit is in frames and JSON but in no table of several responses.
     brief : bool
-        Whether it stands in short tables too.
+        Whether it is in short tables too.
     """
 
     name: str
@@ -161,7 +161,7 @@ class MetricValues:
             raise AttributeError(f"'{type(self).__name__}' has no attribute or metric '{name}'", name=name) from None
 
     def cells(self, *, brief: bool = False, digits: int = 4) -> list[str]:
-        """Text of each metric that stands in tables; see `in_tables`."""
+        """Text of each metric of the tables; see `in_tables`."""
         return [_cell(self.metrics.get(m.name, math.nan), digits) for m in in_tables(brief=brief)]
 
 

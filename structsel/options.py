@@ -4,7 +4,7 @@ A field made by `option` carries in its metadata
 
 - ``help``: one line for the terminal,
 - ``group``: heading under which the terminal shows it,
-- ``metavar``: what stands for its value there, such as ``NAME=LOW,HIGH``.
+- ``metavar``: placeholder of its value there, such as ``NAME=LOW,HIGH``.
 
 A field without help text is set from Python only. Allowed values are those of the field's Literal type.
 """

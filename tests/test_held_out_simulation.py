@@ -67,7 +67,7 @@ def ramp(rate, seconds, dt):
     return rate * np.sqrt(np.mean(t**2))
 
 
-def test_exact_coefficients_fly_what_was_simulated(clean):
+def test_exact_coefficients_reproduce_the_recordings(clean):
     found = rows(simulate_stages([stated(f) for f in clean], 2.0))
     assert list(found) == ["V", "alpha", "beta", "p", "q", "r", "phi", "theta"]
     for channel, row in found.items():
@@ -167,7 +167,7 @@ def test_without_coefficients_nothing_flies_and_it_says_so():
     found = simulate_held_out(SimpleNamespace(bench=SimpleNamespace(flights=(plant,))))
     assert "no aerodynamic coefficient" in found.reason
     assert found.to_dict() == {"reason": found.reason}
-    assert str(found) == f"not flown in windows: {found.reason}"
+    assert str(found) == f"not simulated in windows: {found.reason}"
 
 
 def test_a_motion_that_explodes_is_stated_and_not_scored(clean):
@@ -261,7 +261,7 @@ def test_where_nothing_was_taken_in_there_are_two_stages(ground):
     bare = replace(ground, steps=())
     stages = {tuple(one.stages) for one in predictions_by_stage(bare)}
     assert stages == {("delivered", "refitted")}
-    assert simulate_held_out(bare).stretch.flown.keys() == {"delivered", "refitted"}
+    assert simulate_held_out(bare).stretch.simulated.keys() == {"delivered", "refitted"}
 
 
 @needs_examples
@@ -278,12 +278,12 @@ def test_the_segment_drawn_is_that_of_the_channel_that_gained_most(ground):
     drawn = found.stretch
     assert drawn.channel == found.gained.channel
     gap = np.isnan(drawn.measured)
-    assert np.all(np.isnan(drawn.flown["physics"]) == gap)
+    assert np.all(np.isnan(drawn.simulated["physics"]) == gap)
     starts = np.flatnonzero(np.r_[True, gap[:-1]])
     # Every window starts from the recorded state, whatever flies.
-    for flown in drawn.flown.values():
+    for flown in drawn.simulated.values():
         assert_allclose(flown[starts], drawn.smoothed[starts], atol=1e-9)
-    off = {stage: np.nanmean((x - drawn.smoothed) ** 2) for stage, x in drawn.flown.items()}
+    off = {stage: np.nanmean((x - drawn.smoothed) ** 2) for stage, x in drawn.simulated.items()}
     assert off["physics"] < off["delivered"]
 
 

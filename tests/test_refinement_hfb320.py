@@ -47,7 +47,7 @@ def test_scipys_integrator_finds_no_lower_cost_anywhere_near(best, record):
     # The book's equations through solve_ivp: the curvature of the sum of squares says how far a change of half a
     # standard deviation (Cramer-Rao) in one parameter must raise it: by a quarter at least.
     def squares(values):
-        return hfb320.usual_way(record, values, best.noise_std, descend=False)[1]
+        return hfb320.scipy_reference(record, values, best.noise_std, descend=False)[1]
 
     least = squares(best.values)
     assert least == pytest.approx(7 * 601, abs=0.1)  # each output's residuals have the variance that weighs them
@@ -72,7 +72,7 @@ def test_output_error_fits_better_than_the_published_values_which_allow_for_turb
 
 
 @pytest.mark.slow
-def test_a_poor_start_that_descent_alone_cannot_fly_arrives_with_evolution_first(best, record):
+def test_a_poor_start_that_diverges_converges_with_evolution_first(best, record):
     start = hfb320.poor_start(best.values, seed=0)
     with pytest.raises(RefinementError, match="cannot simulate"):
         hfb320.estimate(record, start)

@@ -1,4 +1,4 @@
-"""What flying again in short windows says."""
+"""Result of simulating held-out recordings in short windows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WRITTEN = {"delivered": "before", "refitted": "refitted", "physics": "after"}
 
 @dataclass(frozen=True)
 class WindowScore:
-    """How near one channel came at one stage.
+    """Error of one channel at one stage.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class WindowScore:
     tic : float
         Theil's coefficient of the change since each window's start; nan where neither side moves.
     inside : float
-        Share of the readings that lie within the band about what was flown.
+        Fraction of the readings within the band about the simulated channel.
     """
 
     rms: float
@@ -68,7 +68,7 @@ class ChannelScores:
 
 @dataclass(frozen=True, eq=False)
 class ExampleWindows:
-    """Windows to draw: those where the channel that gained most gained most.
+    """Windows for a figure: those where the error of the most improved channel falls most.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class ExampleWindows:
     t : (n,) array [s]
         Windows one after another; all other arrays hold a NaN between two.
     measured, smoothed : (n,) array [unit of the channel]
-    flown : mapping of stage to (n,) array
+    simulated : mapping of stage to (n,) array
     """
 
     recording: str
@@ -84,12 +84,12 @@ class ExampleWindows:
     t: Array
     measured: Array
     smoothed: Array
-    flown: Mapping[str, Array]
+    simulated: Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutSimulation:
-    """The simulation flown in short windows on flights not used for fitting, at three stages.
+    """Held-out recordings simulated in short windows, at three stages.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class HeldOutSimulation:
     windows : int
     stretch : ExampleWindows or None
     reason : str
-        Why nothing was flown; else empty.
+        Why there is no simulation; else empty.
     """
 
     rows: tuple[ChannelScores, ...] = ()
@@ -141,7 +141,7 @@ class HeldOutSimulation:
     def __str__(self) -> str:
 
         if self.reason:
-            return f"not flown in windows: {self.reason}"
+            return f"not simulated in windows: {self.reason}"
         stages = self.rows[0].stages if self.rows else {}
         n = len(stages)
         lines = [

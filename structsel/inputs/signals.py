@@ -87,14 +87,14 @@ def step(channel: str, amplitude: float, *, start: float = 1.0, duration: float 
 
 
 def impulse(channel: str, area: float, *, start: float = 1.0, duration: float = 20.0, dt: float = 0.02) -> Recording:
-    """One sample that carries the whole area [unit s]."""
+    """One sample that has the complete area [unit s]."""
     return multistep(channel, area / dt, (1,), dt, start=start, duration=duration, dt=dt, name="impulse")
 
 
 def doublet(
     channel: str, amplitude: float, width: float = 1.0, *, start: float = 1.0, duration: float = 20.0, dt: float = 0.02
 ) -> Recording:
-    """One way for `width` [s], then the other."""
+    """Positive for `width` [s], then negative."""
     return multistep(channel, amplitude, (1, -1), width, start=start, duration=duration, dt=dt, name="doublet")
 
 
@@ -152,8 +152,8 @@ def table(
     if between == "linear":
         after = np.minimum(at + 1, len(rows) - 1)
         gap = rows[after, 0] - rows[at, 0]
-        share = np.where(gap > 0.0, (t - rows[at, 0]) / np.where(gap > 0.0, gap, 1.0), 0.0)
-        values = values + np.clip(share, 0.0, 1.0) * (rows[after, 1] - values)
+        fraction = np.where(gap > 0.0, (t - rows[at, 0]) / np.where(gap > 0.0, gap, 1.0), 0.0)
+        values = values + np.clip(fraction, 0.0, 1.0) * (rows[after, 1] - values)
     return Recording(
         "table", t, {channel: values}, provenance=(f"table of {len(rows)} points, {between} between them",)
     )

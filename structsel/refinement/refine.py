@@ -1,4 +1,4 @@
-"""refine(): output error over whole manoeuvres."""
+"""refine(): output error and filter error over complete recordings."""
 
 from __future__ import annotations
 

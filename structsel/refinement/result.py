@@ -115,7 +115,7 @@ class Refinement:
         sample, and costs and thetas those of all rounds of the iteration of the measurement noise.
     domain : {"time", "frequency"}
         In the frequency domain residuals are complex, of the scaled transforms; `fits` judge these, and the
-        recordings are flown from rest and have the means measured.
+        recordings are simulated from rest and have the measured means.
     band : (low, high) or None [Hz]
     """
 

@@ -89,10 +89,10 @@ def _windows(replay: HeldOutSimulation, stretch: ExampleWindows) -> dict[str, An
     """Time history of the channel that gained most, with its band, in windows of the first and the last stage."""
     band = next(row.band for row in replay.rows if row.channel == stretch.channel)
     factor, unit = display_unit(unit_of(stretch.channel))
-    first, last = (list(stretch.flown)[i] for i in (0, -1))
+    first, last = (list(stretch.simulated)[i] for i in (0, -1))
     lines = [("band", "other", stretch.smoothed + edge) for edge in (-band, band)]
     lines += [("measured", "measured", stretch.measured)]
-    lines += [(_STAGES[stage], stage, stretch.flown[stage]) for stage in (first, last)]
+    lines += [(_STAGES[stage], stage, stretch.simulated[stage]) for stage in (first, last)]
     says = (
         f"{stretch.channel} of {stretch.recording} in windows that start from the recorded state: measured, with its "
         f"band of ± {format_in_unit(band, unit_of(stretch.channel), 2)}, {_STAGES[first]} and {_STAGES[last]}."
