@@ -16,7 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from structsel.errors import AircraftError
 from structsel.readers.channel_map import describe_problems
 from structsel.readers.toml import load_toml
-from structsel.rich_text import opening, to_html
+from structsel.results import Summarised
+from structsel.tables import Summary
 
 _TRIANGLE_SLACK = 0.2
 _PART_OF = {"alpha_vane": "vane", "beta_vane": "vane", "pitot": "vane"}
@@ -176,7 +177,7 @@ class Simulation(_Table):
     states: Literal["reconstructed", "raw"] | None = None
 
 
-class Aircraft(_Table):
+class Aircraft(Summarised, _Table):
     """An aircraft's constants, validated and frozen.
 
     Attributes
@@ -314,23 +315,20 @@ class Aircraft(_Table):
             said.append(f"the aspect ratio b^2/S is {aspect:.3g}: check the units of b and S")
         return tuple(said)
 
-    def __str__(self) -> str:
-        lines = [f"{self.name}: S = {self.S:g} m^2, b = {self.b:g} m, cbar = {self.cbar:g} m"]
-        lines.append("mass from the recordings" if self.mass is None else f"mass = {self.mass:g} kg")
+    def summary(self) -> Summary:
+        """Geometry, mass, inertia, thrust line and sensors."""
+        notes = ["mass from the recordings" if self.mass is None else f"mass = {self.mass:g} kg"]
         if self.inertia is not None:
             parts = [f"{key} = {value:g}" for key, value in self.inertia if value or key in ("Ix", "Iy", "Iz")]
-            lines.append("inertia: " + ", ".join(parts) + " kg m^2")
+            notes.append("inertia: " + ", ".join(parts) + " kg m^2")
         offset = ", ".join(f"{x:g}" for x in self.thrust.offset)
-        lines.append(f"thrust: through ({offset}) m, inclined {self.thrust.inclination:g} rad up")
+        notes.append(f"thrust: through ({offset}) m, inclined {self.thrust.inclination:g} rad up")
         for key, sensor in self.sensors.items():
-            lines.append(f"{key}: at ({', '.join(f'{x:g}' for x in sensor.position)}) m")
+            notes.append(f"{key}: at ({', '.join(f'{x:g}' for x in sensor.position)}) m")
         if self.V0 is not None:
-            lines.append(f"reference airspeed V0 = {self.V0:g} m/s")
-        lines += [f"doubtful: {remark}" for remark in self.remarks]
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return to_html([], opening(self), str(self).splitlines()[1:])
+            notes.append(f"reference airspeed V0 = {self.V0:g} m/s")
+        about = f"S = {self.S:g} m^2, b = {self.b:g} m, cbar = {self.cbar:g} m"
+        return Summary(self.name, about, notes=tuple(notes), warnings=self.remarks)
 
 
 _TABLES: dict[str, type[_Table]] = {

@@ -35,6 +35,8 @@ class Column:
     align : {"right", "left"}
     detail : bool
         Left out where a terminal is too narrow for the table.
+    note : str
+        What the column means; shown below the table if the column is.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Column:
     unit: str = ""
     align: Literal["right", "left"] = "right"
     detail: bool = False
+    note: str = ""
 
     @property
     def head(self) -> str:
@@ -102,6 +105,11 @@ class Table:
         """Table of records, the cell of each column found under its key."""
         rows = tuple(tuple(record[key] for key in columns) for record in records)
         return cls(tuple(columns.values()), rows, **options)
+
+    @property
+    def legend(self) -> str:
+        """Meaning of the columns that have a note."""
+        return "; ".join(f"{column.name}: {column.note}" for column in self.columns if column.note)
 
     def texts(self) -> list[list[str]]:
         """Cells as text, row by row."""
@@ -166,6 +174,12 @@ class Summary:
         """Facts as one line."""
         return "   ".join(f"{name} {value}" for name, value in self.facts)
 
+    @property
+    def caption(self) -> str:
+        """Everything above the numbers of the first table, line by line."""
+        titles = [self.tables[0].title] if self.tables else []
+        return "\n".join(line for line in (self.head, *self.alerts, self.fact_line, *titles) if line)
+
     def all_tables(self) -> tuple[Table, ...]:
         """Tables of this summary and of its parts."""
         return self.tables + tuple(table for part in self.parts for table in part.all_tables())
@@ -175,7 +189,8 @@ class Summary:
         opening = [self.head] if self.head else []
         opening += [f"  ! {text}" for text in self.alerts]
         opening += [f"  {self.fact_line}"] if self.facts else []
-        closing = [*self.notes, *(f"  ! {text}" for text in self.warnings)]
+        legends = dict.fromkeys(table.legend for table in self.tables if table.legend)
+        closing = [*legends, *self.notes, *(f"  ! {text}" for text in self.warnings)]
         blocks = ["\n".join(opening), *(table.to_text("  ") for table in self.tables), "\n".join(closing)]
         own = ("\n\n" if len(self.tables) > 1 else "\n").join(block for block in blocks if block)
         return "\n\n".join([*([own] if own else []), *(part.to_text() for part in self.parts)])
@@ -187,7 +202,7 @@ class Summary:
 
 # Colours are the notebook's own, so that the table is at home on a dark page too.
 _TEMPLATE = """\
-{% macro show(table, caption, level) %}
+{% macro show(table, caption) %}
 <table style="border-collapse: collapse; font-variant-numeric: tabular-nums">
 <caption style="caption-side: top; text-align: left; white-space: pre-line; font-weight: bold">{{ caption }}</caption>
 {% if table %}
@@ -207,14 +222,15 @@ _TEMPLATE = """\
 </tbody>
 {% endif %}
 </table>
+{% if table and table.legend %}
+<p>{{ table.legend }}</p>
+{% endif %}
 {% if table and table.rows|length > most %}
 <p>{{ table.rows|length - most }} more rows are not shown.</p>
 {% endif %}
 {% endmacro %}
 {% macro write(summary) %}
-{% set caption = [summary.head, *summary.alerts] + ([summary.fact_line] if summary.facts else []) %}
-{% set first = summary.tables[0] if summary.tables else none %}
-{{ show(first, (caption + ([first.title] if first and first.title else []))|select|join("\\n")) }}
+{{ show(summary.tables[0] if summary.tables else none, summary.caption) }}
 {% for table in summary.tables[1:] %}
 {{ show(table, table.title) }}
 {% endfor %}
@@ -246,11 +262,13 @@ def rows_of_frame(frame: Any, columns: Mapping[str, Column]) -> tuple[tuple[Any,
     return tuple(frame[list(columns)].itertuples(index=False, name=None))
 
 
-def table_of_frame(frame: Any, columns: Mapping[str, Column] | None = None, **options: Any) -> Table:
-    """Table of a DataFrame; without `columns` all of them, words aligned left."""
+def table_of_frame(frame: Any, columns: Mapping[str, Column] | None = None, digits: int = 4, **options: Any) -> Table:
+    """Table of a DataFrame; without `columns` all of them, numbers in `digits` digits and words aligned left."""
     if columns is None:
         numeric = {name: frame[name].dtype.kind in "iuf" for name in frame.columns}
-        columns = {name: Column(str(name)) if numeric[name] else text_column(str(name)) for name in frame.columns}
+        columns = {
+            name: Column(str(name), f"{digits}g") if numeric[name] else text_column(str(name)) for name in frame.columns
+        }
     return Table(tuple(columns.values()), rows_of_frame(frame, columns), **options)
 
 

@@ -187,7 +187,7 @@ def test_a_small_breach_of_the_triangle_rule_is_remarked_not_refused():
     # 1131670 / (322780 + 799125) = 1.0087
     assert aircraft.inertia.excess == pytest.approx(1131670 / 1121905 - 1.0, rel=1e-12)
     assert any("exceeds the sum" in remark for remark in aircraft.remarks)
-    assert "doubtful" in str(aircraft)
+    assert "! the largest principal moment" in str(aircraft)
 
 
 def test_feet_for_metres_in_one_of_two_is_remarked():

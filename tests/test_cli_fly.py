@@ -170,7 +170,7 @@ def test_a_flight_that_blows_up_says_how_far_it_flew_and_keeps_that(folder, craf
     one = ("--recordings", folder / "flights" / "m01.csv")
     result = run("simulate", folder / "wild.json", *craft, *one, "--out", out, "--no-plots", code=1)
     until = float(re.search(r"could not be flown beyond t = ([\d.]+) s", result.stderr)[1])
-    assert "BROKE OFF" in result.stdout
+    assert "STOPPED EARLY" in result.stdout
     assert "With --out the flight so far is written" in stated(result)
     kept = read_recording(out / "flights" / "m01.csv")
     assert kept.t[-1] < until < 3.0
@@ -367,7 +367,7 @@ def test_what_is_held_out_is_simulated_before_and_after(refined):
         for name in ("before", "after")
     )
     assert before["r2"] < 0.9 < 0.98 < after["r2"]
-    assert "after the refinement, on what was held out" in refined[1]
+    assert "after the refinement, on the recordings held out" in refined[1]
 
 
 def test_a_search_that_did_not_converge_says_so_and_marks_the_best_it_writes(folder, craft, tmp_path):

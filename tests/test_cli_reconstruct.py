@@ -83,7 +83,7 @@ def test_the_constants_printed_are_those_the_library_finds(flights, written):
     printed = written[1].stdout
     for name, flight in flights.items():
         found = reconstruct(flight.measured, flight.aircraft)
-        part = printed[printed.index(f"{name}  401 samples, 8.0 s, unscented  trusted") :]
+        part = printed[printed.index(f"{name}  401 samples, 8.0 s, unscented, trusted") :]
         for constant in found.constants:
             value = re.search(rf"^{constant.name} .*? (-?\d\S*) +\d\S* +\S+ *$", part, re.MULTILINE)[1]
             assert_allclose(float(value), constant.value, rtol=1e-3)
@@ -257,7 +257,7 @@ def test_one_bad_manoeuvre_is_said_and_the_others_are_written(folder, common, tm
     bad = changed(folder, tmp_path / "bad.csv", "all-axes", lambda data: data.drop(columns="az"))
     result = run("reconstruct", bad, folder / "all-axes.csv", *common, "--out", tmp_path / "out", "--no-plots")
     assert re.search(r"warning: 'bad' was not reconstructed by unscented: .*'az'", result.stderr)
-    assert re.search(r"^bad +- +- +not reconstructed", result.stdout, re.MULTILINE)
+    assert re.search(r"^bad +- +- +NOT RECONSTRUCTED", result.stdout, re.MULTILINE)
     assert [p.name for p in (tmp_path / "out/flights").iterdir()] == ["all-axes.csv"]
     assert "'az'" in json.loads((tmp_path / "out/reconstruction.json").read_text())["failed"]["bad"]
 

@@ -49,7 +49,7 @@ def test_a_forced_simulation_is_compared_and_its_gap_seen(flown):
     assert found.sizes["CZ"].difference > 2.0 * found.sizes["CZ"].noise
     text = str(found)
     assert "CZ" in text
-    assert "against 4 recordings" in text
+    assert "compared with 4 recordings" in text
     assert found.to_dict()["sizes"]["CZ"]["difference"] == found.sizes["CZ"].difference
     assert {what for what, *_ in seen} == {"smoothing", "locating"}
     assert found.turbulence is None

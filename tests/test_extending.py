@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from structsel import write_report
 from structsel.candidates import Candidates, Term
 from structsel.cli import app
-from structsel.cli.tables import print_validation
+from structsel.cli.tables import print_summary
 from structsel.cli.terminal import stdout
 from structsel.demo import demo_missing_physics
 from structsel.diagnosis import diagnose
@@ -50,8 +50,8 @@ def test_a_metric_from_outside_stands_in_every_table_and_file_of_a_validation(wi
     assert found.to_dict()["pooled"][0]["within_a_tenth"] == expected
     assert found.to_frame()["within_a_tenth"].iloc[0] == expected
     assert "within 10 %" in str(found)
-    assert f"{expected:.3f}" in str(found)
-    print_validation(stdout(), found, "model against 1 recording")
+    assert f"{expected:.4f}" in str(found)
+    print_summary(stdout(), found.summary())
     printed = capsys.readouterr().out
     assert "within" in printed
     assert f"{expected:.4f}" in printed

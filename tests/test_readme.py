@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 
 from structsel import Candidates, select
 from structsel.cli import app, demo
-from structsel.cli.tables import print_truth
+from structsel.cli.comparison_tables import summarise_truth
+from structsel.cli.tables import print_summary
 from structsel.coefficients import compute_all
 from structsel.demo import demo_flights
 
@@ -58,7 +59,7 @@ def test_the_demo_prints_the_table_the_readme_shows():
     pool = Candidates.polynomial(demo.CHANNELS, demo.DEGREE)
     chosen = select(compute_all(recordings, aircraft), "Cn", pool, F_in="auto", bootstrap=60)["Cn"]
     printed = io.StringIO()
-    print_truth(Console(file=printed, width=80, highlight=False), chosen, truth["Cn"])
+    print_summary(Console(file=printed, width=80, highlight=False), summarise_truth(chosen, truth["Cn"]))
     # Fewer repetitions than the demo makes, to save time: the errors and what follows from them are not compared.
     tables = (printed.getvalue(), blocks(README, "text")[0])
     values = [re.findall(r"^(\S+) +(-?\d\S*) +(-?\d\S*)", text, re.MULTILINE) for text in tables]

@@ -346,13 +346,13 @@ def test_knots_feet_per_second_and_feet_are_betrayed_by_the_air_data():
 def test_the_report_is_a_table_with_the_findings_below():
     recording = flight(beta=np.full(201, 0.1), n1=np.linspace(0.0, 1.0, 201)).check()
     lines = str(recording).splitlines()
-    assert lines[0] == "flight_07: 201 samples, t = 0 to 10 s, dt = 0.05 s, 6 channels"
-    assert lines[2].split() == ["channel", "unit", "min", "mean", "max", "found"]
-    (beta,) = [line for line in lines if line.startswith("beta ")]
+    assert lines[0] == "flight_07: 201 samples, t = 0 to 10 s, every 0.05 s, 6 channels"
+    assert lines[1].split() == ["channel", "unit", "min", "mean", "max", "found"]
+    (beta,) = [line for line in lines if line.startswith("  beta ")]
     assert beta.split() == ["beta", "rad", "0.1", "0.1", "0.1", "constant"]
-    (n1,) = [line for line in lines if line.startswith("n1 ")]
+    (n1,) = [line for line in lines if line.startswith("  n1 ")]
     assert n1.split() == ["n1", "?", "0", "0.5", "1"]
-    assert lines[-1].startswith("warning: beta: is 0.1 throughout.")
+    assert lines[-1].startswith("  ! warning: beta: is 0.1 throughout.")
     assert recording.to_dict()["channels"]["n1"] == {"unit": "?", "min": 0.0, "mean": 0.5, "max": 1.0}
 
 

@@ -79,7 +79,7 @@ def test_a_poor_start_that_diverges_converges_with_evolution_first(best, record)
     found = hfb320.estimate(record, start, search="global", generations=60, population=5, seed=0, iterations=100)
     assert found.converged
     assert np.abs((found.values - best.values) / best.std).max() < 0.1
-    assert "global search: 60 generations" in str(found)
+    assert "global search 60 generations" in str(found)
 
 
 @pytest.mark.slow

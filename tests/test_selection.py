@@ -402,7 +402,7 @@ def test_ridge_is_called_biased_and_shrinks_what_trades_against_each_other():
     assert ridge.biased
     assert ridge.estimator.startswith("ridge, k = ")
     assert np.abs(ridge.values[1:] - 1.0).max() < np.abs(plain.values[1:] - 1.0).max()
-    assert "BIASED: ridge" in str(ridge)
+    assert "BIASED estimates: ridge" in str(ridge)
 
 
 # --- doubts ----------------------------------------------------------------------------------------

@@ -206,10 +206,10 @@ def test_the_tables_hold_every_score():
     assert held["schema"] == "structsel.validation/1"
     assert len(held["scores"][0]["autocorrelation"]) == 41
     text = str(validation)
-    assert f"{validation.score('Cm', 'm02').r2:.3f}" in text
+    assert f"{validation.score('Cm', 'm02').r2:.4f}" in text
     assert len({len(line.rsplit("  ", 1)[0]) for line in text.splitlines()[1:8]}) == 1  # columns line up
-    assert "the rms of the measured response" in text
-    assert len(str(validate(TRUTH, make_recording("m01", 1))).splitlines()) == 1 + 1 + 2 + 3
+    assert "rms error over the rms of the measured response" in text
+    assert len(str(validate(TRUTH, make_recording("m01", 1))).splitlines()) == 1 + 1 + 2 + 2
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,15 @@ import numpy as np
 
 from structsel.candidates.terms import Factor, Term, product, samples
 from structsel.errors import TermError
-from structsel.rich_text import to_html
+from structsel.formatting import count_of
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
 
 _LARGEST = 100_000
 
 
 @dataclass(frozen=True, init=False, repr=False, eq=False)
-class Candidates:
+class Candidates(Result):
     """An immutable pool of terms without duplicates, in the order given.
 
     `polynomial` and `splines` order their terms by degree and then as `Term` orders; a sum of pools has the terms of
@@ -319,15 +321,15 @@ class Candidates:
             values[:, i] = product((base[j], int(powers[j])) for j in np.flatnonzero(powers))
         return values
 
+    def summary(self) -> Summary:
+        """Terms and their degrees."""
+        shown = self.names if len(self) <= 8 else [*self.names[:7], "...", self.names[-1]]
+        rows = tuple((str(term), term.degree) for term in self)
+        table = Table((text_column("term"), Column("degree")), rows)
+        return Summary(count_of(len(self), "candidate term"), ", ".join(shown), tables=(table,))
+
     def __str__(self) -> str:
         return ", ".join(self.names)
-
-    def __repr__(self) -> str:
-        shown = self.names if len(self) <= 8 else [*self.names[:7], "...", self.names[-1]]
-        return f"<Candidates: {len(self)} terms: {', '.join(shown)}>"
-
-    def _repr_html_(self) -> str:
-        return to_html([{"term": str(term), "degree": term.degree} for term in self], f"{len(self)} candidate terms")
 
 
 def _as_term(item: Any) -> Term:

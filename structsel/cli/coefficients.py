@@ -10,7 +10,7 @@ import typer
 from structsel.cli.flights import V0, Files, Json, Map, Overwrite, Reconstruct, option, read_flights
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
-from structsel.cli.tables import print_files, print_recording
+from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import print_json, stdout
 from structsel.recording import write_recording
 
@@ -52,5 +52,5 @@ def run(
         return
     console = stdout()
     for recording in flown:
-        print_recording(console, recording)
+        print_summary(console, recording.summary())
     print_files(console, str(out), names)

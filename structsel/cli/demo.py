@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from json import dumps
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,11 +11,12 @@ from typing import Annotated, Any
 import typer
 
 from structsel.candidates import Candidates
+from structsel.cli.comparison_tables import summarise_truth
 from structsel.cli.flights import Json, option
 from structsel.cli.output import claim
 from structsel.cli.pages import page
 from structsel.cli.results import write_results
-from structsel.cli.tables import print_files, print_truth, print_validation
+from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, print_json, stdout
 from structsel.coefficients import compute_all
 from structsel.demo import demo_flights
@@ -57,9 +59,9 @@ def run(
             f"{aircraft.name}\n{FLOWN} manoeuvres, {seconds:.0f} s at {1 / held.dt:.0f} Hz, with light turbulence and "
             f"instrument noise. {len(pool)} candidate terms for each of {len(truth)} responses: every product up to "
             f"degree {DEGREE} of {', '.join(CHANNELS)}.\n"
-            "truth: what the simulation was given. incl.: share of the resampled selections that kept the term. holds: "
-            "whether the interval holds the truth; it allows for coloured residuals and for the choice of terms, but "
-            "not for noise on the candidates themselves or for gusts fed back to the controls.\n"
+            "truth: what the simulation was given. freq.: fraction of the resampled selections that kept the term. "
+            "inside: whether the true value is inside the interval. The interval allows for coloured residuals and for "
+            "the choice of terms, but not for noise on the candidates or for gusts fed back to the controls.\n"
         )
     with Waiting("selecting") as waiting:
         found = select(used, list(truth), pool, F_in="auto", bootstrap=bootstrap, progress=waiting)
@@ -78,8 +80,9 @@ def run(
         print_json({**found.to_dict(), "truth": truth, "validation": scores.to_dict()})
         return
     for response, selection in found.items():
-        print_truth(console, selection, truth[response])
-    print_validation(console, scores, f"Another flight, '{held.name}', never selected from")
+        print_summary(console, summarise_truth(selection, truth[response]))
+    title = f"Another recording, '{held.name}', not used for the selection"
+    print_summary(console, replace(scores.summary(), title=title, about=""))
     flights, craft = "FILES --map map.toml", "aircraft.toml"
     if out is not None:
         print_files(console, str(out), written)

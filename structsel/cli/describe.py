@@ -6,18 +6,18 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from structsel.atomic import write_text
 from structsel.cli.flights import Files, Json, Map, read_files
 from structsel.cli.pages import page
-from structsel.cli.tables import indented, plain_table, print_recording
+from structsel.cli.tables import print_summary
 from structsel.cli.terminal import print_json, say, stdout
 from structsel.errors import DataError
+from structsel.formatting import count_of
 from structsel.readers import read_table
 from structsel.readers.channel_map import FileOptions, load_channel_map
 from structsel.readers.guessing import SURE, UNSURE, GuessedMap, guess_map
+from structsel.tables import Cell, Summary, Table, Tone, text_column
 
 EPILOG = page(
     [
@@ -38,7 +38,7 @@ GuessMap = Annotated[
         "file. --map may give the [file] table to read by.",
     ),
 ]
-_STYLES = {SURE: "green", UNSURE: "yellow"}
+_TONES: dict[str, Tone] = {SURE: "good", UNSURE: "warning"}
 _NAMED = 20  # columns not placed that are named; the map lists them all
 
 
@@ -53,7 +53,7 @@ def run(files: Files, channel_map: Map = None, guess: GuessMap = None, json: Jso
         return
     console = stdout()
     for recording in recordings:
-        print_recording(console, recording)
+        print_summary(console, recording.summary())
 
 
 def _guess(files: list[Path], channel_map: Path | None, target: Path, json: bool) -> None:
@@ -67,7 +67,7 @@ def _guess(files: list[Path], channel_map: Path | None, target: Path, json: bool
     if json:
         print_json({"schema": "structsel.guessed_map/1", "map": str(target), **guessed.to_dict()})
         return
-    _print(stdout(), guessed)
+    print_summary(stdout(), _summary(guessed))
     say("note", f"written to '{target}'. Check it, then: structsel describe {files[0]} --map {target}")
 
 
@@ -78,14 +78,14 @@ def _write(guessed: GuessedMap, target: Path) -> None:
         raise DataError(f"--guess-map '{target}' cannot be written: {error.strerror or error}.") from error
 
 
-def _print(console: Console, guessed: GuessedMap) -> None:
-    count = len(guessed.guesses)
-    console.print(Text.assemble((Path(guessed.path).name, "bold"), f"  {count} channels guessed"))
-    table = plain_table("channel", "sure", "column", "why", words=[g.why for g in guessed.guesses], left=4)
-    for g in guessed.guesses:
-        table.add_row(Text(g.channel), Text(g.sure, _STYLES.get(g.sure, "")), Text(" ".join(g.columns)), Text(g.why))
-    console.print(table)
-    if guessed.unplaced:
-        names = list(guessed.unplaced)
-        more = f", ... ({len(names)} in all)" if len(names) > _NAMED else ""
-        indented(console, "-", "dim", f"not placed: {', '.join(names[:_NAMED])}{more}")
+def _summary(guessed: GuessedMap) -> Summary:
+    columns = (text_column("channel"), text_column("sure"), text_column("column"), text_column("why"))
+    rows = tuple((g.channel, Cell(g.sure, _TONES.get(g.sure, "")), " ".join(g.columns), g.why) for g in guessed.guesses)
+    names = list(guessed.unplaced)
+    more = f", ... ({len(names)} in all)" if len(names) > _NAMED else ""
+    return Summary(
+        Path(guessed.path).name,
+        f"{count_of(len(guessed.guesses), 'channel')} guessed",
+        tables=(Table(columns, rows),),
+        notes=(f"not recognised: {', '.join(names[:_NAMED])}{more}",) if names else (),
+    )

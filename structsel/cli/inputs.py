@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from structsel import inputs as signals
+from structsel.cli.comparison_tables import summarise_scatter
 from structsel.cli.crafts import (
     MODEL_HELP,
     Controls,
@@ -21,11 +22,10 @@ from structsel.cli.crafts import (
     read_definitions,
     trim_craft,
 )
-from structsel.cli.flight_tables import print_information, print_inputs_compared, print_scatter
 from structsel.cli.flights import OUTPUT, Json, Overwrite, option, words
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
-from structsel.cli.tables import print_files
+from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.formatting import format_number
 from structsel.inputs import Information, InputComparison, InputDesign, Scatter
@@ -178,7 +178,7 @@ def run(
     else:
         _print(found, info)
         if scattered:
-            print_scatter(stdout(), scattered)
+            print_summary(stdout(), summarise_scatter(scattered))
         if out is not None:
             print_files(stdout(), str(out), written)
     if info is not None:
@@ -257,11 +257,8 @@ def _inputs_of(found: Recording | InputDesign | InputComparison) -> tuple[Record
 
 def _print(found: Recording | InputDesign | InputComparison, info: Information | None) -> None:
     console = stdout()
-    if isinstance(found, InputComparison):
-        print_inputs_compared(console, found)
-        return
-    if isinstance(found, InputDesign):
-        console.print(str(found), markup=False)
+    if not isinstance(found, Recording):
+        print_summary(console, found.summary())
         return
     console.print(f"{found.name}, {len(found)} samples, {found.duration:g} s, every {found.dt:g} s", markup=False)
     for name in found.names:
@@ -271,7 +268,7 @@ def _print(found: Recording | InputDesign | InputComparison, info: Information |
         console.print(f"  {name}  peak {format_number(float(peak))}, rms {rms}{factor}")
     console.print(f"  energy {format_number(signals.energy(found))}")
     if info is not None:
-        print_information(console, info)
+        print_summary(console, info.summary())
 
 
 def _as_dict(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,6 +11,7 @@ import pandas as pd
 import typer
 
 from structsel.aircraft import Aircraft
+from structsel.cli.comparison_tables import summarise_reconstructions
 from structsel.cli.flights import (
     OUTPUT,
     Files,
@@ -26,12 +28,12 @@ from structsel.cli.flights import (
 from structsel.cli.inputs_read import provenance
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
-from structsel.cli.path_tables import LEGEND, print_constants, print_methods, print_reconstruction
-from structsel.cli.tables import print_files
+from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, explain, in_commands, json_text, print_json, say, stdout
 from structsel.errors import ReconstructionError
 from structsel.numerics.atmosphere import G0
 from structsel.reconstruction import METHODS, Reconstructions
+from structsel.reconstruction.result import COLUMN_NOTES
 from structsel.recording import Recording, write_recording
 from structsel.report import write_report
 
@@ -191,16 +193,16 @@ def _print(found: Mapping[str, Reconstructions], flown: Sequence[Recording]) -> 
     console = stdout()
     if len(found) == 1:
         for result in next(iter(found.values())):
-            print_reconstruction(console, result)
-        explain(console, LEGEND)
+            print_summary(console, result.summary())
+        explain(console, COLUMN_NOTES)
     else:
         for recording in flown:
             mine = {method: one for method, results in found.items() for one in results if one.name == recording.name}
             if mine:
-                print_methods(console, mine)
+                print_summary(console, summarise_reconstructions(mine))
     if len(flown) > 1:
         for method, results in found.items():
-            print_constants(console, results, method)
+            print_summary(console, replace(results.summary(), title=f"All manoeuvres, {method}", parts=()))
 
 
 def _as_dict(found: Mapping[str, Reconstructions]) -> dict[str, Any]:

@@ -21,12 +21,11 @@ from structsel.cli.crafts import (
     read_definitions,
     read_schedules,
 )
-from structsel.cli.flight_tables import print_refinement, print_replay
 from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots, hold_out, option, words
 from structsel.cli.inputs_read import provenance
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
-from structsel.cli.tables import print_files
+from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
 from structsel.errors import RefinementError
 from structsel.model import AeroModel
@@ -173,9 +172,10 @@ def run(
         print_json(_as_dict(found, judged, failed))
     else:
         console = stdout()
-        print_refinement(console, found)
+        print_summary(console, found.summary())
         for name, one in judged.items():
-            print_replay(console, one, f"{name} the refinement, on what was held out")
+            title = f"{name} the refinement, on the recordings held out"
+            print_summary(console, replace(one.summary(), title=title, about=""))
         if out is not None:
             print_files(console, str(out), written)
     if failed is not None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
 from structsel.candidates import Candidates
+from structsel.cli.comparison_tables import summarise_methods
 from structsel.cli.flights import (
     OUTPUT,
     V0,
@@ -28,19 +30,13 @@ from structsel.cli.output import refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.results import write_results
 from structsel.cli.streaming import CheckpointFile, Stream, checkpoint_file, stream_flights, to_show, to_stream
-from structsel.cli.tables import (
-    LEGEND,
-    print_comparison,
-    print_files,
-    print_selection,
-    print_trace,
-    print_validation,
-)
+from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, explain, print_json, say, stdout
 from structsel.errors import SelectionError
 from structsel.recording import Recording, StoredRecording
 from structsel.selection import Selections, select
 from structsel.selection.methods import METHODS
+from structsel.selection.result import COLUMN_NOTES
 from structsel.selection.settings import Criterion, Estimate, InitialTerms, Noise, StoppingRule
 from structsel.validation import Validation, validate
 
@@ -317,13 +313,14 @@ def _print(found: dict[str, Selections], scores: dict[str, Validation], trace: b
     console = stdout()
     if len(found) > 1:
         for response in next(iter(found.values())):
-            print_comparison(console, response, {name: s[response] for name, s in found.items()})
+            print_summary(console, summarise_methods(response, {name: s[response] for name, s in found.items()}))
     else:
         selections = next(iter(found.values()))
         for selection in selections.values():
-            print_selection(console, selection)
+            print_summary(console, selection.summary())
             if trace:
-                print_trace(console, selection)
-        explain(console, LEGEND)
+                print_summary(console, selection.search_summary())
+        explain(console, COLUMN_NOTES)
     for name, validation in scores.items():
-        print_validation(console, validation, f"Held out, never selected from ({name})")
+        title = f"Recordings held out, not used for the selection ({name})"
+        print_summary(console, replace(validation.summary(), title=title, about=""))

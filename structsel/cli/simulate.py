@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from structsel.cli.comparison_tables import summarise_simulation
 from structsel.cli.crafts import (
     MODEL_HELP,
     Controls,
@@ -26,17 +27,17 @@ from structsel.cli.crafts import (
     read_schedules,
     trim_craft,
 )
-from structsel.cli.flight_tables import print_flight, print_modes, print_trim
 from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots, option
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
-from structsel.cli.tables import print_files
+from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
 from structsel.errors import SimulationError
 from structsel.nomenclature import LATERAL_COEFFICIENTS
 from structsel.numerics.linear_modes import Modes
 from structsel.recording import Recording, write_recording
 from structsel.simulation import Instruments, LinearModel, PublishedAircraft, Trim, Turbulence
+from structsel.tables import Summary
 from structsel.validation import recorded_start
 
 EPILOG = page(
@@ -247,11 +248,12 @@ class _Surroundings:
 def _print(craft: Craft, flown: _Flown) -> None:
     console = stdout()
     if flown.trim is not None:
-        print_trim(console, flown.trim, craft.name)
+        print_summary(console, replace(flown.trim.summary(), title=craft.name))
     for axis, modes in flown.modes.items():
-        print_modes(console, modes, f"{craft.name}{axis and ', ' + axis}")
+        print_summary(console, Summary(f"{craft.name}{axis and ', ' + axis}", "modes", tables=(modes.table(),)))
     for flight in flown.flights:
-        print_flight(console, flight, flown.recorded.get(flight.name), flown.broken.get(flight.name, ""))
+        recorded, error = flown.recorded.get(flight.name), flown.broken.get(flight.name, "")
+        print_summary(console, summarise_simulation(flight, recorded, error))
 
 
 def _as_dict(craft: Craft, flown: _Flown) -> dict[str, Any]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from structsel.cli.crafts import Define, Rho, read_definitions
-from structsel.cli.flight_tables import print_replay
 from structsel.cli.flights import (
     OUTPUT,
     V0,
@@ -28,8 +28,9 @@ from structsel.cli.flights import (
 )
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
-from structsel.cli.tables import print_files, print_validation
+from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, json_text, print_json, stdout
+from structsel.formatting import count_of
 from structsel.model import AeroModel
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.validation import Resimulation, resimulate, validate
@@ -106,7 +107,8 @@ def run(
     if json:
         print_json(result.to_dict())
     else:
-        print_validation(stdout(), result, f"{model.name} against {len(flown)} recording{'s' * (len(flown) != 1)}")
+        about = f"compared with {count_of(len(flown), 'recording')}"
+        print_summary(stdout(), replace(result.summary(), title=model.name, about=about))
 
 
 def _tell(found: Resimulation, model: str, out: Path | None, plots: bool, json: bool) -> None:
@@ -114,8 +116,7 @@ def _tell(found: Resimulation, model: str, out: Path | None, plots: bool, json: 
     if json:
         print_json(found.to_dict())
         return
-    count = len(found.recordings)
-    print_replay(stdout(), found, f"{model} flown with the inputs of {count} recording{'s' * (count != 1)}")
+    print_summary(stdout(), replace(found.summary(), title=model))
     if out is not None:
         print_files(stdout(), str(out), written)
 

@@ -13,10 +13,22 @@ from structsel.comparison.locating.coherence import Coherence
 from structsel.comparison.locating.refitted import Refitted
 from structsel.comparison.locating.region import Bound
 from structsel.comparison.locating.turbulence import TurbulenceEstimate
-from structsel.rich_text import opening, to_html
+from structsel.formatting import count_of
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
 
 _SHOWN = 4
 _PULLED = 2.5  # standard deviations, beyond which a tolerance is said to be exceeded
+
+
+_COLUMNS = (
+    text_column("response"),
+    Column("measured", "3g"),
+    Column("difference", "3g"),
+    Column("refitted", "3g"),
+    Column("noise", "3g"),
+    Column("explainable", "%"),
+)
 
 
 @dataclass(frozen=True)
@@ -38,8 +50,8 @@ class Size:
     noise: float
 
 
-@dataclass(frozen=True, eq=False)
-class Mismatch:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mismatch(Result):
     """How a simulation and recordings part.
 
     Attributes
@@ -107,19 +119,6 @@ class Mismatch:
             "remarks": list(self.remarks),
         }
 
-    def _repr_html_(self) -> str:
-        rows = [{"response": c, **asdict(s), "explainable": self.explainable.get(c)} for c, s in self.sizes.items()]
-        return to_html(rows, opening(self), (*self._found(), *self.remarks), digits=3)
-
-    def __str__(self) -> str:
-        lines = [f"{self.simulation} ({self.form}) against {len(self.recordings)} recordings", ""]
-        lines.append(f"{'':10}{'measured':>11}{'difference':>12}{'refitted':>11}{'noise':>11}{'explainable':>13}")
-        for c, s in self.sizes.items():
-            share = f"{self.explainable[c]:.0%}" if c in self.explainable else "-"
-            lines.append(f"{c:10}{s.measured:11.3g}{s.difference:12.3g}{s.refitted:11.3g}{s.noise:11.3g}{share:>13}")
-        lines += ["", *self._found()]
-        return "\n".join([*lines, *(f"Note: {r}." for r in self.remarks)])
-
     def _found(self) -> list[str]:
         made = []
         for c in self.characters[:_SHOWN]:
@@ -139,3 +138,16 @@ class Mismatch:
         if self.turbulence is not None:
             made.append(self.turbulence.says)
         return made or ["nothing stands out beyond tolerances and noise"]
+
+    def summary(self) -> Summary:
+        """Size of the difference in every response, and what characterises it."""
+        rows = tuple(
+            (c, s.measured, s.difference, s.refitted, s.noise, self.explainable.get(c)) for c, s in self.sizes.items()
+        )
+        return Summary(
+            self.simulation,
+            f"({self.form}) compared with {count_of(len(self.recordings), 'recording')}",
+            tables=(Table(_COLUMNS, rows),),
+            notes=tuple(self._found()),
+            warnings=self.remarks,
+        )

@@ -12,13 +12,23 @@ from structsel.effects.base import ParameterEstimate
 from structsel.model import AeroModel
 from structsel.numerics.arrays import Array
 from structsel.recording import Recording
-from structsel.rich_text import to_html
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
 
 Verdict = Literal["mismatch", "consistent", "undecidable"]
 SCHEMA = "structsel.diagnosis/1"
 UNNAMED = "unknown"
 """Name of physics that no hypothesis carries."""
 _STRAINED = 4.0  # stated standard deviations of a tolerance, beyond which it is none
+
+
+_COLUMNS = (
+    text_column("effect"),
+    Column("probability", "2f"),
+    text_column("axes"),
+    Column("explained", "%"),
+    text_column("description"),
+)
 
 
 @dataclass(frozen=True)
@@ -195,8 +205,8 @@ class Trace:
     channels: Mapping[str, Array]
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Result):
     """What the simulation leaves out, as far as the recordings can say.
 
     Attributes
@@ -264,14 +274,17 @@ class Diagnosis:
             "replayed": None if self.replayed is None else self.replayed.to_dict(),
         }
 
+    def summary(self) -> Summary:
+        """The verdict and the effects found; ``str`` is the full report."""
+        from structsel.diagnosis.story import headline  # the text report imports the results, not the reverse
+
+        rows = tuple(
+            (f.effect, f.physics[0].probability, ", ".join(f.axes), f.explained, f.physics[0].says)
+            for f in self.findings
+        )
+        return Summary("", headline(self), tables=(Table(_COLUMNS, rows),), warnings=self.remarks)
+
     def __str__(self) -> str:
-        from structsel.diagnosis.story import tell  # the story knows the result, not the reverse
+        from structsel.diagnosis.story import tell
 
         return tell(self)
-
-    def _repr_html_(self) -> str:
-        from structsel.diagnosis.story import headline
-
-        named = [{"effect": f.effect, "probability": f.physics[0].probability, "axes": ", ".join(f.axes),
-                  "says": f.physics[0].says, "explained": f.explained} for f in self.findings]  # fmt: skip
-        return to_html(named, headline(self), self.remarks, digits=3)

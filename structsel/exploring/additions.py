@@ -17,15 +17,16 @@ from structsel.numerics.binning import split_into_stretches
 from structsel.numerics.criteria import pse
 from structsel.numerics.cross_products import project
 from structsel.recording import Recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Summary, table_of_frame
 
 _NOTHING_NEW = 1e-9  # share of a candidate's variance that the model's terms leave of it
 _PARTS = 8  # held out in turn where there is one recording
 _SHOWN = 10
 
 
-@dataclass(frozen=True, eq=False)
-class Additions:
+@dataclass(frozen=True, eq=False, repr=False)
+class Additions(Result):
     """A model's fit as it is, and with each candidate added; its terms are refitted by least squares each time.
 
     Attributes
@@ -87,14 +88,10 @@ class Additions:
         rows[0]["value"] = None
         return {"schema": "structsel.additions/1", "response": self.response, "n": self.n, "rows": rows}
 
-    def __str__(self) -> str:
-        lines = [f"{self.response}: one more term, of {len(self.terms)}; n {self.n}"]
-        shown = self.to_frame().head(_SHOWN + 1)
-        lines += ["  " + line for line in shown.to_string(index=False, float_format="{:.5g}".format).splitlines()]
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self))
+    def summary(self) -> Summary:
+        """Effect of each candidate on fit and prediction."""
+        table = table_of_frame(self.to_frame().head(_SHOWN + 1), digits=5)
+        return Summary(self.response, f"one more term, of {len(self.terms)}; n {self.n}", tables=(table,))
 
 
 def try_additions(

@@ -14,7 +14,7 @@ from structsel.exploring.additions import try_additions
 from structsel.model import AeroModel
 from structsel.plotting import draw_addition
 from structsel.recording import Recording
-from structsel.rich_text import to_html
+from structsel.tables import Summary, table_of_frame
 
 _DPI = 90
 
@@ -66,11 +66,9 @@ class ResidualExplorer(ipywidgets.VBox):
         draw_addition(self._model, self._recordings, response, channel, term).savefig(drawn, format="png", dpi=_DPI)
         self.figure.value = drawn.getvalue()
         rows = self.additions.to_frame()
-        self.effect.value = to_html(
-            rows[rows["term"].isin(["(as it is)", term])],
-            f"{response}: adding {term}",
-            ["Held out are whole recordings in turn, or stretches of one: the R2 that counts."],
-        )
+        table = table_of_frame(rows[rows["term"].isin(["(as it is)", term])], digits=5)
+        note = "Cross-validation leaves out whole recordings in turn, or parts of a single one. Use its R2 to choose."
+        self.effect.value = Summary(f"{response}: adding {term}", tables=(table,), notes=(note,)).to_html()
 
 
 def _moving(recordings: Sequence[Recording]) -> list[str]:

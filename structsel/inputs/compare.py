@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from structsel.errors import DomainError, ModelError
+from structsel.formatting import count_of, format_number
 from structsel.inputs import signals
 from structsel.inputs.criteria import Criterion
 from structsel.inputs.design import design_inputs, parameter_sizes
@@ -21,14 +22,18 @@ from structsel.numerics.output_error import fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
 from structsel.options import takes_options
 from structsel.recording import Recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
 from structsel.simulation.linear import LinearModel
+from structsel.tables import Column, Summary, Table, table_of_frame, text_column
 
 _WIDTHS = 24  # tried for each kind of pulses
 
 
-@dataclass(frozen=True, eq=False)
-class InputComparison:
+_TOGETHER = 5  # parameters in one table
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class InputComparison(Result):
     """Inputs of equal energy and their information.
 
     Attributes
@@ -87,27 +92,25 @@ class InputComparison:
         """Plain types, for JSON."""
         return {"energy": self.energy, "inputs": [info.to_dict() for info in self.found]}
 
-    def __str__(self) -> str:
-        frame = self.to_frame()
-        lines = [
-            f"inputs at an energy of {self.energy:.4g}: Cramer-Rao bounds in % of "
-            + ", ".join(f"{p} {s:.4g}" for p, s in zip(self.parameters, self.sizes)),
-            f"  {'input':<16} {'peak':>9} {'A':>9} {'D':>9} " + " ".join(f"{p:>8}" for p in self.parameters),
-        ]
-        for _, row in frame.iterrows():
-            percents = [100.0 * row[f"std_{p}"] / s for p, s in zip(self.parameters, self.sizes)]
-            lines.append(
-                f"  {row['input']:<16} {row['peak']:>9.4g} {row['A']:>9.4g} {row['D']:>9.4g} "
-                + " ".join(f"{x:>8.3g}" for x in percents)
+    def summary(self) -> Summary:
+        """Cramer-Rao bounds of each input in percent of the parameters; a table for five parameters at a time."""
+        records = self.to_frame().to_dict("records")
+        tables = []
+        for first in range(0, len(self.parameters), _TOGETHER):
+            names, sizes = (each[first : first + _TOGETHER] for each in (self.parameters, self.sizes))
+            columns = (text_column("input"), *(Column(name, "3g") for name in ("peak", "A", "D", *names)))
+            rows = (
+                (r["input"], r["peak"], r["A"], r["D"], *(100.0 * r[f"std_{p}"] / s for p, s in zip(names, sizes)))
+                for r in records
             )
-        lines += [f"  ! {u.name}: {line}" for u, i in zip(self.inputs, self.found) for line in i.unidentifiable]
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return to_html(
-            self.to_frame(),
-            opening(self),
-            [f"{u.name}: {line}" for u, i in zip(self.inputs, self.found) for line in i.unidentifiable],
+            tables.append(Table(columns, tuple(rows)))
+        scales = ", ".join(f"{p} {format_number(s)}" for p, s in zip(self.parameters, self.sizes))
+        return Summary(
+            "Inputs",
+            f"energy {format_number(self.energy)} each",
+            tables=tuple(tables),
+            notes=(f"Cramer-Rao bounds in % of {scales}. A: sum of their squares. D: their volume.",),
+            warnings=tuple(f"{u.name}: {line}" for u, i in zip(self.inputs, self.found) for line in i.unidentifiable),
         )
 
 
@@ -201,8 +204,8 @@ def _whole(duration: float, dt: float) -> float:
     return dt * round(duration / dt)
 
 
-@dataclass(frozen=True, eq=False)
-class Scatter:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scatter(Result):
     """Estimates from repeated simulations and the Cramer-Rao bound.
 
     Attributes
@@ -254,15 +257,11 @@ class Scatter:
         """Plain types, for JSON."""
         return {"input": self.name, "runs": len(self.estimates), "parameters": self.to_frame().to_dict("records")}
 
-    def __str__(self) -> str:
-        head = f"{self.name}: {len(self.estimates)} simulations" + (
-            f", {self.lost} without an estimate" * bool(self.lost)
-        )
-        text = self.to_frame().to_string(index=False, float_format="{:.4g}".format)
-        return "\n".join([head, *("  " + line for line in text.splitlines())])
-
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self))
+    def summary(self) -> Summary:
+        """Bias and scatter of the estimates, and the ratio to the bound."""
+        lost = f", {self.lost} without an estimate" * bool(self.lost)
+        about = f"{count_of(len(self.estimates), 'simulated recording')}{lost}"
+        return Summary(self.name, about, tables=(table_of_frame(self.to_frame()),))
 
 
 def scatter(

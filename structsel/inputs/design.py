@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from structsel.errors import DomainError, ModelError
+from structsel.formatting import format_number
 from structsel.inputs.criteria import Criterion, DesignProblem, elementary_matrices
 from structsel.inputs.information import Information, information, of_sensitivities, select_parameters, sensitivities
 from structsel.inputs.limits import LimitUse, limit_rows, reached
@@ -19,8 +20,9 @@ from structsel.inputs.settings import DesignOptions
 from structsel.inputs.signals import clock
 from structsel.options import takes_options
 from structsel.recording import Recording, write_recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
 from structsel.simulation.linear import LinearModel
+from structsel.tables import Column, Summary, Table, text_column
 
 _CRITERIA = {
     "A": "trace of the covariance",
@@ -31,8 +33,8 @@ _CRITERIA = {
 _ENERGY_TOLERANCE = 1e-3  # of the energy: a smaller deficit is due to the penalty
 
 
-@dataclass(frozen=True, eq=False)
-class InputDesign:
+@dataclass(frozen=True, eq=False, repr=False)
+class InputDesign(Result):
     """An optimal input, with its information.
 
     Attributes
@@ -107,25 +109,25 @@ class InputDesign:
             "notes": list(self.notes),
         }
 
-    def __str__(self) -> str:
+    def summary(self) -> Summary:
+        """The input, the Cramer-Rao bounds that it reaches, and the limits."""
+        aim = "largest" if self.criterion == "trace" else "least"
         shape = f"{self.coefficients.shape[1]} {self.basis} on {', '.join(self.inputs.names)}"
-        lines = [
-            f"input for the least {_CRITERIA[self.criterion]}"
-            if self.criterion != "trace"
-            else f"input for the largest {_CRITERIA[self.criterion]}",
-            f"  of {', '.join(self.of_interest)}",
-            f"  {shape}, {self.inputs.duration:g} s, energy {self.energy:.4g}",
-            f"  {len(self.history)} Newton-Raphson steps, "
-            + ("converged" if self.converged else "NOT converged: the best found is given"),
-            "",
-            *("  " + line for line in str(self.information).splitlines()[1:]),
-        ]
-        if self.limits:
-            lines += ["", f"  {'limit':<14} {'allowed':>10} {'reached':>10}", *(f"  {r}" for r in self.limits)]
-        return "\n".join([*lines, *(f"  ! {note}" for note in self.notes)])
-
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self, 3), self.notes)
+        ended = "converged" if self.converged else "NOT converged: the best found is given"
+        rows = tuple((each.what, each.allowed, each.reached) for each in self.limits)
+        limits = Table((text_column("limit"), Column("allowed"), Column("reached")), rows)
+        return Summary(
+            "input",
+            f"for the {aim} {_CRITERIA[self.criterion]} of {', '.join(self.of_interest)}",
+            facts=(
+                ("functions", shape),
+                ("duration", f"{self.inputs.duration:g} s"),
+                ("energy", format_number(self.energy)),
+                ("Newton-Raphson steps", f"{len(self.history)}, {ended}"),
+            ),
+            tables=(*self.information.tables(), *([limits] if self.limits else [])),
+            warnings=(*self.information.unidentifiable, *self.notes),
+        )
 
 
 @takes_options(DesignOptions)

@@ -17,8 +17,9 @@ from scipy import linalg
 from structsel.deprecation import renamed_attribute
 from structsel.errors import ModelError
 from structsel.recording import Recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
 from structsel.simulation.linear import Hold, LinearModel
+from structsel.tables import Column, Summary, Table, text_column
 
 _RANK = 1e-7
 """Singular value of the sensitivities, scaled to unit columns, below which a direction is not determined."""
@@ -26,8 +27,8 @@ _RANK = 1e-7
 _NAMED = 0.01  # of the largest component of a direction: parameters with less are not named
 
 
-@dataclass(frozen=True, eq=False)
-class Information:
+@dataclass(frozen=True, eq=False, repr=False)
+class Information(Result):
     """Information in one input about parameters.
 
     Attributes
@@ -101,16 +102,12 @@ class Information:
             "unseen": list(self.unidentifiable),
         }
 
-    def __str__(self) -> str:
-        wide = max(map(len, (*self.parameters, "parameter")))
-        lines = [f"{self.name}: Cramer-Rao bounds", f"  {'parameter':<{wide}} {'value':>12} {'std':>10} {'%':>8}"]
-        for name, value, std in zip(self.parameters, self.values, self.crlb):
-            percent = f"{100 * std / abs(value):8.2f}" if value else f"{'-':>8}"
-            lines.append(f"  {name:<{wide}} {value:>12.5g} {std:>10.3g} {percent}")
-        return "\n".join([*lines, *(f"  ! {line}" for line in self.unidentifiable)])
-
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self), self.unidentifiable)
+    def summary(self) -> Summary:
+        """Cramer-Rao bound of each parameter."""
+        percent = [100.0 * std / abs(value) if value else None for value, std in zip(self.values, self.crlb)]
+        columns = (text_column("parameter"), Column("value"), Column("bound", "3g"), Column("% of value", "3g"))
+        rows = tuple(zip(self.parameters, self.values.tolist(), self.crlb.tolist(), percent))
+        return Summary(self.name, "Cramer-Rao bounds", tables=(Table(columns, rows),), warnings=self.unidentifiable)
 
 
 def information(

@@ -34,9 +34,6 @@ class LimitUse:
         """Plain types, for JSON."""
         return asdict(self)
 
-    def __str__(self) -> str:
-        return f"{self.what:<14} {self.allowed:>10.4g} {self.reached:>10.4g}"
-
 
 def limit_rows(model: LinearModel, u: np.ndarray, options: DesignOptions) -> np.ndarray:
     """Every limited quantity over its limit for each of b inputs (b, n, inputs), (samples of all quantities, b).

@@ -15,6 +15,7 @@ import pandas as pd
 
 from structsel.deprecation import renamed_attribute
 from structsel.errors import ModelError, StructselError, StructselWarning
+from structsel.formatting import count_of
 from structsel.model import files
 from structsel.model.dynamics import Quantity, State
 from structsel.model.ranges import RangeExcursion, find_excursions
@@ -22,11 +23,12 @@ from structsel.model.response import ResponseModel, response_rows
 from structsel.nomenclature import latex_of
 from structsel.provenance import provenance_of
 from structsel.recording import Recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Summary
 
 
-@dataclass(frozen=True, eq=False)
-class AeroModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class AeroModel(Result):
     """A model of one or more responses, normally the aerodynamic coefficients.
 
     Attributes
@@ -53,9 +55,6 @@ class AeroModel:
         for name, state in self.states.items():
             if any(m.states.get(name, state) != state for m in self.responses.values()):
                 raise ModelError(f"The responses mean different things by the state '{name}'. Rename one.")
-
-    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
-        return AeroModel, (dict(self.responses), self.name, self.recordings)
 
     def __eq__(self, other: object) -> bool:
         return self.to_dict() == other.to_dict() if isinstance(other, AeroModel) else NotImplemented
@@ -244,19 +243,14 @@ class AeroModel:
                 shown = ""
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
 
-    def __str__(self) -> str:
-        count = len(self.responses)
-        head = f"Model {self.name!r}" if self.name else "Model"
-        head += f" of {count} response{'s' if count != 1 else ''}"
-        if self.recordings:
-            head += f", identified from {', '.join(self.recordings)}"
-        told = [head, *(f"{name}: {model}" for name, model in self.responses.items())]
+    def summary(self) -> Summary:
+        """Every response with its terms and estimates, and the internal states."""
+        parts = [model.summary(name) for name, model in self.responses.items()]
         if self.states:
-            told.append("\n".join(["States", *(f"  {name}: {state}" for name, state in self.states.items())]))
-        return "\n\n".join(told)
-
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self))
+            parts.append(Summary("States", notes=tuple(f"  {name}: {state}" for name, state in self.states.items())))
+        origin = f", identified from {', '.join(self.recordings)}" if self.recordings else ""
+        name = f"Model {self.name!r}" if self.name else "Model"
+        return Summary("", f"{name} of {count_of(len(self.responses), 'response')}{origin}", parts=tuple(parts))
 
 
 def _state(path: Any, name: str, fields: Mapping[str, Any]) -> State:

@@ -16,15 +16,26 @@ from structsel.candidates.formula import substitute
 from structsel.candidates.terms import Factor, product, samples
 from structsel.deprecation import renamed_arguments, renamed_attribute
 from structsel.errors import ModelError
+from structsel.formatting import count_of
 from structsel.model.dynamics import RecordingWithStates, State
 from structsel.model.ranges import RangeExcursion, find_excursions
 from structsel.nomenclature import unit_of
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
+
+_COLUMNS = {
+    "term": text_column("term"),
+    "value": Column("value", "5g"),
+    "std_error": Column("std error", "3g"),
+    "t": Column("t", "1f"),
+    "low": Column("95 % low", "5g"),
+    "high": Column("95 % high", "5g"),
+}
 
 
 @renamed_arguments(region="ranges")
-@dataclass(frozen=True, eq=False)
-class ResponseModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class ResponseModel(Result):
     """A response as a sum of terms times values.
 
     Attributes
@@ -112,10 +123,6 @@ class ResponseModel:
         named = {name for term in terms for name in term.channels}
         states = {name: state for name, state in self.states.items() if name in named}
         object.__setattr__(self, "states", MappingProxyType(states))
-
-    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
-        parts = [getattr(self, name) for name in self.__dataclass_fields__]
-        return ResponseModel, tuple(dict(p) if isinstance(p, MappingProxyType) else p for p in parts)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ResponseModel):
@@ -229,21 +236,6 @@ class ResponseModel:
             "r2": _known(self.r2),
         }
 
-    def __str__(self) -> str:
-        facts = [f"{len(self.terms)} term{'s' if len(self.terms) != 1 else ''}"]
-        facts += [f"R2 {self.r2:.4f}"] if math.isfinite(self.r2) else []
-        facts += [f"s {math.sqrt(self.s2):.3g}"] if math.isfinite(self.s2) else []
-        facts += [f"n {self.n}"] if self.n else []
-        facts += [self.method] if self.method else []
-        facts += [f"{self.residuals} residuals"] if self.residuals else []
-        lines = [", ".join(facts), *self._table()]
-        if self.biased:
-            lines.append("Biased estimates: the standard errors and intervals leave the bias out.")
-        if self.ranges:
-            ranges = [f"{name} {lo:.4g} to {hi:.4g} {unit_of(name)}" for name, (lo, hi) in self.ranges.items()]
-            lines.append("Recorded ranges: " + "; ".join(ranges).replace(" -;", ";").removesuffix(" -"))
-        return "\n".join(lines)
-
     def _table(self) -> list[str]:
         width = max([4, *(len(str(term)) for term in self.terms)])
         heads = [("value", 12), ("std error", 10), ("t", 8), ("95 % low", 12), ("high", 12)]
@@ -256,8 +248,22 @@ class ResponseModel:
             lines.append("  ".join([f"  {term!s:<{width}}", f"{value:>12.5g}", *known]))
         return lines
 
-    def _repr_html_(self) -> str:
-        return to_html(response_rows("", self), opening(self))
+    def summary(self, name: str = "") -> Summary:
+        """Terms and estimates, under the name of the response."""
+        facts = [count_of(len(self.terms), "term")]
+        facts += [f"R2 {self.r2:.4f}"] if math.isfinite(self.r2) else []
+        facts += [f"s {math.sqrt(self.s2):.3g}"] if math.isfinite(self.s2) else []
+        facts += [f"n {self.n}"] if self.n else []
+        facts += [self.method] if self.method else []
+        facts += [f"{self.residuals} residuals"] if self.residuals else []
+        notes = []
+        if self.biased:
+            notes.append("Biased estimates: the standard errors and intervals leave the bias out.")
+        if self.ranges:
+            ranges = "; ".join(f"{n} {lo:.4g} to {hi:.4g} {unit_of(n)}" for n, (lo, hi) in self.ranges.items())
+            notes.append("Recorded ranges: " + ranges.replace(" -;", ";").removesuffix(" -"))
+        table = Table.from_records(_COLUMNS, response_rows("", self))
+        return Summary(name, ", ".join(facts), tables=(table,), notes=tuple(notes))
 
 
 def _array(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:

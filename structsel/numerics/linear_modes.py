@@ -12,10 +12,24 @@ import numpy as np
 from scipy import linalg
 
 from structsel.errors import DomainError
+from structsel.formatting import format_number
+from structsel.tables import Cell, Column, Table, text_column
 
 # Motion that each state belongs to, by its name.
 _LONGITUDINAL = {"u": "speed", "V": "speed", "w": "heave", "alpha": "heave", "q": "pitch", "theta": "attitude"}
 _LATERAL = {"v": "sway", "beta": "sway", "p": "roll", "r": "yaw", "phi": "bank", "psi": "heading"}
+
+
+_COLUMNS = (
+    text_column("mode"),
+    Column("real 1/s", "5f"),
+    Column("imag 1/s", "5f"),
+    Column("rad/s"),
+    Column("damping", "4f"),
+    Column("T s", "3g"),
+    Column("half s"),
+    Column("period s", "3g"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,21 +70,21 @@ class Modes:
     def __len__(self) -> int:
         return len(self.names)
 
+    def table(self) -> Table:
+        """One row for each mode; an unstable mode has a time to double."""
+        rows = []
+        for i, z in enumerate(self.eigenvalues):
+            half, double = self.time_to_half[i], self.time_to_double[i]
+            when = format_number(half, 3) if np.isfinite(half) else f"{format_number(double, 3)} double"
+            name = Cell(self.names[i], "bad" if z.real > 0.0 else "")
+            rows.append(
+                (name, z.real, z.imag or None, self.frequency[i], self.damping[i], self.time_constant[i],
+                 when if z.real else None, self.period[i])
+            )  # fmt: skip
+        return Table(_COLUMNS, tuple(rows))
+
     def __str__(self) -> str:
-        head = ("mode", "eigenvalue [1/s]", "freq [rad/s]", "damping", "T [s]", "half/double [s]", "period [s]")
-        rows = [head]
-        for i, name in enumerate(self.names):
-            z = self.eigenvalues[i]
-            number = f"{z.real:+.4f}" + (f" +- {z.imag:.4f}i" if z.imag else "")
-            stable = np.isfinite(self.time_to_half[i])
-            when = f"{self.time_to_half[i]:.3g} half" if stable else f"{self.time_to_double[i]:.3g} double"
-            if z.real == 0.0:
-                when = "-"
-            period = f"{self.period[i]:.3g}" if z.imag else "-"
-            T = f"{self.time_constant[i]:.3g}" if z.real else "-"
-            rows.append((name, number, f"{self.frequency[i]:.4g}", f"{self.damping[i]:+.3f}", T, when, period))
-        widths = [max(len(row[j]) for row in rows) for j in range(len(head))]
-        return "\n".join("  ".join(c.ljust(w) for c, w in zip(row, widths)).rstrip() for row in rows)
+        return self.table().to_text()
 
 
 def modes(A: np.ndarray, states: Sequence[str] = ()) -> Modes:

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from joblib import Parallel, cpu_count, delayed
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DomainError, StructselError
 from structsel.reconstruction.reconstruct import reconstruct
-from structsel.reconstruction.result import Reconstruction
+from structsel.reconstruction.result import CONSTANTS, Reconstruction
 from structsel.recording import Recording
-from structsel.rich_text import to_html
+from structsel.results import Result
+from structsel.tables import Cell, Column, Summary, Table, text_column
 
 
-@dataclass(frozen=True, eq=False)
-class Reconstructions:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reconstructions(Result):
     """What became of several manoeuvres, in the order given.
 
     Attributes
@@ -34,9 +36,6 @@ class Reconstructions:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "failed", MappingProxyType(dict(self.failed)))
-
-    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:  # a mapping proxy does not pickle
-        return type(self), (self.done, dict(self.failed))
 
     def __len__(self) -> int:
         return len(self.done)
@@ -80,17 +79,38 @@ class Reconstructions:
             "failed": dict(self.failed),
         }
 
-    def __str__(self) -> str:
-        parts = [str(one) for one in self.done]
-        parts += [f"{name}: NOT RECONSTRUCTED\n  {why}" for name, why in self.failed.items()]
-        return "\n\n".join(parts)
-
-    def _repr_html_(self) -> str:
-        return to_html(
-            self.to_frame(),
-            f"{len(self)} flight paths",
-            [f"{n}: NOT RECONSTRUCTED. {why}" for n, why in self.failed.items()],
+    def summary(self) -> Summary:
+        """Verdict of every recording, and the constants of those that are trusted, together."""
+        rows = [
+            (one.name, f"{one.recording.duration:.1f}", f"{one.consistency.nis:.3f}",
+             Cell("trusted", "good") if one.trusted else Cell("NOT TRUSTED", "bad"))
+            for one in self.done
+        ]  # fmt: skip
+        rows += [(name, "-", "-", Cell("NOT RECONSTRUCTED", "bad")) for name in self.failed]
+        columns = (text_column("manoeuvre"), Column("duration", unit="s"), Column("NIS"), text_column("verdict"))
+        trusted = [one for one in self.done if one.trusted]
+        tables = [Table(columns, tuple(rows))] + ([_constant_table(trusted)] if len(trusted) > 1 else [])
+        return Summary(
+            "All manoeuvres",
+            f"{len(trusted)} of {len(rows)} reconstructed and trusted",
+            tables=tuple(tables),
+            notes=("A constant that scatters far beyond its std is not constant.",) * (len(trusted) > 1),
+            warnings=tuple(f"{name}: {reason}" for name, reason in self.failed.items()),
+            parts=tuple(one.summary() for one in self.done),
         )
+
+
+def _constant_table(results: Sequence[Reconstruction]) -> Table:
+    """Mean and scatter of every constant over the recordings."""
+    rows = []
+    for name, (_, unit) in CONSTANTS.items():
+        found = [c for one in results for c in one.constants if c.name == name]
+        if found:
+            values = np.array([c.value for c in found])
+            scatter = float(values.std(ddof=1)) if len(found) > 1 else None
+            rows.append((name, len(found), float(values.mean()), scatter, float(np.mean([c.std for c in found])), unit))
+    columns = (text_column("constant"), Column("n"), Column("mean"), Column("scatter", "2g"), Column("mean std", "2g"))
+    return Table((*columns, text_column("unit")), tuple(rows), "Constants of the trusted manoeuvres")
 
 
 def reconstruct_all(

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from structsel.formatting import format_number
 from structsel.nomenclature import BODY_RATES, SPECIFIC_FORCES
 from structsel.numerics.reconstructibility import Reconstructibility
 from structsel.reconstruction.consistency import Consistency
 from structsel.reconstruction.lateness import Delay
 from structsel.recording import Finding, Recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
 
 CONSTANTS = {
     **{f"b{c}": (f"bias of {c}", "m/s^2") for c in SPECIFIC_FORCES},
@@ -62,8 +64,8 @@ class NoiseLevel:
     source: str
 
 
-@dataclass(frozen=True, eq=False)
-class Reconstruction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reconstruction(Result):
     """A consistent flight path, the instruments' errors, and how far to trust them.
 
     Attributes
@@ -146,10 +148,6 @@ class Reconstruction:
                     values.setflags(write=False)
             object.__setattr__(self, name, MappingProxyType(held))
 
-    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
-        plain = {k: dict(v) if isinstance(v, MappingProxyType) else v for k, v in self.__dict__.items()}
-        return _remake, (plain,)
-
     @property
     def trusted(self) -> bool:
         """Whether nothing speaks against using the result."""
@@ -225,52 +223,61 @@ class Reconstruction:
             "provenance": list(self.recording.provenance),
         }
 
-    def __str__(self) -> str:
-        verdict = "trusted" if self.trusted else "NOT TRUSTED"
-        lines = [f"{self.name}: flight path by {_METHODS[self.method]}, {len(self.recording)} samples; {verdict}"]
-        lines += [f"  ! {text}" for text in self.distrust]
-        if self.constants:
-            frame = self.to_frame()
-            lines.append("")
-            for row in frame.to_dict("records"):
-                lines.append(
-                    f"  {row['name']:<8}{row['value']:>12.4g} +- {row['std']:<9.2g} {row['unit']:<6} {row['meaning']}"
-                )
-        lines += [f"  {name:<8}not estimated: {reason}" for name, reason in self.fixed.items()]
+    def summary(self) -> Summary:
+        """Verdict, constants, channels and warnings."""
+        r, c = self.recording, self.consistency
+        facts = [("NIS", f"{c.nis:.3f}"), ("95 % band", f"{c.nis_band[0]:.3f} to {c.nis_band[1]:.3f}")]
         if any(self.gust):
-            each = ", ".join(f"{std:.2g}" for std in self.gust)
-            lines.append(
-                f"  turbulence allowed for: {each} m/s (std) along x, y, z, dying away in {self.gust_time:.2g} s"
-            )
-        c = self.consistency
-        lines.append("")
-        lines.append(
-            f"  innovations: NIS {c.nis:.3f} per reading, 95 % band {c.nis_band[0]:.3f} to {c.nis_band[1]:.3f}"
-        )
-        for channel in c.channels:
-            level = next(n for n in self.noise if n.channel == channel.channel)
-            first = channel.autocorrelation[0] if len(channel.autocorrelation) else np.nan
-            lines.append(
-                f"  {channel.channel:<6} noise {level.std:.3g} {level.unit} ({level.source}), residual "
-                f"{channel.residual_rms:.3g}, variance {channel.variance:.2f}, next-sample correlation {first:+.2f}"
-            )
-        lines += [f"  ! {text}" for text in self.doubts]
-        return "\n".join(lines)
-
-    def __repr__(self) -> str:
-        return (
-            f"<Reconstruction '{self.name}': {', '.join(self.states)}; {'trusted' if self.trusted else 'not trusted'}>"
+            stds = ", ".join(format_number(std, 2) for std in self.gust)
+            facts.append(("turbulence", f"{stds} m/s along x, y, z, correlation time {self.gust_time:.2g} s"))
+        reasons: dict[str, list[str]] = {}
+        for name, reason in self.fixed.items():
+            reasons.setdefault(reason, []).append(name)
+        remarks = (str(f).removeprefix("note: ") for f in self.findings if f.severity == "note")
+        return Summary(
+            self.name,
+            f"{len(r)} samples, {r.duration:.1f} s, {self.method}, " + ("trusted" if self.trusted else "NOT TRUSTED"),
+            alerts=self.distrust,
+            facts=tuple(facts),
+            tables=(*([self._constant_table()] if self.constants else []), self._channel_table()),
+            notes=(*(f"not estimated: {', '.join(names)}: {reason}" for reason, names in reasons.items()), *remarks),
+            warnings=self.doubts,
         )
 
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self), (*self.distrust, *self.doubts))
+    def _constant_table(self) -> Table:
+        columns = (text_column("constant"), text_column("meaning"), Column("value"), Column("std", "2g"))
+        rows = tuple((c.name, CONSTANTS[c.name][0], c.value, c.std, c.unit) for c in self.constants)
+        return Table((*columns, text_column("unit")), rows)
+
+    def _channel_table(self) -> Table:
+        """Noise of every channel; residual and innovations of those that the filter was fitted to."""
+        seen = {c.channel: c for c in self.consistency.channels}
+        rows = []
+        for level in sorted(self.noise, key=lambda level: level.channel not in seen):
+            row: list[Any] = [level.channel, level.unit, level.std, level.source]
+            if (c := seen.get(level.channel)) is not None:
+                correlation = float(c.autocorrelation[0]) if len(c.autocorrelation) else None
+                row += [c.residual_rms, c.variance, correlation, c.rejected]
+            rows.append((*row, *[""] * (8 - len(row))))
+        return Table(_CHANNEL_COLUMNS, tuple(rows))
 
 
-_METHODS = {
-    "unscented": "unscented filter and smoother",
-    "extended": "extended Kalman filter and smoother",
-    "output-error": "output error",
-}
+COLUMN_NOTES = (
+    "std: of the estimate, with allowance for coloured residuals; residual: rms of measured less reconstructed; "
+    "var. and corr.: of the normalised innovations, their variance (1 is right) and the correlation of neighbours "
+    "(0 is right); rej.: samples rejected because they are outside the gate."
+)
+"""What the columns of a reconstruction mean."""
+_CHANNEL_COLUMNS = (
+    text_column("channel"),
+    text_column("unit"),
+    Column("noise", "3g"),
+    text_column("source"),
+    Column("residual", "3g"),
+    Column("var.", "2f"),
+    Column("corr.", "2f"),
+    Column("rej."),
+)
 
 
 def _remake(plain: dict[str, Any]) -> Reconstruction:

@@ -18,14 +18,16 @@ import numpy as np
 import pandas as pd
 
 from structsel.errors import ChannelError, DataError, StructselWarning
+from structsel.formatting import count_of
 from structsel.nomenclature import close_names, find_channel, is_known, unit_of
 from structsel.recording import signals
 from structsel.recording.checks import FROM_SAMPLES, GAP, Finding, check_channel, check_recording, require_clock
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Cell, Column, Summary, Table, text_column
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Result):
     """Named channels on one clock, read-only.
 
     Attributes
@@ -383,36 +385,24 @@ class Recording:
             "at_cg": sorted(self.at_cg),
         }
 
-    def __str__(self) -> str:
-        head = (
-            f"{self.name}: {len(self)} samples, t = {self.t[0]:g} to {self.t[-1]:g} s, dt = {self.dt:g} s, "
-            f"{len(self.channels)} channels"
-        )
+    def summary(self) -> Summary:
+        """Channels with their units and ranges, and what the checks found."""
         kinds: dict[str, list[str]] = {}
         for finding in self.findings:
             kinds.setdefault(finding.channel, []).append(finding.kind)
-        rows: list[tuple[str, ...]] = [("channel", "unit", "min", "mean", "max", "found")]
-        for name, values in self.channels.items():
-            numbers = tuple(f"{value:.4g}" for value in _summary(values))
-            rows.append((name, self.unit(name), *numbers, ", ".join(kinds.get(name, []))))
-        widths = [max(len(row[j]) for row in rows) for j in range(6)]
-        lines = [head, ""]
-        for row in rows:
-            left = f"{row[0]:<{widths[0]}}  {row[1]:<{widths[1]}}"
-            lines.append(f"{left}  " + "  ".join(f"{row[j]:>{widths[j]}}" for j in (2, 3, 4)) + f"  {row[5]}")
-        lines = [line.rstrip() for line in lines]
-        if self.findings:
-            lines += ["", *map(str, self.findings)]
-        return "\n".join(lines)
-
-    def __repr__(self) -> str:
-        return f"<Recording '{self.name}': {len(self)} samples, {len(self.channels)} channels>"
-
-    def _repr_html_(self) -> str:
-        return to_html(
-            [{"channel": name, **facts} for name, facts in self.to_dict()["channels"].items()],
-            opening(self),
-            map(str, self.findings),
+        columns = [text_column("channel"), text_column("unit"), Column("min"), Column("mean"), Column("max")]
+        rows: list[list[Any]] = [[name, self.unit(name), *_summary(values)] for name, values in self.channels.items()]
+        if kinds:
+            columns.append(text_column("found"))
+            for row in rows:
+                row.append(Cell(", ".join(dict.fromkeys(kinds.get(str(row[0]), []))), "warning"))
+        return Summary(
+            self.name,
+            f"{len(self)} samples, t = {self.t[0]:g} to {self.t[-1]:g} s, every {self.dt:g} s, "
+            f"{count_of(len(self.channels), 'channel')}",
+            tables=(Table(tuple(columns), tuple(map(tuple, rows))),),
+            notes=tuple(f"- {f}" for f in self.findings if f.severity == "note"),
+            warnings=tuple(str(f) for f in self.findings if f.severity != "note"),
         )
 
 

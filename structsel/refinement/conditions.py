@@ -14,6 +14,7 @@ from scipy import stats
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DataError, ModelError, RefinementError, StructselError
+from structsel.formatting import display_unit, format_number
 from structsel.model import AeroModel
 from structsel.nomenclature import unit_of
 from structsel.reconstruction import reconstruct
@@ -23,14 +24,15 @@ from structsel.refinement.estimate_comparison import Estimates, estimates_by_nam
 from structsel.refinement.parameters import check_recordings
 from structsel.refinement.refine import refine
 from structsel.refinement.result import Refinement
-from structsel.rich_text import to_html
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table
 
 METHODS = ("equation error", "two-step", "output error", "filter error")
 _TRIM = 1.0  # s at the start of a manoeuvre, whose median is its condition
 
 
-@dataclass(frozen=True, eq=False)
-class Derivatives:
+@dataclass(frozen=True, eq=False, repr=False)
+class Derivatives(Result):
     """Estimates by condition, parameter and method.
 
     Attributes
@@ -82,25 +84,21 @@ class Derivatives:
         ]  # fmt: skip
         return pd.DataFrame(rows)
 
-    def __str__(self) -> str:
-        unit = unit_of(self.against)
-        degrees = unit == "rad"
-        default_outputs = np.rad2deg(self.conditions) if degrees else self.conditions
-        head = f"{self.against} [{'deg' if degrees else unit}]"
-        lines = []
-        for i, name in enumerate(self.parameters):
-            lines += ["", name, f"  {head:>14}" + "".join(f"{method:>26}" for method in self.methods)]
-            for g, at in enumerate(default_outputs):
-                cells = [
-                    "-" if np.isnan(self.values[g, i, j]) else f"{self.values[g, i, j]:.4g} +- {self.half[g, i, j]:.2g}"
-                    for j in range(len(self.methods))
-                ]
-                lines.append(f"  {at:>14.4g}" + "".join(f"{cell:>26}" for cell in cells))
-        notes = [f"  ! {', '.join(self.recordings[g])}, {method}: {text}" for (g, method), text in self.notes.items()]
-        return "\n".join([*lines[1:], f"intervals: {self.level:.0%}", *notes])
+    def summary(self) -> Summary:
+        """A table for each parameter: estimates of each method over the condition."""
+        factor, unit = display_unit(unit_of(self.against))
+        columns = (Column(self.against, unit=unit), *map(Column, self.methods))
+        tables = [
+            Table(columns, tuple((factor * at, *self._estimates(g, i)) for g, at in enumerate(self.conditions)), name)
+            for i, name in enumerate(self.parameters)
+        ]
+        warnings = (f"{', '.join(self.recordings[g])}, {method}: {text}" for (g, method), text in self.notes.items())
+        about = f"over {self.against}, intervals of {self.level:.0%}"
+        return Summary("Estimates", about, tables=tuple(tables), warnings=tuple(warnings))
 
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), f"Estimates over {self.against}, intervals of {self.level:.0%}")
+    def _estimates(self, g: int, i: int) -> list[str | None]:
+        pairs = zip(self.values[g, i], self.half[g, i])
+        return [None if np.isnan(value) else f"{value:.4g} +- {format_number(half, 2)}" for value, half in pairs]
 
 
 def derivatives_by_condition(

@@ -21,12 +21,13 @@ from structsel.recording import Recording
 from structsel.refinement.linear_flight import LinearFlight
 from structsel.refinement.linear_structure import LinearStructure
 from structsel.refinement.parameters import check_recordings
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
 from structsel.simulation.linear import LinearModel
+from structsel.tables import Column, Summary, Table, text_column
 
 
-@dataclass(frozen=True, eq=False)
-class EquationError:
+@dataclass(frozen=True, eq=False, repr=False)
+class EquationError(Result):
     """Parameters by regression of each response on its own terms.
 
     Attributes
@@ -76,16 +77,13 @@ class EquationError:
         """One row for each parameter: name, value, std."""
         return pd.DataFrame({"name": self.names, "value": self.values, "std": self.std})
 
-    def __str__(self) -> str:
-        where = "" if self.band is None else f" from {self.band[0]:g} to {self.band[1]:g} Hz"
-        wide = max(len(name) for name in self.names)
-        lines = [f"Equation error{where}, {', '.join(self.recordings)}"]
-        lines += [f"  {name:<{wide}}{value:>13.5g} +- {s:.2g}" for name, value, s in
-                  zip(self.names, self.values, self.std)]  # fmt: skip
-        return "\n".join([*lines, *(f"  {name}: R2 {r2:.4f}" for name, r2 in self.r2.items())])
-
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self), [f"{name}: R2 {r2:.4f}" for name, r2 in self.r2.items()])
+    def summary(self) -> Summary:
+        """Estimates and their standard errors."""
+        band = "" if self.band is None else f" from {self.band[0]:g} to {self.band[1]:g} Hz"
+        columns = (text_column("parameter"), Column("value", "5g"), Column("std error", "2g"))
+        rows = tuple(zip(self.names, self.values.tolist(), self.std.tolist()))
+        notes = tuple(f"{name}: R2 {r2:.4f}" for name, r2 in self.r2.items())
+        return Summary(f"Equation error{band}", ", ".join(self.recordings), tables=(Table(columns, rows),), notes=notes)
 
 
 def equation_error(

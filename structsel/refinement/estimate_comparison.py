@@ -11,14 +11,16 @@ import pandas as pd
 from scipy import stats
 
 from structsel.errors import ModelError
+from structsel.formatting import format_number
 from structsel.model import AeroModel
 from structsel.refinement.equation_error import EquationError
 from structsel.refinement.result import Refinement
-from structsel.rich_text import to_html
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
 
 
-@dataclass(frozen=True, eq=False)
-class EstimateComparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class EstimateComparison(Result):
     """Estimates by method, with their standard deviations.
 
     Attributes
@@ -73,27 +75,24 @@ class EstimateComparison:
         """The table, as to_frame() has it."""
         return {"schema": "structsel.comparison/1", "level": self.level, "rows": self.to_frame().to_dict("records")}
 
-    def __str__(self) -> str:
-        wide = max(len(name) for name in (*self.parameters, "parameter"))
-        cell = max(25, *(len(m) + 2 for m in self.methods))
-        known = np.isfinite(self.truth).any()
-        head = f"{'parameter':<{wide}}" + ("".join(f"{'truth':>12}") if known else "")
-        lines = [head + "".join(f"{method:>{cell}}" for method in self.methods)]
+    def summary(self) -> Summary:
+        """Estimates and half-widths of their intervals, method by method."""
+        known = bool(np.isfinite(self.truth).any())
         half = stats.norm.ppf(0.5 + self.level / 2.0) * self.std
+        rows = []
         for i, name in enumerate(self.parameters):
-            line = f"{name:<{wide}}"
-            if known:
-                line += f"{self.truth[i]:>12.5g}" if np.isfinite(self.truth[i]) else f"{'-':>12}"
-            for j in range(len(self.methods)):
-                text = "-" if np.isnan(self.values[i, j]) else f"{self.values[i, j]:.5g} +- {half[i, j]:.2g}"
-                missed = np.abs(self.values[i, j] - self.truth[i]) > half[i, j]
-                line += f"{text + (' *' if missed else '  ' if known else ''):>{cell}}"
-            lines.append(line)
-        marked = "; * where the truth lies outside" if known else ""
-        return "\n".join([*(line.rstrip() for line in lines), f"intervals: {self.level:.0%}{marked}"])
+            cells = [self._cell(i, j, half[i, j]) for j in range(len(self.methods))]
+            rows.append((name, *([float(self.truth[i])] if known else []), *cells))
+        columns = (text_column("parameter"), *([Column("truth", "5g")] if known else []), *map(Column, self.methods))
+        note = "; * where the truth lies outside" if known else ""
+        table = Table(columns, tuple(rows))
+        return Summary("Estimates", f"by method, intervals of {self.level:.0%}{note}", tables=(table,))
 
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), f"Estimates by method, intervals of {self.level:.0%}")
+    def _cell(self, i: int, j: int, half: float) -> str | None:
+        value, truth = self.values[i, j], self.truth[i]
+        if np.isnan(value):
+            return None
+        return f"{value:.5g} +- {format_number(half, 2)}{' *' if abs(value - truth) > half else ''}"
 
 
 Estimates = Refinement | EquationError | AeroModel | Mapping[str, tuple[float, float]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -11,12 +11,17 @@ import numpy as np
 import pandas as pd
 
 from structsel.deprecation import renamed_attribute
+from structsel.formatting import count_of
 from structsel.metrics import MetricValues, compute_metrics, in_tables
 from structsel.numerics.global_search import GlobalSearch
 from structsel.recording import Recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Cell, Column, Summary, Table, text_column
 
 CORRELATED = 0.9  # correlation of two estimates above which a warning names them
+
+
+_PER_RECORDING = ("start", "jump", "drift", "bias")
 
 
 @dataclass(frozen=True)
@@ -80,8 +85,8 @@ def compare_output(recording: str, output: str, measured: np.ndarray, modelled: 
     return OutputFit(recording=recording, output=output, n=int(sampled.sum()), metrics=values)
 
 
-@dataclass(frozen=True, eq=False)
-class Refinement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Refinement(Result):
     """Parameters of a model, refined on complete recordings by output error or filter error.
 
     Attributes
@@ -148,12 +153,6 @@ class Refinement:
                 values.setflags(write=False)
         object.__setattr__(self, "residuals", MappingProxyType(held))
         object.__setattr__(self, "noise_std", MappingProxyType(dict(self.noise_std)))
-
-    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
-        plain = dict(self.__dict__)
-        plain["residuals"] = {name: dict(each) for name, each in self.residuals.items()}
-        plain["noise_std"] = dict(self.noise_std)
-        return _remake, (plain,)
 
     def __getitem__(self, name: str) -> Estimate:
         """One estimate by its name.
@@ -227,43 +226,55 @@ class Refinement:
             "recordings": [r.name for r in self.simulated],
         }
 
-    def __str__(self) -> str:
-        ended = "converged" if self.converged else "NOT CONVERGED"
-        steps = len(self.costs) - 1
-        lines = [
-            f"{self.title}, cost '{self.cost}', {len(self.simulated)} recording"
-            f"{'s' if len(self.simulated) != 1 else ''}, {len(self.estimates)} parameters: {ended}"
-        ]
-        if not self.converged:
-            lines.append(f"  ! {self.message}; the values are the best found")
+    def summary(self) -> Summary:
+        """Estimates with their errors, and the fit of every output."""
+        count = len(self.simulated)
+        facts = [("steps", str(len(self.costs) - 1)), ("J", f"{self.costs[0]:.6g} to {self.costs[-1]:.6g}")]
         if self.search is not None:
-            count = len(self.search.costs)
-            lines.append(
-                f"  global search: {count} generations, {self.search.evaluations} simulations, J {self.search.cost:.6g}"
-            )
-        lines.append(f"  local search: {steps} steps, J {self.costs[0]:.6g} to {self.costs[-1]:.6g}")
-        wide = max(len(name) for name in self.names)
-        lines += ["", f"  {'':<{wide}}{'value':>13}{'std':>11}{'CRLB':>11}{'start':>13}"]
-        for e in self.estimates:
-            mark = "  at its bound" if e.at_bound else ""
-            lines.append(f"  {e.name:<{wide}}{e.value:>13.5g}{e.std:>11.2g}{e.std_white:>11.2g}{e.start:>13.5g}{mark}")
-        lines.append("")
-        for f in self.fits:
-            named = zip((metric.label for metric in in_tables(brief=True)), f.cells(brief=True))
-            values = ", ".join(f"{label} {cell}" for label, cell in named)
-            lines.append(f"  {f.recording} {f.output:<7} rms {f.rms_error:.3g}, {values}")
-        lines += [f"  ! {text}" for text in self.doubts]
-        return "\n".join(lines)
+            generations = f"{len(self.search.costs)} generations, {self.search.evaluations} simulations"
+            facts.insert(0, ("global search", f"{generations}, J {self.search.cost:.6g}"))
+        return Summary(
+            self.title,
+            f"cost '{self.cost}', {count_of(count, 'recording')}, {count_of(len(self.estimates), 'parameter')}, "
+            + ("converged" if self.converged else "NOT CONVERGED"),
+            alerts=() if self.converged else (f"{self.message}; the best estimates found are given",),
+            facts=tuple(facts),
+            tables=tuple(table for table in (*self._estimate_tables(), self._fit_table()) if table.rows),
+            warnings=self.doubts,
+        )
 
-    def __repr__(self) -> str:
-        return f"<Refinement: {', '.join(self.names)}; {'converged' if self.converged else 'not converged'}>"
+    def _estimate_tables(self) -> Iterator[Table]:
+        """Parameters of the model, then those of single recordings."""
+        marks = (Column("95 % low"), Column("95 % high"), Column("start"), text_column(""))
+        numbers = (Column("value"), Column("std error", "2g"), Column("CRLB", "2g"))
+        rows = tuple(
+            (e.name, *_numbers(e), e.value - 1.96 * e.std, e.value + 1.96 * e.std, e.start, _at_bound(e))
+            for e in self.estimates
+            if e.kind not in _PER_RECORDING
+        )
+        yield Table((text_column("parameter"), *numbers, *marks), rows)
+        own = [e for e in self.estimates if e.kind in _PER_RECORDING]
+        parts = [e.name.split(":", 2) for e in own]  # start:m01:w
+        each = ((f"{kind} {what}", name, *_numbers(e), _at_bound(e)) for e, (kind, name, what) in zip(own, parts))
+        yield Table((text_column("of"), text_column("recording"), *numbers, text_column("")), tuple(each))
 
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self), self.doubts)
+    def _fit_table(self) -> Table:
+        columns = (text_column("output"), text_column("recording"), Column("n"), Column("rms", "3g"))
+        fits = sorted(self.fits, key=lambda f: [*self.noise_std].index(f.output))
+        rows = tuple((f.output, f.recording, f.n, f.rms_error, *f.cells(brief=True)) for f in fits)
+        return Table((*columns, *(Column(m.label) for m in in_tables(brief=True))), rows)
 
 
 def _remake(plain: dict[str, Any]) -> Refinement:
     return Refinement(**plain)
+
+
+def _numbers(estimate: Estimate) -> tuple[float, float, float]:
+    return estimate.value, estimate.std, estimate.std_white
+
+
+def _at_bound(estimate: Estimate) -> Cell:
+    return Cell("at its bound" * estimate.at_bound, "warning")
 
 
 def check_estimates(

@@ -15,12 +15,45 @@ from scipy import stats
 from structsel.candidates import Candidates, Term
 from structsel.deprecation import renamed_attribute
 from structsel.errors import SelectionError
+from structsel.formatting import format_number
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics.collinearity import ConditionIndices
 from structsel.numerics.noise_models import ARNoise
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
 from structsel.selection.diagnostics import Alias
 from structsel.selection.settings import SelectOptions
+from structsel.tables import Cell, Column, Summary, Table, Tone, text_column
+
+COLUMN_NOTES = (
+    "std error and interval include the uncertainty of the structure where the selection was resampled; F: partial F; "
+    "freq.: fraction of the resampled selections that kept the term; VIF: variance inflation factor; cross-validated: "
+    "each manoeuvre (part of a single one) predicted by a model selected without it."
+)
+"""What the columns of a selection mean."""
+_COLUMNS = {
+    "term": text_column("term"),
+    "value": Column("value"),
+    "std_error": Column("std error", "2g"),
+    "low95": Column("95 % low"),
+    "high95": Column("95 % high"),
+    "partial_F": Column("F", "3g"),
+    "inclusion": Column("freq.", "%"),
+    "vif": Column("VIF", "2g"),
+}
+_TRACE_COLUMNS = {
+    "action": text_column("move"),
+    "term": text_column("term"),
+    "F": Column("F", "3g"),
+    "partial_r": Column("partial r", "3f"),
+    "n_terms": Column("terms"),
+    "R2": Column("R2", "4f"),
+    "PSE": Column("PSE", "3g"),
+    "BIC": Column("BIC", "0f"),
+}
+
+
+def _tone(frequency: float) -> Tone:
+    return "good" if frequency >= 0.8 else "bad" if frequency < 0.5 else ""
 
 
 @dataclass(frozen=True)
@@ -71,8 +104,8 @@ class HeldOutPart:
     n: int
 
 
-@dataclass(frozen=True)
-class Selection:
+@dataclass(frozen=True, repr=False, eq=False)
+class Selection(Result):
     """Model selected for one response, with the steps of the search.
 
     Attributes
@@ -286,38 +319,35 @@ class Selection:
             "doubts": list(self.doubts),
         }
 
-    def __str__(self) -> str:
-        head = (
-            f"{self.response}: {len(self.terms)} of {len(self.pool)} candidate terms, {self.options.method}, "
-            f"{self.residual_description}\n"
-            f"  n {self.n}   R2 {self.r2:.4f}   adjusted {self.adjusted_r2:.4f}   rms {self.rms:.3g}"
-        )
-        if self.biased:
-            head = f"{head}\n  BIASED: {self.estimator}"
+    def summary(self) -> Summary:
+        """Terms, estimates and fit."""
+        facts = [("n", str(self.n)), ("R2", f"{self.r2:.4f}"), ("adjusted R2", f"{self.adjusted_r2:.4f}")]
+        facts += [("rms", format_number(self.rms, 3))]
         if np.isfinite(self.held_out_r2):
-            head += f"   held out: R2 {self.held_out_r2:.4f}, rms {self.held_out_rms:.3g}"
-        table = self.to_frame()[["term", "value", "std_error", "low95", "high95", "partial_F", "inclusion", "vif"]]
-        text = table.to_string(
-            index=False,
-            na_rep="-",
-            formatters={
-                **dict.fromkeys(("value", "low95", "high95", "partial_F"), "{:.5g}".format),
-                "std_error": "{:.2g}".format,
-                "inclusion": "{:.2f}".format,
-                "vif": "{:.3g}".format,
-                "term": "{:<12}".format,
-            },
+            facts += [("cross-validated R2", f"{self.held_out_r2:.4f}, rms {format_number(self.held_out_rms, 3)}")]
+        columns = {key: column for key, column in _COLUMNS.items() if key != "inclusion" or self.inclusion}
+        records: Any = self.to_frame().to_dict("records")
+        for row in records:
+            row["inclusion"] = Cell(row["inclusion"], _tone(row["inclusion"]))
+        return Summary(
+            self.response,
+            f"{len(self.terms)} of {len(self.pool)} candidate terms, {self.options.method}, "
+            f"{self.residual_description}",
+            alerts=(f"BIASED estimates: {self.estimator}",) if self.biased else (),
+            facts=tuple(facts),
+            tables=(Table.from_records(columns, records),),
+            warnings=self.doubts,
         )
-        lines = [head, *("  " + line for line in text.splitlines())]
-        lines += [f"  ! {doubt}" for doubt in self.doubts]
-        return "\n".join(lines)
 
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame().drop(columns="response"), opening(self, 3 if self.biased else 2), self.doubts)
+    def search_summary(self) -> Summary:
+        """Every move of the search."""
+        records = ({**vars(s), "term": f"{s.other} -> {s.term}" if s.other else str(s.term)} for s in self.trace)
+        table = Table.from_records(_TRACE_COLUMNS, records)
+        return Summary(self.response, f"the search; it ended: {self.stop_reason}", tables=(table,))
 
 
-@dataclass(frozen=True)
-class Selections(Mapping[str, Selection]):
+@dataclass(frozen=True, repr=False, eq=False)
+class Selections(Result, Mapping[str, Selection]):
     """Selections of several responses from the same recordings; a mapping by response."""
 
     by_response: Mapping[str, Selection]
@@ -354,12 +384,6 @@ class Selections(Mapping[str, Selection]):
         """Plain types, for JSON."""
         return {"schema": "structsel.selection/1", "responses": {r: s.to_dict() for r, s in self.items()}}
 
-    def __str__(self) -> str:
-        return "\n\n".join(str(s) for s in self.values())
-
-    def _repr_html_(self) -> str:
-        return to_html(
-            self.to_frame(),
-            f"Selections of {', '.join(self)}",
-            [f"{r}: {doubt}" for r, one in self.items() for doubt in one.doubts],
-        )
+    def summary(self) -> Summary:
+        """Summaries of the selections."""
+        return Summary("", f"Selections of {', '.join(self)}", parts=tuple(s.summary() for s in self.values()))

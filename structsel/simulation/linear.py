@@ -19,15 +19,16 @@ from structsel.numerics.linear_models import LinearFamily, LinearSystem
 from structsel.numerics.linear_modes import Modes, modes
 from structsel.numerics.linear_systems import previous_input, simulate_linear
 from structsel.recording import Recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
 
 Hold = Literal["hold", "linear"]
 
 _UNIT_OF_RATE = {"m/s": "m/s^2", "rad": "rad/s", "rad/s": "rad/s^2", "-": "1/s", "m": "m/s"}
 
 
-@dataclass(frozen=True, eq=False)
-class LinearModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class LinearModel(Result):
     """A linear model whose matrices are linear in named parameters.
 
     Attributes
@@ -70,10 +71,6 @@ class LinearModel:
         object.__setattr__(self, "condition", MappingProxyType(dict(self.condition)))
         object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
         object.__setattr__(self, "notes", tuple(self.notes))
-
-    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
-        parts = (self.name, self.family, self.theta, dict(self.condition), dict(self.units), self.notes)
-        return LinearModel, parts
 
     @property
     def system(self) -> LinearSystem:
@@ -265,30 +262,28 @@ class LinearModel:
             "notes": list(self.notes),
         }
 
-    def __str__(self) -> str:
+    def summary(self) -> Summary:
+        """States, inputs, outputs, parameters and modes."""
         s = self.system
-        wide = max((len(n) for n in self.family.names), default=0)
-        cells = [f"{n:<{wide}} {v:>10.5g}" for n, v in self.parameters.items()]
-        table = ["  " + "   ".join(cells[i : i + 4]) for i in range(0, len(cells), 4)]
 
         def named(names: Sequence[str]) -> str:
             return ", ".join(f"{n} [{self.unit(n)}]" for n in names)
 
-        lines = [
-            f"{self.name}" + (f": {_condition(self.condition)}" if self.condition else ""),
-            f"  states {named(s.states)}",
-            f"  inputs {named(s.inputs)}" + (f", late by {float(s.delay):.4g} s" if s.delay else ""),
-            f"  outputs {named(s.outputs)}",
-            "",
-            *table,
-            "",
-            *("  " + line for line in str(self.modes()).splitlines()),
-            *(f"  {note}" for note in self.notes),
-        ]
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self), self.notes)
+        delay = f", delayed by {float(s.delay):.4g} s" if s.delay else ""
+        return Summary(
+            self.name,
+            _condition(self.condition) if self.condition else "",
+            tables=(
+                Table((text_column("parameter"), Column("value", "5g")), tuple(self.parameters.items())),
+                self.modes().table(),
+            ),
+            notes=(
+                f"states {named(s.states)}",
+                f"inputs {named(s.inputs)}{delay}",
+                f"outputs {named(s.outputs)}",
+                *self.notes,
+            ),
+        )
 
 
 def _even_step(inputs: Recording) -> float:

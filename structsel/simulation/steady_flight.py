@@ -12,14 +12,22 @@ import numpy as np
 import pandas as pd
 
 from structsel.errors import ChannelError
-from structsel.nomenclature import unit_of
+from structsel.formatting import format_number
+from structsel.nomenclature import is_known, unit_of
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.flight_model import STATES
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
+
+_ANGLES = ("alpha", "beta", "phi", "theta", "p", "q", "r")
 
 
-@dataclass(frozen=True, eq=False)
-class Trim:
+def _degrees(name: str, value: float) -> str:
+    return f"{math.degrees(value):.3f}" if unit_of(name) in ("rad", "rad/s") else ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trim(Result):
     """A steady flight: constant velocity, rates and controls.
 
     Attributes
@@ -54,10 +62,6 @@ class Trim:
         object.__setattr__(self, "state", state)
         for name in ("controls", "unbalance", "outputs"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-
-    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
-        parts = (self.state, dict(self.controls), self.free, self.climb, self.turn_rate)
-        return Trim, (*parts, dict(self.unbalance), dict(self.outputs))
 
     def __getitem__(self, name: str) -> float:
         """A state, a control, V, alpha, beta or an output by name.
@@ -101,20 +105,23 @@ class Trim:
         """One row: the content of `to_dict`."""
         return pd.DataFrame([self.to_dict()])
 
-    def __str__(self) -> str:
-        held = self.to_dict()
-        turn = f", turning {math.degrees(self.turn_rate):.4g} deg/s" if self.turn_rate else ""
-        climb = f", climbing {math.degrees(self.climb):.4g} deg" if self.climb else ""
-        lines = [f"steady flight at V = {held['V']:.5g} m/s, h = {held['h']:.5g} m{climb}{turn}"]
-        for name in ("alpha", "beta", "phi", "theta", "p", "q", "r"):
-            unit = unit_of(name)
-            lines.append(f"  {name:<6} {held[name]:>12.6g} {unit:<6} {math.degrees(held[name]):>10.4f} deg{unit[3:]}")
+    def summary(self) -> Summary:
+        """States and controls of the steady flight, angles in degrees too."""
+        values = self.to_dict()
+        facts = [("V", f"{format_number(values['V'])} m/s"), ("h", f"{format_number(values['h'])} m")]
+        facts += [("climb", f"{math.degrees(self.climb):.4g} deg")] * bool(self.climb)
+        facts += [("turn", f"{math.degrees(self.turn_rate):.4g} deg/s")] * bool(self.turn_rate)
+        shown = [n for n in _ANGLES if values[n] or n in ("alpha", "theta")]
+        rows = [(n, values[n], unit_of(n), _degrees(n, values[n]), "") for n in shown]
         for name, value in self.controls.items():
-            found = "found" if name in self.free else "given"
-            lines.append(f"  {name:<6} {value:>12.6g} {unit_of(name):<6} {found}")
+            unit = unit_of(name) if is_known(name) else ""
+            rows.append((name, value, unit, _degrees(name, value), "found" if name in self.free else "given"))
+        columns = (text_column("quantity"), Column("value"), text_column("unit"), Column("degrees"), text_column(""))
         worst = max(self.unbalance, key=lambda name: abs(self.unbalance[name]))
-        lines.append(f"unbalanced at most {abs(self.unbalance[worst]):.2g} in {worst}")
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return to_html([{"name": n, "value": x, "unit": unit_of(n)} for n, x in self.to_dict().items()], opening(self))
+        return Summary(
+            "Trim",
+            "steady flight",
+            facts=tuple(facts),
+            tables=(Table(columns, tuple(rows)),),
+            notes=(f"unbalanced at most {abs(self.unbalance[worst]):.1g} in {worst}",),
+        )

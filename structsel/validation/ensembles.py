@@ -12,8 +12,10 @@ import pandas as pd
 
 from structsel.candidates import Term
 from structsel.errors import ModelError
+from structsel.formatting import count_of
 from structsel.model import AeroModel
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,21 @@ class TermScatter:
     ratio: float
 
 
-@dataclass(frozen=True)
-class Ensemble:
+_COLUMNS = {
+    "response": text_column("response"),
+    "term": text_column("term"),
+    "count": Column("count"),
+    "mean": Column("mean"),
+    "low": Column("min"),
+    "high": Column("max"),
+    "variance": Column("variance"),
+    "std_error": Column("std error"),
+    "ratio": Column("ratio"),
+}
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Ensemble(Result):
     """Values of one model structure over many manoeuvres.
 
     Attributes
@@ -72,19 +87,11 @@ class Ensemble:
             row.update({k: None for k, v in row.items() if isinstance(v, float) and not math.isfinite(v)})
         return {"schema": "structsel.ensemble/1", "count": self.count, "rows": rows}
 
-    def __str__(self) -> str:
-        wide = max([4, *(len(row.term) for row in self.rows)])
-        heads = ["mean", "min", "max", "variance", "std error", "ratio"]
-        top = f"  {'response':<8}  {'term':<{wide}}  {'count':>5}  " + "  ".join(f"{h:>11}" for h in heads)
-        lines = [f"{self.count} manoeuvre{'s' if self.count != 1 else ''}", top]
-        for row in self.rows:
-            values = [row.mean, row.low, row.high, row.variance, row.std_error, row.ratio]
-            shown = "  ".join(f"{v:>11.4g}" if math.isfinite(v) else f"{'-':>11}" for v in values)
-            lines.append(f"  {row.response:<8}  {row.term:<{wide}}  {row.count:>5}  {shown}")
-        return "\n".join([*lines, "ratio: scatter over manoeuvres / mean estimated standard error."])
-
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self))
+    def summary(self) -> Summary:
+        """Scatter of each term."""
+        table = Table.from_records(_COLUMNS, map(asdict, self.rows))
+        note = "ratio: scatter over manoeuvres / mean estimated standard error."
+        return Summary("", count_of(self.count, "manoeuvre"), tables=(table,), notes=(note,))
 
 
 def ensemble(models: Sequence[AeroModel]) -> Ensemble:

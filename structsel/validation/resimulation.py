@@ -13,9 +13,12 @@ import pandas as pd
 
 from structsel.deprecation import renamed_attribute
 from structsel.errors import ModelError
+from structsel.formatting import count_of, format_number
 from structsel.metrics import MetricValues, Normaliser, compute_metrics, in_tables
+from structsel.nomenclature import unit_of
 from structsel.recording import Recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
 
 Kind = Literal["windows", "whole"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -116,8 +119,8 @@ class Divergence:
         return f"'{self.recording}', {start}, diverges at t = {self.at:g} s: {self.why}"
 
 
-@dataclass(frozen=True, eq=False)
-class Resimulation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Resimulation(Result):
     """A model simulated with recorded inputs, compared with the recordings.
 
     Attributes
@@ -159,10 +162,6 @@ class Resimulation:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bands", MappingProxyType(dict(self.bands)))
-
-    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
-        held = [getattr(self, name) for name in self.__dataclass_fields__]
-        return Resimulation, tuple(dict(p) if isinstance(p, MappingProxyType) else p for p in held)
 
     def score(self, output: str, recording: str = "all", kind: Kind = "whole") -> ResimulationScore:
         """Score of one output, on one recording or on all.
@@ -208,25 +207,25 @@ class Resimulation:
             "doubts": list(self.doubts),
         }
 
-    def __str__(self) -> str:
+    def summary(self) -> Summary:
+        """Scores in windows and over the complete recordings, side by side."""
         count = len(self.recordings)
-        lines = [f"{self.model or 'model'} simulated with the inputs of {count} recording{'s' * (count != 1)}"]
-        heads = "".join(f"{head:>8}" for head in table_heads())
-        wide = len(heads)
-        lines.append(f"  {'':<8}  {f'in windows of {self.window:g} s':>{wide}}  {'whole':>{wide}}")
+        first, *more = table_heads()
+        heads = ("output", f"{self.window:g} s: {first}", *more, f"whole: {first}", *more)
+        columns = (text_column(heads[0]), *map(Column, heads[1:]))
+        tables = []
         for name in (*(r.name for r in self.recordings), *(("all",) if count > 1 else ())):
-            lines.append(f"  {name:<8}  {heads}  {heads}")
-            for output in self.outputs:
-                both = (self.score(output, name, kind) for kind in KINDS)
-                lines.append(
-                    f"  {output:<8}  " + "  ".join("".join(f"{x:>8}" for x in one.table_cells()) for one in both)
-                )
-        lines.append(f"in band: within {', '.join(f'{n} {b:.4g}' for n, b in self.bands.items())}")
-        lines += [f"  ! {text}" for text in self.divergence_notes()]
-        return "\n".join([*lines, *(f"  ! {text}" for text in self.doubts)])
-
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self), (*self.divergence_notes(), *self.doubts))
+            rows = ((o, *(x for kind in KINDS for x in self.score(o, name, kind).table_cells())) for o in self.outputs)
+            tables.append(Table(columns, tuple(rows), name if count > 1 else ""))
+        bands = ", ".join(f"{n} {format_number(b, 3)} {unit_of(n)}" for n, b in self.bands.items())
+        note = f"{self.window:g} s: windows that each start from the recorded state. whole: from the first sample. "
+        return Summary(
+            self.model or "model",
+            f"simulated with the inputs of {count_of(count, 'recording')}",
+            tables=tuple(tables),
+            notes=(f"{note}in band: fraction of samples within {bands}.",),
+            warnings=(*self.divergence_notes(), *self.doubts),
+        )
 
 
 def _plain(score: ResimulationScore) -> dict[str, Any]:

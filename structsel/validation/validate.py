@@ -13,14 +13,23 @@ from scipy import stats
 
 from structsel import whiteness
 from structsel.errors import DataError, DomainError, ModelError
+from structsel.formatting import UNDEFINED
 from structsel.metrics import MetricValues, Normaliser, compute_metrics, in_tables
 from structsel.model import AeroModel
 from structsel.recording import Recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
+from structsel.tables import Column, Summary, Table, text_column
 
 _FEWEST = 10
 _WHITE = 0.05
 _WHITENESS = ("bound", "outside", "ljung_box", "ljung_box_p", "durbin_watson", "white")
+
+
+_WHITENESS_COLUMNS = (
+    Column("DW", "3f", detail=True, note="Durbin-Watson"),
+    Column("beyond", "%", detail=True, note="lags outside the 95 % bound of white residuals, 5 % are expected"),
+    text_column("residual", note="white where Ljung-Box finds no autocorrelation at 5 %"),
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,8 +76,8 @@ class Score(MetricValues):
         return {key: _known(v) if isinstance(v, float) else v for key, v in row.items()}
 
 
-@dataclass(frozen=True)
-class Validation:
+@dataclass(frozen=True, repr=False, eq=False)
+class Validation(Result):
     """Scores of a model on recordings.
 
     Attributes
@@ -121,31 +130,28 @@ class Validation:
             "doubts": list(self.doubts),
         }
 
-    def __str__(self) -> str:
+    def summary(self) -> Summary:
+        """Scores by response and recording."""
         alone = len(self.scores) == len(self.pooled)  # one recording is its own pool
-        rows = [*self.scores, *(() if alone else self.pooled)]
-        wide = max([9, *(len(s.recording) for s in rows)])
-        heads = ["n", *(metric.label for metric in in_tables()), "DW", "beyond"]
-        top = [f"  {'response':<8}", f"{'recording':<{wide}}", *(f"{head:>7}" for head in heads), "residual"]
-        lines = ["  ".join(top)]
-        for s in sorted(rows, key=lambda s: [p.response for p in self.pooled].index(s.response)):
-            statistic = f"{s.durbin_watson:.3f}" if math.isfinite(s.durbin_watson) else "-"
-            beyond = f"{100 * s.outside:.0f} %" if math.isfinite(s.outside) else "-"
-            numbers = "  ".join(f"{cell:>7}" for cell in (str(s.n), *s.cells(digits=3), statistic, beyond))
-            residual = "white" if s.white else ("coloured" if math.isfinite(s.ljung_box_p) else "none")
-            lines.append(f"  {s.response:<8}  {s.recording:<{wide}}  {numbers}  {residual}")
-        size = {"rms": "the rms", "std": "the standard deviation", "range": "the range"}[self.normaliser]
-        head = f"Model {self.model!r} against recordings" if self.model else "Model against recordings"
-        notes = [
-            f"RRMSE is the rms error over {size} of the measured response; TIC is 0 perfect, 1 useless.",
-            "beyond: lags whose residual autocorrelation passes the 95 % bound of white noise, 5 % expected;",
-            "residual: white where Ljung-Box finds no autocorrelation at 5 %.",
-            *(f"Doubt: {doubt}" for doubt in self.doubts),
-        ]
-        return "\n".join([head, *lines, *notes])
-
-    def _repr_html_(self) -> str:
-        return to_html(self.to_frame(), opening(self), self.doubts)
+        order = [score.response for score in self.pooled]
+        scores = sorted([*self.scores, *(() if alone else self.pooled)], key=lambda s: order.index(s.response))
+        shown = in_tables()
+        rows = tuple(
+            (s.response, s.recording, s.n, *(s.metrics.get(m.name) for m in shown), s.durbin_watson, s.outside,
+             "white" if s.white else "coloured" if math.isfinite(s.ljung_box_p) else UNDEFINED)
+            for s in scores
+        )  # fmt: skip
+        metrics_columns = (Column(m.label, "4f", detail=not m.brief) for m in shown)
+        heads = (text_column("response"), text_column("recording"), Column("n"))
+        columns = (*heads, *metrics_columns, *_WHITENESS_COLUMNS)
+        size = {"rms": "rms", "std": "standard deviation", "range": "range"}[self.normaliser]
+        return Summary(
+            f"Model {self.model!r}" if self.model else "Model",
+            "compared with recordings",
+            tables=(Table(columns, rows),),
+            notes=(f"RRMSE: rms error over the {size} of the measured response. TIC: 0 perfect, 1 useless.",),
+            warnings=self.doubts,
+        )
 
 
 def validate(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from structsel.aircraft import Aircraft
@@ -11,7 +11,7 @@ from structsel.errors import ModelError
 from structsel.model import AeroModel
 from structsel.nomenclature import suggest
 from structsel.recording import Recording
-from structsel.rich_text import opening, to_html
+from structsel.results import Result
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import Inputs
 from structsel.simulation.library.beaver import POWER, SLIPSTREAM, beaver_aircraft, beaver_model
@@ -29,10 +29,11 @@ from structsel.simulation.linearise import linearise
 from structsel.simulation.simulate import simulate
 from structsel.simulation.steady_flight import Trim
 from structsel.simulation.trim import trim
+from structsel.tables import Summary
 
 
-@dataclass(frozen=True, eq=False)
-class PublishedAircraft:
+@dataclass(frozen=True, eq=False, repr=False)
+class PublishedAircraft(Result):
     """An aircraft of the library.
 
     Attributes
@@ -105,15 +106,13 @@ class PublishedAircraft:
             )
         return self.model, self.aircraft
 
-    def __str__(self) -> str:
-        lines = [self.name if self.aircraft is None else str(self.aircraft)]
-        lines += [f"linear model: {key}" for key in self.linear]
-        lines += [f"{name} = {text}" for name, text in self.definitions.items()]
-        lines += [f"usual {name} = {value:g}" for name, value in {**self.condition, **self.controls}.items()]
-        return "\n".join([*lines, *self.notes])
-
-    def _repr_html_(self) -> str:
-        return to_html([], opening(self), str(self).splitlines()[1:])
+    def summary(self) -> Summary:
+        """The aircraft, its linear models, derived channels and usual conditions."""
+        about = Summary("") if self.aircraft is None else self.aircraft.summary()
+        notes = [f"linear model: {key}" for key in self.linear]
+        notes += [f"{name} = {text}" for name, text in self.definitions.items()]
+        notes += [f"usual {name} = {value:g}" for name, value in {**self.condition, **self.controls}.items()]
+        return replace(about, title=about.title or self.name, notes=(*about.notes, *notes, *self.notes))
 
 
 def _beaver() -> PublishedAircraft:
