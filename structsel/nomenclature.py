@@ -36,6 +36,11 @@ BODY_RATES = ("p", "q", "r")
 ANGULAR_ACCELERATIONS = ("p_dot", "q_dot", "r_dot")
 SPECIFIC_FORCES = ("ax", "ay", "az")
 CONTROL_SURFACES = ("de", "da", "dr")
+LONGITUDINAL_STATES = ("u", "w", "q", "theta")
+LATERAL_STATES = ("v", "p", "r", "phi")
+LONGITUDINAL_OUTPUTS = ("V", "alpha", "q", "theta", "ax", "az")
+"""What instruments read of a longitudinal motion."""
+LATERAL_OUTPUTS = ("beta", "p", "r", "phi", "ay")
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def test_outputs_are_read_where_the_instruments_stand():
     assert_allclose(off, -record["q"] * 6.0 / record["V"], atol=4e-4)
 
 
-def test_an_aircraft_unstable_in_open_loop_diverges_as_a_complete_and_is_judged_in_windows():
+def test_an_aircraft_unstable_in_open_loop_diverges_over_the_recording_and_is_judged_in_windows():
     # A gyro that is slightly off starts each flight with a turn; flown whole, that grows with 1.2 per second.
     unstable = changed(alpha=0.8)
     steady = trim(unstable, CRAFT.aircraft, 120.0, 7500.0)

@@ -10,7 +10,13 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import ModelError
 from structsel.model import AeroModel
-from structsel.nomenclature import LATERAL_COEFFICIENTS
+from structsel.nomenclature import (
+    LATERAL_COEFFICIENTS,
+    LATERAL_OUTPUTS,
+    LATERAL_STATES,
+    LONGITUDINAL_OUTPUTS,
+    LONGITUDINAL_STATES,
+)
 from structsel.numerics.flight_model import STATES, outputs_index
 from structsel.numerics.flight_simulation import Correction, linearise_batch, simulate_batch
 from structsel.numerics.linear_systems import discretise_noise
@@ -22,8 +28,6 @@ from structsel.refinement.protocols import Simulator
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import FlightSetup, prepare
 
-_LONGITUDINAL, _LATERAL = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
-_LONGITUDINAL_OUTPUTS, _LATERAL_OUTPUTS = ("V", "alpha", "q", "theta", "ax", "az"), ("beta", "p", "r", "phi", "ay")
 _OTHER_OUTPUTS = ("psi", "h", "x", "y", "vn", "ve", "vd", "u", "v", "w", "p_dot", "q_dot", "r_dot", "V_dot",
                   "alpha_dot", "beta_dot")  # fmt: skip
 _START = ("V", "alpha", "beta", "u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h")
@@ -59,13 +63,13 @@ class NonlinearFlight:
                 "Add CX, CZ and Cm (or CL, CD and Cm), and name with free=... what is to be estimated."
             )
         longitudinal = any(name not in LATERAL_COEFFICIENTS for name in model)
-        self.states = (*(_LONGITUDINAL if longitudinal else ()), *(_LATERAL if lateral else ()))
+        self.states = (*(LONGITUDINAL_STATES if longitudinal else ()), *(LATERAL_STATES if lateral else ()))
         self.default_outputs = (
-            *(_LONGITUDINAL_OUTPUTS if longitudinal else ()),
-            *(_LATERAL_OUTPUTS if lateral else ()),
+            *(LONGITUDINAL_OUTPUTS if longitudinal else ()),
+            *(LATERAL_OUTPUTS if lateral else ()),
         )
         self.outputs = tuple(
-            dict.fromkeys((*self.default_outputs, *_LONGITUDINAL_OUTPUTS, *_LATERAL_OUTPUTS, *_OTHER_OUTPUTS))
+            dict.fromkeys((*self.default_outputs, *LONGITUDINAL_OUTPUTS, *LATERAL_OUTPUTS, *_OTHER_OUTPUTS))
         )
         self.parameters: Mapping[str, float] = {
             f"{response}:{term}": float(value)
@@ -87,10 +91,10 @@ class NonlinearFlight:
     def states_with_noise(self, outputs: Sequence[str]) -> tuple[str, ...]:
         """States whose process noise these outputs depend on."""
         found: tuple[str, ...] = ()
-        if {*_LONGITUDINAL_OUTPUTS, "h", "q_dot"} & set(outputs):
-            found += _LONGITUDINAL
-        if {*_LATERAL_OUTPUTS, "psi", "p_dot", "r_dot"} & set(outputs):
-            found += _LATERAL
+        if {*LONGITUDINAL_OUTPUTS, "h", "q_dot"} & set(outputs):
+            found += LONGITUDINAL_STATES
+        if {*LATERAL_OUTPUTS, "psi", "p_dot", "r_dot"} & set(outputs):
+            found += LATERAL_STATES
         return tuple(state for state in found if state in self.states)
 
     def filter_predictor(self, recording: Recording, outputs: list[int]) -> NonlinearFilter:
@@ -120,7 +124,7 @@ class NonlinearFlight:
         Without lateral coefficients nothing would end a lateral motion, so none is started. Where the density is given
         the altitude has no effect.
         """
-        wanted = [name for name in _START if self.lateral or name not in (*_LATERAL, "beta")]
+        wanted = [name for name in _START if self.lateral or name not in (*LATERAL_STATES, "beta")]
         held = {name: float(recording[name][0]) for name in wanted if name in recording}
         held = {name: value for name, value in held.items() if np.isfinite(value)}
         if self.air is not None and self.air.rho is not None:

@@ -20,11 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.errors import ModelError
+from structsel.nomenclature import LATERAL_STATES, LONGITUDINAL_STATES
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.linear_models import LinearFamily, LinearSystem
 from structsel.simulation.linear import LinearModel
 
-_LONGITUDINAL, _LATERAL = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
 _ZERO = 1e-6  # of the largest in its equation: rounding of the differences where a derivative is zero
 
 
@@ -35,7 +35,7 @@ def longitudinal_model(
     V: float,
     alpha: float = 0.0,
     theta: float | None = None,
-    outputs: Sequence[str] = ("u", "w", "q", "theta"),
+    outputs: Sequence[str] = LONGITUDINAL_STATES,
     condition: Mapping[str, float] | None = None,
     notes: tuple[str, ...] = (),
 ) -> LinearModel:
@@ -65,7 +65,7 @@ def longitudinal_model(
         "V": np.array([np.cos(alpha), np.sin(alpha), 0.0, 0.0]),
         "alpha": np.array([-np.sin(alpha), np.cos(alpha), 0.0, 0.0]) / V if V > 0.0 else np.zeros(4),
     }
-    rows = _Rows(("u", "w", "q", "theta"), {"x": 0, "z": 1, "m": 2}, A, reads, {"ax": 0, "az": 1})
+    rows = _Rows(LONGITUDINAL_STATES, {"x": 0, "z": 1, "m": 2}, A, reads, {"ax": 0, "az": 1})
     where = {"V": V, "alpha": alpha, "theta": theta, **(condition or {})}
     return _assemble(name, derivatives, rows, outputs, where, notes)
 
@@ -77,7 +77,7 @@ def lateral_model(
     V: float,
     alpha: float = 0.0,
     theta: float | None = None,
-    outputs: Sequence[str] = ("v", "p", "r", "phi"),
+    outputs: Sequence[str] = LATERAL_STATES,
     condition: Mapping[str, float] | None = None,
     notes: tuple[str, ...] = (),
 ) -> LinearModel:
@@ -102,7 +102,7 @@ def lateral_model(
     A[0, 1:] = V * np.sin(alpha), -V * np.cos(alpha), G0 * np.cos(theta)
     A[3, 1:3] = 1.0, np.tan(theta)
     reads = {"beta": np.array([1.0 / V if V > 0.0 else 0.0, 0.0, 0.0, 0.0])}
-    rows = _Rows(("v", "p", "r", "phi"), {"y": 0, "l": 1, "n": 2}, A, reads, {"ay": 0})
+    rows = _Rows(LATERAL_STATES, {"y": 0, "l": 1, "n": 2}, A, reads, {"ay": 0})
     where = {"V": V, "alpha": alpha, "theta": theta, **(condition or {})}
     return _assemble(name, derivatives, rows, outputs, where, notes)
 
@@ -187,11 +187,11 @@ def name_derivatives(
     ModelError
         Other states, an unknown input or output, or no airspeed in the condition.
     """
-    along, across = model.states == _LONGITUDINAL, model.states == _LATERAL
+    along, across = model.states == LONGITUDINAL_STATES, model.states == LATERAL_STATES
     if not (along or across) or "V" not in model.condition:
         raise ModelError(
-            f"derivatives are named for the states {', '.join(_LONGITUDINAL)} or {', '.join(_LATERAL)} at an airspeed; "
-            f"'{model.name}' has {', '.join(model.states)}."
+            f"derivatives are named for the states {', '.join(LONGITUDINAL_STATES)} or {', '.join(LATERAL_STATES)} at "
+            f"an airspeed; '{model.name}' has {', '.join(model.states)}."
         )
     kept = model.inputs if inputs is None else tuple(inputs)
     if strange := [name for name in kept if name not in model.inputs]:

@@ -10,6 +10,7 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import ModelError, StructselWarning
 from structsel.model import AeroModel
+from structsel.nomenclature import LATERAL_STATES, LONGITUDINAL_STATES
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import STATES, outputs_index
 from structsel.numerics.flight_simulation import central_differences
@@ -19,8 +20,11 @@ from structsel.simulation.flight_setup import prepare
 from structsel.simulation.linear import LinearModel
 from structsel.simulation.steady_flight import Trim
 
-_LONGITUDINAL, _LATERAL = ("u", "w", "q", "theta"), ("v", "p", "r", "phi")
-_AXES = {"longitudinal": _LONGITUDINAL, "lateral": _LATERAL, "coupled": (*_LONGITUDINAL, *_LATERAL)}
+_AXES = {
+    "longitudinal": LONGITUDINAL_STATES,
+    "lateral": LATERAL_STATES,
+    "coupled": (*LONGITUDINAL_STATES, *LATERAL_STATES),
+}
 _INPUTS = {"longitudinal": ("de", "df", "throttle", "thrust"), "lateral": ("da", "dr")}
 _STEP = 1e-5  # of a state's typical size: central differences are then good to about ten digits
 

@@ -12,7 +12,15 @@ from structsel.aircraft import Aircraft
 from structsel.errors import ChannelError, DataError, DomainError, ModelError
 from structsel.metrics import Normaliser
 from structsel.model import AeroModel
-from structsel.nomenclature import BODY_RATES, LATERAL_COEFFICIENTS, SPECIFIC_FORCES, suggest
+from structsel.nomenclature import (
+    BODY_RATES,
+    LATERAL_COEFFICIENTS,
+    LATERAL_OUTPUTS,
+    LATERAL_STATES,
+    LONGITUDINAL_OUTPUTS,
+    SPECIFIC_FORCES,
+    suggest,
+)
 from structsel.numerics.flight_model import REASONS, STATES
 from structsel.recording import Recording
 from structsel.simulation import Atmosphere, prepare
@@ -30,9 +38,7 @@ BANDS: Mapping[str, float] = {
 """Proof-of-match bands: 3 kt, 1.5 deg, 2 deg, 2 deg/s, 0.1 g, 100 ft, either way [FSTD]; where the rules have none, the
 value of a similar channel."""
 
-_LONGITUDINAL_OUTPUTS, _LATERAL_OUTPUTS = ("V", "alpha", "q", "theta", "ax", "az"), ("beta", "p", "r", "phi", "ay")
-_OUTPUTS = (*_LONGITUDINAL_OUTPUTS, *_LATERAL_OUTPUTS, "psi", "h")
-_LATERAL_STATES = ("v", "p", "r", "phi")
+_OUTPUTS = (*LONGITUDINAL_OUTPUTS, *LATERAL_OUTPUTS, "psi", "h")
 _FEWEST = 10  # samples of a recording
 _DIVERGED = 1.0  # of the measured range: error beyond which the simulation has left the recording
 
@@ -160,7 +166,7 @@ def _check(flights: Sequence[Recording], window: float, normaliser: str) -> None
 
 def _choose(flights: Sequence[Recording], outputs: Iterable[str] | None, lateral: bool) -> tuple[str, ...]:
     if outputs is None:
-        usual = (*_LONGITUDINAL_OUTPUTS, *_LATERAL_OUTPUTS) if lateral else _LONGITUDINAL_OUTPUTS
+        usual = (*LONGITUDINAL_OUTPUTS, *LATERAL_OUTPUTS) if lateral else LONGITUDINAL_OUTPUTS
         shown = tuple(name for name in usual if all(name in r for r in flights))
         if not shown:
             raise ChannelError(f"resimulate found none of {', '.join(usual)} in all recordings, so nothing to compare.")
@@ -222,7 +228,7 @@ def recorded_start(
         recording = recording.with_channels(h=0.0)
     state = dict(zip(STATES, first_state(recording, None, aircraft, recording.name).tolist()))
     if not any(name in model for name in LATERAL_COEFFICIENTS):
-        state |= dict.fromkeys(_LATERAL_STATES, 0.0)
+        state |= dict.fromkeys(LATERAL_STATES, 0.0)
     return state
 
 
