@@ -216,6 +216,7 @@ def test_a_run_that_was_broken_off_goes_on_where_it_was(folder, tmp_path, stage,
     assert stage in again
 
 
+@pytest.mark.slow
 def test_a_run_killed_outright_goes_on_in_another_process(folder, tmp_path):
     script = textwrap.dedent(
         f"""
