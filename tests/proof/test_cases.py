@@ -80,6 +80,19 @@ def test_a_trimmed_aircraft_that_nobody_disturbs_flies_on_level():
     assert abs(flight.reads["V"] - 120.0).max() < 0.2
 
 
+@pytest.mark.default_cases(
+    "wrong-derivative",
+    "static-stall",
+    "ground-effect",
+    "downwash-lag",
+    "slipstream",
+    "mass-error",
+    "actuator-lag",
+    "turbulence",
+    "sensor-delay",
+    "structural-mode",
+    "chaotic forcing",
+)
 @pytest.mark.parametrize("effect", [*SINGLES, *OUTSIDE], ids=lambda e: e.label or e.name)
 def test_each_effect_can_be_simulated_and_shows_in_its_own_axes(effect):
     base = (effect.aircraft or AIRCRAFT_NAMES)[0]
@@ -138,6 +151,7 @@ def test_the_attainable_fraction_of_a_mass_error_is_what_the_true_mass_brings(tm
     assert_allclose(1.0 - after / before, case.key.attainable["CZ"], atol=0.06)
 
 
+@pytest.mark.default_cases("ground-effect-5")
 @pytest.mark.parametrize(("effect", "seed"), [("ground-effect", 5), ("thrust-line", 6), ("friction", 7)])
 def test_the_severity_follows_from_what_is_attainable(effect, seed):
     key = draw_case(seed, effect=effect, severity="medium").key
@@ -236,6 +250,7 @@ def test_aircraft_toml_holds_all_that_differs_from_the_defaults(tmp_path):
     assert_allclose(read.position("vane"), aircraft.position("vane"), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_case_is_decided_by_what_the_truth_brings_beside_tolerances(tmp_path):
     case = draw_case(5, effect="ground-effect", severity="easy")
     folder = write_case(case, tmp_path / "cases", tmp_path / "keys")

@@ -84,6 +84,7 @@ def test_a_law_put_into_the_truth_acts_on_the_aircraft_with_the_coefficients_it_
     assert np.ptp(qS) > 0.0
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_case():
     one, same = (draw_case(4, source="jsbsim", aircraft="pa28", family="null") for _ in range(2))
     assert one.key == same.key
