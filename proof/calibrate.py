@@ -1,9 +1,10 @@
-"""From cases to the weights of `structsel.diagnosis.weighing`: how likely an effect is, from what is known of it.
+"""Fits the probability model of the diagnosis: weights and intercepts of `structsel.diagnosis.weighing`.
 
-A case whose key is known says which of the effects in question was there, or that none was. The logarithm of each
-one's odds against nothing is taken to be linear in its features (a conditional logit), and the likeliest weights are
-found, with a mild preference for small ones. Folders are those that `structsel prove` makes; what is collected from one
-stays in its ``chances.jsonl``. Cases that are to judge are never among them.
+The key of a case states which of the candidate effects is there, or that none is. The log odds of each against nothing
+are taken to be linear in its features (a conditional logit). The most probable weights are found, with a weak prior
+for small ones. Folders are those of ``python -m proof``; what is collected from one stays in its ``chances.jsonl``.
+Cases kept for evaluation are never among them. To fit the model, this module opens the diagnosis from inside, which
+the rest of the proof does not.
 """
 
 from __future__ import annotations

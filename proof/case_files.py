@@ -1,4 +1,4 @@
-"""A concealed case, and the files it becomes: the data in one folder, the key in another."""
+"""A case and its files: the data in one folder, the key in another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The key of a concealed case: what was left out, and what may be said of it."""
+"""The answer key of a case: what the simulation lacks, and which answers are right."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class EffectKey(BaseModel):
         Where it acts; None acts everywhere.
     parameters : mapping
         What was put in; under a name that tells its unit where it is not SI.
-    intervals : mapping of recording to stretches [s], optional
+    intervals : mapping of recording to intervals [s], optional
         When it acts; None acts all the time.
     """
 

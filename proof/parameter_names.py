@@ -1,4 +1,4 @@
-"""Parameters that were put in, under the names and in the units in which a diagnosis gives them."""
+"""Injected parameters under the names and in the units in which a diagnosis states them."""
 
 from __future__ import annotations
 

@@ -135,8 +135,8 @@ def prove(
 ) -> None:
     """Draw and diagnose cases that are not done yet.
 
-    Cases stand in ``out/cases``, keys in ``out/keys``, answers in ``out/answers``. A case is diagnosed in a process
-    that sees a copy of its folder under another name, elsewhere, and is told nothing else; it prints its answer, and
+    Cases are in ``out/cases``, keys in ``out/keys``, answers in ``out/answers``. A case is diagnosed in a process
+    that sees a copy of its folder under another name, elsewhere, and gets nothing else; it prints its answer, and
     this process writes it down. What was done when a run was interrupted is not done again; a process that broke down
     is started again, one that took too long is not.
 
@@ -164,10 +164,10 @@ def prove(
     out = out.resolve()  # processes run in folders of their own
     _check_plan(draws, out)
     tell = progress or (lambda what, done, of: None)
-    bench = _Bench(out, timeout, tuple(program or PROGRAM), again, simple)
-    pool = ThreadPoolExecutor(jobs, initializer=_settle_on_a_core, initargs=(_cores(),))
+    campaign = _Campaign(out, timeout, tuple(program or PROGRAM), again, simple)
+    pool = ThreadPoolExecutor(jobs, initializer=_pin_to_core, initargs=(_cores(),))
     try:
-        running = [pool.submit(bench.settle, d) for d in in_turn(draws)]
+        running = [pool.submit(campaign.complete, d) for d in in_turn(draws)]
         for done, one in enumerate(as_completed(running)):
             one.result()
             tell("cases", done + 1, len(draws))
@@ -206,7 +206,7 @@ def _cores() -> SimpleQueue[int]:
     return free
 
 
-def _settle_on_a_core(free: SimpleQueue[int]) -> None:
+def _pin_to_core(free: SimpleQueue[int]) -> None:
     """Keep a thread and the processes it starts to one core: two threads of one case would wait for each other."""
     if not free.empty():
         core = free.get()
@@ -227,8 +227,8 @@ def _check_plan(draws: Sequence[Draw], out: Path) -> None:
 
 
 @dataclass(frozen=True)
-class _Bench:
-    """Where cases are settled, and how."""
+class _Campaign:
+    """Where cases are completed, and how."""
 
     out: Path
     timeout: float
@@ -236,7 +236,7 @@ class _Bench:
     again: bool
     simple: bool
 
-    def settle(self, asked: Draw) -> None:
+    def complete(self, asked: Draw) -> None:
         """Draw one case and diagnose it, as far as that is not done."""
         path = _answer_of(asked.name, self.out)
         answer = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -249,18 +249,18 @@ class _Bench:
         simple = self.simple and not asked.without_truth
         if self.again or not {"diagnosis", "error"} & set(answer) or (simple and not {"simple", "error"} & set(answer)):
             gone = [n for e in Key.read(key).effects for n in e.accept] if asked.without_truth else []
-            told = self._ask(case, "diagnose", ",".join(gone), *(["simple"] if simple else []))
+            new = self._ask(case, "diagnose", ",".join(gone), *(["simple"] if simple else []))
             # A diagnosis stands, though asking the baselines as well took too long.
-            if self.again or "diagnosis" in told or "diagnosis" not in answer:
-                _write(path, told)
+            if self.again or "diagnosis" in new or "diagnosis" not in answer:
+                _write(path, new)
 
     def _draw(self, asked: Draw, case: Path, key: Path) -> dict[str, Any]:
         """Draw a case; empty, or why it could not be."""
         with tempfile.TemporaryDirectory(prefix=f".{asked.name}.", dir=_made(self.out)) as place:
             request = json.dumps({**asdict(asked), "name": asked.name})
-            told = _run([*self.program, "draw", request, place], Path(place), _DRAWING)
-            if told:
-                return told if "crash" in told else {"undrawn": told.get("undrawn", told.get("error", ""))}
+            answer = _run([*self.program, "draw", request, place], Path(place), _DRAWING)
+            if answer:
+                return answer if "crash" in answer else {"undrawn": answer.get("undrawn", answer.get("error", ""))}
             # The case last: where it stands, its key does.
             os.replace(Path(place) / "key" / key.name, _made(key.parent) / key.name)
             os.replace(Path(place) / "case" / asked.name, _made(case.parent) / asked.name)
@@ -284,10 +284,10 @@ def _run(command: Sequence[str], place: Path, timeout: float) -> dict[str, Any]:
     except subprocess.TimeoutExpired:
         return {"error": f"no answer within {timeout:g} s"}
     try:
-        told = json.loads(done.stdout.splitlines()[-1])
+        answer = json.loads(done.stdout.splitlines()[-1])
     except (IndexError, ValueError):
         return {"crash": f"exit code {done.returncode}: {done.stderr.strip()[-2000:]}"}
-    return dict(told)
+    return dict(answer)
 
 
 def _answer_of(name: str, out: Path) -> Path:

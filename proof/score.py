@@ -1,4 +1,4 @@
-"""One diagnosis held against the key of its case."""
+"""Compares one diagnosis with the key of its case."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CONFIDENT = 0.8
 """Probability from which an effect counts as named with confidence."""
 WITHOUT = "without"
 """Family of a single whose own hypothesis was taken out of the library."""
-_WORTH = 0.05  # attainable share from which a response counts towards the gain
+_WORTH = 0.05  # attainable fraction from which a response counts towards the gain
 _NINETY = 1.6449  # standard deviations within which 90 % of a normal distribution lie
 
 Spans = Mapping[str, Sequence[float]]
@@ -86,7 +86,7 @@ class CaseScore:
     both : bool, optional
         Each effect of a pair was named.
     gain : float, optional
-        Share of the attainable fall of the held-out error that was reached.
+        Fraction of the attainable fall of the held-out error that was reached.
     beyond : float, optional
         Share by which the held-out error falls beyond what a refit without the physics leaves; below zero it rises.
     claims : tuple of Claim
@@ -149,35 +149,35 @@ def score_case(
         That it took.
     """
     family = WITHOUT if without_truth else key.family
-    said: Json = diagnosis if diagnosis is not None else {"verdict": "", "findings": []}
-    findings: list[Json] = list(said["findings"])
+    diagnosed: Json = diagnosis if diagnosis is not None else {"verdict": "", "findings": []}
+    findings: list[Json] = list(diagnosed["findings"])
     named = NO_ANSWER if diagnosis is None else effect_of(findings[0]) if findings else NOTHING
-    told: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     if family == "null":
-        told["alarm"] = said["verdict"] == "mismatch" or any(
+        fields["alarm"] = diagnosed["verdict"] == "mismatch" or any(
             effect_of(f) != "turbulence" and not _accepts(key, effect_of(f)) for f in findings
         )
     elif family in ("outside", WITHOUT):
-        told["claimed"] = _claims_library(said, findings, key)
+        fields["claimed"] = _claims_library(diagnosed, findings, key)
     else:
-        told |= _named_right(findings, key)
+        fields |= _named_right(findings, key)
     if key.effects and family != "null":
-        told |= _located(findings, key, spans or {})
-        told["gain"] = _gain(findings, key)
+        fields |= _located(findings, key, spans or {})
+        fields["gain"] = _gain(findings, key)
     if findings and family != "null":
-        told["beyond"] = _beyond(findings)
+        fields["beyond"] = _beyond(findings)
     if family != WITHOUT:
-        told["claims"] = tuple(Claim(effect_of(f), probability_of(f), _accepts(key, effect_of(f))) for f in findings)
-        told["sizes"] = tuple(_sizes(findings, key))
+        fields["claims"] = tuple(Claim(effect_of(f), probability_of(f), _accepts(key, effect_of(f))) for f in findings)
+        fields["sizes"] = tuple(_sizes(findings, key))
         targets = _targets(key) if family not in ("null", "outside") else ()
-        told["simple"] = {
+        fields["simple"] = {
             way: (any(_right(names[:1], e) for e in targets), any(_right(names[:3], e) for e in targets))
             for way, names in (simple or {}).items()
             if targets
         }
     return CaseScore(
         name, key.source, family, key.severity, key.form, key.effects[0].effect if key.effects else NOTHING, named,
-        said["verdict"] in key.verdicts, key.decided, seconds=seconds, **told,
+        diagnosed["verdict"] in key.verdicts, key.decided, seconds=seconds, **fields,
     )  # fmt: skip
 
 
@@ -192,7 +192,7 @@ def probability_of(finding: Json) -> float:
 
 
 def overlap(found: Mapping[str, Sequence[Sequence[float]]], true: Mapping[str, Sequence[Sequence[float]]]) -> float:
-    """Seconds that two sets of stretches share, over the seconds that either covers; 1 where both are empty."""
+    """Overlap of two sets of intervals: seconds in both over seconds in either; 1 where both are empty."""
     shared = either = 0.0
     for recording in {*found, *true}:
         a, b = _joined(found.get(recording, ())), _joined(true.get(recording, ()))
@@ -202,10 +202,10 @@ def overlap(found: Mapping[str, Sequence[Sequence[float]]], true: Mapping[str, S
     return shared / either if either > 0.0 else 1.0
 
 
-def _joined(stretches: Sequence[Sequence[float]]) -> list[tuple[float, float]]:
-    """Stretches in order, those that overlap made one."""
+def _joined(intervals: Sequence[Sequence[float]]) -> list[tuple[float, float]]:
+    """Intervals in order, those that overlap joined."""
     made: list[tuple[float, float]] = []
-    for start, end in sorted((float(s[0]), float(s[1])) for s in stretches):
+    for start, end in sorted((float(s[0]), float(s[1])) for s in intervals):
         if made and start <= made[-1][1]:
             made[-1] = (made[-1][0], max(end, made[-1][1]))
         else:
@@ -254,9 +254,9 @@ def _named_right(findings: Sequence[Json], key: Key) -> dict[str, Any]:
     return made
 
 
-def _claims_library(said: Json, findings: Sequence[Json], key: Key) -> bool:
+def _claims_library(diagnosed: Json, findings: Sequence[Json], key: Key) -> bool:
     """Whether a name of the library is given as the answer where "unknown", or a doubt, is all that can be said."""
-    if said["verdict"] != "mismatch" or not findings:
+    if diagnosed["verdict"] != "mismatch" or not findings:
         return False
     first, beside = effect_of(findings[0]), findings[0].get("ambiguous_with", ())
     return first != "unknown" and not _accepts(key, first) and "unknown" not in beside
@@ -296,15 +296,15 @@ def _located(findings: Sequence[Json], key: Key, spans: Spans) -> dict[str, Any]
 
 def _errors(finding: Json, which: str) -> dict[str, float]:
     """Relative rms error of each response on held-out flights."""
-    told = finding.get("fit", {}).get("held_out", {}).get(which, {})
-    return {c: float(f["rrmse"]) for c, f in told.items() if f.get("rrmse") is not None}
+    fields = finding.get("fit", {}).get("held_out", {}).get(which, {})
+    return {c: float(f["rrmse"]) for c, f in fields.items() if f.get("rrmse") is not None}
 
 
 def _gain(findings: Sequence[Json], key: Key) -> float | None:
     """Fall of the held-out error over the fall that can be had, summed over the responses that have one to offer.
 
     The fit of each finding counts those before it, so that the last one's is of everything found. A response of which
-    nothing is told has not been improved.
+    nothing is stated has not been improved.
     """
     shown = {c for e in key.effects for c in e.axes}
     worth = {c: a for c, a in key.attainable.items() if a >= _WORTH and c in shown}

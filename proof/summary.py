@@ -141,7 +141,7 @@ def summarise(scores: Sequence[CaseScore]) -> Summary:
 # --- figures ---------------------------------------------------------------------------------------------------------
 
 
-def _share(
+def _rate(
     name: str,
     flags: Iterable[bool | None],
     aim: float | None = None,
@@ -170,32 +170,32 @@ def _of_names(named: Sequence[CaseScore], scores: Sequence[CaseScore]) -> list[F
     decided = [s for s in named if s.decided]
     sure = [c for s in scores for c in s.claims if c.probability >= CONFIDENT and c.effect != "unknown"]
     return [
-        _share("right effect first", (s.top1 for s in named), 0.88),
-        _share("right effect first, or a declared tie", (s.tie for s in named)),
-        _share("right effect first, where the data decide", (s.top1 for s in decided)),
-        _share("the same or a declared tie, where the data decide", (s.tie for s in decided), 0.95),
-        _share("right effect among three", (s.top3 for s in named), 0.98),
-        _share("both of a pair", (s.both for s in named), 0.85),
-        _share("wrong among confidently named", (not c.right for c in sure), 0.02, "low"),
-        _share("false alarms on nulls", (s.alarm for s in scores), 0.02, "low"),
-        _share("outside the library, named", (s.claimed for s in scores if s.family == "outside"), 0.05, "low"),
-        _share("without the true hypothesis, named", (s.claimed for s in scores if s.family == WITHOUT), 0.05, "low"),
-        _share("right verdict", (s.verdict for s in scores if s.family != WITHOUT)),
-        _share("answered", (s.named != NO_ANSWER for s in scores), 1.0),
+        _rate("right effect first", (s.top1 for s in named), 0.88),
+        _rate("right effect first, or a declared tie", (s.tie for s in named)),
+        _rate("right effect first, where the data decide", (s.top1 for s in decided)),
+        _rate("the same or a declared tie, where the data decide", (s.tie for s in decided), 0.95),
+        _rate("right effect among three", (s.top3 for s in named), 0.98),
+        _rate("both of a pair", (s.both for s in named), 0.85),
+        _rate("wrong among confidently named", (not c.right for c in sure), 0.02, "low"),
+        _rate("false alarms on nulls", (s.alarm for s in scores), 0.02, "low"),
+        _rate("outside the library, named", (s.claimed for s in scores if s.family == "outside"), 0.05, "low"),
+        _rate("without the true hypothesis, named", (s.claimed for s in scores if s.family == WITHOUT), 0.05, "low"),
+        _rate("right verdict", (s.verdict for s in scores if s.family != WITHOUT)),
+        _rate("answered", (s.named != NO_ANSWER for s in scores), 1.0),
     ]
 
 
 def _of_places(named: Sequence[CaseScore]) -> list[Figure]:
     sizes = [x for s in named for x in s.sizes]
     return [
-        _share("right kind", (s.kind for s in named)),
-        _share("clearest response right", (s.axis for s in named)),
+        _rate("right kind", (s.kind for s in named)),
+        _rate("clearest response right", (s.axis for s in named)),
         _median("interval overlap, median", (s.iou for s in named), 0.8),
         _median("held-out gain over the attainable, median", (s.gain for s in named), 0.9),
         _median("held-out gain beyond a refit, median", (s.beyond for s in named)),
-        _share("worse than a refit", (None if s.beyond is None else s.beyond < -_ROUNDING for s in named), 0.0, "low"),
+        _rate("worse than a refit", (None if s.beyond is None else s.beyond < -_ROUNDING for s in named), 0.0, "low"),
         _median("error of parameters, median", (x.error for x in sizes), 0.05, "low"),
-        _share("truth within 90 % intervals", (x.inside for x in sizes), 0.85, top=0.95),
+        _rate("truth within 90 % intervals", (x.inside for x in sizes), 0.85, top=0.95),
     ]
 
 
@@ -210,15 +210,15 @@ def _of_probabilities(claims: Sequence[Claim]) -> list[Figure]:
 
 
 def _beside_simple(named: Sequence[CaseScore]) -> list[Figure]:
-    """Each simple way's share of right first names, and how far this one lies above it on the same cases."""
+    """Each simple way's fraction of right first names, and how far this one lies above it on the same cases."""
     made = []
     for way in dict.fromkeys(w for s in named for w in s.simple):
         same = [s for s in named if way in s.simple]
-        theirs = _share(f"{way}: right effect first", (s.simple[way][0] for s in same))
-        ours = _share("", (s.top1 for s in same)).value
+        theirs = _rate(f"{way}: right effect first", (s.simple[way][0] for s in same))
+        ours = _rate("", (s.top1 for s in same)).value
         made += [
             theirs,
-            _share(f"{way}: right effect among three", (s.simple[way][1] for s in same)),
+            _rate(f"{way}: right effect among three", (s.simple[way][1] for s in same)),
             Figure(f"above {way}", ours - theirs.value, len(same), 0.25),
         ]
     return made

@@ -1,4 +1,4 @@
-"""A proof as text: one Markdown page that reads as well in a terminal."""
+"""The page of a proof: one Markdown text that also reads well in a terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A JSBSim aircraft that flies the truth: extra forces, a store that drops, gusts, and its aerodynamics as arrays."""
+"""A JSBSim aircraft as a truth: external forces, a store that drops, gusts, and its aerodynamic functions."""
 
 from __future__ import annotations
 
@@ -110,8 +110,8 @@ class JSBSimPlant(JSBSimAircraft):
         rest = {c: v for c, v in settings.items() if c not in ("df", "brake")}
         self._machine.set(rest)
         if "df" in settings:
-            share = settings["df"] / self.flap
-            for node, value in zip(self._flap_nodes, (settings["df"], math.degrees(settings["df"]), share)):
+            fraction = settings["df"] / self.flap
+            for node, value in zip(self._flap_nodes, (settings["df"], math.degrees(settings["df"]), fraction)):
                 if node is not None:
                     node.set_attribute(self._machine._writable, True)
                     node.set_double_value(value)

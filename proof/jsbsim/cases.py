@@ -1,4 +1,4 @@
-"""One concealed case in the making: what is left out, how much of it, the truth flown, the key."""
+"""Builds a JSBSim case: chooses effects, finds their sizes, simulates the truth, writes the key."""
 
 from __future__ import annotations
 
@@ -53,28 +53,28 @@ class CaseBuilder:
         SimulationError, AircraftError, NotAttainable
             Something of it cannot be flown, stated or made to show.
         """
-        rng, craft = self.rng, self.plant
+        rng, plant = self.rng, self.plant
         self.effects = self._choose()
         needs = [p for e in self.effects for p in e.needs]
-        if len(self.effects) > 1:  # each of several has its share of the eight
+        if len(self.effects) > 1:  # each of several has its fraction of the eight
             needs = [p for e in self.effects for p in dict.fromkeys(e.needs)]
         if rng.random() < 0.15 and "low" not in needs:
             needs.append("low")
-        if craft.has_brake and rng.random() < 0.1:
+        if plant.has_brake and rng.random() < 0.1:
             needs.append("brake")
         lift = self.effects[0].lift if self.effects else (0.3, 0.6)
-        heights = (4000.0, 8500.0) if lift[0] < 0.2 and craft.mass > 2000.0 else (700.0, 2500.0)
+        heights = (4000.0, 8500.0) if lift[0] < 0.2 and plant.mass > 2000.0 else (700.0, 2500.0)
         dt = 0.02 if any(e.name == "structural-mode" for e in self.effects) else float(rng.choice([0.04, 0.04, 0.02]))
-        plain = plan_flights(craft, needs[:6], dt, rng, lift, heights)
+        plain = plan_flights(plant, needs[:6], dt, rng, lift, heights)
         self.manoeuvres = [f.manoeuvre for f in plain]
         store = sum(e.store_mass for e in self.effects)
-        share = float(rng.choice(OFF_BY))
-        self.instruments = draw_instruments(craft, rng, share=share, store=store, null=self.family == "null")
+        fraction = float(rng.choice(OFF_BY))
+        self.instruments = draw_instruments(plant, rng, fraction=fraction, store=store, null=self.family == "null")
         self.wind: dict[str, np.ndarray] = {}
         if self.family == "null" and self.instruments.blind:
-            self.wind = draw_turbulence(self.manoeuvres, craft.aircraft.b, rng)
-            plain = [simulate_manoeuvre(craft, m, Additions(wind=self.wind)) for m in self.manoeuvres]
-        self.factors = draw_factors(craft, plain, share, rng)
+            self.wind = draw_turbulence(self.manoeuvres, plant.aircraft.b, rng)
+            plain = [simulate_manoeuvre(plant, m, Additions(wind=self.wind)) for m in self.manoeuvres]
+        self.factors = draw_factors(plant, plain, fraction, rng)
         for k, selected in enumerate(self.effects):
             band = SEVERITIES[self.severity] if k == 0 or self.family == "pair" else (0.02, 0.05)
             self.effects[k] = self._scaled(selected, plain, float(rng.uniform(*band)))
@@ -263,11 +263,12 @@ class CaseBuilder:
         alone = [self._perfect(f, k, self.effects) for k, f in enumerate(flights)]
         missing = [self._perfect(f, k, others) for k, f in enumerate(flights)] if others else \
             [m - s for m, s, _ in (self._one(f, k, self.effects) for k, f in enumerate(flights))]  # fmt: skip
-        shares = attainable(missing, alone)
+        fractions = attainable(missing, alone)
         clear = sorted(
-            (a for a in COEFFICIENTS if shares[a] > max(0.03, 0.2 * max(shares.values()))), key=lambda a: -shares[a]
+            (a for a in COEFFICIENTS if fractions[a] > max(0.03, 0.2 * max(fractions.values()))),
+            key=lambda a: -fractions[a],
         )
-        axes = tuple(clear) or (max(shares, key=lambda a: shares[a]),)
+        axes = tuple(clear) or (max(fractions, key=lambda a: fractions[a]),)
         intervals, region = None, None
         if selected.local:
             k = COEFFICIENTS.index(axes[0])
@@ -285,7 +286,7 @@ class CaseBuilder:
                     ]
                 )
                 region = {selected.region: (float(seen.min()), float(seen.max()))}
-        return max(shares.values()), EffectKey(
+        return max(fractions.values()), EffectKey(
             effect=selected.name,
             accept=(selected.name, *selected.accept),
             tie=selected.tie,

@@ -1,4 +1,4 @@
-"""An effect as it is drawn for one aircraft: native, a law or a fault behind one face."""
+"""An effect as it is selected for one aircraft: built in, an added force, or a fault."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class SelectedEffect:
     name, kind : str
     tie, accept, needs : tuple of str
     built_in : BuiltInEffect, optional
-        `size` is the share left out; a wrong derivative's may be negative.
+        `size` is the fraction left out; a wrong derivative's may be negative.
     added_force : AddedForce, optional
     fault : callable of size to Fault, optional
     low, high : float
@@ -41,7 +41,7 @@ class SelectedEffect:
     hidden : tuple of str
         Channels that are not recorded.
     local : bool
-        Acts in stretches of time only.
+        Acts in intervals of time only.
     place : int
         Of the law among those of a case.
     gust : (axis, length [s]), optional
@@ -111,7 +111,7 @@ class SelectedEffect:
 
     def added(self, flight: TruthFlight) -> np.ndarray:
         """Coefficients (n, 6) that the law added to a truth flight."""
-        return flight.shares[self.place]
+        return flight.fractions[self.place]
 
     def wind(self, t: np.ndarray, number: int, psi: float) -> np.ndarray:
         """Velocity of the air (n, 3) [m/s], north east down, of a gust."""

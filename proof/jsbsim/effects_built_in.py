@@ -1,4 +1,7 @@
-"""Physics that a JSBSim aircraft has of its own, found in its functions, and those functions without it."""
+"""Effects that a JSBSim aircraft itself has, found in its functions, and those functions without them.
+
+They are JSBSim's own tables and formulas: independent of structsel in every respect.
+"""
 
 from __future__ import annotations
 
@@ -66,10 +69,10 @@ class BuiltInEffect:
     lift: tuple[float, float] = (0.3, 0.6)
     accept: tuple[str, ...] = ()
 
-    def left_in(self, plant: JSBSimPlant, share: float) -> tuple[AeroFunction, ...]:
-        """The parts with a share of the physics left in."""
+    def left_in(self, plant: JSBSimPlant, fraction: float) -> tuple[AeroFunction, ...]:
+        """The parts with a fraction of the physics left in."""
         own = {function.name: function for function in plant.functions}
-        return tuple(replace(p, node=blended(own[p.name].node, p.node, share)) for p in self.functions)
+        return tuple(replace(p, node=blended(own[p.name].node, p.node, fraction)) for p in self.functions)
 
 
 def find_built_in(plant: JSBSimPlant) -> list[BuiltInEffect]:

@@ -1,4 +1,7 @@
-"""Faults between what happens and what is recorded: sensors, actuators, constants of the aircraft, air."""
+"""Faults of sensors, actuators and stated constants of a JSBSim aircraft.
+
+The actuators here (lag, rate limit, stop, backlash) are written for the proof and independent of structsel's.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One manoeuvre of a JSBSim aircraft, flown with light stabilisation, and all that a key has to know of it."""
+"""Simulates one manoeuvre of a JSBSim aircraft with attitude hold, and logs all that the key needs."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class TruthFlight:
     properties : mapping of property to (n,) array
     extra : (n, 6) array
         Coefficients of all that was added, together.
-    shares : tuple of (n, 6) arrays
+    fractions : tuple of (n, 6) arrays
         Of each `AddedEffect`, in their order.
     now : tuple of mappings
         What an `AddedEffect` is given, at each sample.
@@ -90,7 +90,7 @@ class TruthFlight:
     channels: Mapping[str, np.ndarray]
     properties: Mapping[str, np.ndarray]
     extra: np.ndarray
-    shares: tuple[np.ndarray, ...] = ()
+    fractions: tuple[np.ndarray, ...] = ()
     now: tuple[Mapping[str, float], ...] = ()
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -150,7 +150,7 @@ def simulate_manoeuvre(plant: JSBSimPlant, manoeuvre: Manoeuvre, additions: Addi
             extra.start(now, dt)
         applied, real = np.zeros(6), {c: settings[c] for c in moved}
         rows.append(_row(plant, settings, real, applied))
-        seen, each, shares = [now], np.zeros((len(additions.added), 6)), [np.zeros((len(additions.added), 6))]
+        seen, each, fractions = [now], np.zeros((len(additions.added), 6)), [np.zeros((len(additions.added), 6))]
         for i in range(len(t) - 1):
             for k in range(1, count + 1):
                 at = float(t[i]) + k * dt
@@ -170,14 +170,14 @@ def simulate_manoeuvre(plant: JSBSimPlant, manoeuvre: Manoeuvre, additions: Addi
                 now = _now(plant, {**settings, **real}, at, number) if whole else _brief(plant)
             if additions.added:  # the force was held over the step, airspeed was not
                 applied = pushed / (now["qbar"] * plant.aircraft.S)
-            shares.append(each / now["qbar"])
+            fractions.append(each / now["qbar"])
             seen.append(now)
             rows.append(_row(plant, settings, real, applied))
             _check_limits(plant, now, at, manoeuvre.name)
     simulated_flight = _flight(plant, manoeuvre, settings, real, np.array(rows))
     first = len(seen) - len(simulated_flight.t)
-    by = np.array(shares)[first:]
-    return replace(simulated_flight, now=tuple(seen[first:]), shares=tuple(by[:, k] for k in range(by.shape[1])))
+    by = np.array(fractions)[first:]
+    return replace(simulated_flight, now=tuple(seen[first:]), fractions=tuple(by[:, k] for k in range(by.shape[1])))
 
 
 def _now(plant: JSBSimPlant, settings: Mapping[str, float], t: float, number: float) -> dict[str, float]:

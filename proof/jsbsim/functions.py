@@ -133,9 +133,9 @@ def scaled(node: Node, factor: float) -> Node:
     return node if factor == 1.0 else Operation("product", (Value(factor), node))
 
 
-def blended(node: Node, other: Node, share: float) -> Node:
-    """`share` of the node and the rest of the other."""
-    return Operation("sum", (scaled(node, share), scaled(other, 1.0 - share)))
+def blended(node: Node, other: Node, fraction: float) -> Node:
+    """`fraction` of the node and the rest of the other."""
+    return Operation("sum", (scaled(node, fraction), scaled(other, 1.0 - fraction)))
 
 
 def evaluate(node: Node, values: Mapping[str, Any]) -> Any:

@@ -1,4 +1,4 @@
-"""What is recorded of a JSBSim flight, what its simulation is told, and the coefficients of both."""
+"""Channels of a JSBSim flight, its readings, and the states that its simulation is given."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class InstrumentSet:
     stated : Aircraft
         As aircraft.toml has it.
     noise, bias : mapping of channel to standard deviation
-        Noise of thrust is a share of its mean.
+        Noise of thrust is a fraction of its mean.
     scale, delay : mapping of channel to value
         Errors within the tolerances.
     raw : bool

@@ -1,4 +1,4 @@
-"""Eight manoeuvres of mixed purposes for one aircraft, trimmed where they start and sized to what it answers."""
+"""Eight manoeuvres of mixed purposes for one aircraft, from trimmed points, with inputs sized to its response."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def _tempo(plant: JSBSimPlant) -> float:
 
 
 def _lead(at: Point, alpha: np.ndarray) -> np.ndarray:
-    """Elevator that a wanted incidence takes, about."""
+    """Elevator that a wanted angle of attack takes, about."""
     return np.clip(-0.8 * at.reach["de"] / _RISE["alpha"] * alpha, -0.3, 0.3)
 
 

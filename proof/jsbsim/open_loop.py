@@ -1,4 +1,4 @@
-"""A simulation flown freely: open loop with the recorded inputs from the same start."""
+"""The simulation under test on its own: open loop with the recorded inputs from the same start."""
 
 from __future__ import annotations
 

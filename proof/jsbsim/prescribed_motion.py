@@ -1,4 +1,4 @@
-"""What a simulation with some aerodynamic functions says along a flight: forced, all samples at once."""
+"""Coefficients of a simulation with given aerodynamic functions along a flight, all samples at once."""
 
 from __future__ import annotations
 

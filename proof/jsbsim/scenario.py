@@ -1,4 +1,4 @@
-"""What surrounds a case: instruments and their errors, what is stated of the aircraft, tolerances, moving air."""
+"""Scenario of a JSBSim case: instruments and their errors, the stated aircraft, tolerances, turbulence."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MAIN = 0.2  # of its axis' rms; a part above it has the tolerance of a main der
 
 
 def draw_instruments(
-    plant: JSBSimPlant, rng: np.random.Generator, *, share: float, store: float, null: bool
+    plant: JSBSimPlant, rng: np.random.Generator, *, fraction: float, store: float, null: bool
 ) -> InstrumentSet:
     """Instruments, and what aircraft.toml says of the aircraft: all off by its tolerances.
 
@@ -29,7 +29,7 @@ def draw_instruments(
     ----------
     plant : JSBSimPlant
     rng : numpy Generator
-    share : float
+    fraction : float
         Of the tolerances, by which things are off.
     store : float [kg]
         Carried at the start.
@@ -37,7 +37,7 @@ def draw_instruments(
         Whether the air may be turbulent and the noise coloured.
     """
     true, draw = plant.aircraft, rng.standard_normal
-    t = {name: share * sd for name, sd in TIGHT.items()}
+    t = {name: fraction * sd for name, sd in TIGHT.items()}
     level = float(rng.uniform(1.0, 1.7))
     seat = np.array([rng.uniform(-0.06, 0.08) * true.b, 0.0, rng.uniform(-0.1, 0.1)])
     boom = np.array([rng.uniform(0.15, 0.35) * true.b, 0.0, 0.0])
@@ -81,15 +81,15 @@ def draw_instruments(
 
 
 def draw_factors(
-    plant: JSBSimPlant, flights: Sequence[TruthFlight], share: float, rng: np.random.Generator
+    plant: JSBSimPlant, flights: Sequence[TruthFlight], fraction: float, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Factor of each part of an axis in the simulation: off by a share of the tolerances."""
+    """Factor of each part of an axis in the simulation: off by a fraction of the tolerances."""
     held = [contributions(plant, f, plant.functions) for f in flights[:4]]
     axes = {p.name: p.axis for p in plant.functions if p.axis}
     sizes = {n: float(np.sqrt(np.mean(np.concatenate([h[n] for h in held]) ** 2))) for n in axes}
     total = {axis: sum(sizes[n] for n, a in axes.items() if a == axis) for axis in set(axes.values())}
     kinds = {n: "main" if sizes[n] > _MAIN * total[a] else "secondary" for n, a in axes.items()}
-    return {n: 1.0 + share * TIGHT[kinds[n]] * float(rng.standard_normal()) for n in axes}
+    return {n: 1.0 + fraction * TIGHT[kinds[n]] * float(rng.standard_normal()) for n in axes}
 
 
 def draw_turbulence(manoeuvres: Sequence[Manoeuvre], b: float, rng: np.random.Generator) -> dict[str, np.ndarray]:

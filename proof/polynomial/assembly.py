@@ -1,4 +1,4 @@
-"""What is handed over: recordings, a simulation forced or free, and the key; cases with one effect."""
+"""Assembles a case: recordings, a simulation along them or of its own, and the key; cases with one effect."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def find_active(
 
 def describe(effect: Effect, design: EffectDesign, injection: Injection, result: ScenarioResult) -> EffectKey:
     """The key's entry of one effect, axes ordered by what is attainable in them."""
-    share = result.attainable
-    axes = sorted((a for a in design.axes if share[a] > 0.01), key=lambda a: -share[a]) or [design.axes[0]]
+    fraction = result.attainable
+    axes = sorted((a for a in design.axes if fraction[a] > 0.01), key=lambda a: -fraction[a]) or [design.axes[0]]
     intervals, region = None if isinstance(design.intervals, str) else design.intervals, None
     if design.intervals == "active":
         intervals, region = find_active(result, axes[0], design.region)
@@ -81,7 +81,7 @@ def recordings_of(scenario: Scenario, result: ScenarioResult) -> list[Recording]
 
 
 def forced(result: ScenarioResult) -> dict[str, Channels]:
-    """Simulated coefficients at what the simulation was told."""
+    """Simulated coefficients at the states that the simulation is given."""
     return {name(k): {"t": f.t, **dict(zip(AXES, result.simulated[k].T))} for k, f in enumerate(result.flights)}
 
 
@@ -145,8 +145,8 @@ def make_single(
     )
     _, injection, result = scale_effect(scenario, design, float(rng.uniform(*SHARES[severity])))
     key = describe(effect, design, injection, result)
-    share = result.share(design.axes)
-    if share < 0.05:
+    fraction = result.fraction(design.axes)
+    if fraction < 0.05:
         raise NotAttainable(f"{effect.name} does not show")
     severity = severity_of(max(result.attainable[a] for a in design.axes))
     return assemble(scenario, result, form, [key], severity, "single")
@@ -214,21 +214,21 @@ def make_windy(effect: Effect, aircraft_name: str, severity: str, seed: int, att
         return injection, result, {c: _explained(result, still, blown, c) for c in ("vn", "ve", "vd", "V", "h")}
 
     def reached(size: float) -> float:
-        shares = tried(size)[2]
-        return max(shares["vn"], shares["ve"])
+        fractions = tried(size)[2]
+        return max(fractions["vn"], fractions["ve"])
 
     size, _ = bisect(reached, float(rng.uniform(*SHARES[severity])), design.low, design.high, 6)
-    injection, result, shares = tried(size)
-    share = max(shares["vn"], shares["ve"])
-    if share < 0.05:
+    injection, result, fractions = tried(size)
+    fraction = max(fractions["vn"], fractions["ve"])
+    if fraction < 0.05:
         raise NotAttainable(f"{effect.name} does not show")
-    axes = tuple(sorted((c for c in shares if shares[c] > 0.03), key=lambda c: -shares[c]))
+    axes = tuple(sorted((c for c in fractions if fractions[c] > 0.03), key=lambda c: -fractions[c]))
     key = EffectKey(
         effect=effect.name, accept=(effect.name,), tie=design.tie, kinds=effect.kinds, axes=axes,
         parameters=injection.parameters,
     )  # fmt: skip
-    case = assemble(scenario, result, "free", [key], severity_of(max(shares.values())), "single")
-    return replace(case, key=case.key.model_copy(update={"attainable": {**dict.fromkeys(AXES, 0.0), **shares}}))
+    case = assemble(scenario, result, "free", [key], severity_of(max(fractions.values())), "single")
+    return replace(case, key=case.key.model_copy(update={"attainable": {**dict.fromkeys(AXES, 0.0), **fractions}}))
 
 
 def _explained(

@@ -1,4 +1,4 @@
-"""The families of cases: one effect, two, none, several small ones beside a main one, and physics without a name."""
+"""Families of cases: one effect, two, none, several small ones with a main one, and physics without a name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an effect is to the maker of cases: its key, the manoeuvres it needs, and how it enters at a size."""
+"""What an effect is to the generator: its key, the manoeuvres it needs, and what it injects at a size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Effects of aerodynamics: parameters, static and with memory."""
+"""Aerodynamic effects of the polynomial plant: parameters, static effects, and effects with memory.
+
+Their formulas are from the literature and independent of structsel's hypotheses.
+"""
 
 from __future__ import annotations
 

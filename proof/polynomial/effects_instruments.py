@@ -1,4 +1,7 @@
-"""Effects of instruments, and vibrations that they feel."""
+"""Effects of instruments in the polynomial plant, and vibrations that they feel.
+
+They are independent of structsel's hypotheses of instruments.
+"""
 
 from __future__ import annotations
 
@@ -134,7 +137,7 @@ def _position_error(c: EffectContext) -> EffectDesign:
 
 
 def _structural_mode(c: EffectContext) -> EffectDesign:
-    """A bending mode driven by elevator and incidence (or rudder and sideslip), felt where the instruments sit."""
+    """A bending mode driven by elevator and angle of attack (or rudder and sideslip), felt by the instruments."""
     side = c.rng.random() < 0.3
     rate = 1.0 / (c.base[0].t[1] - c.base[0].t[0])
     frequency, damping = float(c.rng.uniform(1.8, 0.16 * rate if rate < 40 else 6.0)), float(c.rng.uniform(0.02, 0.06))

@@ -1,4 +1,7 @@
-"""Effects of propulsion, mass, actuators, air and structure."""
+"""Effects of propulsion, mass, actuators and air in the polynomial plant.
+
+Their formulas are from the literature and independent of structsel's hypotheses.
+"""
 
 from __future__ import annotations
 
@@ -94,14 +97,14 @@ def _mass_error(c: EffectContext) -> EffectDesign:
     sign, burnt = c.sign(), c.rng.random() < 0.4
     if burnt:
         # Fuel used from one manoeuvre to the next: lighter and lighter.
-        share = [k / (len(c.manoeuvres) - 1.0) for k in range(len(c.manoeuvres))]
+        fraction = [k / (len(c.manoeuvres) - 1.0) for k in range(len(c.manoeuvres))]
 
     def at(size: float) -> Injection:
         if not burnt:
             return Injection(
                 InjectedPhysics(mass=1.0 + sign * 0.06 * size), parameters={"factor": 1.0 + sign * 0.06 * size}
             )
-        of = [np.full(len(p.schedules), 1.0 - 0.1 * size * s) for p, s in zip(c.manoeuvres, share)]
+        of = [np.full(len(p.schedules), 1.0 - 0.1 * size * s) for p, s in zip(c.manoeuvres, fraction)]
         return Injection(InjectedPhysics(mass_of=of), parameters={"burnt": 0.1 * size})
 
     return EffectDesign(

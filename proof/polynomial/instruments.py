@@ -65,7 +65,7 @@ def read(
 def simulated(
     terms: Sequence[Term], flight: TruthFlight, aircraft: Aircraft, given: Mapping[str, np.ndarray], V0: float
 ) -> np.ndarray:
-    """(n, 6) coefficients of the simulation at what it is told.
+    """(n, 6) coefficients of the simulation at the states it is given.
 
     `given`: V, alpha, beta at the centre of gravity, p, q, r, de, da, dr, thrust, rho.
     """

@@ -1,4 +1,4 @@
-"""What the pilots of the truth flights do: manoeuvres as schedules of excitation and references."""
+"""Manoeuvres of the polynomial plant: schedules of control inputs and of references of the pilot."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class InputSizes:
 
 
 def input_sizes(truth: TruthAircraft, V: float, h: float, alpha: float = 0.0) -> InputSizes:
-    """From the main derivatives: about 0.05 rad of incidence, 0.05 rad of sideslip, 0.2 rad/s of roll."""
+    """From the main derivatives: about 0.05 rad of angle of attack, 0.05 rad of sideslip, 0.2 rad/s of roll."""
     air = truth.aircraft
     rho = float(standard_atmosphere(h)[2])
     qS = 0.5 * rho * V**2 * air.S
@@ -96,7 +96,7 @@ def input_sizes(truth: TruthAircraft, V: float, h: float, alpha: float = 0.0) ->
 
 
 def _follow(manoeuvre: Manoeuvre, truth: TruthAircraft, t0: float, t1: float, wanted: np.ndarray) -> None:
-    """Have the pilot follow an incidence, with the elevator that it takes."""
+    """Have the pilot follow an angle of attack, with the elevator that it takes."""
     on = (manoeuvre.t >= t0) & (manoeuvre.t < t1)
     manoeuvre.column("alpha")[on] = wanted[on]
     slope = -(truth.value("Cm", "alpha") + 2.0 * manoeuvre.trim["alpha"] * truth.value("Cm", "alpha^2"))
@@ -191,7 +191,7 @@ def _speeds(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.r
 
 
 def _pulls(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
-    """Pushes and pulls of incidence, within the usual range and somewhat beyond."""
+    """Pushes and pulls of the angle of attack, within the usual range and somewhat beyond."""
     trim = manoeuvre.trim["alpha"]
     up = min(0.80 * truth.stall, trim + 0.09) - trim
     period = rng.uniform(4.0, 7.0)
@@ -304,12 +304,12 @@ def make_manoeuvre(
     return manoeuvre
 
 
-def _speed_at(truth: TruthAircraft, h: float, share: float) -> float:
-    """Speed of level flight at a share of the stalling incidence."""
+def _speed_at(truth: TruthAircraft, h: float, fraction: float) -> float:
+    """Speed of level flight at a fraction of the stalling angle of attack."""
     low, high = 0.4 * truth.speeds[0], 1.3 * truth.speeds[1]
     for _ in range(12):
         V = 0.5 * (low + high)
-        low, high = (V, high) if truth.trim(V, h)["alpha"] > share * truth.stall else (low, V)
+        low, high = (V, high) if truth.trim(V, h)["alpha"] > fraction * truth.stall else (low, V)
     return V
 
 

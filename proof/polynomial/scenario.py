@@ -1,4 +1,4 @@
-"""From effects and a seed to a case: flown, sized, read by instruments, simulated."""
+"""From effects and a seed to a scenario: aircraft, manoeuvres and errors; simulated, measured and sized."""
 
 from __future__ import annotations
 
@@ -70,11 +70,11 @@ class ScenarioResult:
         return brought, left
 
     def expected(self, axes: Sequence[str], stretch: float = 1.0) -> float:
-        """Attainable share in the main axis if the effect and what is there without it have nothing in common."""
+        """Attainable fraction in the main axis if the effect and what is there without it have nothing in common."""
         brought, left = self._sizes(axes)
         return float(np.max(1.0 - left / np.hypot(left, stretch * brought)))
 
-    def share(self, axes: Sequence[str]) -> float:
+    def fraction(self, axes: Sequence[str]) -> float:
         """What is attainable in the axis where the effect stands out most."""
         return self.attainable[max(axes, key=lambda a: self.expected([a]))]
 
@@ -116,8 +116,8 @@ def draw_scenario(effects: Sequence[Effect], base: TruthAircraft, seed: int, sta
     }
     aircraft = Aircraft.from_dict(content)
     level = float(rng.uniform(1.0, 1.7))
-    share = float(rng.choice(OFF_BY))
-    half = 0.5 * share
+    fraction = float(rng.choice(OFF_BY))
+    half = 0.5 * fraction
     factor = lambda key: 1.0 + half * float(getattr(tolerances, key)) * float(rng.standard_normal())  # noqa: E731
     wrong = {
         "scale": {n: factor("vane_scale") - 1.0 for n in ("alpha", "beta")},
@@ -136,7 +136,7 @@ def draw_scenario(effects: Sequence[Effect], base: TruthAircraft, seed: int, sta
         ),
     )
     biases = [{n: s * float(rng.standard_normal()) for n, s in BIAS.items()} for _ in manoeuvres]
-    terms = truth.with_parameter_errors(rng, share * float(tolerances.main), share * float(tolerances.secondary))  # type: ignore[arg-type]
+    terms = truth.with_parameter_errors(rng, fraction * float(tolerances.main), fraction * float(tolerances.secondary))  # type: ignore[arg-type]
     extra = {c for e in effects for c in e.channels}
     # Channels that an effect needs are there at other times as well.
     if truth.propeller or rng.random() < 0.3:
@@ -238,7 +238,7 @@ def contribution_of(scenario: Scenario, result: ScenarioResult) -> tuple[np.ndar
 def scale_effect(
     scenario: Scenario, design: EffectDesign, wanted: float, tries: int = 5, fixed: Sequence[str] = ()
 ) -> tuple[float, Injection, ScenarioResult]:
-    """Size at which the attainable share in the main axis is about as wanted, as far as it is plausible.
+    """Size at which the attainable fraction in the main axis is about as wanted, as far as it is plausible.
 
     Where the simulation's own errors happen to hide the effect or to add to it, they are turned round (in
     `scenario`), but for those of the `fixed` axes.

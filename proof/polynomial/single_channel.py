@@ -52,7 +52,7 @@ def make_single_channel(effect: str, wanted: float, seed: int, attempt: int, for
     effect : str
         Of `SINGLE_CHANNEL`.
     wanted : float
-        Attainable share aimed at.
+        Attainable fraction aimed at.
 
     Raises
     ------
@@ -87,13 +87,13 @@ def make_single_channel(effect: str, wanted: float, seed: int, attempt: int, for
 
     def reached(size: float) -> float:
         noisy, S0, S1 = at(size)
-        return _share(noisy[channel], S0, S1)
+        return _attained(noisy[channel], S0, S1)
 
     # The lag of an inflow is no less than 0.03 s.
     size, _ = bisect(reached, wanted, 0.15 if rotor else 1e-3, 8.0, 10)
     noisy, S0, _ = at(size)
-    share = reached(size)
-    if not 0.05 < share < 0.97:
+    fraction = reached(size)
+    if not 0.05 < fraction < 0.97:
         raise NotAttainable(effect)
     aircraft = Aircraft.from_dict(
         {
@@ -122,8 +122,8 @@ def make_single_channel(effect: str, wanted: float, seed: int, attempt: int, for
     key = Key(
         verdicts=("mismatch",),
         form="forced" if channel == "a" else "free",
-        severity=severity_of(share),
-        attainable={channel: share},
+        severity=severity_of(fraction),
+        attainable={channel: fraction},
         effects=(injection,),
         source=f"own/{'rotor' if rotor else 'oscillator'}",
         seed=seed,
@@ -142,7 +142,7 @@ def _physical(effect: str, size: float, most: float) -> Values:
     }[effect]
 
 
-def _share(measured: np.ndarray, before: np.ndarray, after: np.ndarray) -> float:
+def _attained(measured: np.ndarray, before: np.ndarray, after: np.ndarray) -> float:
     b, a = (float(np.sqrt(np.mean((measured - s) ** 2))) for s in (before, after))
     return 1.0 - a / b
 

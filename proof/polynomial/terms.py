@@ -18,7 +18,7 @@ VARIABLES = (
     "glauert", "rise", "lnRe",
     # Near the ground; schedules of time: configuration, ice, a clock of any kind.
     "ground", "cfg", "ice", "clock",
-    # Relative dynamic pressure; what lags behind alpha and beta; separated share of the wing, lift lost.
+    # Relative dynamic pressure; what lags behind alpha and beta; separated fraction of the wing, lift lost.
     "dqbar", "downwash", "sidewash", "wagner", "stall", "lost",
     # Rates times rotor speed over dynamic pressure; lift of the base model; heading as a sawtooth; slosh angle.
     "gyro_q", "gyro_r", "CL", "heading", "slosh", "angle_of_bank",

@@ -462,7 +462,7 @@ def test_a_process_that_breaks_down_or_takes_too_long_is_no_answer(fake, tmp_pat
     campaign.prove(draws, tmp_path / "a", program=fake())  # it may have been stopped from outside: it is asked again
     assert not campaign.errors_of(draws, tmp_path / "a")
     slow = (sys.executable, "-c", "import time; time.sleep(20)")
-    problem = campaign._Bench(tmp_path, 0.2, slow, False, False)
+    problem = campaign._Campaign(tmp_path, 0.2, slow, False, False)
     (tmp_path / "case").mkdir()
     assert problem._ask(tmp_path / "case", "diagnose") == {"error": "no answer within 0.2 s"}
 
