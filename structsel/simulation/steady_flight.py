@@ -6,19 +6,23 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import least_squares
 
 from structsel.errors import ChannelError
 from structsel.formatting import format_number
 from structsel.nomenclature import is_known, unit_of
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import STATES
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
 
+EQUATIONS = ("u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot", "climb")
+"""What is zero in a steady flight: accelerations, and the error of the rate of climb."""
 _ANGLES = ("alpha", "beta", "phi", "theta", "p", "q", "r")
 
 
@@ -125,3 +129,96 @@ class Trim(Result):
             tables=(Table(columns, tuple(rows)),),
             notes=(f"unbalanced at most {abs(self.unbalance[worst]):.1g} in {worst}",),
         )
+
+
+class TrimPlant(Protocol):
+    """What is trimmed: anything that accelerates at given states and controls."""
+
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """Names of the controls."""
+        ...
+
+    def accelerations(self, state: np.ndarray, controls: Mapping[str, float]) -> np.ndarray:
+        """(7,) derivatives of u, v, w, p, q, r, and the rate of climb through the air [m/s]."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class TrimProblem:
+    """Unknowns and equations of a steady flight.
+
+    Attributes
+    ----------
+    plant : TrimPlant
+    V, h : float [m/s, m]
+    unknowns : tuple of str
+        Of alpha, beta, theta, phi, turn_rate, climb and the controls.
+    fixed : mapping of str to float
+        The others.
+    rows : (k,) int array
+        Which of `EQUATIONS` are to be satisfied.
+    scale : (u,) array
+        Unknowns are solved for in units of this.
+    limits : (u, 2) array
+        In these units.
+    """
+
+    plant: TrimPlant
+    V: float
+    h: float
+    unknowns: tuple[str, ...]
+    fixed: Mapping[str, float]
+    rows: np.ndarray
+    scale: np.ndarray
+    limits: np.ndarray
+
+    def values(self, z: np.ndarray) -> dict[str, float]:
+        """Every quantity of the flight by name, for scaled unknowns (u,)."""
+        return {**self.fixed, **dict(zip(self.unknowns, (z * self.scale).tolist()))}
+
+    def state(self, z: np.ndarray) -> np.ndarray:
+        """(12,) state."""
+        held = self.values(z)
+        phi, theta, turn = held["phi"], held["theta"], held["turn_rate"]
+        velocity = [float(x) for x in rb.body_velocity(self.V, held["alpha"], held["beta"])]
+        rates = [
+            0.0 - turn * math.sin(theta),
+            turn * math.sin(phi) * math.cos(theta),
+            turn * math.cos(phi) * math.cos(theta),
+        ]
+        return np.array([*velocity, *rates, phi, theta, 0.0, 0.0, 0.0, self.h])
+
+    def controls(self, z: np.ndarray) -> dict[str, float]:
+        """Controls of the plant."""
+        held = self.values(z)
+        return {c: held[c] for c in self.plant.controls}
+
+    def imbalance(self, z: np.ndarray) -> np.ndarray:
+        """(7,) what is left of each of `EQUATIONS`: accelerations, and the error of the rate of climb."""
+        left = np.array(self.plant.accelerations(self.state(z), self.controls(z)), dtype=float)
+        left[6] -= self.V * math.sin(self.values(z)["climb"])
+        return left
+
+    def relative(self, left: np.ndarray) -> np.ndarray:
+        """(k,) the imbalance of the rows in g, rad/s^2 and V."""
+        return (left / np.array([G0, G0, G0, 1.0, 1.0, 1.0, self.V]))[self.rows]
+
+    def residual(self, z: np.ndarray) -> np.ndarray:
+        """(k,) as `relative`, large where the plant gives no finite value."""
+        left = self.relative(self.imbalance(z))
+        return np.where(np.isfinite(left), left, 1e3)
+
+    def nearest(self, first: np.ndarray, *, tolerance: float, evaluations: int, **difference: Any) -> Any:
+        """Least squares within the limits; `difference` are options of `scipy.optimize.least_squares`."""
+        return least_squares(
+            self.residual, first, bounds=(self.limits[:, 0], self.limits[:, 1]), x_scale=0.1, xtol=tolerance,
+            ftol=tolerance, gtol=tolerance, max_nfev=evaluations, **difference,
+        )  # fmt: skip
+
+    def solution(self, z: np.ndarray, outputs: Mapping[str, float]) -> Trim:
+        """The steady flight of scaled unknowns."""
+        held, controls = self.values(z), self.controls(z)
+        free = tuple(c for c in self.unknowns if c in controls)
+        left = dict(zip(EQUATIONS, self.imbalance(z).tolist()))
+        return Trim(self.state(z), controls, free, held["climb"], held["turn_rate"], left, outputs)

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares, root
+from scipy.optimize import root
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DomainError, ModelError, SimulationError
 from structsel.model import AeroModel
 from structsel.nomenclature import CONTROL_SURFACES, LATERAL_COEFFICIENTS
-from structsel.numerics import rigid_body as rb
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import OUTPUTS
 from structsel.numerics.flight_simulation import state_derivatives
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import FlightSetup, prepare
-from structsel.simulation.steady_flight import Trim
+from structsel.simulation.steady_flight import EQUATIONS, Trim, TrimProblem
 
 _PROPULSION = ("throttle", "thrust")
 _LIMITS = {
@@ -31,7 +31,6 @@ _LIMITS = {
 }
 _LIMITS |= {**dict.fromkeys(CONTROL_SURFACES, (-0.7, 0.7)), "throttle": (0.0, 1.0), "thrust": (0.0, math.inf)}
 _BALANCED = 1e-8  # of g, or rad/s^2
-_EQUATIONS = ("u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot", "climb")
 _KEPT = ("ax", "ay", "az", "rho", "qbar", "mach", "thrust", "mass", "CX", "CY", "CZ", "Cl", "Cm", "Cn")
 
 
@@ -99,138 +98,113 @@ def trim(
     """
     if not V > 0.0:
         raise DomainError(f"trim needs an airspeed V above zero; it is {V:g} m/s.")
-    search = _Search(model, aircraft, V, h, climb, turn_rate, bank, sideslip, definitions, air, controls, free, limits)
-    return search.run()
-
-
-class _Search:
-    """The unknowns of a trim, and what they leave unbalanced."""
-
-    def __init__(
-        self,
-        model: AeroModel,
-        aircraft: Aircraft,
-        V: float,
-        h: float,
-        climb: float | None,
-        turn_rate: float | None,
-        bank: float | None,
-        sideslip: float | None,
-        definitions: Mapping[str, str] | None,
-        air: Atmosphere | None,
-        controls: Mapping[str, float] | None,
-        free: Sequence[str] | None,
-        limits: Mapping[str, tuple[float, float]] | None,
-    ):
-        self.V, self.h = V, h
-        lateral = any(name in model for name in LATERAL_COEFFICIENTS)
-        given = dict(controls or {})
-        self.ready = _still(model, aircraft, V, h, given, free, definitions, air)
-        plan = self.ready.compiled
-        chosen = tuple(free or ())
-        if free is None:
-            surfaces = CONTROL_SURFACES if lateral else ("de",)
-            chosen = tuple(c for c in (*surfaces, *_PROPULSION) if c in plan.controls and c not in given)
-        self.free = chosen
-        if strange := [c for c in self.free if c not in plan.controls]:
-            raise ModelError(f"'{strange[0]}' cannot be trimmed: the model flies on {', '.join(plan.controls)}.")
-        self.settled = {c: given.get(c, 0.0) for c in plan.controls}
-        self.attitude, unknown = _attitude(turn_rate, bank, sideslip, lateral)
-        self.attitude["climb"] = climb or 0.0
-        self.unknowns = ("alpha", "theta", *unknown, *(("climb",) if climb is None else ()), *self.free)
-        rows = range(len(_EQUATIONS)) if lateral else (0, 2, 4, 6)
-        self.rows = np.array(list(rows))
-        if len(self.unknowns) < len(self.rows):
-            raise ModelError(
-                f"A steady flight has {len(self.rows)} equations, and only {', '.join(self.unknowns)} to fulfil them. "
-                f"Free more controls with free=(...); the model flies on {', '.join(plan.controls)}."
-            )
-        bounds = {**_LIMITS, **(limits or {})}
-        self.bounds = np.array([bounds.get(name, (-math.inf, math.inf)) for name in self.unknowns]).T
-        # A thrust is found to a tenth of the weight as an angle is to a tenth of a radian.
-        weight = float(self.ready.manoeuvre.conditions[0, 0]) * G0
-        self.scale = np.array([weight if name == "thrust" else 1.0 for name in self.unknowns])
-
-    def assemble(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """State, controls, rate of turn and climb of scaled unknowns."""
-        held = {**self.settled, **self.attitude, **dict(zip(self.unknowns, z * self.scale))}
-        phi, theta, turn = held["phi"], held["theta"], held["turn_rate"]
-        velocity = [float(x) for x in rb.body_velocity(self.V, held["alpha"], held["beta"])]
-        rates = [
-            0.0 - turn * math.sin(theta),
-            turn * math.sin(phi) * math.cos(theta),
-            turn * math.cos(phi) * math.cos(theta),
-        ]
-        state = np.array([*velocity, *rates, phi, theta, 0.0, 0.0, 0.0, self.h])
-        return state, np.array([held[c] for c in self.ready.compiled.controls]), turn, held["climb"]
-
-    def unbalance(self, z: np.ndarray) -> np.ndarray:
-        """(7,) accelerations and error of the rate of climb."""
-        state, controls, _, climb = self.assemble(z)
-        slope, _ = state_derivatives(self.ready.compiled, self.ready.manoeuvre, state[None], controls[None])
-        # The steady wind carries the aircraft along; climbing is meant through the air.
-        rise = slope[0, 11] + self.ready.manoeuvre.wind[0, 2]
-        return np.array([*slope[0, :6], rise - self.V * math.sin(climb)])
-
-    def residual(self, z: np.ndarray) -> np.ndarray:
-        found = self.unbalance(z)[self.rows] / np.array([G0, G0, G0, 1.0, 1.0, 1.0, self.V])[self.rows]
-        return np.where(np.isfinite(found), found, 1e3)
-
-    def run(self) -> Trim:
-        low, high = self.bounds / self.scale
-        guess = dict.fromkeys(self.unknowns, 0.0) | {
-            "alpha": 0.05,
-            "theta": 0.05 + self.attitude["climb"],
-            "climb": 0.0,
-            "thrust": 0.1,
-        }
-        guess |= {"throttle": 0.4, "phi": math.atan(self.V * self.attitude["turn_rate"] / G0)}
-        if "turn_rate" in self.unknowns:
-            guess["turn_rate"] = G0 * math.tan(self.attitude["phi"]) / self.V
-        first = np.clip([guess[name] for name in self.unknowns], low, high)
-        inside = lambda z: bool((z >= low - 1e-9).all() and (z <= high + 1e-9).all())  # noqa: E731
-        best = first
-        if len(self.unknowns) == len(self.rows):
-            best = root(self.residual, first, tol=1e-13).x
-        if not inside(best) or np.abs(self.residual(best)).max() > _BALANCED:
-            starts = [first, np.where(np.isfinite(best), np.clip(best, low, high), first)]
-            tried = [
-                least_squares(self.residual, np.clip(z, low + 1e-9, high - 1e-9), bounds=(low, high), x_scale=0.1,
-                              xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=400)
-                for z in starts
-            ]  # fmt: skip
-            best = min(tried, key=lambda found: found.cost).x
-        made = self._trim(best)
-        if np.abs(self.residual(best)).max() > _BALANCED:
-            raise SimulationError(self._regret(best, low, high), made)
-        return made
-
-    def _trim(self, z: np.ndarray) -> Trim:
-        state, controls, turn, climb = self.assemble(z)
-        _, outputs = state_derivatives(self.ready.compiled, self.ready.manoeuvre, state[None], controls[None])
-        return Trim(
-            state,
-            dict(zip(self.ready.compiled.controls, controls.tolist())),
-            self.free,
-            climb,
-            turn,
-            dict(zip(_EQUATIONS, self.unbalance(z).tolist())),
-            {name: float(outputs[0, OUTPUTS.index(name)]) for name in _KEPT},
+    lateral = any(name in model for name in LATERAL_COEFFICIENTS)
+    given = dict(controls or {})
+    setup = _at_rest(model, aircraft, {"V": V, "alpha": 0.0, "theta": 0.0, "h": h}, given, free, definitions, air)
+    plant = _SimulatedPlant(setup)
+    free = _free_controls(plant, given, free, lateral)
+    attitude, unknown = _attitude(turn_rate, bank, sideslip, lateral)
+    attitude["climb"] = climb or 0.0
+    unknowns = ("alpha", "theta", *unknown, *(("climb",) if climb is None else ()), *free)
+    rows = np.arange(len(EQUATIONS)) if lateral else np.array([0, 2, 4, 6])
+    if len(unknowns) < len(rows):
+        raise ModelError(
+            f"A steady flight has {len(rows)} equations, and only {', '.join(unknowns)} to fulfil them. "
+            f"Free more controls with free=(...); the model flies on {', '.join(plant.controls)}."
         )
+    # A thrust is found to a tenth of the weight as an angle is to a tenth of a radian.
+    weight = float(setup.manoeuvre.conditions[0, 0]) * G0
+    scale = np.array([weight if name == "thrust" else 1.0 for name in unknowns])
+    bounds = {**_LIMITS, **(limits or {})}
+    within = np.array([bounds.get(name, (-math.inf, math.inf)) for name in unknowns]) / scale[:, None]
+    fixed = {**{c: given.get(c, 0.0) for c in plant.controls}, **attitude}
+    problem = TrimProblem(plant, V, h, unknowns, fixed, rows, scale, within)
+    z = _solve(problem)
+    outputs = plant.outputs(problem.state(z), problem.controls(z))
+    found = problem.solution(z, {name: float(outputs[OUTPUTS.index(name)]) for name in _KEPT})
+    if np.abs(problem.residual(z)).max() > _BALANCED:
+        raise SimulationError(_why_not(problem, z), found)
+    return found
 
-    def _regret(self, z: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
-        left = self.residual(z)
-        worst = int(np.argmax(np.abs(left)))
-        name = _EQUATIONS[self.rows[worst]]
-        unit = "g" if name[0] in "uvw" else "of V" if name == "climb" else "rad/s^2"
-        at = [f"{n} = {v * s:.4g}" for n, v, s, a, b in zip(self.unknowns, z, self.scale, low, high)
-              if v - a < 1e-6 or b - v < 1e-6]  # fmt: skip
-        stuck = f" At a limit: {', '.join(at)}." if at else ""
-        return (
-            f"No trim exists at V = {self.V:g} m/s, h = {self.h:g} m: the nearest leaves {left[worst]:.3g} {unit} of "
-            f"{name}.{stuck}\nTry another airspeed, climb or flap, free another control with free=(...), or widen "
-            "limits={...}. The nearest is in the error's .partial."
-        )
+
+@dataclass(frozen=True)
+class _SimulatedPlant:
+    """An AeroModel as the plant of a trim."""
+
+    setup: FlightSetup
+
+    @property
+    def controls(self) -> tuple[str, ...]:
+        return self.setup.compiled.controls
+
+    def accelerations(self, state: np.ndarray, controls: Mapping[str, float]) -> np.ndarray:
+        rates, _ = self._evaluate(state, controls)
+        # The steady wind carries the aircraft along; the climb is through the air.
+        return np.array([*rates[:6], rates[11] + self.setup.manoeuvre.wind[0, 2]])
+
+    def outputs(self, state: np.ndarray, controls: Mapping[str, float]) -> np.ndarray:
+        """As `flight_model.OUTPUTS`."""
+        return self._evaluate(state, controls)[1]
+
+    def _evaluate(self, state: np.ndarray, controls: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        row = np.array([[controls[c] for c in self.controls]])
+        rates, outputs = state_derivatives(self.setup.compiled, self.setup.manoeuvre, state[None], row)
+        return rates[0], outputs[0]
+
+
+def _free_controls(
+    plant: _SimulatedPlant, given: Mapping[str, float], free: Sequence[str] | None, lateral: bool
+) -> tuple[str, ...]:
+    """Controls to find."""
+    if free is None:
+        surfaces = CONTROL_SURFACES if lateral else ("de",)
+        return tuple(c for c in (*surfaces, *_PROPULSION) if c in plant.controls and c not in given)
+    if unknown := [c for c in free if c not in plant.controls]:
+        raise ModelError(f"'{unknown[0]}' cannot be trimmed: the model flies on {', '.join(plant.controls)}.")
+    return tuple(free)
+
+
+def _solve(problem: TrimProblem) -> np.ndarray:
+    """Scaled unknowns: the root of the equations, or the nearest to one within the limits."""
+    low, high = problem.limits.T
+    fixed, V = problem.fixed, problem.V
+    guess = dict.fromkeys(problem.unknowns, 0.0) | {
+        "alpha": 0.05,
+        "theta": 0.05 + fixed["climb"],
+        "climb": 0.0,
+        "thrust": 0.1,
+        "throttle": 0.4,
+        "phi": math.atan(V * fixed["turn_rate"] / G0),
+    }
+    if "turn_rate" in problem.unknowns:
+        guess["turn_rate"] = G0 * math.tan(fixed["phi"]) / V
+    first = best = np.clip([guess[name] for name in problem.unknowns], low, high)
+    if len(problem.unknowns) == len(problem.rows):
+        best = root(problem.residual, first, tol=1e-13).x
+    inside = bool((best >= low - 1e-9).all() and (best <= high + 1e-9).all())
+    if inside and np.abs(problem.residual(best)).max() <= _BALANCED:
+        return best
+    starts = [first, np.where(np.isfinite(best), np.clip(best, low, high), first)]
+    tried = [problem.nearest(np.clip(z, low + 1e-9, high - 1e-9), tolerance=1e-15, evaluations=400) for z in starts]
+    return min(tried, key=lambda found: found.cost).x  # type: ignore[no-any-return]
+
+
+def _why_not(problem: TrimProblem, z: np.ndarray) -> str:
+    left = problem.residual(z)
+    worst = int(np.argmax(np.abs(left)))
+    name = EQUATIONS[problem.rows[worst]]
+    unit = "g" if name[0] in "uvw" else "of V" if name == "climb" else "rad/s^2"
+    at = [
+        f"{n} = {v * s:.4g}"
+        for n, v, s, (low, high) in zip(problem.unknowns, z, problem.scale, problem.limits)
+        if v - low < 1e-6 or high - v < 1e-6
+    ]
+    stuck = f" At a limit: {', '.join(at)}." if at else ""
+    return (
+        f"No trim exists at V = {problem.V:g} m/s, h = {problem.h:g} m: the nearest leaves {left[worst]:.3g} {unit} of "
+        f"{name}.{stuck}\nTry another airspeed, climb or flap, free another control with free=(...), or widen "
+        "limits={...}. The nearest is in the error's .partial."
+    )
 
 
 def _attitude(
@@ -248,21 +222,19 @@ def _attitude(
     return {name: value or 0.0 for name, value in held.items()}, (unknown,)
 
 
-def _still(
+def _at_rest(
     model: AeroModel,
     aircraft: Aircraft,
-    V: float,
-    h: float,
+    start: Mapping[str, float],
     given: Mapping[str, float],
     free: Sequence[str] | None,
     definitions: Mapping[str, str] | None,
     air: Atmosphere | None,
 ) -> FlightSetup:
-    """A plan whose controls are all there, at values yet to be found."""
+    """A setup with all controls, at values yet to be found, in air without gusts."""
     air = air or Atmosphere()
     calm = Atmosphere(air.isa_offset, air.wind, air.heights, rho=air.rho, gravity=air.gravity)
     pushed = ("thrust",) if free is None else tuple(free)
     zero = dict.fromkeys((*CONTROL_SURFACES, "throttle", "df", "gear", *pushed), 0.0)
-    start = {"V": V, "alpha": 0.0, "theta": 0.0, "h": h}
     inputs = {"t": np.array([0.0, 1.0]), **zero, **given}
     return prepare(model.quasi_steady(), aircraft, inputs, start=start, air=calm, definitions=definitions)

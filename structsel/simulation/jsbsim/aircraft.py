@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from structsel.errors import ChannelError, SimulationError
 from structsel.nomenclature import COEFFICIENTS
@@ -19,10 +18,9 @@ from structsel.recording import Recording
 from structsel.simulation.flight_setup import Inputs, Start, first_state
 from structsel.simulation.jsbsim.fdm import FlightDynamicsModel, silence_output
 from structsel.simulation.jsbsim.flights import make_recording, read_schedule
-from structsel.simulation.steady_flight import Trim
+from structsel.simulation.steady_flight import EQUATIONS, Trim, TrimProblem
 
 _TURNS = {"de": "Cm", "da": "Cl", "dr": "Cn"}
-_ACCELERATIONS = ("u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot")
 _LONGEST_STEP = 0.002  # s
 _BALANCED = 1e-4  # g, rad/s^2; engines settle no closer
 _STABILISER = {"de": {"theta": 0.2, "q": 0.2}, "da": {"phi": 0.2, "p": 0.1}, "dr": {"r": 0.2}}
@@ -141,52 +139,45 @@ class JSBSimAircraft:
         scale = np.array([weight if c == "thrust" else 1.0 for c in unknowns])
         guess = {"alpha": 0.05, "theta": 0.05 + (climb or 0.0), "throttle": 0.6, "thrust": 0.1}
         wide = {"throttle": (0.0, 1.0), "thrust": (0.0, 10.0), "alpha": (-0.5, 0.6)}
-        low, high = np.array([wide.get(c, (-0.7, 0.7)) for c in unknowns]).T
-
-        equations = (*_ACCELERATIONS, "climb")
-        unit = np.array([G0, G0, G0, 1.0, 1.0, 1.0, V])
-
-        def assemble(z: np.ndarray) -> tuple[np.ndarray, dict[str, float], float]:
-            held = {"climb": climb or 0.0, **dict(zip(unknowns, (z * scale).tolist()))}
-            state = np.zeros(12)
-            state[:3] = rb.body_velocity(V, held["alpha"], sideslip)
-            state[6:8], state[11] = (held["phi"], held["theta"]), h
-            return state, {"df": 0.0, "gear": 0.0, **given, **{c: held[c] for c in free}}, held["climb"]
-
-        def unbalance(z: np.ndarray) -> np.ndarray:
-            state, settled, gamma = assemble(z)
-            self._machine.place(state, settled)
-            now = self._machine.now()
-            return np.array([*(now[c] for c in _ACCELERATIONS), -now["vd"] - V * math.sin(gamma)])
-
-        def residual(z: np.ndarray) -> np.ndarray:
-            left = unbalance(z) / unit
-            return np.where(np.isfinite(left), left, 1e3)
-
+        limits = np.array([wide.get(c, (-0.7, 0.7)) for c in unknowns])
+        fixed = {"climb": climb or 0.0, "beta": sideslip, "turn_rate": 0.0, "df": 0.0, "gear": 0.0, **given}
+        problem = TrimProblem(self, V, h, unknowns, fixed, np.arange(len(EQUATIONS)), scale, limits)
         # Engines are settled by iteration: much finer differences would see where it stopped.
         step = 1e-3 if self._machine.engines else 1e-6
-        first = np.clip([guess.get(c, 0.0) for c in unknowns], low + 1e-6, high - 1e-6)
+        first = np.clip([guess.get(c, 0.0) for c in unknowns], limits[:, 0] + 1e-6, limits[:, 1] - 1e-6)
         with silence_output():
-            found = least_squares(
-                residual, first, bounds=(low, high), jac="3-point", diff_step=step, x_scale=0.1, xtol=1e-14,
-                ftol=1e-14, gtol=1e-14, max_nfev=100,
-            ).x  # fmt: skip
-            left = unbalance(found)
-        state, settled, gamma = assemble(found)
-        outputs = self._coefficients(self._machine.now(), settled)
-        made = Trim(state, settled, free, gamma, 0.0, dict(zip(equations, left.tolist())), outputs)
-        relative = np.abs(left) / unit
+            z = problem.nearest(first, tolerance=1e-14, evaluations=100, jac="3-point", diff_step=step).x
+            left = problem.imbalance(z)
+            made = problem.solution(z, self._coefficients(self._machine.now(), problem.controls(z)))
+        relative = np.abs(problem.relative(left))
         if not relative.max() < _BALANCED:
             worst = int(np.argmax(relative))
             silent = " An engine does not run there." if self._machine.silent() else ""
+            at = ", ".join(f"{c} = {made.controls[c]:.4g}" for c in free)
             raise SimulationError(
                 f"JSBSim's {self.name} has no steady flight at V = {V:g} m/s, h = {h:g} m: the nearest leaves "
-                f"{left[worst]:.3g} of {equations[worst]} with {', '.join(f'{c} = {settled[c]:.4g}' for c in free)}."
+                f"{left[worst]:.3g} of {EQUATIONS[worst]} with {at}."
                 f"{silent}\nTry another airspeed or flap, or climb=None with a given throttle. "
                 "The nearest is in .partial.",
                 made,
             )
         return made
+
+    def accelerations(self, state: np.ndarray, controls: Mapping[str, float]) -> np.ndarray:
+        """(7,) derivatives of u, v, w, p, q, r [m/s^2, rad/s^2] and rate of climb [m/s] at a state, engines settled.
+
+        JSBSim's own ``do_trim`` moves the pilot's controls through the flight control system; surfaces and engines are
+        set past it here.
+
+        Parameters
+        ----------
+        state : (12,) array
+            As `structsel.numerics.rigid_body.STATES`.
+        controls : mapping of channel to value
+        """
+        self._machine.place(state, controls)
+        now = self._machine.now()
+        return np.array([*(now[c] for c in EQUATIONS[:6]), -now["vd"]])
 
     def fly(
         self,
