@@ -17,7 +17,6 @@ import inspect
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -76,11 +75,6 @@ def metric(*, label: str, best: float, unit: str = "", brief: bool = True) -> Ca
         return function
 
     return register
-
-
-def metrics() -> Mapping[str, Metric]:
-    """The registered metrics by name, in order of registration."""
-    return MappingProxyType(_METRICS)
 
 
 def in_tables(*, brief: bool = False) -> tuple[Metric, ...]:
@@ -160,15 +154,15 @@ class MetricValues:
         except KeyError:
             raise AttributeError(f"'{type(self).__name__}' has no attribute or metric '{name}'", name=name) from None
 
-    def cells(self, *, brief: bool = False, digits: int = 4) -> list[str]:
-        """Text of each metric of the tables; see `in_tables`."""
-        return [_cell(self.metrics.get(m.name, math.nan), digits) for m in in_tables(brief=brief)]
+    def cells(self) -> list[str]:
+        """Text of each metric of the short tables; see `in_tables`."""
+        return [_cell(self.metrics.get(m.name, math.nan)) for m in in_tables(brief=True)]
 
 
-def _cell(value: float, digits: int) -> str:
+def _cell(value: float) -> str:
     if not math.isfinite(value):
         return "-"
-    return f"{value:.{digits}f}" if abs(value) < 100.0 else f"{value:.2g}"
+    return f"{value:.4f}" if abs(value) < 100.0 else f"{value:.2g}"
 
 
 @functools.cache

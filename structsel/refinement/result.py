@@ -261,7 +261,7 @@ class Refinement(Result):
     def _fit_table(self) -> Table:
         columns = (text_column("output"), text_column("recording"), Column("n"), Column("rms", "3g"))
         fits = sorted(self.fits, key=lambda f: [*self.noise_std].index(f.output))
-        rows = tuple((f.output, f.recording, f.n, f.rms_error, *f.cells(brief=True)) for f in fits)
+        rows = tuple((f.output, f.recording, f.n, f.rms_error, *f.cells()) for f in fits)
         return Table((*columns, *(Column(m.label) for m in in_tables(brief=True))), rows)
 
 

@@ -149,7 +149,7 @@ def _fits(found: Refinement) -> Table:
     order = list(found.noise_std)
     own = found.simulated[0].units if found.simulated else {}
     rows = tuple(
-        (f.output, f.recording, str(f.n), format_in_unit(f.rms_error, unit_of(f.output, own)), *f.cells(brief=True))
+        (f.output, f.recording, str(f.n), format_in_unit(f.rms_error, unit_of(f.output, own)), *f.cells())
         for f in sorted(found.fits, key=lambda f: order.index(f.output))
     )
     heads = columns(output="name", recording="word", samples="number", rms_error="number", **metric_columns())

@@ -178,7 +178,7 @@ def _judgement(judged: Validation) -> Section:
         mine = [s for s in judged.scores if s.response == pooled.response]
         for s in mine if len(mine) == 1 else [*mine, pooled]:
             residual = "white" if s.white else "coloured" if math.isfinite(s.ljung_box_p) else "-"
-            rows.append((s.response, s.recording, str(s.n), *s.cells(brief=True), residual))
+            rows.append((s.response, s.recording, str(s.n), *s.cells(), residual))
     heads = columns(response="name", recording="word", samples="number", **metric_columns(), residual="word")
     note = "RRMSE: rms error over that of the measured response. TIC: Theil's coefficient, 0 perfect, 1 useless."
     return Section("On recordings held out", text=("These were never selected from.",),

@@ -66,7 +66,7 @@ class ResimulationScore(MetricValues):
 
     def table_cells(self) -> list[str]:
         """Metrics and fraction within the band, as tables show them."""
-        return [*self.cells(brief=True), f"{100.0 * self.inside:.0f} %" if math.isfinite(self.inside) else "-"]
+        return [*self.cells(), f"{100.0 * self.inside:.0f} %" if math.isfinite(self.inside) else "-"]
 
 
 def table_heads() -> list[str]:
