@@ -358,6 +358,7 @@ def test_warnings_of_a_recording_go_to_stderr_and_json_stays_json(files, tmp_pat
         (("--responses", "Cm"), "no candidate terms"),
         (("--candidates", "alpha"), "--responses"),
         (("--responses", "Cm", "--candidates", "alpha", "--f-in", "many"), "many"),
+        (("--responses", "Cm", "--candidates", "alpha", "--components", "some"), "--components"),
         (("--responses", "Cm", "--candidates", "alpha", "--method", "lasso"), "lasso"),
         (("--responses", "Cm", "--candidates", "alpha", "--spline", "alpha"), "CHANNEL:KNOT"),
         (("--responses", "Cm", "--candidates", "alpha", "--json", "--latex"), "--latex"),
@@ -373,7 +374,6 @@ def test_a_command_line_that_cannot_be_read_exits_with_2(files, arguments, says)
         (("--f-in", 3, "--f-out", 4), "F_out=4 is above F_in=3"),
         (("--held-out", "m09"), "There are: m01, m02, m03"),
         (("--held-out", "m01,m02,m03"), "leaves no recording"),
-        (("--components", "some"), "components"),
         (("--include", "alpha*"), "cannot be read"),
     ],
 )

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from structsel.cli.flights import load_aircraft, option, read_manoeuvres, words
+from structsel.cli.flights import load_aircraft, option, read_manoeuvres
+from structsel.cli.parsing import read_numbers, split_names
 from structsel.errors import ChannelError, ModelError
 from structsel.model import AeroModel
 from structsel.recording import Recording
@@ -68,26 +69,6 @@ Recorded = Annotated[
 _TRIM = ("V", "h", "climb", "turn_rate", "bank", "sideslip")
 
 
-def numbers(text: str, option: str, example: str) -> dict[str, float]:
-    """Numbers by name, ``alpha=0.002,q=0.001``.
-
-    Raises
-    ------
-    BadParameter
-        It is not of that form.
-    """
-    found: dict[str, float] = {}
-    for word in words(text):
-        name, equals, value = word.partition("=")
-        try:
-            if not equals:
-                raise ValueError
-            found[name.strip()] = float(value)
-        except ValueError:
-            raise typer.BadParameter(f"{option} '{text}' is not NAME=NUMBER,... as {example}.") from None
-    return found
-
-
 def read_trim(text: str) -> dict[str, float]:
     """Arguments of a trim: V and h, by place or name, and others by name.
 
@@ -96,9 +77,9 @@ def read_trim(text: str) -> dict[str, float]:
     BadParameter
         It is not of that form.
     """
-    parts = words(text)
+    parts = split_names(text)
     named = [part if "=" in part else f"{name}={part}" for name, part in zip(_TRIM, parts)] + parts[len(_TRIM) :]
-    found = numbers(",".join(named), "--trim", "45,600 or V=45,h=600,climb=0.05")
+    found = read_numbers("--trim", ",".join(named), "45,600 or V=45,h=600,climb=0.05")
     if wrong := [name for name in found if name not in _TRIM]:
         raise typer.BadParameter(f"--trim has no '{wrong[0]}'; it has {', '.join(_TRIM)}.")
     return found
@@ -181,7 +162,7 @@ def trim_craft(craft: PublishedAircraft | JSBSimAircraft, trim: str, controls: s
         There is none.
     """
     asked: dict[str, Any] = dict(read_trim(trim))
-    given = numbers(controls, "--controls", "df=0.1,rpm=1800")
+    given = read_numbers("--controls", controls, "df=0.1,rpm=1800")
     usual = craft.condition if isinstance(craft, PublishedAircraft) else {}
     V, h = asked.pop("V", usual.get("V")), asked.pop("h", usual.get("h"))
     if V is None or h is None:
@@ -189,7 +170,7 @@ def trim_craft(craft: PublishedAircraft | JSBSimAircraft, trim: str, controls: s
     if not isinstance(craft, PublishedAircraft) and (wrong := [n for n in asked if n not in ("climb", "sideslip")]):
         raise typer.BadParameter(f"an aircraft of JSBSim is trimmed straight only, without {wrong[0]}.")
     if isinstance(craft, PublishedAircraft):
-        asked["free"] = words(free) or craft.free or None
+        asked["free"] = split_names(free) or craft.free or None
     elif free:
         raise typer.BadParameter("an aircraft of JSBSim is trimmed with all its controls: leave --free out.")
     return craft.trim(V, h, controls=given, **asked)

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from structsel.cli.crafts import Define, read_definitions
-from structsel.cli.flights import Overwrite, load_aircraft, option, words
+from structsel.cli.flights import Overwrite, load_aircraft, option
 from structsel.cli.pages import page
+from structsel.cli.parsing import split_names
 from structsel.cli.terminal import stdout
 from structsel.exporting import Target, export_model
 from structsel.model import AeroModel
@@ -69,7 +70,7 @@ def run(
 
 def _read_properties(text: str) -> dict[str, str]:
     found = {}
-    for word in words(text):
+    for word in split_names(text):
         name, _, held = (part.strip() for part in word.partition("="))
         if not name or not held:
             raise typer.BadParameter(f"--properties '{word}' is not NAME=PROPERTY.")

@@ -9,6 +9,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from structsel.aircraft import Aircraft
+from structsel.cli.parsing import split_names
 from structsel.cli.terminal import Waiting, in_commands, say
 from structsel.coefficients import compute_all
 from structsel.errors import DataError, ReconstructionError, SelectionError
@@ -64,11 +65,6 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that
 def option(name: str, text: str, panel: str | None = None, metavar: str | None = None) -> Any:
     """Option of a command, on a panel of its help page."""
     return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
-
-
-def words(text: str) -> list[str]:
-    """Comma-separated words, stripped, empty ones left out."""
-    return [word.strip() for word in text.split(",") if word.strip()]
 
 
 def read_files(files: Iterable[Path], channel_map: Path | None) -> list[Recording]:
@@ -203,7 +199,7 @@ def hold_out(recordings: Sequence[Flight], names: str) -> tuple[list[Flight], li
         No recording has one of the names, or none would be left.
     """
     held: list[Flight] = []
-    for name in words(names):
+    for name in split_names(names):
         mine = [r for r in recordings if r.name == name]
         mine = mine or [r for r in recordings if any(note.endswith(f" of '{name}'") for note in r.provenance)]
         if not mine:

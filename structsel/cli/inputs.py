@@ -17,14 +17,14 @@ from structsel.cli.crafts import (
     FlownAircraft,
     Rho,
     Trimmed,
-    numbers,
     open_craft,
     read_definitions,
     trim_craft,
 )
-from structsel.cli.flights import OUTPUT, Json, Overwrite, option, words
+from structsel.cli.flights import OUTPUT, Json, Overwrite, option
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
+from structsel.cli.parsing import read_numbers, split_names
 from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.formatting import format_number
@@ -125,20 +125,22 @@ def run(
     refuse_existing(out, overwrite)
     timing = {"duration": duration, "dt": dt}
     known = None
-    measured = numbers(noise, "--noise", "alpha=0.002,q=0.001")
+    measured = read_numbers("--noise", noise, "alpha=0.002,q=0.001")
     if model:
         if not measured:
             raise typer.BadParameter("--model needs --noise: which outputs are measured, and how well.")
-        known = _linear(model, aircraft, trim, controls, axis, read_definitions(define), rho, words(channel), measured)
+        known = _linear(
+            model, aircraft, trim, controls, axis, read_definitions(define), rho, split_names(channel), measured
+        )
     found: Recording | InputDesign | InputComparison
     info: Information | None = None
     scattered: list[Scatter] = []
-    wanted = words(parameters) or None
+    wanted = split_names(parameters) or None
     shape = {"amplitude": amplitude, "width": width, "start": start, "low": low, "high": high, "period": period}
     only: dict[str, Any] = {
-        "limits": numbers(limits, "--limits", "de=0.1,alpha=0.08"),
-        "rate_limits": numbers(rate_limits, "--rate-limits", "de=0.5"),
-        "to_separate": words(to_separate),
+        "limits": read_numbers("--limits", limits, "de=0.1,alpha=0.08"),
+        "rate_limits": read_numbers("--rate-limits", rate_limits, "de=0.5"),
+        "to_separate": split_names(to_separate),
     }
     if kind in ("optimal", "compare"):
         if known is None:
@@ -153,7 +155,7 @@ def run(
             "basis": basis,
             "functions": functions,
         }
-        asked |= {"scales": numbers(scales, "--scales", "de=0.05"), **_given(timing)}
+        asked |= {"scales": read_numbers("--scales", scales, "de=0.05"), **_given(timing)}
         with Waiting("searching") as waiting:
             if kind == "optimal":
                 separate = only.pop("to_separate") or None
@@ -168,7 +170,7 @@ def run(
                     scattered.append(signals.scatter(known, u, noise=measured, parameters=wanted, runs=runs, seed=seed))
                     waiting("flights", i + 1, len(found.inputs))
     else:
-        found = _classical(kind, words(channel), law, seed, {**shape, **timing})
+        found = _classical(kind, split_names(channel), law, seed, {**shape, **timing})
         if known is not None:
             info = signals.information(known, found, noise=measured, parameters=wanted)
     told = _as_dict(found, info, scattered)

@@ -23,11 +23,11 @@ from structsel.cli.flights import (
     option,
     read_manoeuvres,
     reconstruct_paths,
-    words,
 )
 from structsel.cli.inputs_read import provenance
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
+from structsel.cli.parsing import split_names
 from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, explain, in_commands, json_text, print_json, say, stdout
 from structsel.errors import ReconstructionError
@@ -119,8 +119,8 @@ def run(
 ) -> None:
     """Reconstruct flight paths: sensor biases, wind and vane errors, and states free of them."""
     asked: dict[str, Any] = {"delays": read_delays(delays), "gusts": read_gusts(gusts), "g": g, "workers": workers}
-    if words(estimate):
-        asked["estimate"] = words(estimate)
+    if split_names(estimate):
+        asked["estimate"] = split_names(estimate)
     refuse_existing(out, overwrite)
     craft = load_aircraft(aircraft)
     flown = read_manoeuvres(files, channel_map, find_manoeuvres)
@@ -161,7 +161,7 @@ def read_delays(text: str) -> str | dict[str, float]:
     if text in ("report", "estimate"):
         return text
     found = {}
-    for word in words(text):
+    for word in split_names(text):
         channel, equals, seconds = word.partition("=")
         try:
             found[channel.strip()] = float(seconds)

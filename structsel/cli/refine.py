@@ -16,12 +16,12 @@ from structsel.cli.crafts import (
     FlownAircraft,
     Recorded,
     Rho,
-    numbers,
     open_craft,
     read_definitions,
     read_schedules,
 )
-from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots, hold_out, option, words
+from structsel.cli.dataclass_options import takes_dataclass
+from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots, hold_out, option
 from structsel.cli.inputs_read import provenance
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
@@ -31,6 +31,7 @@ from structsel.errors import RefinementError
 from structsel.model import AeroModel
 from structsel.recording import Recording
 from structsel.refinement import Refinement, refine
+from structsel.refinement.settings import RefineOptions
 from structsel.report import write_report
 from structsel.simulation import LinearModel, PublishedAircraft
 from structsel.validation import Resimulation, resimulate
@@ -60,59 +61,17 @@ EPILOG = page(
     did not converge says so, and its best is written with that mark. What the flights do not determine is named, the
     rest is written, and the exit code is 1.""",
 )
-_ESTIMATED, _HOW, _SEARCH = "What is estimated", "What is compared", "The search"
 
 
+@takes_dataclass(RefineOptions)
 def run(
     model: Annotated[str, typer.Argument(metavar="MODEL", help=MODEL_HELP)],
     recordings: Recorded = None,
     aircraft: FlownAircraft = None,
     channel_map: Map = None,
-    free: Annotated[
-        str, option("--free", "Parameters of the model; the others are held.", _ESTIMATED, "NAMES")
-    ] = "all",
-    outputs: Annotated[
-        str, option("--outputs", "Channels to fit; what all recordings have.", _ESTIMATED, "NAMES")
-    ] = "",
-    starts: Annotated[str, option("--starts", "States at the first sample, or all.", _ESTIMATED, "NAMES")] = "",
-    drifts: Annotated[
-        str, option("--drifts", "Constants in a linear model's state equations.", _ESTIMATED, "NAMES")
-    ] = "",
-    biases: Annotated[str, option("--biases", "Outputs with a bias per recording.", _ESTIMATED, "NAMES")] = "",
-    references: Annotated[
-        str, option("--references", "Outputs with a constant over all recordings.", _ESTIMATED, "NAMES")
-    ] = "",
-    scales: Annotated[str, option("--scales", "Outputs with a scale factor.", _ESTIMATED, "NAMES")] = "",
-    delay: Annotated[
-        str, option("--delay", "Inputs that act late, or all; one delay is estimated.", _ESTIMATED, "NAMES")
-    ] = "",
-    noise: Annotated[
-        Literal["measurement", "process"],
-        option("--noise", "measurement: output error; process: filter error, for turbulence.", _HOW),
-    ] = "measurement",
-    process: Annotated[str, option("--process", "States that process noise moves.", _HOW, "NAMES")] = "all",
-    domain: Annotated[
-        Literal["time", "frequency"], option("--domain", "frequency: of transforms, for linear models.", _HOW)
-    ] = "time",
-    band: Annotated[str, option("--band", "Of --domain frequency, in Hz.", _HOW, "LOW,HIGH")] = "",
-    guess: Annotated[str, option("--guess", "Where the search starts.", _SEARCH, "NAME=VALUE,...")] = "",
-    bounds: Annotated[
-        list[str] | None, option("--bounds", "Cm:alpha=-3,0; may be repeated.", _SEARCH, "NAME=LOW,HIGH")
-    ] = None,
-    stable: Annotated[bool, option("--stable", "No motion of a linear model may grow.", _SEARCH)] = False,
-    cost: Annotated[
-        Literal["ml", "weighted"], option("--cost", "ml: noise estimated; weighted: residuals weighted.", _SEARCH)
-    ] = "ml",
-    weights: Annotated[
-        str, option("--weights", "Standard deviations of outputs, for --cost weighted.", _SEARCH, "NAME=STD,...")
-    ] = "",
-    full_noise: Annotated[bool, option("--full-noise", "Noise of outputs may be correlated.", _SEARCH)] = False,
-    search: Annotated[
-        Literal["global"] | None, option("--search", "Evolution between the bounds before the descent.", _SEARCH)
-    ] = None,
-    seed: Annotated[int, option("--seed", "Of the evolution.", _SEARCH)] = 0,
-    generations: Annotated[int, option("--generations", "Of the evolution.", _SEARCH)] = 100,
-    iterations: Annotated[int, option("--iterations", "Of the descent.", _SEARCH)] = 60,
+    *,
+    options: dict[str, Any],
+    stable: Annotated[bool, option("--stable", "No mode of a linear model may be unstable.", "Search")] = False,
     define: Define = None,
     rho: Rho = None,
     held_out: Annotated[
@@ -128,38 +87,14 @@ def run(
 ) -> None:
     """Refine a model by output error: its flights with the recorded inputs come nearest the recorded ones."""
     refuse_existing(out, overwrite)
-    limits = read_bounds(bounds)
     craft = open_craft(model, aircraft, read_definitions(define), rho)
     if not recordings:
         raise typer.BadParameter("refine needs --recordings.")
     flown, judges = hold_out(read_schedules(recordings, channel_map, "--recordings"), held_out)
-    asked: dict[str, Any] = {
-        "free": _free(craft, free),
-        "outputs": words(outputs) or None,
-        "starts": _names(starts),
-        "drifts": _names(drifts),
-        "biases": _names(biases),
-        "references": _names(references),
-        "scales": _names(scales),
-        "delay": delay == "all" or words(delay),
-        "noise": noise,
-        "process": _names(process),
-        "domain": domain,
-        "band": _pair(band, "--band", "0.05,2") if band else None,
-        "guess": numbers(guess, "--guess", "Cm:alpha=-0.6"),
-        "bounds": limits,
-        "constraint": "stable" if stable else None,
-        "cost": cost,
-        "weights": numbers(weights, "--weights", "q=0.001,az=0.05") or None,
-        "full_noise": full_noise,
-        "search": search,
-        "seed": seed,
-        "generations": generations,
-        "iterations": iterations,
-    }
+    options |= {"free": _free(craft, options["free"]), "constraint": "stable" if stable else None}
     failed: RefinementError | None = None
     try:
-        found = _refine(craft, flown, asked, generations, iterations)
+        found = _refine(craft, flown, options)
     except RefinementError as error:
         if not isinstance(error.partial, Refinement):
             raise
@@ -182,36 +117,8 @@ def run(
         raise failed
 
 
-def read_bounds(texts: Sequence[str] | None) -> dict[str, tuple[float, float]]:
-    """Bounds by parameter.
-
-    Raises
-    ------
-    BadParameter
-        One is not NAME=LOW,HIGH.
-    """
-    found = {}
-    for text in texts or ():
-        name, _, pair = text.partition("=")
-        found[name.strip()] = _pair(pair, f"--bounds {name}=", "Cm:alpha=-3,0")
-    return found
-
-
-def _pair(text: str, option: str, example: str) -> tuple[float, float]:
-    try:
-        low, high = (float(value) for value in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(f"{option} '{text}' is not LOW,HIGH as {example}.") from None
-    return low, high
-
-
-def _names(text: str) -> list[str] | Literal["all"]:
-    return "all" if text.strip() == "all" else words(text)
-
-
-def _free(craft: Craft, text: str) -> list[str] | Literal["all"]:
+def _free(craft: Craft, names: list[str] | Literal["all"]) -> list[str] | Literal["all"]:
     """Names, those that end in a colon spelled out."""
-    names = _names(text)
     model = craft.model if isinstance(craft, PublishedAircraft) else None
     if names == "all" or model is None:
         return names
@@ -222,9 +129,7 @@ def _free(craft: Craft, text: str) -> list[str] | Literal["all"]:
     return found or list(names)
 
 
-def _refine(
-    craft: Craft, flown: Sequence[Recording], asked: Mapping[str, Any], generations: int, iterations: int
-) -> Refinement:
+def _refine(craft: Craft, flown: Sequence[Recording], options: Mapping[str, Any]) -> Refinement:
     """The refinement of what can be refined.
 
     Raises
@@ -233,18 +138,24 @@ def _refine(
         JSBSim's aircraft have no parameters of ours.
     """
     with Waiting("refining") as waiting:
-        limits = {"evolution": generations, "descent": iterations}
+        limits = {"evolution": options["generations"], "descent": options["iterations"]}
 
         def progress(stage: str, count: int, value: float) -> None:
             waiting(f"{stage}, cost {value:.5g}" if stage not in limits else stage, count, limits.get(stage, count + 1))
 
         if isinstance(craft, LinearModel):
-            return refine(craft, None, flown, **asked, progress=progress)
+            return refine(craft, None, flown, **options, progress=progress)
         if not isinstance(craft, PublishedAircraft):
             raise typer.BadParameter("JSBSim's aircraft have no parameters to refine; give a model file.")
         assert craft.model is not None
         return refine(
-            craft.model, craft.aircraft, flown, **asked, air=craft.air, definitions=craft.definitions, progress=progress
+            craft.model,
+            craft.aircraft,
+            flown,
+            **options,
+            air=craft.air,
+            definitions=craft.definitions,
+            progress=progress,
         )
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
 from structsel.candidates import Candidates
 from structsel.cli.comparison_tables import summarise_methods
+from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.flights import (
     OUTPUT,
     V0,
@@ -24,10 +25,10 @@ from structsel.cli.flights import (
     hold_out,
     option,
     read_flights,
-    words,
 )
 from structsel.cli.output import refuse_existing
 from structsel.cli.pages import page
+from structsel.cli.parsing import split_names
 from structsel.cli.results import write_results
 from structsel.cli.streaming import CheckpointFile, Stream, checkpoint_file, stream_flights, to_show, to_stream
 from structsel.cli.tables import print_files, print_summary
@@ -37,7 +38,7 @@ from structsel.recording import Recording, StoredRecording
 from structsel.selection import Selections, select
 from structsel.selection.methods import METHODS
 from structsel.selection.result import COLUMN_NOTES
-from structsel.selection.settings import Criterion, Estimate, InitialTerms, Noise, StoppingRule
+from structsel.selection.settings import RENAMED_ARGUMENTS, SelectOptions
 from structsel.validation import Validation, validate
 
 EPILOG = page(
@@ -70,15 +71,15 @@ EPILOG = page(
     """[bold]Doubts[/bold] stand under each table, marked !: read them before the numbers.""",
 )
 
-_POOL, _SEARCH, _JUDGE, _OUTPUT, _FINE = (
+_POOL, _SEARCH, _JUDGE, _OUTPUT = (
     "Candidate terms",
     "The search",
-    "How sure it is",
+    "Uncertainty of the result",
     OUTPUT,
-    "Fine tuning",
 )
 
 
+@takes_dataclass(SelectOptions, without=("method",), renamed=RENAMED_ARGUMENTS)
 def run(
     files: Files,
     responses: Annotated[
@@ -98,6 +99,7 @@ def run(
         option("--spline", "Spline terms (alpha - knot)+, knots in SI; may be repeated.", _POOL, "CHANNEL:KNOTS"),
     ] = None,
     include: Annotated[str, option("--include", "Terms always in the model; they join the pool.", _POOL, "TERMS")] = "",
+    force: Annotated[str, typer.Option("--force", hidden=True)] = "",
     method: Annotated[
         str,
         option(
@@ -107,51 +109,11 @@ def run(
             "METHOD",
         ),
     ] = "stepwise",
-    noise: Annotated[
-        Noise,
-        option("--noise", "Model of the residuals: ar (autoregressive), cluster (any) or white.", _SEARCH, "MODEL"),
-    ] = "ar",
-    f_in: Annotated[
-        str,
-        option("--f-in", "Partial F to enter: a number (12 in the sources), auto (by pool size) or fdr.", _SEARCH, "F"),
-    ] = "4",
-    f_out: Annotated[
-        float | None, option("--f-out", "Partial F to stay; that to enter if absent.", _SEARCH, "F")
-    ] = None,
-    criterion: Annotated[
-        Criterion | None,
-        option(
-            "--criterion",
-            "Choose among the models visited by PSE, BIC, AICc, adj_R2 or cv instead.",
-            _SEARCH,
-            "RULE",
-        ),
-    ] = None,
-    max_terms: Annotated[int | None, option("--max-terms", "At most this many terms.", _SEARCH, "N")] = None,
-    initial_terms: Annotated[
-        InitialTerms, option("--initial-terms", "Terms a stepwise search starts from.", _SEARCH)
-    ] = "empty",
-    stopping_rule: Annotated[
-        StoppingRule, option("--stopping-rule", "What besides F ends a stepwise search.", _SEARCH)
-    ] = "F",
-    correlation_limit: Annotated[
-        float | None,
-        option("--correlation-limit", "Drop the weaker of two terms whose parameters correlate above.", _SEARCH, "R"),
-    ] = None,
-    estimate: Annotated[
-        Estimate, option("--estimate", "least_squares; or, biased, principal_components or ridge.", _SEARCH, "HOW")
-    ] = "least_squares",
-    components: Annotated[
-        str,
-        option("--components", "Principal components: variance, PSE, cv or a number.", _SEARCH, "RULE"),
-    ] = "variance",
-    bootstrap: Annotated[
-        int, option("--bootstrap", "Selections repeated on resampled manoeuvres or blocks; 0: none.", _JUDGE, "N")
-    ] = 200,
+    *,
+    options: dict[str, Any],
     held_out: Annotated[
         str, option("--held-out", "Recordings kept aside, and scored on afterwards.", _JUDGE, "NAMES")
     ] = "",
-    seed: Annotated[int, option("--seed", "Of the bootstrap.", _JUDGE)] = 0,
     out: Annotated[
         Path | None, option("--out", "Folder for model.json, report.html, tables and plots.", _OUTPUT, "DIR")
     ] = None,
@@ -160,13 +122,6 @@ def run(
     json: Json = False,
     trace: Annotated[bool, option("--trace", "Also print every move of the search.", _OUTPUT)] = False,
     latex: Annotated[bool, option("--latex", "Print the model as a LaTeX table instead.", _OUTPUT)] = False,
-    sigma_max: Annotated[
-        str, option("--sigma-max", "PSE's bound: response, residual, or a number.", _FINE, "RULE")
-    ] = "response",
-    order: Annotated[Literal["greedy", "given"], option("--order", "Of the orthogonal functions.", _FINE)] = "greedy",
-    min_r2_gain: Annotated[float, option("--min-r2-gain", "Least gain in R2, with --stopping-rule R2.", _FINE)] = 0.005,
-    max_ar_order: Annotated[int, option("--max-ar-order", "Highest AR order of the residuals.", _FINE, "N")] = 24,
-    workers: Annotated[int | None, option("--workers", "Threads; as many as the work is worth.", _FINE, "N")] = None,
     stream: Stream = None,
     checkpoint: CheckpointFile = None,
 ) -> None:
@@ -175,30 +130,14 @@ def run(
         raise typer.BadParameter("give one of --json and --latex, not both.")
     if method not in (*METHODS, "all"):
         raise typer.BadParameter(f"--method '{method}' is not one of {', '.join(METHODS)} or all.")
-    wanted = words(responses)
+    if force:
+        say("warning", "--force is deprecated: use --include.")
+        include = force
+    wanted = split_names(responses)
     pool = build_pool(candidates, degree, terms, spline or [], include)
     if not wanted:
         raise typer.BadParameter("--responses names none.")
-    asked = {
-        "noise": noise,
-        "F_in": _number_or("--f-in", f_in, ("auto", "fdr")),
-        "F_out": f_out,
-        "include": words(include),
-        "initial_terms": initial_terms,
-        "stopping_rule": stopping_rule,
-        "min_r2_gain": min_r2_gain,
-        "criterion": criterion,
-        "sigma_max": _number_or("--sigma-max", sigma_max, ("response", "residual")),
-        "order": order,
-        "estimate": estimate,
-        "components": _components(components),
-        "correlation_limit": correlation_limit,
-        "max_terms": max_terms,
-        "bootstrap": bootstrap,
-        "max_ar_order": max_ar_order,
-        "seed": seed,
-        "workers": workers,
-    }
+    options = {**options, "include": split_names(include)}
     refuse_existing(out, overwrite)
     streamed = to_stream(files, stream, reconstruct)
     needed = {*wanted, *pool.channels}
@@ -208,7 +147,7 @@ def run(
         held = [flight.read() for flight in kept_aside]
     else:
         used, held = hold_out(read_flights(files, channel_map, aircraft, v0, needed, reconstruct), held_out)
-    found = _select_by(method, used, wanted, pool, asked, checkpoint_file(checkpoint, out, streamed))
+    found = _select_by(method, used, wanted, pool, options, checkpoint_file(checkpoint, out, streamed))
     scores = {name: validate(s.model, held) for name, s in found.items()} if held else {}
     written = []
     if out is not None:
@@ -236,12 +175,12 @@ def build_pool(candidates: str, degree: int, terms: str, splines: Sequence[str],
     TermError
         A term cannot be read.
     """
-    pool = Candidates.polynomial(words(candidates), degree) if words(candidates) else Candidates()
-    pool = pool + Candidates.parse([*words(terms), *words(include)])
+    pool = Candidates.polynomial(split_names(candidates), degree) if split_names(candidates) else Candidates()
+    pool = pool + Candidates.parse([*split_names(terms), *split_names(include)])
     for text in splines:
         channel, _, places = text.partition(":")
         try:
-            knots = [float(knot) for knot in words(places)]
+            knots = [float(knot) for knot in split_names(places)]
         except ValueError:
             knots = []
         if not knots:
@@ -252,25 +191,12 @@ def build_pool(candidates: str, degree: int, terms: str, splines: Sequence[str],
     return pool
 
 
-def _number_or(name: str, text: str, allowed: tuple[str, ...]) -> float | str:
-    if text in allowed:
-        return text
-    try:
-        return float(text)
-    except ValueError:
-        raise typer.BadParameter(f"{name} '{text}' is neither a number nor one of {', '.join(allowed)}.") from None
-
-
-def _components(text: str) -> int | str:
-    return int(text) if text.isdigit() else text
-
-
 def _select_by(
     method: str,
     used: Sequence[Recording | StoredRecording],
     responses: Sequence[str],
     pool: Candidates,
-    asked: dict[str, Any],
+    options: dict[str, Any],
     checkpoint: Path | None,
 ) -> dict[str, Selections]:
     """Return the selections by the method asked for, or by all that can be made."""
@@ -285,15 +211,15 @@ def _select_by(
     for name in tried:
         with Waiting(f"selecting, {name}") as waiting:
             try:
-                told = {"progress": waiting, "checkpoint": kept(name), **asked}
+                told = {"progress": waiting, "checkpoint": kept(name), **options}
                 found[name] = select(used, responses, pool, method=name, **told)  # type: ignore[arg-type]
             except SelectionError as error:
                 if method != "all" or name != "best_subset":
                     raise
                 say("warning", f"best_subset is left out of the comparison: {error}")
-    if method == "all" and asked["noise"] == "ar":
+    if method == "all" and options["noise"] == "ar":
         with Waiting("selecting, white residuals") as waiting:
-            told = {"progress": waiting, "checkpoint": kept("white"), **asked, "noise": "white"}
+            told = {"progress": waiting, "checkpoint": kept("white"), **options, "noise": "white"}
             found["stepwise, white"] = select(used, responses, pool, method="stepwise", **told)
     return found
 

@@ -21,7 +21,6 @@ from structsel.cli.crafts import (
     Rho,
     Trimmed,
     departures,
-    numbers,
     open_craft,
     read_definitions,
     read_schedules,
@@ -30,6 +29,7 @@ from structsel.cli.crafts import (
 from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots, option
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
+from structsel.cli.parsing import read_numbers
 from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
 from structsel.errors import SimulationError
@@ -205,7 +205,7 @@ class _Surroundings:
         stabilise: bool,
     ):
         self.stated = noise == "stated"
-        self.noise = {} if self.stated else numbers(noise, "--noise", "alpha=0.002,q=0.001")
+        self.noise = {} if self.stated else read_numbers("--noise", noise, "alpha=0.002,q=0.001")
         self.turbulence, self.seed, self.between, self.stabilise = turbulence, seed, between, stabilise
         try:
             self.wind = tuple(float(word) for word in wind.split(",")) if wind else (0.0, 0.0, 0.0)

@@ -24,10 +24,10 @@ from structsel.cli.flights import (
     read_flights,
     read_manoeuvres,
     reconstruct_paths,
-    words,
 )
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
+from structsel.cli.parsing import split_names
 from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.formatting import count_of
@@ -95,7 +95,7 @@ def run(
             recorded = reconstruct_paths(recorded, craft).recordings
         with Waiting("flying") as waiting:
             found = resimulate(
-                held, craft, recorded, outputs=words(outputs) or None, window=window, normaliser=normaliser,
+                held, craft, recorded, outputs=split_names(outputs) or None, window=window, normaliser=normaliser,
                 air=Atmosphere(rho=rho), definitions=read_definitions(define), progress=waiting,
             )  # fmt: skip
         _tell(found, model.name, out, plots, json)
@@ -103,7 +103,7 @@ def run(
     if out is not None or outputs or define or rho is not None:
         raise typer.BadParameter("--out, --outputs, --define and --rho go with --replay.")
     flown = read_flights(files, channel_map, aircraft, v0, {*held, *held.channels}, reconstruct)
-    result = validate(held, flown, responses=words(responses) or None, normaliser=normaliser)
+    result = validate(held, flown, responses=split_names(responses) or None, normaliser=normaliser)
     if json:
         print_json(result.to_dict())
     else:

@@ -1,0 +1,162 @@
+"""The options of a command, generated from the fields of an options dataclass.
+
+A field made by `structsel.options.option` with a help text becomes ``--its-name``, in the group that it names. How its
+text is read follows from the type of the field.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import typing
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import wraps
+from types import UnionType
+from typing import Annotated, Any
+
+import typer
+
+from structsel.cli.parsing import read_numbers, read_pair, read_pairs, split_names
+from structsel.cli.terminal import say
+from structsel.options import choices_of
+
+_PLAIN = (bool, int, float, str)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Reader:
+    """How an option is declared, and how its text becomes the value of the field."""
+
+    annotation: Any
+    read: Callable[[str, Any], Any]
+    show: Callable[[Any], Any] = lambda value: value
+
+
+def takes_dataclass(
+    options_class: type, *, without: Collection[str] = (), renamed: Mapping[str, str] | None = None
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of a dataclass in place of its parameter ``options``.
+
+    Parameters
+    ----------
+    options_class : type
+        A dataclass whose fields are made by `structsel.options.option`.
+    without : collection of str
+        Fields that the command sets otherwise.
+    renamed : mapping of str to str, optional
+        Old names of fields; their options work for one release, hidden and with a warning.
+
+    Returns
+    -------
+    callable
+        Decorator. The command is called with ``options``, a dict of the fields that the command line has.
+    """
+
+    def decorate(run: Callable[..., None]) -> Callable[..., None]:
+        kinds = typing.get_type_hints(options_class)
+        fields = {f.name: f for f in dataclasses.fields(options_class) if f.metadata.get("help")}
+        shown = {name: field for name, field in fields.items() if name not in without}
+        readers = {name: _reader_of(kinds[name]) for name in shown}
+        old_names = {old: new for old, new in (renamed or {}).items() if new in shown}
+
+        @wraps(run)
+        def command(**given: Any) -> None:
+            for old, new in old_names.items():
+                value = given.pop(old.lower())
+                if value not in (None, []):
+                    say("warning", f"{_option_of(old)} is deprecated: use {_option_of(new)}.")
+                    given[new.lower()] = value
+            options = {name: reader.read(_option_of(name), given.pop(name.lower())) for name, reader in readers.items()}
+            run(**given, options=options)
+
+        generated = [
+            _parameter(name, field, readers[name], hidden=False) for name, field in shown.items()
+        ] + [_parameter(old, shown[new], readers[new], hidden=True) for old, new in old_names.items()]  # fmt: skip
+        types = typing.get_type_hints(run, include_extras=True)
+        parameters: list[inspect.Parameter] = []
+        for one in inspect.signature(run).parameters.values():
+            if one.name == "options":
+                parameters += generated
+            else:
+                kind = inspect.Parameter.KEYWORD_ONLY
+                parameters.append(one.replace(annotation=types[one.name], kind=kind))
+        command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        command.__annotations__ = {one.name: one.annotation for one in parameters}
+        return command
+
+    return decorate
+
+
+def _option_of(name: str) -> str:
+    return f"--{name.lower().replace('_', '-')}"
+
+
+def _parameter(name: str, field: Any, reader: _Reader, *, hidden: bool) -> inspect.Parameter:
+    """Parameter of the command for a field; a hidden one, for an old name, has no default of its own."""
+    declared = typer.Option(
+        _option_of(name),
+        help=field.metadata["help"],
+        rich_help_panel=field.metadata["group"] or None,
+        metavar=field.metadata["metavar"] or None,
+        hidden=hidden,
+    )
+    annotation = reader.annotation
+    if hidden and annotation is not bool and typing.get_origin(annotation) not in (UnionType, typing.Union):
+        annotation = annotation | None
+    default = (False if annotation is bool else None) if hidden else reader.show(field.default)
+    return inspect.Parameter(
+        name.lower(), inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[annotation, declared]
+    )
+
+
+def _reader_of(kind: Any) -> _Reader:
+    """How a field of this type is declared and read.
+
+    Raises
+    ------
+    TypeError
+        Of a type that no command line can give.
+    """
+    parts = _parts_of(kind)
+    required = [part for part in parts if part is not type(None)]
+    if len(required) == 1 and (required[0] in _PLAIN or choices_of(required[0])):
+        return _Reader(kind, lambda _, value: value)
+    if any(part in (int, float) for part in required):
+        choices = tuple(choice for part in required for choice in choices_of(part))
+        number = float if float in required else int
+        return _Reader(str, lambda name, text: _number_or(name, text, number, choices), _text_of_number)
+    if typing.get_origin(required[0]) is tuple:
+        return _Reader(str | None, lambda name, text: None if text is None else read_pair(name, text))
+    mapped = [part for part in required if typing.get_origin(part) is Mapping]
+    if mapped:
+        if typing.get_origin(typing.get_args(mapped[0])[1]) is tuple:
+            return _Reader(list[str] | None, lambda name, texts: read_pairs(name, texts or ()), lambda _: None)
+        return _Reader(str, lambda name, text: read_numbers(name, text) or None, lambda _: "")
+    if any(typing.get_origin(part) in (Iterable, Sequence) for part in required):
+        if bool in required:
+            return _Reader(str, lambda _, text: text == "all" or split_names(text), lambda _: "")
+        empty: Any = None if type(None) in parts else []
+        takes_all = any("all" in choices_of(part) for part in required)
+        return _Reader(
+            str,
+            lambda _, text: "all" if takes_all and text.strip() == "all" else split_names(text) or empty,
+            lambda default: default if isinstance(default, str) else "",
+        )
+    raise TypeError(f"no option can be made of a field of type {kind}")
+
+
+def _parts_of(kind: Any) -> tuple[Any, ...]:
+    return typing.get_args(kind) if typing.get_origin(kind) in (typing.Union, UnionType) else (kind,)
+
+
+def _text_of_number(default: Any) -> str:
+    return f"{default:g}" if isinstance(default, int | float) else str(default)
+
+
+def _number_or(name: str, text: str, number: type, choices: tuple[str, ...]) -> Any:
+    if text in choices:
+        return text
+    try:
+        return number(text)
+    except ValueError:
+        raise typer.BadParameter(f"{name} '{text}' is neither a number nor one of {', '.join(choices)}.") from None
