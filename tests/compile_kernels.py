@@ -24,7 +24,7 @@ def selection():
     """Cross-products and searches of every method, with every treatment of the residuals."""
     recordings, aircraft, _ = demo_flights(4, duration=6.0)
     ready = ss.compute_all(recordings, aircraft)
-    for options in ({}, {"method": "orthogonal"}, {"method": "best_subset"}, {"residuals": "robust"}):
+    for options in ({}, {"method": "orthogonal"}, {"method": "best_subset"}, {"noise": "cluster"}):
         ss.select(ready, ["CZ", "Cm"], POOL, bootstrap=5, workers=1, **options)
 
 
