@@ -18,7 +18,6 @@ USED_TWICE = {
     "Table",
     "_Data",
     "_Fit",
-    "_Search",
 }
 
 # A word of our own, and the words of the field (docs/glossary.md).
@@ -72,7 +71,6 @@ REMAIN = {
     "structsel.cli.results: beside",
     "structsel.cli.simulate: craft",
     "structsel.cli.streaming: flown",
-    "structsel.cli.tables: doubts",
     "structsel.numerics.flight_path: flank",
     "structsel.numerics.unscented.kernel: flank",
     "structsel.plotting.axes: colour",
