@@ -8,6 +8,7 @@ from structsel.recording.checks import Finding
 from structsel.recording.manoeuvres import Stretch, find_manoeuvres, split_manoeuvres
 from structsel.recording.reading import read_recording, read_recordings
 from structsel.recording.recording import Recording
+from structsel.recording.sets import require_recordings
 from structsel.recording.stored import StoredRecording, stream_recordings
 from structsel.recording.writing import write_recording
 
@@ -19,6 +20,7 @@ __all__ = [
     "find_manoeuvres",
     "read_recording",
     "read_recordings",
+    "require_recordings",
     "split_manoeuvres",
     "stream_recordings",
     "write_recording",

@@ -23,7 +23,7 @@ import numpy as np
 
 from structsel.errors import DataError, ModelError
 from structsel.nomenclature import suggest
-from structsel.recording import Recording
+from structsel.recording import Recording, require_recordings
 from structsel.refinement.protocols import RefinableModel
 from structsel.refinement.settings import Names, RefineOptions
 
@@ -119,11 +119,7 @@ def check_recordings(recordings: Sequence[Recording]) -> None:
     ------
     DataError
     """
-    if not recordings:
-        raise DataError("refine needs at least one recording; it was given none.")
-    names = [r.name for r in recordings]
-    if len(set(names)) < len(names):
-        raise DataError(f"refine needs recordings with different names; these are {', '.join(names)}.")
+    require_recordings(recordings, by="refine")
     for recording in recordings:
         require_even_clock(recording)
 

@@ -9,7 +9,7 @@ from typing import Any, get_args
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.errors import ChannelError, DataError, DomainError, ModelError
+from structsel.errors import ChannelError, DomainError, ModelError
 from structsel.metrics import Normaliser
 from structsel.model import AeroModel
 from structsel.nomenclature import (
@@ -22,7 +22,7 @@ from structsel.nomenclature import (
     suggest,
 )
 from structsel.numerics.flight_model import REASONS, STATES
-from structsel.recording import Recording
+from structsel.recording import Recording, require_recordings
 from structsel.simulation import Atmosphere, prepare
 from structsel.simulation.flight_setup import first_state
 from structsel.validation.resimulation import Divergence, Resimulation, score_output
@@ -151,13 +151,7 @@ def resimulate(
 
 
 def _check(flights: Sequence[Recording], window: float, normaliser: str) -> None:
-    if not flights:
-        raise DataError("resimulate needs at least one recording; it was given none.")
-    names = [r.name for r in flights]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise DataError(f"resimulate was given {', '.join(twice)} more than once. Name recordings apart.")
-    if short := [r for r in flights if len(r) < _FEWEST]:
-        raise DataError(f"resimulate needs {_FEWEST} samples or more; '{short[0].name}' has {len(short[0])}.")
+    require_recordings(flights, samples=_FEWEST, by="resimulate")
     if not window > 0.0:
         raise ModelError(f"resimulate needs a window above zero; found {window:g} s.")
     if normaliser not in get_args(Normaliser):

@@ -12,11 +12,11 @@ import pandas as pd
 from scipy import stats
 
 from structsel import whiteness
-from structsel.errors import DataError, DomainError, ModelError
+from structsel.errors import DomainError, ModelError
 from structsel.formatting import UNDEFINED
 from structsel.metrics import MetricValues, Normaliser, compute_metrics, in_tables
 from structsel.model import AeroModel
-from structsel.recording import Recording
+from structsel.recording import Recording, require_recordings
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
 
@@ -202,19 +202,12 @@ def validate(
     else:
         wanted = [responses] if isinstance(responses, str) else list(responses)
     part = AeroModel({name: model[name] for name in wanted}, model.name, model.recordings)
-    if not recordings:
-        raise DataError("validate needs at least one recording; it was given none.")
-    names = [recording.name for recording in recordings]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise DataError(f"validate was given {', '.join(twice)} more than once. Name recordings apart.")
+    require_recordings(recordings, samples=_FEWEST, by="validate")
     scores: list[Score] = []
     doubts: list[str] = []
     held: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {name: [] for name in wanted}
     for recording in recordings:
         recording.require(*part.channels, *wanted, finite=True, by="validate")
-        if len(recording) < _FEWEST:
-            found = f"'{recording.name}' has {len(recording)}"
-            raise DataError(f"validate needs {_FEWEST} samples or more; {found}.")
         modelled = part.evaluate(recording, outside="ignore")
         excursions = part.range_excursions(recording)
         doubts += [
