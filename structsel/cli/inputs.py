@@ -1,8 +1,9 @@
-"""``structsel inputs``: inputs worth flying, and what they tell."""
+"""``structsel inputs``: designed inputs, and the information that they give."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,6 +22,7 @@ from structsel.cli.crafts import (
     read_definitions,
     trim_craft,
 )
+from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.flights import OUTPUT, Json, Overwrite, option
 from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
@@ -29,6 +31,7 @@ from structsel.cli.tables import print_files, print_summary
 from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.formatting import format_number
 from structsel.inputs import Information, InputComparison, InputDesign, Scatter
+from structsel.inputs.settings import DesignOptions, InputOptions
 from structsel.recording import Recording, write_recording
 from structsel.simulation import LinearModel, PublishedAircraft
 
@@ -44,24 +47,24 @@ EPILOG = page(
             "    --low 0.1 --high 2 --period 20 --out in/",
         ),
         (
-            "Which kind of input tells most about three derivatives",
+            "Which kind of input determines three derivatives best",
             "structsel inputs compare --model ready:hawk:longitudinal \\\n"
             "    --noise w=0.5,q=0.005 --parameters mw,mq,mde --energy 0.01",
         ),
         (
-            "The input that best tells two of them apart, incidence kept small",
+            "The input that best tells two of them apart, with a small angle of attack",
             "structsel inputs optimal --model ready:beaver --noise alpha=0.002,q=0.002 \\\n"
             "    --parameters zw,mw,mq,mde --to-separate mw,mq \\\n"
             "    --energy 0.01 --limits alpha=0.06,de=0.08 --out in/",
         ),
     ],
-    """[bold]Inputs[/bold] are departures from trim, held from sample to sample. With --model and --noise the
-    Cramer-Rao bounds of the model's parameters are printed: no unbiased estimate scatters less. A nonlinear model is
-    linearised about its trim (--trim, --axis) in its surfaces or the --channel named; its derivatives are then called
-    xu, zw, mq, mde, ..., yv, lp, ndr.""",
+    """[bold]Inputs[/bold] are changes from trim, constant from sample to sample. With --model and --noise the
+    Cramer-Rao bounds of the model's parameters are printed: no unbiased estimate has a smaller standard deviation. A
+    nonlinear model is linearised about its trim (--trim, --axis) with its control surfaces or the --channel named as
+    inputs; its derivatives are then called xu, zw, mq, mde, ..., yv, lp, ndr.""",
     """compare and optimal need --model, --noise and --energy (optimal: or --limits).""",
 )
-_LINEAR, _OPTIMAL = "The model that is to be known", "compare and optimal"
+_LINEAR, _OPTIMAL = "Model whose parameters are estimated", "compare and optimal"
 Kind = Literal["step", "impulse", "doublet", "3-2-1-1", "2-1-1-1", "multisine", "sweep", "optimal", "compare"]
 _SURFACES = {"longitudinal": ("de",), "lateral": ("da", "dr")}
 _PULSES: dict[str, Callable[..., Recording]] = {
@@ -71,57 +74,56 @@ _PULSES: dict[str, Callable[..., Recording]] = {
 }
 
 
+@takes_dataclass(DesignOptions, without=("duration", "dt"))
 def run(
     kind: Annotated[Kind, typer.Argument(metavar="KIND", help="Kind of input; compare sets them side by side.")],
     channel: Annotated[
-        str, option("--channel", "Control that moves; of multisine and optimal, controls.", None, "NAMES")
+        str, option("--channel", "Control to be moved; several for multisine and optimal.", None, "NAMES")
     ] = "",
-    amplitude: Annotated[float | None, option("--amplitude", "Departure from trim; of an impulse its area.")] = None,
+    amplitude: Annotated[float | None, option("--amplitude", "Change from trim; of an impulse its area.")] = None,
     width: Annotated[float | None, option("--width", "Length of one pulse, in s.")] = None,
-    start: Annotated[float | None, option("--start", "When it begins, in s; 1.")] = None,
-    duration: Annotated[float | None, option("--duration", "Of the record, in s; 20.")] = None,
-    dt: Annotated[float | None, option("--dt", "Step of the clock, in s.")] = None,
+    start: Annotated[float | None, option("--start", "Start of the input, in s; 1.")] = None,
+    duration: Annotated[float | None, option("--duration", "Length of the record, in s; 20.")] = None,
+    dt: Annotated[float | None, option("--dt", "Sampling interval, in s.")] = None,
     low: Annotated[float | None, option("--low", "Lowest frequency of multisine and sweep, in Hz.")] = None,
     high: Annotated[float | None, option("--high", "Highest frequency, in Hz.")] = None,
-    law: Annotated[Literal["log", "linear"], option("--law", "How a sweep's frequency rises.")] = "log",
-    period: Annotated[float | None, option("--period", "Of a multisine, in s; 20.")] = None,
-    seed: Annotated[int, option("--seed", "Of the searches for phases and shapes.")] = 0,
+    law: Annotated[Literal["log", "linear"], option("--law", "Logarithmic or linear sweep.")] = "log",
+    period: Annotated[float | None, option("--period", "Period of a multisine, in s; 20.")] = None,
     model: Annotated[str, option("--model", MODEL_HELP, _LINEAR, "MODEL")] = "",
     aircraft: FlownAircraft = None,
     trim: Trimmed = "",
     controls: Controls = "",
     axis: Annotated[
-        Literal["longitudinal", "lateral"], option("--axis", "Of a nonlinear model's small motions.", _LINEAR)
+        Literal["longitudinal", "lateral"],
+        option("--axis", "Axis about which a nonlinear model is linearised.", _LINEAR),
     ] = "longitudinal",
     define: Define = None,
     rho: Rho = None,
     noise: Annotated[
-        str, option("--noise", "Outputs measured, and their noise: alpha=0.002,q=0.001", _LINEAR, "NAME=STD,...")
+        str,
+        option(
+            "--noise",
+            "Measured outputs and the standard deviation of their noise: alpha=0.002,q=0.001",
+            _LINEAR,
+            "NAME=STD,...",
+        ),
     ] = "",
-    parameters: Annotated[
-        str, option("--parameters", "Those estimated together; all that are not zero.", _LINEAR, "NAMES")
-    ] = "",
-    energy: Annotated[float | None, option("--energy", "Integral of the squared inputs.", _OPTIMAL)] = None,
-    criterion: Annotated[Literal["A", "D", "trace", "E"], option("--criterion", "Of optimal inputs.", _OPTIMAL)] = "A",
-    to_separate: Annotated[str, option("--to-separate", "Parameters to tell apart.", _OPTIMAL, "NAMES")] = "",
-    basis: Annotated[Literal["sines", "fourier", "legendre"], option("--basis", "Functions.", _OPTIMAL)] = "sines",
-    functions: Annotated[int | None, option("--functions", "Of them, for each control.", _OPTIMAL)] = None,
-    limits: Annotated[
-        str, option("--limits", "Largest departures: de=0.1,alpha=0.08,V=3", _OPTIMAL, "NAME=MAX,...")
-    ] = "",
-    rate_limits: Annotated[str, option("--rate-limits", "Of controls, per s.", _OPTIMAL, "NAME=MAX,...")] = "",
-    scales: Annotated[
-        str, option("--scales", "What counts as one in each control's energy.", _OPTIMAL, "NAME=SIZE,...")
-    ] = "",
+    *,
+    options: dict[str, Any],
     runs: Annotated[
-        int, option("--runs", "compare: flights with fresh noise, whose estimates are to scatter as bound.", _OPTIMAL)
+        int,
+        option(
+            "--runs",
+            "compare: simulations with different noise, whose estimates are compared with the bound.",
+            _OPTIMAL,
+        ),
     ] = 0,
     out: Annotated[Path | None, option("--out", "Folder for the inputs, a table and a picture.", OUTPUT, "DIR")] = None,
     overwrite: Overwrite = False,
     plots: Annotated[bool, option("--plots/--no-plots", "Whether --out gets a picture.", OUTPUT)] = True,
     json: Json = False,
 ) -> None:
-    """Make inputs worth flying: classical, multisine, optimal, and compare what they tell."""
+    """Design inputs (classical, multisine, optimal) and compare the information that they give."""
     refuse_existing(out, overwrite)
     timing = {"duration": duration, "dt": dt}
     known = None
@@ -135,40 +137,26 @@ def run(
     found: Recording | InputDesign | InputComparison
     info: Information | None = None
     scattered: list[Scatter] = []
-    wanted = split_names(parameters) or None
+    wanted, seed = options["parameters"], options["seed"]
     shape = {"amplitude": amplitude, "width": width, "start": start, "low": low, "high": high, "period": period}
-    only: dict[str, Any] = {
-        "limits": read_numbers("--limits", limits, "de=0.1,alpha=0.08"),
-        "rate_limits": read_numbers("--rate-limits", rate_limits, "de=0.5"),
-        "to_separate": split_names(to_separate),
-    }
     if kind in ("optimal", "compare"):
         if known is None:
             raise typer.BadParameter(f"{kind} needs --model and --noise.")
-        strange = [*_given(shape), *(name for name, value in only.items() if value and kind == "compare")]
-        if strange:
+        limiting = (name for name in ("limits", "rate_limits", "to_separate") if options[name] and kind == "compare")
+        if strange := [*_given(shape), *limiting]:
             raise typer.BadParameter(f"{kind} has no --{strange[0].replace('_', '-')}.")
-        asked: dict[str, Any] = {
-            "noise": measured,
-            "parameters": wanted,
-            "seed": seed,
-            "basis": basis,
-            "functions": functions,
-        }
-        asked |= {"scales": read_numbers("--scales", scales, "de=0.05"), **_given(timing)}
         with Waiting("searching") as waiting:
             if kind == "optimal":
-                separate = only.pop("to_separate") or None
-                found = signals.design_inputs(
-                    known, **asked, energy=energy, criterion=criterion, to_separate=separate, **only
-                )
-            elif energy is None:
+                found = signals.design_inputs(known, noise=measured, **options, **_given(timing))
+            elif options["energy"] is None:
                 raise typer.BadParameter("compare needs --energy: inputs are compared at the same.")
             else:
-                found = signals.compare_inputs(known, **asked, energy=energy)
+                shared = {f.name: options[f.name] for f in fields(InputOptions) if f.name in options}
+                energy = options["energy"]
+                found = signals.compare_inputs(known, noise=measured, energy=energy, **shared, **_given(timing))
                 for i, u in enumerate(found.inputs if runs else ()):
                     scattered.append(signals.scatter(known, u, noise=measured, parameters=wanted, runs=runs, seed=seed))
-                    waiting("flights", i + 1, len(found.inputs))
+                    waiting("simulations", i + 1, len(found.inputs))
     else:
         found = _classical(kind, split_names(channel), law, seed, {**shape, **timing})
         if known is not None:

@@ -10,7 +10,7 @@ from structsel.inputs.optimal import Basis
 from structsel.options import option
 from structsel.simulation.linear import Hold
 
-_MODEL, _OPTIMAL = "The model that is to be known", "compare and optimal"
+_MODEL, _OPTIMAL = "Model whose parameters are estimated", "compare and optimal"
 
 
 @dataclass(frozen=True)
