@@ -19,9 +19,9 @@ from scipy.integrate import cumulative_trapezoid
 from timing import in_child, machine, measure, measure_once, one_blas_thread, peak_above_now, publish, say, table
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.flight_path import STATES, noise_gain, observe, readings, slopes, step
-from structsel.numerics.unscented import FlightPathProblem, run_filter, run_smoother
-from structsel.reconstruction.data_compatibility import output_error_path
+from structsel.numerics.kinematics import STATES, noise_gain, observe, readings, slopes, step
+from structsel.numerics.unscented import KinematicsProblem, ukf_filter, ukf_smoother
+from structsel.reconstruction.data_compatibility import check_data_compatibility
 
 try:
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
@@ -37,7 +37,7 @@ SPREAD = 1.0
 AGREED = 1e-6  # in standard deviations
 
 
-def simulated(samples: int, dt: float = 0.02, seed: int = 0) -> tuple[FlightPathProblem, Array]:
+def simulated(samples: int, dt: float = 0.02, seed: int = 0) -> tuple[KinematicsProblem, Array]:
     """A flight in constant gentle manoeuvre, and its true path; attitude and air data are set, readings follow."""
     rng = np.random.default_rng(seed)
     t = np.arange(samples) * dt
@@ -80,7 +80,7 @@ def simulated(samples: int, dt: float = 0.02, seed: int = 0) -> tuple[FlightPath
     start[ACTIVE] += START_STD * rng.standard_normal(ACTIVE.size)
     noise = np.tile(INPUT_STD, (samples, 1))
     still = np.zeros(26)
-    return FlightPathProblem(t, inputs, noise, y, READING_STD, start, START_STD, ACTIVE, still, place, False, G), path
+    return KinematicsProblem(t, inputs, noise, y, READING_STD, start, START_STD, ACTIVE, still, place, False, G), path
 
 
 # ---------------------------------------------------------------- the equations as a user of filterpy writes them
@@ -160,7 +160,7 @@ def python_observe(x: Array, a: Array, place: Array) -> Array:
 # ---------------------------------------------------------------- the runs
 
 
-def filterpy_run(p: FlightPathProblem, compiled: bool) -> tuple[Array, Array]:
+def filterpy_run(p: KinematicsProblem, compiled: bool) -> tuple[Array, Array]:
     """Estimates and their standard deviations, (n, 18) each."""
     full, work, out, everything = p.start.copy(), np.empty((6, 26)), np.empty(26), np.ones(12, dtype=bool)
 
@@ -208,14 +208,14 @@ def beside_filterpy(samples: int, repeats: int) -> str:
     short, _ = simulated(300)
     problem, path = simulated(samples)
     runs: dict[str, Callable[[], Any]] = {
-        "structsel, unscented filter": lambda: run_filter(problem, spread=SPREAD),
-        "structsel, filter and smoother": lambda: run_smoother(problem, spread=SPREAD),
-        "structsel, extended filter": lambda: run_filter(problem, spread=0.0),
-        "structsel, output error": lambda: output_error_path(problem),
+        "structsel, unscented filter": lambda: ukf_filter(problem, spread=SPREAD),
+        "structsel, filter and smoother": lambda: ukf_smoother(problem, spread=SPREAD),
+        "structsel, extended filter": lambda: ukf_filter(problem, spread=0.0),
+        "structsel, output error": lambda: check_data_compatibility(problem),
     }
-    for run in (run_filter, run_smoother, output_error_path):
+    for run in (ukf_filter, ukf_smoother, check_data_compatibility):
         run(short)
-    ours = run_filter(problem, spread=SPREAD)
+    ours = ukf_filter(problem, spread=SPREAD)
     peers: dict[str, bool] = {}
     if UnscentedKalmanFilter is not None:
         peers = {"filterpy, equations in Python": False, "filterpy, structsel's compiled equations": True}
@@ -250,9 +250,9 @@ def long_flight(samples: int) -> dict[str, float]:
     """CPU seconds and peak memory above the recording's own arrays; runs in a process of its own."""
     with one_blas_thread():
         short, _ = simulated(300)
-        run_smoother(short)
+        ukf_smoother(short)
         problem, _ = simulated(samples)
-        cpu, _, (filtered, smoothed) = measure_once(lambda: run_smoother(problem))
+        cpu, _, (filtered, smoothed) = measure_once(lambda: ukf_smoother(problem))
         failed = filtered.failed
         held = sum(
             getattr(part, name).nbytes
@@ -261,8 +261,8 @@ def long_flight(samples: int) -> dict[str, float]:
             if isinstance(getattr(part, name), np.ndarray)
         )
         del filtered, smoothed
-        alone = measure_once(lambda: run_filter(problem))[0]
-        peak = peak_above_now(lambda: run_smoother(problem))
+        alone = measure_once(lambda: ukf_filter(problem))[0]
+        peak = peak_above_now(lambda: ukf_smoother(problem))
     return {"filter": alone, "smoother": cpu, "peak": peak, "results": held / 2**20, "failed": failed}
 
 

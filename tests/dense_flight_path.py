@@ -6,8 +6,8 @@ come from complex steps.
 
 import numpy as np
 
-from structsel.numerics.flight_path import MEASUREMENTS, fly, readings
-from structsel.numerics.unscented import FlightPathProblem
+from structsel.numerics.kinematics import MEASUREMENTS, fly, readings
+from structsel.numerics.unscented import KinematicsProblem
 
 G = 9.80665
 ANGLES = [MEASUREMENTS.index("phi"), MEASUREMENTS.index("psi")]
@@ -129,7 +129,7 @@ def flight(n, seed=0, held=(17, 21), flank=False, drift=False, gusts=False, dt=0
         walk[[9, 11, 13, 18]] = [2e-3, 3e-3, 1e-4, 1e-3]
     if gusts:
         walk[23:] = 0.4
-    problem = FlightPathProblem(
+    problem = KinematicsProblem(
         t, measured, input_std, y, noise, start, std[active], active, walk, place, flank, G, 1.5
     )
     return problem, path

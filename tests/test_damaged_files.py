@@ -13,14 +13,14 @@ import scipy.io
 
 from structsel import read_recording
 from structsel.errors import DataError
-from structsel.readers import apart, compressed, limits
+from structsel.readers import compressed, isolated, limits
 
 T = np.arange(30) * 0.02
 
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
-    monkeypatch.setattr(apart, "SECONDS", 1.0)
+    monkeypatch.setattr(isolated, "SECONDS", 1.0)
     monkeypatch.setattr(limits, "SECONDS", 1.0)
 
 
@@ -78,11 +78,11 @@ def test_a_dataset_of_more_samples_than_any_memory_holds_is_refused(tmp_path):
 
 def test_one_process_serves_for_many_files_and_none_is_no_hindrance(tmp_path, monkeypatch):
     read_recording(matlab(tmp_path / "a.mat"))
-    first = apart._running
+    first = isolated._running
     read_recording(hdf5(tmp_path / "b.h5"))
-    assert apart._running is first
+    assert isolated._running is first
     assert first[0] == os.getpid()
-    monkeypatch.setattr(apart, "_running", None)
+    monkeypatch.setattr(isolated, "_running", None)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "nothing"))
     assert len(read_recording(tmp_path / "a.mat")) == len(T)
 

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
-from structsel.numerics.flight_path import STATES, fly, readings
-from structsel.reconstruction.data_compatibility import output_error_path
+from structsel.numerics.kinematics import STATES, fly, readings
+from structsel.reconstruction.data_compatibility import check_data_compatibility
 from tests.dense_flight_path import ANGLES, dense_observe, dense_step, flight, jacobian
 
 BIASES = slice(9, 15)
@@ -23,7 +23,7 @@ def quiet(n, seed, held=HELD, **options):
 
 def test_set_biases_and_vane_errors_come_back():
     problem, path = flight(600, 1, noisy_inputs=False)
-    fit = output_error_path(problem)
+    fit = check_data_compatibility(problem)
     assert fit.converged
     assert "converged" in fit.message
     errors = (fit.values - path[0, problem.active]) / fit.std
@@ -37,7 +37,7 @@ def test_set_biases_and_vane_errors_come_back():
 
 def test_path_residuals_and_held_states_belong_to_the_values():
     problem, _ = quiet(300, 2)
-    fit = output_error_path(problem)
+    fit = check_data_compatibility(problem)
     start = problem.start.copy()
     start[problem.active] = fit.values
     path = fly(problem.t, problem.inputs, start, problem.place, problem.g, False)
@@ -52,7 +52,7 @@ def test_path_residuals_and_held_states_belong_to_the_values():
 
 def test_the_bound_is_the_inverse_of_the_dense_information_matrix():
     problem, _ = quiet(70, 3)
-    fit = output_error_path(problem)
+    fit = check_data_compatibility(problem)
     full = problem.start.copy()
     full[problem.active] = fit.values
     # Sensitivities carried along the path by the chain rule, Jacobians by complex steps.
@@ -81,7 +81,7 @@ def spread_of_errors(seeds, n, colour):
             clean = readings(path, problem.inputs, problem.place, False)
             y = np.where(np.isfinite(problem.measurements), clean + problem.measurement_std * e, np.nan)
             problem = replace(problem, measurements=y)
-        fit = output_error_path(problem)
+        fit = check_data_compatibility(problem)
         assert fit.converged
         error = fit.values - path[0, problem.active]
         white.append(error / np.sqrt(np.diag(fit.crlb)))
@@ -109,7 +109,7 @@ def test_coloured_residuals_widen_the_std_to_what_the_scatter_is(flights):
 def test_what_nothing_determines_keeps_its_start_and_its_spread():
     held = tuple(i for i in HELD if STATES[i] != "wn")
     problem, _ = quiet(300, 4, held)
-    fit = output_error_path(problem)
+    fit = check_data_compatibility(problem)
     wind = int(np.flatnonzero(problem.active == STATES.index("wn"))[0])
     assert fit.converged
     assert fit.values[wind] == pytest.approx(problem.start[STATES.index("wn")], abs=1e-9)
@@ -120,7 +120,7 @@ def test_without_noise_the_truth_comes_back_to_rounding():
     problem, path = quiet(300, 5)
     clean = readings(path, problem.inputs, problem.place, False)
     problem = replace(problem, measurements=np.where(np.isfinite(problem.measurements), clean, np.nan))
-    fit = output_error_path(problem)
+    fit = check_data_compatibility(problem)
     assert fit.converged
     # Channels then weigh a thousand times their stated accuracy; the start's pull is a millionth of its spread.
     assert np.abs((fit.values - path[0, problem.active]) / problem.start_std).max() < 1e-4
@@ -131,13 +131,13 @@ def test_a_heading_read_within_one_turn_is_no_residual_of_a_complete_one():
     y = problem.measurements.copy()
     y[100:200, 5] += 2.0 * np.pi
     y[200:, 3] -= 4.0 * np.pi
-    one, other = output_error_path(problem), output_error_path(replace(problem, measurements=y))
+    one, other = check_data_compatibility(problem), check_data_compatibility(replace(problem, measurements=y))
     assert_allclose(other.values, one.values, rtol=1e-9, atol=1e-9)
 
 
 def test_a_search_that_runs_out_of_steps_says_so_and_hands_over_its_best():
     problem, _ = quiet(600, 7)
-    fit = output_error_path(problem, iterations=1)
+    fit = check_data_compatibility(problem, iterations=1)
     assert not fit.converged
     assert "not converged after 1 step" in fit.message
     assert np.isfinite(fit.path).all()
@@ -149,7 +149,7 @@ def test_a_start_that_cannot_be_simulated_is_reported(state, value):
     problem, _ = quiet(300, 8)
     start = problem.start.copy()
     start[state] = value
-    fit = output_error_path(replace(problem, start=start))
+    fit = check_data_compatibility(replace(problem, start=start))
     assert not fit.converged
     assert "diverges" in fit.message
     assert np.isnan(fit.std).all()

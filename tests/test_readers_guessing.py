@@ -14,7 +14,7 @@ from structsel.errors import DataError
 from structsel.readers import read_table
 from structsel.readers.aliases import BY_NAME, LOOSE, TURNED
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.guessing import guess_map
+from structsel.readers.guess_map import guess_map
 from structsel.recording import read_recording
 
 T = np.arange(200) * 0.02

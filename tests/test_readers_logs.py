@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from structsel.errors import DataError, MapError
 from structsel.recording import read_recording, read_recordings
-from structsel.recording.clocks import Topic, sample
+from structsel.recording.resampling import Topic, sample
 
 asammdf = pytest.importorskip("asammdf")
 pyulog = pytest.importorskip("pyulog")
@@ -443,7 +443,7 @@ def test_mdf_files_that_hold_nothing_are_named(tmp_path):
 )
 def test_a_package_that_is_not_installed_is_named_with_its_extra(package, extra, name, request, tmp_path, monkeypatch):
     path = make_mdf(tmp_path / "log.mf4", GROUPS) if name == "mdf" else request.getfixturevalue(name)
-    monkeypatch.setattr("structsel.readers.ready.import_module", _without(package))
+    monkeypatch.setattr("structsel.readers.standard_maps.import_module", _without(package))
     with pytest.raises(DataError, match=rf'package {package}, and that is not installed\.\n.*"structsel\[{extra}\]"'):
         read_recording(path)
 

@@ -12,10 +12,10 @@ from scipy.interpolate import CubicSpline
 
 from structsel.demo import demo_instruments
 from structsel.errors import DomainError
-from structsel.numerics.flight_path import GUST, MEASUREMENTS
-from structsel.numerics.flight_path import STATES as FULL
+from structsel.numerics.kinematics import GUST, MEASUREMENTS
+from structsel.numerics.kinematics import STATES as FULL
 from structsel.numerics.reconstructibility import reconstructibility
-from structsel.numerics.unscented import FlightPathProblem, run_smoother
+from structsel.numerics.unscented import KinematicsProblem, ukf_smoother
 
 G = 9.80665
 NOISE = np.array([0.2, 2e-3, 2e-3, 2e-3, 2e-3, 2e-3, 0.5, 1.0, 1.0, 0.05, 0.05, 0.05])
@@ -32,7 +32,7 @@ def make_problem(t, inputs, readings, start, sensors, states, place=None):
     measurements = np.full((len(t), 12), np.nan)
     for name in sensors:
         measurements[:, MEASUREMENTS.index(name)] = readings[name]
-    return FlightPathProblem(
+    return KinematicsProblem(
         t=t,
         inputs=inputs,
         input_std=np.tile(INPUT_NOISE, (len(t), 1)),
@@ -358,9 +358,9 @@ def test_the_smoother_reaches_the_bound_without_input_noise_and_stays_above_it_w
     states = tuple(name for name in EVERYTHING if name not in unseen)
     problem = demo_problem(which, sensors, states, exact=True)
     bound = np.array(list(reconstructibility(problem).posterior_over_prior.values()))
-    _, quiet = run_smoother(replace(problem, input_std=1e-5 * problem.input_std), spread=0.0)
+    _, quiet = ukf_smoother(replace(problem, input_std=1e-5 * problem.input_std), spread=0.0)
     assert_allclose(quiet.std[0] / problem.start_std, bound, rtol=0.08)
-    _, noisy = run_smoother(demo_problem(which, sensors, states))
+    _, noisy = ukf_smoother(demo_problem(which, sensors, states))
     reached = noisy.std[0] / problem.start_std
     assert (reached > 0.9 * bound).all()
     # Gyro noise of 5e-4 rad/s costs most where the attitude alone would give the gyros' biases to 3e-6 rad/s.

@@ -7,7 +7,7 @@ from structsel.aircraft import Aircraft
 from structsel.demo import demo_flight, demo_instruments
 from structsel.demo.aircraft import demo_aircraft
 from structsel.errors import DataError, ReconstructionError
-from structsel.numerics import flight_path as fp
+from structsel.numerics import kinematics as fp
 from structsel.reconstruction import reconstruct
 from structsel.recording import Recording
 

@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
 from structsel.errors import DomainError
-from structsel.numerics.flight_path import fly
-from structsel.numerics.unscented import FlightPathProblem, run_filter, run_smoother
+from structsel.numerics.kinematics import fly
+from structsel.numerics.unscented import KinematicsProblem, ukf_filter, ukf_smoother
 from structsel.numerics.unscented import runs as unscented
 from tests.dense_flight_path import ANGLES, G, dense_observe, dense_slope, dense_step, flight, jacobian
 
@@ -119,7 +119,7 @@ def problem_of(case, n=72):
 def test_filter_and_smoother_are_those_of_dense_covariances(case, spread):
     p = problem_of(case)
     xs, Ps, x_s, P_s, innovations, stds, nis, total = dense_smoother(p, spread)
-    filtered, smoothed = run_smoother(p, spread=spread)
+    filtered, smoothed = ukf_smoother(p, spread=spread)
     std, std_s = np.sqrt(np.diagonal(Ps, axis1=1, axis2=2)), np.sqrt(np.diagonal(P_s, axis1=1, axis2=2))
     assert filtered.failed == -1
     assert_array_equal(filtered.used, np.isfinite(p.measurements).sum(axis=1))
@@ -146,7 +146,7 @@ def climb(n, walk):
     y = np.full((n, 12), np.nan)
     y[:, 6] = 500.0 + (100.0 * np.sin(0.1) - 1.0) * (t - t[0]) + 2.0 * rng.standard_normal(n)
     y[::4, 6] = np.nan
-    return FlightPathProblem(
+    return KinematicsProblem(
         *(t, inputs, np.zeros((n, 6)), y, np.full(12, 2.0), start, np.array([5.0, 1.5]), np.array([8, 17]), drift),
         *(np.zeros((6, 3)), False, G),
     )
@@ -180,7 +180,7 @@ def test_a_linear_problem_gets_its_exact_conditional_means(walk, spread):
         K = np.linalg.solve(S, H @ prior).T
         return mean + K @ (y[:upto] - H @ mean), prior - K @ H @ prior, S
 
-    filtered, smoothed = run_smoother(p, spread=spread)
+    filtered, smoothed = ukf_smoother(p, spread=spread)
     best, cov, S = condition(seen.size)
     rows = np.stack([height, wind], axis=1)
     expected = rows @ best + np.c_[known, np.zeros(n)]
@@ -196,9 +196,9 @@ def test_a_linear_problem_gets_its_exact_conditional_means(walk, spread):
 
 def test_smoothing_block_by_block_is_smoothing_at_once(monkeypatch):
     p = problem_of("random walks, flank vane, no position", 4500)
-    _, by_blocks = run_smoother(p, gate=4.0)
+    _, by_blocks = ukf_smoother(p, gate=4.0)
     monkeypatch.setattr(unscented, "_BLOCK", 10_000)
-    _, at_once = run_smoother(p, gate=4.0)
+    _, at_once = ukf_smoother(p, gate=4.0)
     assert_array_equal(by_blocks.x, at_once.x)
     assert_array_equal(by_blocks.std, at_once.std)
     assert_array_equal(by_blocks.covariance, at_once.covariance)
@@ -206,16 +206,16 @@ def test_smoothing_block_by_block_is_smoothing_at_once(monkeypatch):
 
 def test_the_filter_alone_is_the_first_half_of_the_smoother():
     p = problem_of("heading and height held")
-    alone, (both, _) = run_filter(p, spread=0.8), run_smoother(p, spread=0.8)
+    alone, (both, _) = ukf_filter(p, spread=0.8), ukf_smoother(p, spread=0.8)
     assert_array_equal(alone.x, both.x)
     assert alone.log_likelihood == pytest.approx(both.log_likelihood, rel=1e-12)
 
 
 def test_a_covariance_kept_for_some_samples_is_that_of_those_samples(monkeypatch):
     p = problem_of("heading and height held")
-    _, full = run_smoother(p)
+    _, full = ukf_smoother(p)
     monkeypatch.setattr(unscented, "_MOST_BYTES", 40 * p.active.size**2 * 8)
-    _, thinned = run_smoother(p)
+    _, thinned = ukf_smoother(p)
     assert thinned.at.size <= 40 < full.at.size == len(p.t)
     assert_array_equal(thinned.covariance, full.covariance[thinned.at])
 
@@ -234,8 +234,8 @@ def test_a_heading_read_within_one_turn_is_a_heading_read_over_many(spread):
     assert np.ptp(path[:, 5]) > 4.0 * np.pi
     wrapped = y.copy()
     wrapped[:, ANGLES] = np.angle(np.exp(1j * y[:, ANGLES]))
-    many, _ = run_smoother(replace(p, inputs=inputs, start=start, measurements=y), spread=spread)
-    one, _ = run_smoother(replace(p, inputs=inputs, start=start, measurements=wrapped), spread=spread)
+    many, _ = ukf_smoother(replace(p, inputs=inputs, start=start, measurements=y), spread=spread)
+    one, _ = ukf_smoother(replace(p, inputs=inputs, start=start, measurements=wrapped), spread=spread)
     assert one.failed == many.failed == -1
     assert np.abs((one.x - many.x) / many.std).max() < 1e-6
     assert_allclose(one.innovations[:, 5], many.innovations[:, 5], atol=1e-8)
@@ -248,15 +248,15 @@ def test_the_gate_turns_away_what_was_planted_and_nothing_else():
     for channel in range(12):
         sampled = np.flatnonzero(np.isfinite(y[:, channel]))[20:]
         planted[rng.choice(sampled, 3, replace=False), channel] = True
-    clean = run_filter(p, gate=5.5)
+    clean = ukf_filter(p, gate=5.5)
     assert not clean.rejected.any()
     size = 20.0 * np.where(np.isnan(clean.innovation_std), 0.0, clean.innovation_std)
     y[planted] += (rng.choice([-1.0, 1.0], planted.shape) * size)[planted]
-    gated = run_filter(replace(p, measurements=y), gate=5.5)
+    gated = ukf_filter(replace(p, measurements=y), gate=5.5)
     assert_array_equal(gated.rejected, planted)
     assert_array_equal(gated.used, np.isfinite(y).sum(axis=1) - planted.sum(axis=1))
     # What is turned away counts for nothing, as though it had not been sampled.
-    left_out = run_filter(replace(p, measurements=np.where(planted, np.nan, y)))
+    left_out = ukf_filter(replace(p, measurements=np.where(planted, np.nan, y)))
     assert_array_equal(gated.x, left_out.x)
     assert gated.log_likelihood == left_out.log_likelihood
 
@@ -266,7 +266,7 @@ def test_a_channel_that_stays_outside_the_gate_is_let_in_again():
     y = p.measurements.copy()
     y[:, 6] = np.where(np.arange(200) < 100, 500.0 + (100.0 * np.sin(0.1) - 1.0) * (p.t - p.t[0]), np.nan)
     y[100:, 6] = 500.0 + (100.0 * np.sin(0.1) - 1.0) * (p.t[100:] - p.t[0]) + 300.0
-    run = run_filter(replace(p, measurements=y), gate=5.0)
+    run = ukf_filter(replace(p, measurements=y), gate=5.0)
     assert not run.rejected[:100].any()
     assert run.rejected[100:125, 6].all()
     assert not run.rejected[125, 6]
@@ -279,7 +279,7 @@ def test_a_pitch_attitude_near_the_vertical_ends_the_run_at_its_sample():
     path = fly(p.t, inputs, p.start, p.place, G, False)
     first = int(np.argmax(np.abs(path[:, 4]) > 1.55))
     assert 0 < first < 199
-    filtered, smoothed = run_smoother(replace(p, inputs=inputs))
+    filtered, smoothed = ukf_smoother(replace(p, inputs=inputs))
     assert smoothed is None
     assert filtered.failed == first
     assert "vertical" in filtered.reason
@@ -291,7 +291,7 @@ def test_an_estimate_that_is_no_number_ends_the_run_at_its_sample():
     p, _ = flight(100)
     inputs = p.inputs.copy()
     inputs[60, 2] = np.nan
-    filtered, smoothed = run_smoother(replace(p, inputs=inputs))
+    filtered, smoothed = ukf_smoother(replace(p, inputs=inputs))
     assert smoothed is None
     assert filtered.failed == 60
     assert "no longer finite" in filtered.reason
@@ -301,7 +301,7 @@ def test_an_estimate_that_is_no_number_ends_the_run_at_its_sample():
 def test_a_spread_with_a_negative_weight_is_refused(spread):
     p = climb(5, 0.0)
     with pytest.raises(DomainError, match="spread of the sigma points"):
-        run_filter(p, spread=spread)
+        ukf_filter(p, spread=spread)
 
 
 def test_deviations_from_truth_are_as_large_as_the_filter_says():
@@ -312,7 +312,7 @@ def test_deviations_from_truth_are_as_large_as_the_filter_says():
         start = path[0].copy()
         rng = np.random.default_rng(seed)
         start[p.active] += p.start_std * rng.standard_normal(p.active.size)
-        filtered, smoothed = run_smoother(replace(p, start=start))
+        filtered, smoothed = ukf_smoother(replace(p, start=start))
         assert filtered.failed == -1
         last, mid = path[-1, p.active], path[150, p.active]
         d, e = smoothed.x[-1] - last, smoothed.x[150] - mid

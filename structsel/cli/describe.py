@@ -16,7 +16,7 @@ from structsel.errors import DataError
 from structsel.formatting import count_of
 from structsel.readers import read_table
 from structsel.readers.channel_map import FileOptions, load_channel_map
-from structsel.readers.guessing import SURE, UNSURE, GuessedMap, guess_map
+from structsel.readers.guess_map import SURE, UNSURE, GuessedMap, guess_map
 from structsel.tables import Cell, Summary, Table, Tone, text_column
 
 EPILOG = page(

@@ -116,7 +116,7 @@ def commands_of(k: int, half_steps: int) -> tuple[Plan, np.ndarray]:
     return plan, out
 
 
-def gusts_of(half_steps: int, V: float, rng: np.random.Generator) -> np.ndarray:
+def turbulence_states(half_steps: int, V: float, rng: np.random.Generator) -> np.ndarray:
     """(half_steps, 6) gusts u v w [m/s] and p q r [rad/s]: first-order, with Dryden's scales at low height."""
     span = demo_aircraft().b
     scale = np.array([200.0, 200.0, 100.0, 4 * span / np.pi, 4 * span / np.pi, 3 * span / np.pi])

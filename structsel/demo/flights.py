@@ -10,7 +10,7 @@ from scipy.optimize import root
 
 from structsel.aircraft import Aircraft
 from structsel.demo.aircraft import TRUTH, aerodynamics, demo_aircraft
-from structsel.demo.commands import FLIGHTS, RATE, Plan, commands_of, gusts_of
+from structsel.demo.commands import FLIGHTS, RATE, Plan, commands_of, turbulence_states
 from structsel.errors import DomainError
 from structsel.nomenclature import AIR_DATA, ANGULAR_ACCELERATIONS, BODY_RATES, CONTROL_SURFACES, SPECIFIC_FORCES
 from structsel.numerics import rigid_body as rb
@@ -177,7 +177,7 @@ def integrate(
         plan, command = commands_of(k, 2 * samples - 1)
         plans.append(plan)
         commands.append(command)
-        gusts.append(turbulence * gusts_of(2 * samples - 1, plan.V, rng))
+        gusts.append(turbulence * turbulence_states(2 * samples - 1, plan.V, rng))
     command, gust = np.stack(commands, axis=-1), np.stack(gusts, axis=-1)
     trims = [_trim(aircraft, plan.V) for plan in plans]
     state = np.stack([x for x, _ in trims], axis=-1)

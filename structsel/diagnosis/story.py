@@ -57,7 +57,7 @@ def headline(diagnosis: Diagnosis) -> str:
     """One sentence: the verdict, and the effects named."""
     chance = [f.effect for f in diagnosis.findings if f.kind == "random"]
     named = [f for f in diagnosis.findings if f.kind != "random"]
-    known = [_headed(f) for f in named if f.effect != UNNAMED]
+    known = [_with_initial_heading(f) for f in named if f.effect != UNNAMED]
     also = f" There was {_and(chance)} besides." if chance else ""
     if diagnosis.verdict == "consistent":
         small = f" What stands out: {_and(known)}." if known else ""
@@ -121,7 +121,7 @@ def tied(finding: Finding) -> list[str]:
     return ["something unknown" if e == UNNAMED else e for e in finding.ambiguous_with]
 
 
-def _headed(finding: Finding) -> str:
+def _with_initial_heading(finding: Finding) -> str:
     if not finding.ambiguous_with:
         return f"{finding.effect} ({format_probability(finding.physics[0].probability)})"
     return f"{_and([finding.effect, *tied(finding)], last='or')} (together {format_probability(together(finding))})"

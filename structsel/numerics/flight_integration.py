@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from structsel.numerics import flight_path
+from structsel.numerics import kinematics
 from structsel.numerics.arrays import UNCOUNTED, Array
 from structsel.numerics.atmosphere import HIGHEST, LOWEST
 from structsel.numerics.flight_dynamics import Environment, History, Parameters, new_workspace, state_derivative
@@ -34,9 +34,9 @@ from structsel.numerics.flight_model import (
 _VERTICAL = 0.5 * np.pi - 1e-6  # rad; beyond it yaw and roll are the same rotation
 _SLOWEST = 1e-3  # m/s; no coefficient is defined below
 _AT_REST = 1e-13  # change of the states with a memory at which their initial values are found
-_VANE_STATE = flight_path.STATES.index("Cup")
-_WIND_STATE = flight_path.STATES.index("wn")
-_PATH_STATES, _PATH_READINGS = len(flight_path.STATES), len(flight_path.MEASUREMENTS)
+_VANE_STATE = kinematics.STATES.index("Cup")
+_WIND_STATE = kinematics.STATES.index("wn")
+_PATH_STATES, _PATH_READINGS = len(kinematics.STATES), len(kinematics.MEASUREMENTS)
 
 
 class Correction(NamedTuple):
@@ -203,7 +203,7 @@ def _read_sensors(x, vanes, sensors, scratch, derived):  # type: ignore[no-untyp
     for i in range(5):
         path[_VANE_STATE + i] = vanes[i]
     last = FIRST_READING + _PATH_READINGS
-    flight_path.observe(
+    kinematics.observe(
         path, inputs, sensors.positions, sensors.flank_angle_vane, scratch.wanted,
         derived[FIRST_READING:last],
     )  # fmt: skip

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from structsel.errors import ChannelError, DataError, ModelError
 from structsel.nomenclature import COEFFICIENTS
-from structsel.numerics import flight_path
+from structsel.numerics import kinematics
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.expressions import Program
 from structsel.numerics.rigid_body import STATES
@@ -35,13 +35,13 @@ CONDITIONS = (
 """Known at each sample and not a control: mass and inertia, velocity and rates of the air in body axes [m/s, rad/s],
 density (NaN: that of the standard atmosphere). Always linear between samples."""
 VANES = ("Cup", "Calpha0", "Csi", "Cbeta0", "KV")
-"""Upwash scale and offset, sidewash scale and offset, scale error of the airspeed; see `numerics.flight_path`."""
+"""Upwash scale and offset, sidewash scale and offset, scale error of the airspeed; see `numerics.kinematics`."""
 _AT_CG = (
     *("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h"),
     *("V", "alpha", "beta", "ax", "ay", "az", "p_dot", "q_dot", "r_dot", "alpha_dot", "beta_dot", "V_dot"),
     *("vn", "ve", "vd", "rho", "qbar", "mach", "thrust", "mass", *COEFFICIENTS),
 )
-READINGS = (*flight_path.MEASUREMENTS, "ax", "ay", "az")
+READINGS = (*kinematics.MEASUREMENTS, "ax", "ay", "az")
 """What the instruments read at their positions, without noise: air data at the vanes, specific force at the
 accelerometer, height at the static port, ground position and velocity at the antenna."""
 OUTPUTS = (*_AT_CG, *(f"{name} at instrument" for name in READINGS))
@@ -258,7 +258,7 @@ class ManoeuvreInputs:
         Temperature above that of the standard atmosphere.
     gravity : float [m/s^2]
     sensor_positions : (6, 3) array [m]
-        Rows as `numerics.flight_path.PLACES`.
+        Rows as `numerics.kinematics.PLACES`.
     flank_angle_vane : bool
         Whether the sideslip vane reads atan(v/u).
 

@@ -16,8 +16,8 @@ from scipy.fft import dct, idct
 from scipy.integrate import cumulative_trapezoid
 
 from structsel.errors import DomainError
-from structsel.numerics.flight_path import MEASUREMENTS, MOTION, readings, slopes
-from structsel.numerics.unscented import FlightPathProblem
+from structsel.numerics.kinematics import MEASUREMENTS, MOTION, readings, slopes
+from structsel.numerics.unscented import KinematicsProblem
 
 _LONGEST = 60.0  # s of a stretch: beyond it dead reckoning forgets where it started
 _GAP = 0.5  # s without a sample, and five samples: not integrated across
@@ -29,7 +29,7 @@ _WINDOW = 1.0  # s to either side, over which the direction of gravity is averag
 _STEP = np.array([1e-2] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1e-3] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1e-4] * 5 + [1e-2] * 3)
 
 
-def recorded_path(problem: FlightPathProblem, stretches: list[slice]) -> tuple[np.ndarray, tuple[str, ...]]:
+def recorded_path(problem: KinematicsProblem, stretches: list[slice]) -> tuple[np.ndarray, tuple[str, ...]]:
     """(n, 26) path to linearise along: as recorded, and what must stand in where nothing was."""
     t, start, notes = problem.t, problem.start, []
     held = {
@@ -90,7 +90,7 @@ def _without_noise(values: np.ndarray, std: float) -> np.ndarray:
     return idct(waves, norm="ortho")
 
 
-def _attitude(problem: FlightPathProblem, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _attitude(problem: KinematicsProblem, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Roll and pitch attitude from gravity in body axes, v' + omega x v - f, averaged over a moment."""
     n, half = len(problem.t), max(1, round(_WINDOW / float(np.median(np.diff(problem.t)))))
     free = problem.inputs[:, :6] - problem.start[9:15]
@@ -146,7 +146,7 @@ def _sensitivities(t, A):  # type: ignore[no-untyped-def]
 
 
 def sensitivity_factor(
-    problem: FlightPathProblem,
+    problem: KinematicsProblem,
     path: np.ndarray,
     inputs: np.ndarray,
     piece: slice,

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.errors import DomainError
-from structsel.numerics.flight_path import MEASUREMENTS, MOTION, STATES
+from structsel.numerics.kinematics import MEASUREMENTS, MOTION, STATES
 from structsel.numerics.path_sensitivity import recorded_path, sensitivity_factor, stretches_of
-from structsel.numerics.unscented import FlightPathProblem
+from structsel.numerics.unscented import KinematicsProblem
 
 FIX_FIRST = (
     # Small where the airspeed is calibrated; and vertical wind has no steady mean.
@@ -138,7 +138,7 @@ class Reconstructibility:
 
     @property
     def index(self) -> np.ndarray:
-        """The states left, as indices of `flight_path.STATES`."""
+        """The states left, as indices of `kinematics.STATES`."""
         return np.array([STATES.index(name) for name in self.active], dtype=int)
 
     def __str__(self) -> str:
@@ -168,12 +168,12 @@ class Reconstructibility:
         return "\n".join(lines)
 
 
-def reconstructibility(problem: FlightPathProblem, *, fix_first: Sequence[str] = FIX_FIRST) -> Reconstructibility:
+def reconstructibility(problem: KinematicsProblem, *, fix_first: Sequence[str] = FIX_FIRST) -> Reconstructibility:
     """Tell which states, biases and winds a flight determines, and which to fix so that the rest is.
 
     Parameters
     ----------
-    problem : FlightPathProblem
+    problem : KinematicsProblem
         As for the filter; `start_std` are the priors.
     fix_first : sequence of str
         States of `FIX_FIRST`; where there is a choice, an earlier one is fixed rather than a later. Those not

@@ -20,7 +20,7 @@ import numpy as np
 from structsel.errors import DataError
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.ready import Usual, import_extra, longest_clock, with_ready_map
+from structsel.readers.standard_maps import Usual, import_extra, longest_clock, with_ready_map
 from structsel.readers.table import Table
 from structsel.readers.units import is_unit
 

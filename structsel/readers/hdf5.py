@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 
 from structsel.errors import DataError
-from structsel.readers.apart import read_apart_first
 from structsel.readers.channel_map import FileOptions
+from structsel.readers.isolated import read_apart_first
 from structsel.readers.matlab import choose
 from structsel.readers.table import Table
 from structsel.readers.units import is_unit

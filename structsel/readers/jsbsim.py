@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from structsel.readers.ready import Usual, with_ready_map
+from structsel.readers.standard_maps import Usual, with_ready_map
 from structsel.readers.table import Table
 
 ROOT = "/fdm/jsbsim/"

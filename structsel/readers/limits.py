@@ -31,7 +31,7 @@ def within_limits(path: Path, read: Callable[[], _Read]) -> _Read:
     """Read a file, unless that takes far more time or memory than its size explains.
 
     Another thread looks on, and raises an exception in this one, which ends any loop of Python; compiled code is not
-    reached (see `structsel.readers.apart`).
+    reached (see `structsel.readers.isolated`).
 
     Parameters
     ----------

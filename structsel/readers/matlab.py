@@ -11,8 +11,8 @@ from pymatreader import read_mat
 
 from structsel.errors import DataError
 from structsel.nomenclature import suggest
-from structsel.readers.apart import read_apart_first
 from structsel.readers.channel_map import FileOptions
+from structsel.readers.isolated import read_apart_first
 from structsel.readers.table import Table, is_numeric, table_from_arrays, table_from_matrix
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from structsel.errors import DataError
 from structsel.nomenclature import find_channel, is_known
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.ready import Usual, import_extra, longest_clock, with_ready_map
+from structsel.readers.standard_maps import Usual, import_extra, longest_clock, with_ready_map
 from structsel.readers.table import Table, split_header
 from structsel.readers.units import is_convertible, is_unit
 

@@ -18,7 +18,7 @@ import numpy as np
 from structsel.errors import DataError
 from structsel.nomenclature import EULER_ANGLES
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.ready import Usual, import_extra, longest_clock, with_ready_map
+from structsel.readers.standard_maps import Usual, import_extra, longest_clock, with_ready_map
 from structsel.readers.table import Table
 
 MAGIC = b"ULog\x01\x12\x35"

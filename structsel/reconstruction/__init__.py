@@ -3,7 +3,7 @@
 The first of the two steps. `reconstruct` does one manoeuvre, `reconstruct_all` many.
 """
 
-from structsel.reconstruction.folder import Reconstructions, reconstruct_all
+from structsel.reconstruction.batch import Reconstructions, reconstruct_all
 from structsel.reconstruction.reconstruct import METHODS, reconstruct
 from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structsel.numerics.flight_path import CIRCULAR, fly, readings
+from structsel.numerics.kinematics import CIRCULAR, fly, readings
 from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
-from structsel.numerics.unscented import STEEPEST, FlightPathProblem
+from structsel.numerics.unscented import STEEPEST, KinematicsProblem
 
 _DIFFERENCE = 1e-3  # of the central differences, in standard deviations of the start
 _LEAST_STD = 1e-3  # of the stated standard deviation: a channel fitted to the last digit would outweigh all others
@@ -28,13 +28,13 @@ _TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
-class CompatibilityFit:
+class DataCompatibility:
     """The deterministic flight path with the least output error; n samples, L active states.
 
     Attributes
     ----------
     path : (n, 26) array
-        Full vectors, as `flight_path.STATES`; inputs' biases still in the inputs.
+        Full vectors, as `kinematics.STATES`; inputs' biases still in the inputs.
     values : (L,) array
         Active states at the first sample; the constants among them hold throughout.
     crlb : (L, L) array
@@ -71,7 +71,7 @@ class CompatibilityFit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def output_error_path(problem: FlightPathProblem, *, iterations: int = 50) -> CompatibilityFit:
+def check_data_compatibility(problem: KinematicsProblem, *, iterations: int = 50) -> DataCompatibility:
     """Fit one deterministic flight path to all readings by output error.
 
     The first part of the flight is fitted first, then one twice as long, up to the complete flight: over a short time
@@ -79,14 +79,14 @@ def output_error_path(problem: FlightPathProblem, *, iterations: int = 50) -> Co
 
     Parameters
     ----------
-    problem : FlightPathProblem
+    problem : KinematicsProblem
         Its `input_std` and `drift` are not used: there is no process noise, and constants are constant.
     iterations : int
         Maximum number of steps over one part.
 
     Returns
     -------
-    CompatibilityFit
+    DataCompatibility
         The best found; where the search did not converge, `converged` is False and `message` says why.
 
     References
@@ -112,13 +112,13 @@ def output_error_path(problem: FlightPathProblem, *, iterations: int = 50) -> Co
     path, outputs = _simulate(problem, n, values)
     residuals = problem.measurements - outputs
     residuals[:, CIRCULAR] -= _TURN * np.round(residuals[:, CIRCULAR] / _TURN)
-    return CompatibilityFit(
+    return DataCompatibility(
         *(path, values, fit.crlb, fit.covariance, residuals, _noise(problem, residuals), fit.costs),
         *(fit.converged, message, steps),
     )
 
 
-def _fit(problem: FlightPathProblem, length: int, values: np.ndarray, iterations: int) -> OutputErrorFit:
+def _fit(problem: KinematicsProblem, length: int, values: np.ndarray, iterations: int) -> OutputErrorFit:
     """Fit of the first samples."""
     measured = problem.measurements[:length]
     channels = np.flatnonzero(np.isfinite(measured).any(axis=0))
@@ -143,7 +143,7 @@ def _fit(problem: FlightPathProblem, length: int, values: np.ndarray, iterations
     )  # fmt: skip
 
 
-def _simulate(problem: FlightPathProblem, length: int, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _simulate(problem: KinematicsProblem, length: int, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Path and outputs; an output is NaN where the path diverges."""
     start = problem.start.copy()
     start[problem.active] = values
@@ -154,7 +154,7 @@ def _simulate(problem: FlightPathProblem, length: int, values: np.ndarray) -> tu
     return path, outputs
 
 
-def _noise(problem: FlightPathProblem, residuals: np.ndarray) -> np.ndarray:
+def _noise(problem: KinematicsProblem, residuals: np.ndarray) -> np.ndarray:
     """(12,) standard deviations of residuals; as stated where a channel has none."""
     counts, stated = np.isfinite(problem.measurements).sum(axis=0), problem.measurement_std
     with np.errstate(over="ignore"):  # infinite then: the path diverges

@@ -7,27 +7,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from structsel.nomenclature import BODY_RATES
-from structsel.numerics import flight_path as fp
+from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.unscented import Smoothed
+from structsel.numerics.unscented import SmootherResult
 from structsel.readers.table import MOVED_TO_CG
-from structsel.reconstruction.assembly import INERTIAL, Assembly
+from structsel.reconstruction.problem import INERTIAL, ReconstructionProblem
 from structsel.reconstruction.result import Constant
 from structsel.recording import Recording
 
 
 def output_recording(
     recording: Recording,
-    assembly: Assembly,
+    problem_setup: ReconstructionProblem,
     path: np.ndarray,
-    smooth: Smoothed,
+    smooth: SmootherResult,
     std: np.ndarray,
     method: str,
     constants: Sequence[Constant],
 ) -> tuple[Recording, dict[str, np.ndarray]]:
     """Recording at the centre of gravity, free of biases, and the standard deviations of its channels."""
-    problem, lateral = assembly.problem, assembly.lateral
-    estimated = set(assembly.names)
+    problem, lateral = problem_setup.problem, problem_setup.lateral
+    estimated = set(problem_setup.names)
     force = fp.forces(path, problem.inputs, problem.place)
     slope = fp.slopes(path, problem.inputs, problem.place, problem.g)
     u, v, w = (path[:, j] + path[:, fp.GUST + j] for j in range(3))
@@ -40,14 +40,16 @@ def output_recording(
     channels["gamma"] = np.arcsin(np.clip((slope[:, 8] + path[:, 17]) / V, -1.0, 1.0))
     kept = [name for j, name in enumerate(INERTIAL) if lateral or name in ("ax", "az", "q")]
     channels |= {name: force[:, INERTIAL.index(name)] for name in kept}
-    channels |= {f"{name}_dot": assembly.turning[:, INERTIAL.index(name) - 3] for name in kept if name in BODY_RATES}
+    channels |= {
+        f"{name}_dot": problem_setup.turning[:, INERTIAL.index(name) - 3] for name in kept if name in BODY_RATES
+    }
     if lateral:
         channels |= {"v": v, "beta": beta, "phi": path[:, 3], "beta_dot": beta_dot}
     channels |= {name: path[:, fp.STATES.index(name)] for name in ("psi", "x", "y", "h") if name in estimated}
-    stds = {name: std[:, j].copy() for j, name in enumerate(assembly.names) if fp.STATES.index(name) < fp.MOTION}
+    stds = {name: std[:, j].copy() for j, name in enumerate(problem_setup.names) if fp.STATES.index(name) < fp.MOTION}
     for j, name in enumerate(("u", "v", "w")):
         if f"{name}g" in estimated:
-            stds[name] *= _with_gust(assembly.names, smooth, name)
+            stds[name] *= _with_gust(problem_setup.names, smooth, name)
             channels[f"{name}g"] = path[:, fp.GUST + j]
     su, sv, sw = stds["u"], stds.get("v", np.zeros(len(u))), stds["w"]
     stds["V"] = np.sqrt((u * su) ** 2 + (v * sv) ** 2 + (w * sw) ** 2) / V
@@ -61,7 +63,7 @@ def output_recording(
     return made.with_channels(note=f"reconstructed with {taken}") if taken else made, stds
 
 
-def _with_gust(names: tuple[str, ...], smooth: Smoothed, axis: str) -> np.ndarray:
+def _with_gust(names: tuple[str, ...], smooth: SmootherResult, axis: str) -> np.ndarray:
     """How many times the standard deviation of a velocity through still air that through moving air has."""
     i, j = names.index(axis), names.index(f"{axis}g")
     P = smooth.covariance

@@ -12,19 +12,19 @@ from threadpoolctl import threadpool_limits
 from structsel.aircraft import Aircraft
 from structsel.errors import DomainError, ReconstructionError
 from structsel.nomenclature import unit_of
-from structsel.numerics import flight_path as fp
+from structsel.numerics import kinematics as fp
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.reconstructibility import reconstructibility
-from structsel.numerics.unscented import STEEP, Filtered, FlightPathProblem, Smoothed, run_smoother
-from structsel.reconstruction.assembly import ESTIMATED, INERTIAL, Assembly, assemble
-from structsel.reconstruction.consistency import Consistency, judge
-from structsel.reconstruction.data_compatibility import output_error_path
-from structsel.reconstruction.doubting import find_doubts
-from structsel.reconstruction.lateness import LONGEST_DELAY, Delay, find_delays
-from structsel.reconstruction.mistakes import refuse_mistaken_channels
-from structsel.reconstruction.noise import settle_noise, without_confused
+from structsel.numerics.unscented import STEEP, FilterResult, KinematicsProblem, SmootherResult, ukf_smoother
+from structsel.reconstruction.data_compatibility import check_data_compatibility
+from structsel.reconstruction.delays import LONGEST_DELAY, Delay, find_delays
+from structsel.reconstruction.innovations import Consistency, judge
+from structsel.reconstruction.noise_levels import drop_confounded_scales, estimate_noise_levels
 from structsel.reconstruction.output import output_recording
+from structsel.reconstruction.problem import ESTIMATED, INERTIAL, ReconstructionProblem, build_problem
+from structsel.reconstruction.quality_checks import check_quality
 from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
+from structsel.reconstruction.sign_and_unit_checks import reject_wrong_sign_or_unit
 from structsel.recording import Recording
 
 METHODS = ("unscented", "extended", "output-error")
@@ -87,7 +87,7 @@ def reconstruct(
     gate : float [-]
         Readings further than so many standard deviations from their prediction are not used, and counted; 0 uses all.
     spread : float [-]
-        Of the sigma points, as `structsel.numerics.unscented.run_smoother` takes it.
+        Of the sigma points, as `structsel.numerics.unscented.ukf_smoother` takes it.
     g : float [m/s^2]
     progress : callable, optional
         Called with a stage's name, steps done and steps in all.
@@ -158,39 +158,41 @@ def _reconstruct(
     spread: float,
     progress: Progress | None,
 ) -> Reconstruction:
-    assembly = assemble(recording, aircraft, **options)  # type: ignore[arg-type]
-    refuse_mistaken_channels(recording, assembly.problem, assembly.lateral)
-    verdict = reconstructibility(assembly.problem)
-    assembly, fixed = assembly.with_verdict(verdict), dict(verdict.fixed)
+    problem_setup = build_problem(recording, aircraft, **options)  # type: ignore[arg-type]
+    reject_wrong_sign_or_unit(recording, problem_setup.problem, problem_setup.lateral)
+    verdict = reconstructibility(problem_setup.problem)
+    problem_setup, fixed = problem_setup.with_verdict(verdict), dict(verdict.fixed)
     ruled: frozenset[str] = frozenset()  # by turbulence
     if method == "output-error":
-        assembly, run, smooth, widened = _by_output_error(assembly, recording)
+        problem_setup, run, smooth, widened = _by_output_error(problem_setup, recording)
     else:
-        assembly, headless = _headed(assembly)
-        assembly, confused, ruled = without_confused(settle_noise(assembly, gusts, progress))
+        problem_setup, headless = _with_initial_heading(problem_setup)
+        problem_setup, confused, ruled = drop_confounded_scales(estimate_noise_levels(problem_setup, gusts, progress))
         fixed |= headless | confused
-        run, smooth = _by_filter(assembly, recording, method, gate, spread)
+        run, smooth = _by_filter(problem_setup, recording, method, gate, spread)
         widened = None
-    path = _whole_path(assembly.problem, smooth.x)
-    told = fp.readings(path, assembly.problem.inputs, assembly.problem.place, assembly.problem.flank)
-    residuals = _residuals(assembly.problem.measurements, told)
-    consistency = judge(run, residuals, assembly.measured, recording.dt)
+    path = _whole_path(problem_setup.problem, smooth.x)
+    told = fp.readings(path, problem_setup.problem.inputs, problem_setup.problem.place, problem_setup.problem.flank)
+    residuals = _residuals(problem_setup.problem.measurements, told)
+    consistency = judge(run, residuals, problem_setup.measured, recording.dt)
     if widened is None:
-        widened = _widen(assembly, consistency, gate, spread, method)
+        widened = _inflate_for_autocorrelation(problem_setup, consistency, gate, spread, method)
     std = np.maximum(smooth.std, widened) if widened is not None else smooth.std
-    delays = _delays(assembly, path, ruled)
+    delays = _delays(problem_setup, path, ruled)
     constants = tuple(
         Constant(name, float(smooth.x[-1, j]), float(std[-1, j]), float(smooth.std[-1, j]), CONSTANTS[name][1])
-        for j, name in enumerate(assembly.names)
+        for j, name in enumerate(problem_setup.names)
         if name in CONSTANTS
     )
-    made, stds = output_recording(recording, assembly, path, smooth, std, method, constants)
-    doubts, distrust = find_doubts(assembly, path, consistency, constants, verdict, delays, stds, smooth.std, std)
+    made, stds = output_recording(recording, problem_setup, path, smooth, std, method, constants)
+    doubts, distrust = check_quality(
+        problem_setup, path, consistency, constants, verdict, delays, stds, smooth.std, std
+    )
     return Reconstruction(
         name=recording.name,
         method=method,
         recording=made,
-        states=assembly.names,
+        states=problem_setup.names,
         constants=constants,
         std=stds,
         estimates=smooth.x,
@@ -198,59 +200,59 @@ def _reconstruct(
         filtered_std=run.std,
         covariance=smooth.covariance,
         covariance_at=smooth.at,
-        innovations=_by_channel(run.innovations, assembly.measured),
-        innovation_std=_by_channel(run.innovation_std, assembly.measured),
-        residuals=_by_channel(residuals, assembly.measured),
-        readings=_by_channel(told, assembly.measured),
+        innovations=_by_channel(run.innovations, problem_setup.measured),
+        innovation_std=_by_channel(run.innovation_std, problem_setup.measured),
+        residuals=_by_channel(residuals, problem_setup.measured),
+        readings=_by_channel(told, problem_setup.measured),
         noise=tuple(
-            NoiseLevel(name, level, unit_of(name), "given" if name in assembly.given else "estimated")
-            for name, level in assembly.noise.items()
+            NoiseLevel(name, level, unit_of(name), "given" if name in problem_setup.given else "estimated")
+            for name, level in problem_setup.noise.items()
         ),
-        turning_std=dict(zip(INERTIAL[3:], map(float, assembly.turning_std))),
-        gust=tuple(assembly.gust.std.tolist()),
-        gust_time=assembly.gust.time,
+        turning_std=dict(zip(INERTIAL[3:], map(float, problem_setup.turning_std))),
+        gust=tuple(problem_setup.gust.std.tolist()),
+        gust_time=problem_setup.gust.time,
         consistency=consistency,
         reconstructibility=verdict,
         fixed=fixed,
         delays=delays,
         log_likelihood=run.log_likelihood,
-        findings=assembly.findings,
+        findings=problem_setup.findings,
         doubts=doubts,
         distrust=distrust,
     )
 
 
-def _headed(assembly: Assembly) -> tuple[Assembly, dict[str, str]]:
-    """Assembly that starts with the heading and wind of a batch fit, where no instrument gives the heading.
+def _with_initial_heading(problem_setup: ReconstructionProblem) -> tuple[ReconstructionProblem, dict[str, str]]:
+    """Problem that starts with the heading and wind of a batch fit, where no instrument gives the heading.
 
     From the ground track alone the heading is anywhere within the wind's reach, too far for a filter to linearise.
     Where the fit finds none either, the ground track is not used, and the reasons are given.
     """
-    if "psi" in assembly.measured or not {"psi", "wn", "we"} <= set(assembly.names):
-        return assembly, {}
-    problem = assembly.problem
+    if "psi" in problem_setup.measured or not {"psi", "wn", "we"} <= set(problem_setup.names):
+        return problem_setup, {}
+    problem = problem_setup.problem
     early = int(np.searchsorted(problem.t, problem.t[0] + _HEADING_SECONDS)) + 1
-    fit = output_error_path(problem.rows(0, early))
+    fit = check_data_compatibility(problem.rows(0, early))
     if not fit.converged:
         why = "no heading was measured, and the ground track does not give one here; record psi, or turn"
-        return assembly.without_ground_track(), dict.fromkeys(("psi", "x", "y", "wn", "we"), why)
+        return problem_setup.without_ground_track(), dict.fromkeys(("psi", "x", "y", "wn", "we"), why)
     start, std = problem.start.copy(), problem.start_std.copy()
     for name, spread in (("psi", 0.1), ("wn", 2.0), ("we", 2.0)):
-        j = assembly.names.index(name)
+        j = problem_setup.names.index(name)
         start[problem.active[j]] = fit.values[j]
         # The fit is of the same readings: no less is doubted than at a look.
         std[j] = max(spread, 3.0 * float(fit.std[j]))
-    return replace(assembly, problem=replace(problem, start=start, start_std=std)), {}
+    return replace(problem_setup, problem=replace(problem, start=start, start_std=std)), {}
 
 
 def _by_filter(
-    assembly: Assembly, recording: Recording, method: str, gate: float, spread: float
-) -> tuple[Filtered, Smoothed]:
-    run, smooth = run_smoother(assembly.problem, spread=0.0 if method == "extended" else spread, gate=gate)
+    problem_setup: ReconstructionProblem, recording: Recording, method: str, gate: float, spread: float
+) -> tuple[FilterResult, SmootherResult]:
+    run, smooth = ukf_smoother(problem_setup.problem, spread=0.0 if method == "extended" else spread, gate=gate)
     if smooth is None:
         i, remedy = run.failed, _REMEDIES[run.reason]
         if run.reason == STEEP:
-            remedy += _level_part(assembly.problem, i)
+            remedy += _part_below_vertical(problem_setup.problem, i)
         raise ReconstructionError(
             f"reconstruct broke down on '{recording.name}' at sample {i} (t = {recording.t[i]:g} s): {run.reason}.\n"
             f"{remedy}",
@@ -266,7 +268,7 @@ _REMEDIES = {
 }
 
 
-def _level_part(problem: FlightPathProblem, failed: int) -> str:
+def _part_below_vertical(problem: KinematicsProblem, failed: int) -> str:
     """Where the longest part without the vertical is, as far as theta was measured."""
     t, theta = problem.t, problem.measurements[:, fp.MEASUREMENTS.index("theta")]
     steep = ~(np.abs(theta) < _STEEP) if np.isfinite(theta).any() else np.arange(len(t)) == failed
@@ -277,10 +279,12 @@ def _level_part(problem: FlightPathProblem, failed: int) -> str:
     return f": recording.between({t[edges[k] + 1]:g}, {t[edges[k + 1] - 1]:g}) is the longest."
 
 
-def _by_output_error(assembly: Assembly, recording: Recording) -> tuple[Assembly, Filtered, Smoothed, np.ndarray]:
+def _by_output_error(
+    problem_setup: ReconstructionProblem, recording: Recording
+) -> tuple[ReconstructionProblem, FilterResult, SmootherResult, np.ndarray]:
     """Batch estimate in the form of a filter run, its surprises being its residuals; and the widened std."""
-    problem = assembly.problem
-    fit = output_error_path(problem)
+    problem = problem_setup.problem
+    fit = check_data_compatibility(problem)
     if not fit.converged:
         raise ReconstructionError(
             f"reconstruct by output error did not converge on '{recording.name}': {fit.message}.\n"
@@ -293,20 +297,22 @@ def _by_output_error(assembly: Assembly, recording: Recording) -> tuple[Assembly
     nis = np.where(seen.any(axis=1), np.nansum((fit.residuals / std) ** 2, axis=1), np.nan)
     white, wide = (np.tile(np.sqrt(np.diag(P)), (n, 1)) for P in (fit.crlb, fit.covariance))
     none = np.zeros(seen.shape, dtype=bool)
-    run = Filtered(x, white, fit.residuals, std, nis, seen.sum(axis=1), none, -float(fit.costs[-1]), -1, "")
-    level = assembly.noise | {
-        name: float(fit.measurement_std[fp.MEASUREMENTS.index(name)]) for name in assembly.measured
+    run = FilterResult(x, white, fit.residuals, std, nis, seen.sum(axis=1), none, -float(fit.costs[-1]), -1, "")
+    level = problem_setup.noise | {
+        name: float(fit.measurement_std[fp.MEASUREMENTS.index(name)]) for name in problem_setup.measured
     }
     # The inertial readings count as exact, and the noise of the others is always estimated.
-    level = {name: std for name, std in level.items() if name in assembly.measured}
-    found = replace(assembly, noise=level, given=frozenset())
+    level = {name: std for name, std in level.items() if name in problem_setup.measured}
+    found = replace(problem_setup, noise=level, given=frozenset())
     # One covariance, of the motion at the first sample and of the constants, stands for every sample.
-    return found, run, Smoothed(x, white, fit.covariance[None], np.array([0])), wide
+    return found, run, SmootherResult(x, white, fit.covariance[None], np.array([0])), wide
 
 
-def _widen(assembly: Assembly, consistency: Consistency, gate: float, spread: float, method: str) -> np.ndarray | None:
+def _inflate_for_autocorrelation(
+    problem_setup: ReconstructionProblem, consistency: Consistency, gate: float, spread: float, method: str
+) -> np.ndarray | None:
     """Standard deviations when each channel's noise counts for what its colour makes of it."""
-    std = assembly.problem.measurement_std.copy()
+    std = problem_setup.problem.measurement_std.copy()
     wide = False
     for channel in consistency.channels:
         j = fp.MEASUREMENTS.index(channel.channel)
@@ -316,12 +322,12 @@ def _widen(assembly: Assembly, consistency: Consistency, gate: float, spread: fl
             wide = True
     if not wide:
         return None
-    problem = replace(assembly.problem, measurement_std=std)
-    _, smooth = run_smoother(problem, spread=0.0 if method == "extended" else spread, gate=gate)
+    problem = replace(problem_setup.problem, measurement_std=std)
+    _, smooth = ukf_smoother(problem, spread=0.0 if method == "extended" else spread, gate=gate)
     return None if smooth is None else smooth.std
 
 
-def _whole_path(problem: FlightPathProblem, x: np.ndarray) -> np.ndarray:
+def _whole_path(problem: KinematicsProblem, x: np.ndarray) -> np.ndarray:
     """(n, 26) full vectors; a heading that is not estimated is integrated from north."""
     path = problem.path(x)
     if 5 not in problem.active:
@@ -337,12 +343,12 @@ def _residuals(measurements: np.ndarray, told: np.ndarray) -> np.ndarray:
     return left - 2.0 * np.pi * turns
 
 
-def _delays(assembly: Assembly, path: np.ndarray, ruled: frozenset[str]) -> tuple[Delay, ...]:
+def _delays(problem_setup: ReconstructionProblem, path: np.ndarray, ruled: frozenset[str]) -> tuple[Delay, ...]:
     """How late the channels are against the path through steady air: gusts would hide what is late."""
-    problem, still = assembly.problem, path.copy()
+    problem, still = problem_setup.problem, path.copy()
     still[:, fp.GUST :] = 0.0
     told = fp.readings(still, problem.inputs, problem.place, problem.flank)
-    asked = tuple(name for name in assembly.measured if name not in ruled)
+    asked = tuple(name for name in problem_setup.measured if name not in ruled)
     return find_delays(problem, told, _residuals(problem.measurements, told), asked)
 
 

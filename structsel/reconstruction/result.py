@@ -13,8 +13,8 @@ import pandas as pd
 from structsel.formatting import format_number
 from structsel.nomenclature import BODY_RATES, SPECIFIC_FORCES
 from structsel.numerics.reconstructibility import Reconstructibility
-from structsel.reconstruction.consistency import Consistency
-from structsel.reconstruction.lateness import Delay
+from structsel.reconstruction.delays import Delay
+from structsel.reconstruction.innovations import Consistency
 from structsel.recording import Finding, Recording
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column

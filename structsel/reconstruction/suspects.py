@@ -6,27 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from structsel.numerics.unscented import FlightPathProblem, run_filter
-from structsel.reconstruction.noise import excerpt
+from structsel.numerics.unscented import KinematicsProblem, ukf_filter
+from structsel.reconstruction.noise_levels import most_active_interval
 
 _LEAST_PLACE = 0.25  # m
 _SURE = 15.0  # log-likelihood
 _INSTRUMENTS = {"accelerometers": [0], "vanes": [1, 2, 3], "static port": [4], "GPS antenna": [5]}
 
 
-def reversed_places(problem: FlightPathProblem, doubt: float) -> list[str]:
+def find_reversed_positions(problem: KinematicsProblem, doubt: float) -> list[str]:
     """Say which instrument's place would be far likelier with the other sign.
 
     The stretch that moves most is filtered again with each coordinate turned round.
 
     Parameters
     ----------
-    problem : FlightPathProblem
+    problem : KinematicsProblem
     doubt : float [-]
         How many times less the readings say than they would if they were as good, and as unrelated, as stated.
     """
-    part = excerpt(problem)
-    base = run_filter(part, spread=0.0)
+    part = most_active_interval(problem)
+    base = ukf_filter(part, spread=0.0)
     if base.failed >= 0:
         return []
     found = []
@@ -37,7 +37,7 @@ def reversed_places(problem: FlightPathProblem, doubt: float) -> list[str]:
                 continue
             place = part.place.copy()
             place[np.ix_(rows, [axis])] *= -1.0
-            turned = run_filter(replace(part, place=place), spread=0.0)
+            turned = ukf_filter(replace(part, place=place), spread=0.0)
             gain = (turned.log_likelihood - base.log_likelihood) / doubt
             if turned.failed < 0 and gain > _SURE:
                 text = (

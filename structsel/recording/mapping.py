@@ -14,7 +14,7 @@ from structsel.readers.channel_map import ChannelEntry, ChannelMap, check_unit
 from structsel.readers.table import Table, as_float, split_header
 from structsel.readers.units import convert, is_convertible, is_unit, si_unit
 from structsel.recording.checks import Finding, require_clock
-from structsel.recording.clocks import Topic, to_one_clock
+from structsel.recording.resampling import Topic, to_one_clock
 
 
 @dataclass

@@ -14,7 +14,7 @@ from structsel.aircraft import Aircraft
 from structsel.candidates.formula import Node, evaluate
 from structsel.errors import AircraftError, ChannelError, DataError, ModelError
 from structsel.model import AeroModel
-from structsel.numerics import flight_path
+from structsel.numerics import kinematics
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.flight_model import CONDITIONS, STATES, CompiledAircraft, ManoeuvreInputs, outputs_index
 from structsel.numerics.flight_simulation import BatchResult, simulate_batch
@@ -164,7 +164,7 @@ def prepare(
         wind=air.wind,
         isa_offset=air.isa_offset,
         gravity=air.gravity,
-        sensor_positions=np.array([aircraft.position(place) for place in flight_path.PLACES]),
+        sensor_positions=np.array([aircraft.position(place) for place in kinematics.PLACES]),
         flank_angle_vane=vane is not None and vane.angle == "flank",
     )
     step = float(np.diff(t).max())

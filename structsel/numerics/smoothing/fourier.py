@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 from structsel.errors import DataError
 from structsel.numerics.arrays import Array
 from structsel.numerics.smoothing.noise import noise_level
-from structsel.numerics.smoothing.result import Smoothed
+from structsel.numerics.smoothing.result import SmoothedSignal
 
 ORDERS = (2, 3, 4)
 _LEAST_SAMPLES = 32
@@ -19,7 +19,7 @@ _ROUNDS = 2
 _GAIN = 0.1  # of the expected error that another order than 3 must bring; less is within its scatter
 
 
-def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> Smoothed:
+def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> SmoothedSignal:
     """Smooth one channel on an even clock, with its first two derivatives and their accuracy.
 
     Less the straight line through its ends and reflected to an odd periodic signal, a smooth record has a sine
@@ -45,7 +45,7 @@ def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> Smo
 
     Returns
     -------
-    Smoothed
+    SmoothedSignal
         In the interior the actual rms error of values and first derivative is 0.75 to 1.3 times the rms of
         the stated standard deviations (white noise, signals without kinks). The stated one is too small, by
         up to two and a half times, for the derivative of a signal whose derivative jumps (the order-2 spline has
@@ -139,7 +139,7 @@ class _Series:
         # The square of a normal variable has its median at 0.4549.
         return float(np.sqrt(np.median(beyond**2) / 0.4549)) if beyond.size > 0.2 * self.n else otherwise
 
-    def smoothed(self, k_c: float, order: int, noise: float) -> Smoothed:
+    def smoothed(self, k_c: float, order: int, noise: float) -> SmoothedSignal:
         passed = self._passed(k_c, order)
         ends, rest, normal = self._line(passed)
         w = np.pi * self.k / self.length
@@ -153,7 +153,7 @@ class _Series:
             return noise * np.sqrt(own)
 
         coefficients = passed * rest
-        return Smoothed(
+        return SmoothedSignal(
             values=self.line @ ends + self._sines(coefficients),
             values_std=std(self.line + self._sines(per_end), passed, -1.0),
             derivative=self._cosines(w * coefficients) + slope @ ends,

@@ -10,7 +10,7 @@ from structsel.numerics.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
+class SmoothedSignal:
     """One channel without its noise, its derivatives, and how sure they are. Arrays are read-only.
 
     Attributes

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from structsel.errors import DataError, StructselWarning
 from structsel.numerics.arrays import Array
 from structsel.numerics.smoothing.banded import eliminate, solve_back
-from structsel.numerics.smoothing.result import Smoothed
+from structsel.numerics.smoothing.result import SmoothedSignal
 
 ORDERS = (2, 3, 4)
 _LEAST_SAMPLES = 12
@@ -20,7 +20,7 @@ _FAINT = 1e-5  # of the signal, below which a residual is rounding and interpola
 _LINE = 0.25  # share of the residual's power on one spectral line at which a motion was taken for noise
 
 
-def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> Smoothed:
+def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> SmoothedSignal:
     """Smoothing spline of one channel, with its first two derivatives and their accuracy.
 
     The spline of order m minimises::
@@ -49,7 +49,7 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
 
     Returns
     -------
-    Smoothed
+    SmoothedSignal
         In the interior the actual rms error of values and first derivative is 0.7 to 1.1 times the rms of
         the stated standard deviations (white noise of 1 % and more of the signal; 0.7 where the motion is a
         single sine). That does not hold where the noise is coloured or the channel is held over several
@@ -89,7 +89,7 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
     if residual.std() > _FAINT * values[finite].std():
         _look_for_a_line(residual)
     lacking = np.full(values.size, np.nan)
-    return Smoothed(
+    return SmoothedSignal(
         values=states[:, 0] + centre,
         values_std=stds[:, 0].copy(),
         derivative=states[:, 1].copy(),

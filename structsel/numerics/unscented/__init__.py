@@ -22,7 +22,7 @@ References
 """
 
 from structsel.numerics.unscented.kernel import STEEPEST
-from structsel.numerics.unscented.problem import Filtered, FlightPathProblem, Smoothed
-from structsel.numerics.unscented.runs import STEEP, run_filter, run_smoother
+from structsel.numerics.unscented.problem import FilterResult, KinematicsProblem, SmootherResult
+from structsel.numerics.unscented.runs import STEEP, ukf_filter, ukf_smoother
 
-__all__ = ["STEEP", "STEEPEST", "Filtered", "FlightPathProblem", "Smoothed", "run_filter", "run_smoother"]
+__all__ = ["STEEP", "STEEPEST", "FilterResult", "KinematicsProblem", "SmootherResult", "ukf_filter", "ukf_smoother"]

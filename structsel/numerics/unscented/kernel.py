@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from structsel.numerics.flight_path import GUST, MOTION, STATES, noise_gain, observe, step
+from structsel.numerics.kinematics import GUST, MOTION, STATES, noise_gain, observe, step
 from structsel.numerics.unscented.triangular import gain_of, triangularise
 
 _BETA = 2.0

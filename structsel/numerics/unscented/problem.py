@@ -8,21 +8,21 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class FlightPathProblem:
+class KinematicsProblem:
     """Everything a filter run needs, as arrays; n samples, L active states.
 
     Attributes
     ----------
     t : (n,) array [s]
     inputs : (n, 9) array
-        Columns as `flight_path.INPUTS`; finite.
+        Columns as `kinematics.INPUTS`; finite.
     input_std : (n, 6) array
         Standard deviation of the noise on ax ay az p q r, sample by sample.
     measurements : (n, 12) array
-        Columns as `flight_path.MEASUREMENTS`; NaN where not sampled.
+        Columns as `kinematics.MEASUREMENTS`; NaN where not sampled.
     measurement_std : (12,) array
     start : (26,) array
-        As `flight_path.STATES`: estimates at the first sample, before its measurements are used.
+        As `kinematics.STATES`: estimates at the first sample, before its measurements are used.
     start_std : (L,) array
         Their standard deviations, for the active states.
     active : (L,) int array
@@ -30,7 +30,7 @@ class FlightPathProblem:
     drift : (26,) array
         Random walk of the constants [unit / sqrt(s)]; 0 for true constants.
     place : (6, 3) array [m]
-        Rows as `flight_path.PLACES`.
+        Rows as `kinematics.PLACES`.
     flank : bool
         The sideslip vane reads atan(v/u).
     g : float [m/s^2]
@@ -57,7 +57,7 @@ class FlightPathProblem:
         """Whether the position x, y is among the active states."""
         return bool(np.any((self.active == 6) | (self.active == 7)))
 
-    def rows(self, first: int, last: int) -> FlightPathProblem:
+    def rows(self, first: int, last: int) -> KinematicsProblem:
         """Problem of samples first to last - 1; the start is left as it is."""
         kept = slice(first, last)
         return replace(
@@ -68,7 +68,7 @@ class FlightPathProblem:
             measurements=self.measurements[kept],
         )
 
-    def keeping(self, states: np.ndarray) -> FlightPathProblem:
+    def keeping(self, states: np.ndarray) -> KinematicsProblem:
         """Problem in which of the active states only these, an (L,) bool array, are estimated."""
         return replace(self, active=self.active[states], start_std=self.start_std[states])
 
@@ -80,7 +80,7 @@ class FlightPathProblem:
 
 
 @dataclass(frozen=True)
-class Filtered:
+class FilterResult:
     """A filter run.
 
     Attributes
@@ -116,7 +116,7 @@ class Filtered:
 
 
 @dataclass(frozen=True)
-class Smoothed:
+class SmootherResult:
     """A smoother run.
 
     Attributes

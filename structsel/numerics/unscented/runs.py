@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 
 from structsel.errors import DomainError
-from structsel.numerics.flight_path import CIRCULAR
+from structsel.numerics.kinematics import CIRCULAR
 from structsel.numerics.unscented.kernel import backward, forward, keep
-from structsel.numerics.unscented.problem import Filtered, FlightPathProblem, Smoothed
+from structsel.numerics.unscented.problem import FilterResult, KinematicsProblem, SmootherResult
 
 _NARROWEST, _WIDEST = 0.52, 1.93  # between them the centre's weight is not negative
 _BLOCK = 4096  # samples whose gains are held at once
@@ -21,7 +21,7 @@ STEEP = "the pitch attitude comes too near the vertical"
 class _Run:
     """A forward pass in pieces, so that only one piece's gains are ever held."""
 
-    def __init__(self, problem: FlightPathProblem, spread: float, gate: float):
+    def __init__(self, problem: KinematicsProblem, spread: float, gate: float):
         if spread and not _NARROWEST <= spread <= _WIDEST:
             raise DomainError(
                 f"the spread of the sigma points must be 0 (linearise) or {_NARROWEST} to {_WIDEST}, not {spread:g}."
@@ -77,8 +77,8 @@ class _Run:
             store,
         )
 
-    def result(self, total: float, failed: int, why: int) -> Filtered:
-        return Filtered(
+    def result(self, total: float, failed: int, why: int) -> FilterResult:
+        return FilterResult(
             self.x,
             self.std,
             self.innovations,
@@ -92,23 +92,23 @@ class _Run:
         )
 
 
-def run_filter(problem: FlightPathProblem, *, spread: float = 1.0, gate: float = 0.0) -> Filtered:
-    """Filter a flight path, forward only; see `run_smoother` for the arguments.
+def ukf_filter(problem: KinematicsProblem, *, spread: float = 1.0, gate: float = 0.0) -> FilterResult:
+    """Filter a flight path, forward only; see `ukf_smoother` for the arguments.
 
-    Half the work of `run_smoother`: what a search over noise levels or delays needs.
+    Half the work of `ukf_smoother`: what a search over noise levels or delays needs.
     """
     run = _Run(problem, spread, gate)
     return run.result(*run.advance(0, len(problem.t), None))
 
 
-def run_smoother(
-    problem: FlightPathProblem, *, spread: float = 1.0, gate: float = 0.0
-) -> tuple[Filtered, Smoothed | None]:
+def ukf_smoother(
+    problem: KinematicsProblem, *, spread: float = 1.0, gate: float = 0.0
+) -> tuple[FilterResult, SmootherResult | None]:
     """Filter a flight path forward and smooth it backward (Rauch, Tung and Striebel).
 
     Parameters
     ----------
-    problem : FlightPathProblem
+    problem : KinematicsProblem
     spread : float [-]
         Of the sigma points, a in the module's equations; 0 for the extended Kalman filter.
     gate : float [-]
@@ -117,8 +117,8 @@ def run_smoother(
 
     Returns
     -------
-    filtered : Filtered
-    smoothed : Smoothed or None
+    filtered : FilterResult
+    smoothed : SmootherResult or None
         None where the filter failed.
 
     Raises
@@ -154,4 +154,4 @@ def run_smoother(
             run.restore(state)
             run.advance(first, last, held)
         backward(first, last, at, S, run.x, *held, x, std, covariance, stride)
-    return filtered, Smoothed(x, std, covariance, np.arange(0, n, stride))
+    return filtered, SmootherResult(x, std, covariance, np.arange(0, n, stride))

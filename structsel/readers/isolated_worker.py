@@ -1,4 +1,4 @@
-"""The process that `structsel.readers.apart` starts; to be there at once, it imports nothing of structsel."""
+"""The process that `structsel.readers.isolated` starts; to be there at once, it imports nothing of structsel."""
 
 import contextlib
 import json

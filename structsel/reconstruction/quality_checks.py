@@ -8,11 +8,11 @@ import numpy as np
 
 from structsel.numerics.reconstructibility import Reconstructibility
 from structsel.numerics.smoothing import noise_level
-from structsel.reconstruction.assembly import BEST, INERTIAL, Assembly
-from structsel.reconstruction.consistency import Consistency
-from structsel.reconstruction.lateness import Delay
+from structsel.reconstruction.delays import Delay
+from structsel.reconstruction.innovations import Consistency
+from structsel.reconstruction.problem import BEST, INERTIAL, ReconstructionProblem
 from structsel.reconstruction.result import CONSTANTS, Constant
-from structsel.reconstruction.suspects import reversed_places
+from structsel.reconstruction.suspects import find_reversed_positions
 
 _MANY_MADE_UP = 0.01  # share of an inertial channel's readings
 _MANY_REJECTED = 0.1  # share of a channel's readings
@@ -28,8 +28,8 @@ _TOO_SMALL = 2.5  # variance of normalised innovations under a stated noise
 _LARGE = {"V": 5.0, "alpha": 0.05, "beta": 0.05, "phi": 0.1, "theta": 0.05, "psi": 0.2}
 
 
-def find_doubts(
-    assembly: Assembly,
+def check_quality(
+    problem_setup: ReconstructionProblem,
     path: np.ndarray,
     consistency: Consistency,
     constants: tuple[Constant, ...],
@@ -49,27 +49,27 @@ def find_doubts(
             says.append(f"{channel.rejected} of {n} readings lie outside the gate")
         elif channel.rejected:
             doubts.append(f"{channel.rejected} of {n} readings of {name} lay outside the gate and were not used")
-        if name in assembly.given and channel.variance > _TOO_SMALL:
+        if name in problem_setup.given and channel.variance > _TOO_SMALL:
             says.append(
-                f"innovations are {excess:.1f} times what its stated noise of {assembly.noise[name]:.3g} allows"
+                f"innovations are {excess:.1f} times what its stated noise of {problem_setup.noise[name]:.3g} allows"
             )
         elif name in _LARGE and channel.residual_rms > _LARGE[name]:
             says.append(f"{channel.residual_rms:.2g} rms is left unexplained")
         if says:
             contradicted.append((max(excess, 10.0 * share), f"{name} contradicts the others: {', and '.join(says)}"))
-    too_small = _noise_too_small(assembly, consistency)
+    too_small = _noise_too_small(problem_setup, consistency)
     contradicted.sort(key=lambda found: -found[0])
     worst = max([1.0, *(c.variance * c.inflation for c in consistency.channels if np.isfinite(c.variance))])
-    lateness = {late: _lateness(late) for late in delays if late.significant}
+    lateness = {late: _delay_text(late) for late in delays if late.significant}
     named = {text.split()[0] for _, text in contradicted}
     # A late channel looks like a misplaced vane, too.
     distrust = [
         text
         for late, text in lateness.items()
-        if abs(late.delay) > _LATE and (late.channel in named or _is_felt(late, assembly.noise[late.channel]))
+        if abs(late.delay) > _LATE and (late.channel in named or _is_felt(late, problem_setup.noise[late.channel]))
     ]
-    distrust += reversed_places(assembly.problem, worst)
-    faults = [f for f in assembly.findings if f.severity == "warning"]
+    distrust += find_reversed_positions(problem_setup.problem, worst)
+    faults = [f for f in problem_setup.findings if f.severity == "warning"]
     if contradicted:
         # What is wrong with an inertial reading shows in all the others.
         distrust += [
@@ -85,10 +85,12 @@ def find_doubts(
         )
     doubts += [text for f in faults if (text := str(f).removeprefix("warning: ")) not in distrust]
     doubts += [text for text in lateness.values() if text not in distrust]
-    quiet = [c.channel for c in consistency.channels if c.channel in assembly.given and c.variance < 1.0 / _TOO_SMALL]
+    quiet = [
+        c.channel for c in consistency.channels if c.channel in problem_setup.given and c.variance < 1.0 / _TOO_SMALL
+    ]
     if quiet:
         doubts.append(f"innovations of {', '.join(quiet)} are far smaller than the stated noise: state less")
-    doubts += _restless(assembly)
+    doubts += _restless(problem_setup)
     coloured = [c.channel for c in consistency.channels if not c.white]
     if coloured:
         factor = float(np.median(wide[-1] / white[-1]))
@@ -107,24 +109,24 @@ def _is_felt(late: Delay, noise: float) -> bool:
     return late.effect > max(_FELT * noise, least)
 
 
-def _lateness(late: Delay) -> str:
+def _delay_text(late: Delay) -> str:
     way = "late" if late.delay > 0.0 else "early"
     return (
         f"{late.channel} reads {abs(late.delay):.3f} s {way} (+- {2 * late.std:.3f}); delays='estimate' allows for it"
     )
 
 
-def _restless(assembly: Assembly) -> list[str]:
+def _restless(problem_setup: ReconstructionProblem) -> list[str]:
     """Inertial readings that agree with the others only if they are far noisier than they look."""
-    problem = assembly.problem
+    problem = problem_setup.problem
     dt = float(np.median(np.diff(problem.t)))
     found = []
     for j, name in enumerate(INERTIAL):
-        if name in assembly.given or name not in assembly.noise:
+        if name in problem_setup.given or name not in problem_setup.noise:
             continue
         own = max(noise_level(problem.inputs[:, j], dt), BEST[name])
-        if assembly.noise[name] > _RESTLESS * own:
-            found.append(f"{name} ({assembly.noise[name] / own:.0f} times)")
+        if problem_setup.noise[name] > _RESTLESS * own:
+            found.append(f"{name} ({problem_setup.noise[name] / own:.0f} times)")
     if not found:
         return []
     return [
@@ -133,9 +135,9 @@ def _restless(assembly: Assembly) -> list[str]:
     ]
 
 
-def _noise_too_small(assembly: Assembly, consistency: Consistency) -> list[str]:
+def _noise_too_small(problem_setup: ReconstructionProblem, consistency: Consistency) -> list[str]:
     """Where every stated noise is exceeded, the statement is likelier to be wrong than every instrument."""
-    excess = [np.sqrt(c.variance) for c in consistency.channels if c.channel in assembly.given]
+    excess = [np.sqrt(c.variance) for c in consistency.channels if c.channel in problem_setup.given]
     if len(excess) < _SEVERAL or min(excess) ** 2 <= _TOO_SMALL:
         return []
     return [

@@ -11,13 +11,13 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import DomainError, StructselWarning
 from structsel.nomenclature import suggest
-from structsel.numerics import flight_path as fp
+from structsel.numerics import kinematics as fp
 from structsel.numerics.reconstructibility import Reconstructibility
 from structsel.numerics.rigid_body import body_velocity
 from structsel.numerics.smoothing import noise_level, smooth_spline
-from structsel.numerics.unscented import FlightPathProblem
-from structsel.reconstruction.channels import LATERAL, clean_input, clean_measurement, require_inertial
-from structsel.reconstruction.gusts import CALM, Gusts
+from structsel.numerics.unscented import KinematicsProblem
+from structsel.reconstruction.sample_validity import LATERAL, require_inertial, valid_input, valid_measurement
+from structsel.reconstruction.turbulence_level import CALM, Gusts
 from structsel.recording import Finding, Recording
 
 INERTIAL = fp.INPUTS[:6]
@@ -51,12 +51,12 @@ BEST = {
 
 
 @dataclass(frozen=True)
-class Assembly:
+class ReconstructionProblem:
     """A problem for the filter, and how it came about.
 
     Attributes
     ----------
-    problem : FlightPathProblem
+    problem : KinematicsProblem
     measured : tuple of str
         Measurements with at least one reading.
     lateral : bool
@@ -74,7 +74,7 @@ class Assembly:
         The turbulence allowed for.
     """
 
-    problem: FlightPathProblem
+    problem: KinematicsProblem
     measured: tuple[str, ...]
     lateral: bool
     turning: np.ndarray
@@ -89,8 +89,8 @@ class Assembly:
         """Names of the active states."""
         return tuple(fp.STATES[i] for i in self.problem.active)
 
-    def with_verdict(self, verdict: Reconstructibility) -> Assembly:
-        """Assembly in which only what these data determine is estimated.
+    def with_verdict(self, verdict: Reconstructibility) -> ReconstructionProblem:
+        """Problem in which only what these data determine is estimated.
 
         A heading that only its start is lacking of moves on all the same where the ground track is measured, so
         it stays a state, with a start taken as known.
@@ -103,8 +103,8 @@ class Assembly:
         mask = np.array([name in kept for name in names])
         return replace(self, problem=replace(p, start_std=std).keeping(mask))
 
-    def without_ground_track(self) -> Assembly:
-        """Assembly in which neither position nor ground velocity was measured, and nothing they alone would show."""
+    def without_ground_track(self) -> ReconstructionProblem:
+        """Problem in which neither position nor ground velocity was measured, and nothing they alone would show."""
         p, names = self.problem, self.names
         readings = p.measurements.copy()
         readings[:, [fp.MEASUREMENTS.index(name) for name in _POSITION]] = np.nan
@@ -115,7 +115,7 @@ class Assembly:
         return replace(self, problem=held, measured=measured, noise=level)
 
 
-def assemble(
+def build_problem(
     recording: Recording,
     aircraft: Aircraft,
     *,
@@ -124,7 +124,7 @@ def assemble(
     prior: Mapping[str, float] | None = None,
     drift: Mapping[str, float] | None = None,
     g: float,
-) -> Assembly:
+) -> ReconstructionProblem:
     """Problem of one recording; arguments as `reconstruct` takes them."""
     lateral = require_inertial(recording)
     estimate, prior, drift, noise = tuple(estimate), dict(prior or {}), dict(drift or {}), dict(noise or {})
@@ -140,7 +140,7 @@ def assemble(
     for j, name in enumerate(INERTIAL):
         if name in LATERAL and not lateral:
             continue
-        channel = clean_input(recording, name)
+        channel = valid_input(recording, name)
         findings += channel.findings
         inputs[:, j] = channel.values
         level[name] = stated.get(name) or _estimate_noise(name, channel.values, recording.dt)
@@ -159,7 +159,7 @@ def assemble(
     for j, name in enumerate(fp.MEASUREMENTS):
         if name not in recording or (not lateral and name in ("beta", "phi", "psi")):
             continue
-        channel = clean_measurement(recording, name)
+        channel = valid_measurement(recording, name)
         findings += channel.findings
         values = channel.values
         seen = np.isfinite(values)
@@ -179,7 +179,7 @@ def assemble(
     walk = np.zeros(len(fp.STATES))
     for name, value in drift.items():
         walk[_INDEX[name]] = value
-    problem = FlightPathProblem(
+    problem = KinematicsProblem(
         t=np.ascontiguousarray(t),
         inputs=inputs,
         input_std=input_std,
@@ -194,7 +194,9 @@ def assemble(
         g=g,
     )
     given = frozenset(name for name in level if name in stated)
-    return Assembly(problem, tuple(measured), lateral, inputs[:, 6:].copy(), turning_std, level, given, tuple(findings))
+    return ReconstructionProblem(
+        problem, tuple(measured), lateral, inputs[:, 6:].copy(), turning_std, level, given, tuple(findings)
+    )
 
 
 def _check_names(option: str, names: Iterable[str], known: Iterable[str]) -> None:

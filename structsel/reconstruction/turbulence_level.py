@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from structsel.numerics import flight_path as fp
-from structsel.numerics.unscented import FlightPathProblem, run_filter
+from structsel.numerics import kinematics as fp
+from structsel.numerics.unscented import KinematicsProblem, ukf_filter
 
 _LENGTH = 200.0  # m of air in which a gust dies away, to begin with: Dryden's scales near the ground
 _LENGTHS = (50.0, 2000.0)  # m, shortest and longest: what changes faster is noise, and slower is wind
@@ -41,16 +41,16 @@ class Gusts:
 CALM = Gusts(np.zeros(3), np.inf)
 
 
-def gusts_of(problem: FlightPathProblem, std: float) -> Gusts:
+def turbulence_states(problem: KinematicsProblem, std: float) -> Gusts:
     """Gusts of one standard deviation [m/s] along all axes, dying away as they do near the ground."""
     return Gusts(np.full(3, std), _LENGTH / _airspeed(problem)) if std else CALM
 
 
-def _airspeed(problem: FlightPathProblem) -> float:
+def _airspeed(problem: KinematicsProblem) -> float:
     return max(float(np.nanmedian(problem.measurements[:, 0])), 1.0)
 
 
-def with_gusts(problem: FlightPathProblem, gusts: Gusts, lateral: bool) -> FlightPathProblem:
+def with_gusts(problem: KinematicsProblem, gusts: Gusts, lateral: bool) -> KinematicsProblem:
     """Problem with gusts among its states; the same one in calm air."""
     if not np.any(gusts.std):
         return problem
@@ -67,20 +67,20 @@ def with_gusts(problem: FlightPathProblem, gusts: Gusts, lateral: bool) -> Fligh
     )
 
 
-def find_gusts(problem: FlightPathProblem, lateral: bool, still: float) -> Gusts:
+def estimate_turbulence(problem: KinematicsProblem, lateral: bool, still: float) -> Gusts:
     """Likeliest gusts; `CALM` where still air is as likely.
 
     One size for all axes first, then the time, then each axis by itself: near the ground they differ.
 
     Parameters
     ----------
-    problem : FlightPathProblem
+    problem : KinematicsProblem
         Vanes and pitot without more noise than they have of themselves.
     lateral : bool
     still : float
         Log-likelihood of still air, vanes and pitot as noisy as they would then have to be.
     """
-    probes = [gusts_of(problem, std) for std in _PROBES]
+    probes = [turbulence_states(problem, std) for std in _PROBES]
     costs = [_cost(problem, gusts, lateral) for gusts in probes]
     if min(costs) > -still - _LEAST_GAIN:
         return CALM
@@ -91,7 +91,7 @@ def find_gusts(problem: FlightPathProblem, lateral: bool, still: float) -> Gusts
     return found
 
 
-def _improved(problem: FlightPathProblem, gusts: Gusts, axes: list[int] | None, lateral: bool) -> Gusts:
+def _improved(problem: KinematicsProblem, gusts: Gusts, axes: list[int] | None, lateral: bool) -> Gusts:
     """Gusts larger or smaller along some axes; or of another time, growing as fast as before."""
 
     def tried(log_factor: float) -> Gusts:
@@ -111,6 +111,6 @@ def _improved(problem: FlightPathProblem, gusts: Gusts, axes: list[int] | None, 
     return tried(float(found.x))
 
 
-def _cost(problem: FlightPathProblem, gusts: Gusts, lateral: bool) -> float:
-    run = run_filter(with_gusts(problem, gusts, lateral), spread=0.0)
+def _cost(problem: KinematicsProblem, gusts: Gusts, lateral: bool) -> float:
+    run = ukf_filter(with_gusts(problem, gusts, lateral), spread=0.0)
     return 1e12 if run.failed >= 0 else -run.log_likelihood

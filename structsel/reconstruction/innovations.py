@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from structsel.numerics import flight_path as fp
+from structsel.numerics import kinematics as fp
 from structsel.numerics.noise_models import autocorrelation
-from structsel.numerics.unscented import Filtered
+from structsel.numerics.unscented import FilterResult
 
 _LAGS_SECONDS = 5.0
 _SETTLING = 0.05  # share of the run in which the filter finds its start
@@ -92,12 +92,12 @@ class Consistency:
         return self.nis_band[0] <= self.nis <= self.nis_band[1]
 
 
-def judge(run: Filtered, residuals: np.ndarray, measured: tuple[str, ...], dt: float) -> Consistency:
+def judge(run: FilterResult, residuals: np.ndarray, measured: tuple[str, ...], dt: float) -> Consistency:
     """Consistency of a filter run.
 
     Parameters
     ----------
-    run : Filtered
+    run : FilterResult
     residuals : (n, 12) array
         Measured less reconstructed.
     measured : tuple of str
@@ -125,7 +125,7 @@ def judge(run: Filtered, residuals: np.ndarray, measured: tuple[str, ...], dt: f
                 bound=float(bound),
                 outside=float(np.mean(np.abs(rho) > bound)) if rho.size else 0.0,
                 residual_rms=float(np.sqrt(np.mean(left**2))) if left.size else np.nan,
-                inflation=inflation_of(left),
+                inflation=correlation_length(left),
             )
         )
     used = run.used[rows]
@@ -135,7 +135,7 @@ def judge(run: Filtered, residuals: np.ndarray, measured: tuple[str, ...], dt: f
     return Consistency(tuple(channels), nis, (float(low), float(high)))
 
 
-def inflation_of(x: np.ndarray) -> float:
+def correlation_length(x: np.ndarray) -> float:
     """1 + 2 sum of the autocorrelations up to the first below the noise: the cost of colour to a mean."""
     if len(x) < 10:
         return 1.0

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structsel.numerics import flight_path as fp
+from structsel.numerics import kinematics as fp
 from structsel.numerics.noise_models import coloured_covariance
-from structsel.numerics.unscented import FlightPathProblem
+from structsel.numerics.unscented import KinematicsProblem
 
 _LEAST_SAMPLES = 40
 LONGEST_DELAY = 0.5
@@ -41,7 +41,7 @@ class Delay:
 
 
 def find_delays(
-    problem: FlightPathProblem, told: np.ndarray, residuals: np.ndarray, measured: tuple[str, ...]
+    problem: KinematicsProblem, told: np.ndarray, residuals: np.ndarray, measured: tuple[str, ...]
 ) -> tuple[Delay, ...]:
     """How late each air-data and attitude channel is, from what its residual has of the reading's slope.
 
@@ -50,7 +50,7 @@ def find_delays(
 
     Parameters
     ----------
-    problem : FlightPathProblem
+    problem : KinematicsProblem
     told, residuals : (n, 12) array
         What the instruments should have read, and what they read beyond it.
     measured : tuple of str

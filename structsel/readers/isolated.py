@@ -1,4 +1,4 @@
-"""A first reading of files by a process apart.
+"""A first reading of files in a separate process.
 
 Compiled readers (SciPy's of MATLAB files, HDF5) trust what they read: a damaged file can crash them, keep them busy for
 ever or fill the memory, and no Python code could stop that. So another process reads such a file first, within limits;
@@ -72,14 +72,14 @@ def _start() -> subprocess.Popen[str] | None:
     try:
         process = subprocess.Popen(
             # Not from this folder (-P), whose modules have the names of others.
-            [sys.executable, "-P", str(Path(__file__).with_name("apart_program.py"))],
+            [sys.executable, "-P", str(Path(__file__).with_name("isolated_worker.py"))],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, encoding="utf-8",
         )  # fmt: skip
         told, ended = _listen(process)
         if told != _READY:
             raise OSError(f"it ended with {ended}")
     except OSError as error:
-        log.info("files are read without a process apart: %s", error)
+        log.info("files are read without a separate process: %s", error)
         return None
     _running = os.getpid(), process
     return process

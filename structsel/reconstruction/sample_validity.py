@@ -32,7 +32,7 @@ _LONGEST_REPEAT = 12  # samples of one value in a row, under noise above the res
 
 
 @dataclass(frozen=True)
-class Channel:
+class ValidatedChannel:
     """One channel, made fit for the filter.
 
     Attributes
@@ -49,13 +49,13 @@ class Channel:
     findings: tuple[Finding, ...]
 
 
-def clean_measurement(recording: Recording, name: str) -> Channel:
+def valid_measurement(recording: Recording, name: str) -> ValidatedChannel:
     """One measured channel with NaN wherever the instrument did not really say anything."""
     values = recording[name].copy()
     if _is_dead(name, values):
         level = values[np.isfinite(values)][0]
         message = f"stands at {level:g} throughout, as if its instrument were dead; not used"
-        return Channel(
+        return ValidatedChannel(
             np.full(len(values), np.nan),
             np.zeros(len(values), dtype=int),
             (Finding("stuck", name, message, "warning", "", 0, float(recording.t[0]), len(values)),),
@@ -66,10 +66,10 @@ def clean_measurement(recording: Recording, name: str) -> Channel:
         values[held] = np.nan
         message = f"each reading stands for several samples; {held.size} repeats are not counted as readings, first"
         found.append(_finding("held", name, message, recording, held, "note"))
-    return Channel(values, np.zeros(len(values), dtype=int), tuple(found))
+    return ValidatedChannel(values, np.zeros(len(values), dtype=int), tuple(found))
 
 
-def clean_input(recording: Recording, name: str) -> Channel:
+def valid_input(recording: Recording, name: str) -> ValidatedChannel:
     """One inertial channel without holes.
 
     Raises
@@ -94,7 +94,7 @@ def clean_input(recording: Recording, name: str) -> Channel:
     missing = ~np.isfinite(values)
     bridged = np.zeros(len(values), dtype=int)
     if not missing.any():
-        return Channel(values, bridged, tuple(found))
+        return ValidatedChannel(values, bridged, tuple(found))
     t = recording.t
     good = np.flatnonzero(~missing)
     if not good.size:
@@ -120,7 +120,7 @@ def clean_input(recording: Recording, name: str) -> Channel:
         f"{lost.size} samples in {holes.size} hole{'s' if holes.size > 1 else ''} bridged by straight lines, first"
     )
     found.append(_finding("bridged", name, message, recording, lost, "warning"))
-    return Channel(values, bridged, tuple(found))
+    return ValidatedChannel(values, bridged, tuple(found))
 
 
 def require_inertial(recording: Recording) -> bool:

@@ -21,11 +21,11 @@ import numpy as np
 
 from structsel.errors import DataError
 from structsel.nomenclature import BODY_RATES, EULER_ANGLES, SPECIFIC_FORCES
-from structsel.numerics import flight_path as fp
+from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body import cross
 from structsel.numerics.smoothing import noise_level
-from structsel.numerics.unscented import FlightPathProblem
+from structsel.numerics.unscented import KinematicsProblem
 from structsel.recording import Recording
 
 _WINDOW = 0.5  # s
@@ -55,7 +55,7 @@ _DEGREE = np.pi / 180.0
 
 
 @dataclass(frozen=True)
-class _Remedy:
+class _Correction:
     channels: tuple[str, ...]
     factor: float
     looks: str
@@ -64,7 +64,7 @@ class _Remedy:
 
 
 @dataclass(frozen=True)
-class _Misfit:
+class _EquationResidual:
     """Minus the log-likelihood of one equation, from its spread and its bias; whether more than noise is left."""
 
     spread: float
@@ -72,29 +72,29 @@ class _Misfit:
     contradicts: bool
 
 
-def _remedies() -> list[_Remedy]:
+def _corrections() -> list[_Correction]:
     turned = [(name,) for name in (*_ACCELERATIONS, *_RATES, *_VANES, *_ATTITUDE)] + [_ACCELERATIONS, _RATES]
     degrees = [(name,) for name in (*_RATES, *_ATTITUDE, *_VANES)] + [
         _RATES, _ATTITUDE, _VANES, (*_ATTITUDE, *_VANES), (*_RATES, *_ATTITUDE, *_VANES)
     ]  # fmt: skip
     weights = [(name,) for name in _ACCELERATIONS] + [_ACCELERATIONS]
-    found = [_Remedy(names, -1.0, "to have the wrong sign", "sign = -1") for names in turned]
+    found = [_Correction(names, -1.0, "to have the wrong sign", "sign = -1") for names in turned]
     for names in degrees:
         units = dict.fromkeys("deg/s" if name in _RATES else "deg" for name in names)
         unit = "unit = " + " and ".join(f'"{unit}"' for unit in units)
-        found.append(_Remedy(names, _DEGREE, "to be in degrees, fed as radians", unit))
-    found += [_Remedy(names, rb.G0, "to be in g, fed as m/s^2", 'unit = "g"') for names in weights]
+        found.append(_Correction(names, _DEGREE, "to be in degrees, fed as radians", unit))
+    found += [_Correction(names, rb.G0, "to be in g, fed as m/s^2", 'unit = "g"') for names in weights]
     found += [
-        _Remedy((_PLACE,), -1.0, "to have the wrong sign", "x is forward", "aircraft file"),
-        _Remedy(("V",), 1852.0 / 3600.0, "to be in knots, fed as m/s", 'unit = "kt"'),
-        _Remedy(("V",), 0.3048, "to be in ft/s, fed as m/s", 'unit = "ft/s"'),
-        _Remedy(("V",), 1.0 / 3.6, "to be in km/h, fed as m/s", 'unit = "km/h"'),
-        _Remedy(("h",), 0.3048, "to be in feet, fed as metres", 'unit = "ft"'),
+        _Correction((_PLACE,), -1.0, "to have the wrong sign", "x is forward", "aircraft file"),
+        _Correction(("V",), 1852.0 / 3600.0, "to be in knots, fed as m/s", 'unit = "kt"'),
+        _Correction(("V",), 0.3048, "to be in ft/s, fed as m/s", 'unit = "ft/s"'),
+        _Correction(("V",), 1.0 / 3.6, "to be in km/h, fed as m/s", 'unit = "km/h"'),
+        _Correction(("h",), 0.3048, "to be in feet, fed as metres", 'unit = "ft"'),
     ]
     return found
 
 
-def refuse_mistaken_channels(recording: Recording, problem: FlightPathProblem, lateral: bool) -> None:
+def reject_wrong_sign_or_unit(recording: Recording, problem: KinematicsProblem, lateral: bool) -> None:
     """Refuse channels of wrong sign or unit, as the kinematics show them.
 
     Raises
@@ -103,16 +103,16 @@ def refuse_mistaken_channels(recording: Recording, problem: FlightPathProblem, l
         Naming the channels and the remedy, or the remedies that serve as well.
     """
     channels = _channels(problem, lateral)
-    now = _misfit(channels, problem, lateral)
+    now = _equation_residuals(channels, problem, lateral)
     windows = float(problem.t[-1] - problem.t[0]) / _WINDOW
     made: list[str] = []
-    remedies = [r for r in _remedies() if all(np.isfinite(channels[c]).any() for c in r.channels)]
+    remedies = [r for r in _corrections() if all(np.isfinite(channels[c]).any() for c in r.channels)]
     if np.linalg.norm(problem.place[1]) < _LEAST_PLACE:
         remedies = [r for r in remedies if _PLACE not in r.channels]
     while now is not None and remedies and len(made) < _MOST:
         tried = []
         for remedy in remedies:
-            left = _misfit(_remedied(channels, remedy), problem, lateral)
+            left = _equation_residuals(_remedied(channels, remedy), problem, lateral)
             tried.append(-np.inf if left is None else _gain(now, left))
         # Of remedies that do the same, the one that touches fewest channels.
         best = max(tried)
@@ -125,7 +125,7 @@ def refuse_mistaken_channels(recording: Recording, problem: FlightPathProblem, l
         fewest = [r for r in near if len(r.channels) == len(near[0].channels)]
         made.append(" or ".join(f"{_listed(r.channels)} {r.looks} ({r.does} in the {r.where})" for r in fewest))
         channels = _remedied(channels, near[0])
-        now = _misfit(channels, problem, lateral)
+        now = _equation_residuals(channels, problem, lateral)
     if made:
         raise DataError(
             f"reconstruct: {'; and '.join(made)}: so read, the instruments of '{recording.name}' agree, and as they "
@@ -134,13 +134,13 @@ def refuse_mistaken_channels(recording: Recording, problem: FlightPathProblem, l
         )
 
 
-def _kind(remedy: _Remedy) -> str:
+def _kind(remedy: _Correction) -> str:
     if _PLACE in remedy.channels:
         return "place"
     return "sign" if remedy.factor < 0.0 else "unit"
 
 
-def _gain(now: dict[str, _Misfit], then: dict[str, _Misfit]) -> float:
+def _gain(now: dict[str, _EquationResidual], then: dict[str, _EquationResidual]) -> float:
     """Log-likelihood a remedy gains; where there was no contradiction there is nothing to gain."""
     total = 0.0
     for name in now.keys() & then.keys():
@@ -156,7 +156,7 @@ def _listed(names: tuple[str, ...]) -> str:
     return f"{quoted[0] if len(names) == 1 else ', '.join(quoted[:-1]) + ' and ' + quoted[-1]} {verb}"
 
 
-def _channels(problem: FlightPathProblem, lateral: bool) -> dict[str, np.ndarray]:
+def _channels(problem: KinematicsProblem, lateral: bool) -> dict[str, np.ndarray]:
     found = {name: problem.measurements[:, j] for j, name in enumerate(fp.MEASUREMENTS)}
     found[_PLACE] = problem.place[1]
     dt = float(np.median(np.diff(problem.t)))
@@ -179,7 +179,7 @@ def _channels(problem: FlightPathProblem, lateral: bool) -> dict[str, np.ndarray
     return found
 
 
-def _remedied(channels: dict[str, np.ndarray], remedy: _Remedy) -> dict[str, np.ndarray]:
+def _remedied(channels: dict[str, np.ndarray], remedy: _Correction) -> dict[str, np.ndarray]:
     made = {name: remedy.factor * channels[name] for name in remedy.channels}
     noise = {key: abs(remedy.factor) * channels[key] for n in remedy.channels if (key := f"noise of {n}") in channels}
     return {**channels, **made, **noise}
@@ -191,7 +191,9 @@ def _slopes_noise(speed: float) -> dict[str, tuple[str, float]]:
     return {**{name: (of, 1.0) for name, of in own.items()}, "ay": ("beta", speed), "az": ("alpha", speed)}
 
 
-def _misfit(c: dict[str, np.ndarray], problem: FlightPathProblem, lateral: bool) -> dict[str, _Misfit] | None:
+def _equation_residuals(
+    c: dict[str, np.ndarray], problem: KinematicsProblem, lateral: bool
+) -> dict[str, _EquationResidual] | None:
     """What is left of every equation there are readings for; None where the recording is too short."""
     t = problem.t
     k = max(1, round(_WINDOW / float(np.median(np.diff(t)))))
@@ -242,7 +244,7 @@ def _misfit(c: dict[str, np.ndarray], problem: FlightPathProblem, lateral: bool)
         left = float(np.var(read - told))
         excess = max(left - noise[name] ** 2, 0.0)
         share = (excess + floor**2) / (float(np.var(read) + np.var(told)) + floor**2)
-        found[name] = _Misfit(
+        found[name] = _EquationResidual(
             spread=0.5 * float(good.sum()) / k * float(np.log(share)),
             bias=0.5 * (bias / believed) ** 2,
             contradicts=left > _MORE_THAN_NOISE * noise[name] ** 2 + floor**2,

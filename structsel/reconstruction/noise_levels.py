@@ -15,13 +15,13 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from structsel.nomenclature import AIR_DATA
-from structsel.numerics import flight_path as fp
+from structsel.numerics import kinematics as fp
 from structsel.numerics.alignment import shift
 from structsel.numerics.rigid_body import body_velocity
-from structsel.numerics.unscented import FlightPathProblem, run_filter, run_smoother
-from structsel.reconstruction.assembly import INERTIAL, Assembly
-from structsel.reconstruction.gusts import find_gusts, gusts_of, with_gusts
-from structsel.reconstruction.lateness import find_delays
+from structsel.numerics.unscented import KinematicsProblem, ukf_filter, ukf_smoother
+from structsel.reconstruction.delays import find_delays
+from structsel.reconstruction.problem import INERTIAL, ReconstructionProblem
+from structsel.reconstruction.turbulence_level import estimate_turbulence, turbulence_states, with_gusts
 
 # Each gyro by itself: its scale error counts by what it turns, and that differs from axis to axis by far.
 _GROUPS = (INERTIAL[:3], *((name,) for name in INERTIAL[3:]))
@@ -35,18 +35,18 @@ _LARGEST_FACTOR = 100.0
 _LEAST_GAIN = 2.0  # of the log-likelihood: chance alone gains less in 95 of 100
 
 
-def settle_noise(
-    assembly: Assembly, gusts: str | float, progress: Callable[[str, int, int], None] | None = None
-) -> Assembly:
-    """Assembly whose unstated noise levels, and gusts unless they are given, make its innovations most likely."""
-    free = np.array([name in assembly.measured and name not in assembly.given for name in fp.MEASUREMENTS])
+def estimate_noise_levels(
+    problem_setup: ReconstructionProblem, gusts: str | float, progress: Callable[[str, int, int], None] | None = None
+) -> ReconstructionProblem:
+    """Problem whose unstated noise levels, and gusts unless they are given, make its innovations most likely."""
+    free = np.array([name in problem_setup.measured and name not in problem_setup.given for name in fp.MEASUREMENTS])
     groups = [
-        [INERTIAL.index(name) for name in names if name in assembly.noise]
+        [INERTIAL.index(name) for name in names if name in problem_setup.noise]
         for names in _GROUPS
-        if not assembly.given & set(names)
+        if not problem_setup.given & set(names)
     ]
-    whole, least = assembly.problem, assembly.problem.measurement_std
-    part = _without_outliers(_settle_measurements(excerpt(whole), free, least))
+    whole, least = problem_setup.problem, problem_setup.problem.measurement_std
+    part = _without_outliers(_estimate_measurement_noise(most_active_interval(whole), free, least))
     steps, done = 2 * len(groups) + 3, 0
 
     def tell() -> None:
@@ -60,12 +60,12 @@ def settle_noise(
     fine = np.where(_FEELS_GUSTS, least, part.measurement_std)
     seen = replace(part, measurement_std=fine)
     if isinstance(gusts, str):
-        still = _likelihood_of_still_air(part, free | _FEELS_GUSTS, least, assembly.measured)
-        gust = find_gusts(seen, assembly.lateral, still)
+        still = _likelihood_without_turbulence(part, free | _FEELS_GUSTS, least, problem_setup.measured)
+        gust = estimate_turbulence(seen, problem_setup.lateral, still)
     else:
-        gust = gusts_of(part, gusts)
+        gust = turbulence_states(part, gusts)
     part = seen if np.any(gust.std) else part
-    part = _settle_measurements(with_gusts(part, gust, assembly.lateral), free, least)
+    part = _estimate_measurement_noise(with_gusts(part, gust, problem_setup.lateral), free, least)
     tell()
     factors = np.ones(6)
     for _ in range(2):
@@ -74,9 +74,9 @@ def settle_noise(
             part = _scaled(part, group, factor)
             factors[group] *= factor
             tell()
-        part = _settle_measurements(part, free, least)
+        part = _estimate_measurement_noise(part, free, least)
     tell()
-    level = dict(assembly.noise)
+    level = dict(problem_setup.noise)
     for j, name in enumerate(fp.MEASUREMENTS):
         if free[j]:
             level[name] = float(part.measurement_std[j])
@@ -84,15 +84,15 @@ def settle_noise(
         if name in level:
             level[name] *= float(factors[j])
     problem = replace(whole, input_std=whole.input_std * factors, measurement_std=part.measurement_std)
-    return replace(assembly, problem=with_gusts(problem, gust, assembly.lateral), noise=level, gust=gust)
+    return replace(problem_setup, problem=with_gusts(problem, gust, problem_setup.lateral), noise=level, gust=gust)
 
 
-def _likelihood_of_still_air(
-    problem: FlightPathProblem, free: np.ndarray, least: np.ndarray, measured: tuple[str, ...]
+def _likelihood_without_turbulence(
+    problem: KinematicsProblem, free: np.ndarray, least: np.ndarray, measured: tuple[str, ...]
 ) -> float:
     """Log-likelihood of what else than gusts could move the air data: noise, or vanes that are late."""
-    noisy = _settle_measurements(problem, free, least)
-    run, smooth = run_smoother(noisy, spread=0.0)
+    noisy = _estimate_measurement_noise(problem, free, least)
+    run, smooth = ukf_smoother(noisy, spread=0.0)
     if smooth is None:
         return np.inf
     told = fp.readings(noisy.path(smooth.x), noisy.inputs, noisy.place, noisy.flank)
@@ -103,20 +103,22 @@ def _likelihood_of_still_air(
         # What is lost at an end is lost to the other explanations as well.
         lost = ~np.isfinite(shifted[:, j])
         shifted[lost, j] = problem.measurements[lost, j]
-    aligned = run_filter(_settle_measurements(replace(noisy, measurements=shifted), free, least), spread=0.0)
+    aligned = ukf_filter(_estimate_measurement_noise(replace(noisy, measurements=shifted), free, least), spread=0.0)
     return max(run.log_likelihood, aligned.log_likelihood if aligned.failed < 0 else -np.inf)
 
 
-def without_confused(assembly: Assembly) -> tuple[Assembly, dict[str, str], frozenset[str]]:
-    """Assembly without the vanes' scales that turbulence imitates, why each was left out, and the channels it rules.
+def drop_confounded_scales(
+    problem_setup: ReconstructionProblem,
+) -> tuple[ReconstructionProblem, dict[str, str], frozenset[str]]:
+    """Problem without the vanes' scales that turbulence imitates, why each was left out, and the channels it rules.
 
     An aircraft answers gusts, so its own motion and the gusts are alike; where the vane sees little else, its scale
     (or its delay) would be whatever that likeness is.
     """
-    problem, V = assembly.problem, float(np.nanmedian(assembly.problem.measurements[:, 0]))
+    problem, V = problem_setup.problem, float(np.nanmedian(problem_setup.problem.measurements[:, 0]))
     fixed, ruled = {}, set()
-    for channel, scale, size in zip(("V", "beta", "alpha"), ("", "Csi", "Cup"), assembly.gust.std / (1.0, V, V)):
-        if not size or channel not in assembly.measured:
+    for channel, scale, size in zip(("V", "beta", "alpha"), ("", "Csi", "Cup"), problem_setup.gust.std / (1.0, V, V)):
+        if not size or channel not in problem_setup.measured:
             continue
         share = size**2 / float(np.nanvar(problem.measurements[:, fp.MEASUREMENTS.index(channel)]))
         if share > _MOST_GUSTS:
@@ -125,14 +127,14 @@ def without_confused(assembly: Assembly) -> tuple[Assembly, dict[str, str], froz
                 f"turbulence makes {min(share, 1.0):.0%} of what {channel} does, and the aircraft answers it; fly "
                 "larger manoeuvres, or in calm air"
             )
-    fixed = {name: why for name, why in fixed.items() if name in assembly.names}
-    kept = np.array([name not in fixed for name in assembly.names])
-    return replace(assembly, problem=problem.keeping(kept)), fixed, frozenset(ruled)
+    fixed = {name: why for name, why in fixed.items() if name in problem_setup.names}
+    kept = np.array([name not in fixed for name in problem_setup.names])
+    return replace(problem_setup, problem=problem.keeping(kept)), fixed, frozenset(ruled)
 
 
-def _without_outliers(problem: FlightPathProblem) -> FlightPathProblem:
+def _without_outliers(problem: KinematicsProblem) -> KinematicsProblem:
     """Problem without the readings far outside their channel's own scatter: they would pass for noise or gusts."""
-    run = run_filter(problem, spread=0.0)
+    run = ukf_filter(problem, spread=0.0)
     if run.failed >= 0:
         return problem
     far = np.abs(run.innovations) > _GATE * _scatter(run.innovations)
@@ -145,7 +147,7 @@ def _scatter(innovations: np.ndarray) -> np.ndarray:
     return np.array([np.sqrt(np.median(column**2) / 0.455) if column.size else np.nan for column in finite])
 
 
-def excerpt(problem: FlightPathProblem) -> FlightPathProblem:
+def most_active_interval(problem: KinematicsProblem) -> KinematicsProblem:
     """The stretch that moves most, where the whole would take too long."""
     n = len(problem.t)
     if n <= _EXCERPT:
@@ -177,11 +179,11 @@ def _first_readings(measurements: np.ndarray) -> dict[str, float]:
     return found
 
 
-def _settle_measurements(problem: FlightPathProblem, free: np.ndarray, least: np.ndarray) -> FlightPathProblem:
+def _estimate_measurement_noise(problem: KinematicsProblem, free: np.ndarray, least: np.ndarray) -> KinematicsProblem:
     if not free.any():
         return problem
     for _ in range(_ROUNDS):
-        run = run_filter(problem, spread=0.0)
+        run = ukf_filter(problem, spread=0.0)
         if run.failed >= 0:
             return problem
         # The first samples find the start; they say little about the noise.
@@ -201,15 +203,15 @@ def _settle_measurements(problem: FlightPathProblem, free: np.ndarray, least: np
     return problem
 
 
-def _scaled(problem: FlightPathProblem, group: list[int], factor: float) -> FlightPathProblem:
+def _scaled(problem: KinematicsProblem, group: list[int], factor: float) -> KinematicsProblem:
     std = problem.input_std.copy()
     std[:, group] *= factor
     return replace(problem, input_std=std)
 
 
-def _likeliest_factor(problem: FlightPathProblem, group: list[int]) -> float:
+def _likeliest_factor(problem: KinematicsProblem, group: list[int]) -> float:
     def cost(log_factor: float) -> float:
-        run = run_filter(_scaled(problem, group, float(np.exp(log_factor))), spread=0.0)
+        run = ukf_filter(_scaled(problem, group, float(np.exp(log_factor))), spread=0.0)
         return 1e12 if run.failed >= 0 else -run.log_likelihood
 
     # Less than what the readings themselves show cannot be.
