@@ -169,7 +169,7 @@ def test_a_flight_that_blows_up_says_how_far_it_flew_and_keeps_that(folder, craf
     out = tmp_path / "out"
     one = ("--recordings", folder / "flights" / "m01.csv")
     result = run("simulate", folder / "wild.json", *craft, *one, "--out", out, "--no-plots", code=1)
-    until = float(re.search(r"could not be flown beyond t = ([\d.]+) s", result.stderr)[1])
+    until = float(re.search(r"could not be simulated beyond t = ([\d.]+) s", result.stderr)[1])
     assert "STOPPED EARLY" in result.stdout
     assert "With --out the flight so far is written" in stated(result)
     kept = read_recording(out / "flights" / "m01.csv")

@@ -363,5 +363,5 @@ def test_backlash_lets_the_command_turn_before_the_surface_does():
 
 
 def test_an_actuator_that_cannot_be_is_refused():
-    with pytest.raises(DomainError, match="stops ascend"):
+    with pytest.raises(DomainError, match="limits ascend"):
         actuate(CLOCK, CLOCK, low=0.1, high=-0.1)

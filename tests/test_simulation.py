@@ -442,7 +442,7 @@ def test_what_a_flight_lacks_is_named(trimmed):
         simulate(DEMO, demo_aircraft(), {**full, "de": bad}, start=start)
     with pytest.raises(DataError, match="shape"):
         simulate(DEMO, demo_aircraft(), {**full, "de": np.zeros(4)}, start=start)
-    with pytest.raises(DataError, match="fuel flow burns"):
+    with pytest.raises(DataError, match="fuel flow exceeds"):
         simulate(DEMO, demo_aircraft(), {**full, "fuel_flow": 1e4}, start=start)
     massless = {k: v for k, v in demo_aircraft().to_dict().items() if k != "mass"}
     with pytest.raises(AircraftError, match="needs a mass"):

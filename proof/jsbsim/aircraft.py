@@ -68,7 +68,7 @@ class JSBSimPlant(JSBSimAircraft):
         self.functions = functions or read_functions(source)
         free = {function.name for function in self.functions if not function.axis}
         read = set().union(*(function.reads() for function in self.functions))
-        manager = self._machine.fdm.get_property_manager()
+        manager = self._fdm.fdm.get_property_manager()
         self.properties = tuple(sorted(p for p in read - free if manager.hasNode(p)))
         if lost := sorted(read - free - set(self.properties)):
             raise SimulationError(f"JSBSim's {name} has no property '{lost[0]}', which its aerodynamics read.")
@@ -80,9 +80,9 @@ class JSBSimPlant(JSBSimAircraft):
         self._wind_nodes = [manager.get_node(f"atmosphere/gust-{c}-fps") for c in ("north", "east", "down")]
         self._store = f"inertia/pointmass-weight-lbs[{_count_masses(source)}]"
         for c in "xyz":
-            centre = self._machine.fdm[f"inertia/cg-{c}-in"]
+            centre = self._fdm.fdm[f"inertia/cg-{c}-in"]
             for push in _FORCES[:3]:
-                self._machine.fdm[f"external_reactions/push-{push}/location-{c}-in"] = centre
+                self._fdm.fdm[f"external_reactions/push-{push}/location-{c}-in"] = centre
         self._flap_nodes = [manager.get_node(p) if manager.hasNode(p) else None for p in FLAPS]
         self.flap = self._flap_span()
         self.clearance = self._lowest()
@@ -103,26 +103,26 @@ class JSBSimPlant(JSBSimAircraft):
 
     def set_store_mass(self, mass: float) -> None:
         """Mass [kg] of a store at the centre of gravity."""
-        self._machine.fdm[self._store] = mass * 9.80665 / LBF
+        self._fdm.fdm[self._store] = mass * 9.80665 / LBF
 
     def set_controls(self, settings: Mapping[str, float]) -> None:
         """Surfaces, throttle, and ``df`` [rad], ``gear``, ``brake`` (0..1)."""
         rest = {c: v for c, v in settings.items() if c not in ("df", "brake")}
-        self._machine.set(rest)
+        self._fdm.set(rest)
         if "df" in settings:
             fraction = settings["df"] / self.flap
             for node, value in zip(self._flap_nodes, (settings["df"], math.degrees(settings["df"]), fraction)):
                 if node is not None:
-                    node.set_attribute(self._machine._writable, True)
+                    node.set_attribute(self._fdm._writable, True)
                     node.set_double_value(value)
-                    node.set_attribute(self._machine._writable, False)
+                    node.set_attribute(self._fdm._writable, False)
         if "brake" in settings:
             for path in self._brakes:
                 scale = math.radians(60.0) if path.endswith("rad") else 1.0
-                node = self._machine.fdm.get_property_manager().get_node(path)
-                node.set_attribute(self._machine._writable, True)
+                node = self._fdm.fdm.get_property_manager().get_node(path)
+                node.set_attribute(self._fdm._writable, True)
                 node.set_double_value(scale * settings["brake"])
-                node.set_attribute(self._machine._writable, False)
+                node.set_attribute(self._fdm._writable, False)
 
     def read_properties(self) -> list[float]:
         """Values of `properties` now, in JSBSim's units."""
@@ -131,7 +131,7 @@ class JSBSimPlant(JSBSimAircraft):
     @property
     def machine(self) -> Any:
         """JSBSim itself."""
-        return self._machine
+        return self._fdm
 
     def effectiveness(self, state: np.ndarray, controls: Mapping[str, float]) -> dict[str, float]:
         """Angular acceleration per radian of each surface [1/s^2], as sizes."""
@@ -142,8 +142,8 @@ class JSBSimPlant(JSBSimAircraft):
                     continue
                 got = []
                 for step in (-0.01, 0.01):
-                    self._machine.place(state, {**controls, surface: controls[surface] + step})
-                    got.append(self._machine.value(rate))
+                    self._fdm.place(state, {**controls, surface: controls[surface] + step})
+                    got.append(self._fdm.value(rate))
                 found[surface] = abs(got[1] - got[0]) / 0.02
         return found
 
@@ -157,11 +157,11 @@ class JSBSimPlant(JSBSimAircraft):
         return max(spans, default=_FLAP_SPAN)
 
     def _lowest(self) -> float:
-        fdm, low = self._machine.fdm, 1.0
+        fdm, low = self._fdm.fdm, 1.0
         for i in range(20):
             if not fdm.get_property_manager().hasNode(f"gear/unit[{i}]/z-position"):
                 break
-            low = max(low, float(self._machine.from_cg(*(f"gear/unit[{i}]/{c}-position" for c in "xyz"))[2]))
+            low = max(low, float(self._fdm.from_cg(*(f"gear/unit[{i}]/{c}-position" for c in "xyz"))[2]))
         return low
 
 

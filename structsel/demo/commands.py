@@ -101,7 +101,7 @@ def commands_of(k: int, half_steps: int) -> tuple[Plan, np.ndarray]:
     again = k // len(_PLANS)
     size = 1.0
     if again:
-        # Repeats differ from the first round in airspeed and size, the same way in every seed.
+        # Repeats differ from the first round in airspeed and size, equally for every seed.
         rng = np.random.default_rng([k, 9])
         size = rng.uniform(0.7, 1.1) * (-1.0) ** again
         plan = Plan(f"{plan.name}-{again + 1}", plan.V + rng.uniform(-2.0, 3.0), plan.commands)

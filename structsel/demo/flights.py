@@ -197,10 +197,10 @@ def integrate(
 
         states[i + 1] = rk4(slope, states[i], i * _DT, _DT)
     # All samples of all flights in one row, for what is to be recorded.
-    whole = states.transpose(1, 0, 2).reshape(len(state), -1)
+    all_states = states.transpose(1, 0, 2).reshape(len(state), -1)
     commanded, blown = (x[::2].transpose(1, 0, 2).reshape(x.shape[1], -1) for x in (command, gust))
     thrusts, holds, drifts = (np.tile(x, samples) for x in (thrust, held, drift))
-    _, row = _derivative(whole, commanded, blown, thrusts, holds, aircraft, drifts)
+    _, row = _derivative(all_states, commanded, blown, thrusts, holds, aircraft, drifts)
     outputs = row.reshape(len(_OUTPUTS), samples, len(plans))
     t = np.arange(samples) * _DT
     return [

@@ -1,7 +1,7 @@
 """Flights in calm air whose truth is known sample by sample, seen by instruments with constant errors.
 
-What flight-path reconstruction is tested with: every bias, scale error and wind is set, so what it finds can be
-compared with what was put in.
+What flight-path reconstruction is tested with: every bias, scale error and wind is set, so its estimates can be
+compared with the truth.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Actuators between command and surface: backlash, lag, rate limit, stops."""
+"""Actuators between command and surface: backlash, lag, rate limit, travel limits."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def actuate(
         Time constant; without one the command is followed as fast as the rate allows.
     rate : float [command's unit / s]
     backlash : float [command's unit]
-        Whole width of the play.
+        Complete width.
     low, high : float [command's unit]
     hold : bool
         Command held from sample to sample; otherwise linear between them.
@@ -49,12 +49,12 @@ def actuate(
     Raises
     ------
     DomainError
-        A negative lag, rate or backlash, or stops the wrong way round.
+        A negative lag, rate or backlash, or travel limits in the wrong order.
     """
     if not (lag >= 0.0 and rate > 0.0 and backlash >= 0.0 and low < high):
         raise DomainError(
-            f"An actuator with lag {lag:g} s, rate {rate:g}, backlash {backlash:g} and stops {low:g} to {high:g} "
-            "cannot be: lag and backlash are 0 or more, the rate is above 0, the stops ascend."
+            f"An actuator with lag {lag:g} s, rate {rate:g}, backlash {backlash:g} and limits {low:g} to {high:g} "
+            "cannot be: lag and backlash are 0 or more, the rate is above 0, the limits ascend."
         )
     out = np.empty(len(t))
     _actuate(
@@ -65,22 +65,22 @@ def actuate(
 
 
 @njit(cache=True)
-def _actuate(t, command, lag, rate, play, low, high, hold, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _actuate(t, command, lag, rate, half_backlash, low, high, hold, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     middle = command[0]
     x = min(max(middle, low), high)
     out[0] = x
     for k in range(1, t.size):
-        whole = t[k] - t[k - 1]
+        interval = t[k] - t[k - 1]
         steps = 1
         if (lag > 0.0 and np.isfinite(rate)) or not hold:
-            steps = max(4, int(np.ceil(_PARTS * whole / lag))) if lag > 0.0 else 4
-        dt = whole / steps
+            steps = max(4, int(np.ceil(_PARTS * interval / lag))) if lag > 0.0 else 4
+        dt = interval / steps
         keep = np.exp(-dt / lag) if lag > 0.0 else 0.0
         for s in range(steps):
-            # The command in the middle of the step stands for all of it.
+            # The command is constant over the step, at its value in the middle.
             part = 0.0 if hold else (s + (0.5 if lag > 0.0 else 1.0)) / steps
-            asked = command[k - 1] + part * (command[k] - command[k - 1])
-            middle = min(max(middle, asked - play), asked + play)
+            wanted = command[k - 1] + part * (command[k] - command[k - 1])
+            middle = min(max(middle, wanted - half_backlash), wanted + half_backlash)
             moved = (middle - x) * (1.0 - keep)
             moved = min(max(moved, -rate * dt), rate * dt)
             x = min(max(x + moved, low), high)

@@ -1,7 +1,7 @@
 """Formulas as short programs over a vector of slots, evaluated inside compiled loops for one state at a time.
 
 A program is a list of instructions. The first `inputs` slots hold channels; instruction i writes slot ``inputs + i``
-from slots before it. An expression that occurs twice is computed once, so terms with common factors share the work::
+from slots before it. An expression that occurs twice is computed once, so terms with common factors cost less::
 
     maker = ProgramMaker(inputs=2)                        # slots 0 and 1: alpha, de
     square = maker.emit("multiply", 0, 0)                 # alpha^2
@@ -85,7 +85,7 @@ class ProgramMaker:
         return self._known.setdefault(key, filled)
 
     def done(self) -> Program:
-        """The program of what was asked for so far."""
+        """The program of the instructions so far."""
         rows = list(self._known)
         operation, left, right = (np.array([row[j] for row in rows], dtype=np.int64) for j in range(3))
         return Program(self._inputs, operation, left, right, np.array([row[3] for row in rows], dtype=float))

@@ -56,7 +56,7 @@ def delayed(x: Array, clock: float | Array, delay: float, *, hold: bool = False)
         delay, clock = delay / clock, np.arange(len(x), dtype=float)
     t = clock
     if hold:
-        # A sample that is reached but for rounding is reached.
+        # Allows for rounding of the times.
         return x[np.maximum(np.searchsorted(t, t - delay + 1e-9, side="right") - 1, 0)]
     return np.interp(t - delay, t, x)
 

@@ -77,7 +77,7 @@ class Sensors(NamedTuple):
 
 
 class Setup(NamedTuple):
-    """What every parameter set of a batch shares; `observed` are columns of `OUTPUTS`."""
+    """Data common to all parameter sets of a batch; `observed` are columns of `OUTPUTS`."""
 
     aircraft: AircraftArrays
     clock: Clock

@@ -305,5 +305,5 @@ class ManoeuvreInputs:
             finite = np.isfinite(array[:, :DENSITY] if name == "conditions" else array)
             if not finite.all():
                 at = tuple(int(i) for i in np.argwhere(~finite)[0])
-                raise DataError(f"A manoeuvre's {name} is not finite at {at}. Interpolate it, or cut the stretch out.")
+                raise DataError(f"A manoeuvre's {name} is not finite at {at}. Interpolate it, or cut that part out.")
             object.__setattr__(self, name, array)

@@ -1,8 +1,8 @@
-"""Simulation: aerodynamic and linear models flown to Recordings.
+"""Simulation of aerodynamic and linear models.
 
-`simulate` flies an AeroModel with six degrees of freedom, `trim` finds its steady flights and `linearise` the small
-motions about them; `prepare` makes a manoeuvre ready for many parameter sets at once. A `LinearModel` flies by itself.
-`ready` gives aircraft from the literature.
+`simulate` simulates an AeroModel with six degrees of freedom. `trim` finds its steady flights, `linearise` the linear
+model of small motions about them. `prepare` lays a manoeuvre out for many parameter sets at once. A `LinearModel` has a
+`simulate` of its own. `published_aircraft` gives aircraft from the literature.
 """
 
 from structsel.deprecation import renamed_names

@@ -1,4 +1,4 @@
-"""From an AeroModel and an Aircraft to a plan the compiled flight can run."""
+"""Compiles an AeroModel and its Aircraft for the simulation."""
 
 from __future__ import annotations
 
@@ -165,8 +165,8 @@ def _compile_memory(states: Mapping[str, State], formulas: Formulas, controls: t
     # A value that passes part of its input on at once must be found together with what that input depends on.
     at_once = {*_RATES, *states}
     implicit = any(
-        (late or f != 1.0) and at_once & {*state.channels, *formulas.needs(state.channels)}
-        for state, late, f in zip(states.values(), is_delay, fraction)
+        (delayed or f != 1.0) and at_once & {*state.channels, *formulas.needs(state.channels)}
+        for state, delayed, f in zip(states.values(), is_delay, fraction)
     )
     return Memory(
         program=code.maker.done(),

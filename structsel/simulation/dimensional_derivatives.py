@@ -48,7 +48,7 @@ def longitudinal_model(
         first letter and is no state is an input, in order of appearance. The motion of the axes (-We q, Ue q) is
         *not* in xq and zq; derivatives not given are zero and no parameters.
     V, alpha, theta : float [m/s, rad, rad]
-        Airspeed, incidence and pitch attitude of the reference; theta is alpha (level flight) where absent.
+        Airspeed, angle of attack and pitch attitude of the reference; theta is alpha (level flight) where absent.
     outputs : sequence of str
         Of u, w, q, theta, V, alpha, ax and az; accelerations at the centre of gravity.
 

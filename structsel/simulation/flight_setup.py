@@ -1,4 +1,4 @@
-"""A model, an aircraft and a schedule of inputs, made ready for the compiled flight."""
+"""Lays out one manoeuvre for the simulation: model, aircraft, inputs, initial state, atmosphere."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def prepare(
     substeps: int | None = None,
     vanes: np.ndarray | None = None,
 ) -> FlightSetup:
-    """Make a manoeuvre ready to simulate; the parameters are those of `simulate`.
+    """Lay out a manoeuvre for the simulation; the parameters are those of `simulate`.
 
     Parameters
     ----------
@@ -122,12 +122,12 @@ def prepare(
     air = air or Atmosphere()
     formulas = Formulas(aircraft, definitions)
     t, given, name = _schedule(inputs)
-    settled = dict(start.controls) if isinstance(start, Trim) else {}
+    trimmed = dict(start.controls) if isinstance(start, Trim) else {}
     needed = needed_inputs(model, formulas)
-    controls = tuple(dict.fromkeys([*needed, *(c for c in ("thrust",) if c in given or c in settled)]))
+    controls = tuple(dict.fromkeys([*needed, *(c for c in ("thrust",) if c in given or c in trimmed)]))
     if "thrust" in formulas:
         controls = tuple(c for c in controls if c != "thrust")
-    columns = [_column(c, t, given, settled, name) for c in controls]
+    columns = [_column(c, t, given, trimmed, name) for c in controls]
     if between not in ("linear", "hold"):
         raise ModelError(f"between={between!r} is not one of 'linear', 'hold'.")
     for commanded, actuator in (actuators or {}).items():
@@ -230,20 +230,22 @@ def _schedule(inputs: Inputs) -> tuple[np.ndarray, Mapping[str, Any], str]:
 
 
 def _column(
-    channel: str, t: np.ndarray, given: Mapping[str, Any], settled: Mapping[str, float], name: str
+    channel: str, t: np.ndarray, given: Mapping[str, Any], trimmed: Mapping[str, float], name: str
 ) -> np.ndarray:
-    if channel not in given and channel not in settled:
+    if channel not in given and channel not in trimmed:
         raise ChannelError(
             f"The model flies on '{channel}'; '{name}' has none.\nIt has: {', '.join(given) or 'nothing'}. Give it "
             "with the inputs (a number is held), start from a trim that sets it, or define it by a formula."
         )
-    values = np.asarray(given[channel] if channel in given else settled[channel], dtype=float)
+    values = np.asarray(given[channel] if channel in given else trimmed[channel], dtype=float)
     if values.ndim and values.shape != t.shape:
         raise DataError(f"'{name}': input '{channel}' has shape {values.shape}, the clock {t.shape}.")
     values = np.broadcast_to(values, t.shape)
     if not np.isfinite(values).all():
         i = int(np.argmin(np.isfinite(values)))
-        raise DataError(f"'{name}': input '{channel}' is {values[i]} at sample {i} (t = {t[i]:g} s). Mend it first.")
+        raise DataError(
+            f"'{name}': input '{channel}' is {values[i]} at sample {i} (t = {t[i]:g} s). Interpolate it first."
+        )
     return values
 
 
@@ -260,7 +262,7 @@ def _mass(t: np.ndarray, given: Mapping[str, Any], aircraft: Aircraft, name: str
         flow = _column("fuel_flow", t, given, {}, name)
         mass[1:] -= cumulative_trapezoid(flow, t)
         if not mass[-1] > 0.0:
-            raise DataError(f"'{name}': the fuel flow burns more than the whole aircraft. Check its unit, kg/s.")
+            raise DataError(f"'{name}': the fuel flow exceeds the mass of the aircraft. Check its unit, kg/s.")
     return mass
 
 

@@ -1,4 +1,4 @@
-"""Linear small-perturbation models: named, with units, flown to Recordings.
+"""Linear small-perturbation models with named parameters and units, and their simulation.
 
 All states, inputs and outputs are departures from the reference condition.
 """
@@ -234,7 +234,7 @@ class LinearModel(Result):
             worst = float(np.linalg.eigvals(s.A).real.max())
             raise SimulationError(
                 f"simulate: '{self.name}' grows beyond all bounds by t = {inputs.t[first]:.4g} s; its fastest growth "
-                f"is exp({worst:.4g} t). Check the parameters, fly a shorter stretch, or close a loop; the error's "
+                f"is exp({worst:.4g} t). Check the parameters, simulate a shorter time, or close a loop; the error's "
                 "partial holds the motion up to there.",
                 partial,
             )

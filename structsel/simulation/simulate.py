@@ -1,4 +1,4 @@
-"""simulate(): an AeroModel flown through a schedule of inputs."""
+"""simulate(): the response of an AeroModel to given inputs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def simulate(
     substeps: int | None = None,
     outside: Literal["warn", "ignore", "raise"] = "warn",
 ) -> Recording:
-    """Fly a model with six degrees of freedom through a schedule of inputs.
+    """Simulate a model with six degrees of freedom and given inputs.
 
     Parameters
     ----------
@@ -51,10 +51,10 @@ def simulate(
         With mass and inertia; its thrust line, rotor and places of instruments are allowed for.
     inputs : Recording or mapping of channel to (n,) array or float
         With ``t``, the controls that the model needs, and, where there is thrust, ``thrust`` [N]. ``mass``,
-        ``fuel_flow`` [kg/s], ``Ix`` ... ``Iyz`` are followed where they are there. States are not: they are flown.
+        ``fuel_flow`` [kg/s], ``Ix`` ... ``Iyz`` are used where they are given. States are not: they are simulated.
     start : Trim or mapping, optional
         V, alpha, beta or u, v, w (relative to the air), p, q, r, phi, theta, psi, x, y, h; what is not named is zero,
-        but V, alpha, theta and h must be. By default the first sample of the recording. A Trim also settles the
+        but V, alpha, theta and h must be. By default the first sample of the recording. A Trim also gives the
         controls that the inputs lack.
     air : Atmosphere, optional
         Atmosphere, wind, shear, gusts, turbulence; calm standard air by default.
@@ -81,11 +81,11 @@ def simulate(
     ChannelError, DataError
         An input is missing, not finite or of the wrong length; or there is no start.
     ModelError
-        A response that is no coefficient, or a term that cannot be flown.
+        A response that is no coefficient, or a term that cannot be simulated.
     AircraftError
         There is no mass or no inertia.
     SimulationError
-        The flight blew up, or turned vertical; the message says when, and ``.partial`` holds it to there.
+        The motion diverged, or became vertical; the message says when, and ``.partial`` holds it to there.
 
     Warns
     -----
@@ -97,63 +97,63 @@ def simulate(
     [M86], [KM16] ch. 3.
     """
     vanes = None if instruments is None else instruments.vane_errors
-    ready = prepare(
+    setup = prepare(
         model, aircraft, inputs, start=start, air=air, actuators=actuators, definitions=definitions, between=between,
         substeps=substeps, vanes=vanes,
     )  # fmt: skip
-    names = _outputs(ready, model, instruments)
-    batch = ready.simulate(names, instruments=instruments is not None)
-    flown, reason = int(batch.samples[0]), int(batch.reason[0])
+    names = _outputs(setup, model, instruments)
+    batch = setup.simulate(names, instruments=instruments is not None)
+    samples, reason = int(batch.samples[0]), int(batch.reason[0])
     flight = (
-        _recording(ready, model, names, batch.outputs[0, :flown], batch.memory[0, :flown], instruments)
-        if flown > 1
+        _recording(setup, model, names, batch.outputs[0, :samples], batch.memory[0, :samples], instruments)
+        if samples > 1
         else None
     )
     if reason:
-        end = float(ready.manoeuvre.t[min(flown, len(ready.manoeuvre.t) - 1)])
+        end = float(setup.manoeuvre.t[min(samples, len(setup.manoeuvre.t) - 1)])
         raise SimulationError(
-            f"'{ready.name}' could not be flown beyond t = {end:g} s (sample {flown} of {len(ready.manoeuvre.t)}): "
-            f"{REASONS[reason]}.\nThe motion grows without bound where an aircraft is unstable without its pilot, or a "
-            "parameter is far off: fly a shorter stretch, start from trim(), or check the signs of the model's static "
-            "and damping terms. The flight so far is in the error's .partial.",
+            f"'{setup.name}' could not be simulated beyond t = {end:g} s (sample {samples} of "
+            f"{len(setup.manoeuvre.t)}): {REASONS[reason]}.\nThe motion diverges where an aircraft is "
+            "unstable without its pilot, or a parameter is far off: simulate a shorter time, start from trim(), or "
+            "check the signs of the model's static and damping terms. The flight so far is in the error's .partial.",
             flight,
         )
     assert flight is not None
-    _judge_region(ready, model, flight, outside)
+    _judge_region(setup, model, flight, outside)
     return flight
 
 
-def _outputs(ready: FlightSetup, model: AeroModel, instruments: Instruments | None) -> tuple[str, ...]:
-    thrust = ("thrust",) if ready.compiled.has_thrust and "thrust" not in ready.compiled.controls else ()
+def _outputs(setup: FlightSetup, model: AeroModel, instruments: Instruments | None) -> tuple[str, ...]:
+    thrust = ("thrust",) if setup.compiled.has_thrust and "thrust" not in setup.compiled.controls else ()
     if instruments is not None:
         return (*_AT_CG, *_MOTION, *thrust)
     return (*_AT_CG, *_EXACT, *_MOTION, *thrust, *COEFFICIENTS)
 
 
 def _recording(
-    ready: FlightSetup,
+    setup: FlightSetup,
     model: AeroModel,
     names: tuple[str, ...],
     outputs: np.ndarray,
     memory: np.ndarray,
     instruments: Instruments | None,
 ) -> Recording:
-    t = ready.manoeuvre.t[: len(outputs)]
+    t = setup.manoeuvre.t[: len(outputs)]
     channels = dict(zip(names, outputs.T))
-    channels |= dict(zip(ready.compiled.controls, ready.manoeuvre.controls[: len(outputs)].T))
-    for name, values in zip(ready.compiled.memory_names, memory.T):
+    channels |= dict(zip(setup.compiled.controls, setup.manoeuvre.controls[: len(outputs)].T))
+    for name, values in zip(setup.compiled.memory_names, memory.T):
         del channels[name]
         if instruments is None:
             channels[name] = values
-    notes = [f"simulated: {model.name or 'a model'}, {ready.substeps} steps a sample"]
+    notes = [f"simulated: {model.name or 'a model'}, {setup.substeps} steps a sample"]
     if missing := [a for a, b in zip(COEFFICIENTS, WIND_AXIS_COEFFICIENTS) if a not in model and b not in model]:
         notes.append(f"the model has no {', '.join(missing)}; zero")
-    if not ready.compiled.has_thrust:
+    if not setup.compiled.has_thrust:
         notes.append("no thrust given or defined; zero")
     if instruments is None:
         notes.append(f"{MOVED_TO_CG}{', '.join(_AT_CG)}; simulated there")
-        for name in ready.formulas.own:
-            node = ready.formulas.expand(Node("channel", name=name))
+        for name in setup.formulas.own:
+            node = setup.formulas.expand(Node("channel", name=name))
             channels[name] = evaluate(node, channels, name)
     else:
         for name in ("rho", "qbar", "mach", "mass"):  # no instrument reads these by default
@@ -162,18 +162,18 @@ def _recording(
         channels = instruments.read(t, channels)
         notes.append(f"read by instruments at their places: {', '.join(n for n in channels if n in READINGS)}")
     at_cg = frozenset(_AT_CG if instruments is None else ())
-    return Recording(ready.name, t, channels, provenance=tuple(notes), at_cg=at_cg).check()
+    return Recording(setup.name, t, channels, provenance=tuple(notes), at_cg=at_cg).check()
 
 
-def _judge_region(ready: FlightSetup, model: AeroModel, flight: Recording, outside: str) -> None:
+def _judge_region(setup: FlightSetup, model: AeroModel, flight: Recording, outside: str) -> None:
     if outside not in ("warn", "ignore", "raise"):
         raise ModelError(f"outside={outside!r} is not one of 'warn', 'ignore', 'raise'.")
     if outside == "ignore":
         return
     channels = dict(flight.channels)
     for name in model.ranges:
-        if name not in channels and name in ready.formulas and set(ready.formulas.needs([name])) <= set(channels):
-            channels[name] = evaluate(ready.formulas.expand(Node("channel", name=name)), channels, name)
+        if name not in channels and name in setup.formulas and set(setup.formulas.needs([name])) <= set(channels):
+            channels[name] = evaluate(setup.formulas.expand(Node("channel", name=name)), channels, name)
     if not (excursions := model.range_excursions(channels)):
         return
     message = f"The simulated flight '{flight.name}' leaves the ranges the model was identified in: "

@@ -1,6 +1,6 @@
-"""JSBSim's aircraft, in our names, units and signs: trimmed, flown, and asked for their coefficients.
+"""Aircraft of JSBSim in structsel's names, units and signs: trim, simulation, coefficients.
 
-``pip install "structsel[jsbsim]"`` brings JSBSim.
+``pip install "structsel[jsbsim]"`` installs JSBSim.
 """
 
 from structsel.simulation.jsbsim.aircraft import JSBSimAircraft, open_jsbsim

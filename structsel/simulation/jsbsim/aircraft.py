@@ -1,4 +1,4 @@
-"""An aircraft of JSBSim behind our verbs."""
+"""An aircraft of JSBSim with the verbs of structsel."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from structsel.simulation.steady_flight import EQUATIONS, Trim, TrimProblem
 
 _TURNS = {"de": "Cm", "da": "Cl", "dr": "Cn"}
 _LONGEST_STEP = 0.002  # s
-_BALANCED = 1e-4  # g, rad/s^2; engines settle no closer
+_BALANCED = 1e-4  # g, rad/s^2; engines converge no closer
 _STABILISER = {"de": {"theta": 0.2, "q": 0.2}, "da": {"phi": 0.2, "p": 0.1}, "dr": {"r": 0.2}}
 
 
@@ -64,7 +64,7 @@ class JSBSimAircraft:
     """One aircraft of JSBSim; made by `open_jsbsim`.
 
     Surfaces are set where aerodynamics read angles (``fcs/elevator-pos-rad``, ...); an aircraft whose aerodynamics read
-    anything else lacks that control. Some piston engines with governor or supercharger do not settle.
+    anything else lacks that control. Some piston engines with governor or supercharger reach no steady state.
 
     Attributes
     ----------
@@ -84,16 +84,16 @@ class JSBSimAircraft:
         if earth not in ("flat", "round"):
             raise SimulationError(f"earth={earth!r} is not one of 'flat', 'round'.")
         self.name = Path(aircraft).stem
-        self._machine = FlightDynamicsModel(aircraft, root, earth == "flat", rho)
-        from_cg = self._machine.from_cg
-        self.aircraft = self._machine.describe(self.name)
+        self._fdm = FlightDynamicsModel(aircraft, root, earth == "flat", rho)
+        from_cg = self._fdm.from_cg
+        self.aircraft = self._fdm.describe(self.name)
         self.reference_points = MappingProxyType(
             {
                 name: from_cg(*(f"metrics/{key}-{c}-in" for c in "xyz"))
                 for name, key in (("aerodynamic", "aero-rp"), ("eyepoint", "eyepoint"), ("visual", "visualrefpoint"))
             }
         )
-        power = ("throttle",) if self._machine.engines else ("thrust",) if self._machine.pushed else ()
+        power = ("throttle",) if self._fdm.engines else ("thrust",) if self._fdm.pushed else ()
         self.controls = (*self._learn_senses(), "df", "gear", *power)
 
     def trim(
@@ -105,7 +105,7 @@ class JSBSimAircraft:
         sideslip: float = 0.0,
         controls: Mapping[str, float] | None = None,
     ) -> Trim:
-        """Find a steady straight flight, engines settled.
+        """Find a steady straight flight, engines in steady state.
 
         Parameters
         ----------
@@ -135,24 +135,24 @@ class JSBSimAircraft:
             raise ChannelError(f"JSBSim's {self.name} has no control '{unknown[0]}'; it has {has}.")
         free = tuple(c for c in self.controls if c not in given and c not in ("df", "gear"))
         unknowns = ("alpha", "theta", "phi", *free, *(("climb",) if climb is None else ()))
-        weight = self._machine.value("mass") * G0
+        weight = self._fdm.value("mass") * G0
         scale = np.array([weight if c == "thrust" else 1.0 for c in unknowns])
         guess = {"alpha": 0.05, "theta": 0.05 + (climb or 0.0), "throttle": 0.6, "thrust": 0.1}
         wide = {"throttle": (0.0, 1.0), "thrust": (0.0, 10.0), "alpha": (-0.5, 0.6)}
         limits = np.array([wide.get(c, (-0.7, 0.7)) for c in unknowns])
         fixed = {"climb": climb or 0.0, "beta": sideslip, "turn_rate": 0.0, "df": 0.0, "gear": 0.0, **given}
         problem = TrimProblem(self, V, h, unknowns, fixed, np.arange(len(EQUATIONS)), scale, limits)
-        # Engines are settled by iteration: much finer differences would see where it stopped.
-        step = 1e-3 if self._machine.engines else 1e-6
+        # The steady state of an engine is found by iteration: much finer differences would see where it stopped.
+        step = 1e-3 if self._fdm.engines else 1e-6
         first = np.clip([guess.get(c, 0.0) for c in unknowns], limits[:, 0] + 1e-6, limits[:, 1] - 1e-6)
         with silence_output():
             z = problem.nearest(first, tolerance=1e-14, evaluations=100, jac="3-point", diff_step=step).x
             left = problem.imbalance(z)
-            made = problem.solution(z, self._coefficients(self._machine.now(), problem.controls(z)))
+            made = problem.solution(z, self._coefficients(self._fdm.now(), problem.controls(z)))
         relative = np.abs(problem.relative(left))
         if not relative.max() < _BALANCED:
             worst = int(np.argmax(relative))
-            silent = " An engine does not run there." if self._machine.silent() else ""
+            silent = " An engine does not run there." if self._fdm.silent() else ""
             at = ", ".join(f"{c} = {made.controls[c]:.4g}" for c in free)
             raise SimulationError(
                 f"JSBSim's {self.name} has no steady flight at V = {V:g} m/s, h = {h:g} m: the nearest leaves "
@@ -164,10 +164,10 @@ class JSBSimAircraft:
         return made
 
     def accelerations(self, state: np.ndarray, controls: Mapping[str, float]) -> np.ndarray:
-        """(7,) derivatives of u, v, w, p, q, r [m/s^2, rad/s^2] and rate of climb [m/s] at a state, engines settled.
+        """(7,) derivatives of u, v, w, p, q, r [m/s^2, rad/s^2] and rate of climb [m/s] at a state.
 
-        JSBSim's own ``do_trim`` moves the pilot's controls through the flight control system; surfaces and engines are
-        set past it here.
+        The engines are in steady state. JSBSim's own ``do_trim`` moves the pilot's controls through the flight
+        control system; surfaces and engines are set past it here.
 
         Parameters
         ----------
@@ -175,8 +175,8 @@ class JSBSimAircraft:
             As `structsel.numerics.rigid_body.STATES`.
         controls : mapping of channel to value
         """
-        self._machine.place(state, controls)
-        now = self._machine.now()
+        self._fdm.place(state, controls)
+        now = self._fdm.now()
         return np.array([*(now[c] for c in EQUATIONS[:6]), -now["vd"]])
 
     def fly(
@@ -195,7 +195,7 @@ class JSBSimAircraft:
             With ``t``; of `controls` those that are not given are as the trim has them, or zero. Linear between
             samples. Fuel does not burn.
         start : Trim or mapping, optional
-            As for `structsel.simulation.simulate`; engines start settled.
+            As for `structsel.simulation.simulate`; engines start in steady state.
         stabilise : bool or mapping of surface to {state: gain}
             Adds gain times departure from the start to the surfaces; ``True`` is a light stabiliser of attitude and
             yaw rate. What is recorded is the surface's angle, stabiliser included.
@@ -224,16 +224,16 @@ class JSBSimAircraft:
         rows: list[dict[str, float]] = []
         applied = dict(zip(self.controls, controls[0].tolist()))
         with silence_output():
-            self._machine.place(state, applied)
+            self._fdm.place(state, applied)
             rows.append(self._row(applied))
             for i in range(len(t) - 1):
                 for k in range(1, count + 1):
                     command = controls[i] + (controls[i + 1] - controls[i]) * (k / count)
                     applied = dict(zip(self.controls, command.tolist()))
                     for surface, gain in gains.items():
-                        applied[surface] += sum(g * (self._machine.value(c) - about[c]) for c, g in gain.items())
-                    self._machine.set(applied)
-                    self._machine.step((t[i + 1] - t[i]) / count)
+                        applied[surface] += sum(g * (self._fdm.value(c) - about[c]) for c, g in gain.items())
+                    self._fdm.set(applied)
+                    self._fdm.step((t[i + 1] - t[i]) / count)
                 row = self._row(applied)
                 if not all(map(math.isfinite, row.values())):
                     break
@@ -241,7 +241,7 @@ class JSBSimAircraft:
         flight = None
         if len(rows) > 1:
             held = {c: np.array([row[c] for row in rows]) for c in rows[0]}
-            silent = "; an engine stood still at the end" if self._machine.silent() else ""
+            silent = "; an engine stood still at the end" if self._fdm.silent() else ""
             how = f"{self.name}, {count} steps a sample{silent}"
             flight = make_recording(name, t[: len(rows)], held, self.controls, state, how)
         if flight is None or len(rows) < len(t):
@@ -255,9 +255,9 @@ class JSBSimAircraft:
     def coefficients(self, recording: Recording) -> Recording:
         """Coefficients that JSBSim's aerodynamics give at recorded states (a forced simulation).
 
-        Where ``throttle`` was recorded the engines are settled there, and what a propeller does besides thrust is in
-        the coefficients; else they are of the aerodynamics alone. Rates of incidence and sideslip are those of
-        JSBSim's own balance of forces at the state.
+        Where ``throttle`` was recorded the engines are in steady state, and the coefficients contain the propeller's
+        effects other than thrust; else they are of the aerodynamics alone. Rates of angle of attack and sideslip
+        are those of JSBSim's own balance of forces at the state.
 
         Parameters
         ----------
@@ -287,9 +287,9 @@ class JSBSimAircraft:
         rows = []
         with silence_output():
             for i, state in enumerate(states):
-                settled = {c: float(held[c][i]) for c in self.controls}
-                self._machine.place(state, settled)
-                rows.append(self._coefficients(self._machine.now(), settled, alone="throttle" not in recording))
+                controls = {c: float(held[c][i]) for c in self.controls}
+                self._fdm.place(state, controls)
+                rows.append(self._coefficients(self._fdm.now(), controls, alone="throttle" not in recording))
         made: dict[str, Any] = {c: np.array([row[c] for row in rows]) for c in COEFFICIENTS}
         return recording.with_channels(
             note=f"{', '.join(COEFFICIENTS)} from JSBSim's {self.name} at these states", **made
@@ -297,7 +297,7 @@ class JSBSimAircraft:
 
     def sense(self, control: str) -> float:
         """1 where JSBSim's angle of a surface (of ``da``, the left aileron) has our sign, -1 where the other."""
-        return self._machine.senses.get(control, 1.0)
+        return self._fdm.senses.get(control, 1.0)
 
     def __repr__(self) -> str:
         return f"JSBSimAircraft({self.name!r}, controls={self.controls})"
@@ -313,16 +313,16 @@ class JSBSimAircraft:
             for surface, axis in _TURNS.items():
                 moments = []
                 for angle in (-0.02, 0.02):
-                    self._machine.place(state, {surface: angle})
-                    moments.append(self._coefficients(self._machine.now(), {}, alone=True)[axis])
-                self._machine.set({surface: 0.0})
+                    self._fdm.place(state, {surface: angle})
+                    moments.append(self._coefficients(self._fdm.now(), {}, alone=True)[axis])
+                self._fdm.set({surface: 0.0})
                 if abs(moments[1] - moments[0]) > 1e-9:
                     reached.append(surface)
-                    self._machine.senses[surface] = math.copysign(1.0, moments[0] - moments[1])
+                    self._fdm.senses[surface] = math.copysign(1.0, moments[0] - moments[1])
         return tuple(reached)
 
     def _row(self, controls: Mapping[str, float]) -> dict[str, float]:
-        now = self._machine.now()
+        now = self._fdm.now()
         return {**now, **controls, **self._coefficients(now, controls)}
 
     def _coefficients(

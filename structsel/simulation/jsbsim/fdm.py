@@ -153,7 +153,7 @@ class FlightDynamicsModel:
                     node.set_attribute(self._writable, False)
 
     def place(self, state: np.ndarray, controls: Mapping[str, float]) -> None:
-        """Put the aircraft into a state (12,), its engines settled."""
+        """Put the aircraft into a state (12,), its engines in steady state."""
         held = dict(zip(STATES, state.tolist()))
         self.fdm["ic/h-sl-ft"] = held["h"] / _FT
         for name, key in (("phi", "phi"), ("theta", "theta"), ("psi", "psi-true")):
@@ -168,7 +168,7 @@ class FlightDynamicsModel:
         self.fdm.run_ic()
         if self.engines:
             self.fdm.get_propulsion().get_steady_state()
-        # The aerodynamics see the rate of incidence of the run before: a few runs, and it is this state's own.
+        # The aerodynamics use the rate of the angle of attack of the run before; a few runs make it that of this state.
         for _ in range(4):
             self.fdm.run_ic()
 
@@ -208,7 +208,7 @@ class FlightDynamicsModel:
         elif self.pushed:
             offset = self.from_cg(*(f"{EXTERNAL}/location-{c}-in" for c in "xyz"))
             inclination = math.atan2(-self.fdm[f"{EXTERNAL}/z"], self.fdm[f"{EXTERNAL}/x"])
-        # JSBSim gives Ixz as it stands in the tensor, the other products as integrals over the mass.
+        # JSBSim gives Ixz as the entry of the tensor, the other products as integrals over the mass.
         signs = {"Ix": 1.0, "Iy": 1.0, "Iz": 1.0, "Ixz": -1.0, "Ixy": 1.0, "Iyz": 1.0}
         inertia = {
             key: sign * self.fdm[f"inertia/i{(key[1:] * 2)[:2]}-slugs_ft2"] * _SLUG * _FT**2

@@ -29,7 +29,7 @@ def read_schedule(
     ChannelError, DataError
         There is no clock, a control that the aircraft has not, or a sample that is not finite.
     """
-    settled = dict(start.controls) if isinstance(start, Trim) else {}
+    trimmed = dict(start.controls) if isinstance(start, Trim) else {}
     if isinstance(inputs, Recording):
         recording = inputs
     else:
@@ -42,7 +42,7 @@ def read_schedule(
         recording = Recording("simulated", t, given)
     used = [c for c in needed if c in recording]
     recording.require(*used, finite=True, by="JSBSimAircraft.fly")
-    columns = [recording[c] if c in recording else np.full(len(recording.t), settled.get(c, 0.0)) for c in needed]
+    columns = [recording[c] if c in recording else np.full(len(recording.t), trimmed.get(c, 0.0)) for c in needed]
     return recording.t, np.column_stack(columns), recording.name
 
 
@@ -83,5 +83,5 @@ def make_recording(
         away = start[STATES.index(c)] - channels[c][0]
         channels[c] = channels[c] + (round(away / turn) * turn if c == "psi" else away)
     at_cg = ("V", "alpha", "beta", "ax", "ay", "az")
-    notes = (f"flown by JSBSim: {how}", f"{MOVED_TO_CG}{', '.join(at_cg)}; simulated there")
+    notes = (f"simulated by JSBSim: {how}", f"{MOVED_TO_CG}{', '.join(at_cg)}; simulated there")
     return Recording(name, t, channels, provenance=notes, at_cg=frozenset(at_cg)).check()

@@ -45,7 +45,7 @@ class PublishedAircraft(Result):
     linear : mapping of str to LinearModel
         By axis or by speed.
     definitions : mapping of channel to formula
-        What `simulate` and `trim` need beside the model.
+        What `simulate` and `trim` need in addition to the model.
     air : Atmosphere
     condition : mapping
         V [m/s] and h [m] of a usual flight.
@@ -56,7 +56,7 @@ class PublishedAircraft(Result):
     limits : mapping of channel to (low, high)
         Of those, where they are not the usual ones.
     notes : tuple of str
-        Where the numbers are from, and what to doubt.
+        Source of the numbers, and their limits.
     """
 
     name: str
@@ -141,7 +141,7 @@ def _hfb320() -> PublishedAircraft:
         air=Atmosphere(rho=HFB_RHO),
         condition={"V": 104.67, "h": 4260.0},
         free=("de", "thrust"),
-        notes=("published output-error estimates [J15]; longitudinal only; Ix, Iz stand in for unpublished values",),
+        notes=("published output-error estimates [J15]; longitudinal only; Ix, Iz are assumed, not published",),
     )
 
 

@@ -103,7 +103,7 @@ def as355(
     ----------
     speed : {"80kt", "40kt"}
     x_boom : float [m]
-        Of the incidence boom, ahead of the centre of gravity.
+        Of the boom with the angle-of-attack vane, ahead of the centre of gravity.
     x_acc, z_acc : float [m]
         Of the accelerometers, ahead of and below it.
     theta : float [rad]
