@@ -57,6 +57,12 @@ _G0 = 9.80665
 
 
 @njit(cache=True)
+def _attached(alpha, settings):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Steady separation point: the attached fraction of the chord at an angle of attack."""
+    return 0.5 * (1.0 - np.tanh(settings[_SSL] * (alpha - settings[_SAL])))
+
+
+@njit(cache=True)
 def _fill(s, deflection, now, thrust, rpm, constants, settings, x):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Row of variables at a state; returns qbar, V, rho, mach."""
     u, v, w = s[0] - now[_GU], s[1] - now[_GV], s[2] - now[_GW]
@@ -84,7 +90,7 @@ def _fill(s, deflection, now, thrust, rpm, constants, settings, x):  # type: ign
     x[27] = -0.165 * (alpha - s[14]) - 0.335 * (alpha - s[15])
     X = min(max(s[16], 0.0), 1.0)
     if settings[_TAU1] <= 0.0:
-        X = 0.5 * (1.0 - np.tanh(settings[_SSL] * (alpha - settings[_SAL])))
+        X = _attached(alpha, settings)
     x[28] = 1.0 - X
     x[29] = 1.0 - (0.5 * (1.0 + np.sqrt(X))) ** 2
     x[30], x[31] = s[4] * rpm * 0.104719755 / qbar, s[5] * rpm * 0.104719755 / qbar
@@ -155,8 +161,7 @@ def _slope(s, whole, x, qbar, V, thrust, mass, inertia, inverse, alpha_dot, cons
     out[15] = 0.3 * 2.0 * V / chord * (alpha - s[15])
     out[16] = 0.0
     if settings[_TAU1] > 0.0:
-        target = 0.5 * (1.0 - np.tanh(settings[_SSL] * (alpha - settings[_TAU2] * alpha_dot - settings[_SAL])))
-        out[16] = (target - s[16]) / settings[_TAU1]
+        out[16] = (_attached(alpha - settings[_TAU2] * alpha_dot, settings) - s[16]) / settings[_TAU1]
     w0 = settings[_SLW]
     out[17] = s[18]
     out[18] = -w0 * w0 * s[17] - 2.0 * settings[_SLZ] * w0 * s[18] - force[1] / settings[_SLL]
@@ -295,7 +300,7 @@ def simulate_flight(start, schedules, dt, every, first, plant, pilot):  # type: 
         qbar, V, rho, mach = _evaluate(s, surface, now, air, plant, inertia, inverse, k1, work)
         if n == 0:
             s[12], s[13], s[14], s[15] = x[1], x[2], x[1], x[1]
-            s[16] = 0.5 * (1.0 - np.tanh(settings[_SSL] * (x[1] - settings[_SAL])))
+            s[16] = _attached(x[1], settings)
         if n >= first and (n - first) % every == 0:
             states[row], table[row], coefs[row], extras[row] = s, x, whole, extra
             o = reads[row]
