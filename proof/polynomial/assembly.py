@@ -11,14 +11,14 @@ from proof.case_files import Case
 from proof.keys import EffectKey, Family, Form, Intervals, Key, Severity, Verdict
 from proof.polynomial import instruments as ins
 from proof.polynomial.aircraft import truth_aircraft
-from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection, name
-from proof.polynomial.flight import simulate_model, simulate_truth
-from proof.polynomial.scenario import (
-    SHARES,
-    Scenario,
+from proof.polynomial.effects import Effect, EffectDesign, Injection, name
+from proof.polynomial.flight import simulate_model
+from proof.polynomial.scenario import Scenario, draw_scenario
+from proof.polynomial.simulate import (
+    AIMED,
     ScenarioResult,
     contribution_of,
-    draw_scenario,
+    effect_context,
     scale_effect,
     simulate_scenario,
 )
@@ -43,7 +43,7 @@ def find_active(
         found = intervals_of(flight.t, on, gap=0.599, shortest=0.15)
         made[name(k)] = [(round(a, 2), round(b, 2)) for a, b in found]
         if region:
-            seen.append(result.clean[k][region][on])
+            seen.append(result.manoeuvres[k].clean[region][on])
     if not region or not any(len(s) for s in seen):
         return made, None
     whole = np.concatenate(seen)
@@ -74,7 +74,7 @@ def recordings_of(scenario: Scenario, result: ScenarioResult) -> list[Recording]
     """What is handed over."""
     made = []
     for k, f in enumerate(result.flights):
-        held = dict(result.readings[k])
+        held = dict(result.manoeuvres[k].readings)
         held["mach"] = held["V"] / (f.reads["V"] / f.reads["mach"])
         made.append(Recording(name(k), f.t, held))
     return made
@@ -82,7 +82,9 @@ def recordings_of(scenario: Scenario, result: ScenarioResult) -> list[Recording]
 
 def forced(result: ScenarioResult) -> dict[str, Channels]:
     """Simulated coefficients at the states that the simulation is given."""
-    return {name(k): {"t": f.t, **dict(zip(AXES, result.simulated[k].T))} for k, f in enumerate(result.flights)}
+    return {
+        name(k): {"t": f.t, **dict(zip(AXES, result.manoeuvres[k].simulated.T))} for k, f in enumerate(result.flights)
+    }
 
 
 def free(scenario: Scenario, result: ScenarioResult, wind: Mapping[str, float] | None = None) -> dict[str, Channels]:
@@ -94,7 +96,7 @@ def free(scenario: Scenario, result: ScenarioResult, wind: Mapping[str, float] |
     """
     made = {}
     for k, f in enumerate(result.flights):
-        faulty = result.faulty[k]
+        faulty = result.manoeuvres[k].faulty
         controls = {n: faulty[n] for n in ("de", "da", "dr")}
         if "df" in scenario.channels:
             controls["df"] = faulty["df"]
@@ -136,14 +138,9 @@ def make_single(
         Where it cannot be flown, or would not show at all; draw anew.
     """
     scenario = draw_scenario([effect], truth_aircraft(aircraft_name), seed, states, attempt)
-    base = simulate_truth(
-        scenario.truth, scenario.manoeuvres, scenario.background.physics, scenario.settings, scenario.rate
-    )
-    rng = np.random.default_rng([seed, attempt, 2])
-    design = effect.make(
-        EffectContext(scenario.truth, scenario.manoeuvres, base, scenario.settings, scenario.aircraft.tolerances, rng)
-    )
-    _, injection, result = scale_effect(scenario, design, float(rng.uniform(*SHARES[severity])))
+    context = effect_context(scenario, seed, attempt, 2)
+    design = effect.make(context)
+    _, injection, result = scale_effect(scenario, design, float(context.rng.uniform(*AIMED[severity])))
     key = describe(effect, design, injection, result)
     fraction = result.fraction(design.axes)
     if fraction < 0.05:
@@ -199,13 +196,8 @@ def make_windy(effect: Effect, aircraft_name: str, severity: str, seed: int, att
         Where it cannot be flown or does not show.
     """
     scenario = draw_scenario([effect], truth_aircraft(aircraft_name), seed, ins.RECONSTRUCTED, attempt)
-    base = simulate_truth(
-        scenario.truth, scenario.manoeuvres, scenario.background.physics, scenario.settings, scenario.rate
-    )
-    rng = np.random.default_rng([seed, attempt, 2])
-    design = effect.make(
-        EffectContext(scenario.truth, scenario.manoeuvres, base, scenario.settings, scenario.aircraft.tolerances, rng)
-    )
+    context = effect_context(scenario, seed, attempt, 2)
+    design = effect.make(context)
 
     def tried(size: float) -> tuple[Injection, ScenarioResult, dict[str, float]]:
         injection = design.at(size)
@@ -217,7 +209,7 @@ def make_windy(effect: Effect, aircraft_name: str, severity: str, seed: int, att
         fractions = tried(size)[2]
         return max(fractions["vn"], fractions["ve"])
 
-    size, _ = bisect(reached, float(rng.uniform(*SHARES[severity])), design.low, design.high, 6)
+    size, _ = bisect(reached, float(context.rng.uniform(*AIMED[severity])), design.low, design.high, 6)
     injection, result, fractions = tried(size)
     fraction = max(fractions["vn"], fractions["ve"])
     if fraction < 0.05:
@@ -235,7 +227,7 @@ def _explained(
     result: ScenarioResult, still: Mapping[str, Channels], blown: Mapping[str, Channels], channel: str
 ) -> float:
     """Fraction of a channel's rms difference that knowing the wind takes away."""
-    seen = np.concatenate([r[channel] for r in result.readings])
+    seen = np.concatenate([m.readings[channel] for m in result.manoeuvres])
     before, after = (
         np.sqrt(np.mean((seen - np.concatenate([run[channel] for run in runs.values()])) ** 2))
         for runs in (still, blown)

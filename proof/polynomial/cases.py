@@ -15,10 +15,10 @@ from proof.polynomial import effects_aerodynamic, effects_instruments, effects_s
 from proof.polynomial import instruments as ins
 from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
 from proof.polynomial.assembly import assemble, describe, make_single, make_windy
-from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection
+from proof.polynomial.effects import Effect, EffectDesign, Injection
 from proof.polynomial.effects_declared import declared_effect
-from proof.polynomial.flight import simulate_truth
-from proof.polynomial.scenario import SHARES, Scenario, ScenarioResult, draw_scenario, scale_effect, simulate_scenario
+from proof.polynomial.scenario import Scenario, draw_scenario
+from proof.polynomial.simulate import AIMED, ScenarioResult, effect_context, scale_effect, simulate_scenario
 from proof.polynomial.single_channel import SINGLE_CHANNEL, make_single_channel
 from proof.polynomial.terms import AXES
 from proof.scenario.declared import DeclaredEffect
@@ -68,7 +68,7 @@ def make(
     name = effect or str(rng.choice(names))
     if name in SINGLE_CHANNEL:
         return make_single_channel(
-            name, float(rng.uniform(*SHARES[severity])), seed, attempt, "free" if rng.random() < 0.6 else "forced"
+            name, float(rng.uniform(*AIMED[severity])), seed, attempt, "free" if rng.random() < 0.6 else "forced"
         )
     able = [e for e in singles if e.name == name]
     if not able:
@@ -88,20 +88,6 @@ def _aircraft_for(effect: Effect, rng: np.random.Generator) -> str:
     return str(rng.choice(effect.aircraft or AIRCRAFT_NAMES))
 
 
-def _context(scenario: Scenario, seed: Sequence[int]) -> EffectContext:
-    base = simulate_truth(
-        scenario.truth, scenario.manoeuvres, scenario.background.physics, scenario.settings, scenario.rate
-    )
-    return EffectContext(
-        scenario.truth,
-        scenario.manoeuvres,
-        base,
-        scenario.settings,
-        scenario.aircraft.tolerances,
-        np.random.default_rng(list(seed)),
-    )
-
-
 def _null(rng: np.random.Generator, seed: int, attempt: int, form: Form, states: str) -> Case:
     """Nothing left out: errors within the tolerances, noise, biases, perhaps turbulence."""
     kind = NULLS[int(rng.integers(len(NULLS)))]
@@ -112,7 +98,7 @@ def _null(rng: np.random.Generator, seed: int, attempt: int, form: Form, states:
     if kind == "coloured":
         injection = Injection(errors=InstrumentErrors(bias=_coloured(scenario, rng)))
     if kind == "turbulence":
-        design = next(e for e in SINGLES if e.name == "turbulence").make(_context(scenario, (seed, attempt, 3)))
+        design = next(e for e in SINGLES if e.name == "turbulence").make(effect_context(scenario, seed, attempt, 3))
         injection = design.at(float(rng.uniform(0.15, 0.9)))
         effects = [
             EffectKey(
@@ -159,9 +145,9 @@ def _several(
     parts: list[tuple[Effect, EffectDesign, Injection, ScenarioResult]] = []
     taken: tuple[str, ...] = ()
     for i, effect in enumerate(chosen):
-        context = _context(scenario, (seed, attempt, 20 + i))
+        context = effect_context(scenario, seed, attempt, 20 + i)
         design = effect.make(context)
-        wanted = rng.uniform(*(SHARES[severity] if i == 0 or family == "pair" else _SMALL))
+        wanted = rng.uniform(*(AIMED[severity] if i == 0 or family == "pair" else _SMALL))
         _, injection, result = scale_effect(
             scenario, design, float(max(wanted, 0.1) if family == "pair" else wanted), fixed=taken
         )

@@ -22,7 +22,8 @@ from proof.polynomial.cases import NAMES, SINGLES
 from proof.polynomial.effects import EffectContext, Injection
 from proof.polynomial.flight import STATES, InjectedPhysics, settings_of, simulate_truth
 from proof.polynomial.manoeuvres import make_manoeuvre
-from proof.polynomial.scenario import draw_scenario, simulate_scenario
+from proof.polynomial.scenario import draw_scenario
+from proof.polynomial.simulate import simulate_scenario
 from proof.polynomial.single_channel import SINGLE_CHANNEL
 from proof.polynomial.terms import AXES, compile_terms, evaluate
 from proof.polynomial.unmodelled import EFFECTS as OUTSIDE
@@ -185,7 +186,7 @@ def test_a_null_differs_by_no_more_than_noise_biases_and_tolerances(seed):
             variance += (allowed.secondary if text not in ("1", "alpha", "de", "df") else allowed.main) ** 2 * np.mean(
                 part**2
             )
-    qbar = np.concatenate([r["qbar"] for r in result.readings])
+    qbar = np.concatenate([m.readings["qbar"] for m in result.manoeuvres])
     read = ((scenario.noise["az"] + 0.06) * air.mass / (qbar.mean() * air.S)) ** 2
     scale = (allowed.mass + 2 * 0.4 / scenario.manoeuvres[0].V) * np.abs(
         np.concatenate([f.coefs[:, 2] for f in result.flights])
