@@ -37,8 +37,8 @@ from structsel.nomenclature import LATERAL_COEFFICIENTS
 from structsel.numerics.linear_modes import Modes
 from structsel.recording import Recording, write_recording
 from structsel.simulation import Instruments, LinearModel, PublishedAircraft, Trim, Turbulence
+from structsel.simulation.flight_setup import start_from
 from structsel.tables import Summary
-from structsel.validation import recorded_start
 
 EPILOG = page(
     [
@@ -227,7 +227,7 @@ class _Surroundings:
             raise typer.BadParameter("--stabilise is JSBSim's; fly departures small enough for the aircraft alone.")
         assert craft.model is not None
         assert craft.aircraft is not None
-        start: Any = trim if trim is not None else recorded_start(craft.model, craft.aircraft, given, craft.air)
+        start: Any = trim if trim is not None else start_from(craft.model, craft.aircraft, given, craft.air)
         rough = None if self.turbulence is None else Turbulence(self.turbulence, seed)
         air = replace(craft.air, wind=self.wind, turbulence=rough)
         return craft.simulate(

@@ -7,7 +7,7 @@ model of small motions about them. `prepare` lays a manoeuvre out for many param
 
 from structsel.deprecation import renamed_names
 from structsel.simulation.atmosphere import Atmosphere, Gust, Turbulence
-from structsel.simulation.flight_setup import FlightSetup, prepare
+from structsel.simulation.flight_setup import FlightSetup, prepare, start_from
 from structsel.simulation.instruments import Actuator, Instruments
 from structsel.simulation.library import PUBLISHED_AIRCRAFT, PublishedAircraft, published_aircraft
 from structsel.simulation.linear import LinearModel
@@ -42,5 +42,6 @@ __all__ = [
     "prepare",
     "published_aircraft",
     "simulate",
+    "start_from",
     "trim",
 ]

@@ -14,6 +14,7 @@ from structsel.aircraft import Aircraft
 from structsel.candidates.formula import Node, evaluate
 from structsel.errors import AircraftError, ChannelError, DataError, ModelError
 from structsel.model import AeroModel
+from structsel.nomenclature import LATERAL_COEFFICIENTS, LATERAL_STATES
 from structsel.numerics import kinematics
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.flight_model import CONDITIONS, STATES, CompiledAircraft, ManoeuvreInputs, outputs_index
@@ -214,6 +215,27 @@ def first_state(inputs: Inputs, start: Start | None, aircraft: Aircraft, name: s
             at_cg = rb.air_data_at_cg(V, alpha, beta, p, q, r, aircraft.position("vane"))
             V, alpha, beta = (float(x) for x in at_cg)
         state[:3] = rb.body_velocity(V, alpha, beta)
+    return state
+
+
+def start_from(
+    model: AeroModel, aircraft: Aircraft, recording: Recording, air: Atmosphere | None = None
+) -> dict[str, float]:
+    """Initial state of a simulation by name: the first sample of a recording, at the centre of gravity.
+
+    Without lateral coefficients nothing would end a lateral motion, so none is started. In air of a given density the
+    altitude has no effect, and is zero where it was not recorded.
+
+    Raises
+    ------
+    ChannelError, DataError
+        The recording lacks what a simulation starts from, or that is not finite.
+    """
+    if air is not None and air.rho is not None and "h" not in recording:
+        recording = recording.with_channels(h=0.0)
+    state = dict(zip(STATES, first_state(recording, None, aircraft, recording.name).tolist()))
+    if not any(name in model for name in LATERAL_COEFFICIENTS):
+        state |= dict.fromkeys(LATERAL_STATES, 0.0)
     return state
 
 

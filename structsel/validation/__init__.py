@@ -3,7 +3,7 @@
 from structsel.deprecation import renamed_names
 from structsel.metrics import adjusted_r2, bias, correlation, metric, r2, rms_error, rrmse, tic
 from structsel.validation.ensembles import Ensemble, ensemble
-from structsel.validation.resimulate import BANDS, recorded_start, resimulate
+from structsel.validation.resimulate import BANDS, resimulate
 from structsel.validation.resimulation import Divergence, Resimulation, ResimulationScore
 from structsel.validation.validate import Score, Validation, validate
 from structsel.whiteness import autocorrelation, durbin_watson, ljung_box, white_bound
@@ -14,6 +14,7 @@ __getattr__ = renamed_names(
         "Departure": "Divergence",
         "Replay": "Resimulation",
         "ReplayScore": "ResimulationScore",
+        "recorded_start": "structsel.simulation:start_from",
         "replay": "resimulate",
     },
 )
@@ -35,7 +36,6 @@ __all__ = [
     "ljung_box",
     "metric",
     "r2",
-    "recorded_start",
     "resimulate",
     "rms_error",
     "rrmse",

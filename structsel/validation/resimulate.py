@@ -16,15 +16,14 @@ from structsel.nomenclature import (
     BODY_RATES,
     LATERAL_COEFFICIENTS,
     LATERAL_OUTPUTS,
-    LATERAL_STATES,
     LONGITUDINAL_OUTPUTS,
     SPECIFIC_FORCES,
     suggest,
 )
-from structsel.numerics.flight_model import REASONS, STATES
+from structsel.numerics.flight_model import REASONS
 from structsel.recording import Recording, require_recordings
 from structsel.simulation import Atmosphere, prepare
-from structsel.simulation.flight_setup import first_state
+from structsel.simulation.flight_setup import start_from
 from structsel.validation.resimulation import Divergence, Resimulation, score_output
 
 BANDS: Mapping[str, float] = {
@@ -198,32 +197,11 @@ def _simulate(
     options: Mapping[str, Any],
 ) -> tuple[np.ndarray, str]:
     """Outputs (samples, outputs) from the recorded start, and why they end before the recording does."""
-    state = recorded_start(model, aircraft, recording, options["air"])
+    state = start_from(model, aircraft, recording, options["air"])
     ready = prepare(model, aircraft, recording, start=state, **options)
     batch = ready.simulate(shown, instruments=not recording.at_cg)
     reason = int(batch.reason[0])
     return batch.outputs[0, : int(batch.samples[0])], REASONS[reason] if reason else ""
-
-
-def recorded_start(
-    model: AeroModel, aircraft: Aircraft, recording: Recording, air: Atmosphere | None = None
-) -> dict[str, float]:
-    """State at the first sample, by name, carried to the centre of gravity.
-
-    Without lateral coefficients nothing would end a lateral motion, so none is started. In air of a given density the
-    altitude has no effect, and is zero where it was not recorded.
-
-    Raises
-    ------
-    ChannelError, DataError
-        The recording lacks what a simulation starts from, or that is not finite.
-    """
-    if air is not None and air.rho is not None and "h" not in recording:
-        recording = recording.with_channels(h=0.0)
-    state = dict(zip(STATES, first_state(recording, None, aircraft, recording.name).tolist()))
-    if not any(name in model for name in LATERAL_COEFFICIENTS):
-        state |= dict.fromkeys(LATERAL_STATES, 0.0)
-    return state
 
 
 def _divergence(
