@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -104,3 +105,92 @@ def body_axes(lift: float, drag: float, now: Now) -> tuple[float, float]:
     """CX and CZ of lift and drag coefficients."""
     sa, ca = math.sin(now["alpha"]), math.cos(now["alpha"])
     return lift * sa - drag * ca, -lift * ca - drag * sa
+
+
+Given = dict[str, float]
+Static = Callable[[Now, Given, Aircraft], Six]
+Term = Callable[[Now, Aircraft], float]
+
+ADDED_FORCES: dict[str, list[AddedForceSpec]] = {}
+"""Effect -> its forms."""
+
+
+def _register(effect: str, make: Make, kind: Kind, needs: tuple[str, ...], tie: tuple[str, ...], more: Any) -> None:
+    ADDED_FORCES.setdefault(effect, []).append(AddedForceSpec(make, kind, needs, tie, **more))
+
+
+def with_memory(
+    effect: str, kind: Kind, needs: tuple[str, ...], tie: tuple[str, ...] = (), **more: Any
+) -> Callable[[Make], Make]:
+    """Enter a maker of a formula under its effect."""
+
+    def enter(make: Make) -> Make:
+        _register(effect, make, kind, needs, tie, more)
+        return make
+
+    return enter
+
+
+def static(
+    effect: str,
+    kind: Kind,
+    needs: tuple[str, ...],
+    tie: tuple[str, ...] = (),
+    draw: Callable[[np.random.Generator], Given] = lambda rng: {},
+    **more: Any,
+) -> Callable[[Static], Static]:
+    """Enter a formula without memory under its effect; `draw` gives its parameters."""
+
+    def enter(build: Static) -> Static:
+        def make(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
+            given = draw(rng)
+            return (lambda now, memory, dt: build(now, given, a)), given
+
+        _register(effect, make, kind, needs, tie, more)
+        return build
+
+    return enter
+
+
+def event(
+    effect: str, kind: Kind, tie: tuple[str, ...], takes: tuple[float, float]
+) -> Callable[[Callable[[Now, float, Given], Six]], object]:
+    """Enter what comes at an instant of some manoeuvres; the formula is given how much of it is there, 0 to 1."""
+
+    def enter(build: Callable[[Now, float, Given], Six]) -> object:
+        def make(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
+            length = float(rng.uniform(*takes))
+            given = {"lift": rng.uniform(0.5, 1.5), "side": float(rng.choice([-1.0, 1.0]))}
+
+            def formula(now: Now, memory: Memory, dt: float) -> Six:
+                at = events.get(int(now["number"]))
+                fraction = 0.0 if at is None else min(1.0, max(0.0, (now["t"] - at) / length))
+                return build(now, fraction, given)
+
+            return formula, {"takes": length}
+
+        _register(effect, make, kind, ("pitch", "pull"), tie, {"local": True})
+        return build
+
+    return enter
+
+
+def either_sign(rng: np.random.Generator) -> Given:
+    """Parameter "sense": 1 or -1."""
+    return {"sense": float(rng.choice([-1.0, 1.0]))}
+
+
+def _one_term(k: int, term: Term) -> Static:
+    """One term of either sign in one coefficient, CX first."""
+
+    def build(now: Now, given: Given, a: Aircraft) -> Six:
+        return tuple(given["sense"] * term(now, a) if j == k else 0.0 for j in range(6))
+
+    return build
+
+
+def term(
+    effect: str, kind: Kind, k: int, term: Term, needs: tuple[str, ...], tie: tuple[str, ...], **more: Any
+) -> None:
+    """Enter one term of either sign in coefficient k, CX first, under its effect."""
+    static(effect, kind, needs, tie, either_sign, **more)(_one_term(k, term))

@@ -7,116 +7,33 @@ Goman and Khrabrov, the lag of the wake at the tail, and Wagner's function after
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from proof.jsbsim.added_force import (
-    AddedForceSpec,
+    ADDED_FORCES,
     Formula,
-    Make,
+    Given,
     Memory,
     Now,
     Six,
+    Term,
     body_axes,
+    either_sign,
+    event,
     lagged,
+    static,
+    term,
+    with_memory,
 )
-from proof.keys import Kind
 from structsel.aircraft import Aircraft
 
-Given = dict[str, float]
-Static = Callable[[Now, Given, Aircraft], Six]
-Term = Callable[[Now, Aircraft], float]
-
-ADDED_FORCES: dict[str, list[AddedForceSpec]] = {}
-"""Effect -> its forms."""
 _STALLS, _SPEEDS, _POWER = ("stall",) * 3, ("speed",) * 3, ("throttle", "throttle", "throttle", "speed")
-
-
-def _register(effect: str, make: Make, kind: Kind, needs: tuple[str, ...], tie: tuple[str, ...], more: Any) -> None:
-    ADDED_FORCES.setdefault(effect, []).append(AddedForceSpec(make, kind, needs, tie, **more))
-
-
-def _with_memory(
-    effect: str, kind: Kind, needs: tuple[str, ...], tie: tuple[str, ...] = (), **more: Any
-) -> Callable[[Make], Make]:
-    """Enter a maker of a formula under its effect."""
-
-    def enter(make: Make) -> Make:
-        _register(effect, make, kind, needs, tie, more)
-        return make
-
-    return enter
-
-
-def _static(
-    effect: str,
-    kind: Kind,
-    needs: tuple[str, ...],
-    tie: tuple[str, ...] = (),
-    draw: Callable[[np.random.Generator], Given] = lambda rng: {},
-    **more: Any,
-) -> Callable[[Static], Static]:
-    """Enter a formula without memory under its effect; `draw` gives its parameters."""
-
-    def enter(build: Static) -> Static:
-        def make(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
-            given = draw(rng)
-            return (lambda now, memory, dt: build(now, given, a)), given
-
-        _register(effect, make, kind, needs, tie, more)
-        return build
-
-    return enter
-
-
-def _event(
-    effect: str, kind: Kind, tie: tuple[str, ...], takes: tuple[float, float]
-) -> Callable[[Callable[[Now, float, Given], Six]], object]:
-    """Enter what comes at an instant of some manoeuvres; the formula is given how much of it is there, 0 to 1."""
-
-    def enter(build: Callable[[Now, float, Given], Six]) -> object:
-        def make(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
-            length = float(rng.uniform(*takes))
-            given = {"lift": rng.uniform(0.5, 1.5), "side": float(rng.choice([-1.0, 1.0]))}
-
-            def formula(now: Now, memory: Memory, dt: float) -> Six:
-                at = events.get(int(now["number"]))
-                fraction = 0.0 if at is None else min(1.0, max(0.0, (now["t"] - at) / length))
-                return build(now, fraction, given)
-
-            return formula, {"takes": length}
-
-        _register(effect, make, kind, ("pitch", "pull"), tie, {"local": True})
-        return build
-
-    return enter
-
-
-def _either_sign(rng: np.random.Generator) -> Given:
-    return {"sense": float(rng.choice([-1.0, 1.0]))}
-
-
-def _one_term(k: int, term: Term) -> Static:
-    """One term of either sign in one coefficient, CX first."""
-
-    def build(now: Now, given: Given, a: Aircraft) -> Six:
-        return tuple(given["sense"] * term(now, a) if j == k else 0.0 for j in range(6))
-
-    return build
-
-
-def _term(
-    effect: str, kind: Kind, k: int, term: Term, needs: tuple[str, ...], tie: tuple[str, ...], **more: Any
-) -> None:
-    _static(effect, kind, needs, tie, _either_sign, **more)(_one_term(k, term))
-
 
 # --- drag, stall, ground ---------------------------------------------------------------------------------------------
 
 
-@_static("drag-polar", "static", ("pull", "speed"), ("missing-term",))
+@static("drag-polar", "static", ("pull", "speed"), ("missing-term",))
 def _induced_drag(now: Now, given: Given, a: Aircraft) -> Six:
     CX, CZ = body_axes(0.0, 0.06 * now["CZ"] ** 2, now)
     return CX, 0, CZ, 0, 0, 0
@@ -126,7 +43,7 @@ def _draw_stall(rng: np.random.Generator) -> Given:
     return {"alpha": rng.uniform(0.16, 0.21), "steepness": rng.uniform(18.0, 35.0)}
 
 
-@_static("static-stall", "static", _STALLS, ("missing-term", "stall-hysteresis"), _draw_stall, region="alpha",
+@static("static-stall", "static", _STALLS, ("missing-term", "stall-hysteresis"), _draw_stall, region="alpha",
          local=True)  # fmt: skip
 def _stall(now: Now, given: Given, a: Aircraft) -> Six:
     """Lift lost, drag and nose-down moment above an angle of attack."""
@@ -136,7 +53,7 @@ def _stall(now: Now, given: Given, a: Aircraft) -> Six:
     return CX, 0, CZ, 0, -0.08 * s, 0
 
 
-@_with_memory("stall-hysteresis", "memory", _STALLS, ("static-stall",), region="alpha", local=True)
+@with_memory("stall-hysteresis", "memory", _STALLS, ("static-stall",), region="alpha", local=True)
 def _separation(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
     """Separation point X of Goman and Khrabrov: tau1 X' + X = X0(alpha - tau2 alpha')."""
     a1, onset = rng.uniform(20, 35), rng.uniform(0.16, 0.21)
@@ -153,7 +70,7 @@ def _separation(rng: np.random.Generator, a: Aircraft, events: dict[int, float])
     return formula, {"tau1 in chords": tau1, "tau2 in chords": tau2, "alpha*": onset, "a1": a1}
 
 
-@_static("ground-effect", "static", ("low",) * 3, (), lambda rng: {"rate": rng.uniform(3.0, 5.0)}, region="h_agl",
+@static("ground-effect", "static", ("low",) * 3, (), lambda rng: {"rate": rng.uniform(3.0, 5.0)}, region="h_agl",
          local=True)  # fmt: skip
 def _ground(now: Now, given: Given, a: Aircraft) -> Six:
     """Lift, drag and moment that decay with height over span."""
@@ -166,7 +83,7 @@ def _ground(now: Now, given: Given, a: Aircraft) -> Six:
 # --- similarity, flexibility -----------------------------------------------------------------------------------------
 
 
-@_static("compressibility", "static", _SPEEDS, ("flexibility", "wrong-derivative"), power="jet", lift=(0.12, 0.5))
+@static("compressibility", "static", _SPEEDS, ("flexibility", "wrong-derivative"), power="jet", lift=(0.12, 0.5))
 def _mach(now: Now, given: Given, a: Aircraft) -> Six:
     """Slopes after Prandtl and Glauert, drag rise, and shift of the aerodynamic centre."""
     g = 1.0 / math.sqrt(max(1.0 - now["mach"] ** 2, 0.1)) - 1.0
@@ -175,13 +92,13 @@ def _mach(now: Now, given: Given, a: Aircraft) -> Six:
     return CX, 0, CZ, 0, -0.4 * now["alpha"] * g, 0
 
 
-@_static("reynolds", "static", _SPEEDS, ("compressibility", "wrong-derivative"))
+@static("reynolds", "static", _SPEEDS, ("compressibility", "wrong-derivative"))
 def _reynolds(now: Now, given: Given, a: Aircraft) -> Six:
     """Drag that falls with the Reynolds number."""
     return 0.02 * math.log(now["rho"] * now["V"] / 60.0), 0, 0, 0, 0, 0
 
 
-@_static("flexibility", "structural", _SPEEDS, ("compressibility", "wrong-derivative"), lift=(0.15, 0.6))
+@static("flexibility", "structural", _SPEEDS, ("compressibility", "wrong-derivative"), lift=(0.15, 0.6))
 def _flexible(now: Now, given: Given, a: Aircraft) -> Six:
     """Derivatives that fall with dynamic pressure."""
     soft = 0.3 * now["qbar"] / 5000.0
@@ -190,7 +107,7 @@ def _flexible(now: Now, given: Given, a: Aircraft) -> Six:
     return 0, soft * 0.3 * beta, soft * 5.0 * alpha, soft * 0.05 * beta, soft * moment, 0
 
 
-@_static("control-stretch", "structural", ("speed", "speed", "pitch", "pitch"),
+@static("control-stretch", "structural", ("speed", "speed", "pitch", "pitch"),
          ("wrong-derivative", "flexibility", "compressibility"), lift=(0.15, 0.6))  # fmt: skip
 def _stretch(now: Now, given: Given, a: Aircraft) -> Six:
     """Elevator whose effect falls with dynamic pressure."""
@@ -201,14 +118,14 @@ def _stretch(now: Now, given: Given, a: Aircraft) -> Six:
 # --- events ----------------------------------------------------------------------------------------------------------
 
 
-@_event("configuration-change", "static", ("icing",), (0.5, 3.0))
+@event("configuration-change", "static", ("icing",), (0.5, 3.0))
 def _moved(now: Now, fraction: float, given: Given) -> Six:
     """A flap that is not recorded: lift, drag, moment."""
     CX, CZ = body_axes(0.1 * fraction * given["lift"], 0.03 * fraction, now)
     return CX, 0.0, CZ, 0.0, -0.02 * fraction * given["lift"], 0.0
 
 
-@_with_memory("icing", "static", ("pitch", "pull"), ("configuration-change", "mass-error"))
+@with_memory("icing", "static", ("pitch", "pull"), ("configuration-change", "mass-error"))
 def _icing(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
     """Drag and lost lift that grow from manoeuvre to manoeuvre."""
     first = int(rng.integers(1, 5))
@@ -225,27 +142,27 @@ def _icing(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> t
 
 _SATURATES = ("missing-term", "actuator-saturation")
 _PULLS, _LATERAL = ("pitch", "pull", "pull"), ("lateral", "lateral")
-_term("control-nonlinearity", "static", 4, lambda n, a: 4.0 * n["de"] ** 3, _PULLS, _SATURATES, largest=10.0)
-_term("control-nonlinearity", "static", 4, lambda n, a: 1.0 * n["de"] * abs(n["de"]), _PULLS, _SATURATES, largest=10.0)
-_term("control-nonlinearity", "static", 3, lambda n, a: 1.0 * n["da"] * abs(n["da"]), (*_LATERAL, "turn"), _SATURATES,
+term("control-nonlinearity", "static", 4, lambda n, a: 4.0 * n["de"] ** 3, _PULLS, _SATURATES, largest=10.0)
+term("control-nonlinearity", "static", 4, lambda n, a: 1.0 * n["de"] * abs(n["de"]), _PULLS, _SATURATES, largest=10.0)
+term("control-nonlinearity", "static", 3, lambda n, a: 1.0 * n["da"] * abs(n["da"]), (*_LATERAL, "turn"), _SATURATES,
       largest=10.0)  # fmt: skip
-_term("cross-coupling", "static", 4, lambda n, a: 2.0 * n["beta"] ** 2, _LATERAL, ("missing-term",), largest=10)
-_term("cross-coupling", "static", 3, lambda n, a: 1.0 * n["alpha"] * n["beta"], ("lateral", "turn", "pull"),
+term("cross-coupling", "static", 4, lambda n, a: 2.0 * n["beta"] ** 2, _LATERAL, ("missing-term",), largest=10)
+term("cross-coupling", "static", 3, lambda n, a: 1.0 * n["alpha"] * n["beta"], ("lateral", "turn", "pull"),
       ("missing-term", "wrong-derivative"), largest=10)  # fmt: skip
-_term("cross-coupling", "static", 2, lambda n, a: 5.0 * n["beta"] ** 2, _LATERAL, ("missing-term",), largest=10)
-_term("missing-term", "static", 4, lambda n, a: 1.0 * n["alpha"] ** 2, ("pull", "pull"),
+term("cross-coupling", "static", 2, lambda n, a: 5.0 * n["beta"] ** 2, _LATERAL, ("missing-term",), largest=10)
+term("missing-term", "static", 4, lambda n, a: 1.0 * n["alpha"] ** 2, ("pull", "pull"),
       ("static-stall", "wrong-derivative"), largest=10)  # fmt: skip
-_term("missing-term", "static", 2, lambda n, a: 5.0 * n["alpha"] ** 2, ("pull", "pull"),
+term("missing-term", "static", 2, lambda n, a: 5.0 * n["alpha"] ** 2, ("pull", "pull"),
       ("static-stall", "wrong-derivative"), largest=10)  # fmt: skip
-_term("missing-term", "static", 5, lambda n, a: 1.0 * n["beta"] ** 3, _LATERAL, ("wrong-derivative",), largest=30)
-_static("asymmetry", "static", ("lateral",), ("sensor-bias", "asymmetric-thrust"))(
+term("missing-term", "static", 5, lambda n, a: 1.0 * n["beta"] ** 3, _LATERAL, ("wrong-derivative",), largest=30)
+static("asymmetry", "static", ("lateral",), ("sensor-bias", "asymmetric-thrust"))(
     lambda now, given, a: (0.0, 0.01, 0.0, 0.003, 0.0, 0.003)
 )
 
 # --- unsteady flow ---------------------------------------------------------------------------------------------------
 
 
-@_with_memory("downwash-lag", "memory", ("pitch", "pull", "turn"), ("wrong-derivative", "unsteady-lift"), largest=6)
+@with_memory("downwash-lag", "memory", ("pitch", "pull", "turn"), ("wrong-derivative", "unsteady-lift"), largest=6)
 def _wake(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
     """Downwash that reaches the tail later."""
     chords = rng.uniform(2.5, 4.0)
@@ -257,7 +174,7 @@ def _wake(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tu
     return formula, {"delay in chords": chords}
 
 
-@_with_memory("sidewash-lag", "memory", _LATERAL, ("wrong-derivative", "sensor-delay"), largest=6)
+@with_memory("sidewash-lag", "memory", _LATERAL, ("wrong-derivative", "sensor-delay"), largest=6)
 def _fin_wake(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
     """Sidewash that reaches the fin later."""
 
@@ -268,7 +185,7 @@ def _fin_wake(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -
     return formula, {}
 
 
-@_with_memory("unsteady-lift", "memory", ("pitch", "pitch"), ("downwash-lag", "sensor-delay"), largest=6)
+@with_memory("unsteady-lift", "memory", ("pitch", "pitch"), ("downwash-lag", "sensor-delay"), largest=6)
 def _wagner(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
     """Lift that builds up over chords: Wagner's function after Jones."""
 
@@ -296,20 +213,20 @@ def _along_thrust(now: Now, force: float, a: Aircraft) -> Six:
     return Tc * d[0], 0.0, Tc * d[2], 0.0, Tc * arm[1] / a.cbar, 0.0
 
 
-@_static("slipstream", "propulsive", _POWER, ("thrust-line", "propeller-normal-force"), power="propeller")
+@static("slipstream", "propulsive", _POWER, ("thrust-line", "propeller-normal-force"), power="propeller")
 def _slipstream(now: Now, given: Given, a: Aircraft) -> Six:
     """Slipstream over wing and tail."""
     Tc = _thrust_coefficient(now, a)
     return 0, 0, -Tc * (0.5 * now["alpha"] + 0.1), 0, Tc * (0.15 - 1.5 * now["de"]), Tc * (0.01 - 0.08 * now["dr"])
 
 
-_term("thrust-line", "propulsive", 4, lambda n, a: 0.1 * n["thrust"] / (n["qbar"] * a.S), _POWER, ("slipstream",))
-_static("thrust-scale", "propulsive", _POWER, ("drag-polar",), smallest=0.3)(
+term("thrust-line", "propulsive", 4, lambda n, a: 0.1 * n["thrust"] / (n["qbar"] * a.S), _POWER, ("slipstream",))
+static("thrust-scale", "propulsive", _POWER, ("drag-polar",), smallest=0.3)(
     lambda now, given, a: _along_thrust(now, 0.1 * now["thrust"], a)
 )
 
 
-@_with_memory("thrust-lag", "propulsive", _POWER, ("thrust-scale",), smallest=0.15, shape=True)
+@with_memory("thrust-lag", "propulsive", _POWER, ("thrust-scale",), smallest=0.15, shape=True)
 def _thrust_lag(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
     """Thrust that lags by the size [s]."""
 
@@ -320,7 +237,7 @@ def _thrust_lag(rng: np.random.Generator, a: Aircraft, events: dict[int, float])
     return formula, {}
 
 
-@_static("propeller-normal-force", "propulsive", _POWER, ("slipstream", "wrong-derivative"), _either_sign,
+@static("propeller-normal-force", "propulsive", _POWER, ("slipstream", "wrong-derivative"), either_sign,
          power="propeller")  # fmt: skip
 def _normal_force(now: Now, given: Given, a: Aircraft) -> Six:
     """Side force, normal force and yawing moment of an inclined propeller."""
@@ -328,8 +245,8 @@ def _normal_force(now: Now, given: Given, a: Aircraft) -> Six:
     return 0, -Tc * now["beta"], -2.0 * Tc * alpha, 0, 1.5 * Tc * alpha, given["sense"] * 1.0 * Tc * alpha
 
 
-@_static("engine-gyroscopic", "propulsive", ("pitch", "lateral", "multisine"), ("cross-coupling", "inertia-error"),
-         _either_sign, largest=20)  # fmt: skip
+@static("engine-gyroscopic", "propulsive", ("pitch", "lateral", "multisine"), ("cross-coupling", "inertia-error"),
+         either_sign, largest=20)  # fmt: skip
 def _gyroscopic(now: Now, given: Given, a: Aircraft) -> Six:
     """Rotors whose angular momentum resists pitch and yaw."""
     H = given["sense"] * 0.05 * float(a.mass or 0.0)  # kg m^2/s
@@ -337,26 +254,26 @@ def _gyroscopic(now: Now, given: Given, a: Aircraft) -> Six:
     return 0, 0, 0, 0, -H * now["r"] / (qS * a.cbar), H * now["q"] / (qS * a.b)
 
 
-_term("asymmetric-thrust", "propulsive", 5, lambda n, a: 0.02 * n["thrust"] / n["qbar"] / a.S, _POWER,
+term("asymmetric-thrust", "propulsive", 5, lambda n, a: 0.02 * n["thrust"] / n["qbar"] / a.S, _POWER,
       ("slipstream", "propeller-normal-force", "asymmetry"))  # fmt: skip
 
 # --- mass and structure ----------------------------------------------------------------------------------------------
 
 
-@_static("cg-shift", "inertial", ("pull", "lateral", "pitch"), ("wrong-derivative",), smallest=0.06)
+@static("cg-shift", "inertial", ("pull", "lateral", "pitch"), ("wrong-derivative",), smallest=0.06)
 def _centre(now: Now, given: Given, a: Aircraft) -> Six:
     """Centre of gravity ahead of or behind the stated one."""
     return 0, 0, 0, 0, 0.05 * now["CZ"], -0.05 * now["CY"] * a.cbar / a.b
 
 
-@_event("store-release", "inertial", ("configuration-change",), (0.05, 0.1))
+@event("store-release", "inertial", ("configuration-change",), (0.05, 0.1))
 def _dropped(now: Now, fraction: float, given: Given) -> Six:
     """Drag and moments of a store that is gone; its mass is JSBSim's."""
     gone = 1.0 if fraction > 0.0 else 0.0
     return 0.01 * gone, 0.0, 0.0, 0.01 * given["side"] * gone, 0.012 * gone, 0.002 * gone
 
 
-@_with_memory("structural-mode", "structural", ("pitch", "multisine"), ("turbulence",))
+@with_memory("structural-mode", "structural", ("pitch", "multisine"), ("turbulence",))
 def _mode(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
     """A bending mode driven by elevator and angle of attack."""
     w, zeta = 2 * math.pi * rng.uniform(2.2, 4.5), rng.uniform(0.02, 0.06)
@@ -373,7 +290,7 @@ def _mode(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tu
     return formula, {"frequency in Hz": w / (2 * math.pi), "damping": zeta}
 
 
-@_with_memory("slosh", "inertial", ("lateral", "turn", "lateral"), ("structural-mode",))
+@with_memory("slosh", "inertial", ("lateral", "turn", "lateral"), ("structural-mode",))
 def _slosh(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
     """Fuel that swings sideways."""
     w, zeta = 2 * math.pi * rng.uniform(0.4, 0.9), rng.uniform(0.03, 0.08)
@@ -400,6 +317,6 @@ _OUTSIDE: tuple[tuple[int, Term, tuple[str, ...]], ...] = (
     (4, lambda n, a: 0.01 * math.cos(n["h"] / 4.0), ("turn", "speed")),
 )
 for _k, _formula, _needs in _OUTSIDE:
-    _term("unknown", "static", _k, _formula, _needs, ())
+    term("unknown", "static", _k, _formula, _needs, ())
 UNMODELLED = tuple(ADDED_FORCES.pop("unknown"))
 """Repeatable functions of the flight that no name covers."""
