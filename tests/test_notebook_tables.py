@@ -1,5 +1,7 @@
 """What a notebook shows of a result is a table with its caption, and whatever comes from a file is escaped."""
 
+import copy
+import pickle
 from xml.etree import ElementTree
 
 import numpy as np
@@ -7,6 +9,7 @@ import pandas as pd
 import pytest
 
 import structsel as ss
+from structsel.results import Summarised
 from structsel.tables import Summary, table_of_frame
 from tests.diagnoses import diagnosis, hostile
 
@@ -128,3 +131,21 @@ def test_aircraft_trims_and_inputs_show_what_they_are():
     assert craft.aircraft.name in craft._repr_html_()
     linear = craft.linearise(steady, inputs=["de"])
     assert [row[0] for row in cells(linear._repr_html_())][1 : 1 + len(linear.parameters)] == list(linear.parameters)
+
+
+@pytest.mark.parametrize("name", ["selections", "selection", "model", "response", "validation", "recording", "pool"])
+def test_a_result_is_one_line_at_the_prompt_and_survives_a_copy_and_another_process(selections, name):
+    model = selections.model
+    results = {"selections": selections, "selection": selections["Cm"], "model": model, "response": model["Cm"],
+               "validation": ss.validate(model, recording()), "recording": recording(),
+               "pool": ss.Candidates(["alpha", "de"])}  # fmt: skip
+    one = results[name]
+    assert len(repr(one)) < 200
+    assert "\n" not in repr(one)
+    for again in (copy.deepcopy(one), pickle.loads(pickle.dumps(one))):
+        assert str(again) == str(one)
+
+
+def test_every_public_result_has_a_summary():
+    kinds = [kind for name in ss.__all__ if isinstance(kind := getattr(ss, name), type) and hasattr(kind, "to_frame")]
+    assert [kind.__name__ for kind in kinds if not issubclass(kind, Summarised)] == []
