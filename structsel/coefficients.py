@@ -361,11 +361,17 @@ def _require_above_zero(recording: Recording, name: str, values: np.ndarray) -> 
     edges = np.concatenate(([-1], bad, [len(values)]))
     k = int(np.argmax(np.diff(edges)))
     first, last = int(edges[k]) + 1, int(edges[k + 1]) - 1
-    remedy = "Check the unit and the sign in the channel map."
+    remedy, cli_remedy = "Check the unit and the sign in the channel map.", ""
     if last > first:
         t = recording.t
-        remedy = f"Take the part in flight: recording.between({t[first]:g}, {t[last]:g}) is the longest."
+        part = f"{t[first]:g}, {t[last]:g}"
+        remedy = f"Take the part in flight: recording.between({part}) is the longest."
+        cli_remedy = (
+            f"Take the part in flight with [file] rows = [first, last] in a channel map; t = {part} s is the longest."
+        )
     raise DomainError(
         f"{_WHO} needs '{name}' [{recording.unit(name)}] above zero; in '{recording.name}' it is "
-        f"{values[i]:g} at sample {i} (t = {recording.t[i]:g} s), {bad.size} such samples in all.\n{remedy}"
+        f"{values[i]:g} at sample {i} (t = {recording.t[i]:g} s), {bad.size} such samples in all.",
+        remedy=remedy,
+        cli_remedy=cli_remedy,
     )

@@ -27,11 +27,34 @@ _LONG_WORD, _LONG_LINE = re.compile(r"\S{401,}"), re.compile(r".{2001,}")
 
 
 class StructselError(Exception):
-    """Base of every error structsel raises on purpose."""
+    """Base of every error structsel raises on purpose.
+
+    Parameters
+    ----------
+    message : str
+        What failed and where, and what is needed.
+    remedy : str
+        What to do about it, in the library's terms; the last line of the error.
+    cli_remedy : str
+        The same in terms of the command line, if that is different.
+    """
+
+    def __init__(self, message: str = "", *, remedy: str = "", cli_remedy: str = ""):
+        super().__init__(f"{message}\n{remedy}" if remedy else message)
+        self.cli_text = f"{message}\n{cli_remedy}" if cli_remedy else ""
 
     def __str__(self) -> str:
         """What went wrong; of a name or a line that fills a screen, as a damaged file has them, both ends."""
-        return _LONG_LINE.sub(_ends, _LONG_WORD.sub(_ends, super().__str__()))
+        return _shortened(super().__str__())
+
+    @property
+    def cli_message(self) -> str:
+        """The error with the remedy that a user of the command line can follow."""
+        return _shortened(self.cli_text) if self.cli_text else str(self)
+
+
+def _shortened(text: str) -> str:
+    return _LONG_LINE.sub(_ends, _LONG_WORD.sub(_ends, text))
 
 
 def _ends(found: re.Match[str]) -> str:
@@ -80,12 +103,12 @@ class UnfinishedError(StructselError, RuntimeError):
         None where there was nothing.
     """
 
-    def __init__(self, message: str, partial: object = None):
-        super().__init__(message)
+    def __init__(self, message: str, partial: object = None, *, remedy: str = "", cli_remedy: str = ""):
+        super().__init__(message, remedy=remedy, cli_remedy=cli_remedy)
         self.partial = partial
 
-    def __reduce__(self) -> tuple[type, tuple[str, object]]:  # so that a worker process can raise it
-        return type(self), (str(self), self.partial)
+    def __reduce__(self) -> tuple[type, tuple[str, object], dict[str, object]]:  # so that a worker process can raise it
+        return type(self), (str(self), self.partial), {"cli_text": self.cli_text}
 
 
 class SimulationError(UnfinishedError):

@@ -115,7 +115,7 @@ def test_other_programs_read_the_table_past_the_notes(small, tmp_path):
 def test_a_file_is_replaced_only_when_asked_and_nothing_is_left_beside_it(small, tmp_path):
     path = write_recording(small, tmp_path / "one.csv")
     other = small.with_channels(alpha=0.2)
-    with pytest.raises(DataError, match=r"one\.csv' exists already\. Choose another name, or pass overwrite=True"):
+    with pytest.raises(DataError, match=r"one\.csv' exists already\.\nChoose another name, or pass overwrite=True"):
         write_recording(other, path)
     assert read_recording(path)["alpha"][0] == small["alpha"][0]
     write_recording(other, path, overwrite=True)

@@ -226,10 +226,12 @@ def get_channel(source: Any, name: str, needed_by: str) -> np.ndarray:
         adds = nomenclature.find_channel(name).source if nomenclature.is_known(name) else ""
         verb, _, of = adds.partition(":")
         first = f"{verb}({of and repr(of)}) adds it" if adds else "Add the channel"
+        commands = {"compute_coefficients": "Give --aircraft", "reconstruct": "Give --reconstruct"}
         raise ChannelError(
             f"Term {needed_by!r} needs channel {name!r}; {whose} has none.\n"
-            f"It has: {', '.join(has) or 'nothing that could be listed'}.{nomenclature.suggest(name, has)}\n"
-            f"{first}, or leave the term out: candidates.without({needed_by!r})."
+            f"It has: {', '.join(has) or 'nothing that could be listed'}.{nomenclature.suggest(name, has)}",
+            remedy=f"{first}, or leave the term out: candidates.without({needed_by!r}).",
+            cli_remedy=f"{commands.get(verb, 'Add the channel')}, or leave the term out of --candidates and --terms.",
         )
     values = np.asarray(source[name], dtype=float)
     finite = np.isfinite(values)

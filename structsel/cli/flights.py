@@ -10,7 +10,7 @@ import typer
 
 from structsel.aircraft import Aircraft
 from structsel.cli.parsing import split_names
-from structsel.cli.terminal import Waiting, in_commands, say
+from structsel.cli.terminal import Waiting, say
 from structsel.coefficients import compute_all
 from structsel.errors import DataError, ReconstructionError, SelectionError
 from structsel.readers.channel_map import load_channel_map
@@ -164,11 +164,11 @@ def reconstruct_paths(flown: Sequence[Recording], craft: Aircraft, **options: An
         whys = (f"'{name}': {why}" for name, why in results.failed.items())
         raise ReconstructionError("\n".join([f"no manoeuvre could be reconstructed{by}.", *whys]))
     for name, why in results.failed.items():
-        say("warning", f"'{name}' was not reconstructed{by}: {in_commands(why)}")
+        say("warning", f"'{name}' was not reconstructed{by}: {why}")
     for one in results:
         if not one.trusted:
             more = f" (and {len(one.distrust) - 1} more)" if len(one.distrust) > 1 else ""
-            say("warning", f"'{one.name}'{by} is NOT TRUSTED: {in_commands(one.distrust[0])}{more}.")
+            say("warning", f"'{one.name}'{by} is NOT TRUSTED: {one.distrust[0]}{more}.")
     return results
 
 

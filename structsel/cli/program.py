@@ -25,7 +25,7 @@ from structsel.cli import (
 from structsel.cli.manners import mannered
 from structsel.cli.output import claims
 from structsel.cli.pages import page
-from structsel.cli.terminal import in_commands, plain_warnings, say
+from structsel.cli.terminal import plain_warnings, say
 from structsel.errors import StructselError
 
 _EPILOG = page(
@@ -78,7 +78,7 @@ class Program(TyperGroup):
             try:
                 return super().invoke(ctx)
             except StructselError as error:
-                say("error", in_commands(str(error)))
+                say("error", error.cli_message)
                 raise typer.Exit(1) from error
             except typer.BadParameter as error:
                 error.message += _origin(error)

@@ -29,7 +29,7 @@ from structsel.cli.output import output_folder, refuse_existing
 from structsel.cli.pages import page
 from structsel.cli.parsing import split_names
 from structsel.cli.tables import print_files, print_summary
-from structsel.cli.terminal import Waiting, explain, in_commands, json_text, print_json, say, stdout
+from structsel.cli.terminal import Waiting, explain, json_text, print_json, say, stdout
 from structsel.errors import ReconstructionError
 from structsel.numerics.atmosphere import G0
 from structsel.reconstruction import METHODS, Reconstructions
@@ -185,7 +185,7 @@ def _by_each(
         except ReconstructionError as error:
             if method == methods[-1] and not found:
                 raise
-            say("warning", in_commands(str(error)))
+            say("warning", error.cli_message)
     return found
 
 

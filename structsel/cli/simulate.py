@@ -187,7 +187,7 @@ def _keep(flown: _Flown, recording: Recording, fly: Callable[[], Recording]) -> 
     try:
         flown.flights.append(fly())
     except SimulationError as error:
-        flown.broken[recording.name] = str(error)
+        flown.broken[recording.name] = error.cli_message
         if isinstance(error.partial, Recording):
             flown.flights.append(error.partial)
 

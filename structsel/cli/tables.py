@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from structsel.cli.terminal import in_commands
 from structsel.tables import Cell, Column, Summary, Table
 
 _LEAST_WIDTH = 10  # characters that a column of words keeps where the table is too wide
@@ -22,13 +21,13 @@ def print_summary(console: Console, summary: Summary) -> None:
         about = Text(f"  {summary.about}" if summary.title else summary.about)
         console.print(Text(summary.title, "bold") + about)
     for text in summary.alerts:
-        indented(console, "!", "red", in_commands(text))
+        indented(console, "!", "red", text)
     if summary.facts:
         console.print(Text("  ").join(Text.assemble((f"{name} ", "dim"), value) for name, value in summary.facts))
     for table in summary.tables:
         print_table(console, table)
     for text in summary.notes:
-        console.print(Text(in_commands(text), "dim"))
+        console.print(Text(text, "dim"))
     print_warnings(console, summary.warnings)
     console.print()
     for part in summary.parts:
@@ -93,7 +92,7 @@ def indented(console: Console, mark: str, style: str, text: str) -> None:
 def print_warnings(console: Console, warnings: Iterable[str]) -> None:
     """Print warnings, a paragraph each."""
     for text in warnings:
-        indented(console, "!", "yellow", in_commands(text))
+        indented(console, "!", "yellow", text)
 
 
 def print_files(console: Console, folder: str, names: Sequence[str]) -> None:

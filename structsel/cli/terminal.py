@@ -25,38 +25,6 @@ from structsel.cli.inputs_read import provenance
 PATIENCE = 2.0
 """Seconds of work before a progress bar is shown."""
 
-_ON_THE_COMMAND_LINE = {
-    "compute_coefficients()": "give --aircraft, and the coefficients are computed first.",
-    "reconstruct()": "structsel reconstruct, or --reconstruct, does that.",
-    "recording.between": "[file] rows = [first, last] in a channel map keeps a stretch of a file.",
-    "candidates.without": "leave the response out of --candidates and --terms.",
-    "overwrite=True": "pass --overwrite.",
-}
-"""What a remedy given in the library's terms means here."""
-_OPTIONS = {
-    "delays='estimate'": "--delays estimate",
-    "method='unscented'": "--method unscented",
-    "The flight so far is in the error's .partial.": "With --out the flight so far is written.",
-    "The flight so far is in .partial.": "With --out the flight so far is written.",
-    "the error's partial holds the motion up to there.": "with --out the motion up to there is written.",
-    "The exception's 'partial' has the other estimates.": "The other estimates are printed, and written with --out.",
-    "The nearest is in the error's .partial.": "The nearest is printed.",
-    "The nearest is in .partial.": "The nearest is printed.",
-    "start from trim()": "start from --trim",
-    "fly from trim(...)": "fly from --trim",
-    "free another control with free=(...), or widen limits={...}": "or free another control with --free",
-    "with free=(...)": "with --free",
-    "stabilise=True": "--stabilise",
-    "search='global'": "--search global",
-    "noise='process'": "--noise process",
-    "domain='time'": "--domain time",
-    "domain='frequency'": "--domain frequency",
-    "constraint='stable'": "--stable",
-    "bounds={'delay': (0, ...)}": "--bounds delay=0,...",
-    "(free=...)": "(--free)",
-    "climb=None with a given throttle": "another throttle with --controls",
-}
-
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 log = logging.getLogger("structsel")
@@ -136,14 +104,6 @@ def say(kind: str, message: str) -> None:
         return
     text = Text.assemble((f"{kind}: ", _STYLES[kind]), message)
     Console(stderr=True, highlight=False).print(text, soft_wrap=True)
-
-
-def in_commands(message: str) -> str:
-    """Return a message whose remedies, given in the library's terms, can be followed here."""
-    for call, option in _OPTIONS.items():
-        message = message.replace(call, option)
-    here = [says for call, says in _ON_THE_COMMAND_LINE.items() if call in message]
-    return "\n".join([message, *(f"On the command line: {says}" for says in here)])
 
 
 @contextmanager

@@ -105,7 +105,11 @@ def export_model(
     else:
         written = _WRITERS[to](model, aircraft, path)
     if there := [str(file) for file in written if file.exists() and not overwrite]:
-        raise DataError(f"'{there[0]}' exists already. Choose another name, or pass overwrite=True.")
+        raise DataError(
+            f"'{there[0]}' exists already.",
+            remedy="Choose another name, or pass overwrite=True.",
+            cli_remedy="Choose another name, or pass --overwrite.",
+        )
     _write(written)
     return path
 

@@ -99,7 +99,11 @@ def write(path: str | os.PathLike[str], content: dict[str, Any], overwrite: bool
     """
     path = Path(path)
     if path.exists() and not overwrite:
-        raise ModelError(f"Model file '{path}' exists. Choose another name, or pass overwrite=True.")
+        raise ModelError(
+            f"Model file '{path}' exists.",
+            remedy="Choose another name, or pass overwrite=True.",
+            cli_remedy="Choose another name, or pass --overwrite.",
+        )
     text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     try:
         write_text(path, text)

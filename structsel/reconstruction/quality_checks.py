@@ -81,7 +81,7 @@ def check_quality(
     if contradicted:
         distrust.append(
             "look at the clock, sign, unit and place of what is named first, and at the noise that is stated; a bias "
-            "that drifts needs drift, a late channel delays='estimate'"
+            "that drifts needs drift, a delayed channel delays='estimate' (--delays estimate)"
         )
     doubts += [text for f in faults if (text := str(f).removeprefix("warning: ")) not in distrust]
     doubts += [text for text in lateness.values() if text not in distrust]
@@ -112,7 +112,8 @@ def _is_felt(late: Delay, noise: float) -> bool:
 def _delay_text(late: Delay) -> str:
     way = "late" if late.delay > 0.0 else "early"
     return (
-        f"{late.channel} reads {abs(late.delay):.3f} s {way} (+- {2 * late.std:.3f}); delays='estimate' allows for it"
+        f"{late.channel} reads {abs(late.delay):.3f} s {way} (+- {2 * late.std:.3f}); delays='estimate' (--delays "
+        "estimate) allows for it"
     )
 
 

@@ -287,9 +287,10 @@ def _by_output_error(
     fit = check_data_compatibility(problem)
     if not fit.converged:
         raise ReconstructionError(
-            f"reconstruct by output error did not converge on '{recording.name}': {fit.message}.\n"
-            "Its best so far is in the exception's .partial; method='unscented' allows for noise on the inputs.",
+            f"reconstruct by output error did not converge on '{recording.name}': {fit.message}.",
             fit,
+            remedy="Its best so far is in the exception's .partial; method='unscented' allows for noise on the inputs.",
+            cli_remedy="--method unscented allows for noise on the inputs.",
         )
     n, x = len(problem.t), np.ascontiguousarray(fit.path[:, problem.active])
     seen = np.isfinite(fit.residuals)

@@ -197,7 +197,7 @@ def check_channel(name: str, t: np.ndarray, values: np.ndarray) -> list[Finding]
                 name,
                 f"{lost.size} of {values.size} samples are NaN or infinite, first",
                 "error",
-                "use recording.between() to take a stretch without them",
+                "take a part without them with recording.between() or [file] rows in a channel map",
                 i,
                 float(t[i]),
                 int(lost.size),

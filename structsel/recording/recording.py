@@ -106,7 +106,8 @@ class Recording(Result):
         if name == "t":
             return self.t
         if name not in self.channels:
-            raise ChannelError(f"channel '{name}' [{self.unit(name)}]; {self._lacks((name,))}")
+            text = f"channel '{name}' [{self.unit(name)}]; {self._lacks((name,))}"
+            raise ChannelError(text, remedy=self._ways((name,)), cli_remedy=self._ways((name,), cli=True))
         return self.channels[name]
 
     @property
@@ -152,19 +153,28 @@ class Recording(Result):
         if missing:
             which = ", ".join(f"'{name}' [{self.unit(name)}]" for name in missing)
             plural = "s" if len(missing) > 1 else ""
-            raise ChannelError(f"{needs} channel{plural} {which}; {self._lacks(missing)}")
+            text = f"{needs} channel{plural} {which}; {self._lacks(missing)}"
+            raise ChannelError(text, remedy=self._ways(missing), cli_remedy=self._ways(missing, cli=True))
         for name in names if finite else ():
             lost = np.flatnonzero(~np.isfinite(self[name]))
             if lost.size:
                 i = int(lost[0])
                 raise DataError(
                     f"{needs} finite samples of channel '{name}' [{self.unit(name)}]; in '{self.name}' it is "
-                    f"{self[name][i]} at sample {i} (t = {self.t[i]:g} s), {lost.size} in all.\n"
-                    "Take a stretch without them with recording.between(), or mend the file."
+                    f"{self[name][i]} at sample {i} (t = {self.t[i]:g} s), {lost.size} in all.",
+                    remedy="Take a part without them with recording.between(), or correct the file.",
+                    cli_remedy="Take a part without them with [file] rows = [first, last] in a channel map.",
                 )
 
     def _lacks(self, missing: Sequence[str]) -> str:
-        lines = [f"'{self.name}' has none.", f"It has: {', '.join(('t', *self.names))}."]
+        return f"'{self.name}' has none.\nIt has: {', '.join(('t', *self.names))}."
+
+    def _ways(self, missing: Sequence[str], *, cli: bool = False) -> str:
+        """What adds the missing channels."""
+        commands = {
+            "reconstruct": "Run structsel reconstruct first, or give --reconstruct, which adds it.",
+            "compute_coefficients": "Give --aircraft, and the coefficients are computed first.",
+        }
         ways: dict[str, None] = {}
         to_differentiate = []
         for name in missing:
@@ -173,17 +183,18 @@ class Recording(Result):
                 if name.removesuffix("_dot") in self:
                     to_differentiate.append(name.removesuffix("_dot"))
             elif source:
-                ways[f"Run {source}() first, which adds it."] = None
+                ways[commands.get(source, "") if cli else f"Run {source}() first, which adds it."] = None
         if to_differentiate:
             quoted = ", ".join(f'"{name}"' for name in to_differentiate)
-            ways[f"Run reconstruct() first, which adds it, or recording.differentiate({quoted})."] = None
+            run = f"Run reconstruct() first, which adds it, or recording.differentiate({quoted})."
+            ways[commands["reconstruct"] if cli else run] = None
         for name in missing:
             near = [other for other in close_names(name, self.names) if not is_known(other) or not is_known(name)]
             if near:
                 ways[f"Did you mean {' or '.join(repr(other) for other in near)} for '{name}'?"] = None
         if not ways:
             ways["If the file holds it under another name, say so in a channel map."] = None
-        return "\n".join([*lines, " ".join(ways)])
+        return " ".join(way for way in ways if way)
 
     def with_channels(
         self,

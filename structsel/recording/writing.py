@@ -53,7 +53,11 @@ def write_recording(recording: Recording, path: str | Path, *, overwrite: bool =
             f"write_recording was given '{path}'; it writes .csv and .parquet.\nGive the file one of these suffixes."
         )
     if path.exists() and not overwrite:
-        raise DataError(f"'{path}' exists already. Choose another name, or pass overwrite=True.")
+        raise DataError(
+            f"'{path}' exists already.",
+            remedy="Choose another name, or pass overwrite=True.",
+            cli_remedy="Choose another name, or pass --overwrite.",
+        )
     own = {
         name: f"{name} [{recording.unit(name)}]"
         for name in recording.names

@@ -238,5 +238,7 @@ def check_delay(parameters: Sequence[Parameter], flight: RefinableModel, recordi
         if longest >= r.duration:
             raise DataError(
                 f"refine would delay the inputs by up to {longest:g} s; '{r.name}' lasts {r.duration:g} s, so they "
-                "would never act. Bound the delay with bounds={'delay': (0, ...)}, or leave the recording out."
+                "would never act.",
+                remedy="Bound the delay with bounds={'delay': (0, ...)}, or leave the recording out.",
+                cli_remedy="Bound the delay with --bounds delay=0,..., or leave the recording out.",
             )

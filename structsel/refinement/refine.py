@@ -258,21 +258,28 @@ def refuse_failed_fit(problem: EstimationProblem, fit: OutputErrorFit, found: Re
             for k in [int(np.argmin(np.isfinite(z).all(axis=1)))]
             if not np.isfinite(z).all()
         ]
+        process = "noise='process'"
         open_loop = "" if isinstance(problem, FilterErrorProblem) else (
-            " noise='process', which corrects the simulation at each sample, converges from poorer starts."
+            f" {process}, which corrects the simulation at each sample, converges from poorer starts."
         )  # fmt: skip
         raise RefinementError(
             f"refine cannot simulate '{problem.model.name}' with its start values: no finite outputs in "
-            f"{', '.join(diverged)}.{why}\nStart nearer, take shorter recordings, or ask for search='global' with "
-            f"bounds and constraint='stable', which finds parameters for which it does not diverge.{open_loop}",
+            f"{', '.join(diverged)}.{why}",
             found,
+            remedy="Start nearer, take shorter recordings, or ask for search='global' with bounds and "
+            f"constraint='stable', which finds parameters for which it does not diverge.{open_loop}",
+            cli_remedy="Start nearer, take shorter recordings, or ask for --search global with --bounds and --stable, "
+            f"which finds parameters for which it does not diverge.{open_loop.replace(process, '--noise process')}",
         )
     lost = [p.name for p, gone in zip(problem.parameters, fit.undetermined) if gone and p.kind != "process"]
     if lost:
         raise RefinementError(
             f"refine cannot determine {', '.join(lost)} from {', '.join(r.name for r in problem.recordings)}: the "
             "information matrix is rank-deficient, the outputs do not depend on these, alone or in some "
-            "combination.\nHold them (free=...), or record inputs that excite what they multiply. The exception's "
-            "'partial' has the other estimates.",
+            "combination.",
             found,
+            remedy="Hold them (free=...), or record inputs that excite what they multiply. The exception's 'partial' "
+            "has the other estimates.",
+            cli_remedy="Hold them (--free), or record inputs that excite what they multiply. The other estimates are "
+            "printed, and written with --out.",
         )

@@ -198,8 +198,9 @@ def summarise_recordings(
     for response in responses:
         if response in candidates.channels:
             raise SelectionError(
-                f"select: response {response!r} is also a channel of the candidates, which would explain it by "
-                "itself. Take it out with candidates.without(...)."
+                f"select: response {response!r} is also a channel of the candidates, which would explain it by itself.",
+                remedy="Take it out with candidates.without(...).",
+                cli_remedy="Leave the response out of --candidates and --terms.",
             )
     channels = tuple(dict.fromkeys([*sorted(candidates.channels), *responses]))
     function = partial(_summarise, channels=channels, candidates=candidates, responses=tuple(responses))

@@ -201,8 +201,9 @@ def first_state(inputs: Inputs, start: Start | None, aircraft: Aircraft, name: s
     lacking = [c for c in ("theta", "h", *(() if from_velocity else ("V", "alpha"))) if c not in held]
     if lacking:
         raise ChannelError(
-            f"The start of a flight needs V and alpha (or u, v, w), theta and h; '{name}' lacks {', '.join(lacking)}.\n"
-            "Give start={...}, or fly from trim(...). What else is not given starts at zero."
+            f"The start of a flight needs V and alpha (or u, v, w), theta and h; '{name}' lacks {', '.join(lacking)}.",
+            remedy="Give start={...}, or start from trim(...). What else is not given starts at zero.",
+            cli_remedy="Start from --trim. What else is not given starts at zero.",
         )
     if wrong := [c for c, v in held.items() if not math.isfinite(v)]:
         raise DataError(f"'{name}': the flight cannot start, since {wrong[0]} is not finite at the first sample.")

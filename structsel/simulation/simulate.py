@@ -114,9 +114,12 @@ def simulate(
         raise SimulationError(
             f"'{setup.name}' could not be simulated beyond t = {end:g} s (sample {samples} of "
             f"{len(setup.manoeuvre.t)}): {REASONS[reason]}.\nThe motion diverges where an aircraft is "
-            "unstable without its pilot, or a parameter is far off: simulate a shorter time, start from trim(), or "
-            "check the signs of the model's static and damping terms. The flight so far is in the error's .partial.",
+            "unstable without its pilot, or a parameter is far off.",
             flight,
+            remedy="Simulate a shorter part, start from trim(), or check the signs of the model's static and damping "
+            "terms. The flight so far is in the error's .partial.",
+            cli_remedy="Simulate a shorter part, start from --trim, or check the signs of the model's static and "
+            "damping terms. With --out the flight so far is written.",
         )
     assert flight is not None
     _judge_region(setup, model, flight, outside)

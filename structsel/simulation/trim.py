@@ -109,8 +109,9 @@ def trim(
     rows = np.arange(len(EQUATIONS)) if lateral else np.array([0, 2, 4, 6])
     if len(unknowns) < len(rows):
         raise ModelError(
-            f"A steady flight has {len(rows)} equations, and only {', '.join(unknowns)} to fulfil them. "
-            f"Free more controls with free=(...); the model flies on {', '.join(plant.controls)}."
+            f"A steady flight has {len(rows)} equations, and only {', '.join(unknowns)} to fulfil them.",
+            remedy=f"Free more controls with free=(...); the inputs of the model are {', '.join(plant.controls)}.",
+            cli_remedy=f"Free more controls with --free; the inputs of the model are {', '.join(plant.controls)}.",
         )
     # A thrust is found to a tenth of the weight as an angle is to a tenth of a radian.
     weight = float(setup.manoeuvre.conditions[0, 0]) * G0
@@ -123,7 +124,14 @@ def trim(
     outputs = plant.outputs(problem.state(z), problem.controls(z))
     found = problem.solution(z, {name: float(outputs[OUTPUTS.index(name)]) for name in _KEPT})
     if np.abs(problem.residual(z)).max() > _BALANCED:
-        raise SimulationError(_why_not(problem, z), found)
+        raise SimulationError(
+            _why_not(problem, z),
+            found,
+            remedy="Try another airspeed, climb or flap, free another control with free=(...), or widen limits={...}. "
+            "The nearest is in the error's .partial.",
+            cli_remedy="Try another airspeed, climb or flap, or free another control with --free. The nearest is "
+            "printed.",
+        )
     return found
 
 
@@ -202,8 +210,7 @@ def _why_not(problem: TrimProblem, z: np.ndarray) -> str:
     stuck = f" At a limit: {', '.join(at)}." if at else ""
     return (
         f"No trim exists at V = {problem.V:g} m/s, h = {problem.h:g} m: the nearest leaves {left[worst]:.3g} {unit} of "
-        f"{name}.{stuck}\nTry another airspeed, climb or flap, free another control with free=(...), or widen "
-        "limits={...}. The nearest is in the error's .partial."
+        f"{name}.{stuck}"
     )
 
 

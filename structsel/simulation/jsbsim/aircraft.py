@@ -157,9 +157,10 @@ class JSBSimAircraft:
             raise SimulationError(
                 f"JSBSim's {self.name} has no steady flight at V = {V:g} m/s, h = {h:g} m: the nearest leaves "
                 f"{left[worst]:.3g} of {EQUATIONS[worst]} with {at}."
-                f"{silent}\nTry another airspeed or flap, or climb=None with a given throttle. "
-                "The nearest is in .partial.",
+                f"{silent}",
                 made,
+                remedy="Try another airspeed or flap, or climb=None with a given throttle. The nearest is in .partial.",
+                cli_remedy="Try another airspeed or flap, or another throttle with --controls. The nearest is printed.",
             )
         return made
 
@@ -246,9 +247,11 @@ class JSBSimAircraft:
             flight = make_recording(name, t[: len(rows)], held, self.controls, state, how)
         if flight is None or len(rows) < len(t):
             raise SimulationError(
-                f"JSBSim could not fly '{name}' beyond t = {t[len(rows) - 1]:g} s: the states are no longer finite.\n"
-                "Start from .trim(), try stabilise=True, or smaller inputs. The flight so far is in .partial.",
+                f"JSBSim could not fly '{name}' beyond t = {t[len(rows) - 1]:g} s: the states are no longer finite.",
                 flight,
+                remedy="Start from .trim(), try stabilise=True, or smaller inputs. The flight so far is in .partial.",
+                cli_remedy="Start from --trim, try --stabilise, or smaller inputs. With --out the flight so far is "
+                "written.",
             )
         return flight
 
