@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from structsel import write_report
+from structsel import read_recording, write_report
 from structsel.candidates import Candidates, Term
 from structsel.cli import app
 from structsel.cli.tables import print_summary
@@ -14,9 +14,11 @@ from structsel.cli.terminal import stdout
 from structsel.demo import demo_missing_physics
 from structsel.diagnosis import diagnose
 from structsel.effects import EFFECTS, Effect, EffectParameter, Variant
-from structsel.errors import DomainError, SelectionError
+from structsel.errors import DataError, DomainError, SelectionError
 from structsel.metrics import metric, remove_metric
 from structsel.model import AeroModel, ResponseModel
+from structsel.readers import READERS
+from structsel.readers.table import table_from_arrays
 from structsel.recording import Recording, write_recording
 from structsel.report.selection import describe_method
 from structsel.selection import select
@@ -150,3 +152,20 @@ def test_a_method_from_outside_is_known_to_the_command_line(single_best, tmp_pat
     result = CliRunner().invoke(app, [*asked, "--method", "double_best"])
     assert result.exit_code == 2
     assert "single_best" in result.output
+
+
+# --- a reader -------------------------------------------------------------------------------------
+
+
+def test_a_reader_from_outside_reads_files_of_its_suffix(tmp_path, monkeypatch):
+    def read_recorder(path, options):
+        alpha = [float(x) for x in path.read_text().split()]
+        return table_from_arrays(str(path), {"t": np.arange(len(alpha)), "alpha": alpha})
+
+    monkeypatch.setitem(READERS, ".recorder", read_recorder)
+    (tmp_path / "m01.recorder").write_text("0.1 0.2 0.3")
+    recording = read_recording(tmp_path / "m01.recorder")
+    np.testing.assert_allclose(recording["alpha"], [0.1, 0.2, 0.3])
+    (tmp_path / "m01.other").write_text("0.1 0.2 0.3")
+    with pytest.raises(DataError, match=r"'\.other', which no reader knows"):
+        read_recording(tmp_path / "m01.other")

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from structsel.cli import app
 from structsel.errors import DataError
 from structsel.readers import read_table
-from structsel.readers.aliases import BY_NAME, LOOSE, TURNED
+from structsel.readers.aliases import AMBIGUOUS, BY_NAME, SIGN_REVERSED
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.guess_map import guess_map
 from structsel.recording import read_recording
@@ -56,9 +56,9 @@ def foreign(tmp_path):
 
 
 def test_no_name_means_two_channels():
-    assert not set(BY_NAME) & set(LOOSE)
-    assert not set(BY_NAME) & set(TURNED)
-    assert not set(LOOSE) & set(TURNED)
+    assert not set(BY_NAME) & set(AMBIGUOUS)
+    assert not set(BY_NAME) & set(SIGN_REVERSED)
+    assert not set(AMBIGUOUS) & set(SIGN_REVERSED)
 
 
 def test_the_guessed_map_reads_the_file_as_it_was_meant(foreign, tmp_path):
@@ -150,7 +150,7 @@ def test_how_the_file_is_read_is_part_of_the_map(tmp_path):
 def test_describe_writes_the_map_and_says_what_it_could_not_place(foreign, tmp_path):
     done = describe(foreign, "--guess-map", tmp_path / "map.toml")
     assert "alpha" in done.stdout
-    assert "not placed: fuel" in done.stdout
+    assert "not recognised: fuel" in done.stdout
     assert "written to" in done.stderr
     assert '#   "fuel": 496 to 500' in (tmp_path / "map.toml").read_text()
     assert "alpha" in describe(foreign, "--map", tmp_path / "map.toml").stdout
@@ -177,3 +177,15 @@ def test_a_map_is_guessed_for_one_file_only(foreign, tmp_path):
     assert not (tmp_path / "map.toml").exists()
     done = describe(foreign, "--guess-map", tmp_path / "none" / "map.toml", code=1)
     assert "cannot be written: No such file or directory" in done.stderr
+
+
+def test_a_column_that_is_placed_is_not_taken_for_time_and_text_times_are_named(tmp_path):
+    n = 300
+    rows = [f"12:00:{0.02 * k:06.3f},{1.0 + 0.01 * k:.4f},{np.sin(0.3 * k):.4f}" for k in range(n)]
+    path = tmp_path / "times.csv"
+    path.write_text("Time,AoA,de\n" + "\n".join(rows) + "\n")
+    guessed = guess_map(read_table(path, FileOptions()))
+    assert {guess.channel for guess in guessed.guesses} == {"alpha", "de"}
+    assert "text, such as '12:00:00.000'" in guessed.unplaced["Time"]
+    with pytest.raises(DataError, match=r"column 'Time' holds no numbers: text, such as '12:00:00\.000'.*dt = "):
+        read_recording(path)

@@ -49,7 +49,7 @@ ALIASES: dict[str, str] = {
 }
 """Names that mean the channel."""
 
-LOOSE: dict[str, tuple[str, str]] = {
+AMBIGUOUS: dict[str, tuple[str, str]] = {
     "airspeed": ("V", "indicated, calibrated or true airspeed: V is true"),
     "ias": ("V", "indicated airspeed: V is true, and larger by the root of the density ratio"),
     "cas": ("V", "calibrated airspeed: V is true, and larger by the root of the density ratio"),
@@ -81,7 +81,7 @@ LOOSE: dict[str, tuple[str, str]] = {
 }
 """Names that may mean the channel, and what must be made sure of."""
 
-TURNED: dict[str, tuple[str, str]] = {
+SIGN_REVERSED: dict[str, tuple[str, str]] = {
     "climbrate": ("vd", "climb is up, vd is down"),
     "rateofclimb": ("vd", "climb is up, vd is down"),
     "verticalspeed": ("vd", "climb is up, vd is down"),

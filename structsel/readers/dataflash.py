@@ -20,7 +20,7 @@ import numpy as np
 from structsel.errors import DataError
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.standard_maps import Usual, import_extra, longest_clock, with_ready_map
+from structsel.readers.standard_maps import StandardChannel, densest_time, import_extra, with_standard_map
 from structsel.readers.table import Table
 from structsel.readers.units import is_unit
 
@@ -49,31 +49,35 @@ def _of(message: str, field: str) -> tuple[str, str]:
 
 
 _USUAL = (
-    *(Usual(name, _of("IMU", f"Gyr{axis}"), "rad/s") for name, axis in zip("pqr", "XYZ")),
-    *(Usual(f"a{axis.lower()}", _of("IMU", f"Acc{axis}"), "m/s^2") for axis in "XYZ"),
-    Usual("phi", ("ATT.Roll",), "deg", doubt=_ESTIMATED),
-    Usual("theta", ("ATT.Pitch",), "deg", doubt=_ESTIMATED),
-    Usual("psi", ("ATT.Yaw",), "deg", doubt=_ESTIMATED),
-    Usual(
+    *(StandardChannel(name, _of("IMU", f"Gyr{axis}"), "rad/s") for name, axis in zip("pqr", "XYZ")),
+    *(StandardChannel(f"a{axis.lower()}", _of("IMU", f"Acc{axis}"), "m/s^2") for axis in "XYZ"),
+    StandardChannel("phi", ("ATT.Roll",), "deg", assumption=_ESTIMATED),
+    StandardChannel("theta", ("ATT.Pitch",), "deg", assumption=_ESTIMATED),
+    StandardChannel("psi", ("ATT.Yaw",), "deg", assumption=_ESTIMATED),
+    StandardChannel(
         "V",
         _of("ARSP", "TAS"),
         "m/s",
-        doubt="the sensor's equivalent airspeed over the root of the standard atmosphere's relative density at its "
-        "static pressure: 1.7 % per 10 K the air is off standard",
+        assumption="the sensor's equivalent airspeed over the root of the standard atmosphere's relative density at "
+        "its static pressure: 1.7 % per 10 K the air is off standard",
     ),
     *(
-        Usual(f"v{to.lower()}", (*_of("XKF1", f"V{to}"), *_of("NKF1", f"V{to}")), "m/s", doubt=_ESTIMATED)
+        StandardChannel(
+            f"v{to.lower()}", (*_of("XKF1", f"V{to}"), *_of("NKF1", f"V{to}")), "m/s", assumption=_ESTIMATED
+        )
         for to in "NED"
     ),
-    Usual("x", (*_of("XKF1", "PN"), *_of("NKF1", "PN")), "m", doubt=_ESTIMATED),
-    Usual("y", (*_of("XKF1", "PE"), *_of("NKF1", "PE")), "m", doubt=_ESTIMATED),
-    Usual("h", ("POS.Alt",), "m", doubt=_ESTIMATED),
-    Usual("h_agl", _of("RFND", "Dist"), "m", doubt="along the sensor's beam, not the vertical"),
-    Usual("pressure", _of("BARO", "Press"), "Pa"),
-    Usual("rpm", (*_of("RPM", "RPM"), "RPM.rpm1"), "rpm"),
-    Usual("throttle", ("RCOU.throttle",), "-", hold=True, doubt="the command of the motor, not its speed"),
+    StandardChannel("x", (*_of("XKF1", "PN"), *_of("NKF1", "PN")), "m", assumption=_ESTIMATED),
+    StandardChannel("y", (*_of("XKF1", "PE"), *_of("NKF1", "PE")), "m", assumption=_ESTIMATED),
+    StandardChannel("h", ("POS.Alt",), "m", assumption=_ESTIMATED),
+    StandardChannel("h_agl", _of("RFND", "Dist"), "m", assumption="along the sensor's beam, not the vertical"),
+    StandardChannel("pressure", _of("BARO", "Press"), "Pa"),
+    StandardChannel("rpm", (*_of("RPM", "RPM"), "RPM.rpm1"), "rpm"),
+    StandardChannel(
+        "throttle", ("RCOU.throttle",), "-", hold=True, assumption="the command of the motor, not its speed"
+    ),
     *(
-        Usual(f"{name}_command", (f"RCOU.{name}",), "-", hold=True, doubt=_COMMANDED)
+        StandardChannel(f"{name}_command", (f"RCOU.{name}",), "-", hold=True, assumption=_COMMANDED)
         for name in _SERVOS.values()
         if name != "throttle"
     ),
@@ -81,7 +85,7 @@ _USUAL = (
 
 
 def read_dataflash(path: Path, options: FileOptions) -> Table:
-    """Table of a DataFlash log, each message on its own clock, with ArduPilot's usual messages as its ready map.
+    """Table of a DataFlash log, each message on its own clock, with ArduPilot's usual messages as its standard map.
 
     Columns are added that other tools compute as well: ``ARSP.TAS``, true airspeed; and, where the log holds the
     parameters of the outputs, ``RCOU.throttle`` (0 to 1) and ``RCOU.elevator``, ``.aileron``, ``.rudder``, ``.flap``
@@ -121,15 +125,15 @@ def read_dataflash(path: Path, options: FileOptions) -> Table:
         )
     table = Table(str(path), columns, units=units, clocks=clocks, notes=tuple(notes), faults=faults)
     measured = [c for row in _USUAL for c in row.columns if isinstance(c, str) and c in columns]
-    usual = (Usual("t", (clocks[measured[0]] if measured else longest_clock(clocks, columns),)), *_USUAL)
+    usual = (StandardChannel("t", (clocks[measured[0]] if measured else densest_time(clocks, columns),)), *_USUAL)
     if "RCOU.throttle" not in columns and "RCOU.elevator" not in columns:
-        usual += tuple(Usual(f"pwm{i}", (f"RCOU.C{i}",), hold=True) for i in range(1, 15))
+        usual += tuple(StandardChannel(f"pwm{i}", (f"RCOU.C{i}",), hold=True) for i in range(1, 15))
     if "AOA.AOA" in columns:
         table = replace(
             table,
             notes=(*table.notes, "AOA.AOA and AOA.SSA are computed by ArduPilot from its wind estimate, and not used"),
         )
-    return with_ready_map(table, "ArduPilot's usual messages", usual)
+    return with_standard_map(table, "ArduPilot's usual messages", usual)
 
 
 def _index(reader: ModuleType, path: Path) -> Any:

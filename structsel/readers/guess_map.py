@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,9 @@ from structsel.nomenclature import (
     is_known,
     list_channels,
 )
-from structsel.readers.aliases import BY_NAME, LOOSE, TURNED
+from structsel.readers.aliases import AMBIGUOUS, BY_NAME, SIGN_REVERSED
 from structsel.readers.channel_map import ChannelEntry, FileOptions
-from structsel.readers.table import TAILS, Table, split_header
+from structsel.readers.table import UNIT_SUFFIXES, Table, split_header
 from structsel.readers.units import convert, is_convertible
 
 SURE, LIKELY, UNSURE = "sure", "likely", "unsure"
@@ -119,8 +119,8 @@ class GuessedMap:
 def guess_map(table: Table, options: FileOptions | None = None) -> GuessedMap:
     """Guess a channel map for a table.
 
-    What a format's own ready map says stands. Other columns are placed by name; their unit is what the file states,
-    else what their size speaks for.
+    The standard channel map of a format is kept. Other columns are placed by name; their unit is what the file states,
+    else what their size suggests.
 
     Parameters
     ----------
@@ -133,25 +133,26 @@ def guess_map(table: Table, options: FileOptions | None = None) -> GuessedMap:
     DataError
         When no column can be placed; the message says what the file has.
     """
-    ready = table.ready.channels if table.ready is not None else {}
+    standard = table.standard_map.channels if table.standard_map is not None else {}
     placed: dict[str, list[Guess]] = {}
-    for channel, entry in ready.items():
-        doubt = table.doubts.get(channel)
-        why = doubt or f"{table.ready.source if table.ready else ''} have it there"
-        placed[channel] = [Guess(channel, entry, LIKELY if doubt else SURE, why)]
+    for channel, entry in standard.items():
+        assumption = table.assumptions.get(channel)
+        why = assumption or f"{table.standard_map.source if table.standard_map else ''} have it there"
+        placed[channel] = [Guess(channel, entry, LIKELY if assumption else SURE, why)]
     taken = {column for guesses in placed.values() for guess in guesses for column in guess.columns}
     against: dict[str, str] = {}
     for column in table.columns if table.named else ():
         guess = _by_name(table, column, against) if column not in taken else None
-        if guess is None or guess.channel in ready:
+        if guess is None or guess.channel in standard:
             continue
-        if ready:
+        if standard:
             guess = replace(guess, sure=UNSURE, why=f"{guess.why}; not among the format's usual columns")
         placed.setdefault(guess.channel, []).append(guess)
-    _place_sides(table, placed)
+    _combine_left_right(table, placed)
     if "t" not in placed:
-        placed |= {"t": clocks} if (clocks := _clocks_by_values(table)) else {}
-    chosen = _agree(table, [_choose(guesses) for guesses in placed.values()])
+        named = {column for guesses in placed.values() for guess in guesses for column in guess.columns}
+        placed |= {"t": clocks} if (clocks := _time_by_values(table, named)) else {}
+    chosen = _harmonise_units(table, [_choose(guesses) for guesses in placed.values()])
     if not chosen:
         raise DataError(
             f"no column of '{table.path}' can be placed by its name.\nIt has: {table.describe()}.\n"
@@ -163,8 +164,9 @@ def guess_map(table: Table, options: FileOptions | None = None) -> GuessedMap:
     used |= {table.numbers[int(c)] for c in used if c.isdigit() and int(c) in table.numbers}
     times = set(table.clocks.values())
     unplaced = {c: against.get(c, _range(table.columns[c])) for c in table.columns if c not in used | times}
+    unplaced |= table.unusable
     file = options or FileOptions()
-    if table.ready is not None and table.ready.file.others == "keep":
+    if table.standard_map is not None and table.standard_map.file.others == "keep":
         file = file.model_copy(update={"others": "keep"})
     return GuessedMap(table.path, tuple(chosen), unplaced, file)
 
@@ -173,15 +175,15 @@ def _by_name(table: Table, column: str, against: dict[str, str]) -> Guess | None
     name, tail = _name_and_tail(column)
     stated = table.units.get(column, tail)
     key = re.sub(r"[^a-z0-9]", "", name.lower())
-    sure, sign, doubt = SURE, 1, ""
+    sure, sign, assumption = SURE, 1, ""
     if is_known(name):
         channel = name
     elif key in BY_NAME or key in _ANY_CASE:
         channel = BY_NAME.get(key) or _ANY_CASE[key]
-    elif key in TURNED:
-        (channel, doubt), sure, sign = TURNED[key], LIKELY, -1
-    elif key in LOOSE:
-        (channel, doubt), sure = LOOSE[key], UNSURE
+    elif key in SIGN_REVERSED:
+        (channel, assumption), sure, sign = SIGN_REVERSED[key], LIKELY, -1
+    elif key in AMBIGUOUS:
+        (channel, assumption), sure = AMBIGUOUS[key], UNSURE
     else:
         return None
     target = find_channel(channel).unit
@@ -197,22 +199,22 @@ def _by_name(table: Table, column: str, against: dict[str, str]) -> Guess | None
     elif stated is None:
         why = f"the name{f'; {why}' if why else ''}"
     elif target != "-" and is_convertible(stated, "-"):
-        sure, doubt = UNSURE, doubt or f"a share of what, in [{target}]?"
+        sure, assumption = UNSURE, assumption or f"a share of what, in [{target}]?"
     values = convert(_some(table.columns[column]), unit, target)
     row = find_channel(channel)
     if channel == "az" and values.size and np.median(values) > 0.0:
-        sign, doubt = -1, "it reads up, as load factors do, so its sign is turned; are ax and ay turned too?"
+        sign, assumption = -1, "it reads up, as load factors do, so its sign is reversed; are ax and ay turned too?"
         sure = max(sure, LIKELY, key=_RANK.__getitem__)
     if values.size and np.mean((values < row.low) | (values > row.high)) > 0.01:
-        sure, doubt = UNSURE, doubt or f"values out of what is plausible; {row.hint or 'a wrong unit'}?"
+        sure, assumption = UNSURE, assumption or f"values out of what is plausible; {row.hint or 'a wrong unit'}?"
     if channel in CONTROL_SURFACES:
         sure = max(sure, LIKELY, key=_RANK.__getitem__)
-        doubt = doubt or "is a positive one a negative moment?"
+        assumption = assumption or "is a positive one a negative moment?"
     if not values.size:
         return None
     entry = ChannelEntry(column=column, unit=None if unit == stated and stated == table.units.get(column) else unit,
                          sign=-1 if sign == -1 else 1)  # fmt: skip
-    return Guess(channel, entry, sure, "; ".join(filter(None, (why, doubt))))
+    return Guess(channel, entry, sure, "; ".join(filter(None, (why, assumption))))
 
 
 def _name_and_tail(column: str) -> tuple[str, str | None]:
@@ -220,9 +222,9 @@ def _name_and_tail(column: str) -> tuple[str, str | None]:
     name, unit = split_header(column)
     if unit is None:
         name = re.split(r"[./]", name)[-1] if not is_known(name) else name
-        for tail in sorted(TAILS, key=len, reverse=True):
+        for tail in sorted(UNIT_SUFFIXES, key=len, reverse=True):
             if name.endswith(f"_{tail}") and len(name) > len(tail) + 1 and not is_known(name):
-                return name[: -len(tail) - 1], TAILS[tail]
+                return name[: -len(tail) - 1], UNIT_SUFFIXES[tail]
     return name, unit
 
 
@@ -263,7 +265,7 @@ def _unit_by_size(table: Table, column: str, channel: str) -> tuple[str, str]:
     return target, ""
 
 
-def _place_sides(table: Table, placed: dict[str, list[Guess]]) -> None:
+def _combine_left_right(table: Table, placed: dict[str, list[Guess]]) -> None:
     """Aileron from a left and a right one, where there is no single one."""
     if "da" in placed:
         return
@@ -282,9 +284,11 @@ def _place_sides(table: Table, placed: dict[str, list[Guess]]) -> None:
         placed["da"] = [Guess("da", entry, UNSURE, "half of right less left, if both are positive trailing edge down")]
 
 
-def _clocks_by_values(table: Table) -> list[Guess]:
-    """First column that increases evenly, as a time does."""
+def _time_by_values(table: Table, used: Collection[str]) -> list[Guess]:
+    """First column that increases evenly, as a time does, and is not another channel."""
     for number, (column, values) in enumerate(table.columns.items(), 1):
+        if column in used:
+            continue
         steps = np.diff(np.asarray(values, dtype=np.float64))
         if (
             len(steps) > 2
@@ -306,7 +310,7 @@ def _choose(guesses: list[Guess]) -> Guess:
     return Guess(best.channel, best.entry, UNSURE, f"{best.why}; or {', '.join(rivals[:3])}")
 
 
-def _agree(table: Table, chosen: list[Guess]) -> list[Guess]:
+def _harmonise_units(table: Table, chosen: list[Guess]) -> list[Guess]:
     """Guesses in which channels of one kind, where no unit is stated, share the one that any of them speaks for."""
     silent = {g.channel: g for g in chosen if g.entry.unit is not None and not _is_stated(table, g.columns)}
     for kind in _KINDS:

@@ -13,7 +13,7 @@ import numpy as np
 from structsel.errors import DataError
 from structsel.nomenclature import find_channel, is_known
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.standard_maps import Usual, import_extra, longest_clock, with_ready_map
+from structsel.readers.standard_maps import StandardChannel, densest_time, import_extra, with_standard_map
 from structsel.readers.table import Table, split_header
 from structsel.readers.units import is_convertible, is_unit
 
@@ -24,9 +24,9 @@ _UNFINISHED = b"UnFinMF "
 def read_mdf(path: Path, options: FileOptions) -> Table:
     """Table of an MDF file: physical values, in the units the file states, invalidated samples NaN.
 
-    A channel whose name an earlier group has taken is called ``name (group 3)``. Its ready map takes channels that are
-    named as in the nomenclature, with or without their unit, and keeps the others; the clock is that of the group with
-    the most samples among them.
+    A channel whose name an earlier group has taken is called ``name (group 3)``. Its standard map takes channels
+    that are named as in the nomenclature, with or without their unit, and keeps the others; the clock is that of the
+    group with the most samples among them.
 
     Raises
     ------
@@ -52,10 +52,10 @@ def read_mdf(path: Path, options: FileOptions) -> Table:
         unit = table.units.get(column)
         fits = is_known(name) and (unit is None or is_convertible(unit, find_channel(name).unit))
         if fits and name != "t":
-            usual.append(Usual(name, (column,)))
+            usual.append(StandardChannel(name, (column,)))
     known = [column for row in usual for column in row.columns if isinstance(column, str)]
-    clock = longest_clock(table.clocks, table.columns, known)
-    return with_ready_map(table, "the nomenclature", (Usual("t", (clock,)), *usual), others="keep")
+    clock = densest_time(table.clocks, table.columns, known)
+    return with_standard_map(table, "the nomenclature", (StandardChannel("t", (clock,)), *usual), others="keep")
 
 
 def _read(path: Path, asammdf: ModuleType) -> tuple[Table | None, str]:

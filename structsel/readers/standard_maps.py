@@ -17,7 +17,7 @@ from structsel.readers.table import Table
 
 
 @dataclass(frozen=True)
-class Usual:
+class StandardChannel:
     """Where a format usually keeps one channel.
 
     Attributes
@@ -30,7 +30,7 @@ class Usual:
     sign : 1 or -1
     hold : bool
         A command, see `ChannelEntry`.
-    doubt : str
+    assumption : str
         What is taken on trust, said wherever the channel is made.
     """
 
@@ -39,23 +39,23 @@ class Usual:
     unit: str | None = None
     sign: Literal[1, -1] = 1
     hold: bool = False
-    doubt: str = ""
+    assumption: str = ""
 
 
-def with_ready_map(table: Table, source: str, usual: Sequence[Usual], *, others: str = "leave") -> Table:
-    """Table with the ready map of its format: the usual places of which the file has one.
+def with_standard_map(table: Table, source: str, usual: Sequence[StandardChannel], *, others: str = "leave") -> Table:
+    """Table with the standard channel map of its format: the usual places of which the file has one.
 
     Parameters
     ----------
     table : Table
     source : str
         Whose map it is, for messages: "PX4's usual topics".
-    usual : sequence of Usual
+    usual : sequence of StandardChannel
     others : {"leave", "keep"}
         What becomes of the columns the map does not list.
     """
     channels: dict[str, ChannelEntry] = {}
-    doubts: dict[str, str] = {}
+    assumptions: dict[str, str] = {}
     for row in usual:
         there = [
             column
@@ -66,12 +66,12 @@ def with_ready_map(table: Table, source: str, usual: Sequence[Usual], *, others:
             continue
         where: dict[str, Any] = {"column": there[0]} if isinstance(there[0], str) else {"columns": dict(there[0])}
         channels[row.channel] = ChannelEntry(**where, unit=row.unit, sign=row.sign, hold=row.hold)
-        if row.doubt:
-            doubts[row.channel] = row.doubt
+        if row.assumption:
+            assumptions[row.channel] = row.assumption
     if not channels.keys() - {"t"} and others == "leave":
         return table
-    ready = ChannelMap(channels=channels, file=FileOptions(others=others), source=source)  # type: ignore[arg-type]
-    return replace(table, ready=ready, doubts={**table.doubts, **doubts})
+    standard = ChannelMap(channels=channels, file=FileOptions(others=others), source=source)  # type: ignore[arg-type]
+    return replace(table, standard_map=standard, assumptions={**table.assumptions, **assumptions})
 
 
 def _has_numbers(table: Table, column: str) -> bool:
@@ -96,7 +96,7 @@ def import_extra(module: str, extra: str, path: Path, kind: str) -> ModuleType:
         ) from error
 
 
-def longest_clock(clocks: Mapping[str, str], columns: Mapping[str, np.ndarray], among: Collection[str] = ()) -> str:
+def densest_time(clocks: Mapping[str, str], columns: Mapping[str, np.ndarray], among: Collection[str] = ()) -> str:
     """Clock with the most samples among those of some columns (of all, if none are given)."""
     found = {clocks[column] for column in (among or clocks)}
     return max(sorted(found), key=lambda clock: len(columns[clock]))

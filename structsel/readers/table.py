@@ -15,7 +15,7 @@ from structsel.readers.units import is_convertible, is_unit
 
 _WITH_UNIT = re.compile(r"^\s*(?P<name>.*?\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))\s*$")
 
-TAILS = {
+UNIT_SUFFIXES = {
     "deg": "deg", "rad": "rad", "deg_s": "deg/s", "dps": "deg/s", "degps": "deg/s", "rad_s": "rad/s", "radps": "rad/s",
     "deg_s2": "deg/s^2", "rad_s2": "rad/s^2", "m": "m", "ft": "ft", "km": "km", "m_s": "m/s", "mps": "m/s",
     "ft_s": "ft/s", "fps": "ft/s", "kt": "kt", "kts": "kt", "kn": "kt", "knots": "kt", "kmh": "km/h", "kph": "km/h",
@@ -42,7 +42,7 @@ def split_header(text: str) -> tuple[str, str | None]:
     whole = text.strip()
     at = whole.find("_")
     while at > 0 and not is_known(whole):
-        name, tail = whole[:at], TAILS.get(whole[at + 1 :])
+        name, tail = whole[:at], UNIT_SUFFIXES.get(whole[at + 1 :])
         if tail is not None and is_known(name) and is_convertible(tail, find_channel(name).unit):
             return name, tail
         at = whole.find("_", at + 1)
@@ -112,10 +112,10 @@ class Table:
         Channels that the file states to be at the centre of gravity already.
     clocks : mapping of str to str
         Name of the column that holds the times of each column, in a log of many rates; empty where one clock serves.
-    ready : ChannelMap or None
+    standard_map : ChannelMap or None
         How columns become channels in a format whose names mean the same in every file; used where no map is given.
-    doubts : mapping of str to str
-        What is taken on trust about a channel that `ready` makes.
+    assumptions : mapping of str to str
+        What is taken on trust about a channel that `standard_map` makes.
     faults : tuple of str
         What is wrong with the file itself, though it can be read.
     """
@@ -131,8 +131,8 @@ class Table:
     provenance: tuple[str, ...] = ()
     at_cg: frozenset[str] = frozenset()
     clocks: Mapping[str, str] = field(default_factory=dict)
-    ready: ChannelMap | None = None
-    doubts: Mapping[str, str] = field(default_factory=dict)
+    standard_map: ChannelMap | None = None
+    assumptions: Mapping[str, str] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
 
     def describe(self) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from structsel.errors import DataError
 from structsel.nomenclature import EULER_ANGLES
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.standard_maps import Usual, import_extra, longest_clock, with_ready_map
+from structsel.readers.standard_maps import StandardChannel, densest_time, import_extra, with_standard_map
 from structsel.readers.table import Table
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -28,49 +28,58 @@ _ESTIMATED = "PX4's estimate, not a reading of an instrument"
 _COMMANDED = "a command of PX4, between -1 and 1, not a deflection: see docs/readers.md"
 _USUAL = (
     *(
-        Usual(name, (f"vehicle_angular_velocity.xyz[{i}]", f"sensor_combined.gyro_rad[{i}]"), "rad/s")
+        StandardChannel(name, (f"vehicle_angular_velocity.xyz[{i}]", f"sensor_combined.gyro_rad[{i}]"), "rad/s")
         for i, name in enumerate("pqr")
     ),
     *(
-        Usual(f"a{axis}", (f"vehicle_acceleration.xyz[{i}]", f"sensor_combined.accelerometer_m_s2[{i}]"), "m/s^2")
+        StandardChannel(
+            f"a{axis}", (f"vehicle_acceleration.xyz[{i}]", f"sensor_combined.accelerometer_m_s2[{i}]"), "m/s^2"
+        )
         for i, axis in enumerate("xyz")
     ),
-    *(Usual(name, (f"vehicle_attitude.{name}",), "rad", doubt=_ESTIMATED) for name in EULER_ANGLES),
-    Usual(
+    *(StandardChannel(name, (f"vehicle_attitude.{name}",), "rad", assumption=_ESTIMATED) for name in EULER_ANGLES),
+    StandardChannel(
         "V",
         ("airspeed_validated.true_airspeed_m_s", "airspeed.true_airspeed_m_s"),
         "m/s",
-        doubt="true airspeed as PX4 computes it from the pitot tube, perhaps filtered",
+        assumption="true airspeed as PX4 computes it from the pitot tube, perhaps filtered",
     ),
-    *(Usual(f"v{to}", (f"vehicle_local_position.v{axis}",), "m/s", doubt=_ESTIMATED) for to, axis in zip("ned", "xyz")),
-    *(Usual(axis, (f"vehicle_local_position.{axis}",), "m", doubt=_ESTIMATED) for axis in "xy"),
-    Usual("h", ("vehicle_air_data.baro_alt_meter", "vehicle_global_position.alt"), "m"),
-    Usual("h_agl", ("distance_sensor.current_distance",), "m", doubt="along the sensor's beam, not the vertical"),
-    Usual("rho", ("vehicle_air_data.rho",), "kg/m^3"),
-    Usual("pressure", ("vehicle_air_data.baro_pressure_pa",), "Pa"),
+    *(
+        StandardChannel(f"v{to}", (f"vehicle_local_position.v{axis}",), "m/s", assumption=_ESTIMATED)
+        for to, axis in zip("ned", "xyz")
+    ),
+    *(StandardChannel(axis, (f"vehicle_local_position.{axis}",), "m", assumption=_ESTIMATED) for axis in "xy"),
+    StandardChannel("h", ("vehicle_air_data.baro_alt_meter", "vehicle_global_position.alt"), "m"),
+    StandardChannel(
+        "h_agl", ("distance_sensor.current_distance",), "m", assumption="along the sensor's beam, not the vertical"
+    ),
+    StandardChannel("rho", ("vehicle_air_data.rho",), "kg/m^3"),
+    StandardChannel("pressure", ("vehicle_air_data.baro_pressure_pa",), "Pa"),
 )
 
 
-def _commands(columns: Mapping[str, np.ndarray]) -> list[Usual]:
-    """Usual places of the commands: those of PX4 1.14 and later, else the earlier ones."""
+def _commands(columns: Mapping[str, np.ndarray]) -> list[StandardChannel]:
+    """StandardChannel places of the commands: those of PX4 1.14 and later, else the earlier ones."""
     motors = [c for i in range(12) if np.isfinite(columns.get(c := f"actuator_motors.control[{i}]", np.nan)).any()]
     throttle = (*motors[: len(motors) == 1], "vehicle_thrust_setpoint.xyz[0]", "actuator_controls_0.control[3]")
-    rows = [Usual("throttle", throttle, "-", hold=True, doubt="the command of the motor, not its speed")]
+    rows = [StandardChannel("throttle", throttle, "-", hold=True, assumption="the command of the motor, not its speed")]
     for i, axis in enumerate(("roll", "pitch", "yaw")):
         places = (f"vehicle_torque_setpoint.xyz[{i}]", f"actuator_controls_0.control[{i}]")
-        rows.append(Usual(f"{axis}_command", places, "-", hold=True, doubt=_COMMANDED))
+        rows.append(StandardChannel(f"{axis}_command", places, "-", hold=True, assumption=_COMMANDED))
     if len(motors) > 1:
-        rows += [Usual(f"motor{i}", (column,), "-", hold=True) for i, column in enumerate(motors, 1)]
+        rows += [StandardChannel(f"motor{i}", (column,), "-", hold=True) for i, column in enumerate(motors, 1)]
     for i in range(15):
-        rows.append(Usual(f"servo{i + 1}", (f"actuator_servos.control[{i}]",), "-", hold=True, doubt=_COMMANDED))
+        rows.append(
+            StandardChannel(f"servo{i + 1}", (f"actuator_servos.control[{i}]",), "-", hold=True, assumption=_COMMANDED)
+        )
     if "actuator_servos.control[0]" not in columns:
         used = int(np.max(columns.get("actuator_outputs.noutputs", 0)))
-        rows += [Usual(f"output{i + 1}", (f"actuator_outputs.output[{i}]",), hold=True) for i in range(used)]
+        rows += [StandardChannel(f"output{i + 1}", (f"actuator_outputs.output[{i}]",), hold=True) for i in range(used)]
     return rows
 
 
 def read_ulog(path: Path, options: FileOptions) -> Table:
-    """Table of a ULog, each topic on its own clock, with PX4's usual topics as its ready map.
+    """Table of a ULog, each topic on its own clock, with PX4's usual topics as its standard channel map.
 
     To each topic with an attitude quaternion ``q`` (body to north-east-down, scalar first) the Euler angles are
     added as columns ``.phi``, ``.theta`` and ``.psi`` [rad].
@@ -111,8 +120,10 @@ def read_ulog(path: Path, options: FileOptions) -> Table:
         )
     table = Table(str(path), columns, units=units, clocks=clocks, notes=_dropouts(log), faults=_faults(path, log))
     measured = [c for row in _USUAL for c in row.columns if isinstance(c, str) and c in columns]
-    clock = clocks[measured[0]] if measured else longest_clock(clocks, columns)
-    return with_ready_map(table, "PX4's usual topics", (Usual("t", (clock,)), *_USUAL, *_commands(columns)))
+    clock = clocks[measured[0]] if measured else densest_time(clocks, columns)
+    return with_standard_map(
+        table, "PX4's usual topics", (StandardChannel("t", (clock,)), *_USUAL, *_commands(columns))
+    )
 
 
 def _clock(topic: str, fields: dict[str, np.ndarray]) -> str:

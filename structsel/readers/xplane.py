@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from structsel.readers.standard_maps import Usual, with_ready_map
+from structsel.readers.standard_maps import StandardChannel, with_standard_map
 from structsel.readers.table import Table
 
 _UNITS = {
@@ -26,32 +26,32 @@ def _key(column: str) -> str:
 
 
 _USUAL = (
-    Usual("t", ("totl,time", "missn,time", "real,time"), "s"),
-    Usual("V", ("Vtrue,ktas",), "kt"),
-    Usual("alpha", ("alpha,deg",), "deg"),
-    Usual("beta", ("beta,deg",), "deg", sign=-1, doubt=_SIGN),
-    Usual("mach", ("Mach,ratio",), "-"),
-    Usual("phi", ("roll,deg",), "deg"),
-    Usual("theta", ("pitch,deg",), "deg"),
-    Usual("psi", ("hding,true",), "deg"),
-    *(Usual(name.lower(), (f"{name},rad/s", f"{name},deg/s")) for name in "PQR"),
-    Usual("ax", ("Gload,axial",), "g", sign=-1, doubt=_SIGN),
-    Usual("ay", ("Gload,side",), "g", sign=-1, doubt=_SIGN),
-    Usual("az", ("Gload,norml",), "g", sign=-1),
-    Usual("h", ("alt,ftmsl", "alt,ftMSL", "p-alt,ftMSL"), "ft"),
-    Usual("h_agl", ("alt,ftagl", "alt,ftAGL"), "ft"),
-    Usual("de", ({"elev1,deg": 0.5, "elev2,deg": 0.5}, "elev1,deg"), "deg"),
-    Usual("da", ({"Lailn,1,deg": -0.5, "Railn,1,deg": 0.5},), "deg"),
-    Usual("dr", ("rudr1,deg",), "deg", sign=-1, doubt=_SIGN),
-    Usual("throttle", ("thro1,part",), "-"),
-    Usual("thrust", ("thrst,1,lb",), "lbf"),
-    Usual("rpm", ("rpm_1,prop", "rpm_1,engin"), "rpm"),
+    StandardChannel("t", ("totl,time", "missn,time", "real,time"), "s"),
+    StandardChannel("V", ("Vtrue,ktas",), "kt"),
+    StandardChannel("alpha", ("alpha,deg",), "deg"),
+    StandardChannel("beta", ("beta,deg",), "deg", sign=-1, assumption=_SIGN),
+    StandardChannel("mach", ("Mach,ratio",), "-"),
+    StandardChannel("phi", ("roll,deg",), "deg"),
+    StandardChannel("theta", ("pitch,deg",), "deg"),
+    StandardChannel("psi", ("hding,true",), "deg"),
+    *(StandardChannel(name.lower(), (f"{name},rad/s", f"{name},deg/s")) for name in "PQR"),
+    StandardChannel("ax", ("Gload,axial",), "g", sign=-1, assumption=_SIGN),
+    StandardChannel("ay", ("Gload,side",), "g", sign=-1, assumption=_SIGN),
+    StandardChannel("az", ("Gload,norml",), "g", sign=-1),
+    StandardChannel("h", ("alt,ftmsl", "alt,ftMSL", "p-alt,ftMSL"), "ft"),
+    StandardChannel("h_agl", ("alt,ftagl", "alt,ftAGL"), "ft"),
+    StandardChannel("de", ({"elev1,deg": 0.5, "elev2,deg": 0.5}, "elev1,deg"), "deg"),
+    StandardChannel("da", ({"Lailn,1,deg": -0.5, "Railn,1,deg": 0.5},), "deg"),
+    StandardChannel("dr", ("rudr1,deg",), "deg", sign=-1, assumption=_SIGN),
+    StandardChannel("throttle", ("thro1,part",), "-"),
+    StandardChannel("thrust", ("thrst,1,lb",), "lbf"),
+    StandardChannel("rpm", ("rpm_1,prop", "rpm_1,engin"), "rpm"),
 )
 _TELLING = {"real,time", "totl,time", "missn,time", "Vtrue,ktas", "alpha,deg", "pitch,deg", "Vind,kias"}
 
 
 def with_xplane_map(table: Table) -> Table:
-    """Table with units and the ready map of X-Plane's output, if it is one; else the table as it is.
+    """Table with units and the standard channel map of X-Plane's output, if it is one; else the table as it is.
 
     Of a header that the file repeats none is taken for a surface, since which one it is cannot be told.
     """
@@ -76,4 +76,4 @@ def with_xplane_map(table: Table) -> Table:
     if twice:
         note = f"headers that X-Plane wrote more than once, and that no channel is made of: {', '.join(twice)}"
         table = replace(table, notes=(*table.notes, note))
-    return with_ready_map(table, "X-Plane's usual columns", found, others="keep")
+    return with_standard_map(table, "X-Plane's usual columns", found, others="keep")

@@ -14,7 +14,7 @@ from structsel.readers.channel_map import ChannelEntry, ChannelMap, check_unit
 from structsel.readers.table import Table, as_float, split_header
 from structsel.readers.units import convert, is_convertible, is_unit, si_unit
 from structsel.recording.checks import Finding, require_clock
-from structsel.recording.resampling import Topic, to_one_clock
+from structsel.recording.resampling import Topic, resample_all
 
 
 @dataclass
@@ -59,13 +59,13 @@ def to_channels(table: Table, channel_map: ChannelMap | None) -> Channels:
     made = Channels(np.empty(0), {}, notes=list(table.notes))
     made.findings += [Finding("file", "t", fault) for fault in table.faults]
     used: set[str] = set()
-    ready = table.ready
-    if channel_map is None and ready is not None:
-        channel_map = ready
-        made.notes.append(f"no map given: columns taken as {ready.source} has them")
+    standard = table.standard_map
+    if channel_map is None and standard is not None:
+        channel_map = standard
+        made.notes.append(f"no map given: columns taken as {standard.source} has them")
         made.findings += _assumed(table)
-    elif channel_map is not None and ready is not None and channel_map.file.dt is None:
-        clock = {"t": ready.channels["t"]} if "t" in ready.channels else {}
+    elif channel_map is not None and standard is not None and channel_map.file.dt is None:
+        clock = {"t": standard.channels["t"]} if "t" in standard.channels else {}
         channel_map = channel_map.model_copy(update={"channels": clock | channel_map.channels})
     if channel_map is not None:
         for name, entry in channel_map.channels.items():
@@ -85,9 +85,9 @@ def to_channels(table: Table, channel_map: ChannelMap | None) -> Channels:
 
 
 def _assumed(table: Table) -> list[Finding]:
-    """What a ready map takes on trust, each said once of the first channel it holds for."""
+    """What a standard map takes on trust, each said once of the first channel it holds for."""
     alike: dict[str, list[str]] = {}
-    for name, why in table.doubts.items():
+    for name, why in table.assumptions.items():
         alike.setdefault(why, []).append(name)
     return [
         Finding("assumed", first, why + (f"; so of {', '.join(more)}" if more else ""), severity="note")
@@ -310,7 +310,7 @@ def _to_one_clock(made: Channels, table: Table, clock: np.ndarray) -> np.ndarray
         del made.values[name]
     met = {name: (topics[column], hold) for name, (column, hold) in made.clocks.items()}
     require_clock(topics[own].times, f"{table.path}, {own}")
-    samples, made.values, told, notes = to_one_clock(topics[own], met, made.values)
+    samples, made.values, told, notes = resample_all(topics[own], met, made.values)
     made.findings += told
     made.notes += notes
     return clock[samples]
@@ -319,8 +319,12 @@ def _to_one_clock(made: Channels, table: Table, clock: np.ndarray) -> np.ndarray
 def _no_clock(table: Table, channel_map: ChannelMap | None) -> str:
     message = f"'{table.path}' has no channel 't' [s].\nIt has: {table.describe()}.\n"
     if "t" in table.unusable:
-        return message + f"Its column 't' holds something else than numbers: {table.unusable['t']}. Mend the file."
-    likely = [name for name in table.columns if re.fullmatch(r"(t|time.*|t_.*|clock|sec.*)", name, re.IGNORECASE)]
+        return message + f"Its column 't' holds something else than numbers: {table.unusable['t']}. Correct the file."
+    times = re.compile(r"(t|time.*|t_.*|clock|sec.*|date.*)", re.IGNORECASE)
+    if text := [name for name in table.unusable if times.fullmatch(name)]:
+        why = f"Its column '{text[0]}' holds no numbers: {table.unusable[text[0]]}."
+        return message + f"{why} Convert it to seconds, or give [file] dt = ... in a channel map."
+    likely = [name for name in table.columns if times.fullmatch(name)]
     nested = [name.rpartition(".")[0] for name in table.columns if name.rpartition(".")[2] in ("t", "time")]
     if not table.named:
         message += "Write a channel map with t = { column = 1 }, or [file] dt = ... if there is none."

@@ -31,8 +31,8 @@ def read_recording(
     path : str or Path
     channel_map : str, Path, mapping or ChannelMap, optional
         How the file's columns become ours. Without it a log, and what JSBSim and X-Plane write, is read by the
-        ready map of its format; otherwise names are taken as they are: those of the nomenclature are ours, others
-        are kept with the unit their header states, or an unknown one.
+        standard channel map of its format; otherwise names are taken as they are: those of the nomenclature are ours,
+        others are kept with the unit their header states, or an unknown one.
     name : str, optional
         The file's name without its suffix, if not given.
 

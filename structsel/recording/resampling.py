@@ -100,7 +100,7 @@ def sample(topic: Topic, values: np.ndarray, clock: np.ndarray, *, hold: bool = 
     return np.where(there, np.interp(clock, times, values), np.nan)
 
 
-def to_one_clock(
+def resample_all(
     clock: Topic, met: Mapping[str, tuple[Topic, bool]], values: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray, dict[str, np.ndarray], list[Finding], list[str]]:
     """Bring channels to one clock.
