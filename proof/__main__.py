@@ -18,9 +18,9 @@ from proof.score import WITHOUT, CaseScore
 from proof.summary import SCHEMA, summarise
 from proof.tables import page
 from structsel import __version__
-from structsel.atomic import write_text
-from structsel.cli.terminal import json_text
+from structsel.cli.messages import json_text
 from structsel.errors import DataError, StructselError
+from structsel.files import write_text
 
 _EXAMPLES = f"""examples:
   a hundred cases of development

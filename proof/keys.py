@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
-from structsel.atomic import write_text
 from structsel.errors import DataError
+from structsel.files import write_text
 
 Kind = Literal[
     "static", "memory", "sensor", "actuator", "propulsive", "inertial", "atmospheric", "structural", "parameter",

@@ -20,8 +20,8 @@ from typing import Any
 from proof.generate import drawable
 from proof.keys import Key
 from proof.score import WITHOUT, CaseScore, score_case
-from structsel.atomic import write_text
 from structsel.errors import DataError
+from structsel.files import write_text
 
 SOURCES = ("own", "jsbsim")
 FAMILIES = ("single", "pair", "null", "outside", "clutter", WITHOUT)

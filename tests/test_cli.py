@@ -18,7 +18,7 @@ from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
 from structsel import AeroModel, Aircraft, read_recording, write_recording
-from structsel.cli import app, terminal
+from structsel.cli import app, messages
 from structsel.coefficients import compute_coefficients
 from structsel.demo import demo_flights
 
@@ -386,8 +386,8 @@ def test_two_files_of_one_name_are_refused(files):
 
 
 def _wait(capsys, monkeypatch, patience):
-    monkeypatch.setattr(terminal, "PATIENCE", patience)
-    with terminal.Waiting("working") as waiting:
+    monkeypatch.setattr(messages, "PATIENCE", patience)
+    with messages.Waiting("working") as waiting:
         time.sleep(0.3)
         waiting("moments", 1, 2)
         time.sleep(0.3)

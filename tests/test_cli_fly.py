@@ -22,8 +22,8 @@ from structsel import (
     write_recording,
 )
 from structsel.cli import app
-from structsel.cli.crafts import read_trim
 from structsel.cli.demo import _toml
+from structsel.cli.models import read_trim
 from structsel.inputs import three_two_one_one
 
 PLAIN = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from structsel import read_recording, write_report
 from structsel.candidates import Candidates, Term
 from structsel.cli import app
+from structsel.cli.messages import stdout
 from structsel.cli.tables import print_summary
-from structsel.cli.terminal import stdout
 from structsel.demo import demo_missing_physics
 from structsel.diagnosis import diagnose
 from structsel.effects import EFFECTS, Effect, EffectParameter, Variant

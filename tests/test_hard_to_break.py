@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 import structsel
 from structsel import AeroModel, write_recording
 from structsel.candidates import Term
-from structsel.cli import app, output
+from structsel.cli import app, folders
 from structsel.errors import DataError, StructselError, TermError
 from structsel.exporting import export_model
 from structsel.model import ResponseModel
@@ -145,7 +145,7 @@ def test_a_fault_at_any_step_leaves_the_folder_as_it_was(where, step, fault, tmp
         with monkeypatch.context() as patch:
             patch.setattr(where, step, tried)
             try:
-                with output.output_folder(out) as folder:
+                with folders.output_folder(out) as folder:
                     MODEL.to_json(folder / "model.json")
                     (folder / "report.txt").write_text("new")
                     (folder / "plots").mkdir()
@@ -222,8 +222,8 @@ def test_a_name_of_thousands_of_characters_is_not_printed_complete(name):
 
 
 def test_the_second_of_two_runs_into_one_folder_is_refused_by_process(select):
-    with output.claims():
-        output.claim(select[-1])
+    with folders.claims():
+        folders.claim(select[-1])
         result = run(*select)
         assert result.exit_code == 1
         assert f"is being written to by another run, process {os.getpid()}. Wait until it has ended" in result.stderr
@@ -233,19 +233,19 @@ def test_the_second_of_two_runs_into_one_folder_is_refused_by_process(select):
 
 def test_a_folder_not_yet_there_is_claimed_too(tmp_path):
     out = tmp_path / "deep" / "out"
-    with output.claims():
-        output.claim(out)
-        with output.claims(), pytest.raises(DataError, match="another run"):
-            output.refuse_existing(out, overwrite=True)
+    with folders.claims():
+        folders.claim(out)
+        with folders.claims(), pytest.raises(DataError, match="another run"):
+            folders.refuse_existing(out, overwrite=True)
     assert list(tmp_path.iterdir()) == []
 
 
 _HOLDS = """
 import sys, time
 from pathlib import Path
-from structsel.cli import output
-with output.claims():
-    output.claim(Path(sys.argv[1]))
+from structsel.cli import folders
+with folders.claims():
+    folders.claim(Path(sys.argv[1]))
     print("claimed", flush=True)
     time.sleep(60)
 """

@@ -62,20 +62,20 @@ LATER = ("structsel.comparison", "structsel.diagnosis", "structsel.effects")
 # Modules, and public parameters with their modules, that still use such a word. This list only shrinks; in plotting a
 # colour is a colour.
 REMAIN = {
-    "structsel.cli.crafts: craft",
-    "structsel.cli.crafts: crafts",
-    "structsel.cli.flights: craft",
-    "structsel.cli.flights: flown",
-    "structsel.cli.manners: manners",
-    "structsel.cli.results: beside",
+    "structsel.cli.models: craft",
+    "structsel.cli.models: crafts",
+    "structsel.cli.recordings: craft",
+    "structsel.cli.recordings: flown",
+    "structsel.cli.common_options: manners",
+    "structsel.cli.selection_files: beside",
     "structsel.cli.simulate: craft",
     "structsel.cli.streaming: flown",
     "structsel.numerics.kinematics: flank",
     "structsel.numerics.unscented.kernel: flank",
-    "structsel.plotting.axes: colour",
+    "structsel.plotting.style: colour",
     "structsel.reconstruction.delays: told",
     "structsel.reconstruction.reconstruct: late",
-    "structsel.report.charts: surprise",
+    "structsel.report.chart_data: surprise",
 }
 
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.report import render, write_report
-from structsel.report.charts import MOST_VALUES
+from structsel.report.chart_data import MOST_VALUES
 from structsel.report.diagnosis import figures_of
 from tests.diagnoses import GROUND, TURBULENCE, VANE, diagnosis, hostile
 

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from structsel import Candidates, Reconstructions, Recording, read_recording, select, write_recording, write_report
 from structsel.errors import DomainError
 from structsel.report import render
-from structsel.report.thinning import keep_extremes
+from structsel.report.downsampling import keep_extremes
 from tests.reported import manoeuvre, pages, reconstructed, refined, selected
 from tests.test_report import Page
 

@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 
 import typer
 
-from structsel.cli.flights import V0, Files, Json, Map, Overwrite, Reconstruct, option, read_flights
-from structsel.cli.output import output_folder, refuse_existing
-from structsel.cli.pages import page
+from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.help_text import page
+from structsel.cli.messages import print_json, stdout
+from structsel.cli.recordings import V0, Files, Json, Map, Overwrite, Reconstruct, option, read_flights
 from structsel.cli.tables import print_files, print_summary
-from structsel.cli.terminal import print_json, stdout
 from structsel.recording import write_recording
 
 EPILOG = page(

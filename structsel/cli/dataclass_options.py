@@ -16,8 +16,8 @@ from typing import Annotated, Any
 
 import typer
 
+from structsel.cli.messages import say
 from structsel.cli.parsing import read_numbers, read_pair, read_pairs, split_names
-from structsel.cli.terminal import say
 from structsel.options import choices_of
 
 _PLAIN = (bool, int, float, str)

@@ -12,12 +12,12 @@ import typer
 
 from structsel.candidates import Candidates
 from structsel.cli.comparison_tables import summarise_truth
-from structsel.cli.flights import Json, option
-from structsel.cli.output import claim
-from structsel.cli.pages import page
-from structsel.cli.results import write_results
+from structsel.cli.folders import claim
+from structsel.cli.help_text import page
+from structsel.cli.messages import Waiting, print_json, stdout
+from structsel.cli.recordings import Json, option
+from structsel.cli.selection_files import write_results
 from structsel.cli.tables import print_files, print_summary
-from structsel.cli.terminal import Waiting, print_json, stdout
 from structsel.coefficients import compute_all
 from structsel.demo import demo_flights
 from structsel.recording import write_recording

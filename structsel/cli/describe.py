@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from structsel.atomic import write_text
-from structsel.cli.flights import Files, Json, Map, read_files
-from structsel.cli.pages import page
+from structsel.cli.help_text import page
+from structsel.cli.messages import print_json, say, stdout
+from structsel.cli.recordings import Files, Json, Map, read_files
 from structsel.cli.tables import print_summary
-from structsel.cli.terminal import print_json, say, stdout
 from structsel.errors import DataError
+from structsel.files import write_text
 from structsel.formatting import count_of
 from structsel.readers import read_table
 from structsel.readers.channel_map import FileOptions, load_channel_map

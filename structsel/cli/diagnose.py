@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 from rich.text import Text
 
 from structsel.aircraft import Aircraft
-from structsel.cli.flights import (
+from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.help_text import page
+from structsel.cli.input_files import provenance
+from structsel.cli.messages import Waiting, json_text, print_json, quiet, say, stdout
+from structsel.cli.recordings import (
     OUTPUT,
     Json,
     Map,
@@ -20,11 +24,7 @@ from structsel.cli.flights import (
     read_files,
     read_manoeuvres,
 )
-from structsel.cli.inputs_read import provenance
-from structsel.cli.output import output_folder, refuse_existing
-from structsel.cli.pages import page
 from structsel.cli.tables import print_files
-from structsel.cli.terminal import Waiting, json_text, print_json, quiet, say, stdout
 from structsel.errors import DataError
 from structsel.recording import Recording, write_recording
 

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from structsel.cli.crafts import Define, read_definitions
-from structsel.cli.flights import Overwrite, load_aircraft, option
-from structsel.cli.pages import page
+from structsel.cli.help_text import page
+from structsel.cli.messages import stdout
+from structsel.cli.models import Define, read_definitions
 from structsel.cli.parsing import split_names
-from structsel.cli.terminal import stdout
+from structsel.cli.recordings import Overwrite, load_aircraft, option
 from structsel.exporting import Target, export_model
 from structsel.model import AeroModel
 

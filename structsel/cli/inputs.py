@@ -11,7 +11,11 @@ import typer
 
 from structsel import inputs as signals
 from structsel.cli.comparison_tables import summarise_scatter
-from structsel.cli.crafts import (
+from structsel.cli.dataclass_options import takes_dataclass
+from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.help_text import page
+from structsel.cli.messages import Waiting, json_text, print_json, stdout
+from structsel.cli.models import (
     MODEL_HELP,
     Controls,
     Define,
@@ -22,13 +26,9 @@ from structsel.cli.crafts import (
     read_definitions,
     trim_craft,
 )
-from structsel.cli.dataclass_options import takes_dataclass
-from structsel.cli.flights import OUTPUT, Json, Overwrite, option
-from structsel.cli.output import output_folder, refuse_existing
-from structsel.cli.pages import page
 from structsel.cli.parsing import read_numbers, split_names
+from structsel.cli.recordings import OUTPUT, Json, Overwrite, option
 from structsel.cli.tables import print_files, print_summary
-from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.formatting import format_number
 from structsel.inputs import Information, InputComparison, InputDesign, Scatter
 from structsel.inputs.settings import DesignOptions, InputOptions

@@ -22,10 +22,10 @@ from structsel.cli import (
     simulate,
     validate,
 )
-from structsel.cli.manners import mannered
-from structsel.cli.output import claims
-from structsel.cli.pages import page
-from structsel.cli.terminal import plain_warnings, say
+from structsel.cli.common_options import mannered
+from structsel.cli.folders import claims
+from structsel.cli.help_text import page
+from structsel.cli.messages import plain_warnings, say
 from structsel.errors import StructselError
 
 _EPILOG = page(

@@ -12,7 +12,12 @@ import typer
 
 from structsel.aircraft import Aircraft
 from structsel.cli.comparison_tables import summarise_reconstructions
-from structsel.cli.flights import (
+from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.help_text import page
+from structsel.cli.input_files import provenance
+from structsel.cli.messages import Waiting, explain, json_text, print_json, say, stdout
+from structsel.cli.parsing import split_names
+from structsel.cli.recordings import (
     OUTPUT,
     Files,
     Json,
@@ -24,12 +29,7 @@ from structsel.cli.flights import (
     read_manoeuvres,
     reconstruct_paths,
 )
-from structsel.cli.inputs_read import provenance
-from structsel.cli.output import output_folder, refuse_existing
-from structsel.cli.pages import page
-from structsel.cli.parsing import split_names
 from structsel.cli.tables import print_files, print_summary
-from structsel.cli.terminal import Waiting, explain, json_text, print_json, say, stdout
 from structsel.errors import ReconstructionError
 from structsel.numerics.atmosphere import G0
 from structsel.reconstruction import METHODS, Reconstructions

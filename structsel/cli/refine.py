@@ -9,7 +9,12 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from structsel.cli.crafts import (
+from structsel.cli.dataclass_options import takes_dataclass
+from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.help_text import page
+from structsel.cli.input_files import provenance
+from structsel.cli.messages import Waiting, json_text, print_json, say, stdout
+from structsel.cli.models import (
     MODEL_HELP,
     Craft,
     Define,
@@ -20,13 +25,8 @@ from structsel.cli.crafts import (
     read_definitions,
     read_schedules,
 )
-from structsel.cli.dataclass_options import takes_dataclass
-from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots, hold_out, option
-from structsel.cli.inputs_read import provenance
-from structsel.cli.output import output_folder, refuse_existing
-from structsel.cli.pages import page
+from structsel.cli.recordings import OUTPUT, Json, Map, Overwrite, Plots, hold_out, option
 from structsel.cli.tables import print_files, print_summary
-from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
 from structsel.errors import RefinementError
 from structsel.model import AeroModel
 from structsel.recording import Recording

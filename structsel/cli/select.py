@@ -12,7 +12,11 @@ import typer
 from structsel.candidates import Candidates
 from structsel.cli.comparison_tables import summarise_methods
 from structsel.cli.dataclass_options import takes_dataclass
-from structsel.cli.flights import (
+from structsel.cli.folders import refuse_existing
+from structsel.cli.help_text import page
+from structsel.cli.messages import Waiting, explain, print_json, say, stdout
+from structsel.cli.parsing import split_names
+from structsel.cli.recordings import (
     OUTPUT,
     V0,
     AircraftFile,
@@ -26,13 +30,9 @@ from structsel.cli.flights import (
     option,
     read_flights,
 )
-from structsel.cli.output import refuse_existing
-from structsel.cli.pages import page
-from structsel.cli.parsing import split_names
-from structsel.cli.results import write_results
+from structsel.cli.selection_files import write_results
 from structsel.cli.streaming import CheckpointFile, Stream, checkpoint_file, stream_flights, to_show, to_stream
 from structsel.cli.tables import print_files, print_summary
-from structsel.cli.terminal import Waiting, explain, print_json, say, stdout
 from structsel.errors import SelectionError
 from structsel.recording import Recording, StoredRecording
 from structsel.selection import Selections, select

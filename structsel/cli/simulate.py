@@ -10,7 +10,10 @@ from typing import Annotated, Any, Literal
 import typer
 
 from structsel.cli.comparison_tables import summarise_simulation
-from structsel.cli.crafts import (
+from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.help_text import page
+from structsel.cli.messages import Waiting, json_text, print_json, say, stdout
+from structsel.cli.models import (
     MODEL_HELP,
     Controls,
     Craft,
@@ -26,12 +29,9 @@ from structsel.cli.crafts import (
     read_schedules,
     trim_craft,
 )
-from structsel.cli.flights import OUTPUT, Json, Map, Overwrite, Plots, option
-from structsel.cli.output import output_folder, refuse_existing
-from structsel.cli.pages import page
 from structsel.cli.parsing import read_numbers
+from structsel.cli.recordings import OUTPUT, Json, Map, Overwrite, Plots, option
 from structsel.cli.tables import print_files, print_summary
-from structsel.cli.terminal import Waiting, json_text, print_json, say, stdout
 from structsel.errors import SimulationError
 from structsel.nomenclature import LATERAL_COEFFICIENTS
 from structsel.numerics.linear_modes import Modes

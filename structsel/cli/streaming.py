@@ -10,8 +10,8 @@ from typing import Annotated
 
 import typer
 
-from structsel.cli.flights import load_aircraft, option, say_findings
-from structsel.cli.terminal import Waiting, say
+from structsel.cli.messages import Waiting, say
+from structsel.cli.recordings import load_aircraft, option, say_findings
 from structsel.coefficients import compute_coefficients
 from structsel.errors import DataError
 from structsel.readers.channel_map import load_channel_map

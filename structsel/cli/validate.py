@@ -8,8 +8,12 @@ from typing import Annotated, Literal
 
 import typer
 
-from structsel.cli.crafts import Define, Rho, read_definitions
-from structsel.cli.flights import (
+from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.help_text import page
+from structsel.cli.messages import Waiting, json_text, print_json, stdout
+from structsel.cli.models import Define, Rho, read_definitions
+from structsel.cli.parsing import split_names
+from structsel.cli.recordings import (
     OUTPUT,
     V0,
     AircraftFile,
@@ -25,11 +29,7 @@ from structsel.cli.flights import (
     read_manoeuvres,
     reconstruct_paths,
 )
-from structsel.cli.output import output_folder, refuse_existing
-from structsel.cli.pages import page
-from structsel.cli.parsing import split_names
 from structsel.cli.tables import print_files, print_summary
-from structsel.cli.terminal import Waiting, json_text, print_json, stdout
 from structsel.formatting import count_of
 from structsel.model import AeroModel
 from structsel.simulation.atmosphere import Atmosphere

@@ -1,6 +1,6 @@
 """Looking at what a model leaves: what adding a term would do, in numbers and in a notebook."""
 
-from structsel.exploring.additions import Additions, try_additions
+from structsel.exploring.added_terms import Additions, try_additions
 from structsel.exploring.explore import explore_residuals
 
 __all__ = ["Additions", "explore_residuals", "try_additions"]

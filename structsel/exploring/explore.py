@@ -12,7 +12,7 @@ from structsel.recording import Recording
 from structsel.selection import Selection, Selections
 
 if TYPE_CHECKING:
-    from structsel.exploring.explorer import ResidualExplorer
+    from structsel.exploring.notebook_explorer import ResidualExplorer
 
 _DEGREE = 2  # of the terms offered where nobody named candidates
 
@@ -58,7 +58,7 @@ def explore_residuals(
             "explore_residuals needs the package ipywidgets, which is not installed.\n"
             'Install it with: pip install "structsel[notebooks]"'
         ) from error
-    from structsel.exploring.explorer import ResidualExplorer
+    from structsel.exploring.notebook_explorer import ResidualExplorer
 
     model, pool = _model_and_pool(selection_or_model)
     flown = [recordings] if isinstance(recordings, Recording) else list(recordings)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from structsel.aircraft import Aircraft
 from structsel.errors import ModelError
-from structsel.exporting.facts import describe_channel, fact_lines, one_line, reference_lines
-from structsel.exporting.infix import Code, Dialect, Identifiers, plain
+from structsel.exporting.code_writer import Code, Dialect, Identifiers, plain
+from structsel.exporting.header import describe_channel, fact_lines, one_line, reference_lines
 from structsel.model import AeroModel
 
 _WORDS = """auto break case char const continue default do double else enum extern float for goto if inline int long

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from structsel.aircraft import Aircraft
-from structsel.atomic import replacing
 from structsel.errors import DataError, ModelError
 from structsel.exporting.c import write_c
 from structsel.exporting.jsbsim import write_jsbsim
@@ -18,6 +17,7 @@ from structsel.exporting.modelica import write_modelica
 from structsel.exporting.python import write_python
 from structsel.exporting.summary import write_summary
 from structsel.exporting.table import write_csv
+from structsel.files import replacing
 from structsel.model import AeroModel
 from structsel.nomenclature import suggest
 

@@ -15,8 +15,8 @@ from structsel.candidates import Term
 from structsel.candidates.formula import Node
 from structsel.candidates.parse import parse_formula
 from structsel.errors import ModelError
-from structsel.exporting.facts import describe_channel, fact_lines, term_notes
-from structsel.exporting.infix import plain
+from structsel.exporting.code_writer import plain
+from structsel.exporting.header import describe_channel, fact_lines, term_notes
 from structsel.exporting.jsbsim_aircraft import FOOT, POUND, aircraft_around
 from structsel.exporting.jsbsim_pieces import comment, joined, number, op, prop
 from structsel.model import AeroModel, ResponseModel

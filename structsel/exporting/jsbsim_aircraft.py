@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from structsel.aircraft import Aircraft
 from structsel.errors import AircraftError
-from structsel.exporting.facts import one_line
+from structsel.exporting.header import one_line
 from structsel.simulation.jsbsim.fdm import EXTERNAL
 
 FOOT, POUND = 0.3048, 4.4482216152605

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from structsel.aircraft import Aircraft
-from structsel.exporting.facts import describe_channel, fact_lines
-from structsel.exporting.infix import Code, Dialect, Identifiers
+from structsel.exporting.code_writer import Code, Dialect, Identifiers
+from structsel.exporting.header import describe_channel, fact_lines
 from structsel.model import AeroModel
 
 _WORDS = """algorithm and annotation assert block break class connect connector constant constrainedby der discrete

@@ -7,8 +7,8 @@ import keyword
 from pathlib import Path
 
 from structsel.aircraft import Aircraft
-from structsel.exporting.facts import describe_channel, fact_lines
-from structsel.exporting.infix import Code, Dialect, Identifiers
+from structsel.exporting.code_writer import Code, Dialect, Identifiers
+from structsel.exporting.header import describe_channel, fact_lines
 from structsel.model import AeroModel
 
 _DIALECT = Dialect(

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from structsel.aircraft import Aircraft
-from structsel.exporting.facts import one_line, reference_lines
+from structsel.exporting.header import one_line, reference_lines
 from structsel.model import AeroModel, ResponseModel
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from structsel.aircraft import Aircraft
-from structsel.exporting.facts import fact_lines
+from structsel.exporting.header import fact_lines
 from structsel.model import AeroModel
 
 

@@ -9,8 +9,8 @@ from typing import Annotated, Any, NoReturn
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from structsel.atomic import write_text
 from structsel.errors import ModelError
+from structsel.files import write_text
 
 SCHEMA = "structsel.model/1"
 

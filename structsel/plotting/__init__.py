@@ -5,9 +5,9 @@ the axes. `draw_selection`, `draw_reconstructions`, `draw_flight`, `draw_replay`
 put them together, one figure per question, for files.
 """
 
-from structsel.plotting.axes import label
 from structsel.plotting.diagnosis import plot_bars, plot_residual_over, plot_shares, plot_time_history
-from structsel.plotting.flight_path import (
+from structsel.plotting.inputs import draw_inputs, plot_bounds, plot_input
+from structsel.plotting.reconstruction import (
     draw_reconstruction,
     draw_reconstructions,
     plot_constant,
@@ -16,9 +16,15 @@ from structsel.plotting.flight_path import (
     plot_nis,
     plot_readings,
 )
-from structsel.plotting.flights import draw_flight, draw_refinement, draw_replay, plot_flight, plot_replay
-from structsel.plotting.inputs import draw_inputs, plot_bounds, plot_input
-from structsel.plotting.models import (
+from structsel.plotting.recordings import (
+    plot_coherence,
+    plot_coverage,
+    plot_histories,
+    plot_mismatch_coherence,
+    plot_spectrum,
+)
+from structsel.plotting.refinement import plot_comparison, plot_derivatives
+from structsel.plotting.selection import (
     draw_selection,
     plot_autocorrelation,
     plot_collinearity,
@@ -29,14 +35,8 @@ from structsel.plotting.models import (
     plot_path,
     plot_residual_against,
 )
-from structsel.plotting.recordings import (
-    plot_coherence,
-    plot_coverage,
-    plot_histories,
-    plot_mismatch_coherence,
-    plot_spectrum,
-)
-from structsel.plotting.refinement import plot_comparison, plot_derivatives
+from structsel.plotting.simulation import draw_flight, draw_refinement, draw_replay, plot_flight, plot_replay
+from structsel.plotting.style import label
 from structsel.plotting.terms import draw_addition, plot_across, plot_addition, plot_component, plot_residual_with
 
 __all__ = [

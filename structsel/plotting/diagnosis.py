@@ -18,7 +18,7 @@ from structsel.diagnosis.views import (
 )
 from structsel.errors import DataError
 from structsel.formatting import display_unit
-from structsel.plotting.axes import DOUBT, KEPT, MEASURED, MODELLED, OTHER, new_axes, symbol, thin
+from structsel.plotting.style import DOUBT, KEPT, MEASURED, MODELLED, OTHER, new_axes, symbol, thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from structsel.inputs import InputComparison, InputDesign
-from structsel.plotting.axes import KEPT, MODELLED, OTHER, label, new_axes
+from structsel.plotting.style import KEPT, MODELLED, OTHER, label, new_axes
 from structsel.recording import Recording
 from structsel.simulation import LinearModel
 

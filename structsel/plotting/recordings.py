@@ -13,7 +13,7 @@ from structsel.comparison import Mismatch
 from structsel.model import AeroModel
 from structsel.nomenclature import UNKNOWN, unit_of
 from structsel.numerics.spectra import coherence, cross_spectrum
-from structsel.plotting.axes import DOUBT, KEPT, MEASURED, MODELLED, as_read, new_axes, several, symbol, thin
+from structsel.plotting.style import DOUBT, KEPT, MEASURED, MODELLED, as_read, new_axes, several, symbol, thin
 from structsel.recording import Recording
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from structsel.nomenclature import unit_of
-from structsel.plotting.axes import DOUBT, KEPT, MEASURED, MODELLED, OTHER
+from structsel.plotting.style import DOUBT, KEPT, MEASURED, MODELLED, OTHER
 from structsel.refinement import Derivatives, EstimateComparison
 
 if TYPE_CHECKING:

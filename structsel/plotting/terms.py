@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from structsel.candidates import Candidates, Term
 from structsel.errors import DataError, ModelError
 from structsel.model import AeroModel, ResponseModel
-from structsel.plotting.axes import (
+from structsel.plotting.style import (
     KEPT,
     MODELLED,
     draw_cloud,

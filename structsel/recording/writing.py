@@ -9,8 +9,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from structsel.atomic import replacing
 from structsel.errors import DataError
+from structsel.files import replacing
 from structsel.nomenclature import UNKNOWN, is_known
 from structsel.readers.parquet import METADATA
 from structsel.readers.table import SCHEMA

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from structsel.formatting import count_of, format_decimals, format_number, join_names
 from structsel.recording import Recording
-from structsel.report.selection import figures_of
-from structsel.report.sheet import (
+from structsel.report.page_model import (
     Column,
     Link,
     Section,
@@ -17,6 +16,7 @@ from structsel.report.sheet import (
     list_sources,
     merge_remarks,
 )
+from structsel.report.selection import figures_of
 from structsel.selection import Selection, Selections
 from structsel.validation import Validation
 

@@ -32,7 +32,7 @@ from structsel.formatting import (
     format_range,
 )
 from structsel.nomenclature import unit_of
-from structsel.report.charts import Flight, chart, chart_data, pack_number
+from structsel.report.chart_data import Flight, chart, chart_data, pack_number
 
 _STAGES = dict(zip(STAGES, ("as delivered", "refitted", "with the physics")))
 

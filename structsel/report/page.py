@@ -8,15 +8,15 @@ from typing import Any
 
 from markupsafe import Markup
 
-from structsel.atomic import write_text
 from structsel.diagnosis.result import Diagnosis
 from structsel.errors import DomainError
+from structsel.files import write_text
 from structsel.provenance import file_of, provenance_of
 from structsel.reconstruction import Reconstruction, Reconstructions
 from structsel.recording import Recording
 from structsel.refinement import Refinement
-from structsel.report import comparison, diagnosis, flight_path, refinement, selection
-from structsel.report.sheet import Sheet
+from structsel.report import comparison, diagnosis, reconstruction, refinement, selection
+from structsel.report.page_model import Sheet
 from structsel.selection import Selection, Selections
 from structsel.validation import Resimulation, Validation
 
@@ -133,7 +133,7 @@ def render(
     if isinstance(result, Selections):
         sheet = selection.sheet_of(result, recordings, judged if isinstance(judged, Validation) else None, reasons)
     elif isinstance(result, Reconstructions):
-        sheet = flight_path.sheet_of(result)
+        sheet = reconstruction.sheet_of(result)
     elif isinstance(result, Refinement):
         sheet = refinement.sheet_of(result, recordings, judged if isinstance(judged, Mapping) else {}, reasons)
     else:

@@ -20,8 +20,8 @@ from structsel.formatting import (
 from structsel.nomenclature import unit_of
 from structsel.recording import Recording
 from structsel.refinement import Estimate, Refinement
-from structsel.report.charts import Flight, chart, chart_data, moving
-from structsel.report.sheet import (
+from structsel.report.chart_data import Flight, chart, chart_data, moving
+from structsel.report.page_model import (
     Section,
     Sheet,
     Table,

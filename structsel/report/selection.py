@@ -19,8 +19,8 @@ from structsel.formatting import (
 )
 from structsel.nomenclature import unit_of
 from structsel.recording import Recording
-from structsel.report.charts import Flight, chart, chart_data, moving
-from structsel.report.sheet import (
+from structsel.report.chart_data import Flight, chart, chart_data, moving
+from structsel.report.page_model import (
     Bar,
     Section,
     Sheet,

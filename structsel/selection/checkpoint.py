@@ -19,8 +19,8 @@ from zipfile import ZIP_STORED, BadZipFile, ZipFile
 import numpy as np
 from filelock import FileLock, Timeout
 
-from structsel.atomic import replacing
 from structsel.errors import DataError
+from structsel.files import replacing
 from structsel.numerics.arrays import Array
 
 SCHEMA = "structsel.checkpoint/2"

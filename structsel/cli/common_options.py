@@ -12,8 +12,8 @@ import typer
 
 from structsel import __version__
 from structsel.cli.defaults import DEFAULTS, load_defaults
-from structsel.cli.inputs_read import reading
-from structsel.cli.terminal import say, speaking, timed
+from structsel.cli.input_files import reading
+from structsel.cli.messages import say, speaking, timed
 
 _PANEL = "Every command"
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from structsel.cli.inputs_read import provenance
-from structsel.cli.output import output_folder
-from structsel.cli.terminal import Waiting, json_text
+from structsel.cli.folders import output_folder
+from structsel.cli.input_files import provenance
+from structsel.cli.messages import Waiting, json_text
 from structsel.recording import Recording
 from structsel.report import write_comparison, write_report
 from structsel.selection import Selections

@@ -11,7 +11,7 @@ from matplotlib.ticker import LogFormatter, MaxNLocator
 from scipy import stats
 
 from structsel.nomenclature import latex_of
-from structsel.plotting.axes import (
+from structsel.plotting.style import (
     DOUBT,
     KEPT,
     MEASURED,

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from structsel.cli.flights import load_aircraft, option, read_manoeuvres
 from structsel.cli.parsing import read_numbers, split_names
+from structsel.cli.recordings import load_aircraft, option, read_manoeuvres
 from structsel.errors import ChannelError, ModelError
 from structsel.model import AeroModel
 from structsel.recording import Recording

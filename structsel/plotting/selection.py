@@ -11,7 +11,7 @@ from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullLocator
 from scipy import stats
 
 from structsel.model import AeroModel
-from structsel.plotting.axes import (
+from structsel.plotting.style import (
     DOUBT,
     KEPT,
     MEASURED,

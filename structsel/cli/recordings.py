@@ -9,8 +9,8 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from structsel.aircraft import Aircraft
+from structsel.cli.messages import Waiting, say
 from structsel.cli.parsing import split_names
-from structsel.cli.terminal import Waiting, say
 from structsel.coefficients import compute_all
 from structsel.errors import DataError, ReconstructionError, SelectionError
 from structsel.readers.channel_map import load_channel_map

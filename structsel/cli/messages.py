@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from structsel.cli.inputs_read import provenance
+from structsel.cli.input_files import provenance
 
 PATIENCE = 2.0
 """Seconds of work before a progress bar is shown."""

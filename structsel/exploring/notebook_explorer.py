@@ -10,7 +10,7 @@ import ipywidgets
 import numpy as np
 
 from structsel.candidates import Candidates
-from structsel.exploring.additions import try_additions
+from structsel.exploring.added_terms import try_additions
 from structsel.model import AeroModel
 from structsel.plotting import draw_addition
 from structsel.recording import Recording

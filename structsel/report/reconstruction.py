@@ -19,8 +19,8 @@ from structsel.formatting import (
 )
 from structsel.nomenclature import unit_of
 from structsel.reconstruction import CONSTANTS, Reconstruction, Reconstructions
-from structsel.report.charts import Flight, chart_data, moving
-from structsel.report.sheet import Remark, Section, Sheet, Table, columns, conversions, list_sources, merge_remarks
+from structsel.report.chart_data import Flight, chart_data, moving
+from structsel.report.page_model import Remark, Section, Sheet, Table, columns, conversions, list_sources, merge_remarks
 
 _INPUTS = ("de", "da", "dr", "df", "throttle", "thrust", "qbar", "mach")
 _FOUND = 4.0  # standard deviations beyond which a constant is clearly found

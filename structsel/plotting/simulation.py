@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from structsel.plotting.axes import DOUBT, KEPT, MEASURED, MODELLED, label, new_axes, thin
+from structsel.plotting.style import DOUBT, KEPT, MEASURED, MODELLED, label, new_axes, thin
 from structsel.recording import Recording
 from structsel.refinement import Refinement
 from structsel.validation import Resimulation

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from structsel.candidates import Factor, Term
 from structsel.candidates.formula import Node
-from structsel.exporting.facts import term_notes
+from structsel.exporting.header import term_notes
 from structsel.model import ResponseModel
 
 

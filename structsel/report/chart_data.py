@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from structsel.formatting import format_number
 from structsel.numerics.arrays import Array
 from structsel.numerics.binning import BinMeans, bin_means, split_into_stretches
-from structsel.report.thinning import keep_extremes
+from structsel.report.downsampling import keep_extremes
 
 MOST_VALUES = 400_000
 """About so many in all time histories of a page; more are thinned. Each takes five and a third bytes."""
