@@ -73,9 +73,9 @@ def test_a_selections_page_holds_its_numbers_and_warnings():
         assert all(warning in stated for warning in s.doubts)
     assert any(s.doubts for s in found.values())
     assert f"{judged.score('Cm').r2:.4f}" in stated
-    assert "m04 judges m04.csv" in stated
+    assert "m04 validation m04.csv" in stated
     # Counted on the page, whose verdict it is.
-    assert f"{sum(len(s.doubts) for s in found.values()) + len(judged.doubts)} doubts" in stated
+    assert f"{sum(len(s.doubts) for s in found.values()) + len(judged.doubts)} warnings" in stated
 
 
 def test_a_reconstructions_page_says_what_is_not_trusted_and_what_was_found():

@@ -1,4 +1,4 @@
-"""``structsel demo``: the main job on six flights whose truth is known."""
+"""``structsel demo``: selection on six simulated flights whose true parameters are known."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def run(
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.")] = True,
     json: Json = False,
 ) -> None:
-    """Select six-axis models from six embedded flights, and print them beside the truth."""
+    """Select models of all six axes from six simulated flights, and print them with the true values."""
     console = stdout()
     if out is not None:
         claim(out)

@@ -21,13 +21,13 @@ from structsel.tables import Cell, Summary, Table, Tone, text_column
 
 EPILOG = page(
     [
-        ("Columns under their own names, a log's by its ready map", "structsel describe flight.csv"),
+        ("Columns under their own names, a log's by its standard map", "structsel describe flight.csv"),
         ("Guess a map, for you to check and edit", "structsel describe flight.csv --guess-map map.toml"),
         ("As the map makes them, SI and radians", "structsel describe flights/ --map map.toml"),
         ("With every conversion made, under provenance", "structsel describe flight.csv --json"),
     ],
     """[bold]Found[/bold] are gaps, repeated or backward time, samples that are no numbers, channels that never move or
-    hang, and magnitudes that betray a wrong unit or sign. Nothing is mended.""",
+    are frozen, and magnitudes that indicate a wrong unit or sign. The data are not changed.""",
 )
 GuessMap = Annotated[
     Path | None,

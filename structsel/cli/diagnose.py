@@ -89,7 +89,7 @@ def run(
     ],
     channel_map: Map = None,
     held_out: Annotated[
-        str, option("--held-out", "Recordings to judge by; each in turn if absent.", metavar="NAMES")
+        str, option("--held-out", "Validation recordings; by default each one in turn.", metavar="NAMES")
     ] = "",
     out: Annotated[
         Path | None,

@@ -17,14 +17,14 @@ from structsel.cli.help_text import page
 from structsel.cli.messages import Waiting, json_text, print_json, stdout
 from structsel.cli.models import (
     MODEL_HELP,
+    AircraftOption,
     Controls,
     Define,
-    FlownAircraft,
     Rho,
-    Trimmed,
-    open_craft,
+    TrimOption,
+    open_model,
     read_definitions,
-    trim_craft,
+    trim_model,
 )
 from structsel.cli.parsing import read_numbers, split_names
 from structsel.cli.recordings import OUTPUT, Json, Overwrite, option
@@ -90,8 +90,8 @@ def run(
     law: Annotated[Literal["log", "linear"], option("--law", "Logarithmic or linear sweep.")] = "log",
     period: Annotated[float | None, option("--period", "Period of a multisine, in s; 20.")] = None,
     model: Annotated[str, option("--model", MODEL_HELP, _LINEAR, "MODEL")] = "",
-    aircraft: FlownAircraft = None,
-    trim: Trimmed = "",
+    aircraft: AircraftOption = None,
+    trim: TrimOption = "",
     controls: Controls = "",
     axis: Annotated[
         Literal["longitudinal", "lateral"],
@@ -191,9 +191,9 @@ def _linear(
     measured: dict[str, float],
 ) -> LinearModel:
     """A linear model whose parameters have names, with the outputs measured."""
-    craft = open_craft(text, aircraft, definitions, rho)
+    craft = open_model(text, aircraft, definitions, rho)
     if isinstance(craft, PublishedAircraft):
-        trimmed = trim_craft(craft, trim, controls)
+        trimmed = trim_model(craft, trim, controls)
         linear = craft.linearise(trimmed, axis=axis, inputs=channels or _SURFACES[axis])
         return signals.name_derivatives(linear, outputs=list(measured))
     if not isinstance(craft, LinearModel):

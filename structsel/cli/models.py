@@ -25,7 +25,7 @@ MODEL_HELP = (
     f"A model file; ready:NAME of {', '.join(PUBLISHED_AIRCRAFT)}, for linear ones with its axis, "
     "ready:hawk:lateral; or jsbsim:AIRCRAFT, a name or PATH.xml."
 )
-FlownAircraft = Annotated[
+AircraftOption = Annotated[
     Path | None,
     option(
         "--aircraft",
@@ -33,7 +33,7 @@ FlownAircraft = Annotated[
         metavar="AIRCRAFT.TOML",
     ),
 ]
-Trimmed = Annotated[
+TrimOption = Annotated[
     str,
     typer.Option(
         "--trim",
@@ -61,7 +61,7 @@ Define = Annotated[
 Rho = Annotated[
     float | None, typer.Option("--rho", help="Density held throughout, in kg/m^3, instead of the atmosphere's.")
 ]
-Recorded = Annotated[
+RecordingsOption = Annotated[
     list[Path] | None,
     option("--recordings", "Recordings or folders of them, one manoeuvre each; may be repeated.", metavar="FILES"),
 ]
@@ -102,7 +102,7 @@ def read_definitions(texts: Sequence[str] | None) -> dict[str, str]:
     return found
 
 
-def open_craft(
+def open_model(
     text: str, aircraft: Path | None, definitions: Mapping[str, str] | None = None, rho: float | None = None
 ) -> Craft:
     """What ``MODEL.json``, ``ready:...`` or ``jsbsim:...`` names.
@@ -151,7 +151,7 @@ def _open_ready(name: str, definitions: Mapping[str, str], rho: float | None) ->
     return craft
 
 
-def trim_craft(craft: PublishedAircraft | JSBSimAircraft, trim: str, controls: str, free: str = "") -> Any:
+def trim_model(craft: PublishedAircraft | JSBSimAircraft, trim: str, controls: str, free: str = "") -> Any:
     """Trim of a craft, a `Trim`.
 
     Raises

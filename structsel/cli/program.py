@@ -30,14 +30,14 @@ from structsel.errors import StructselError
 
 _EPILOG = page(
     [
-        ("Six flights made here, their truth known", "structsel demo --out out/demo"),
+        ("Six simulated flights with known true parameters", "structsel demo --out out/demo"),
         ("Is the file read as you meant", "structsel describe flight.csv --map map.toml"),
         (
             "What is wrong with the instruments, and the flight without it",
             "structsel reconstruct flights/ --map map.toml --aircraft aircraft.toml \\\n    --out path/",
         ),
         (
-            "Choose the terms, two manoeuvres kept aside",
+            "Select the terms, two manoeuvres for validation",
             "structsel select flights/ --map map.toml --aircraft aircraft.toml \\\n"
             "    --responses CZ,Cm --candidates alpha,q_hat,de --degree 3 \\\n"
             "    --held-out m05,m06 --out out/",
@@ -47,13 +47,13 @@ _EPILOG = page(
             "structsel validate out/model.json m07.csv --map map.toml \\\n    --aircraft aircraft.toml",
         ),
         (
-            "Fly it with the recorded inputs, and refine it on whole manoeuvres",
+            "Simulate it with the recorded inputs, and refine it on complete manoeuvres",
             "structsel validate out/model.json m07.csv --map map.toml \\\n    --aircraft aircraft.toml --replay\n"
             "  structsel refine out/model.json --recordings flights/ --map map.toml \\\n"
             "    --aircraft aircraft.toml --starts w,q,theta --out refined/",
         ),
         (
-            "What does a simulation leave out",
+            "What is missing in a simulation",
             "structsel diagnose --aircraft aircraft.toml --recordings recordings/ \\\n"
             "    --simulation simulated/ --out out/",
         ),
@@ -104,7 +104,7 @@ def _origin(error: Any) -> str:
 app = typer.Typer(
     cls=Program,
     name="structsel",
-    help="Flight recordings in, an aerodynamic model out whose structure the data chose.",
+    help="Identify aerodynamic models from flight-test recordings, and find what a simulation is missing.",
     epilog=_EPILOG,
     no_args_is_help=True,
     rich_markup_mode="rich",
@@ -125,7 +125,7 @@ def _options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
     ] = False,
 ) -> None:
-    """Flight recordings in, an aerodynamic model out whose structure the data chose."""
+    """Identify aerodynamic models from flight-test recordings, and find what a simulation is missing."""
 
 
 for _name, _command in {

@@ -116,7 +116,7 @@ def read_manoeuvres(files: Iterable[Path], channel_map: Path | None, find: bool 
             say("note", f"'{recording.name}': {len(parts)} manoeuvres found: {said}.")
         flown += parts
     if not flown:
-        raise DataError("--find-manoeuvres found no stretch in which controls move.\nWithout it files are used whole.")
+        raise DataError("--find-manoeuvres found no part in which controls move.\nWithout it files are used whole.")
     return flown
 
 

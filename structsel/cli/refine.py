@@ -16,12 +16,12 @@ from structsel.cli.input_files import provenance
 from structsel.cli.messages import Waiting, json_text, print_json, say, stdout
 from structsel.cli.models import (
     MODEL_HELP,
+    AircraftOption,
     Craft,
     Define,
-    FlownAircraft,
-    Recorded,
+    RecordingsOption,
     Rho,
-    open_craft,
+    open_model,
     read_definitions,
     read_schedules,
 )
@@ -39,7 +39,7 @@ from structsel.validation import Resimulation, resimulate
 EPILOG = page(
     [
         (
-            "Pitching moment, on whole manoeuvres; two judge the result",
+            "Pitching moment, on whole manoeuvres; two validate the result",
             "structsel refine out/model.json --aircraft aircraft.toml --recordings flights/ \\\n"
             "    --free Cm: --starts w,q,theta --biases az --held-out m05,m06 --out refined/",
         ),
@@ -66,8 +66,8 @@ EPILOG = page(
 @takes_dataclass(RefineOptions)
 def run(
     model: Annotated[str, typer.Argument(metavar="MODEL", help=MODEL_HELP)],
-    recordings: Recorded = None,
-    aircraft: FlownAircraft = None,
+    recordings: RecordingsOption = None,
+    aircraft: AircraftOption = None,
     channel_map: Map = None,
     *,
     options: dict[str, Any],
@@ -75,7 +75,7 @@ def run(
     define: Define = None,
     rho: Rho = None,
     held_out: Annotated[
-        str, option("--held-out", "Recordings that judge the result, by replay.", metavar="NAMES")
+        str, option("--held-out", "Validation recordings: simulated with the model before and after.", metavar="NAMES")
     ] = "",
     out: Annotated[
         Path | None,
@@ -85,9 +85,9 @@ def run(
     plots: Plots = True,
     json: Json = False,
 ) -> None:
-    """Refine a model by output error: its flights with the recorded inputs come nearest the recorded ones."""
+    """Estimate the parameters of a model by output error: its simulated outputs come nearest the recorded ones."""
     refuse_existing(out, overwrite)
-    craft = open_craft(model, aircraft, read_definitions(define), rho)
+    craft = open_model(model, aircraft, read_definitions(define), rho)
     if not recordings:
         raise typer.BadParameter("refine needs --recordings.")
     flown, judges = hold_out(read_schedules(recordings, channel_map, "--recordings"), held_out)

@@ -44,7 +44,7 @@ from structsel.validation import Validation, validate
 EPILOG = page(
     [
         (
-            "From raw recordings, two of them kept aside",
+            "From raw recordings, two of them for validation",
             "structsel select flights/ --map map.toml --aircraft aircraft.toml \\\n"
             "    --responses CZ,Cm --candidates alpha,q_hat,de --degree 3 \\\n"
             "    --held-out m05,m06 --out out/",
@@ -68,7 +68,7 @@ EPILOG = page(
     and abs, sign, sqrt, sin, cos, tan, exp, log, tanh, step of formulas. The constant is always in the model.""",
     """[bold]Instruments[/bold] have biases, and vanes stand in disturbed air: --reconstruct takes that out first, with
     the defaults of structsel reconstruct, which shows what was found and should be run by itself once.""",
-    """[bold]Doubts[/bold] stand under each table, marked !: read them before the numbers.""",
+    """[bold]Warnings[/bold] stand under each table, marked !: read them before the numbers.""",
 )
 
 _POOL, _SEARCH, _JUDGE, _OUTPUT = (
@@ -112,7 +112,10 @@ def run(
     *,
     options: dict[str, Any],
     held_out: Annotated[
-        str, option("--held-out", "Recordings kept aside, and scored on afterwards.", _JUDGE, "NAMES")
+        str,
+        option(
+            "--held-out", "Validation recordings: not used for the selection, and scored afterwards.", _JUDGE, "NAMES"
+        ),
     ] = "",
     out: Annotated[
         Path | None, option("--out", "Folder for model.json, report.html, tables and plots.", _OUTPUT, "DIR")
@@ -125,7 +128,7 @@ def run(
     stream: Stream = None,
     checkpoint: CheckpointFile = None,
 ) -> None:
-    """Choose which candidate terms belong in the model of each response, and say how sure that is."""
+    """Select the terms of the model of each response from candidates, and estimate their uncertainty."""
     if json and latex:
         raise typer.BadParameter("give one of --json and --latex, not both.")
     if method not in (*METHODS, "all"):

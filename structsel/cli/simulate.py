@@ -1,4 +1,4 @@
-"""``structsel simulate``: a model flown through a schedule of inputs, or with recorded ones."""
+"""``structsel simulate``: a model with input time histories, or with recorded inputs."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from structsel.cli.help_text import page
 from structsel.cli.messages import Waiting, json_text, print_json, say, stdout
 from structsel.cli.models import (
     MODEL_HELP,
+    AircraftOption,
     Controls,
     Craft,
     Define,
-    FlownAircraft,
     Free,
-    Recorded,
+    RecordingsOption,
     Rho,
-    Trimmed,
+    TrimOption,
     departures,
-    open_craft,
+    open_model,
     read_definitions,
     read_schedules,
-    trim_craft,
+    trim_model,
 )
 from structsel.cli.parsing import read_numbers
 from structsel.cli.recordings import OUTPUT, Json, Map, Overwrite, Plots, option
@@ -44,18 +44,19 @@ EPILOG = page(
     [
         ("Trim and modes of a ready aircraft", "structsel simulate ready:beaver --trim 45,600 --modes"),
         (
-            "A doublet of the elevator, flown and recorded with noise",
+            "A doublet of the elevator, simulated and recorded with noise",
             "structsel inputs doublet --channel de --amplitude 0.03 --out in/\n"
             "  structsel simulate ready:beaver --inputs in/doublet.csv \\\n"
-            "    --noise alpha=0.002,q=0.001 --turbulence 3 --out flown/",
+            "    --noise alpha=0.002,q=0.001 --turbulence 3 --out simulated/",
         ),
         (
             "Your model with recorded inputs, from the recorded start",
-            "structsel simulate out/model.json --aircraft aircraft.toml \\\n    --recordings flights/ --out flown/",
+            "structsel simulate out/model.json --aircraft aircraft.toml \\\n    --recordings flights/ --out simulated/",
         ),
         (
             "An aircraft of JSBSim with a light stabiliser",
-            "structsel simulate jsbsim:c172p --trim 55,1000 --inputs in/doublet.csv \\\n    --stabilise --out flown/",
+            "structsel simulate jsbsim:c172p --trim 55,1000 --inputs in/doublet.csv \\\n"
+            "    --stabilise --out simulated/",
         ),
     ],
     """[bold]--inputs[/bold] are departures from the trim, as structsel inputs writes them; a ready aircraft has a usual
@@ -80,14 +81,14 @@ class _Flown:
 
 def run(
     model: Annotated[str, typer.Argument(metavar="MODEL", help=MODEL_HELP)],
-    aircraft: FlownAircraft = None,
+    aircraft: AircraftOption = None,
     inputs: Annotated[
         list[Path] | None,
         option("--inputs", "Schedules, departures from the trim; may be repeated.", metavar="FILES"),
     ] = None,
-    recordings: Recorded = None,
+    recordings: RecordingsOption = None,
     channel_map: Map = None,
-    trim: Trimmed = "",
+    trim: TrimOption = "",
     controls: Controls = "",
     free: Free = "",
     define: Define = None,
@@ -129,7 +130,7 @@ def run(
 ) -> None:
     """Fly a model: trim, modes, and the motion that inputs make, as recordings."""
     refuse_existing(out, overwrite)
-    craft = open_craft(model, aircraft, read_definitions(define), rho)
+    craft = open_model(model, aircraft, read_definitions(define), rho)
     schedules = read_schedules(inputs or (), channel_map, "--inputs")
     followed = read_schedules(recordings or (), channel_map, "--recordings")
     air = _Surroundings(noise, turbulence, wind, seed, between, stabilise)
@@ -158,7 +159,7 @@ def run(
 
 def _trim(craft: Any, trim: str, controls: str, free: str) -> Trim:
     try:
-        found: Trim = trim_craft(craft, trim, controls, free)
+        found: Trim = trim_model(craft, trim, controls, free)
     except SimulationError as error:
         if isinstance(error.partial, Trim):
             say("note", f"the nearest to a trim:\n{error.partial}")

@@ -44,10 +44,10 @@ EPILOG = page(
         ("On files with coefficients", "structsel validate model.json coefficients/ --responses Cm"),
         (
             "Does it fly: the recorded inputs, from the recorded start",
-            "structsel validate out/model.json flights/ --aircraft aircraft.toml \\\n    --replay --out flown/",
+            "structsel validate out/model.json flights/ --aircraft aircraft.toml \\\n    --replay --out resimulated/",
         ),
     ],
-    """Only whole manoeuvres the model was not identified from judge it; the output says where they were.""",
+    """Validate with complete manoeuvres that were not used to identify the model.""",
     """[bold]--replay[/bold] flies the model with the recorded inputs, whole from the first sample and in short windows
     that each start from what was recorded, and scores every output: an aircraft unstable without its pilot parts from
     the record when flown whole, and the windows judge it. Where a flight parted or blew up is said.""",

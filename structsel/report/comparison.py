@@ -67,7 +67,7 @@ def sheet_of(
 
 
 def _about(methods: Sequence[str], one: Selection, held: Sequence[str]) -> str:
-    judges = f"; {join_names(held)} held out to judge" if held else ""
+    judges = f"; {join_names(held)} held out for validation" if held else ""
     return f"{count_of(len(methods), 'way')} of selecting from {count_of(len(one.recordings), 'recording')}{judges}."
 
 

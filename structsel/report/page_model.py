@@ -182,7 +182,7 @@ def list_sources(recordings: Sequence[Recording], names: Sequence[str] = (), hel
         if path is not None and path not in cached:
             cached[path] = (sha256_of(path) or "-")[:16]
         origin = "-" if path is None else path.name
-        use = "judges" if one.name in held_out else "used"
+        use = "validation" if one.name in held_out else "used"
         span = f"{format_number(float(one.t[0]))} to {format_number(float(one.t[-1]))} s"
         rows.append((one.name, use, origin, cached.get(path, "-") if path else "-", str(len(one)), span,
                      f"{format_number(one.dt, 3)} s"))  # fmt: skip

@@ -103,7 +103,7 @@ def _headline(found: Refinement, judged: Mapping[str, Resimulation], converged: 
         if left:
             least, most_left = (f"{format_percent(x)} of what it was ({o})" for x, o in (left[0], left[-1]))
             reach = f"{least} to {most_left}" if len(left) > 1 else least
-            said.append(f"On flights held out, flown whole, the rms error is {reach}.")
+            said.append(f"On complete recordings held out, the rms error is {reach}.")
     return said
 
 
@@ -112,7 +112,7 @@ def _sized(e: Estimate) -> str:
 
 
 def _about(found: Refinement, held: Sequence[Recording]) -> str:
-    judges = f"; {join_names(dict.fromkeys(r.name for r in held))} held out to judge" if held else ""
+    judges = f"; {join_names(dict.fromkeys(r.name for r in held))} held out for validation" if held else ""
     samples = sum(map(len, found.simulated))
     return f"{found.title} on {count_of(len(found.simulated), 'recording')}, {samples} samples{judges}."
 

@@ -65,7 +65,7 @@ def sheet_of(
     if judged is not None:
         sections.append(_judgement(judged))
     return Sheet(
-        verdict=count_of(len(doubts), "doubt") if doubts else "no doubts",
+        verdict=count_of(len(doubts), "warning") if doubts else "no warnings",
         tone="doubt" if doubts or biased else "good",
         headline=headline,
         lead=(told,),
@@ -102,7 +102,7 @@ def _headline(each: Sequence[Selection]) -> tuple[str, str]:
 
 
 def _about(each: Sequence[Selection], held: Sequence[str]) -> str:
-    judges = f"; {join_names(held)} held out to judge" if held else ""
+    judges = f"; {join_names(held)} held out for validation" if held else ""
     return f"From {count_of(len(each[0].recordings), 'recording')}, {each[0].n} samples{judges}."
 
 
