@@ -55,7 +55,7 @@ def signals() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     # The input held over each sample, which is what its steps are.
     _, _, x = lsim((A, B, np.eye(2), np.zeros((2, 1))), u, t, interp=False)
     rate = x @ A.T + 0.5 * (u + np.concatenate(([0.0], u[:-1])))[:, None] @ B.T
-    made["3-2-1-1, incidence"] = x[:, 0], rate[:, 0]
+    made["3-2-1-1, angle of attack"] = x[:, 0], rate[:, 0]
     made["3-2-1-1, pitch rate"] = x[:, 1], rate[:, 1]
     return made
 

@@ -332,27 +332,27 @@ def held_at(model: ss.ResponseModel, channel: str, value: float) -> ss.ResponseM
 
 def hfb320_speed() -> Case:
     """The published structure, with the airspeed's own terms frozen at the reference."""
-    record, craft = hfb320_record()
-    book = fitted(compute_all([record], craft), BOOK)
+    record, aircraft = hfb320_record()
+    book = fitted(compute_all([record], aircraft), BOOK)
     frozen = ss.AeroModel({r: held_at(m, "V_ratio", 1.05) for r, m in book.items()}, name="no speed dependence")
     accept = ["missing-term", "compressibility", "flexibility"]  # all three follow the speed at one height
-    return Case("speed dependence", frozen, cut(record, HFB_PARTS), craft, frozenset(accept))
+    return Case("speed dependence", frozen, cut(record, HFB_PARTS), aircraft, frozenset(accept))
 
 
 def hfb320_drag() -> Case:
     """The published structure with a parabola for its drag, and the parabola's square left out."""
-    record, craft = hfb320_record()
-    polar = fitted(compute_all([record], craft), {**BOOK, "CD": ["V_ratio", "alpha^2"]})
+    record, aircraft = hfb320_record()
+    polar = fitted(compute_all([record], aircraft), {**BOOK, "CD": ["V_ratio", "alpha^2"]})
     middle = float(np.mean(record["alpha"] ** 2))
     flat = ss.AeroModel({**polar, "CD": held_at(polar["CD"], "alpha^2", middle)}, name="no drag due to lift")
-    return Case("quadratic drag", flat, cut(record, HFB_PARTS), craft, frozenset(["drag-polar"]))
+    return Case("quadratic drag", flat, cut(record, HFB_PARTS), aircraft, frozenset(["drag-polar"]))
 
 
 def hfb320_correct() -> Case:
     """The published structure identified on the first half (3-2-1-1), on the second (pulse and phugoid)."""
-    record, craft = hfb320_record()
-    first = compute_all([record.between(0.0, 30.0)], craft)
-    return Case("nothing", ss.AeroModel(fitted(first, BOOK), name="first half"), cut(record, HFB_PARTS)[2:], craft)
+    record, aircraft = hfb320_record()
+    first = compute_all([record.between(0.0, 30.0)], aircraft)
+    return Case("nothing", ss.AeroModel(fitted(first, BOOK), name="first half"), cut(record, HFB_PARTS)[2:], aircraft)
 
 
 # ---------------------------------------------------------------- ATTAS
@@ -382,9 +382,9 @@ def chosen(flights: Sequence[Recording], responses: Sequence[str], pool: ss.Cand
 
 def attas_vane() -> Case:
     """A model about the centre of gravity, asked at what the boom's vanes read 13 m ahead of it."""
-    records, craft = attas_records()
-    model = chosen(compute_all(records, craft), SIX, ss.Candidates.polynomial(STATES, 2))
-    content = craft.to_dict()
+    records, aircraft = attas_records()
+    model = chosen(compute_all(records, aircraft), SIX, ss.Candidates.polynomial(STATES, 2))
+    content = aircraft.to_dict()
     del content["sensors"]["vane"]
     return Case("vane 13.08 m ahead", model, records, ss.Aircraft.from_dict(content), frozenset(["sensor-position"]),
                 "x 13.08 m")  # fmt: skip
@@ -392,9 +392,9 @@ def attas_vane() -> Case:
 
 def attas_correct() -> Case:
     """Terms chosen on three manoeuvres, on their repeats."""
-    records, craft = attas_records()
+    records, aircraft = attas_records()
     pool = ss.Candidates.parse([*STATES, "alpha^2", "beta^2"])
-    return Case("nothing", chosen(compute_all(records[:3], craft), SIX, pool), records[3:], craft)
+    return Case("nothing", chosen(compute_all(records[:3], aircraft), SIX, pool), records[3:], aircraft)
 
 
 # ---------------------------------------------------------------- UAV-ART

@@ -25,7 +25,7 @@ flown = compute_all(recordings, aircraft)
 used, held_out = flown[:-1], flown[-1]
 
 # %% [markdown]
-# ## What might matter: every product up to degree 3 of five channels, and a spline in incidence
+# ## What might matter: every product up to degree 3 of five channels, and a spline in angle of attack
 
 # %%
 pool = Candidates.polynomial(["alpha", "beta", "q_hat", "r_hat", "de"], degree=3)

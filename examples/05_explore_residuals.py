@@ -68,7 +68,7 @@ while True:
     terms.append(str(best))
 
 # %% [markdown]
-# ## What is left now: nothing against sideslip, and what the model has in incidence is a curve
+# ## What is left now: nothing against sideslip, and what the model has in angle of attack is a curve
 
 # %%
 full = fit(terms)

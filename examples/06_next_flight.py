@@ -5,7 +5,7 @@
 # written.
 
 # %% [markdown]
-# ## The last flight: a slow elevator doublet, incidence and pitch rate measured
+# ## The last flight: a slow elevator doublet, angle of attack and pitch rate measured
 
 # %%
 import matplotlib.pyplot as plt
@@ -32,7 +32,7 @@ print("correlation of the errors of", ", ".join(moments))
 print(np.array2string(told.correlation, precision=2, suppress_small=True))
 
 # %% [markdown]
-# ## The input that tells most about the three within what may be flown: elevator, its rate, and incidence
+# ## The input that tells most about the three within what may be flown: elevator, its rate, and angle of attack
 
 # %%
 limits = {"de": 0.02, "alpha": np.deg2rad(2.0)}

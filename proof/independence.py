@@ -60,9 +60,9 @@ def _along(declared: DeclaredEffect, flights: Sequence[Flight]) -> dict[tuple[st
 def _values(f: Flight) -> dict[str, np.ndarray]:
     """Variables of formulas along a prepared flight."""
     qbar = 0.5 * f["rho"] * f["V"] ** 2
-    made = {"1": np.ones(len(f)), "CT": f["thrust"] / (qbar * f.craft.S)}
+    made = {"1": np.ones(len(f)), "CT": f["thrust"] / (qbar * f.aircraft.S)}
     made |= {name: f[name] if name in f.channels else np.zeros(len(f)) for name in ("alpha", "beta", "de", "da", "dr")}
-    lengths = {"p": f.craft.b, "q": f.craft.cbar, "r": f.craft.b}
+    lengths = {"p": f.aircraft.b, "q": f.aircraft.cbar, "r": f.aircraft.b}
     made |= {f"{rate}_hat": f[rate] * length / (2.0 * f["V"]) for rate, length in lengths.items()}
     made |= {f"abs_{name}": np.abs(made[name]) for name in ("alpha", "beta", "de", "da", "dr")}
     made["CL"] = f.simulated["CX"] * np.sin(f["alpha"]) - f.simulated["CZ"] * np.cos(f["alpha"])

@@ -76,7 +76,7 @@ def inputs(k: int, size: float = 1.0) -> dict[str, np.ndarray]:
 
 def fly(
     truth: AeroModel | None = None,
-    craft: Aircraft = CRAFT,
+    aircraft: Aircraft = CRAFT,
     *,
     instruments: Instruments | None = None,
     flown: Mapping[str, Any] | None = None,
@@ -99,7 +99,7 @@ def fly(
         told = inputs(k, size)
         true = {c: (flown or {}).get(c, lambda x: x)(x) for c, x in told.items()}
         flight = simulate(
-            truth or aerodynamics(), craft, true, start=trimmed(k), instruments=instruments or Instruments(), **more
+            truth or aerodynamics(), aircraft, true, start=trimmed(k), instruments=instruments or Instruments(), **more
         )
         channels = {c: flight[c] for c in CHANNELS}
         channels |= {c: np.broadcast_to(told[c], flight.t.shape) for c in flown or {}}
@@ -107,21 +107,21 @@ def fly(
     return made
 
 
-def compare(recordings: Sequence[Recording], craft: Aircraft = CRAFT) -> list[Flight]:
+def compare(recordings: Sequence[Recording], aircraft: Aircraft = CRAFT) -> list[Flight]:
     """Flights against the model, told what was recorded.
 
     Parameters
     ----------
     recordings : sequence of Recording
-    craft : Aircraft
+    aircraft : Aircraft
         As the simulation thinks it is.
     """
-    simulation = open_simulation(aerodynamics(), recordings, craft)
+    simulation = open_simulation(aerodynamics(), recordings, aircraft)
     assert simulation.evaluate is not None
     told = [simulation.evaluate(r) for r in recordings]
     # Exact recordings have nothing to smooth, and the smoother would take most of the time.
     with patch("structsel.comparison.flight.smooth_spline", side_effect=DataError("exact")):
-        flights = [prepare_flight(r, craft, s) for r, s in zip(recordings, told)]
+        flights = [prepare_flight(r, aircraft, s) for r, s in zip(recordings, told)]
     stand_in = identify(flights, [f.simulated for f in flights], COEFFICIENTS)
     return [replace(f, surrogate=stand_in) for f in flights]
 

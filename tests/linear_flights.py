@@ -35,7 +35,7 @@ def helicopter_matrices(p):
 
 
 def helicopter(**values):
-    """AS 355 structure; 12 derivatives and the scale of the incidence boom."""
+    """AS 355 structure; 12 derivatives and the scale of the angle of attack boom."""
     return LinearStructure(
         ("u", "w", "q", "theta"), ("de",), ("alpha", "q", "ax", "az", "theta"), {**AS355, **values},
         helicopter_matrices, name="AS 355",

@@ -55,7 +55,7 @@ def excite(t, k=0, pitch=0.04, roll=0.05, yaw=0.04):
 
 
 def fly(
-    extra, speeds=(42.0, 50.0), inputs=excite, h=(1000.0, 1000.0), definitions=None, base=TRUTH, craft=CRAFT, **more
+    extra, speeds=(42.0, 50.0), inputs=excite, h=(1000.0, 1000.0), definitions=None, base=TRUTH, aircraft=CRAFT, **more
 ):
     """Flights, each with the simulation `base` at its exact states, of a truth with `extra` terms by response.
 
@@ -63,13 +63,13 @@ def fly(
     """
     simulation = model_of(base)
     truth = model_of({r: {**base[r], **extra.get(r, {})} for r in base})
-    seen = Aircraft(**{**craft.model_dump(exclude={"schema_name"}), "sensors": {}})
+    seen = Aircraft(**{**aircraft.model_dump(exclude={"schema_name"}), "sensors": {}})
     recordings, stated = [], []
     for k, V in enumerate(speeds):
-        start = trim(simulation, craft, V, h[k])
+        start = trim(simulation, aircraft, V, h[k])
         moves = start.inputs(T, **inputs(T, k)) | {n: x(k) if callable(x) else x for n, x in more.items()}
         flown = [
-            simulate(truth, craft, moves, start=start, definitions=definitions, instruments=i, outside="ignore")
+            simulate(truth, aircraft, moves, start=start, definitions=definitions, instruments=i, outside="ignore")
             for i in (Instruments(noise=NOISE, seed=k), None)
         ]
         recordings.append(Recording(f"m{k + 1:02d}", flown[0].t, flown[0].channels))
@@ -77,9 +77,9 @@ def fly(
     return recordings, stated
 
 
-def ready(recordings, stated, craft=CRAFT):
+def ready(recordings, stated, aircraft=CRAFT):
     """Flights to be explained, with a stand-in for the simulation."""
-    flights = [prepare_flight(r, craft, s) for r, s in zip(recordings, stated)]
+    flights = [prepare_flight(r, aircraft, s) for r, s in zip(recordings, stated)]
     stand_in = identify(flights, stated, [r for r in COEFFICIENTS if r in stated[0]])
     return [replace(f, surrogate=stand_in) for f in flights]
 

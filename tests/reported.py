@@ -30,7 +30,7 @@ def manoeuvre(k, n=500, name=""):
     """One synthetic manoeuvre with white noise, its terms known; CZ has one that no candidate holds."""
     rng = np.random.default_rng([7, k])
     t = 0.04 * np.arange(n)
-    # Steps of a 3-2-1-1 keep incidence, rate and elevator apart.
+    # Steps of a 3-2-1-1 keep angle of attack, rate and elevator apart.
     de = 0.06 * np.sign(np.sin(1.1 * t + k)) * (t % 6 < 4)
     q_hat = 0.004 * np.cos(2.3 * t + 2 * k) + 0.002 * rng.standard_normal(n)
     alpha = 0.12 + 0.05 * np.sin(0.7 * t + 3 * k) + 0.01 * rng.standard_normal(n)
@@ -68,23 +68,23 @@ def reconstructed():
 @cache
 def refined():
     """Refinement, recordings it was made of, and replays of another before and after."""
-    craft = published_aircraft("citation")
-    start = craft.trim()
+    aircraft = published_aircraft("citation")
+    start = aircraft.trim()
     flights = []
     for k, size in enumerate((0.02, -0.02), 1):
         u = three_two_one_one("de", size, 0.5, duration=8.0, dt=0.04)
         schedule = Recording(f"m0{k}", u.t, {"de": start["de"] + u["de"]})
         noise = {"V": 0.1, "alpha": 0.001, "q": 0.001, "theta": 0.001, "az": 0.05}
-        flights.append(craft.simulate(schedule, start=start, instruments=Instruments(noise=noise, seed=k)))
-    held = craft.model["Cm"]
+        flights.append(aircraft.simulate(schedule, start=start, instruments=Instruments(noise=noise, seed=k)))
+    held = aircraft.model["Cm"]
     off = {"alpha": -0.7, "q_hat": -15.0, "de": -1.0}
     values = np.array([off.get(str(term), value) for term, value in zip(held.terms, held.values)])
-    model = AeroModel({**craft.model.responses, "Cm": ResponseModel(held.terms, values)}, "off")
+    model = AeroModel({**aircraft.model.responses, "Cm": ResponseModel(held.terms, values)}, "off")
     free = ["Cm:1", "Cm:alpha", "Cm:q_hat", "Cm:de"]
     outputs = ["alpha", "q", "theta", "az"]
-    found = refine(model, craft.aircraft, flights[:1], free=free, outputs=outputs, starts=["w", "q", "theta"])
+    found = refine(model, aircraft.aircraft, flights[:1], free=free, outputs=outputs, starts=["w", "q", "theta"])
     pair = {"before": model, "after": found.model}
-    return found, flights, {name: resimulate(one, craft.aircraft, flights[1:]) for name, one in pair.items()}
+    return found, flights, {name: resimulate(one, aircraft.aircraft, flights[1:]) for name, one in pair.items()}
 
 
 @cache

@@ -56,7 +56,7 @@ def flight(k, n=500):
     """Return one synthetic manoeuvre with white noise, its terms known."""
     rng = np.random.default_rng([7, k])
     t = 0.04 * np.arange(n)
-    # Steps of a 3-2-1-1 keep incidence, rate and elevator apart.
+    # Steps of a 3-2-1-1 keep angle of attack, rate and elevator apart.
     de = 0.06 * np.sign(np.sin(1.1 * t + k)) * (t % 6 < 4)
     q_hat = 0.004 * np.cos(2.3 * t + 2 * k) + 0.002 * rng.standard_normal(n)
     alpha = 0.12 + 0.05 * np.sin(0.7 * t + 3 * k) + 0.01 * rng.standard_normal(n)

@@ -272,7 +272,7 @@ def test_where_none_can_be_reconstructed_the_message_says_why_and_nothing_is_lef
 
 
 def test_what_is_not_trusted_is_written_with_its_verdict_everywhere(folder, common, tmp_path):
-    # Ten times the noise that the aircraft file states of the incidence vane.
+    # Ten times the noise that the aircraft file states of the angle-of-attack vane.
     rng = np.random.default_rng(5)
     noisy = changed(
         folder,

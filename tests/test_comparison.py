@@ -127,9 +127,9 @@ def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flown):
     bias = 0.002
 
     def first(states, alpha):
-        craft = CRAFT.model_copy(update={"simulation": Simulation(states=states)})
+        aircraft = CRAFT.model_copy(update={"simulation": Simulation(states=states)})
         read = [Recording(r.name, r.t, {**r.channels, "alpha": r["alpha"] + alpha}) for r in recordings[:2]]
-        return prepare(files(recordings, stated), read, craft).flights[0]
+        return prepare(files(recordings, stated), read, aircraft).flights[0]
 
     flight = first("reconstructed", 0.0)
     read, asked = (columns for name, _, columns in biases_of(flight) if name == "alpha")
@@ -148,7 +148,7 @@ def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flown):
 
 
 def test_slopes_of_the_stand_in_are_those_of_the_simulation_whatever_readings_are_biased():
-    # Asked at true states at the centre of gravity; incidence and elevator read with another bias in each flight.
+    # Asked at true states at the centre of gravity; angle of attack and elevator read with another bias in each flight.
     recordings, stated = fly({}, speeds=(42.0, 46.0, 50.0, 54.0), h=(1000.0,) * 4)
     biases = 0.005 * np.array([1.0, -1.0, 0.8, -0.8])
     read = [

@@ -222,7 +222,7 @@ def test_a_trim_and_a_linear_model_have_states_where_nothing_changes():
 
 @pytest.fixture(scope="module")
 def flights():
-    """Flights of the Citation at moderate and high incidence, the simulation the Citation itself."""
+    """Flights of the Citation at moderate and high angle of attack, the simulation the Citation itself."""
     t = np.arange(0.0, 15.0, 0.04)
     made = []
     for k in range(2):
@@ -375,7 +375,9 @@ def test_a_patched_aircraft_differs_from_the_original_by_the_term(tmp_path):
     pytest.importorskip("jsbsim")
     from structsel.simulation.jsbsim import open_jsbsim
 
-    aircraft = open_jsbsim("f16")  # its aerodynamics do not ask for the rate of incidence, which any force changes
+    aircraft = open_jsbsim(
+        "f16"
+    )  # its aerodynamics do not ask for the rate of angle of attack, which any force changes
     terms = {"Cm": {"alpha^2": -2.0, "alpha*q_hat": -3.0}, "CD": {"alpha^2": 0.3}, "CY": {"beta^3": 2.0},
              "Cn": {"beta*dr": -0.3}}  # fmt: skip
     patched = patched_aircraft("f16", [effect("missing-term", terms)], aircraft.aircraft, [])

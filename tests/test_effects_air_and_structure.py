@@ -31,7 +31,7 @@ def over_ground(recordings):
 def test_a_shear_with_height_is_found_by_kinematics_alone():
     # 8 m/s more northerly wind per 100 m, through climbs and descents of some 30 m.
     air = Atmosphere(wind=[[-40.0, 0.0, 0.0], [40.0, 0.0, 0.0]], heights=[500.0, 1500.0])
-    flights = compare(fly(craft=VANE_AT_CG, air=air), VANE_AT_CG)
+    flights = compare(fly(aircraft=VANE_AT_CG, air=air), VANE_AT_CG)
     variants = {v.about: v for v in one_of(atmosphere.EFFECTS, "wind-shear").variants(flights)}
     found = explain(flights, variants["linear with height"])
     assert found.explained > 0.98
@@ -41,7 +41,7 @@ def test_a_shear_with_height_is_found_by_kinematics_alone():
 
 def test_a_steady_wind_that_went_into_the_airspeed_is_found():
     air = Atmosphere(wind=(6.0, 4.0, 0.0))
-    flights = compare(over_ground(fly(craft=VANE_AT_CG, air=air)), VANE_AT_CG)
+    flights = compare(over_ground(fly(aircraft=VANE_AT_CG, air=air)), VANE_AT_CG)
     variants = {v.about: v for v in one_of(atmosphere.EFFECTS, "steady-wind").variants(flights)}
     found = explain(flights, variants["airspeed and angles made from the motion over the ground"])
     assert found.explained > 0.9
@@ -50,8 +50,8 @@ def test_a_steady_wind_that_went_into_the_airspeed_is_found():
 
 def test_a_gust_the_vane_missed_is_found_with_its_time_and_speed():
     air = Atmosphere(gusts=(Gust("w", -3.0, 5.0, 1.6),))
-    first, _ = fly(craft=VANE_AT_CG, air=air)
-    _, second = fly(craft=VANE_AT_CG)
+    first, _ = fly(aircraft=VANE_AT_CG, air=air)
+    _, second = fly(aircraft=VANE_AT_CG)
     flights = compare(over_ground([first, second]), VANE_AT_CG)
     found = best(flights, one_of(atmosphere.EFFECTS, "gust"))
     assert found.variant.about == "upward, in 'm0'"
@@ -112,7 +112,7 @@ def test_the_same_gust_in_two_manoeuvres_is_one_effect_with_both_moments():
     seen = []
     for k, start in enumerate((5.0, 11.0)):
         air = Atmosphere(gusts=(Gust("w", -3.0, start, 1.6),))
-        seen.append(fly(craft=VANE_AT_CG, air=air)[k])
+        seen.append(fly(aircraft=VANE_AT_CG, air=air)[k])
     found = best(compare(over_ground(seen)), one_of(atmosphere.EFFECTS, "gust"))
     assert set(found.variant.about.removeprefix("upward, in ").split(", ")) == {"'m0'", "'m1'"}
     assert found.explained > 0.85

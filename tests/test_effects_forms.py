@@ -73,7 +73,7 @@ def test_one_instrument_of_several_is_found_by_itself(effect, channel, reads, ab
 
 def test_thrust_that_is_delayed_along_the_axis_alone_leaves_the_moment():
     offset = CRAFT.model_validate(CRAFT.model_dump() | {"thrust": {"offset": (1.8, 0.0, 0.3)}})
-    flights = compare(fly(craft=offset), offset)
+    flights = compare(fly(aircraft=offset), offset)
     about = {v.about for v in one_of(EFFECTS, "thrust-lag").variants(flights)}
     assert about == {"", "along the axis alone"}
     alone = next(v for v in one_of(EFFECTS, "thrust-lag").variants(flights) if v.about)

@@ -11,12 +11,12 @@ from structsel.effects.inertial import EFFECTS
 from tests.injected import CRAFT, best, compare, explain, fly, one_of
 
 
-def craft(**other):
+def aircraft(**other):
     return CRAFT.model_validate(CRAFT.model_dump() | other)
 
 
 def test_a_heavier_aircraft_is_found_with_its_mass():
-    found = best(compare(fly(craft=craft(mass=2288.0 * 1.1))), one_of(EFFECTS, "mass-error"))
+    found = best(compare(fly(aircraft=aircraft(mass=2288.0 * 1.1))), one_of(EFFECTS, "mass-error"))
     assert found.variant.about == "in all manoeuvres"
     assert found.explained > 0.98
     assert_allclose(found.values["share"], 0.1, rtol=0.02)
@@ -43,7 +43,7 @@ def test_a_centre_of_gravity_elsewhere_is_found_by_the_moment_of_all_forces(axis
 def test_inertia_other_than_stated_is_found_by_its_axis(name, size, expected):
     inertia = CRAFT.inertia.model_dump()
     inertia[name] = size if name == "Ixz" else inertia[name] * size
-    flights = compare(fly(craft=craft(inertia=inertia)))
+    flights = compare(fly(aircraft=aircraft(inertia=inertia)))
     variants = {tuple(p.name for p in v.parameters): v for v in one_of(EFFECTS, "inertia-error").variants(flights)}
     found = explain(flights, variants[(name,)])
     assert found.explained > 0.95
@@ -79,6 +79,6 @@ def test_what_grows_from_manoeuvre_to_manoeuvre_is_in_full_in_one_simulated_late
 
 
 def test_inertia_cannot_be_stated_where_none_is_stated():
-    bare = craft(inertia=None)
-    flights = [replace(f, craft=bare) for f in compare(fly())]
+    bare = aircraft(inertia=None)
+    flights = [replace(f, aircraft=bare) for f in compare(fly())]
     assert one_of(EFFECTS, "inertia-error").needs(flights) == "moments of inertia"

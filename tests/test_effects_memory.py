@@ -98,7 +98,7 @@ def test_a_wake_that_comes_delayed_is_found_in_force_and_moment(effect, terms, v
 
 @pytest.mark.parametrize("axial", [1.0, 0.0])
 def test_lift_that_builds_up_is_stated_by_its_kind_whatever_the_axial_force_does(axial):
-    # Jones's indicial lift at aspect ratio 3: each change of incidence lacks 0.283 exp(-0.540 s) of its lift.
+    # Jones's indicial lift at aspect ratio 3: each change of angle of attack lacks 0.283 exp(-0.540 s) of its lift.
     made = []
     for f in compare(fly()):
         decay = 0.540 * 2.0 * f["V"].mean() / CRAFT.cbar

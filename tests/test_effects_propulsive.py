@@ -19,7 +19,7 @@ ACROSS = {
 }  # fmt: skip
 
 
-def craft(**other):
+def aircraft(**other):
     return CRAFT.model_validate(CRAFT.model_dump() | other)
 
 
@@ -39,7 +39,7 @@ def test_a_slipstream_over_tail_and_controls_is_found_with_one_power_for_both():
     ],
 )
 def test_a_thrust_line_elsewhere_is_found_with_its_place(effect, thrust, name, value):
-    found = best(compare(fly(craft=craft(thrust=thrust))), one_of(EFFECTS, effect))
+    found = best(compare(fly(aircraft=aircraft(thrust=thrust))), one_of(EFFECTS, effect))
     assert list(found.values) == [name]
     assert found.explained > 0.9
     assert_allclose(found.values[name], value, rtol=0.03)
@@ -71,7 +71,7 @@ def test_the_force_across_the_shaft_and_the_p_factor_are_stated_apart():
 
 @pytest.mark.parametrize("speed", [None, 2400.0])
 def test_a_rotor_nobody_allowed_for_is_found_with_its_angular_momentum(speed):
-    recordings = fly(craft=craft(engine={"angular_momentum": 500.0}))
+    recordings = fly(aircraft=aircraft(engine={"angular_momentum": 500.0}))
     if speed:
         recordings = [r.with_channels(rpm=speed) for r in recordings]
     found = best(compare(recordings), one_of(EFFECTS, "engine-gyroscopic"))

@@ -48,7 +48,7 @@ def test_the_faulty_instrument_is_found_among_all_with_its_fault(effect, faults,
     ],
 )  # fmt: skip
 def test_an_instrument_that_stands_elsewhere_is_found_with_the_distance(sensors, about, name, value):
-    flights = compare(fly(craft=CRAFT.model_validate(CRAFT.model_dump() | {"sensors": sensors})))
+    flights = compare(fly(aircraft=CRAFT.model_validate(CRAFT.model_dump() | {"sensors": sensors})))
     variants = {v.about: v for v in one_of(EFFECTS, "sensor-position").variants(flights)}
     for which in (f"along body {name}", "along all axes"):
         found = explain(flights, variants[f"{about}, {which}"])

@@ -157,7 +157,7 @@ def test_a_simulation_right_at_another_reynolds_number_is_off_by_a_level_too():
 
 def test_what_flights_do_not_cover_is_said():
     flights = flights_with({}, speeds=(70.0,), inputs=lambda t, k: excite(t, k, 0.02, 0.03, 0.03))
-    assert STALL.needs(flights) == "incidence above 0.1 rad"
+    assert STALL.needs(flights) == "angle of attack above 0.1 rad"
     assert MACH.needs(flights) == "Mach numbers above 0.25"
     assert REYNOLDS.needs(flights) == "Reynolds numbers that differ by 15 % or more"
     assert POLAR.needs(flights) == ""

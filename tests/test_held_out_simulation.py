@@ -42,11 +42,11 @@ AIR = ("k_V", "k_alpha", "k_beta", "k_phi", "k_theta")
 @pytest.fixture(scope="module")
 def clean():
     """Two flights in still air, read without noise, and the coefficients of the model that flew them."""
-    recordings, craft, truth = demo_flights(2, noise=0.0, turbulence=0.0, duration=12.0)
+    recordings, aircraft, truth = demo_flights(2, noise=0.0, turbulence=0.0, duration=12.0)
     model = ss.AeroModel({c: ss.ResponseModel(tuple(t), np.array([*t.values()])) for c, t in truth.items()})
-    at_centre = [ss.compute_coefficients(r, craft) for r in recordings]
+    at_centre = [ss.compute_coefficients(r, aircraft) for r in recordings]
     exact = [{c: model[c].evaluate(r) for c in COEFFICIENTS} for r in at_centre]
-    return [prepare_flight(r, craft, one) for r, one in zip(recordings, exact)]
+    return [prepare_flight(r, aircraft, one) for r, one in zip(recordings, exact)]
 
 
 def stated(flight, *, only=COEFFICIENTS, **more):
@@ -81,7 +81,7 @@ def test_a_wrong_moment_drifts_as_mechanics_says(clean):
     f = clean[0]
     off = 2e-3
     found = rows(simulate_stages([stated(f, Cm=off)], 1.0))
-    rate = float(np.mean(f["qbar"])) * f.craft.S * f.craft.cbar * off / f.craft.inertia.Iy
+    rate = float(np.mean(f["qbar"])) * f.aircraft.S * f.aircraft.cbar * off / f.aircraft.inertia.Iy
     assert_allclose(found["q"].stages["delivered"].rms, ramp(rate, 1.0, f.dt), rtol=0.03)
     # An angle that grows with t^2 / 2.
     t = f.dt * np.arange(1, round(1.0 / f.dt) + 1)
@@ -93,7 +93,7 @@ def test_a_wrong_moment_drifts_as_mechanics_says(clean):
 def test_a_wrong_drag_slows_down_as_mechanics_says(clean):
     f = clean[0]
     found = rows(simulate_stages([stated(f, CX=-0.01)], 2.0))
-    rate = 0.01 * float(np.mean(f["qbar"])) * f.craft.S / f.craft.mass
+    rate = 0.01 * float(np.mean(f["qbar"])) * f.aircraft.S / f.aircraft.mass
     assert_allclose(found["V"].stages["delivered"].rms, ramp(rate, 2.0, f.dt), rtol=0.05)
 
 
@@ -113,8 +113,8 @@ def test_damping_of_the_simulation_holds_the_drift_back(clean):
                          {"Cm": 0.0}, {"Cm": 1.0})  # fmt: skip
     held = replace(f, surrogate=stand_in)
     found = rows(simulate_stages([stated(held, Cm=off)], 3.0))
-    moment = float(np.mean(f["qbar"])) * f.craft.S * f.craft.cbar / f.craft.inertia.Iy
-    a = -damping * moment * f.craft.cbar / (2.0 * float(np.mean(f["V"])))
+    moment = float(np.mean(f["qbar"])) * f.aircraft.S * f.aircraft.cbar / f.aircraft.inertia.Iy
+    a = -damping * moment * f.aircraft.cbar / (2.0 * float(np.mean(f["V"])))
     t = f.dt * np.arange(1, round(3.0 / f.dt) + 1)
     drift = moment * off / a * (1.0 - np.exp(-a * t))
     assert a > 1.0
@@ -122,21 +122,21 @@ def test_damping_of_the_simulation_holds_the_drift_back(clean):
 
 
 def test_windows_agree_with_a_simulator_that_flies_the_wrong_model_itself():
-    craft = ss.published_aircraft("citation")
-    trim = craft.trim()
-    held = craft.model["Cm"]
+    aircraft = ss.published_aircraft("citation")
+    trim = aircraft.trim()
+    held = aircraft.model["Cm"]
     off = {"alpha": 0.8, "q_hat": 0.7, "de": 1.15}
     values = np.array([off.get(str(term), 1.0) * value for term, value in zip(held.terms, held.values)])
-    wrong = ss.AeroModel({**craft.model.responses, "Cm": ss.ResponseModel(held.terms, values)})
+    wrong = ss.AeroModel({**aircraft.model.responses, "Cm": ss.ResponseModel(held.terms, values)})
     flights = []
     for k, (size, step) in enumerate(((0.02, 0.5), (-0.03, 0.8), (0.01, 1.2))):
         u = three_two_one_one("de", size, step, duration=16.0, dt=0.02)
-        flights.append(craft.simulate(ss.Recording(f"m{k}", u.t, {"de": trim["de"] + u["de"]}), start=trim))
-    made = prepare(wrong, flights, craft.aircraft).flights
+        flights.append(aircraft.simulate(ss.Recording(f"m{k}", u.t, {"de": trim["de"] + u["de"]}), start=trim))
+    made = prepare(wrong, flights, aircraft.aircraft).flights
     along = [PredictedCoefficients(f, {"delivered": f.simulated}) for f in made]
     found = rows(simulate_stages(along, 2.0))
     stiff = rows(simulate_stages([replace(one, flight=replace(one.flight, surrogate=None)) for one in along], 2.0))
-    flown = ss.resimulate(wrong, craft.aircraft, flights, outputs=["V", "alpha", "q", "theta"], window=2.0)
+    flown = ss.resimulate(wrong, aircraft.aircraft, flights, outputs=["V", "alpha", "q", "theta"], window=2.0)
     for channel in ("V", "alpha", "q", "theta"):
         itself = flown.score(channel, "all", "windows").rms_error
         assert_allclose(found[channel].stages["delivered"].rms, itself, rtol=0.06)
@@ -154,8 +154,8 @@ def test_responses_that_the_simulation_does_not_tell_are_taken_as_measured(clean
 
 
 def test_forces_alone_fly_an_aircraft_without_moments_of_inertia(clean):
-    craft = clean[0].craft.model_copy(update={"inertia": None})
-    bare = [replace(f, craft=craft, surrogate=None) for f in clean]
+    aircraft = clean[0].aircraft.model_copy(update={"inertia": None})
+    bare = [replace(f, aircraft=aircraft, surrogate=None) for f in clean]
     found = rows(simulate_stages([stated(f, only=("CX", "CY", "CZ"), CX=-0.01) for f in bare], 2.0))
     assert list(found) == ["V", "alpha", "beta"]
     assert found["alpha"].stages["refitted"].rms < 0.005 * max(np.ptp(f.raw["alpha"]) for f in clean)
@@ -181,7 +181,7 @@ def test_a_motion_that_explodes_is_stated_and_not_scored(clean):
 
 def test_windows_take_two_short_periods_of_the_simulation(clean):
     f = clean[0]
-    moment = float(np.median(f["qbar"])) * f.craft.S * f.craft.cbar / f.craft.inertia.Iy
+    moment = float(np.median(f["qbar"])) * f.aircraft.S * f.aircraft.cbar / f.aircraft.inertia.Iy
 
     def length(period):
         slope = -((2.0 * np.pi / period) ** 2) / moment
@@ -197,8 +197,8 @@ def ranked(name, *effects):
     """An example, as a diagnosis that knows only these effects ranks it."""
     folder = EXAMPLES / name
     recordings = [ss.read_recording(path) for path in sorted((folder / "recordings").glob("*.csv"))][:5]
-    craft = ss.Aircraft.from_toml(folder / "aircraft.toml")
-    flights = prepare(str(folder / "simulated"), recordings, craft).flights
+    aircraft = ss.Aircraft.from_toml(folder / "aircraft.toml")
+    flights = prepare(str(folder / "simulated"), recordings, aircraft).flights
     library = work_out([h for h in EFFECTS if h.name in effects], flights, flights[0].responses, None)
     return rank(Bench.set_up(flights, library.signatures), library)
 

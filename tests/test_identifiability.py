@@ -53,7 +53,7 @@ def test_flying_at_other_speeds_as_advised_separates_them(true):
 
 
 def test_pitch_rate_and_rate_of_angle_of_attack_that_move_together_are_aliases():
-    # In level flight without plunging, incidence turns as fast as the nose does.
+    # In level flight without plunging, angle of attack turns as fast as the nose does.
     near = {"alpha_dot_hat": lambda c, rng: c["q_hat"] * (1 + 1e-3 * rng.standard_normal(c["q_hat"].size))}
     pool = Candidates.polynomial(["alpha", "de", "q_hat", "alpha_dot_hat"], 1)
     found = select(fly(TRUTH, 0.02, lengths=(2000, 2000), **near), "CZ", pool, F_in="auto", bootstrap=0)["CZ"]

@@ -249,7 +249,7 @@ def test_the_coefficients_of_a_bundled_aircraft_s_flight_are_those_of_its_readin
 
 def test_its_forced_coefficients_are_those_of_the_flight(cessna, doublets):
     forced = cessna.coefficients(doublets)
-    # In flight the rate of incidence is a step old and the engine not settled.
+    # In flight the rate of angle of attack is a step old and the engine not settled.
     for name in TRUTH:
         assert_allclose(forced[name], doublets[name], atol=0.01 * np.ptp(doublets[name]), err_msg=name)
 

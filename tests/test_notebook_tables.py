@@ -123,13 +123,13 @@ def test_models_validations_and_diagnoses_show_what_they_are(selections):
 
 
 def test_aircraft_trims_and_inputs_show_what_they_are():
-    craft = ss.published_aircraft("citation")
-    steady = craft.trim(V=120.0, h=7500.0)
+    aircraft = ss.published_aircraft("citation")
+    steady = aircraft.trim(V=120.0, h=7500.0)
     assert "V 120 m/s" in steady._repr_html_()
     assert ["theta", "rad"] in [row[:3:2] for row in cells(steady._repr_html_())]
-    assert craft.aircraft.name in craft.aircraft._repr_html_()
-    assert craft.aircraft.name in craft._repr_html_()
-    linear = craft.linearise(steady, inputs=["de"])
+    assert aircraft.aircraft.name in aircraft.aircraft._repr_html_()
+    assert aircraft.aircraft.name in aircraft._repr_html_()
+    linear = aircraft.linearise(steady, inputs=["de"])
     assert [row[0] for row in cells(linear._repr_html_())][1 : 1 + len(linear.parameters)] == list(linear.parameters)
 
 

@@ -252,7 +252,7 @@ LONGITUDINAL = ("u", "w", "theta", "h", "bax", "baz", "bq", "Calpha0", "Cup")
 def test_a_longitudinal_flight_needs_a_vane_only_for_the_vane_s_own_errors(sensors, lost):
     found = reconstructibility(demo_problem("elevator-3211", sensors, LONGITUDINAL))
     assert set(found.fixed) == lost
-    assert all(found.fixed[name] == "no incidence vane was sampled" for name in lost)
+    assert all(found.fixed[name] == "no angle-of-attack vane was sampled" for name in lost)
 
 
 def test_in_steady_flight_the_offset_and_the_scale_of_the_vane_are_one():

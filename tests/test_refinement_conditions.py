@@ -50,7 +50,7 @@ def table(flights):
 
 
 def test_derivatives_follow_the_truth_over_trim_angle_of_attack(table):
-    assert table.recordings == (("m1",), ("m3",), ("m2",))  # by incidence, not as given
+    assert table.recordings == (("m1",), ("m3",), ("m2",))  # by angle of attack, not as given
     assert not table.notes
     alpha = table.conditions
     assert (np.diff(alpha) > 0.03).all()

@@ -22,7 +22,7 @@ def smooth(method, x, t):
 
 def signal_named(name, response):
     t, states, rates = response
-    if name == "incidence":
+    if name == "angle of attack":
         return t, states[:, 0], rates[:, 0]
     if name == "pitch rate":
         return t, states[:, 1], rates[:, 1]
@@ -37,11 +37,11 @@ def signal_named(name, response):
 
 # The factor between the actual and the stated rms error of values and derivative, over five seeds of white noise.
 CALIBRATED = [
-    ("spline", "incidence", 0.77, 1.3),
+    ("spline", "angle of attack", 0.77, 1.3),
     ("spline", "pitch rate", 0.77, 1.3),
     ("spline", "trend", 0.70, 1.3),
     ("spline", "sine 0.02", 0.65, 1.3),
-    ("fourier", "incidence", 0.77, 1.3),
+    ("fourier", "angle of attack", 0.77, 1.3),
     ("fourier", "pitch rate", 0.77, 2.5),
     ("fourier", "trend", 0.70, 1.3),
     ("fourier", "sine 0.02", 0.70, 1.3),
@@ -212,7 +212,7 @@ def test_the_order_follows_how_sharply_the_signal_moves(response):
     t, states, _ = response
     rng = np.random.default_rng(6)
     orders = [smooth_spline(x + 0.01 * x.std() * rng.standard_normal(t.size), t).order for x in states.T]
-    assert orders == [3, 2]  # incidence moves one integration more smoothly than the pitch rate
+    assert orders == [3, 2]  # angle of attack moves one integration more smoothly than the pitch rate
 
 
 def test_a_motion_too_fast_for_the_spline_is_said_and_the_fourier_smoother_follows_it():

@@ -67,12 +67,12 @@ def test_streamed_recordings_give_the_answer_of_recordings_in_memory(folder, noi
 
 
 def test_files_are_cut_at_gaps_and_coefficients_computed_at_every_reading(tmp_path):
-    flights, craft, _ = demo_flights(4, duration=10.0)
+    flights, aircraft, _ = demo_flights(4, duration=10.0)
     for k, (a, b) in enumerate(zip(flights[::2], flights[1::2])):
         t = np.concatenate([a.t, a.t[-1] + 10.0 + b.t])
         both = {name: np.concatenate([a[name], b[name]]) for name in a.names if name in b}
         write_recording(Recording(f"pair{k}", t, both, a.units), tmp_path / f"pair{k}.parquet")
-    prepare = partial(compute_coefficients, aircraft=craft, V0=45.0)
+    prepare = partial(compute_coefficients, aircraft=aircraft, V0=45.0)
     held = [prepare(part) for complete in read_recordings(tmp_path) for part in complete.split()]
     streamed = stream_recordings(tmp_path, prepare=prepare, split=True)
     for stored, complete in zip(streamed, held, strict=True):

@@ -140,7 +140,7 @@ def _polar(plant: JSBSimPlant) -> list[BuiltInEffect]:
                         (straight,),
                         ("pull", "speed"),
                         ("missing-term", "static-stall"),
-                        label="curvature of drag with incidence",
+                        label="curvature of drag with angle of attack",
                     )
                 )
     return made
@@ -282,7 +282,7 @@ def _crossing(plant: JSBSimPlant) -> list[BuiltInEffect]:
     if bent:
         made.append(BuiltInEffect("cross-coupling", tuple(bent), ("lateral", "turn", "stall"),
                            ("missing-term", "wrong-derivative"),
-                           label="incidence in lateral derivatives"))  # fmt: skip
+                           label="angle of attack in lateral derivatives"))  # fmt: skip
     return made
 
 

@@ -11,7 +11,7 @@ from structsel.errors import DataError
 from structsel.nomenclature import COEFFICIENTS
 from structsel.recording import Recording
 
-_STEEP = 0.5 * np.pi  # rad of incidence or sideslip
+_STEEP = 0.5 * np.pi  # rad of angle of attack or sideslip
 _FAST = 20.0  # rad/s
 _TIMES = 3.0  # the highest recorded airspeed
 _WIDER = 0.25  # by which the range a simulation flew may be exceeded at each end

@@ -44,7 +44,7 @@ class Flight:
     name : str
     t : (n,) array [s]
     dt : float [s]
-    craft : Aircraft
+    aircraft : Aircraft
     channels : mapping of channel to (n,) array [SI]
         Smoothed, as read; `AIRFRAME` and ``rho``, ``mass``, ``thrust``, ``qbar_ratio`` always there.
     raw : mapping of channel to (n,) array
@@ -67,7 +67,7 @@ class Flight:
     name: str
     t: Array
     dt: float
-    craft: Aircraft
+    aircraft: Aircraft
     channels: Mapping[str, Array]
     raw: Mapping[str, Array]
     measured: Mapping[str, Array]
@@ -114,17 +114,17 @@ class Flight:
     def _derived(self) -> dict[str, Array]:
         if not set(AIRFRAME) <= set(self.channels):
             return {}
-        ch, craft = self.channels, self.craft
+        ch, aircraft = self.channels, self.aircraft
         V = ch["V"]
         qbar = ch["qbar_ratio"] * 0.5 * ch["rho"] * V**2
         made = {
-            "p_hat": ch["p"] * craft.b / (2.0 * V),
-            "q_hat": ch["q"] * craft.cbar / (2.0 * V),
-            "r_hat": ch["r"] * craft.b / (2.0 * V),
-            "alpha_dot_hat": self.rate(ch["alpha"]) * craft.cbar / (2.0 * V),
-            "beta_dot_hat": self.rate(ch["beta"]) * craft.b / (2.0 * V),
+            "p_hat": ch["p"] * aircraft.b / (2.0 * V),
+            "q_hat": ch["q"] * aircraft.cbar / (2.0 * V),
+            "r_hat": ch["r"] * aircraft.b / (2.0 * V),
+            "alpha_dot_hat": self.rate(ch["alpha"]) * aircraft.cbar / (2.0 * V),
+            "beta_dot_hat": self.rate(ch["beta"]) * aircraft.b / (2.0 * V),
             "qbar": qbar,
-            "CT": ch["thrust"] / (qbar * craft.S),
+            "CT": ch["thrust"] / (qbar * aircraft.S),
             "abs(beta)": np.abs(ch["beta"]),
         }
         if "mach" not in ch and "h" in ch:
@@ -135,7 +135,7 @@ class Flight:
     def at_cg(self) -> dict[str, Array]:
         """Alpha and beta carried from the vanes to the centre of gravity."""
         ch = self.channels
-        place = tuple(self.craft.position("vane"))
+        place = tuple(self.aircraft.position("vane"))
         _, alpha, beta = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], ch["p"], ch["q"], ch["r"], place)
         return {"alpha": alpha, "beta": beta}
 
@@ -146,20 +146,23 @@ class Flight:
         What a wrong reading does to the differences is worked out from these: the measured ones, and those of a
         simulation asked at noisy states, would bring the differences' own noise into their explanation.
         """
-        ch, craft = self.channels, self.craft
+        ch, aircraft = self.channels, self.aircraft
         told = {c: self.told(c) for c in COEFFICIENTS}
-        qS = self["qbar"] * craft.S
+        qS = self["qbar"] * aircraft.S
         rates = (ch["p"], ch["q"], ch["r"])
         made = {f"{c}_dot": self.rate(ch[c]) for c in "pqr"}
-        if craft.inertia is not None:
-            thrust = rb.thrust_moment(ch["thrust"], craft.thrust.offset, craft.thrust.inclination)
-            moment = [told[c] * qS * x + m for c, x, m in zip(COEFFICIENTS[3:], (craft.b, craft.cbar, craft.b), thrust)]
-            turning = rb.angular_acceleration(rates, tuple(moment), craft.inertia.tensor)
+        if aircraft.inertia is not None:
+            thrust = rb.thrust_moment(ch["thrust"], aircraft.thrust.offset, aircraft.thrust.inclination)
+            moment = [
+                told[c] * qS * x + m
+                for c, x, m in zip(COEFFICIENTS[3:], (aircraft.b, aircraft.cbar, aircraft.b), thrust)
+            ]
+            turning = rb.angular_acceleration(rates, tuple(moment), aircraft.inertia.tensor)
             made |= {f"{c}_dot": x for c, x, own in zip("pqr", turning, COEFFICIENTS[3:]) if own in self.simulated}
-        push = rb.thrust_force(ch["thrust"], craft.thrust.inclination)
+        push = rb.thrust_force(ch["thrust"], aircraft.thrust.inclination)
         fx, fy, fz = ((told[c] * qS + x) / ch["mass"] for c, x in zip(COEFFICIENTS[:3], push))
         turned = (made["p_dot"], made["q_dot"], made["r_dot"])
-        read = rb.acceleration_at_sensor(fx, fy, fz, rates, turned, craft.position("accelerometer"))
+        read = rb.acceleration_at_sensor(fx, fy, fz, rates, turned, aircraft.position("accelerometer"))
         return made | {c: x for c, x in zip(("ax", "ay", "az"), read) if c in self.recorded}
 
     def told(self, name: str) -> Array:
@@ -171,7 +174,7 @@ class Flight:
     @cached_property
     def forces(self) -> tuple[Array, Array, Array]:
         """Mass times specific force over qbar S along the body axes, as told: aerodynamic force and thrust."""
-        push = rb.thrust_force(self["CT"], self.craft.thrust.inclination)
+        push = rb.thrust_force(self["CT"], self.aircraft.thrust.inclination)
         CX, CY, CZ = (self.told(c) + T for c, T in zip(COEFFICIENTS[:3], push))
         return CX, CY, CZ
 
@@ -198,13 +201,13 @@ class Flight:
         return {}
 
 
-def prepare_flight(recording: Recording, craft: Aircraft, simulated: Mapping[str, Array]) -> Flight:
+def prepare_flight(recording: Recording, aircraft: Aircraft, simulated: Mapping[str, Array]) -> Flight:
     """Smooth the channels of a manoeuvre and work out what it measured of each simulated response.
 
     Parameters
     ----------
     recording : Recording
-    craft : Aircraft
+    aircraft : Aircraft
     simulated : mapping of response to (n,) array
         Coefficients, or channels of the recording, on its clock.
 
@@ -236,8 +239,8 @@ def prepare_flight(recording: Recording, craft: Aircraft, simulated: Mapping[str
     for name, x in raw.items():
         smooth[name] = _smooth(name, x, t)
     if {"V", "alpha", "ax", "az"} <= set(raw):
-        _complete(smooth, raw, craft, recording.name)
-        air, inertial = _close(smooth, raw, craft, t)
+        _complete(smooth, raw, aircraft, recording.name)
+        air, inertial = _close(smooth, raw, aircraft, t)
     elif aerodynamic:
         recording.require("V", "alpha", "ax", "az", by="compare")
     measured: dict[str, Array] = {}
@@ -248,20 +251,21 @@ def prepare_flight(recording: Recording, craft: Aircraft, simulated: Mapping[str
         # compared in a band; only what multiplies (dynamic pressure) is smooth.
         plain = {**smooth, **raw}
         plain |= {f"{rate}_dot": Rate(dt)(plain[rate]) for rate in ("p", "q", "r")}
-        wanted = tuple(c for c in wanted if _can(c, raw, craft))
-        measured = respond(plain, craft, dt, tuple(c for c in wanted if c in KINEMATIC))
-        measured = respond({**plain, **air}, craft, dt, tuple(c for c in wanted if c in COEFFICIENTS)) | measured
+        wanted = tuple(c for c in wanted if _can(c, raw, aircraft))
+        measured = respond(plain, aircraft, dt, tuple(c for c in wanted if c in KINEMATIC))
+        measured = respond({**plain, **air}, aircraft, dt, tuple(c for c in wanted if c in COEFFICIENTS)) | measured
     for name in simulated:
         if name not in COEFFICIENTS:
             measured[name] = recording[name]
     kept = {name: np.asarray(simulated[name], dtype=float) for name in simulated if name in measured}
-    return Flight(recording.name, t, dt, craft, smooth, raw, measured, kept, frozenset(raw), inertial=inertial, air=air)
+    present = frozenset(raw)
+    return Flight(recording.name, t, dt, aircraft, smooth, raw, measured, kept, present, inertial=inertial, air=air)
 
 
-def _can(name: str, raw: Mapping[str, Array], craft: Aircraft) -> bool:
+def _can(name: str, raw: Mapping[str, Array], aircraft: Aircraft) -> bool:
     """Whether the recording gives a response."""
     needs = {"CY": ("ay",), "Cl": ("p", "r"), "Cm": ("q",), "Cn": ("p", "r")}.get(name, ())
-    return set(needs) <= set(raw) and (name not in COEFFICIENTS[3:] or craft.inertia is not None)
+    return set(needs) <= set(raw) and (name not in COEFFICIENTS[3:] or aircraft.inertia is not None)
 
 
 def _smooth(name: str, x: Array, t: Array) -> Array:
@@ -279,7 +283,7 @@ def _smooth(name: str, x: Array, t: Array) -> Array:
 
 
 def _close(
-    smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, t: Array
+    smooth: dict[str, Array], raw: Mapping[str, Array], aircraft: Aircraft, t: Array
 ) -> tuple[dict[str, Array], frozenset[str]]:
     """Air data and attitude as what the accelerometers and gyros foretell, plus what the readings slowly add to it.
 
@@ -296,11 +300,11 @@ def _close(
     """
     ch = {**smooth, **raw}
     rates = (ch["p"], ch["q"], ch["r"])
-    place = craft.position("vane")
+    place = aircraft.position("vane")
     air = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, place)
     calm = rb.air_data_at_cg(smooth["V"], smooth["alpha"], smooth["beta"], *rates, place)
     turning = tuple(Rate(float(t[1] - t[0]))(smooth[c]) for c in "pqr")
-    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, craft.position("accelerometer"))
+    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, aircraft.position("accelerometer"))
     told = told_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
     read = {**dict(zip(("V", "alpha", "beta"), air)), **{c: ch[c] for c in ("phi", "theta", "psi")}}
     flown, made, inertial = {}, {}, set()
@@ -331,7 +335,7 @@ def _drift(x: Array, t: Array) -> Array:
     return line + np.asarray(idct(waves, norm="ortho"))
 
 
-def _complete(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraft, name: str) -> None:
+def _complete(smooth: dict[str, Array], raw: Mapping[str, Array], aircraft: Aircraft, name: str) -> None:
     """Add what the responses need and the recording does not say."""
     n = len(smooth["V"])
     for channel in AIRFRAME:
@@ -346,6 +350,6 @@ def _complete(smooth: dict[str, Array], raw: Mapping[str, Array], craft: Aircraf
         smooth["qbar_ratio"] = np.ones(n)
     smooth.setdefault("thrust", np.zeros(n))
     if "mass" not in smooth:
-        if craft.mass is None:
-            raise DataError(f"'{name}' has no channel 'mass' [kg], and aircraft '{craft.name}' none either.")
-        smooth["mass"] = np.full(n, craft.mass)
+        if aircraft.mass is None:
+            raise DataError(f"'{name}' has no channel 'mass' [kg], and aircraft '{aircraft.name}' none either.")
+        smooth["mass"] = np.full(n, aircraft.mass)

@@ -149,7 +149,7 @@ def estimate_noise(
 def _generic(f: Flight, response: str) -> Array:
     """Usual functions of the states of one flight and, for a coefficient, their recent past.
 
-    What a kinematic response is made of (the rate of incidence, and its recent past) would explain its own noise.
+    What a kinematic response is made of (the rate of angle of attack, and its recent past) would explain its own noise.
     """
     itself = _ITSELF.get(response, ())
     rates = tuple(c for c in _GENERIC if c.endswith("_dot_hat") and (c in itself or response not in COEFFICIENTS))

@@ -34,7 +34,7 @@ class PreparedComparison:
 
 
 def prepare(
-    source: object, recordings: Sequence[Recording], craft: Aircraft, progress: Progress | None = None
+    source: object, recordings: Sequence[Recording], aircraft: Aircraft, progress: Progress | None = None
 ) -> PreparedComparison:
     """Bring recordings and a simulation together.
 
@@ -51,24 +51,24 @@ def prepare(
     if twice := sorted({n for n in names if names.count(n) > 1}):
         raise DataError(f"two recordings are called '{twice[0]}'. Rename one.")
     check_recorded(recordings)
-    simulation = open_simulation(source, recordings, craft)
+    simulation = open_simulation(source, recordings, aircraft)
     remarks: list[str] = []
     tell = progress or (lambda what, done, of: None)
     if simulation.form == "forced":
-        jobs = [delayed(prepare_flight)(r, craft, simulation.along[r.name]) for r in recordings]
+        jobs = [delayed(prepare_flight)(r, aircraft, simulation.along[r.name]) for r in recordings]
     else:
-        wanted = _wanted(recordings[0], craft)
-        jobs = [delayed(prepare_flight)(r, craft, {c: np.zeros(len(r)) for c in wanted}) for r in recordings]
+        wanted = _wanted(recordings[0], aircraft)
+        jobs = [delayed(prepare_flight)(r, aircraft, {c: np.zeros(len(r)) for c in wanted}) for r in recordings]
     flights: list[Flight] = []
     # Threads do: the smoother is compiled, and lets others run meanwhile.
     for made in Parallel(n_jobs=2, prefer="threads", return_as="generator")(jobs):
         flights.append(made)
         tell("smoothing", len(flights), len(recordings))
-    if simulation.form == "forced" and craft.simulation.states != "raw":
+    if simulation.form == "forced" and aircraft.simulation.states != "raw":
         flights = [replace(f, apart=True) for f in flights]
     elif simulation.form == "free":
         check_flown(simulation.flown, recordings, simulation.name)
-        flights = _from_flights(flights, simulation, craft, remarks)
+        flights = _from_flights(flights, simulation, aircraft, remarks)
     elif simulation.evaluate is not None:
         flights = [_ask(f, simulation, r) for f, r in zip(flights, recordings)]
     shared = [c for c in flights[0].simulated if all(c in f.simulated for f in flights)]
@@ -84,9 +84,9 @@ def prepare(
     return PreparedComparison(tuple(flights), simulation, tuple(remarks))
 
 
-def _wanted(recording: Recording, craft: Aircraft) -> tuple[str, ...]:
+def _wanted(recording: Recording, aircraft: Aircraft) -> tuple[str, ...]:
     have = [c for c, needs in (("CX", "ax"), ("CY", "ay"), ("CZ", "az")) if needs in recording]
-    if craft.inertia is not None:
+    if aircraft.inertia is not None:
         have += [c for c, needs in (("Cl", "p"), ("Cm", "q"), ("Cn", "r")) if needs in recording]
     return tuple(have)
 
@@ -147,7 +147,7 @@ def _told(flights: Sequence[Flight], stand_in: Surrogate, responses: Sequence[st
 
 
 def _from_flights(
-    flights: Sequence[Flight], simulation: Simulation, craft: Aircraft, remarks: list[str]
+    flights: Sequence[Flight], simulation: Simulation, aircraft: Aircraft, remarks: list[str]
 ) -> list[Flight]:
     """Coefficients along the recorded path of a simulation that flew by itself: identified from its own flights."""
     own: list[Flight] = []
@@ -160,7 +160,7 @@ def _from_flights(
             if c not in filled and c in f.channels and len(flown) == len(f):
                 filled[c] = f.channels[c]
         own.append(
-            prepare_flight(Recording(f.name, flown.t, filled), craft, {c: np.zeros(len(flown)) for c in f.simulated})
+            prepare_flight(Recording(f.name, flown.t, filled), aircraft, {c: np.zeros(len(flown)) for c in f.simulated})
         )
     responses = [c for c in flights[0].simulated if all(c in o.measured for o in own)]
     stand_in = identify(own, [o.measured for o in own], responses)

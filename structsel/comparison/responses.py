@@ -65,7 +65,7 @@ class Rate:
         return made
 
 
-def respond(ch: Mapping[str, Array], craft: Aircraft, dt: float, wanted: tuple[str, ...]) -> dict[str, Array]:
+def respond(ch: Mapping[str, Array], aircraft: Aircraft, dt: float, wanted: tuple[str, ...]) -> dict[str, Array]:
     """Coefficients and kinematic residuals of channels taken at their word.
 
     Parameters
@@ -73,7 +73,7 @@ def respond(ch: Mapping[str, Array], craft: Aircraft, dt: float, wanted: tuple[s
     ch : mapping of channel to (n,) or (n, k) array [SI]
         ``V alpha beta p q r phi theta psi ax ay az`` (zero where the recording has none), ``p_dot q_dot r_dot``,
         ``qbar_ratio`` (qbar over 0.5 rho V^2), ``rho``, ``thrust``, ``mass``, and ``h vn ve vd`` as far as wanted.
-    craft : Aircraft
+    aircraft : Aircraft
     dt : float [s]
     wanted : tuple of str
         Names among `COEFFICIENTS` and `KINEMATIC`.
@@ -82,20 +82,20 @@ def respond(ch: Mapping[str, Array], craft: Aircraft, dt: float, wanted: tuple[s
     made: dict[str, Array] = {}
     rates = (ch["p"], ch["q"], ch["r"])
     turning = (ch["p_dot"], ch["q_dot"], ch["r_dot"])
-    V, alpha, beta = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, craft.position("vane"))
-    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, craft.position("accelerometer"))
+    V, alpha, beta = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, aircraft.position("vane"))
+    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, aircraft.position("accelerometer"))
     qbar = ch["qbar_ratio"] * 0.5 * ch["rho"] * V**2
     if any(name in wanted for name in COEFFICIENTS[:3]):
         made |= zip(
             FORCE_COEFFICIENTS,
-            rb.force_coefficients(*force, qbar, ch["mass"], craft.S, ch["thrust"], craft.thrust.inclination),
+            rb.force_coefficients(*force, qbar, ch["mass"], aircraft.S, ch["thrust"], aircraft.thrust.inclination),
         )
-    if craft.inertia is not None and any(name in wanted for name in COEFFICIENTS[3:]):
+    if aircraft.inertia is not None and any(name in wanted for name in COEFFICIENTS[3:]):
         made |= zip(
             MOMENT_COEFFICIENTS,
             rb.moment_coefficients(
-                rates, turning, qbar, craft.inertia.tensor, craft.S, craft.b, craft.cbar, ch["thrust"],
-                craft.thrust.offset, craft.thrust.inclination, craft.engine.angular_momentum,
+                rates, turning, qbar, aircraft.inertia.tensor, aircraft.S, aircraft.b, aircraft.cbar, ch["thrust"],
+                aircraft.thrust.offset, aircraft.thrust.inclination, aircraft.engine.angular_momentum,
             ),
         )  # fmt: skip
     if any(name in wanted for name in KINEMATIC):

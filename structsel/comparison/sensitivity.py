@@ -108,7 +108,7 @@ def _measured_of(
         for told, kind in ((clean, COEFFICIENTS), ({**clean, **felt}, KINEMATIC)):
             ch = {c: x[:, None] for c, x in told.items()}  # what no error touches is worked out once
             ch |= {c: ch[c] + e for c, e in off.items()}
-            side |= respond(ch, flight.craft, flight.dt, tuple(r for r in wanted if r in kind))
+            side |= respond(ch, flight.aircraft, flight.dt, tuple(r for r in wanted if r in kind))
     change = {r: (sides[0][r] - sides[1][r]) / np.tile(steps, 2) for r in wanted}
     return {
         c: {

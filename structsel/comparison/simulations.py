@@ -52,7 +52,7 @@ class Simulation:
     model: AeroModel | None = None
 
 
-def open_simulation(source: Any, recordings: Sequence[Recording], craft: Aircraft) -> Simulation:
+def open_simulation(source: Any, recordings: Sequence[Recording], aircraft: Aircraft) -> Simulation:
     """Bring any form of simulation to one.
 
     Parameters
@@ -61,7 +61,7 @@ def open_simulation(source: Any, recordings: Sequence[Recording], craft: Aircraf
         A model or its file, ``"jsbsim:AIRCRAFT"``, ``"python:module:function"``, or files (or a folder) with the
         recordings' names.
     recordings : sequence of Recording
-    craft : Aircraft
+    aircraft : Aircraft
 
     Raises
     ------
@@ -71,7 +71,7 @@ def open_simulation(source: Any, recordings: Sequence[Recording], craft: Aircraf
         A form that is not known, or cannot be loaded.
     """
     if isinstance(source, AeroModel):
-        return Simulation("model", source.name or "model", evaluate=_of_model(source, craft), model=source)
+        return Simulation("model", source.name or "model", evaluate=_of_model(source, aircraft), model=source)
     if callable(source):
         return Simulation("python", getattr(source, "__name__", "function"), evaluate=source)
     if isinstance(source, Mapping):
@@ -89,7 +89,7 @@ def open_simulation(source: Any, recordings: Sequence[Recording], craft: Aircraf
         raise DataError(f"there is no simulation at '{text}': give a folder, a model.json, jsbsim:... or python:...")
     if path.suffix == ".json":
         model = AeroModel.from_json(path)
-        return Simulation("model", path.name, evaluate=_of_model(model, craft), model=model)
+        return Simulation("model", path.name, evaluate=_of_model(model, aircraft), model=model)
     return _of_files({r.name: r for r in read_recordings(path)}, recordings, str(path))
 
 
@@ -113,11 +113,12 @@ def _load(text: str) -> Evaluate:
         ) from error
 
 
-def _of_model(model: AeroModel, craft: Aircraft) -> Evaluate:
+def _of_model(model: AeroModel, aircraft: Aircraft) -> Evaluate:
     def evaluate(recording: Recording) -> dict[str, Array]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the region left is judged, and said, by the comparison
-            held = recording if set(model.channels) <= set(recording.names) else compute_coefficients(recording, craft)
+            complete = set(model.channels) <= set(recording.names)
+            held = recording if complete else compute_coefficients(recording, aircraft)
             told = model.evaluate(held, outside="ignore")
         return body_axes(told, held["alpha"]) if {"CL", "CD"} & set(told) else dict(told)
 

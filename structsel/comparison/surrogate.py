@@ -110,7 +110,7 @@ class Surrogate:
             return arm / flight["V"]
         if factor == "abs(beta)" and channel == "beta":
             return np.sign(flight["beta"])
-        length = flight.craft.cbar if factor == "q_hat" else flight.craft.b
+        length = flight.aircraft.cbar if factor == "q_hat" else flight.aircraft.b
         if _HATS.get(factor) == channel:
             return length / (2.0 * flight["V"])
         if channel == "V" and factor in _HATS:
@@ -122,7 +122,7 @@ class Surrogate:
 
 def _arm(flight: Flight, factor: str, channel: str) -> float:
     """Metres by which an angle at the centre of gravity is off the vane's, for a turning rate over the airspeed."""
-    x, y, z = flight.craft.position("vane")
+    x, y, z = flight.aircraft.position("vane")
     return float(
         {("alpha", "q"): x, ("alpha", "p"): -y, ("beta", "r"): -x, ("beta", "p"): z}.get((factor, channel), 0.0)
     )
@@ -153,7 +153,7 @@ def find_surrogate(flights: Sequence[Flight], responses: Sequence[str]) -> Surro
     for more in (driven, gusty, read):
         asked = [replace(f, channels={**f.channels, **m}) for f, m in zip(flights, more)]
         tried.append(identify(asked, told, responses))
-        if np.any(flights[0].craft.position("vane")):
+        if np.any(flights[0].aircraft.position("vane")):
             tried.append(identify(asked, told, responses, at_cg=True))
     return min(tried, key=lambda s: sum(np.log(max(1.0 - s.r2[c], _TINY)) for c in responses))
 
@@ -193,8 +193,8 @@ def identify(
     X = np.reshape(columns, (len(pool), sum(counts))).T
     told = {c: np.concatenate([s[c][::step] for s in simulated]) for c in responses}
     products = _Products.of(np.column_stack([np.ones(len(X)), X, *told.values()]), ends)
-    # The rate of incidence is the pitch rate and what CZ makes of it: with it, anything would fit. Trimmed flight ties
-    # airspeed to incidence.
+    # The rate of angle of attack is the pitch rate and what CZ makes of it: with it, anything would fit. In trimmed
+    # flight airspeed and angle of attack are collinear.
     liking = np.array([_RATE_WORTH if "alpha_dot_hat" in t else _SPEED_WORTH if "V" in t else 1.0 for t in pool])
     terms, values, constant, r2 = {}, {}, {}, {}
     # An aircraft is nearly the same on both sides: what is odd in one of its halves is not even in the other.

@@ -80,7 +80,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         Of one aircraft, with a stand-in of the simulation.
     """
     first = flights[0]
-    stated = first.craft.tolerances
+    stated = first.aircraft.tolerances
     made: list[Nuisance] = []
 
     def add(
@@ -179,7 +179,7 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
     if not set(COEFFICIENTS) & set(flight.simulated):
         size = {c: float(np.ptp(flight.measured[c])) for c in flight.simulated}
         return [(f"{c}: offset", size[c], {c: np.ones(len(flight))}) for c in size]
-    turned = _sd(flight.craft.tolerances, "alignment") or _UNSTATED
+    turned = _sd(flight.aircraft.tolerances, "alignment") or _UNSTATED
     sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS}
     made: list[tuple[str, float, Mapping[str, Array]]] = []
     made += ((c, sd, x) for c, sd in sizes.items() if c in flight.recorded for x in _biased(flight, c))
@@ -227,44 +227,44 @@ def mass_columns(f: Flight) -> dict[str, Array]:
 
 def inertia_columns(f: Flight, axis: str) -> dict[str, Array]:
     """A moment of inertia assumed too large by one part."""
-    if f.craft.inertia is None:
+    if f.aircraft.inertia is None:
         return {}
-    tensor = np.array(f.craft.inertia.tensor)
+    tensor = np.array(f.aircraft.inertia.tensor)
     k = ("Ix", "Iy", "Iz").index(axis)
     only = np.zeros((3, 3))
     only[k, k] = tensor[k, k]
-    lengths = (f.craft.b, f.craft.cbar, f.craft.b)
+    lengths = (f.aircraft.b, f.aircraft.cbar, f.aircraft.b)
     rates = (f["p"], f["q"], f["r"])
     still = (np.zeros(len(f)),) * 3
     qbar = f["qbar"]
-    coupling = rb.moment_coefficients(rates, still, qbar, only, f.craft.S, f.craft.b, f.craft.cbar)
+    coupling = rb.moment_coefficients(rates, still, qbar, only, f.aircraft.S, f.aircraft.b, f.aircraft.cbar)
     made = dict(zip(MOMENT_COEFFICIENTS, coupling))
     # Angular acceleration as the simulation would have it: the measured one would bring its noise along.
     moment = [
-        (f.told(c) if c in f.simulated else 0.0) * qbar * f.craft.S * x for c, x in zip(MOMENT_COEFFICIENTS, lengths)
+        (f.told(c) if c in f.simulated else 0.0) * qbar * f.aircraft.S * x for c, x in zip(MOMENT_COEFFICIENTS, lengths)
     ]
-    thrust = rb.thrust_moment(f["thrust"], f.craft.thrust.offset, f.craft.thrust.inclination)
+    thrust = rb.thrust_moment(f["thrust"], f.aircraft.thrust.offset, f.aircraft.thrust.inclination)
     turning = rb.angular_acceleration(rates, tuple(m + t for m, t in zip(moment, thrust)), tensor)
     name = MOMENT_COEFFICIENTS[k]
-    made[name] = made[name] + tensor[k, k] * turning[k] / (qbar * f.craft.S * lengths[k])
+    made[name] = made[name] + tensor[k, k] * turning[k] / (qbar * f.aircraft.S * lengths[k])
     return {c: x for c, x in made.items() if c in f.measured}
 
 
 def offset_columns(f: Flight, k: int) -> dict[str, Array]:
     """The forces acting one chord further along body axis k than assumed."""
     arm = [0.0, 0.0, 0.0]
-    arm[k] = f.craft.cbar
+    arm[k] = f.aircraft.cbar
     l, m, n = np.cross(np.array(arm), np.stack(f.forces, axis=-1)).T
-    made = {"Cl": l / f.craft.b, "Cm": m / f.craft.cbar, "Cn": n / f.craft.b}
+    made = {"Cl": l / f.aircraft.b, "Cm": m / f.aircraft.cbar, "Cn": n / f.aircraft.b}
     return {c: x for c, x in made.items() if c in f.measured}
 
 
 def thrust_columns(f: Flight) -> dict[str, Array]:
     """Thrust one part larger than recorded."""
     CT = f["CT"]
-    X, _, Z = rb.thrust_force(CT, f.craft.thrust.inclination)
-    l, m, n = rb.thrust_moment(CT, f.craft.thrust.offset, f.craft.thrust.inclination)
-    made = {"CX": X, "CZ": Z, "Cl": l / f.craft.b, "Cm": m / f.craft.cbar, "Cn": n / f.craft.b}
+    X, _, Z = rb.thrust_force(CT, f.aircraft.thrust.inclination)
+    l, m, n = rb.thrust_moment(CT, f.aircraft.thrust.offset, f.aircraft.thrust.inclination)
+    made = {"CX": X, "CZ": Z, "Cl": l / f.aircraft.b, "Cm": m / f.aircraft.cbar, "Cn": n / f.aircraft.b}
     return {c: x for c, x in made.items() if c in f.measured and np.any(x)}
 
 

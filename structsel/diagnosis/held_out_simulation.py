@@ -137,7 +137,7 @@ def window_length(flights: Sequence[Flight]) -> float:
     The short period is that of the angle of attack alone, 2 pi (-qbar S cbar Cm_alpha / Iy)^-1/2 with the median of
     qbar Cm_alpha; where that is not known, or not stable, windows take 2 s.
     """
-    aircraft = flights[0].craft
+    aircraft = flights[0].aircraft
     if aircraft.inertia is None:
         return _USUAL
     moment = np.concatenate([f["qbar"] * f.slope("Cm", "alpha") for f in flights])
@@ -207,10 +207,10 @@ def simulate_stages(predicted: Sequence[PredictedCoefficients], seconds: float) 
 
 def _with_inertia(flight: Flight) -> Aircraft:
     """The aircraft; any moments of inertia where it has none: the moments are then those of the recorded rotation."""
-    if flight.craft.inertia is not None:
-        return flight.craft
-    some = float(flight["mass"][0]) * flight.craft.b**2
-    return flight.craft.model_copy(update={"inertia": Inertia(Ix=some, Iy=some, Iz=some)})
+    if flight.aircraft.inertia is not None:
+        return flight.aircraft
+    some = float(flight["mass"][0]) * flight.aircraft.b**2
+    return flight.aircraft.model_copy(update={"inertia": Inertia(Ix=some, Iy=some, Iz=some)})
 
 
 def _tables(predicted: Sequence[PredictedCoefficients], aircraft: Aircraft, path: Array) -> CoefficientTables:

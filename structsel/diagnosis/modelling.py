@@ -62,7 +62,7 @@ def corrected_model(prepared: PreparedComparison, ranking: Ranking) -> Corrected
         wide = np.array([told[n].std for n in names]) / np.sqrt(np.diag(spread))
         one = addition_of(
             signature.hypothesis,
-            ModelCase(signature.variant, told, flights[0].craft, base, flights),
+            ModelCase(signature.variant, told, flights[0].aircraft, base, flights),
             bench.base.posterior.mean[part] * sds,
             spread * np.outer(wide, wide),
         )
@@ -74,7 +74,7 @@ def corrected_model(prepared: PreparedComparison, ranking: Ranking) -> Corrected
     patched = None
     if prepared.simulation.form == "jsbsim":
         patched = patched_aircraft(
-            prepared.simulation.name.removeprefix("jsbsim:"), additions, flights[0].craft, flights
+            prepared.simulation.name.removeprefix("jsbsim:"), additions, flights[0].aircraft, flights
         )
         remarks += patched.remarks
     return CorrectedModel(made.responses(), name, tuple(r.name for r in prepared.flights), tuple(remarks), patched)

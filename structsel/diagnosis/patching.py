@@ -86,7 +86,7 @@ class Patched:
 
 
 def patched_aircraft(
-    simulation: str, additions: Sequence[Addition], craft: Aircraft, flights: Sequence[Flight]
+    simulation: str, additions: Sequence[Addition], aircraft: Aircraft, flights: Sequence[Flight]
 ) -> Patched:
     """Aircraft file of JSBSim with effects written into it.
 
@@ -95,7 +95,7 @@ def patched_aircraft(
     simulation : str
         A bundled name, or ``PATH/AIRCRAFT.xml``.
     additions : sequence of Addition
-    craft : Aircraft
+    aircraft : Aircraft
         What the additions' coefficients refer to.
     flights : sequence of Flight
 
@@ -109,7 +109,7 @@ def patched_aircraft(
         return Patched()
     source = _file_of(simulation)
     try:
-        patch = _Patch(source, open_jsbsim(simulation), craft, flights)
+        patch = _Patch(source, open_jsbsim(simulation), aircraft, flights)
         written = [a.effect for a in wanted if patch.take(a)]
         if not written:
             return Patched(remarks=tuple(patch.remarks))
@@ -146,9 +146,9 @@ def _parse(path: Path) -> ET.Element:
 class _Patch:
     """An aircraft's XML, effects written into it one after another."""
 
-    def __init__(self, source: Path, plane: JSBSimAircraft, craft: Aircraft, flights: Sequence[Flight]):
+    def __init__(self, source: Path, plane: JSBSimAircraft, aircraft: Aircraft, flights: Sequence[Flight]):
         self.root = _parse(source)
-        self.plane, self.craft, self.folder = plane, craft, source.parent
+        self.plane, self.aircraft, self.folder = plane, aircraft, source.parent
         self.remarks: list[str] = []
         self.terms = Extended({c: ResponseModel((), np.empty(0)) for c in COEFFICIENTS}, flights)
         self.air = self._section("aerodynamics")
@@ -206,9 +206,9 @@ class _Patch:
         if not found:
             return
         here = self.plane.aircraft
-        lengths = {"Cl": _ratio(self.craft.b, here.b), "Cn": _ratio(self.craft.b, here.b),
-                   "Cm": _ratio(self.craft.cbar, here.cbar)}  # fmt: skip
-        ratio = _ratio(self.craft.S, here.S)
+        lengths = {"Cl": _ratio(self.aircraft.b, here.b), "Cn": _ratio(self.aircraft.b, here.b),
+                   "Cm": _ratio(self.aircraft.cbar, here.cbar)}  # fmt: skip
+        ratio = _ratio(self.aircraft.S, here.S)
         scaled = {
             c: ResponseModel(m.terms, m.values * ratio * lengths.get(c, 1.0), standard_errors=m.standard_errors)
             for c, m in found.items()
@@ -252,17 +252,17 @@ class _Patch:
             self.air.insert(at + k, function)
 
     def _definitions(self) -> dict[str, str]:
-        b, c, S = (repr(x) for x in (self.craft.b, self.craft.cbar, self.craft.S))
+        b, c, S = (repr(x) for x in (self.aircraft.b, self.aircraft.cbar, self.aircraft.S))
         made = {
             **{f"{rate}_hat": f"{rate}*{length}/(2*V)" for rate, length in (("p", b), ("q", c), ("r", b))},
             "alpha_dot_hat": f"alpha_dot*{c}/(2*V)",
             "beta_dot_hat": f"beta_dot*{b}/(2*V)",
             "CT": f"thrust/(qbar*{S})",
         }
-        if self.craft.V0 is not None:
-            made["V_ratio"] = f"V/{self.craft.V0!r}"
+        if self.aircraft.V0 is not None:
+            made["V_ratio"] = f"V/{self.aircraft.V0!r}"
         if "throttle" in self.plane.controls:
-            x, y, z = (repr(float(d)) for d in self.craft.thrust.direction)
+            x, y, z = (repr(float(d)) for d in self.aircraft.thrust.direction)
             made["thrust"] = f"({x})*push_x + ({y})*push_y + ({z})*push_z"
         return made
 

@@ -139,9 +139,9 @@ def find_separation(bench: Bench, one: EffectScore, other: EffectScore) -> Separ
     one, other : EffectScore
     """
     flights = bench.flights
-    stand_in, craft = flights[0].surrogate, flights[0].craft
+    stand_in, aircraft = flights[0].surrogate, flights[0].aircraft
     all_six = set(flights[0].simulated) == set(COEFFICIENTS)
-    if stand_in is None or craft.inertia is None or not all_six or not set(COEFFICIENTS) <= set(stand_in.terms):
+    if stand_in is None or aircraft.inertia is None or not all_six or not set(COEFFICIENTS) <= set(stand_in.terms):
         return None
     question = _Question(bench, one, other)
     flown = question.flown()
@@ -152,11 +152,11 @@ def find_separation(bench: Bench, one: EffectScore, other: EffectScore) -> Separ
     count = 0
     for V in map(float, speeds):
         try:
-            start = trim(model, craft, V, height)
+            start = trim(model, aircraft, V, height)
         except StructselError:
             continue
         # Every input at the speed that is flown most, the best of them at others.
-        tried = [best[1]] if best else list(_inputs(model, craft, start, flights, one.signature.responses))
+        tried = [best[1]] if best else list(_inputs(model, aircraft, start, flights, one.signature.responses))
         for inputs in tried:
             flight = _fly(model, start, inputs, flights[0])
             if flight is None:
@@ -184,7 +184,7 @@ def find_separation(bench: Bench, one: EffectScore, other: EffectScore) -> Separ
 
 
 def _inputs(
-    model: AeroModel, craft: Aircraft, start: Trim, flights: Sequence[Flight], responses: Iterable[str]
+    model: AeroModel, aircraft: Aircraft, start: Trim, flights: Sequence[Flight], responses: Iterable[str]
 ) -> Iterator[Recording]:
     """Departures of controls from trim, as large as they were flown."""
     dt = flights[0].dt
@@ -206,7 +206,7 @@ def _inputs(
     clearest = next((r for r in _clearest(flights, responses) if _AXES[r][0] in sizes), None)
     if clearest is not None:
         control, letter = _AXES[clearest]
-        if found := _designed(model, craft, start, control, letter, sizes[control], dt):
+        if found := _designed(model, aircraft, start, control, letter, sizes[control], dt):
             yield _named(found, f"the input designed for the derivatives of {clearest} by the {_MOVED[control]}")
 
 
@@ -221,11 +221,11 @@ def _clearest(flights: Sequence[Flight], responses: Iterable[str]) -> list[str]:
 
 
 def _designed(
-    model: AeroModel, craft: Aircraft, start: Trim, control: str, letter: str, size: float, dt: float
+    model: AeroModel, aircraft: Aircraft, start: Trim, control: str, letter: str, size: float, dt: float
 ) -> Recording | None:
     axis = "longitudinal" if control == "de" else "lateral"
     try:
-        linear = name_derivatives(linearise(model, craft, start, axis=axis, inputs=(control,)))
+        linear = name_derivatives(linearise(model, aircraft, start, axis=axis, inputs=(control,)))
         found = design_inputs(
             linear,
             noise={c: _NOISE[c] for c in linear.outputs},
@@ -249,13 +249,13 @@ def _fly(model: AeroModel, start: Trim, inputs: Recording, like: Flight) -> Flig
     """The flight, with the channels that the recordings have; None where it cannot be flown."""
     try:
         moved = start.inputs(inputs.t, **inputs.channels)
-        flown = simulate(model, like.craft, moved, start=start, instruments=Instruments(), outside="ignore")
+        flown = simulate(model, like.aircraft, moved, start=start, instruments=Instruments(), outside="ignore")
         kept = {c: x for c, x in flown.channels.items() if c in like.recorded}
         still = {
             c: np.full(len(flown), float(np.mean(like[c]))) for c in like.recorded - set(kept) if c in like.channels
         }
         record = Recording("tried", flown.t, {**still, **kept})
-        flight = prepare_flight(record, like.craft, {c: np.zeros(len(record)) for c in like.simulated})
+        flight = prepare_flight(record, like.aircraft, {c: np.zeros(len(record)) for c in like.simulated})
     except StructselError:
         return None
     assert like.surrogate is not None

@@ -131,7 +131,7 @@ class ModelCase:
     ----------
     variant : Variant
     estimates : mapping of parameter to ParameterEstimate
-    craft : Aircraft
+    aircraft : Aircraft
     base : mapping of response to ResponseModel
         The simulation.
     flights : sequence of Flight
@@ -139,7 +139,7 @@ class ModelCase:
 
     variant: Variant
     estimates: Mapping[str, ParameterEstimate]
-    craft: Aircraft
+    aircraft: Aircraft
     base: Mapping[str, ResponseModel]
     flights: Sequence[Flight]
 

@@ -203,7 +203,7 @@ def _flexes(flights: Flights) -> list[Variant]:
             scaled_slopes(flights, responses, channels, fall, parameter, f"{which}; {about}", at, law)
             for responses, channels, which, at in (
                 (every, None, "all slopes", 0.0),
-                (every, None, "all slopes, incidence from that of no lift", zero),
+                (every, None, "all slopes, angle of attack from that of no lift", zero),
                 (held(flights, LONGITUDINAL_COEFFICIENTS), ("alpha",), "the slopes with alpha", 0.0),
                 (held(flights, LATERAL_COEFFICIENTS), None, "the lateral slopes", 0.0),
             )
@@ -212,7 +212,7 @@ def _flexes(flights: Flights) -> list[Variant]:
         # The wing gives way otherwise than the tail, and may bring its lift forward as well as back.
         made += [
             each_slope(flights, fall, _own_loss, f"each slope by its own{which}; {about}", at, law)
-            for which, at in (("", 0.0), (", incidence from that of no lift", zero))
+            for which, at in (("", 0.0), (", angle of attack from that of no lift", zero))
         ]
     return [v for v in made if v is not None]
 

@@ -220,7 +220,7 @@ def _released(along: Column, inertia: float) -> Callable[[Flight], Columns]:
         if not x.any():
             return {}
         told = {r: flight.told(r) if r in flight.simulated else np.zeros(len(flight)) for r in COEFFICIENTS}
-        tilt, CT = flight.craft.thrust.inclination, flight["CT"]
+        tilt, CT = flight.aircraft.thrust.inclination, flight["CT"]
         # Weighed as before, the aircraft seems to feel more force, and more moment, than it does.
         parts = [
             ("CX", 0, x * (told["CX"] + CT * np.cos(tilt))),
@@ -231,7 +231,7 @@ def _released(along: Column, inertia: float) -> Callable[[Flight], Columns]:
             ("Cn", 0, inertia * x * told["Cn"]),
             *from_lift_and_drag(flight, 1, CD=-x),
             ("Cm", 2, x * told["CZ"]),
-            ("Cn", 2, -x * told["CY"] * flight.craft.cbar / flight.craft.b),
+            ("Cn", 2, -x * told["CY"] * flight.aircraft.cbar / flight.aircraft.b),
             ("Cl", 3, -x * told["CZ"]),
             ("Cn", 3, x * told["CX"]),
             ("Cm", 4, x),

@@ -94,7 +94,7 @@ def _off_centre(
     Thrust takes part where its line stays; where that is stated from the centre of gravity, it moves as well.
     """
     arm = cross(np.eye(3)[axis], flight.forces if pushed else [flight.told(c) for c in FORCE_COEFFICIENTS])
-    lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
+    lengths = (flight.aircraft.b, flight.aircraft.cbar, flight.aircraft.b)
     much = 1.0 if on is None else on(flight)
     return [(r, j, -much * m / length) for r, m, length in zip(MOMENT_COEFFICIENTS, arm, lengths)]
 
@@ -109,8 +109,8 @@ def _off_centre_in(flight: Flight, axis: int, moment: str) -> Parts:
 
 
 def _shift(flights: Flights, axis: int) -> EffectParameter:
-    craft = flights[0].craft
-    sd = (0.03 * craft.cbar, 0.01 * craft.b, 0.04 * craft.cbar)[axis]
+    aircraft = flights[0].aircraft
+    sd = (0.03 * aircraft.cbar, 0.01 * aircraft.b, 0.04 * aircraft.cbar)[axis]
     return EffectParameter("xyz"[axis], "m", sd, -8.0 * sd, 8.0 * sd)
 
 
@@ -162,38 +162,38 @@ def _shift_says(found: FittedEffect) -> str:
 
 def turning(flight: Flight) -> tuple[Array, ...]:
     """Angular acceleration that the simulated moments would give; measured about axes it does not tell."""
-    craft = flight.craft
-    assert craft.inertia is not None
+    aircraft = flight.aircraft
+    assert aircraft.inertia is not None
     rates = (flight["p"], flight["q"], flight["r"])
-    qS = flight["qbar"] * craft.S
+    qS = flight["qbar"] * aircraft.S
     read = inertial_moment(
-        rates, tuple(flight[f"{c}_dot"] for c in "pqr"), craft.inertia.tensor, craft.engine.angular_momentum
+        rates, tuple(flight[f"{c}_dot"] for c in "pqr"), aircraft.inertia.tensor, aircraft.engine.angular_momentum
     )
-    pull = thrust_moment(flight["thrust"], craft.thrust.offset, craft.thrust.inclination)
+    pull = thrust_moment(flight["thrust"], aircraft.thrust.offset, aircraft.thrust.inclination)
     moment = [
         flight.told(r) * qS * length + T if r in flight.simulated else M
-        for r, length, T, M in zip(MOMENT_COEFFICIENTS, (craft.b, craft.cbar, craft.b), pull, read)
+        for r, length, T, M in zip(MOMENT_COEFFICIENTS, (aircraft.b, aircraft.cbar, aircraft.b), pull, read)
     ]
-    return angular_acceleration(rates, moment, craft.inertia.tensor, craft.engine.angular_momentum)
+    return angular_acceleration(rates, moment, aircraft.inertia.tensor, aircraft.engine.angular_momentum)
 
 
 def _stiffer_to_turn(flight: Flight, more: list[np.ndarray]) -> Parts:
     """Moments that more inertia needs for the same motion, which the stated inertia leaves out."""
     rates = (flight["p"], flight["q"], flight["r"])
-    qS, craft = flight["qbar"] * flight.craft.S, flight.craft
+    qS, aircraft = flight["qbar"] * flight.aircraft.S, flight.aircraft
     faster = turning(flight)
     made = []
     for j, change in enumerate(more):
         moment = inertial_moment(rates, faster, change)
         made += [
             (r, j, -m / (qS * length))
-            for r, m, length in zip(MOMENT_COEFFICIENTS, moment, (craft.b, craft.cbar, craft.b))
+            for r, m, length in zip(MOMENT_COEFFICIENTS, moment, (aircraft.b, aircraft.cbar, aircraft.b))
         ]
     return made
 
 
 def _inertia_variants(flights: Flights) -> list[Variant]:
-    inertia = flights[0].craft.inertia
+    inertia = flights[0].aircraft.inertia
     assert inertia is not None
     sizes = {"Ix": (0, 0, inertia.Ix), "Iy": (1, 1, inertia.Iy), "Iz": (2, 2, inertia.Iz)}
     units = {}
@@ -215,7 +215,7 @@ def _inertia_variants(flights: Flights) -> list[Variant]:
 
 
 def _inertia_needs(flights: Flights) -> str:
-    if flights[0].craft.inertia is None:
+    if flights[0].aircraft.inertia is None:
         return "moments of inertia"
     return lacking(flights, MOMENT_COEFFICIENTS)
 
@@ -233,20 +233,21 @@ def _inertia_says(found: FittedEffect) -> str:
 
 def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Parts:
     force = flight.forces[axis]
-    qS, craft = flight["qbar"] * flight.craft.S, flight.craft
+    qS, aircraft = flight["qbar"] * flight.aircraft.S, flight.aircraft
     # A mass on a pendulum does not go with the aircraft: its share of the force comes late and rings.
     accel = force * qS / flight["mass"]
     late = -(oscillate(accel, flight.dt, frequency, damping) - accel) * flight["mass"] / qS
     if axis == 1:
-        return [("CY", 0, late), ("Cl", 1, late / craft.b), ("Cn", 2, late / craft.b)]
-    return [(FORCE_COEFFICIENTS[axis], 0, late), ("Cm", 1, late / craft.cbar)]
+        return [("CY", 0, late), ("Cl", 1, late / aircraft.b), ("Cn", 2, late / aircraft.b)]
+    return [(FORCE_COEFFICIENTS[axis], 0, late), ("Cm", 1, late / aircraft.cbar)]
 
 
 def _slosh_variants(flights: Flights) -> list[Variant]:
-    craft = flights[0].craft
+    aircraft = flights[0].aircraft
     share = EffectParameter("share of the mass", "-", 0.05, -0.3, 0.3)
-    side = (share, EffectParameter("roll arm", "m", 0.03 * craft.b), EffectParameter("yaw arm", "m", 0.03 * craft.b))
-    pitch = (share, EffectParameter("pitch arm", "m", 0.05 * craft.cbar))
+    arm = 0.03 * aircraft.b
+    side = (share, EffectParameter("roll arm", "m", arm), EffectParameter("yaw arm", "m", arm))
+    pitch = (share, EffectParameter("pitch arm", "m", 0.05 * aircraft.cbar))
     made = []
     for axis, parameters, name in ((1, side, "sideways"), (0, pitch, "fore and aft")):
         seen = peaks(flights, (FORCE_COEFFICIENTS[axis],), 3, *_SLOSH)

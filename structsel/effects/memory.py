@@ -44,7 +44,7 @@ from structsel.numerics.separation import (
     steady_separation_point,
 )
 
-_HIGH = 0.14  # rad, incidence below which wings do not stall
+_HIGH = 0.14  # rad, angle of attack below which wings do not stall
 _CHORDS = ((5.0, 4.0), (15.0, 4.0), (15.0, 12.0), (40.0, 10.0))  # tau1, tau2 in chords travelled
 # Indicial lift 1 - sum A exp(-b s), s in half chords: Wagner (Jones), and Jones's for finite wings.
 _INDICIAL = {
@@ -64,7 +64,7 @@ _ROTOR_CHANNELS = ("collective", "dcol", "d0", "theta0", "dlon", "dlat", "rotor_
 
 def _attached(flight: Flight, where: float, sharp: float, tau1: float, tau2: float) -> Array:
     """How much of the flow is attached, with time constants in chords travelled."""
-    chord = flight.craft.cbar / float(flight["V"].mean())
+    chord = flight.aircraft.cbar / float(flight["V"].mean())
     return separation_point(flight["alpha"], flight["alpha_dot"], flight.dt, tau1 * chord, tau2 * chord, sharp, where)
 
 
@@ -96,7 +96,7 @@ def _stall_variants(flights: Flights) -> list[Variant]:
         EffectParameter("nose-down moment", "-", 0.1, -0.1, 0.8),
     )
     units = {"onset": "rad", "sharpness": "1/rad", "tau1": "s", "tau2": "s"}
-    chord = flights[0].craft.cbar / float(gathered(flights, "V").mean())
+    chord = flights[0].aircraft.cbar / float(gathered(flights, "V").mean())
     lost = EffectParameter("normal force lost", "-", 0.3, 0.0, 3.0)
     made = []
     for onset in onsets:
@@ -183,8 +183,8 @@ def _wake(angle: str, length: str, moved: tuple[str, ...], chords: float | None)
             hat = flight[f"{angle}_dot_hat"]
         else:
             # The wake of the wing reaches the tail after it has travelled there; per hat like the derivative.
-            way = chords * flight.craft.cbar / float(flight["V"].mean())
-            hat = (x - delayed(x, flight.dt, way)) / way * getattr(flight.craft, length) / (2.0 * flight["V"])
+            way = chords * flight.aircraft.cbar / float(flight["V"].mean())
+            hat = (x - delayed(x, flight.dt, way)) / way * getattr(flight.aircraft, length) / (2.0 * flight["V"])
         return signature(flight, len(moved), [(r, j, hat) for j, r in enumerate(moved)])
 
     return columns
@@ -227,9 +227,9 @@ def _wakes(parameters: tuple[EffectParameter, ...], angle: str, length: str, mov
 def _wake_model(case: ModelCase, angle: str, length: str, moved: tuple[str, ...]) -> ModelForm:
     """A wake that reaches the tail after it has travelled there."""
     chords = case.quantity("way")
-    way = case.quantity("way", case.craft.cbar, "m")
+    way = case.quantity("way", case.aircraft.cbar, "m")
     # The rate is the change over the time that the wake travels; by the hat it is made dimensionless with.
-    size = getattr(case.craft, length) / (2.0 * chords.value * case.craft.cbar)
+    size = getattr(case.aircraft, length) / (2.0 * chords.value * case.aircraft.cbar)
     term = Term(f"({angle} - {angle}_late)")
     terms = {c: {term: size * one_hot(j, len(moved))} for j, c in enumerate(moved)}
     return ModelForm(states={f"{angle}_late": State("delay", angle, {"distance": way})}, terms=terms)
@@ -246,7 +246,7 @@ def _wake_says(found: FittedEffect) -> str:
 
 def _building(flight: Flight, parts: tuple[tuple[float, float], ...]) -> Columns:
     rate = flight["alpha_dot"]
-    speed = 2.0 * flight["V"] / flight.craft.cbar  # half chords per second
+    speed = 2.0 * flight["V"] / flight.aircraft.cbar  # half chords per second
     missing = -sum(A * varying_lag(rate, flight.dt, b * speed) for A, b in parts)
     return signature(flight, 3, [(r, k, flight.slope(r, "alpha") * missing) for k, r in enumerate(("CZ", "CX", "Cm"))])
 
@@ -276,7 +276,7 @@ def _lift_variants(flights: Flights) -> list[Variant]:
 
 def _building_model(case: ModelCase, parts: tuple[tuple[float, float], ...] = ()) -> ModelForm:
     """Part of the angle of attack acts late: indicial parts as given, else one lag as estimated."""
-    cbar = case.craft.cbar
+    cbar = case.aircraft.cbar
     late = [(A, Quantity(cbar / (2.0 * b), unit="m")) for A, b in parts] or [(1.0, case.quantity("lag", cbar, "m"))]
     states: dict[str, State] = {}
     replaced: dict[str, dict[str, str]] = {}
@@ -354,7 +354,7 @@ EFFECTS: tuple[Effect, ...] = (
         "downwash-lag", "memory", "The wing's downwash reaches the tail late.",
         lambda fs: lacking(fs, ("Cm", "CZ"), ("alpha",)), _downwash_variants, _wake_says,
         look_alikes=("wrong-derivative", "sensor-delay", "unsteady-lift"),
-        separated_by="manoeuvres in which the incidence changes at another rate than the attitude: turns, plunges",
+        separated_by="manoeuvres in which the angles of attack and pitch change at different rates: turns, plunges",
         check="whether the simulation has derivatives by the rate of the angle of attack",
     ),
     Effect(

@@ -250,7 +250,7 @@ EFFECTS: tuple[Effect, ...] = (
         _wrong_values,
         _says_value,
         look_alikes=("sensor-scale", "cg-shift", "inertia-error", "missing-term"),
-        separated_by="Manoeuvres at other speeds and incidences: a wrong value stays the same there.",
+        separated_by="Manoeuvres at other speeds and angles of attack: a wrong value stays the same there.",
         check="The derivative's source in the simulation's data, and its sign and reference length.",
     ),
     Effect(
@@ -268,12 +268,12 @@ EFFECTS: tuple[Effect, ...] = (
     Effect(
         "cross-coupling",
         "static",
-        "A longitudinal coefficient depends on sideslip, roll or yaw; or a lateral one on incidence or pitch rate.",
+        "A longitudinal coefficient depends on sideslip, roll or yaw; a lateral one on angle of attack or pitch rate.",
         _needs_coupling,
         _couplings,
         _says_term,
         look_alikes=("missing-term", "engine-gyroscopic", "asymmetry", "sensor-misalignment"),
-        separated_by="Steady sideslips to both sides, and rudder and aileron doublets at several incidences.",
+        separated_by="Steady sideslips to both sides, and rudder and aileron doublets at several angles of attack.",
         check="Whether the simulation keeps longitudinal and lateral motion apart.",
     ),
 )

@@ -96,18 +96,18 @@ def slipstream_variants(flights: Flights) -> list[Variant]:
 
 def propeller_variants(flights: Flights) -> list[Variant]:
     """Force across the shaft and thrust beside it, as of a disc, and each response by its own."""
-    craft = flights[0].craft
+    aircraft = flights[0].aircraft
     normal = EffectParameter("force per CT", "1/rad", 1.0, -1.0, 6.0)
-    arm = EffectParameter("moment per CT", "m/rad", 1.0 * craft.cbar)
-    factor = EffectParameter("P-factor", "m/rad", 0.2 * craft.b)
+    arm = EffectParameter("moment per CT", "m/rad", 1.0 * aircraft.cbar)
+    factor = EffectParameter("P-factor", "m/rad", 0.2 * aircraft.b)
 
     def across(f: Flight) -> list[tuple[str, int, Array]]:
         a, b = f["CT"] * f["alpha"], f["CT"] * f["beta"]
-        return [("CZ", 0, -a), ("CY", 0, -b), ("Cm", 1, a / craft.cbar), ("Cn", 1, -b / craft.b)]
+        return [("CZ", 0, -a), ("CY", 0, -b), ("Cm", 1, a / aircraft.cbar), ("Cn", 1, -b / aircraft.b)]
 
     def turning(f: Flight, j: int) -> list[tuple[str, int, Array]]:
         # The blade going down meets more air: the line of thrust moves to its side with alpha, and likewise with beta.
-        return [("Cn", j, -f["CT"] * f["alpha"] / craft.b), ("Cm", j, -f["CT"] * f["beta"] / craft.cbar)]
+        return [("Cn", j, -f["CT"] * f["alpha"] / aircraft.b), ("Cm", j, -f["CT"] * f["beta"] / aircraft.cbar)]
 
     turned = _terms(_ACROSS)
     return [

@@ -29,8 +29,8 @@ def _thrust_needs(responses: tuple[str, ...]) -> Callable[[Flights], str]:
 
 def _along_thrust(flight: Flight, CT: Array, part: str = "") -> Parts:
     """A force along the declared thrust line, of coefficient CT, with its moments; or what it does along the axis."""
-    direction, arm = flight.craft.thrust.direction, flight.craft.thrust.arm
-    lengths = (flight.craft.b, flight.craft.cbar, flight.craft.b)
+    direction, arm = flight.aircraft.thrust.direction, flight.aircraft.thrust.arm
+    lengths = (flight.aircraft.b, flight.aircraft.cbar, flight.aircraft.b)
     made = [(r, 0, CT * d) for r, d in zip(FORCE_COEFFICIENTS, direction)]
     if part == _AXIAL:
         return made[:1]
@@ -41,17 +41,17 @@ def _along_thrust(flight: Flight, CT: Array, part: str = "") -> Parts:
 
 
 def _line_variants(flights: Flights) -> list[Variant]:
-    craft = flights[0].craft
-    down = EffectParameter("offset down", "m", 0.15 * craft.cbar, -craft.cbar, craft.cbar)
-    side = EffectParameter("offset right", "m", 0.05 * craft.b, -0.3 * craft.b, 0.3 * craft.b)
+    aircraft = flights[0].aircraft
+    down = EffectParameter("offset down", "m", 0.15 * aircraft.cbar, -aircraft.cbar, aircraft.cbar)
+    side = EffectParameter("offset right", "m", 0.05 * aircraft.b, -0.3 * aircraft.b, 0.3 * aircraft.b)
     tilt = EffectParameter("tilt up", "rad", 0.04, -0.2, 0.2)
     toe = EffectParameter("toe right", "rad", 0.04, -0.2, 0.2)
-    x = craft.thrust.offset[0]
+    x = aircraft.thrust.offset[0]
     return [
-        of_parts((down,), lambda f: [("Cm", 0, f["CT"] / craft.cbar)], "below or above the stated line", ("CT",)),
-        of_parts((side,), lambda f: [("Cn", 0, -f["CT"] / craft.b)], "beside the stated line", ("CT",)),
-        of_parts((tilt,), lambda f: [("CZ", 0, -f["CT"]), ("Cm", 0, x * f["CT"] / craft.cbar)], "tilted", ("CT",)),
-        of_parts((toe,), lambda f: [("CY", 0, f["CT"]), ("Cn", 0, x * f["CT"] / craft.b)], "toed", ("CT",)),
+        of_parts((down,), lambda f: [("Cm", 0, f["CT"] / aircraft.cbar)], "below or above the stated line", ("CT",)),
+        of_parts((side,), lambda f: [("Cn", 0, -f["CT"] / aircraft.b)], "beside the stated line", ("CT",)),
+        of_parts((tilt,), lambda f: [("CZ", 0, -f["CT"]), ("Cm", 0, x * f["CT"] / aircraft.cbar)], "tilted", ("CT",)),
+        of_parts((toe,), lambda f: [("CY", 0, f["CT"]), ("Cn", 0, x * f["CT"] / aircraft.b)], "toed", ("CT",)),
     ]
 
 
@@ -63,7 +63,7 @@ def _line_says(found: FittedEffect) -> str:
 
 def _parts(flights: Flights) -> tuple[str, ...]:
     """All of the thrust; and its part along the axis, where its line is stated for a moment, or not as it is flown."""
-    return ("", _AXIAL) if any(flights[0].craft.thrust.arm) else ("",)
+    return ("", _AXIAL) if any(flights[0].aircraft.thrust.arm) else ("",)
 
 
 def _scale_variants(flights: Flights) -> list[Variant]:
@@ -90,7 +90,7 @@ def _scale_variants(flights: Flights) -> list[Variant]:
 def _lag_variants(flights: Flights) -> list[Variant]:
     def behind(f: Flight, tau: float, part: str) -> Parts:
         behind = first_order_lag(f["thrust"], f.dt, tau) - f["thrust"]
-        return _along_thrust(f, behind / (f["qbar"] * f.craft.S * tau), part)
+        return _along_thrust(f, behind / (f["qbar"] * f.aircraft.S * tau), part)
 
     return [
         replace(
@@ -107,11 +107,11 @@ def _lag_variants(flights: Flights) -> list[Variant]:
 def _late_thrust_model(case: ModelCase, axial: bool) -> ModelForm | None:
     if case.estimates["lag"].value <= 0.0:
         return None
-    line, craft = case.craft.thrust, case.craft
+    line, aircraft = case.aircraft.thrust, case.aircraft
     term = Term("(thrust_late - thrust)/qbar")
-    sizes = [*line.direction, *(a / length for a, length in zip(line.arm, (craft.b, craft.cbar, craft.b)))]
+    sizes = [*line.direction, *(a / length for a, length in zip(line.arm, (aircraft.b, aircraft.cbar, aircraft.b)))]
     fixed = {
-        c: {term: float(s) / craft.S} for c, s in zip(COEFFICIENTS, sizes) if s != 0.0 and (c == "CX" or not axial)
+        c: {term: float(s) / aircraft.S} for c, s in zip(COEFFICIENTS, sizes) if s != 0.0 and (c == "CX" or not axial)
     }
     return ModelForm(states={"thrust_late": State("lag", "thrust", {"tau": case.quantity("lag")})}, fixed=fixed)
 
@@ -121,12 +121,12 @@ def _late_thrust_model(case: ModelCase, axial: bool) -> ModelForm | None:
 
 def _gyroscopic(f: Flight, momentum: Array | float) -> Parts:
     # A rotor not allowed for is missing from the moment that the motion is said to need.
-    qS = f["qbar"] * f.craft.S
-    return [("Cm", 0, -momentum * f["r"] / (qS * f.craft.cbar)), ("Cn", 0, momentum * f["q"] / (qS * f.craft.b))]
+    qS = f["qbar"] * f.aircraft.S
+    return [("Cm", 0, -momentum * f["r"] / (qS * f.aircraft.cbar)), ("Cn", 0, momentum * f["q"] / (qS * f.aircraft.b))]
 
 
 def _gyroscopic_variants(flights: Flights) -> list[Variant]:
-    inertia = flights[0].craft.inertia
+    inertia = flights[0].aircraft.inertia
     size = 0.15 * inertia.Ix if inertia is not None else 1.0
     made = [
         of_parts(
@@ -167,12 +167,12 @@ def _gyroscopic_needs(flights: Flights) -> str:
 
 
 def _asymmetric_variants(flights: Flights) -> list[Variant]:
-    craft = flights[0].craft
-    arm = EffectParameter("offset", "m", 0.05 * craft.b, -0.4 * craft.b, 0.4 * craft.b)
+    aircraft = flights[0].aircraft
+    arm = EffectParameter("offset", "m", 0.05 * aircraft.b, -0.4 * aircraft.b, 0.4 * aircraft.b)
     roll = EffectParameter("rolling moment per CT", "-", 0.02)
 
     def parts(f: Flight, on: Array | float) -> list[tuple[str, int, Array]]:
-        return [("Cn", 0, -on * f["CT"] / craft.b), ("Cl", 1, on * f["CT"])]
+        return [("Cn", 0, -on * f["CT"] / aircraft.b), ("Cl", 1, on * f["CT"])]
 
     def from_then_on(f: Flight, times: Mapping[str, float]) -> Parts:
         return parts(f, since(f, times))
@@ -181,8 +181,8 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
     if {"thrust_left", "thrust_right"} <= flights[0].recorded:
 
         def halves(f: Flight) -> list[tuple[str, int, Array]]:
-            apart = (f["thrust_left"] - f["thrust_right"]) / (f["qbar"] * f.craft.S)
-            return [("Cn", 0, apart / craft.b), ("Cl", 1, apart)]
+            apart = (f["thrust_left"] - f["thrust_right"]) / (f["qbar"] * f.aircraft.S)
+            return [("Cn", 0, apart / aircraft.b), ("Cl", 1, apart)]
 
         made.append(of_parts((arm, roll), halves, "as recorded left and right"))
     for times in onsets(flights, ("Cn", "Cl"), _ONSETS):

@@ -146,11 +146,11 @@ def _arms(flight: Flight, arm: Callable[[Flight, int], Errors], axes: Sequence[i
 
 
 def _position_variants(flights: Flights) -> list[Variant]:
-    craft = flights[0].craft
+    aircraft = flights[0].aircraft
     made = []
     for name, arm, sd in (
-        ("the accelerometer", _arm_at_accelerometer, 0.15 * craft.cbar),
-        ("the vane", _arm_at_vane, 0.5 * craft.cbar),
+        ("the accelerometer", _arm_at_accelerometer, 0.15 * aircraft.cbar),
+        ("the vane", _arm_at_vane, 0.5 * aircraft.cbar),
     ):
         for axis in range(3):
             made.append(

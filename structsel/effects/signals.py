@@ -144,7 +144,7 @@ def lift(flight: Flight) -> Array:
 
 
 def lift_line(flights: Flights) -> tuple[float, float]:
-    """Slope of the simulated lift [1/rad] and incidence of none [rad]."""
+    """Slope of the simulated lift [1/rad] and angle of attack of none [rad]."""
     slope = -mean_slope(flights, "CZ", "alpha")
     if slope <= 0.5:
         slope = 5.0
@@ -202,7 +202,7 @@ def scaled_slopes(
 ) -> Variant | None:
     """The simulation's slopes times `factor` by one ratio; None where it has none of them.
 
-    `channels` are those of each response's own family where None; incidence counts from `zero`; `law` is the factor as
+    `channels` are those of each response's own family where None; alpha counts from `zero`; `law` is the factor as
     a term of a model, but for a constant.
     """
     slopes = {
@@ -265,7 +265,7 @@ def each_slope(
         EffectParameter of the slopes of a name: "lift slope", "stability", or that of a control.
     about : str
     zero : float [rad]
-        Incidence from which that of the aircraft counts.
+        Angle of attack from which that of the aircraft counts.
     law : str
         The factor as a term.
     """

@@ -172,7 +172,7 @@ def log_reynolds(flight: Flight) -> Array:
     """Logarithm of the Reynolds number of the mean chord."""
     temperature = standard_atmosphere(flight["h"] if "h" in flight.channels else np.zeros(len(flight)))[0]
     viscosity = 1.458e-6 * temperature**1.5 / (temperature + 110.4)  # Sutherland
-    return np.log(flight["rho"] * flight["V"] * flight.craft.cbar / viscosity)
+    return np.log(flight["rho"] * flight["V"] * flight.aircraft.cbar / viscosity)
 
 
 def _reynolds(flights: Flights) -> list[Variant]:

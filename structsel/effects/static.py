@@ -28,7 +28,7 @@ from structsel.numerics.separation import lift_factor, steady_formula, steady_se
 
 _INCIDENCE = 0.10  # rad, that a stall needs at least
 _ANGLES = 7
-_SHARPNESS = (15.0, 30.0, 60.0)  # 1/rad, of the separation with incidence
+_SHARPNESS = (15.0, 30.0, 60.0)  # 1/rad, of the separation with angle of attack
 _DECAYS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0)  # of ground effect, per span of height
 _LEAST_LIFT = 0.15  # range of CL that shows a drag polar
 
@@ -49,7 +49,7 @@ def _stalls(flights: Flights) -> list[Variant]:
 
 
 def _separated(angle: float, sharp: float, slope: float, zero: float) -> Variant:
-    """Lift of a wing that separates from its trailing edge (Kirchhoff), the separation following incidence at once."""
+    """Lift of a wing that separates from its trailing edge (Kirchhoff), as a function of the angle of attack."""
     parameters = (
         EffectParameter("lift loss", "-", 0.5, 0.0, 1.6),
         EffectParameter("drag", "-", 0.1, -0.2, 1.0),
@@ -111,20 +111,20 @@ def _needs_stall(flights: Flights) -> str:
     gone = lacking(flights, LONGITUDINAL_COEFFICIENTS, ("alpha",))
     if gone:
         return gone
-    return "" if reach(flights, "alpha")[1] > _INCIDENCE else f"incidence above {_INCIDENCE:g} rad"
+    return "" if reach(flights, "alpha")[1] > _INCIDENCE else f"angle of attack above {_INCIDENCE:g} rad"
 
 
 def _says_stall(found: FittedEffect) -> str:
     angle = np.rad2deg(found.variant.shape["stall angle"])
     told = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
-    return f"Above an incidence of {angle:.1f} deg the wing stalls ({found.variant.about}): {', '.join(told)}."
+    return f"Above an angle of attack of {angle:.1f} deg the wing stalls ({found.variant.about}): {', '.join(told)}."
 
 
 # --- ground ----------------------------------------------------------------------------------------------------------
 
 
 def _grounds(flights: Flights) -> list[Variant]:
-    b = flights[0].craft.b
+    b = flights[0].aircraft.b
     laws = [("exponential", {"decay": c}, _fading(c), f"exp(-({c / b!r}*(h_agl)+))") for c in _DECAYS]
     laws.append(("McCormick", {}, lambda x: 1.0 / (1.0 + (16.0 * x) ** 2), f"(1/(1 + ({16.0 / b!r}*(h_agl)+)^2))"))
     return [
@@ -156,7 +156,7 @@ def _near_ground(
     )
 
     def columns(flight: Flight) -> Columns:
-        near = law(np.maximum(flight["h_agl"], 0.0) / flight.craft.b)
+        near = law(np.maximum(flight["h_agl"], 0.0) / flight.aircraft.b)
         CL = lift(flight) if by_lift else np.ones(len(flight))
         return signature(
             flight,
@@ -178,7 +178,7 @@ def _needs_ground(flights: Flights) -> str:
         return gone
     if not available(flights, "h_agl"):
         return "channel h_agl"
-    span = flights[0].craft.b
+    span = flights[0].aircraft.b
     return "" if reach(flights, "h_agl")[0] < span else f"height below one span ({span:.1f} m)"
 
 
@@ -272,7 +272,7 @@ EFFECTS: tuple[Effect, ...] = (
         _says_stall,
         look_alikes=("stall-hysteresis", "missing-term", "icing"),
         separated_by="Slow and fast approaches to the stall, with the recovery.",
-        check="Whether the simulation's lift is linear beyond the incidences it was made for.",
+        check="Whether the simulation's lift is linear beyond the angles of attack it was made for.",
     ),
     Effect(
         "ground-effect",

@@ -1,4 +1,4 @@
-"""Structure that swings: lightly damped modes which controls and incidence excite."""
+"""Structure that swings: lightly damped modes which controls and angle of attack excite."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _ringing(responses: Sequence[str], drive: str, frequency: float, damping: fl
     def columns(flight: Flight) -> Columns:
         x, w = flight[drive], 2.0 * np.pi * frequency
         swung = oscillate(x, flight.dt, frequency, damping)
-        # The quasi-steady share of the mode is in the rigid derivatives already, by incidence and by its rate. Air is
+        # The quasi-steady share of the mode is in the rigid derivatives already, by alpha and by its rate. Air is
         # moved by the mode's speed, instruments are by what accelerates it.
         bent, moving = swung - x, flight.rate(swung) / w
         if drive in _ANGLES:
@@ -85,7 +85,7 @@ def _needs(flights: Flights) -> str:
 
 EFFECTS: tuple[Effect, ...] = (
     Effect(
-        "structural-mode", "structural", "A lightly damped mode of the structure, which controls or incidence excite.",
+        "structural-mode", "structural", "A lightly damped structural mode, excited by controls or angle of attack.",
         _needs, _variants,
         lambda found: f"A mode at {found.text('frequency')}, damping {found.text('damping', 100.0, '%')} of critical, "
         f"is excited by {found.variant.about}.",

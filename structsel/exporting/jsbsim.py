@@ -153,7 +153,7 @@ def force_functions(
 _REMARKS = (
     "Inputs are SI and radians, body axes; positive de, da and dr make negative moments, so da is minus the left",
     "aileron. Moments are about AERORP, which belongs where the model has its moments: the centre of gravity.",
-    "Rates of incidence and sideslip, where the model has them, are those of JSBSim's step before.",
+    "Rates of angle of attack and sideslip, where the model has them, are those of JSBSim's step before.",
 )
 
 

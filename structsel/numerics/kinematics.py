@@ -6,7 +6,7 @@ Compiled; arrays in, arrays out. One *full vector* holds everything that may be 
 
 velocity relative to the steady air [m/s], attitude [rad], position north, east and up [m]; biases of the
 accelerometers [m/s^2] and gyros [rad/s] (reading = truth + bias); wind, the air's velocity north, east and
-down [m/s]; upwash scale and offset of the incidence vane, sidewash scale and offset of the sideslip vane,
+down [m/s]; upwash scale and offset of the angle-of-attack vane, sidewash scale and offset of the sideslip vane,
 scale error of the airspeed; and gusts, what moving air adds to u v w [m/s]: seen by vanes and pitot, not by the
 instruments of inertia or position. With f the specific force at the centre of gravity and W the wind [M86]::
 

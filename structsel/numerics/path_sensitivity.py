@@ -59,7 +59,7 @@ def recorded_path(problem: KinematicsProblem, stretches: list[slice]) -> tuple[n
     path[:, 0] = found["V"] * np.cos(found["alpha"]) * np.cos(found["beta"])
     path[:, 1] = found["V"] * np.sin(found["beta"])
     path[:, 2] = found["V"] * np.sin(found["alpha"]) * np.cos(found["beta"])
-    # A vane ahead of the centre reads the pitch rate as incidence: taken for that, it would pass for excitation.
+    # A vane ahead of the centre reads the pitch rate as angle of attack: taken for that, it would pass for excitation.
     for j, row in enumerate((3, 2, 1)):
         path[:, j] -= np.cross(problem.inputs[:, 3:6] - start[12:15], problem.place[row])[:, j]
     missing = [name for name in ("phi", "theta") if name not in found]

@@ -52,15 +52,19 @@ _ADVICE: dict[str, tuple[tuple[str, ...], str, str]] = {
     "wd": (
         ("h", "vd"),
         "without height or vertical ground velocity nothing shows a vertical wind; record h or vd",
-        "a steady vertical wind reads like an offset of the incidence; set Calpha0, or fly at different speeds",
+        "a steady vertical wind reads like an offset of the angle of attack; set Calpha0, or fly at different speeds",
     ),
     "Csi": (("beta",), "no sideslip vane was sampled", "fly rudder doublets and steady sideslips; record phi"),
     "Calpha0": (
         ("alpha",),
-        "no incidence vane was sampled",
+        "no angle-of-attack vane was sampled",
         "record theta and h (or vd), and fly at different speeds and load factors",
     ),
-    "Cup": (("alpha",), "no incidence vane was sampled", "fly over a wider range of incidence, at different speeds"),
+    "Cup": (
+        ("alpha",),
+        "no angle-of-attack vane was sampled",
+        "fly over a wider range of angle of attack, at different speeds",
+    ),
     **dict.fromkeys(
         ("wn", "we"),
         (

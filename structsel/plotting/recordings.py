@@ -74,7 +74,7 @@ def plot_coverage(
     model: AeroModel | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Where in the envelope was flown: incidence and sideslip, airspeed and height, or any two channels.
+    """Where in the envelope was flown: angle of attack and sideslip, airspeed and height, or any two channels.
 
     Parameters
     ----------

@@ -32,30 +32,30 @@ def true_coefficients(aircraft, flight):
 @pytest.fixture(scope="module")
 def low_pass():
     """Twelve seconds of a Cessna going down to the ground."""
-    craft = load_plant("c172p")
-    point = find_point(craft, np.random.default_rng(3), low=True, lift=(0.5, 0.6))
+    aircraft = load_plant("c172p")
+    point = find_point(aircraft, np.random.default_rng(3), low=True, lift=(0.5, 0.6))
     t = np.round(np.arange(-LEAD, 12.0, 0.04), 9)
     h = np.interp(t, [1.0, 9.0], [0.0, 3.0 - point.h])
     commands = {
         "h": h, "climb": np.gradient(h, t), "firm": np.full_like(t, 4.0), "dr": 0.03 * ((t > 3) & (t < 4)),
     }  # fmt: skip
-    return craft, Manoeuvre("m01", "low", t, point.state, point.controls, commands, point.gains)
+    return aircraft, Manoeuvre("m01", "low", t, point.state, point.controls, commands, point.gains)
 
 
 def test_the_functions_evaluated_over_a_flight_are_those_that_jsbsim_flew(low_pass):
-    craft, manoeuvre = low_pass
-    flight = simulate_manoeuvre(craft, manoeuvre, Additions())
-    assert flight["h"].min() < 0.6 * craft.aircraft.b  # tables of ground effect are in it
-    ours = coefficients(craft, flight, craft.functions)
-    theirs = true_coefficients(craft.aircraft, flight)
+    aircraft, manoeuvre = low_pass
+    flight = simulate_manoeuvre(aircraft, manoeuvre, Additions())
+    assert flight["h"].min() < 0.6 * aircraft.aircraft.b  # tables of ground effect are in it
+    ours = coefficients(aircraft, flight, aircraft.functions)
+    theirs = true_coefficients(aircraft.aircraft, flight)
     assert_allclose(ours, theirs, atol=1e-9)
 
 
 def test_ground_effect_taken_out_of_the_functions_is_what_a_changed_aircraft_flies_without(low_pass):
     # The changed functions written as XML and flown by JSBSim, against the same functions over arrays.
-    craft, manoeuvre = low_pass
-    built_in = next(n for n in find_built_in(craft) if n.effect == "ground-effect")
-    functions = functions_with(craft, built_in.left_in(craft, 0.4))
+    aircraft, manoeuvre = low_pass
+    built_in = next(n for n in find_built_in(aircraft) if n.effect == "ground-effect")
+    functions = functions_with(aircraft, built_in.left_in(aircraft, 0.4))
     other = JSBSimPlant("c172p", functions)
     flight = simulate_manoeuvre(other, manoeuvre, Additions())
     assert_allclose(
@@ -63,19 +63,19 @@ def test_ground_effect_taken_out_of_the_functions_is_what_a_changed_aircraft_fli
         true_coefficients(other.aircraft, flight),
         atol=1e-9,
     )
-    lacking = coefficients(other, flight, craft.functions) - true_coefficients(other.aircraft, flight)
-    near = flight["h"] < 0.5 * craft.aircraft.b
+    lacking = coefficients(other, flight, aircraft.functions) - true_coefficients(other.aircraft, flight)
+    near = flight["h"] < 0.5 * aircraft.aircraft.b
     assert np.all(lacking[near, 2] < 0.0)  # the ground's lift, up
     assert abs(lacking[0, 2]) < 0.3 * np.abs(lacking[:, 2]).max()
 
 
 def test_a_law_put_into_the_truth_acts_on_the_aircraft_with_the_coefficients_it_states(low_pass):
-    craft, manoeuvre = low_pass
+    aircraft, manoeuvre = low_pass
     added_force = AddedForce(lambda now, memory, dt: (0.0, 0.002, -0.01, 0.0005, 0.004 * now["alpha"], 0.0))
-    flight = simulate_manoeuvre(craft, manoeuvre, Additions(added=[added_force]))
-    m = craft.aircraft.mass
-    qS = flight["qbar"] * craft.aircraft.S
-    acted = true_coefficients(craft.aircraft, flight) - coefficients(craft, flight, craft.functions)
+    flight = simulate_manoeuvre(aircraft, manoeuvre, Additions(added=[added_force]))
+    m = aircraft.aircraft.mass
+    qS = flight["qbar"] * aircraft.aircraft.S
+    acted = true_coefficients(aircraft.aircraft, flight) - coefficients(aircraft, flight, aircraft.functions)
     # What is left of all forces is the law's, held over a step in which the airspeed changes by little.
     assert_allclose(acted[1:, 2], -0.01, atol=1e-5)
     assert_allclose(acted[1:, 4], 0.004 * flight["alpha"][1:], atol=1e-5)

@@ -149,7 +149,7 @@ def _static(f: Flight) -> list[Array]:
     bent = _here(f, _BENDING)
     made = [f[c] - f[c].mean() for c in names]
     made += [f[a] * f[b] for i, a in enumerate(bent) for b in bent[i:]]
-    # A kink at high incidence is a function of the state as well.
+    # A kink at high angle of attack is a function of the state as well.
     return [*made, f["alpha"] ** 3, *(f["alpha"] * f[c] for c in _here(f, ("p_hat", "q_hat", "r_hat", "V")))]
 
 

@@ -31,7 +31,7 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
     2m - 1; m = 2 is the cubic one). q / sigma^2, sigma and m are those of the largest likelihood of the samples,
     given four of them: unlike cross-validation it seldom undersmooths a short record, gives the noise with the
     smoothing, and compares orders. The order says how sharply the signal moves: the pitch rate after a step of
-    the elevator calls for 2 (its derivative jumps), incidence for 3, slow motion for 4. No penalty that varies
+    the elevator calls for 2 (its derivative jumps), angle of attack for 3, slow motion for 4. No penalty that varies
     along the record is used: on 3-2-1-1 responses it gained 5 to 15 % of the error and cost the calibration
     of the standard deviation.
 
