@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -139,14 +138,7 @@ class Reconstruction(Result):
     distrust: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("estimates", "filtered", "filtered_std", "covariance", "covariance_at"):
-            getattr(self, name).setflags(write=False)
-        for name in ("std", "innovations", "innovation_std", "residuals", "readings", "turning_std", "fixed"):
-            held = dict(getattr(self, name))
-            for values in held.values():
-                if isinstance(values, np.ndarray):
-                    values.setflags(write=False)
-            object.__setattr__(self, name, MappingProxyType(held))
+        self.freeze()
 
     @property
     def trusted(self) -> bool:
@@ -278,7 +270,3 @@ _CHANNEL_COLUMNS = (
     Column("corr.", "2f"),
     Column("rej."),
 )
-
-
-def _remake(plain: dict[str, Any]) -> Reconstruction:
-    return Reconstruction(**plain)

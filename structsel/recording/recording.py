@@ -83,10 +83,6 @@ class Recording(Result):
         object.__setattr__(self, "findings", tuple(self.findings))
         object.__setattr__(self, "at_cg", frozenset(self.at_cg) & frozenset(held))
 
-    def __reduce__(self) -> tuple[Any, ...]:  # a mapping proxy does not pickle
-        parts = (self.name, self.t, dict(self.channels), dict(self.units), self.provenance, self.findings, self.at_cg)
-        return Recording, parts
-
     def __len__(self) -> int:
         return len(self.t)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -63,9 +62,7 @@ class Derivatives(Result):
     notes: Mapping[tuple[int, str], str]
 
     def __post_init__(self) -> None:
-        for array in (self.conditions, self.values, self.std):
-            array.setflags(write=False)
-        object.__setattr__(self, "notes", MappingProxyType(dict(self.notes)))
+        self.freeze()
 
     @property
     def half(self) -> np.ndarray:

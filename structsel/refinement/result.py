@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -145,14 +144,7 @@ class Refinement(Result):
     band: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.crlb, self.covariance, self.correlation, self.costs, self.thetas):
-            array.setflags(write=False)
-        held = {name: MappingProxyType(dict(each)) for name, each in self.residuals.items()}
-        for each in held.values():
-            for values in each.values():
-                values.setflags(write=False)
-        object.__setattr__(self, "residuals", MappingProxyType(held))
-        object.__setattr__(self, "noise_std", MappingProxyType(dict(self.noise_std)))
+        self.freeze()
 
     def __getitem__(self, name: str) -> Estimate:
         """One estimate by its name.
@@ -263,10 +255,6 @@ class Refinement(Result):
         fits = sorted(self.fits, key=lambda f: [*self.noise_std].index(f.output))
         rows = tuple((f.output, f.recording, f.n, f.rms_error, *f.cells()) for f in fits)
         return Table((*columns, *(Column(m.label) for m in in_tables(brief=True))), rows)
-
-
-def _remake(plain: dict[str, Any]) -> Refinement:
-    return Refinement(**plain)
 
 
 def _numbers(estimate: Estimate) -> tuple[float, float, float]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -161,7 +160,7 @@ class Resimulation(Result):
     partings = renamed_attribute("divergence_notes")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "bands", MappingProxyType(dict(self.bands)))
+        self.freeze()
 
     def score(self, output: str, recording: str = "all", kind: Kind = "whole") -> ResimulationScore:
         """Score of one output, on one recording or on all.
