@@ -83,12 +83,12 @@ def run(
         print_summary(console, summarise_truth(selection, truth[response]))
     title = f"Another recording, '{held.name}', not used for the selection"
     print_summary(console, replace(scores.summary(), title=title, about=""))
-    flights, craft = "FILES --map map.toml", "aircraft.toml"
+    flights, toml = "FILES --map map.toml", "aircraft.toml"
     if out is not None:
         print_files(console, str(out), written)
-        flights, craft = f"{out / 'flights'}", f"{out / 'aircraft.toml'}"
+        flights, toml = f"{out / 'flights'}", f"{out / 'aircraft.toml'}"
     console.print(
-        f"\nTo go on, by hand:\n  structsel describe {flights}\n  structsel select {flights} --aircraft {craft} \\\n"
+        f"\nTo go on, by hand:\n  structsel describe {flights}\n  structsel select {flights} --aircraft {toml} \\\n"
         "      --responses CZ,Cm --candidates alpha,q_hat,de --degree 3 --f-in auto\n"
         "Your own files need a channel map besides (--map); examples/ holds some. structsel select --help says more.",
         markup=False,

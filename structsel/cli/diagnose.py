@@ -102,13 +102,13 @@ def run(
     refuse_existing(out, overwrite)
     if out is not None:
         _keep_simulation(out, simulation)
-    craft = load_aircraft(aircraft)
+    aircraft_model = load_aircraft(aircraft)
     # A simulated file goes with a whole recording: only what can be asked anywhere is asked along parts of one.
     flown = (
         read_manoeuvres(recordings, channel_map) if _can_be_asked(simulation) else read_files(recordings, channel_map)
     )
     judges = [r.name for r in hold_out(flown, held_out)[1]] if held_out else []
-    found = _diagnose(simulation, flown, craft, judges)
+    found = _diagnose(simulation, flown, aircraft_model, judges)
     written = _write(out, found) if out is not None else []
     if json:
         print_json(found.to_dict())
@@ -130,11 +130,13 @@ def _keep_simulation(out: Path, simulation: str) -> None:
             raise DataError(f"--out '{out}' would write over the simulation '{simulation}'. Choose another folder.")
 
 
-def _diagnose(simulation: str, flown: Sequence[Recording], craft: Aircraft, judges: Sequence[str]) -> Diagnosis:
+def _diagnose(
+    simulation: str, flown: Sequence[Recording], aircraft_model: Aircraft, judges: Sequence[str]
+) -> Diagnosis:
     from structsel.diagnosis.diagnose import diagnose  # all hypotheses: a while to load, and few commands need them
 
     with Waiting("diagnosing") as waiting:
-        return diagnose(simulation, flown, craft, held_out=judges, progress=waiting)
+        return diagnose(simulation, flown, aircraft_model, held_out=judges, progress=waiting)
 
 
 def _write(out: Path, found: Diagnosis) -> list[str]:

@@ -191,16 +191,16 @@ def _linear(
     measured: dict[str, float],
 ) -> LinearModel:
     """A linear model whose parameters have names, with the outputs measured."""
-    craft = open_model(text, aircraft, definitions, rho)
-    if isinstance(craft, PublishedAircraft):
-        trimmed = trim_model(craft, trim, controls)
-        linear = craft.linearise(trimmed, axis=axis, inputs=channels or _SURFACES[axis])
+    aircraft_model = open_model(text, aircraft, definitions, rho)
+    if isinstance(aircraft_model, PublishedAircraft):
+        trimmed = trim_model(aircraft_model, trim, controls)
+        linear = aircraft_model.linearise(trimmed, axis=axis, inputs=channels or _SURFACES[axis])
         return signals.name_derivatives(linear, outputs=list(measured))
-    if not isinstance(craft, LinearModel):
+    if not isinstance(aircraft_model, LinearModel):
         raise typer.BadParameter("inputs are designed for a model file, a ready aircraft or a linear model.")
-    if set(measured) <= set(craft.outputs) and (not channels or set(channels) == set(craft.inputs)):
-        return craft
-    return signals.name_derivatives(craft, outputs=list(measured), inputs=channels or None)
+    if set(measured) <= set(aircraft_model.outputs) and (not channels or set(channels) == set(aircraft_model.inputs)):
+        return aircraft_model
+    return signals.name_derivatives(aircraft_model, outputs=list(measured), inputs=channels or None)
 
 
 def _classical(kind: str, channels: Sequence[str], law: str, seed: int, options: dict[str, Any]) -> Recording:

@@ -19,7 +19,7 @@ from structsel.simulation import PUBLISHED_AIRCRAFT, Atmosphere, LinearModel, Pu
 if TYPE_CHECKING:
     from structsel.simulation.jsbsim import JSBSimAircraft
 
-Craft: TypeAlias = "PublishedAircraft | LinearModel | JSBSimAircraft"
+SimulationModel: TypeAlias = "PublishedAircraft | LinearModel | JSBSimAircraft"
 
 MODEL_HELP = (
     f"A model file; ready:NAME of {', '.join(PUBLISHED_AIRCRAFT)}, for linear ones with its axis, "
@@ -104,7 +104,7 @@ def read_definitions(texts: Sequence[str] | None) -> dict[str, str]:
 
 def open_model(
     text: str, aircraft: Path | None, definitions: Mapping[str, str] | None = None, rho: float | None = None
-) -> Craft:
+) -> SimulationModel:
     """What ``MODEL.json``, ``ready:...`` or ``jsbsim:...`` names.
 
     Raises
@@ -137,22 +137,22 @@ def open_model(
 
 def _open_ready(name: str, definitions: Mapping[str, str], rho: float | None) -> PublishedAircraft | LinearModel:
     name, _, which = name.partition(":")
-    craft = published_aircraft(name)
-    if craft.model is None or which:
-        if which not in craft.linear:
-            choice = ", ".join(f"ready:{name}:{key}" for key in craft.linear)
+    aircraft_model = published_aircraft(name)
+    if aircraft_model.model is None or which:
+        if which not in aircraft_model.linear:
+            choice = ", ".join(f"ready:{name}:{key}" for key in aircraft_model.linear)
             raise ModelError(
                 f"'ready:{name}{which and ':' + which}' is no model; there are {choice or 'ready:' + name}."
             )
-        return craft.linear[which]
+        return aircraft_model.linear[which]
     if definitions or rho is not None:
-        air = craft.air if rho is None else replace(craft.air, rho=rho)
-        craft = replace(craft, definitions={**craft.definitions, **definitions}, air=air)
-    return craft
+        air = aircraft_model.air if rho is None else replace(aircraft_model.air, rho=rho)
+        aircraft_model = replace(aircraft_model, definitions={**aircraft_model.definitions, **definitions}, air=air)
+    return aircraft_model
 
 
-def trim_model(craft: PublishedAircraft | JSBSimAircraft, trim: str, controls: str, free: str = "") -> Any:
-    """Trim of a craft, a `Trim`.
+def trim_model(aircraft_model: PublishedAircraft | JSBSimAircraft, trim: str, controls: str, free: str = "") -> Any:
+    """Steady flight of a model, a `Trim`.
 
     Raises
     ------
@@ -163,17 +163,19 @@ def trim_model(craft: PublishedAircraft | JSBSimAircraft, trim: str, controls: s
     """
     asked: dict[str, Any] = dict(read_trim(trim))
     given = read_numbers("--controls", controls, "df=0.1,rpm=1800")
-    usual = craft.condition if isinstance(craft, PublishedAircraft) else {}
+    usual = aircraft_model.condition if isinstance(aircraft_model, PublishedAircraft) else {}
     V, h = asked.pop("V", usual.get("V")), asked.pop("h", usual.get("h"))
     if V is None or h is None:
         raise typer.BadParameter("--trim needs an airspeed and an altitude: --trim V,H.")
-    if not isinstance(craft, PublishedAircraft) and (wrong := [n for n in asked if n not in ("climb", "sideslip")]):
+    if not isinstance(aircraft_model, PublishedAircraft) and (
+        wrong := [n for n in asked if n not in ("climb", "sideslip")]
+    ):
         raise typer.BadParameter(f"an aircraft of JSBSim is trimmed straight only, without {wrong[0]}.")
-    if isinstance(craft, PublishedAircraft):
-        asked["free"] = split_names(free) or craft.free or None
+    if isinstance(aircraft_model, PublishedAircraft):
+        asked["free"] = split_names(free) or aircraft_model.free or None
     elif free:
         raise typer.BadParameter("an aircraft of JSBSim is trimmed with all its controls: leave --free out.")
-    return craft.trim(V, h, controls=given, **asked)
+    return aircraft_model.trim(V, h, controls=given, **asked)
 
 
 def read_schedules(files: Sequence[Path], channel_map: Path | None, option: str) -> list[Recording]:

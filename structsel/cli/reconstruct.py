@@ -122,9 +122,9 @@ def run(
     if split_names(estimate):
         asked["estimate"] = split_names(estimate)
     refuse_existing(out, overwrite)
-    craft = load_aircraft(aircraft)
+    aircraft_model = load_aircraft(aircraft)
     flown = read_manoeuvres(files, channel_map, find_manoeuvres)
-    found = _by_each(METHODS if method == "all" else (method,), flown, craft, asked)
+    found = _by_each(METHODS if method == "all" else (method,), flown, aircraft_model, asked)
     written = _write(out, found, file_format, plots) if out is not None else []
     if json:
         print_json(_as_dict(found))
@@ -175,13 +175,13 @@ def read_delays(text: str) -> str | dict[str, float]:
 
 
 def _by_each(
-    methods: Sequence[str], flown: Sequence[Recording], craft: Aircraft, asked: Mapping[str, Any]
+    methods: Sequence[str], flown: Sequence[Recording], aircraft_model: Aircraft, asked: Mapping[str, Any]
 ) -> dict[str, Reconstructions]:
     """Return the reconstructions by each method that could make one."""
     found: dict[str, Reconstructions] = {}
     for method in methods:
         try:
-            found[method] = reconstruct_paths(flown, craft, method=method, **asked)
+            found[method] = reconstruct_paths(flown, aircraft_model, method=method, **asked)
         except ReconstructionError as error:
             if method == methods[-1] and not found:
                 raise

@@ -90,10 +90,10 @@ def read_files(files: Iterable[Path], channel_map: Path | None) -> list[Recordin
 
 def load_aircraft(path: Path) -> Aircraft:
     """Aircraft of a file, its remarks said on stderr."""
-    craft = Aircraft.from_toml(path)
-    for remark in craft.remarks:
-        say("warning", f"aircraft '{craft.name}': {remark}.")
-    return craft
+    aircraft_model = Aircraft.from_toml(path)
+    for remark in aircraft_model.remarks:
+        say("warning", f"aircraft '{aircraft_model.name}': {remark}.")
+    return aircraft_model
 
 
 def read_manoeuvres(files: Iterable[Path], channel_map: Path | None, find: bool = False) -> list[Recording]:
@@ -139,17 +139,17 @@ def read_flights(
     """
     if reconstruct and aircraft is None:
         raise typer.BadParameter("--reconstruct needs --aircraft, which says where the instruments stand.")
-    craft = None if aircraft is None else load_aircraft(aircraft)
+    aircraft_model = None if aircraft is None else load_aircraft(aircraft)
     flown = read_manoeuvres(files, channel_map)
-    if craft is not None:
+    if aircraft_model is not None:
         if reconstruct:
-            flown = reconstruct_paths(flown, craft).recordings
-        flown = compute_all(flown, craft, V0=v0)
+            flown = reconstruct_paths(flown, aircraft_model).recordings
+        flown = compute_all(flown, aircraft_model, V0=v0)
     say_findings(flown, None if wanted is None else set(wanted))
     return flown
 
 
-def reconstruct_paths(flown: Sequence[Recording], craft: Aircraft, **options: Any) -> Reconstructions:
+def reconstruct_paths(flown: Sequence[Recording], aircraft_model: Aircraft, **options: Any) -> Reconstructions:
     """Reconstruct manoeuvres; what failed, and what should not be used, is said on stderr.
 
     Raises
@@ -158,7 +158,7 @@ def reconstruct_paths(flown: Sequence[Recording], craft: Aircraft, **options: An
         None could be reconstructed.
     """
     with Waiting(f"reconstructing, {options.get('method', METHODS[0])}") as waiting:
-        results = reconstruct_all(flown, craft, progress=waiting, **options)
+        results = reconstruct_all(flown, aircraft_model, progress=waiting, **options)
     by = f" by {options['method']}" if "method" in options else ""
     if not len(results):
         whys = (f"'{name}': {why}" for name, why in results.failed.items())

@@ -17,10 +17,10 @@ from structsel.cli.messages import Waiting, json_text, print_json, say, stdout
 from structsel.cli.models import (
     MODEL_HELP,
     AircraftOption,
-    Craft,
     Define,
     RecordingsOption,
     Rho,
+    SimulationModel,
     open_model,
     read_definitions,
     read_schedules,
@@ -87,21 +87,21 @@ def run(
 ) -> None:
     """Estimate the parameters of a model by output error: its simulated outputs come nearest the recorded ones."""
     refuse_existing(out, overwrite)
-    craft = open_model(model, aircraft, read_definitions(define), rho)
+    aircraft_model = open_model(model, aircraft, read_definitions(define), rho)
     if not recordings:
         raise typer.BadParameter("refine needs --recordings.")
     flown, judges = hold_out(read_schedules(recordings, channel_map, "--recordings"), held_out)
-    options |= {"free": _free(craft, options["free"]), "constraint": "stable" if stable else None}
+    options |= {"free": _free(aircraft_model, options["free"]), "constraint": "stable" if stable else None}
     failed: RefinementError | None = None
     try:
-        found = _refine(craft, flown, options)
+        found = _refine(aircraft_model, flown, options)
     except RefinementError as error:
         if not isinstance(error.partial, Refinement):
             raise
         found, failed = error.partial, error
     if failed is None and not found.converged:
         say("warning", f"NOT CONVERGED: {found.message}. What follows is the best found.")
-    judged = _judge(craft, found, judges) if failed is None else {}
+    judged = _judge(aircraft_model, found, judges) if failed is None else {}
     written = _write(out, found, flown, judged, failed, plots) if out is not None else []
     if json:
         print_json(_as_dict(found, judged, failed))
@@ -117,9 +117,9 @@ def run(
         raise failed
 
 
-def _free(craft: Craft, names: list[str] | Literal["all"]) -> list[str] | Literal["all"]:
+def _free(aircraft_model: SimulationModel, names: list[str] | Literal["all"]) -> list[str] | Literal["all"]:
     """Names, those that end in a colon spelled out."""
-    model = craft.model if isinstance(craft, PublishedAircraft) else None
+    model = aircraft_model.model if isinstance(aircraft_model, PublishedAircraft) else None
     if names == "all" or model is None:
         return names
     every = [f"{response}:{term}" for response, held in model.responses.items() for term in held.terms]
@@ -129,7 +129,7 @@ def _free(craft: Craft, names: list[str] | Literal["all"]) -> list[str] | Litera
     return found or list(names)
 
 
-def _refine(craft: Craft, flown: Sequence[Recording], options: Mapping[str, Any]) -> Refinement:
+def _refine(aircraft_model: SimulationModel, flown: Sequence[Recording], options: Mapping[str, Any]) -> Refinement:
     """The refinement of what can be refined.
 
     Raises
@@ -143,23 +143,23 @@ def _refine(craft: Craft, flown: Sequence[Recording], options: Mapping[str, Any]
         def progress(stage: str, count: int, value: float) -> None:
             waiting(f"{stage}, cost {value:.5g}" if stage not in limits else stage, count, limits.get(stage, count + 1))
 
-        if isinstance(craft, LinearModel):
-            return refine(craft, None, flown, **options, progress=progress)
-        if not isinstance(craft, PublishedAircraft):
+        if isinstance(aircraft_model, LinearModel):
+            return refine(aircraft_model, None, flown, **options, progress=progress)
+        if not isinstance(aircraft_model, PublishedAircraft):
             raise typer.BadParameter("JSBSim's aircraft have no parameters to refine; give a model file.")
-        assert craft.model is not None
+        assert aircraft_model.model is not None
         return refine(
-            craft.model,
-            craft.aircraft,
+            aircraft_model.model,
+            aircraft_model.aircraft,
             flown,
             **options,
-            air=craft.air,
-            definitions=craft.definitions,
+            air=aircraft_model.air,
+            definitions=aircraft_model.definitions,
             progress=progress,
         )
 
 
-def _judge(craft: Craft, found: Refinement, judges: Sequence[Recording]) -> dict[str, Resimulation]:
+def _judge(aircraft_model: SimulationModel, found: Refinement, judges: Sequence[Recording]) -> dict[str, Resimulation]:
     """Replays of what was held out, before and after.
 
     Raises
@@ -169,11 +169,15 @@ def _judge(craft: Craft, found: Refinement, judges: Sequence[Recording]) -> dict
     """
     if not judges:
         return {}
-    if not isinstance(craft, PublishedAircraft) or craft.model is None or craft.aircraft is None:
+    if (
+        not isinstance(aircraft_model, PublishedAircraft)
+        or aircraft_model.model is None
+        or aircraft_model.aircraft is None
+    ):
         raise typer.BadParameter("--held-out is judged by replay, which flies model files and ready aircraft only.")
-    flies = {"air": craft.air, "definitions": craft.definitions}
-    pair = {"before": craft.model, "after": found.model}
-    return {name: resimulate(model, craft.aircraft, judges, **flies) for name, model in pair.items()}  # type: ignore[arg-type]
+    flies = {"air": aircraft_model.air, "definitions": aircraft_model.definitions}
+    pair = {"before": aircraft_model.model, "after": found.model}
+    return {name: resimulate(model, aircraft_model.aircraft, judges, **flies) for name, model in pair.items()}  # type: ignore[arg-type]
 
 
 def _as_dict(found: Refinement, judged: Mapping[str, Resimulation], failed: RefinementError | None) -> dict[str, Any]:

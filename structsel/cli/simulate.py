@@ -17,11 +17,11 @@ from structsel.cli.models import (
     MODEL_HELP,
     AircraftOption,
     Controls,
-    Craft,
     Define,
     Free,
     RecordingsOption,
     Rho,
+    SimulationModel,
     TrimOption,
     departures,
     open_model,
@@ -130,36 +130,36 @@ def run(
 ) -> None:
     """Fly a model: trim, modes, and the motion that inputs make, as recordings."""
     refuse_existing(out, overwrite)
-    craft = open_model(model, aircraft, read_definitions(define), rho)
+    aircraft_model = open_model(model, aircraft, read_definitions(define), rho)
     schedules = read_schedules(inputs or (), channel_map, "--inputs")
     followed = read_schedules(recordings or (), channel_map, "--recordings")
     air = _Surroundings(noise, turbulence, wind, seed, between, stabilise)
     flown = _Flown(recorded={r.name: r for r in followed})
-    if isinstance(craft, LinearModel):
+    if isinstance(aircraft_model, LinearModel):
         if trim or controls:
             raise typer.BadParameter("a linear model flies about its reference; leave --trim and --controls out.")
     elif trim or schedules or not followed:
-        flown.trim = _trim(craft, trim, controls, free)
-    if modes or (isinstance(craft, LinearModel) and not schedules and not followed):
-        flown.modes = _modes(craft, flown.trim)
+        flown.trim = _trim(aircraft_model, trim, controls, free)
+    if modes or (isinstance(aircraft_model, LinearModel) and not schedules and not followed):
+        flown.modes = _modes(aircraft_model, flown.trim)
     with Waiting("flying") as waiting:
         for i, r in enumerate((*schedules, *followed)):
-            _keep(flown, r, lambda: air.fly(craft, r, flown.trim if i < len(schedules) else None, i))  # noqa: B023
+            _keep(flown, r, lambda: air.fly(aircraft_model, r, flown.trim if i < len(schedules) else None, i))  # noqa: B023
             waiting("flights", i + 1, len(schedules) + len(followed))
-    written = _write(out, flown, _as_dict(craft, flown), plots) if out is not None else []
+    written = _write(out, flown, _as_dict(aircraft_model, flown), plots) if out is not None else []
     if json:
-        print_json(_as_dict(craft, flown))
+        print_json(_as_dict(aircraft_model, flown))
     else:
-        _print(craft, flown)
+        _print(aircraft_model, flown)
         if out is not None:
             print_files(stdout(), str(out), written)
     if flown.broken:
         raise SimulationError("\n".join(flown.broken.values()))
 
 
-def _trim(craft: Any, trim: str, controls: str, free: str) -> Trim:
+def _trim(aircraft_model: Any, trim: str, controls: str, free: str) -> Trim:
     try:
-        found: Trim = trim_model(craft, trim, controls, free)
+        found: Trim = trim_model(aircraft_model, trim, controls, free)
     except SimulationError as error:
         if isinstance(error.partial, Trim):
             say("note", f"the nearest to a trim:\n{error.partial}")
@@ -167,7 +167,7 @@ def _trim(craft: Any, trim: str, controls: str, free: str) -> Trim:
     return found
 
 
-def _modes(craft: Craft, trim: Trim | None) -> dict[str, Modes]:
+def _modes(aircraft_model: SimulationModel, trim: Trim | None) -> dict[str, Modes]:
     """Modes by axis.
 
     Raises
@@ -175,12 +175,12 @@ def _modes(craft: Craft, trim: Trim | None) -> dict[str, Modes]:
     BadParameter
         There is no trim, or JSBSim's aircraft, whose equations are its own.
     """
-    if isinstance(craft, LinearModel):
-        return {"": craft.modes()}
-    if trim is None or not isinstance(craft, PublishedAircraft) or craft.model is None:
+    if isinstance(aircraft_model, LinearModel):
+        return {"": aircraft_model.modes()}
+    if trim is None or not isinstance(aircraft_model, PublishedAircraft) or aircraft_model.model is None:
         raise typer.BadParameter("--modes needs --trim, and a model of ours.")
-    axes = ["longitudinal"] + ["lateral"] * any(name in craft.model for name in LATERAL_COEFFICIENTS)
-    return {axis: craft.linearise(trim, axis=axis).modes() for axis in axes}
+    axes = ["longitudinal"] + ["lateral"] * any(name in aircraft_model.model for name in LATERAL_COEFFICIENTS)
+    return {axis: aircraft_model.linearise(trim, axis=axis).modes() for axis in axes}
 
 
 def _keep(flown: _Flown, recording: Recording, fly: Callable[[], Recording]) -> None:
@@ -215,30 +215,34 @@ class _Surroundings:
         if len(self.wind) != 3:
             raise typer.BadParameter(f"--wind '{wind}' is not three numbers, north, east and down.")
 
-    def fly(self, craft: Craft, recording: Recording, trim: Trim | None, place: int) -> Recording:
+    def fly(self, aircraft_model: SimulationModel, recording: Recording, trim: Trim | None, place: int) -> Recording:
         """One flight; of departures from a trim, or with what was recorded."""
         seed = self.seed + place
-        if isinstance(craft, LinearModel):
-            return craft.simulate(recording, hold=self.between, noise=self.noise, seed=seed)
+        if isinstance(aircraft_model, LinearModel):
+            return aircraft_model.simulate(recording, hold=self.between, noise=self.noise, seed=seed)
         given = recording if trim is None else departures(recording, trim.controls)
-        if not isinstance(craft, PublishedAircraft):
+        if not isinstance(aircraft_model, PublishedAircraft):
             self._refuse_air()
-            return craft.fly(given, start=trim, stabilise=self.stabilise)
+            return aircraft_model.fly(given, start=trim, stabilise=self.stabilise)
         if self.stabilise:
             raise typer.BadParameter("--stabilise is JSBSim's; fly departures small enough for the aircraft alone.")
-        assert craft.model is not None
-        assert craft.aircraft is not None
-        start: Any = trim if trim is not None else start_from(craft.model, craft.aircraft, given, craft.air)
+        assert aircraft_model.model is not None
+        assert aircraft_model.aircraft is not None
+        start: Any = (
+            trim
+            if trim is not None
+            else start_from(aircraft_model.model, aircraft_model.aircraft, given, aircraft_model.air)
+        )
         rough = None if self.turbulence is None else Turbulence(self.turbulence, seed)
-        air = replace(craft.air, wind=self.wind, turbulence=rough)
-        return craft.simulate(
-            given, start=start, air=air, instruments=self._instruments(craft, seed), between=self.between
+        air = replace(aircraft_model.air, wind=self.wind, turbulence=rough)
+        return aircraft_model.simulate(
+            given, start=start, air=air, instruments=self._instruments(aircraft_model, seed), between=self.between
         )
 
-    def _instruments(self, craft: PublishedAircraft, seed: int) -> Instruments | None:
+    def _instruments(self, aircraft_model: PublishedAircraft, seed: int) -> Instruments | None:
         if self.stated:
-            assert craft.aircraft is not None
-            return Instruments.of(craft.aircraft, seed=seed)
+            assert aircraft_model.aircraft is not None
+            return Instruments.of(aircraft_model.aircraft, seed=seed)
         return Instruments(noise=self.noise, seed=seed) if self.noise else None
 
     def _refuse_air(self) -> None:
@@ -246,23 +250,25 @@ class _Surroundings:
             raise typer.BadParameter("JSBSim flies in calm air, without instruments: no --noise, --turbulence, --wind.")
 
 
-def _print(craft: Craft, flown: _Flown) -> None:
+def _print(aircraft_model: SimulationModel, flown: _Flown) -> None:
     console = stdout()
     if flown.trim is not None:
-        print_summary(console, replace(flown.trim.summary(), title=craft.name))
+        print_summary(console, replace(flown.trim.summary(), title=aircraft_model.name))
     for axis, modes in flown.modes.items():
-        print_summary(console, Summary(f"{craft.name}{axis and ', ' + axis}", "modes", tables=(modes.table(),)))
+        print_summary(
+            console, Summary(f"{aircraft_model.name}{axis and ', ' + axis}", "modes", tables=(modes.table(),))
+        )
     for flight in flown.flights:
         recorded, error = flown.recorded.get(flight.name), flown.broken.get(flight.name, "")
         print_summary(console, summarise_simulation(flight, recorded, error))
 
 
-def _as_dict(craft: Craft, flown: _Flown) -> dict[str, Any]:
+def _as_dict(aircraft_model: SimulationModel, flown: _Flown) -> dict[str, Any]:
     return {
         "schema": "structsel.simulation/1",
-        "model": craft.name,
+        "model": aircraft_model.name,
         "trim": None if flown.trim is None else flown.trim.to_dict(),
-        "modes": {axis or craft.name: _modes_as_dict(modes) for axis, modes in flown.modes.items()},
+        "modes": {axis or aircraft_model.name: _modes_as_dict(modes) for axis, modes in flown.modes.items()},
         "flights": [flight.to_dict() for flight in flown.flights],
         "unfinished": flown.broken,
     }

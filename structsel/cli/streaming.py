@@ -75,13 +75,13 @@ def stream_flights(
     mapped = None if channel_map is None else load_channel_map(channel_map)
     prepare = None
     if aircraft is not None:
-        craft = load_aircraft(aircraft)
-        speed = v0 if v0 is not None else craft.V0
+        aircraft_model = load_aircraft(aircraft)
+        speed = v0 if v0 is not None else aircraft_model.V0
         if speed is None:
             first = read_recording(paths[0], mapped).split()[0]
-            speed = float(compute_coefficients(first, craft)["V"].mean())
+            speed = float(compute_coefficients(first, aircraft_model)["V"].mean())
             say("note", f"V0 = {speed:.4f} m/s is the mean V of '{first.name}'; give --v0, or V0 in aircraft.toml.")
-        prepare = partial(compute_coefficients, aircraft=craft, V0=speed)
+        prepare = partial(compute_coefficients, aircraft=aircraft_model, V0=speed)
     with Waiting("looking through the files") as waiting:
         flown = stream_recordings(paths, mapped, prepare=prepare, split=True, progress=partial(waiting, "files"))
     place = {path: i for i, path in enumerate(paths)}

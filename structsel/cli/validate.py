@@ -89,13 +89,13 @@ def run(
         if responses or v0 is not None:
             raise typer.BadParameter("--responses and --v0 are of no use with --replay, which compares --outputs.")
         refuse_existing(out, overwrite)
-        craft = load_aircraft(aircraft)
+        loaded = load_aircraft(aircraft)
         recorded = read_manoeuvres(files, channel_map)
         if reconstruct:
-            recorded = reconstruct_paths(recorded, craft).recordings
+            recorded = reconstruct_paths(recorded, loaded).recordings
         with Waiting("flying") as waiting:
             found = resimulate(
-                held, craft, recorded, outputs=split_names(outputs) or None, window=window, normaliser=normaliser,
+                held, loaded, recorded, outputs=split_names(outputs) or None, window=window, normaliser=normaliser,
                 air=Atmosphere(rho=rho), definitions=read_definitions(define), progress=waiting,
             )  # fmt: skip
         _tell(found, model.name, out, plots, json)
