@@ -7,13 +7,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from structsel.errors import DomainError
-from structsel.numerics.binning import bin_means, split_into_stretches
+from structsel.numerics.binning import bin_means, split_into_segments
 
 
 def test_bins_hold_equal_numbers_and_their_own_means():
     rng = np.random.default_rng(1)
     x, y = rng.standard_normal((2, 600))
-    found = bin_means(x, y, split_into_stretches([600]), bins=6)
+    found = bin_means(x, y, split_into_segments([600]), bins=6)
     order = np.argsort(x).reshape(6, 100)
     assert_array_equal(found.counts, 100)
     assert_allclose(found.at, x[order].mean(axis=1), rtol=1e-12)
@@ -37,8 +37,8 @@ def test_intervals_cover_though_neighbours_are_alike():
     y = np.zeros_like(noise)
     for i in range(1, 3000):
         y[:, i] = 0.95 * y[:, i - 1] + noise[:, i]
-    segment = split_into_stretches([1500, 1500])
-    x = np.tile(np.arange(150.0), 20)  # every bin is visited by all stretches
+    segment = split_into_segments([1500, 1500])
+    x = np.tile(np.arange(150.0), 20)  # every bin is visited by all segments
     covered = plain = 0
     for one in y:
         found = bin_means(x, one, segment, bins=10)
@@ -50,13 +50,13 @@ def test_intervals_cover_though_neighbours_are_alike():
 
 def test_a_bin_that_two_segments_fill_has_no_interval():
     found = bin_means(np.r_[0.0:10.0], np.r_[0.0:10.0], np.repeat([0, 1, 2, 3], [4, 2, 2, 2]), bins=2)
-    assert np.isnan(found.half[0])  # samples 0 to 4 are of stretches 0 and 1
+    assert np.isnan(found.half[0])  # samples 0 to 4 are of segments 0 and 1
     assert np.isfinite(found.half[1])
 
 
 def test_recordings_are_cut_into_as_many_segments_as_asked_for_in_all():
-    assert split_into_stretches([100, 50], 4).tolist() == [0] * 50 + [1] * 50 + [2] * 25 + [3] * 25
-    assert_array_equal(np.unique(split_into_stretches([9] * 30)), np.arange(30))
+    assert split_into_segments([100, 50], 4).tolist() == [0] * 50 + [1] * 50 + [2] * 25 + [3] * 25
+    assert_array_equal(np.unique(split_into_segments([9] * 30)), np.arange(30))
 
 
 def test_what_cannot_be_binned_is_refused():

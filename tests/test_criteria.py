@@ -8,7 +8,7 @@ from scipy.stats import f, norm
 from statsmodels.tools import eval_measures
 
 from structsel.errors import SelectionError
-from structsel.numerics.criteria import adjusted_r2, aicc, bic, f_in_from_candidates, fdr_thresholds, pse
+from structsel.numerics.criteria import adjusted_r2, aicc, bic, familywise_F_in, fdr_F_in, pse
 from structsel.numerics.stepwise import stepwise
 from tests.test_stepwise import problem, products
 
@@ -39,19 +39,19 @@ def test_limits_are_infinities_not_warnings():
     assert np.isnan(adjusted_r2(1.0, 2.0, 4, 3))
 
 
-def test_f_in_from_candidates_leaves_the_probability_asked():
+def test_familywise_F_in_leaves_the_probability_asked():
     for p in (1, 164, 494):
-        F = f_in_from_candidates(p, 1e4, 0.05)
+        F = familywise_F_in(p, 1e4, 0.05)
         assert_allclose(1.0 - f.cdf(F, 1, 1e4) ** p, 0.05, rtol=1e-9)
     # A threshold of 12 on independent candidates: 8 % at 164 and 23 % at 494.
     assert_allclose(1.0 - f.cdf(12.0, 1, 1e5) ** 164, 0.08, atol=0.01)
     assert_allclose(1.0 - f.cdf(12.0, 1, 1e5) ** 494, 0.23, atol=0.01)
 
 
-def test_f_in_from_candidates_holds_on_noise():
+def test_familywise_F_in_holds_on_noise():
     # 600 noise responses, 60 noise candidates: a false entry in 5 % +- 3 standard errors.
     rng = np.random.default_rng(1)
-    F_in = f_in_from_candidates(60, 298.0, 0.05)
+    F_in = familywise_F_in(60, 298.0, 0.05)
     false = 0
     for _ in range(600):
         C = products(rng.normal(size=(300, 60)), rng.normal(size=300))
@@ -59,8 +59,8 @@ def test_f_in_from_candidates_holds_on_noise():
     assert abs(false / 600 - 0.05) < 3 * np.sqrt(0.05 * 0.95 / 600)
 
 
-def test_fdr_thresholds_follow_the_formula_and_become_normal_quantiles():
-    thresholds = fdr_thresholds(100, 1e9, 0.1)
+def test_fdr_F_in_follow_the_formula_and_become_normal_quantiles():
+    thresholds = fdr_F_in(100, 1e9, 0.1)
     k = np.arange(1, 101)
     level = 0.1 * k / (101 - k * 0.9)
     assert_allclose(thresholds, norm.isf(level / 2) ** 2, rtol=1e-6)
@@ -76,7 +76,7 @@ def test_fdr_entry_keeps_the_fraction_of_false_terms_near_q():
     for _ in range(200):
         X = rng.normal(size=(500, 100))
         y = X[:, :10] @ np.full(10, 0.4) + rng.normal(size=500)
-        path = stepwise(products(X, y), 499.0, entry_thresholds=fdr_thresholds(100, 499.0, 0.1))
+        path = stepwise(products(X, y), 499.0, entry_thresholds=fdr_F_in(100, 499.0, 0.1))
         kept = np.array(path.selected)
         shares.append(np.mean(kept >= 10) if kept.size else 0.0)
     assert np.mean(shares) < 0.1 + 3 * np.std(shares) / np.sqrt(200)
@@ -84,8 +84,8 @@ def test_fdr_entry_keeps_the_fraction_of_false_terms_near_q():
 
 
 def test_out_of_range_is_refused():
-    assert np.isinf(fdr_thresholds(10, 5.0, 0.1)[5:]).all()
-    with pytest.raises(SelectionError, match="chance between 0 and 1"):
-        f_in_from_candidates(10, 100.0, 1.5)
+    assert np.isinf(fdr_F_in(10, 5.0, 0.1)[5:]).all()
+    with pytest.raises(SelectionError, match="probability between 0 and 1"):
+        familywise_F_in(10, 100.0, 1.5)
     with pytest.raises(SelectionError, match="at least one candidate"):
-        fdr_thresholds(0, 100.0)
+        fdr_F_in(0, 100.0)

@@ -36,7 +36,7 @@ def test_alpha_and_alpha_times_speed_are_aliases_at_nearly_constant_speed(noise,
     mean, std = (f(np.concatenate([r["V_ratio"] for r in flights])) for f in (np.mean, np.std))
     assert f"they differ only by V_ratio = {mean:.4g} +- {std:.2g}, which hardly varies" in alias.to_separate
     assert alias.to_separate.endswith("fly the same inputs at other speeds")
-    assert f"Cannot be told apart here: {alias}." in found.doubts
+    assert f"Aliased in these data: {alias}." in found.doubts
     assert {"kept": "alpha", "other": "V_ratio*alpha"}.items() <= found.to_dict()["aliases"][0].items()
 
 
@@ -115,7 +115,7 @@ def test_terms_of_different_channels_are_stated_to_move_each():
     said = to_separate(*pair, flown(one(), *pair))
     assert said == (
         "de and mine move together here: move the elevator independently of the motion (an unaugmented doublet or a "
-        "multisine); vary mine by itself"
+        "multisine); vary mine independently"
     )
 
 

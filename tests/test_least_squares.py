@@ -6,9 +6,10 @@ from numpy.testing import assert_allclose
 
 from structsel.errors import SelectionError
 from structsel.numerics.blocks import Samples
-from structsel.numerics.least_squares import Residuals, fit_residual_noise, fit_terms
+from structsel.numerics.least_squares import fit_terms
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import ArrayData, find_scales
+from structsel.numerics.residuals import Residuals, fit_residual_noise
 
 from .pools import ar1, design, monomial_exponents
 

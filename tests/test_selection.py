@@ -425,11 +425,11 @@ def test_white_and_coloured_rules_are_reported_side_by_side_where_they_disagree(
     extra = [str(t) for t in found.classical if t not in found.terms]
     assert names(found.terms) == {"alpha", "de"}
     assert len(extra) >= 2
-    (stated,) = [d for d in found.doubts if d.startswith("Taking residuals as white, the sources' rule")]
+    (stated,) = [d for d in found.doubts if d.startswith("With white residuals the search")]
     assert f"would also keep {', '.join(extra[:3])}" in stated
     white = select(flights, "CZ", POOL, F_in="auto", **WHITE)["CZ"]
     assert white.terms == found.classical
-    assert not any(d.startswith("Taking residuals") for d in white.doubts)
+    assert not any(d.startswith("With white residuals") for d in white.doubts)
 
 
 def delayed(recordings, samples):
@@ -474,7 +474,7 @@ def test_more_candidates_than_samples_is_said_and_the_search_goes_on():
     assert "alpha" in names(found.terms)
     assert len(found.terms) < 14
     assert "15 samples for 19 candidates: many models fit equally well" in "\n".join(found.doubts)
-    assert "Nothing could be held out" in "\n".join(found.doubts)
+    assert "No cross-validation" in "\n".join(found.doubts)
     assert np.isnan(found.held_out_r2)
 
 
@@ -511,7 +511,7 @@ def test_collinear_terms_and_a_bad_condition_are_named():
     }
     pool = Candidates.parse(["beta", "da", "de"])
     said = warnings_of(made(lambda c: c["de"], **still), pool, include=["beta", "da"])
-    assert "about 7 digits of the values are sure" in said
+    assert "about 7 digits of the values are correct" in said
 
 
 def test_an_oscillation_the_noise_model_cannot_hold_is_named():

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from structsel.errors import SelectionError
 from structsel.numerics.best_subset import best_subset
-from structsel.numerics.criteria import fdr_thresholds
+from structsel.numerics.criteria import fdr_F_in
 from structsel.numerics.orthogonal import orthogonal
 from structsel.numerics.stepwise import forward_selection, partial_f, refine_subset, stepwise
 from structsel.numerics.stepwise_kernel import stepwise_search
@@ -43,7 +43,7 @@ SELECTORS = {
     "stepwise": lambda C, dof: stepwise(C, dof),
     "stepwise, classical": lambda C, dof: stepwise(C, dof, F_in=12, F_out=12),
     "stepwise from all": lambda C, dof: stepwise(C, dof, initial=range(C.shape[0] - 1)),
-    "stepwise, false discovery": lambda C, dof: stepwise(C, dof, entry_thresholds=fdr_thresholds(C.shape[0] - 1, dof)),
+    "stepwise, false discovery": lambda C, dof: stepwise(C, dof, entry_thresholds=fdr_F_in(C.shape[0] - 1, dof)),
     "refine_subset": lambda C, dof: refine_subset(C, dof, (), np.log(dof)),
     "orthogonal": lambda C, dof: orthogonal(C, dof, sigma_max2=1e-6 * C[-1, -1] / dof),
     "best subset": lambda C, dof: first_zero_rss(best_subset(C, dof)),

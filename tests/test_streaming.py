@@ -165,8 +165,8 @@ def test_joined_blocks_hold_every_manoeuvre_complete_and_once_in_their_order(len
 def test_manoeuvres_joined_to_blocks_add_up_and_are_left_out_together(folder, monkeypatch):
     flights = read_recordings(folder)
     apart = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)["CZ"]
-    monkeypatch.setattr(blocks, "FEWEST", 3)
-    monkeypatch.setattr(blocks, "MOST", 3)
+    monkeypatch.setattr(blocks, "MIN_BLOCKS", 3)
+    monkeypatch.setattr(blocks, "MAX_BLOCKS", 3)
     joined = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)["CZ"]
     assert joined.terms == apart.terms
     assert_allclose(joined.values, apart.values, rtol=1e-10)
@@ -176,8 +176,8 @@ def test_manoeuvres_joined_to_blocks_add_up_and_are_left_out_together(folder, mo
 
 
 def test_room_bounds_the_blocks_kept_apart():
-    few, many = blocks.most_blocks(34), blocks.most_blocks(494)
-    assert (few, blocks.most_blocks(3000)) == (blocks.MOST, blocks.FEWEST)
+    few, many = blocks.max_blocks(34), blocks.max_blocks(494)
+    assert (few, blocks.max_blocks(3000)) == (blocks.MAX_BLOCKS, blocks.MIN_BLOCKS)
     assert many * 496 * 497 / 2 * 8 < 1.01 * blocks.ROOM
 
 

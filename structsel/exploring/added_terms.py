@@ -13,7 +13,7 @@ from structsel.candidates import Candidates, Term
 from structsel.errors import SelectionError
 from structsel.model import AeroModel
 from structsel.numerics.arrays import Array
-from structsel.numerics.binning import split_into_stretches
+from structsel.numerics.binning import split_into_segments
 from structsel.numerics.criteria import pse
 from structsel.numerics.cross_products import project
 from structsel.recording import Recording
@@ -38,7 +38,7 @@ class Additions(Result):
         What each would get.
     r2, pse, held_out_r2 : (m,) array [-]
         PSE as a share of the response's variance. Held out are whole recordings in turn; of one alone, eight
-        stretches of it.
+        segments of it.
     before : tuple of float
         r2, pse and held_out_r2 of the model as it is.
     n : int
@@ -136,7 +136,7 @@ def try_additions(
     scale = X.std(axis=0)
     scale[scale == 0.0] = 1.0
     Z = np.column_stack([np.ones(len(y)), (X - X.mean(axis=0)) / scale, y - y.mean()])
-    part = split_into_stretches([len(r) for r in flown], 1 if len(flown) > 1 else _PARTS)
+    part = split_into_segments([len(r) for r in flown], 1 if len(flown) > 1 else _PARTS)
     products = np.stack([Z[part == k].T @ Z[part == k] for k in range(int(part.max()) + 1)])
     total = products.sum(axis=0)
     base, n = 1 + len(kept), len(y)

@@ -1,4 +1,4 @@
-"""Means over bins of a signal, with intervals that allow for neighbours in time being alike. Arrays only."""
+"""Means over bins of a signal, with confidence intervals that allow for correlation in time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import stats
 from structsel.errors import DomainError
 from structsel.numerics.arrays import Array
 
-_FEWEST = 3  # stretches in a bin, for an interval; of two, Student's t makes one that says nothing
+_FEWEST = 3  # segments in a bin, for an interval; of two, Student's t makes one that says nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class BinMeans:
     means : (m,) array
         Mean of y.
     half : (m,) array
-        Half of the interval of the mean; nan where fewer than three stretches fill the bin.
+        Half of the interval of the mean; nan where fewer than three segments fill the bin.
     counts : (m,) array of int
         Samples.
     """
@@ -36,8 +36,8 @@ class BinMeans:
     counts: np.ndarray
 
 
-def split_into_stretches(lengths: ArrayLike, least: int = 20) -> np.ndarray:
-    """Number the stretches that recordings end to end are cut into, as many in all as `least`, or one for each.
+def split_into_segments(lengths: ArrayLike, least: int = 20) -> np.ndarray:
+    """Number the segments that recordings end to end are cut into, as many in all as `least`, or one for each.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def split_into_stretches(lengths: ArrayLike, least: int = 20) -> np.ndarray:
     Returns
     -------
     (n,) array of int
-        For each sample the number of its stretch.
+        For each sample the number of its segment.
     """
     lengths = np.asarray(lengths, dtype=int)
     each = -(-least // len(lengths))
@@ -56,12 +56,12 @@ def split_into_stretches(lengths: ArrayLike, least: int = 20) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def bin_means(x: ArrayLike, y: ArrayLike, stretch: ArrayLike, bins: int = 15, level: float = 0.95) -> BinMeans:
+def bin_means(x: ArrayLike, y: ArrayLike, segment: ArrayLike, bins: int = 15, level: float = 0.95) -> BinMeans:
     """Mean of y over bins of x that hold equal numbers of samples.
 
-    Samples of one stretch are alike, so that a bin of a thousand is not known as a thousand draws would be. The
-    interval comes from the spread between stretches: with c_s samples of stretch s in a bin, and S_s the sum of
-    their departures from the bin's mean, over m stretches::
+    Samples of one segment are correlated, so that a bin of n samples holds less than n independent ones. The
+    interval comes from the spread between segments: with c_s samples of segment s in a bin, and S_s the sum of
+    their departures from the bin's mean, over m segments::
 
         variance of the mean = m / (m - 1) sum_s S_s^2 / (sum_s c_s)^2
 
@@ -70,8 +70,8 @@ def bin_means(x: ArrayLike, y: ArrayLike, stretch: ArrayLike, bins: int = 15, le
     Parameters
     ----------
     x, y : (n,) array
-    stretch : (n,) array of int
-        Which stretch each sample is of, from zero; see `split_into_stretches`.
+    segment : (n,) array of int
+        Which segment each sample is of, from zero; see `split_into_segments`.
     bins : int
         At least 1; there are fewer where samples are few.
     level : float
@@ -86,9 +86,9 @@ def bin_means(x: ArrayLike, y: ArrayLike, stretch: ArrayLike, bins: int = 15, le
     DomainError
         No samples, lengths that differ, or no bins.
     """
-    x, y, stretch = np.asarray(x, dtype=float), np.asarray(y, dtype=float), np.asarray(stretch, dtype=int)
-    if not len(x) or not x.shape == y.shape == stretch.shape or x.ndim != 1:
-        raise DomainError(f"bin_means takes three vectors of one length, not {x.shape}, {y.shape}, {stretch.shape}.")
+    x, y, segment = np.asarray(x, dtype=float), np.asarray(y, dtype=float), np.asarray(segment, dtype=int)
+    if not len(x) or not x.shape == y.shape == segment.shape or x.ndim != 1:
+        raise DomainError(f"bin_means takes three vectors of one length, not {x.shape}, {y.shape}, {segment.shape}.")
     if bins < 1:
         raise DomainError(f"bin_means needs at least one bin, not {bins}.")
     bins = min(bins, max(len(x) // 2, 1))
@@ -96,8 +96,8 @@ def bin_means(x: ArrayLike, y: ArrayLike, stretch: ArrayLike, bins: int = 15, le
     cell[np.argsort(x, kind="stable")] = np.arange(len(x)) * bins // len(x)
     counts = np.bincount(cell, minlength=bins)
     means = np.bincount(cell, y) / counts
-    owners = int(stretch.max()) + 1
-    both = cell * owners + stretch
+    owners = int(segment.max()) + 1
+    both = cell * owners + segment
     held = np.bincount(both, minlength=bins * owners).reshape(bins, owners) > 0
     off = np.bincount(both, y - means[cell], minlength=bins * owners).reshape(bins, owners)
     m = held.sum(axis=1)

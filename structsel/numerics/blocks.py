@@ -1,4 +1,4 @@
-"""Manoeuvres cut into blocks of samples: enough blocks to resample, no more than memory has room for."""
+"""Manoeuvres cut into blocks of samples: enough blocks to resample, limited by memory."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import DataSource
 
 ROOM = 64 << 20  # bytes of cross-products kept apart, per response
-FEWEST, MOST = 48, 512  # blocks that manoeuvres are joined into, however many or few candidates there are
-SHORTEST = 64  # samples
+MIN_BLOCKS, MAX_BLOCKS = 48, 512  # blocks that manoeuvres are joined into, however many or few candidates there are
+SHORTEST = 64  # samples of a segment
 
 
-class Stretch(NamedTuple):
+class Segment(NamedTuple):
     """Samples ``start`` to ``stop`` of manoeuvre number ``manoeuvre``."""
 
     manoeuvre: int
@@ -26,13 +26,13 @@ class Stretch(NamedTuple):
     stop: int
 
 
-Block = tuple[Stretch, ...]
-"""One stretch, or several whole manoeuvres that follow each other."""
+Block = tuple[Segment, ...]
+"""One segment, or several complete manoeuvres that follow each other."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """A stretch with its data, and the noise models of the responses where they are known."""
+    """A segment with its data, and the noise models of the responses where they are known."""
 
     source: DataSource
     start: int
@@ -40,9 +40,9 @@ class Samples:
     noise: tuple[ARNoise, ...] = ()
 
 
-def most_blocks(p: int) -> int:
+def max_blocks(p: int) -> int:
     """Blocks of cross-products of p candidates that there is room for."""
-    return min(max(FEWEST, ROOM // (4 * (p + 2) * (p + 3))), MOST)
+    return min(max(MIN_BLOCKS, ROOM // (4 * (p + 2) * (p + 3))), MAX_BLOCKS)
 
 
 def cut_blocks(lengths: Sequence[int], wanted: int, p: int) -> list[Block]:
@@ -56,36 +56,36 @@ def cut_blocks(lengths: Sequence[int], wanted: int, p: int) -> list[Block]:
     p : int
         Candidates.
     """
-    if len(lengths) <= most_blocks(p):
-        return [(stretch,) for stretch in split_manoeuvres(lengths, wanted)]
-    return join_manoeuvres(lengths, most_blocks(p))
+    if len(lengths) <= max_blocks(p):
+        return [(segment,) for segment in split_manoeuvres(lengths, wanted)]
+    return join_manoeuvres(lengths, max_blocks(p))
 
 
-def whole_manoeuvres(lengths: Sequence[int]) -> list[Block]:
+def complete_manoeuvres(lengths: Sequence[int]) -> list[Block]:
     """Every manoeuvre in a block of its own, very many joined: for what must see a manoeuvre from its start."""
-    if len(lengths) <= MOST:
-        return [(Stretch(k, 0, n),) for k, n in enumerate(lengths)]
-    return join_manoeuvres(lengths, MOST)
+    if len(lengths) <= MAX_BLOCKS:
+        return [(Segment(k, 0, n),) for k, n in enumerate(lengths)]
+    return join_manoeuvres(lengths, MAX_BLOCKS)
 
 
-def split_manoeuvres(lengths: Sequence[int], wanted: int) -> list[Stretch]:
-    """Cut manoeuvres into about ``wanted`` stretches in all, at least one each and none needlessly short."""
+def split_manoeuvres(lengths: Sequence[int], wanted: int) -> list[Segment]:
+    """Cut manoeuvres into about ``wanted`` segments in all, at least one each and none shorter than necessary."""
     total = sum(lengths)
-    stretches = []
+    segments = []
     for k, n in enumerate(lengths):
         pieces = max(1, min(round(wanted * n / max(total, 1)), n // SHORTEST))
         edges = np.linspace(0, n, pieces + 1).round().astype(int)
-        stretches += [Stretch(k, int(a), int(b)) for a, b in pairwise(edges)]
-    return stretches
+        segments += [Segment(k, int(a), int(b)) for a, b in pairwise(edges)]
+    return segments
 
 
-def join_manoeuvres(lengths: Sequence[int], most: int) -> list[Block]:
-    """Whole manoeuvres in at most ``most`` blocks of about as many samples each; none is cut."""
+def join_manoeuvres(lengths: Sequence[int], limit: int) -> list[Block]:
+    """Complete manoeuvres in at most ``limit`` blocks of about as many samples each; none is cut."""
     ends = np.cumsum(lengths)
     middle = ends - np.asarray(lengths) / 2.0
-    of = np.minimum((middle / ends[-1] * most).astype(int), most - 1)
+    of = np.minimum((middle / ends[-1] * limit).astype(int), limit - 1)
     groups = [np.flatnonzero(of == g).tolist() for g in np.unique(of)]
-    return [tuple(Stretch(k, 0, lengths[k]) for k in group) for group in groups]
+    return [tuple(Segment(k, 0, lengths[k]) for k in group) for group in groups]
 
 
 def count_samples(blocks: Sequence[Block], reach: Sequence[int] | None = None) -> NDArray[np.int64]:

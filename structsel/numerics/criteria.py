@@ -1,4 +1,4 @@
-"""Criteria for the size of a model, and entry thresholds that know how many candidates were tried.
+"""Criteria for the size of a model, and entry thresholds for a number of candidates.
 
 In every function ``n`` is the number of samples (or the effective number), ``rss`` the residual sum of
 squares, ``tss`` the sum of squares of the response about its mean, and ``k`` the number of terms *beside
@@ -106,12 +106,12 @@ def adjusted_r2(rss: ArrayLike, tss: float, n: float, k: ArrayLike) -> NDArray[n
     return 1.0 - ratio * (n - 1.0) / tss
 
 
-def f_in_from_candidates(p: int, dof: float, chance: float = 0.05) -> float:
-    """F_in at which the best of p useless candidates enters with the given chance.
+def familywise_F_in(p: int, dof: float, probability: float = 0.05) -> float:
+    """F_in at which the best of p false candidates enters with the given probability.
 
-    Each is tested at 1 - (1 - chance)^(1/p) (Sidak; exact for independent candidates, safe for
-    correlated ones). The classical 4 and 12 take no account of p: at 494 candidates 12 lets a useless
-    term in about one time in four.
+    Each is tested at 1 - (1 - probability)^(1/p) (Sidak; exact for independent candidates, safe for
+    correlated ones). The classical 4 and 12 take no account of p: at 494 candidates 12 admits a false term
+    about one time in four.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def f_in_from_candidates(p: int, dof: float, chance: float = 0.05) -> float:
         Candidates.
     dof : float [-]
         Residual degrees of freedom.
-    chance : float [-]
+    probability : float [-]
 
     Returns
     -------
@@ -128,14 +128,14 @@ def f_in_from_candidates(p: int, dof: float, chance: float = 0.05) -> float:
     Raises
     ------
     SelectionError
-        p, dof or chance out of range.
+        p, dof or probability out of range.
     """
-    _check(p, dof, chance, "f_in_from_candidates", "chance")
-    return float(f_distribution.isf(-np.expm1(np.log1p(-chance) / p), 1, dof))
+    _check(p, dof, probability, "familywise_F_in", "probability")
+    return float(f_distribution.isf(-np.expm1(np.log1p(-probability) / p), 1, dof))
 
 
-def fdr_thresholds(p: int, dof: float, q: float = 0.05) -> NDArray[np.float64]:
-    """Entry thresholds that control the share of false terms among those that enter.
+def fdr_F_in(p: int, dof: float, q: float = 0.05) -> NDArray[np.float64]:
+    """Entry thresholds that control the fraction of false terms among those that enter.
 
     The k-th entry is tested, two-sided, at q k / (p + 1 - k (1 - q))::
 
@@ -148,7 +148,7 @@ def fdr_thresholds(p: int, dof: float, q: float = 0.05) -> NDArray[np.float64]:
     dof : float [-]
         Samples less those swept out for the constant, N - 1.
     q : float [-]
-        Share of false terms allowed.
+        Fraction of false terms allowed.
 
     Returns
     -------
@@ -165,16 +165,16 @@ def fdr_thresholds(p: int, dof: float, q: float = 0.05) -> NDArray[np.float64]:
     ----------
     [BG09]
     """
-    _check(p, dof, q, "fdr_thresholds", "q")
+    _check(p, dof, q, "fdr_F_in", "q")
     k = np.arange(1.0, p + 1.0)
     room = dof - k
     level = q * k / (p + 1.0 - k * (1.0 - q))
     return np.where(room > 0.0, f_distribution.isf(level, 1, np.where(room > 0.0, room, 1.0)), np.inf)
 
 
-def _check(p: int, dof: float, chance: float, who: str, name: str) -> None:
-    if p < 1 or not dof > 0.0 or not 0.0 < chance < 1.0:
+def _check(p: int, dof: float, probability: float, who: str, name: str) -> None:
+    if p < 1 or not dof > 0.0 or not 0.0 < probability < 1.0:
         raise SelectionError(
             f"{who} needs at least one candidate, dof above zero and {name} between 0 and 1; found p = {p}, "
-            f"dof = {dof:g}, {name} = {chance:g}. 0.05 is the usual {name}."
+            f"dof = {dof:g}, {name} = {probability:g}. 0.05 is the usual {name}."
         )

@@ -1,4 +1,4 @@
-"""Least squares over whole recordings, a few thousand samples at a time: fit, residual noise and standard errors.
+"""Least squares over complete recordings by triangular factors, in memory that does not grow with the samples.
 
 Cross-products choose the terms; their accuracy is eps cond^2. The terms chosen are fitted once more through
 ``Z = Q R``, whose error is eps cond: ``R`` of everything so far is stacked on the next rows and factored again, so
@@ -18,18 +18,9 @@ from scipy.linalg.lapack import dgeqrf
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.blocks import Samples, attach_data, count_samples, cut_blocks, whole_manoeuvres
+from structsel.numerics.blocks import Samples, attach_data, count_samples, cut_blocks
 from structsel.numerics.jobs import JobRunner, Progress
-from structsel.numerics.noise_models import (
-    WHITE_NOISE,
-    ARNoise,
-    LagProducts,
-    fit_ar,
-    pooled_innovation_std,
-    prewhiten,
-    score_covariance,
-    split_for_correlation,
-)
+from structsel.numerics.noise_models import WHITE_NOISE, ARNoise, pooled_innovation_std, prewhiten
 from structsel.numerics.regressors import (
     SLAB,
     DataSource,
@@ -41,7 +32,6 @@ from structsel.numerics.regressors import (
 )
 
 BLOCKS, BLOCK_ROWS = 8, 16384  # number of jobs of a fit, and samples that each has at least
-SAMPLES_PER_ORDER = 12  # of a manoeuvre, for each order of its noise model
 
 
 @dataclass(frozen=True)
@@ -179,7 +169,7 @@ def _factors_of_block(
         buffer, filled = np.zeros((q, q + SLAB)), q
         for part in block:
             model = part.noise[r]
-            for rows in _rows_of(part, terms, scales, response, model.order):
+            for rows in response_rows(part, terms, scales, response, model.order):
                 width = rows.shape[1] - model.order
                 if filled + width > buffer.shape[1]:
                     buffer[:, :q], filled = _triangle(buffer[:, :filled]).T, q
@@ -190,10 +180,10 @@ def _factors_of_block(
     return np.concatenate(factors)
 
 
-def _rows_of(
+def response_rows(
     part: Samples, exponents: NDArray[np.integer], scales: Scales, response: int, reach: int = 0
 ) -> Iterator[Array]:
-    """Scaled rows [1, x, y] of one response, each with its reach of past samples, a slab at a time."""
+    """Scaled rows [1, x, y] of one response, slab by slab, each with its reach of past samples."""
     p = len(exponents)
     chunks = RegressorChunks(words_of(exponents), scales, reach, SLAB)  # few rows: all of a slab's stay in the cache
     for rows in chunks.over(part.source, max(part.start, reach), part.stop):
@@ -230,151 +220,3 @@ def solve_factor(R: Array, scale: Array, n: int) -> LeastSquaresFit:
     covariance = inverse @ inverse.T / np.outer(scale[:-1], scale[:-1])
     rss = float((R[-1, -1] * scale[-1]) ** 2)
     return LeastSquaresFit(theta * back, covariance, rss, n, float(singular[0] / singular[-1]))
-
-
-# ---------------------------------------------------------------- residuals, their noise models and covariance
-
-
-@dataclass(frozen=True)
-class Residuals:
-    """The residual y - X theta of one response, in its units.
-
-    Attributes
-    ----------
-    exponents : (k, s) int array
-    theta : (1 + k,) array
-    response : int
-    scales : (s,) array, (m,) array
-    """
-
-    exponents: NDArray[np.integer]
-    theta: Array
-    response: int
-    scales: Scales
-
-    def over(self, part: Samples) -> Iterator[Array]:
-        """Residuals of a stretch, a slab at a time."""
-        scale = column_scale(self.exponents, self.scales)
-        unit = scale[len(self.theta) + self.response]
-        weights = self.theta * scale[: len(self.theta)] / unit
-        for rows in _rows_of(part, self.exponents, self.scales, self.response):
-            yield unit * (rows[-1] - weights @ rows[:-1])
-
-
-def fit_residual_noise(
-    manoeuvres: Sequence[DataSource],
-    exponents: Sequence[NDArray[np.integer]],
-    theta: Sequence[Array],
-    responses: Sequence[int],
-    max_order: int,
-    floors: Sequence[float],
-    *,
-    scales: Scales | None = None,
-    runner: JobRunner | None = None,
-    workers: int = 1,
-    progress: Progress | None = None,
-) -> list[tuple[ARNoise, ...]]:
-    """AR models of each manoeuvre's residuals, order by BIC, in one pass.
-
-    Parameters
-    ----------
-    manoeuvres : sequence of DataSource
-    exponents, theta : sequence of (k, s) int array, of (1 + k,) array
-        Terms and parameters of each response.
-    responses : sequence of int
-        Which.
-    max_order : int
-        Highest order offered; shorter manoeuvres are offered lower ones.
-    floors : sequence of float
-        Least innovation of each response.
-    scales, runner, workers, progress
-        As for `cross_products`.
-
-    Returns
-    -------
-    list of tuple of ARNoise
-        For each response, one per manoeuvre.
-    """
-    scales = scales or find_scales(manoeuvres)
-    residuals = [Residuals(*of, scales) for of in zip(exponents, theta, responses, strict=True)]
-    blocks = attach_data(whole_manoeuvres([m.n for m in manoeuvres]), manoeuvres)
-    width = len(residuals) * (2 + max_order)
-    function = partial(_noise_of_block, residuals, floors, max_order)
-    sizes = [len(block) * width for block in blocks]
-    values = (runner or JobRunner()).run_pass(function, blocks, sizes, workers, progress)
-    table = values.reshape(len(manoeuvres), len(residuals), 2 + max_order)
-    return [tuple(ARNoise(row[2 : 2 + int(row[0])].copy(), float(row[1])) for row in of) for of in table.swapaxes(0, 1)]
-
-
-def _noise_of_block(
-    residuals: Sequence[Residuals], floors: Sequence[float], max_order: int, block: Sequence[Samples]
-) -> Array:
-    """Order, sigma and coefficients, padded, of every response in every manoeuvre of a block."""
-    table = np.zeros((len(block), len(residuals), 2 + max_order))
-    for rows, part in zip(table, block, strict=True):  # each manoeuvre is read once for all responses
-        for row, residual, floor in zip(rows, residuals, floors, strict=True):
-            lags = LagProducts(max(0, min(max_order, part.source.n // SAMPLES_PER_ORDER - 1)))
-            for chunk in residual.over(part):
-                lags.add(chunk)
-            model = fit_ar(lags, floor)
-            row[0], row[1], row[2 : 2 + model.order] = model.order, model.sigma, model.ar
-    return table.ravel()
-
-
-def streamed_coloured_covariance(
-    manoeuvres: Sequence[DataSource],
-    exponents: NDArray[np.integer],
-    fit: LeastSquaresFit,
-    response: int = 0,
-    *,
-    scales: Scales | None = None,
-    runner: JobRunner | None = None,
-    workers: int = 1,
-) -> Array:
-    """Covariance of an ordinary least-squares fit whose residuals are coloured.
-
-    The formula and the lag window of `structsel.numerics.noise_models.coloured_covariance`, without forming X.
-
-    Parameters
-    ----------
-    fit : LeastSquaresFit
-        The fit of these terms to this response with white noise.
-    scales, runner, workers
-        As for `cross_products`.
-
-    Returns
-    -------
-    (1 + k, 1 + k) array
-
-    References
-    ----------
-    [KM16], ch. 5, parameter covariance with coloured residuals.
-    """
-    scales = scales or find_scales(manoeuvres)
-    blocks = attach_data(whole_manoeuvres([m.n for m in manoeuvres]), manoeuvres)
-    k = fit.theta.size
-    function = partial(_scatter_of_block, exponents, fit.theta, response, scales)
-    sizes = [k * k] * len(blocks)
-    meat = (runner or JobRunner()).run_pass(function, blocks, sizes, workers).reshape(-1, k, k).sum(axis=0)
-    scale = column_scale(exponents, scales)
-    meat = 0.5 * (meat + meat.T) * np.outer(scale[:k], scale[:k]) * scale[k + response] ** 2
-    bread = fit.unscaled_covariance
-    return bread @ meat @ bread * (fit.n / max(fit.dof, 1))
-
-
-def _scatter_of_block(
-    exponents: NDArray[np.integer], theta: Array, response: int, scales: Scales, block: Sequence[Samples]
-) -> Array:
-    """Sum of x(i) R(i - j) x(j)' over a block, in scaled units."""
-    k = theta.size
-    chunks = RegressorChunks(words_of(exponents), scales)
-    scale = column_scale(exponents, scales)
-    weights = theta * scale[:k] / scale[k + response]
-    meat = np.zeros((k, k))
-    for part in block:
-        for a, b in split_for_correlation(part.stop - part.start):
-            parts = [rows.copy() for rows in chunks.over(part.source, part.start + a, part.start + b)]
-            rows = np.concatenate(parts, axis=1)
-            residual = rows[k + response] - weights @ rows[:k]
-            meat += score_covariance(rows[:k, :, None], residual[:, None])
-    return meat.ravel()

@@ -165,7 +165,7 @@ def stepwise(
     min_tolerance : float [-]
         Refuse a candidate of whose centred variance the kept terms leave at most this fraction.
     entry_thresholds : (p,) array [-], optional
-        In place of F_in: what the first, second, ... term needs to enter (:func:`fdr_thresholds`). With k
+        In place of F_in: what the first, second, ... term needs to enter (:func:`fdr_F_in`). With k
         terms in, F_out is at most the k-th of them.
 
     Returns
@@ -202,7 +202,7 @@ def stepwise(
         if thresholds.shape != (p,):
             raise SelectionError(
                 f"stepwise needs one entry threshold per candidate ({p}); found shape {thresholds.shape}. "
-                "fdr_thresholds(p, dof, q) makes them."
+                "fdr_F_in(p, dof, q) makes them."
             )
     if np.isnan(thresholds).any() or np.isnan(F_out):
         raise SelectionError("stepwise needs numbers for F_in and F_out; found NaN. The usual values are 4 to 12.")

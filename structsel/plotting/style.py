@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.formatting import display_unit
 from structsel.nomenclature import UNKNOWN, latex_of, unit_of
-from structsel.numerics.binning import bin_means, split_into_stretches
+from structsel.numerics.binning import bin_means, split_into_segments
 from structsel.recording import Recording
 
 if TYPE_CHECKING:
@@ -73,10 +73,10 @@ def draw_means(
 ) -> None:
     """Draw means over bins with 95 % intervals, of samples of all recordings end to end.
 
-    The intervals come from the spread between recordings, or between stretches of few: neighbours in time are alike.
+    The intervals come from the spread between recordings, or between segments of few: neighbours in time are alike.
     """
-    found = bin_means(x, y, split_into_stretches([len(r) for r in recordings]), bins)
-    half = np.nan_to_num(found.half)  # a bin that too few stretches fill has no bar
+    found = bin_means(x, y, split_into_segments([len(r) for r in recordings]), bins)
+    half = np.nan_to_num(found.half)  # a bin that too few segments fill has no bar
     ax.errorbar(found.at, found.means, half, fmt="o-", ms=3, lw=1.0, capsize=2, color=colour, label=text)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from structsel.formatting import format_number
 from structsel.numerics.arrays import Array
-from structsel.numerics.binning import BinMeans, bin_means, split_into_stretches
+from structsel.numerics.binning import BinMeans, bin_means, split_into_segments
 from structsel.report.downsampling import keep_extremes
 
 MOST_VALUES = 400_000
@@ -181,7 +181,7 @@ def _bin_all(
     stages: Mapping[str, str],
     units: Mapping[str, tuple[float, str]],
 ) -> dict[str, dict[str, Any]]:
-    stretch = split_into_stretches([len(one.t) for one in flights.values()]) if flights else np.zeros(0, dtype=int)
+    stretch = split_into_segments([len(one.t) for one in flights.values()]) if flights else np.zeros(0, dtype=int)
     left = {r: {kind: _left(flights, r, kind) for kind in stages} for r in responses}
     made: dict[str, dict[str, Any]] = {r: {} for r in responses}
     for c in channels:

@@ -45,7 +45,7 @@ class _Window:
 
 @dataclass(frozen=True)
 class RecordingData:
-    """Candidates and responses of one manoeuvre; nothing is copied until samples are asked for."""
+    """Candidates and responses of one manoeuvre; nothing is copied until samples are read."""
 
     recording: AnyRecording
     candidates: Candidates

@@ -68,7 +68,7 @@ def _about_the_search(found: ArraySelection, names: Sequence[str], options: Sele
     if found.n <= p:
         warnings.append(f"{found.n} samples for {p} candidates: many models fit equally well. Record longer.")
     if not found.converged:
-        warnings.append("Structure and residual colour did not settle in four rounds; the last one is shown.")
+        warnings.append("Terms and noise models did not converge in four rounds; those of the last are shown.")
     if found.prewhitening_dropped is not None:
         a, b = (np.sqrt(v) for v in found.prewhitening_dropped)
         warnings.append(
@@ -78,7 +78,7 @@ def _about_the_search(found: ArraySelection, names: Sequence[str], options: Sele
         )
     if found.cluster_robust and found.n_blocks < FEW_BLOCKS:
         warnings.append(
-            f"Only {found.n_blocks} blocks of samples stand behind the tests, which find few terms and are uncertain. "
+            f"Only {found.n_blocks} blocks of samples support the tests, which then find few terms. "
             "Record longer, or give more recordings."
         )
     if found.noise and max(model.order for model in found.noise) >= options.max_ar_order > 0:
@@ -111,25 +111,25 @@ def _about_white_noise(found: ArraySelection, names: Sequence[str], options: Sel
         parts.append(f"would also keep {listed(more)}")
     if fewer:
         parts.append(f"would not keep {listed(fewer)}")
-    return [f"Taking residuals as white, the sources' rule {' and '.join(parts)}."]
+    return [f"With white residuals the search {' and '.join(parts)}."]
 
 
 def _about_terms(found: ArraySelection, names: Sequence[str], aliases: Sequence[Alias]) -> list[str]:
     kept = [names[i] for i in found.search.selected]
-    warnings = [f"Cannot be told apart here: {alias}." for alias in aliases[:SEVERAL]]
+    warnings = [f"Aliased in these data: {alias}." for alias in aliases[:SEVERAL]]
     if len(aliases) > SEVERAL:
-        warnings.append(f"{len(aliases) - SEVERAL} more pairs cannot be told apart (see .aliases).")
+        warnings.append(f"{len(aliases) - SEVERAL} more pairs are aliased (see .aliases).")
     if found.dependent:
         warnings.append(
             "Constant, or exactly dependent on the kept terms, so never tested: "
-            f"{listed([names[i] for i in found.dependent])}. Vary their channels by themselves."
+            f"{listed([names[i] for i in found.dependent])}. Vary their channels independently."
         )
     large = [f"{n} ({v:.0f})" for n, v in zip(kept, found.vif) if v > LARGE_VIF]
     if large:
         warnings.append(f"Collinear (VIF above 10): {listed(large)}; their values trade against each other.")
     if found.fit.condition > LARGE_CONDITION:
         digits = max(0, int(15 - np.log10(found.fit.condition)))
-        warnings.append(f"Condition number {found.fit.condition:.1g}: about {digits} digits of the values are sure.")
+        warnings.append(f"Condition number {found.fit.condition:.1g}: about {digits} digits of the values are correct.")
     if found.bootstrap is not None:
         inclusion = found.bootstrap.inclusion
         unsure = [f"{names[i]} ({inclusion[i]:.0%})" for i in found.search.selected if inclusion[i] < SELDOM]
@@ -141,10 +141,12 @@ def _about_terms(found: ArraySelection, names: Sequence[str], aliases: Sequence[
 def _about_prediction(found: ArraySelection) -> list[str]:
     held_out = found.cross_validation
     if held_out is None:
-        return ["Nothing could be held out; R2 is of the samples fitted."]
+        return ["No cross-validation: there is one block of samples, and R2 is that of the fit."]
     warnings = []
     if held_out.within:
-        warnings.append("One manoeuvre only: held-out parts come from the same flight, which flatters.")
+        warnings.append(
+            "One manoeuvre only: its parts are held out in turn, and resemble each other; R2 held out is too high."
+        )
     if found.r2 - held_out.r2 > FALLS:
         warnings.append(f"R2 falls from {found.r2:.2f} to {held_out.r2:.2f} on data not used for selecting.")
     return warnings
@@ -160,7 +162,7 @@ class Alias:
     Attributes
     ----------
     kept, other : Term
-        The one in the model, and the one that could stand in its place.
+        The one in the model, and the one that could replace it.
     loss : float [-]
         Rise of the residual sum of squares on the exchange, in units of its variance (4 is twice a likelihood
         ratio of e^2); below zero the other even fits better.
@@ -191,7 +193,7 @@ def describe_channel(name: str, data: DataSummary) -> str:
 
 
 def to_separate(kept: Term, other: Term, data: DataSummary) -> str:
-    """The excitation that would separate two terms: what they differ in must move by itself."""
+    """The excitation that would separate two terms: the channels in which they differ must move independently."""
     only_kept, only_other = _difference(kept, other), _difference(other, kept)
     differing = sorted({c for side in (only_kept, only_other) for f in side for c in f})
     if not differing:
@@ -200,7 +202,7 @@ def to_separate(kept: Term, other: Term, data: DataSummary) -> str:
         name = differing[0]
         advice = EXCITATION.get(name, f"vary {name}")
         return f"they differ only by {describe_channel(name, data)}, which hardly varies: {advice}"
-    advice = "; ".join(dict.fromkeys(EXCITATION.get(name, f"vary {name} by itself") for name in differing))
+    advice = "; ".join(dict.fromkeys(EXCITATION.get(name, f"vary {name} independently") for name in differing))
     return f"{' and '.join(differing)} move together here: {advice}"
 
 

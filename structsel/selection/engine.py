@@ -16,14 +16,10 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.collinearity import ConditionIndices, condition_indices, vif
 from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products, project
 from structsel.numerics.jobs import JobRunner, choose_workers
-from structsel.numerics.least_squares import (
-    LeastSquaresFit,
-    fit_each,
-    fit_residual_noise,
-    streamed_coloured_covariance,
-)
+from structsel.numerics.least_squares import LeastSquaresFit, fit_each
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import DataSource, Scales, find_scales
+from structsel.numerics.residuals import fit_residual_noise, streamed_coloured_covariance
 from structsel.selection.biased import estimate_biased
 from structsel.selection.data import SelectedResponses
 from structsel.selection.methods import SearchConstraints
@@ -178,7 +174,7 @@ def select_arrays(
 
 @dataclass(frozen=True)
 class _Data:
-    """What is read, by whom, and who is told of it."""
+    """What is read, by whom, with what progress."""
 
     manoeuvres: Sequence[DataSource]
     exponents: NDArray[np.integer]

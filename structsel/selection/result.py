@@ -72,7 +72,7 @@ class TraceStep:
     n_terms : int
         After the move, the constant not counted.
     R2, PSE, BIC : float
-        After the move, of the moments searched (whitened ones where the residuals are coloured); PSE as a share of
+        After the move, of the cross-products searched (prewhitened with coloured residuals); PSE as a fraction of
         the response's mean square about its mean.
     """
 
@@ -123,7 +123,7 @@ class Selection(Result):
         With the structure's own uncertainty: the larger of the conditional one and the scatter over resampled
         selections.
     inclusion : mapping of str to float
-        Share of resampled selections that kept each candidate of the pool; empty without a bootstrap.
+        Fraction of resampled selections that kept each candidate of the pool; empty without a bootstrap.
     partial_F : (1 + k,) array
     vif : (k,) array
     conditioning : ConditionIndices
@@ -135,13 +135,13 @@ class Selection(Result):
     held_out : tuple of HeldOutPart
         By models selected without each part.
     held_out_r2, held_out_rms : float
-        All parts together; nan where nothing could be held out.
+        All parts together; nan without cross-validation.
     noise_models : tuple of ARNoise
         One per recording; empty without prewhitening.
     cluster_robust : bool
         Whether tests took the scatter between blocks.
     classical : tuple of Term
-        What the sources' rule for white residuals keeps.
+        Selected with white residuals.
     aliases : tuple of Alias
     dependent : tuple of Term
         Candidates the kept terms explain exactly, or that do not vary.
@@ -221,9 +221,9 @@ class Selection(Result):
     def residual_description(self) -> str:
         """How the residuals were treated, in words."""
         if self.cluster_robust:
-            return "coloured residuals, tests by blocks"
+            return "coloured residuals, cluster-robust tests"
         if not self.noise_models:
-            return "white residuals (the sources' rule), errors corrected for colour"
+            return "white residuals, standard errors corrected for autocorrelation"
         orders = [c.order for c in self.noise_models]
         span = str(orders[0]) if min(orders) == max(orders) else f"{min(orders)} to {max(orders)}"
         return f"coloured residuals, AR order {span}"
@@ -264,14 +264,14 @@ class Selection(Result):
         )
 
     def collinearity_frame(self) -> pd.DataFrame:
-        """Condition indices, ascending, and the share of each parameter's variance that comes with each.
+        """Condition indices, ascending, and the fraction of each parameter's variance that comes with each.
 
-        Two or more shares above 0.5 beside an index above 30 name terms that depend on one another [B80].
+        Two or more fractions above 0.5 with an index above 30 name terms that depend on one another [B80].
         """
         names = ["1", *map(str, self.terms)]
-        shares = pd.DataFrame(self.conditioning.proportions, columns=names)
-        shares.insert(0, "condition_index", self.conditioning.indices)
-        return shares
+        fractions = pd.DataFrame(self.conditioning.proportions, columns=names)
+        fractions.insert(0, "condition_index", self.conditioning.indices)
+        return fractions
 
     def correlation_frame(self) -> pd.DataFrame:
         """Correlation of the parameters, the terms taken as given; the constant first."""

@@ -29,7 +29,7 @@ ALIASED = 0.7  # correlation given the other terms from which two terms are alia
 SAME_COLUMN = 0.98  # correlation given the other terms from which two aliased terms are one in these data
 SAME_FIT = 4.0  # an alias within this of the kept term's residual, in units of s^2, is as good: likelihood ratio e^2
 FOLDS_WITHIN = 4  # parts left out in turn where there is a single manoeuvre
-MOST_FOLDS = 12
+MAX_FOLDS = 12
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def fold_blocks(products: CrossProducts) -> list[NDArray[np.int64]]:
     """Blocks to leave out in turn: whole manoeuvres, or parts of the only one; none where there is one block."""
     names = np.unique(products.manoeuvre)
     if names.size > 1:
-        groups = np.array_split(names, min(names.size, MOST_FOLDS))
+        groups = np.array_split(names, min(names.size, MAX_FOLDS))
         return [np.flatnonzero(np.isin(products.manoeuvre, g)) for g in groups]
     if products.n_blocks < 2:
         return []
@@ -245,7 +245,7 @@ def _drop_correlated(result: SearchResult, problem: SearchProblem) -> SearchResu
 
 @dataclass(frozen=True)
 class AliasedPair:
-    """A kept term, and a candidate that could stand in its place.
+    """A kept term, and a candidate that could replace it.
 
     Attributes
     ----------

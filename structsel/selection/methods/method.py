@@ -138,9 +138,9 @@ def visited_on(path: SearchPath) -> VisitedModels:
 def thresholds(options: Any, p: int, dof: float) -> tuple[float, float, NDArray[np.float64] | None]:
     """F_in, F_out and, for controlled false discovery, the threshold of each entry."""
     if options.F_in == "fdr":
-        steps = criteria.fdr_thresholds(p, dof, 0.05)
+        steps = criteria.fdr_F_in(p, dof, 0.05)
         return float(steps[0]), options.F_out if options.F_out is not None else float(steps[0]), steps
-    F_in = criteria.f_in_from_candidates(p, dof) if options.F_in == "auto" else float(options.F_in)
+    F_in = criteria.familywise_F_in(p, dof) if options.F_in == "auto" else float(options.F_in)
     F_out = F_in if options.F_out is None else options.F_out
     if F_out > F_in:
         raise SelectionError(

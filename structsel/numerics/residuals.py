@@ -1,0 +1,164 @@
+"""Residuals of a least-squares fit over recordings: noise models, and the covariance for coloured residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structsel.numerics.arrays import Array
+from structsel.numerics.blocks import Samples, attach_data, complete_manoeuvres
+from structsel.numerics.jobs import JobRunner, Progress
+from structsel.numerics.least_squares import LeastSquaresFit, response_rows
+from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar, score_covariance, split_for_correlation
+from structsel.numerics.regressors import DataSource, RegressorChunks, Scales, column_scale, find_scales, words_of
+
+SAMPLES_PER_ORDER = 12  # of a manoeuvre, for each order of its noise model
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """The residual y - X theta of one response, in its units.
+
+    Attributes
+    ----------
+    exponents : (k, s) int array
+    theta : (1 + k,) array
+    response : int
+    scales : (s,) array, (m,) array
+    """
+
+    exponents: NDArray[np.integer]
+    theta: Array
+    response: int
+    scales: Scales
+
+    def over(self, part: Samples) -> Iterator[Array]:
+        """Residuals of these samples, slab by slab."""
+        scale = column_scale(self.exponents, self.scales)
+        unit = scale[len(self.theta) + self.response]
+        weights = self.theta * scale[: len(self.theta)] / unit
+        for rows in response_rows(part, self.exponents, self.scales, self.response):
+            yield unit * (rows[-1] - weights @ rows[:-1])
+
+
+def fit_residual_noise(
+    manoeuvres: Sequence[DataSource],
+    exponents: Sequence[NDArray[np.integer]],
+    theta: Sequence[Array],
+    responses: Sequence[int],
+    max_order: int,
+    floors: Sequence[float],
+    *,
+    scales: Scales | None = None,
+    runner: JobRunner | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> list[tuple[ARNoise, ...]]:
+    """AR models of each manoeuvre's residuals, order by BIC, in one pass.
+
+    Parameters
+    ----------
+    manoeuvres : sequence of DataSource
+    exponents, theta : sequence of (k, s) int array, of (1 + k,) array
+        Terms and parameters of each response.
+    responses : sequence of int
+        Which.
+    max_order : int
+        Highest order offered; shorter manoeuvres are offered lower ones.
+    floors : sequence of float
+        Least innovation of each response.
+    scales, runner, workers, progress
+        As for `cross_products`.
+
+    Returns
+    -------
+    list of tuple of ARNoise
+        For each response, one per manoeuvre.
+    """
+    scales = scales or find_scales(manoeuvres)
+    residuals = [Residuals(*of, scales) for of in zip(exponents, theta, responses, strict=True)]
+    blocks = attach_data(complete_manoeuvres([m.n for m in manoeuvres]), manoeuvres)
+    width = len(residuals) * (2 + max_order)
+    function = partial(_noise_of_block, residuals, floors, max_order)
+    sizes = [len(block) * width for block in blocks]
+    values = (runner or JobRunner()).run_pass(function, blocks, sizes, workers, progress)
+    table = values.reshape(len(manoeuvres), len(residuals), 2 + max_order)
+    return [tuple(ARNoise(row[2 : 2 + int(row[0])].copy(), float(row[1])) for row in of) for of in table.swapaxes(0, 1)]
+
+
+def _noise_of_block(
+    residuals: Sequence[Residuals], floors: Sequence[float], max_order: int, block: Sequence[Samples]
+) -> Array:
+    """Order, sigma and coefficients, padded, of every response in every manoeuvre of a block."""
+    table = np.zeros((len(block), len(residuals), 2 + max_order))
+    for rows, part in zip(table, block, strict=True):  # each manoeuvre is read once for all responses
+        for row, residual, floor in zip(rows, residuals, floors, strict=True):
+            lags = LagProducts(max(0, min(max_order, part.source.n // SAMPLES_PER_ORDER - 1)))
+            for chunk in residual.over(part):
+                lags.add(chunk)
+            model = fit_ar(lags, floor)
+            row[0], row[1], row[2 : 2 + model.order] = model.order, model.sigma, model.ar
+    return table.ravel()
+
+
+def streamed_coloured_covariance(
+    manoeuvres: Sequence[DataSource],
+    exponents: NDArray[np.integer],
+    fit: LeastSquaresFit,
+    response: int = 0,
+    *,
+    scales: Scales | None = None,
+    runner: JobRunner | None = None,
+    workers: int = 1,
+) -> Array:
+    """Covariance of an ordinary least-squares fit whose residuals are coloured.
+
+    The formula and the lag window of `structsel.numerics.noise_models.coloured_covariance`, without forming X.
+
+    Parameters
+    ----------
+    fit : LeastSquaresFit
+        The fit of these terms to this response with white noise.
+    scales, runner, workers
+        As for `cross_products`.
+
+    Returns
+    -------
+    (1 + k, 1 + k) array
+
+    References
+    ----------
+    [KM16], ch. 5, parameter covariance with coloured residuals.
+    """
+    scales = scales or find_scales(manoeuvres)
+    blocks = attach_data(complete_manoeuvres([m.n for m in manoeuvres]), manoeuvres)
+    k = fit.theta.size
+    function = partial(_scatter_of_block, exponents, fit.theta, response, scales)
+    sizes = [k * k] * len(blocks)
+    meat = (runner or JobRunner()).run_pass(function, blocks, sizes, workers).reshape(-1, k, k).sum(axis=0)
+    scale = column_scale(exponents, scales)
+    meat = 0.5 * (meat + meat.T) * np.outer(scale[:k], scale[:k]) * scale[k + response] ** 2
+    bread = fit.unscaled_covariance
+    return bread @ meat @ bread * (fit.n / max(fit.dof, 1))
+
+
+def _scatter_of_block(
+    exponents: NDArray[np.integer], theta: Array, response: int, scales: Scales, block: Sequence[Samples]
+) -> Array:
+    """Sum of x(i) R(i - j) x(j)' over a block, in scaled units."""
+    k = theta.size
+    chunks = RegressorChunks(words_of(exponents), scales)
+    scale = column_scale(exponents, scales)
+    weights = theta * scale[:k] / scale[k + response]
+    meat = np.zeros((k, k))
+    for part in block:
+        for a, b in split_for_correlation(part.stop - part.start):
+            parts = [rows.copy() for rows in chunks.over(part.source, part.start + a, part.start + b)]
+            rows = np.concatenate(parts, axis=1)
+            residual = rows[k + response] - weights @ rows[:k]
+            meat += score_covariance(rows[:k, :, None], residual[:, None])
+    return meat.ravel()
