@@ -109,7 +109,7 @@ def one_case(share: float, seed: int) -> Conditioning:
     signals = [ArrayData(base, y[None])]
     moments = cross_products(signals, exponents, workers=1)
     C, dof = centred(moments.total()), SAMPLES - 1.0
-    path = stepwise(C, dof, F_in=F_IN, F_out=F_IN, swap=False, tol=TOL)
+    path = stepwise(C, dof, F_in=F_IN, F_out=F_IN, swap=False, min_tolerance=TOL)
     by_qr = qr_stepwise(base, exponents, y, F_IN)
     fit = fit_terms(signals, exponents[true])
     theta, F, norms = reference(base, exponents[true], y)
