@@ -243,7 +243,7 @@ def test_a_file_that_is_not_there_is_refused(tmp_path):
 def test_an_existing_file_is_kept_unless_stated_otherwise(tmp_path):
     path = tmp_path / "model.json"
     path.write_text("mine")
-    with pytest.raises(ModelError, match=r"exists\. Choose another name, or pass overwrite=True"):
+    with pytest.raises(ModelError, match=r"exists\.\nChoose another name, or pass overwrite=True"):
         make_model().to_json(path)
     assert path.read_text() == "mine"
     make_model().to_json(path, overwrite=True)
