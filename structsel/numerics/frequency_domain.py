@@ -86,21 +86,6 @@ def transform(x: np.ndarray, dt: float, frequencies: np.ndarray, detrend: bool =
     return found.reshape(f.size, *x.shape[1:])
 
 
-def derivative_transform(x: np.ndarray, dt: float, frequencies: np.ndarray) -> np.ndarray:
-    """Transform of dx/dt, from x alone and without differentiating.
-
-    The line from the first sample to the last has a constant slope; what is left of x has no jump from its end to
-    its start, and its derivative is i w times its transform.
-    """
-    x = np.asarray(x, dtype=float)
-    n, shape = len(x), (-1,) + (1,) * (x.ndim - 1)
-    w = 2.0 * np.pi * np.asarray(frequencies, dtype=float).reshape(shape)
-    slope = (x[-1] - x[0]) / ((n - 1) * dt)
-    rest = x - x[0] - slope * (dt * np.arange(n)).reshape(shape)
-    constant = transform(np.ones(n), dt, frequencies, detrend=False).reshape(shape)
-    return 1j * w * transform(rest, dt, frequencies, detrend=False) + slope * constant
-
-
 @dataclass(frozen=True)
 class FrequencyFit:
     """Least squares over frequencies.
@@ -213,48 +198,6 @@ def _noise_gram(n: int, dt: float, f: np.ndarray) -> np.ndarray:
         gram += rows @ rows.T
         straight += rows @ line[a : a + block]
     return gram - straight @ straight.T
-
-
-def linear_response(
-    A: np.ndarray,
-    B: np.ndarray,
-    C: np.ndarray,
-    D: np.ndarray,
-    delay: np.ndarray,
-    U: np.ndarray,
-    frequencies: np.ndarray,
-    jump: np.ndarray | None = None,
-) -> np.ndarray:
-    """Transforms of the outputs of linear systems, many at once.
-
-    The finite transform of ``x' = A x + B u(t - tau)``, ``y = C x + D u(t - tau)`` is::
-
-        y~ = C (i w I - A)^-1 [B u~ e^(-i w tau) + x(0) - x(T) e^(-i w T)] + D u~ e^(-i w tau)
-
-    Parameters
-    ----------
-    A, B, C, D : (m, s, s), (m, s, i), (m, o, s), (m, o, i) arrays
-    delay : (m,) array [s]
-    U : (f, i) complex array
-        Transforms of the inputs.
-    frequencies : (f,) array [Hz]
-    jump : (m, f, s) complex array, optional
-        x(0) - x(T) e^(-i w T); a record that starts and ends at rest has none.
-
-    Returns
-    -------
-    (m, f, o) complex array
-        Not finite where a mode has exactly one of the frequencies and no damping.
-    """
-    w = 2.0 * np.pi * np.asarray(frequencies, dtype=float)
-    late = U[None] * np.exp(-1j * w[None, :] * np.asarray(delay)[:, None])[:, :, None]
-    drive = np.einsum("msi,mfi->mfs", B, late) + (0.0 if jump is None else jump)
-    resolvent = 1j * w[None, :, None, None] * np.eye(A.shape[1]) - A[:, None]
-    try:
-        x = np.linalg.solve(resolvent, drive[..., None])[..., 0]
-    except np.linalg.LinAlgError:
-        x = np.full(drive.shape, np.nan + 0j)
-    return np.einsum("mos,mfs->mfo", C, x) + np.einsum("moi,mfi->mfo", D, late)
 
 
 def sampled_response(

@@ -355,7 +355,7 @@ class Recording(Result):
         Parameters
         ----------
         delays : mapping of str to float [s]
-            Positive where the channel is late; `structsel.numerics.alignment.estimate_delay` finds it.
+            Positive where the channel is delayed; `reconstruct` estimates the delays of a recording.
 
         Returns
         -------
