@@ -72,7 +72,7 @@ def load(path: Path) -> Recording:
 
 def aircraft() -> ss.Aircraft:
     """The aircraft's constants."""
-    return ss.Airplant.from_toml(HERE / "examples" / "hfb320.toml")
+    return ss.Aircraft.from_toml(HERE / "examples" / "hfb320.toml")
 
 
 def model(values: np.ndarray) -> AeroModel:

@@ -16,7 +16,6 @@ from proof.case_files import aircraft_toml
 from proof.detectability import log_evidence_of
 from proof.generate import draw_case
 from proof.keys import DECIDABLE
-from proof.polynomial import instruments
 from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
 from proof.polynomial.cases import NAMES, SINGLES
 from proof.polynomial.effects import EffectContext, Injection
@@ -27,12 +26,13 @@ from proof.polynomial.simulate import simulate_scenario
 from proof.polynomial.single_channel import SINGLE_CHANNEL
 from proof.polynomial.terms import AXES, compile_terms, evaluate
 from proof.polynomial.unmodelled import EFFECTS as OUTSIDE
+from proof.scenario.errors import NOISE
 from structsel import compute_coefficients
 from structsel.aircraft import Aircraft
 from structsel.errors import DataError
 from structsel.numerics import rigid_body as rb
 
-EXAMPLES = Path(__file__).parents[2] / "shared" / "data" / "diagnose-examples"
+EXAMPLES = Path(__file__).parents[3] / "shared" / "data" / "diagnose-examples"
 
 
 @pytest.mark.parametrize("name", AIRCRAFT_NAMES)
@@ -205,7 +205,7 @@ def test_nulls_say_consistent_and_pairs_hold_two_effects():
 
 def test_more_than_forty_names_can_be_drawn_and_all_of_them_are_names_of_the_library():
     assert len(NAMES) >= 48
-    listed = Path(__file__).parents[2] / "shared" / "EFFECTS.md"
+    listed = Path(__file__).parents[3] / "shared" / "EFFECTS.md"
     if not listed.exists():
         pytest.skip("the list of effects is not here")
     known = {line.split("`")[1] for line in listed.read_text().splitlines() if line.startswith("| `")}
@@ -240,7 +240,7 @@ def test_noise_is_of_the_size_that_the_published_examples_have():
     for channel in ("V", "alpha", "phi", "h", "ax"):
         # Fourth differences of white noise have 70 times its variance.
         std = np.diff(frame[channel], 4).std() / np.sqrt(70.0)
-        assert 0.8 < std / instruments.NOISE[channel] < 1.7
+        assert 0.8 < std / NOISE[channel] < 1.7
 
 
 def test_aircraft_toml_holds_all_that_differs_from_the_defaults(tmp_path):
