@@ -219,29 +219,32 @@ def _helpful(rows: Array, y: Array, further: Array, weight: Array) -> list[int]:
     further : (n, p) array
     weight : (n,) array
     """
-    n, k = len(y), rows.shape[1]
     # Below the rows stands a weak prior: of collinear columns the directions that no sample determines would
     # otherwise be rounding errors, and what they take away would be random.
-    Q = np.linalg.qr(np.vstack([rows, _FREE * np.eye(k)]))[0]
-    F = np.vstack([further * weight[:, None], np.zeros((k, further.shape[1]))])
+    Q = np.linalg.qr(np.vstack([rows, _FREE * np.eye(rows.shape[1])]))[0][: len(y)]
+    F = further * weight[:, None]
+    inside = Q.T @ F
     before = (F**2).sum(axis=0)
-    F = F - Q @ (Q.T @ F)
-    left = np.concatenate([y, np.zeros(k)])
-    left = left - Q @ (Q.T @ left)
-    freedom = max(1.0, n - float((Q[:n] ** 2).sum()))
+    # Products of what the rows leave of the columns: with themselves, and with what they leave of y.
+    power = before - (inside**2).sum(axis=0)
+    with_y = F.T @ y - inside.T @ (Q.T @ y)
+    total = float(y @ y - ((Q.T @ y) ** 2).sum())
+    freedom = max(1.0, len(y) - float((Q**2).sum()))
     kept: list[int] = []
+    taken: list[Array] = []
     for _ in range(_PICKS):
-        power = (F**2).sum(axis=0)
         free = power > 1e-3 * before
-        gain = np.where(free, (F.T @ left) ** 2 / np.where(free, power, 1.0), 0.0)
+        gain = np.where(free, with_y**2 / np.where(free, power, 1.0), 0.0)
         j = int(np.argmax(gain))
-        total = float(left @ left)
         if gain[j] < max(5.0 * np.log(further.shape[1] + 1.0) * total / freedom, _WORTH * total):
             break
         kept.append(j)
-        q = F[:, j] / np.sqrt(power[j])
-        left = left - q * (q @ left)
-        F = F - np.outer(q, q @ F)
+        # Gram-Schmidt: products of the normed new direction with every column.
+        along = F.T @ F[:, j] - inside.T @ inside[:, j] - sum(t * t[j] for t in taken)
+        along = along / np.sqrt(power[j])
+        step = float(with_y[j] / np.sqrt(power[j]))
+        with_y, power, total = with_y - step * along, power - along**2, total - step**2
+        taken.append(along)
     return kept
 
 
