@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from structsel.diagnosis.judging import ResponseFit
-from structsel.diagnosis.result import Bars, Diagnosis, Finding, Physics, Pull, Trace
+from structsel.diagnosis.result import Bars, Diagnosis, EffectFinding, Physics, Pull, Trace
 from structsel.effects.base import ParameterEstimate
 from structsel.model import AeroModel, ResponseModel
 
@@ -39,7 +39,7 @@ def trace(k):
     )
 
 
-GROUND = Finding(
+GROUND = EffectFinding(
     axes=("CZ", "CX"),
     kind="static",
     physics=(
@@ -63,7 +63,7 @@ GROUND = Finding(
     explained=0.90,
     share=0.74,
 )
-VANE = Finding(
+VANE = EffectFinding(
     axes=("CZ", "Cm"),
     kind="sensor",
     physics=(
@@ -85,7 +85,7 @@ VANE = Finding(
     explained=0.94,
     share=0.26,
 )
-TURBULENCE = Finding(
+TURBULENCE = EffectFinding(
     axes=("CZ",), kind="random", physics=(Physics("turbulence", 0.99, "The air is rough: 1.2 m/s rms."),),
     intervals={}, region={}, ambiguous_with=(), to_separate="", bars={"CZ": fits(0.2, 0.2, 0.2)},
     explainable=0.02, explained=0.0, share=1.0,

@@ -8,7 +8,7 @@ from structsel.aircraft import Aircraft
 from structsel.candidates import Term
 from structsel.errors import ChannelError, ModelError, TermError
 from structsel.model import AeroModel, ResponseModel
-from structsel.numerics.expressions import Program, ProgramMaker, run_program
+from structsel.numerics.expressions import ProgramMaker, TermProgram, run_program
 from structsel.numerics.flight_model import CHANNELS
 from structsel.simulation.compile_model import Formulas, compile_aircraft
 
@@ -74,7 +74,7 @@ def test_what_does_not_hold_comes_out_as_nan_or_inf_without_a_warning():
     maker = ProgramMaker(1)
     made = [maker.emit("log", 0), maker.emit("sqrt", 0), maker.emit("divide", maker.emit("number", value=1.0), 0)]
     program = maker.done()
-    assert isinstance(program, Program)
+    assert isinstance(program, TermProgram)
     with np.errstate(all="raise"):
         values = evaluate(program, np.array([[-1.0], [0.0]]))[:, made]
     assert_array_equal(np.isnan(values), [[True, True, False], [False, False, False]])

@@ -12,7 +12,7 @@ from structsel.aircraft import Aircraft
 from structsel.comparison.checking import check_alike, check_flown, check_recorded
 from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
 from structsel.comparison.responses import Rate
-from structsel.comparison.simulations import Simulation, open_simulation
+from structsel.comparison.simulations import OpenedSimulation, open_simulation
 from structsel.comparison.surrogate import Surrogate, find_surrogate, identify
 from structsel.errors import DataError
 from structsel.nomenclature import COEFFICIENTS
@@ -29,7 +29,7 @@ class PreparedComparison:
     """Flights that carry both sides, and what was noticed on the way."""
 
     flights: tuple[Flight, ...]
-    simulation: Simulation
+    simulation: OpenedSimulation
     remarks: tuple[str, ...]
 
 
@@ -98,7 +98,7 @@ def smoothed_recording(flight: Flight, recording: Recording) -> Recording:
     return replace(recording, channels=smooth, findings=())
 
 
-def _ask(flight: Flight, simulation: Simulation, recording: Recording) -> Flight:
+def _ask(flight: Flight, simulation: OpenedSimulation, recording: Recording) -> Flight:
     assert simulation.evaluate is not None
     told = simulation.evaluate(smoothed_recording(flight, recording))
     held: dict[str, Array] = {}
@@ -147,7 +147,7 @@ def _told(flights: Sequence[Flight], stand_in: Surrogate, responses: Sequence[st
 
 
 def _from_flights(
-    flights: Sequence[Flight], simulation: Simulation, aircraft: Aircraft, remarks: list[str]
+    flights: Sequence[Flight], simulation: OpenedSimulation, aircraft: Aircraft, remarks: list[str]
 ) -> list[Flight]:
     """Coefficients along the recorded path of a simulation that flew by itself: identified from its own flights."""
     own: list[Flight] = []

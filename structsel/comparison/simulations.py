@@ -28,7 +28,7 @@ Evaluate = Callable[[Recording], Mapping[str, Array]]
 
 
 @dataclass(frozen=True, eq=False)
-class Simulation:
+class OpenedSimulation:
     """A simulation to be compared with recordings.
 
     Attributes
@@ -52,7 +52,7 @@ class Simulation:
     model: AeroModel | None = None
 
 
-def open_simulation(source: Any, recordings: Sequence[Recording], aircraft: Aircraft) -> Simulation:
+def open_simulation(source: Any, recordings: Sequence[Recording], aircraft: Aircraft) -> OpenedSimulation:
     """Bring any form of simulation to one.
 
     Parameters
@@ -71,9 +71,9 @@ def open_simulation(source: Any, recordings: Sequence[Recording], aircraft: Airc
         A form that is not known, or cannot be loaded.
     """
     if isinstance(source, AeroModel):
-        return Simulation("model", source.name or "model", evaluate=_of_model(source, aircraft), model=source)
+        return OpenedSimulation("model", source.name or "model", evaluate=_of_model(source, aircraft), model=source)
     if callable(source):
-        return Simulation("python", getattr(source, "__name__", "function"), evaluate=source)
+        return OpenedSimulation("python", getattr(source, "__name__", "function"), evaluate=source)
     if isinstance(source, Mapping):
         return _of_files(dict(source), recordings, "simulation")
     text = str(source)
@@ -81,15 +81,15 @@ def open_simulation(source: Any, recordings: Sequence[Recording], aircraft: Airc
         from structsel.simulation.jsbsim import open_jsbsim
 
         plane = open_jsbsim(text.removeprefix("jsbsim:"))
-        return Simulation("jsbsim", text, evaluate=lambda r: _coefficients_of(plane.coefficients(r)))
+        return OpenedSimulation("jsbsim", text, evaluate=lambda r: _coefficients_of(plane.coefficients(r)))
     if text.startswith("python:"):
-        return Simulation("python", text, evaluate=_load(text))
+        return OpenedSimulation("python", text, evaluate=_load(text))
     path = Path(text)
     if not path.exists():
         raise DataError(f"there is no simulation at '{text}': give a folder, a model.json, jsbsim:... or python:...")
     if path.suffix == ".json":
         model = AeroModel.from_json(path)
-        return Simulation("model", path.name, evaluate=_of_model(model, aircraft), model=model)
+        return OpenedSimulation("model", path.name, evaluate=_of_model(model, aircraft), model=model)
     return _of_files({r.name: r for r in read_recordings(path)}, recordings, str(path))
 
 
@@ -135,7 +135,7 @@ def body_axes(told: Mapping[str, Array], alpha: Array) -> dict[str, Array]:
     return {"CX": CX, "CZ": CZ, **rest}
 
 
-def _of_files(found: dict[str, Recording], recordings: Sequence[Recording], where: str) -> Simulation:
+def _of_files(found: dict[str, Recording], recordings: Sequence[Recording], where: str) -> OpenedSimulation:
     missing = [r.name for r in recordings if r.name not in found]
     if missing:
         raise DataError(
@@ -145,9 +145,11 @@ def _of_files(found: dict[str, Recording], recordings: Sequence[Recording], wher
     mine = {r.name: found[r.name] for r in recordings}
     first = next(iter(mine.values()))
     if {*COEFFICIENTS, "CL", "CD"} & set(first.names):
-        return Simulation("forced", where, along={r.name: _aligned(mine[r.name], r, COEFFICIENTS) for r in recordings})
+        return OpenedSimulation(
+            "forced", where, along={r.name: _aligned(mine[r.name], r, COEFFICIENTS) for r in recordings}
+        )
     if set(_STATES) <= set(first.names):
-        return Simulation("free", where, flown=mine)
+        return OpenedSimulation("free", where, flown=mine)
     shared = [c for c in first.names if all(c in r for r in recordings)]
     if not shared:
         raise DataError(
@@ -157,7 +159,7 @@ def _of_files(found: dict[str, Recording], recordings: Sequence[Recording], wher
     along = {r.name: _aligned(mine[r.name], r, shared) for r in recordings}
     # A channel copied from the recording is an input, not an answer.
     answers = [c for c in shared if any(not np.allclose(along[r.name][c], r[c], rtol=1e-9) for r in recordings)]
-    return Simulation("forced", where, along={k: {c: v[c] for c in answers or shared} for k, v in along.items()})
+    return OpenedSimulation("forced", where, along={k: {c: v[c] for c in answers or shared} for k, v in along.items()})
 
 
 def _aligned(simulated: Recording, recording: Recording, wanted: Sequence[str]) -> dict[str, Array]:

@@ -14,7 +14,7 @@ from structsel.comparison.locating.windows import find_intervals
 from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.ranking import TIED, Ranking, Step
-from structsel.diagnosis.result import UNNAMED, Bars, Finding, Physics
+from structsel.diagnosis.result import UNNAMED, Bars, EffectFinding, Physics
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.weighing import SLIGHT, told_by
 from structsel.effects.base import FittedEffect, ParameterEstimate, Variant
@@ -181,7 +181,7 @@ def implausible(variant: Variant, told: Mapping[str, ParameterEstimate]) -> str:
     return "; ".join(said)
 
 
-def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Finding]:
+def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[EffectFinding]:
     """Findings, the largest share of the mismatch first; fits are cumulative in that order."""
     bench = ranking.bench
     members = gather(ranking)
@@ -220,7 +220,7 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Fi
             ties = (*ties[: _TIES - 1], UNNAMED)
             physics = _doubted(physics, stays, axes)
         made.append(
-            Finding(
+            EffectFinding(
                 axes,
                 hypothesis.kind,
                 physics,

@@ -74,7 +74,7 @@ class Bars:
 
 
 @dataclass(frozen=True)
-class Finding:
+class EffectFinding:
     """One effect that the simulation lacks.
 
     Attributes
@@ -212,7 +212,7 @@ class Diagnosis(Result):
     Attributes
     ----------
     verdict : {"mismatch", "consistent", "undecidable"}
-    findings : tuple of Finding
+    findings : tuple of EffectFinding
         Largest share of the mismatch first.
     not_testable : mapping of effect to what it needs
     remaining : mapping of response to (rrmse, white)
@@ -239,7 +239,7 @@ class Diagnosis(Result):
     """
 
     verdict: Verdict
-    findings: tuple[Finding, ...]
+    findings: tuple[EffectFinding, ...]
     not_testable: Mapping[str, str]
     remaining: Mapping[str, tuple[float, bool]]
     pulls: tuple[Pull, ...]

@@ -21,7 +21,7 @@ from structsel.comparison.tolerances import biases_of, tolerances_of
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.extending import as_models
 from structsel.diagnosis.ranking import Ranking
-from structsel.diagnosis.result import Finding
+from structsel.diagnosis.result import EffectFinding
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.signatures import spectra_of
 from structsel.effects.wording import SURFACES
@@ -115,7 +115,7 @@ def _told(each: Iterable[NormalEquations]) -> float:
     return 0.5 * (products.c - float(products.b @ solve(products).mean))
 
 
-def with_separation(finding: Finding, ranking: Ranking) -> Finding:
+def with_separation(finding: EffectFinding, ranking: Ranking) -> EffectFinding:
     """A finding that is tied, with the manoeuvre that tells its effect from the likeliest of the others."""
     found_at = next((k for k, s in enumerate(ranking.steps) if s.score.effect == finding.effect), None)
     if found_at is None or not finding.ambiguous_with:

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
-from structsel.diagnosis.result import UNNAMED, Diagnosis, Finding, Pull
+from structsel.diagnosis.result import UNNAMED, Diagnosis, EffectFinding, Pull
 from structsel.effects.base import ParameterEstimate
 from structsel.formatting import display_unit, format_estimate, format_probability, format_range, join_names
 from structsel.nomenclature import COEFFICIENTS
@@ -110,24 +110,24 @@ def pull_text(pull: Pull) -> str:
     return f"{pull.name} {pull.sigmas:+.1f} sigma ({f'{factor * pull.value:+.2g} {unit}'.strip()})"
 
 
-def together(finding: Finding) -> float:
+def together(finding: EffectFinding) -> float:
     """Probability of the first effect and of those that it cannot be told from."""
     group = {finding.effect, *finding.ambiguous_with}
     return min(sum(p.probability for p in finding.physics if p.effect in group), 1.0)
 
 
-def tied(finding: Finding) -> list[str]:
+def tied(finding: EffectFinding) -> list[str]:
     """What would do as well as the first effect, in words."""
     return ["something unknown" if e == UNNAMED else e for e in finding.ambiguous_with]
 
 
-def _with_initial_heading(finding: Finding) -> str:
+def _with_initial_heading(finding: EffectFinding) -> str:
     if not finding.ambiguous_with:
         return f"{finding.effect} ({format_probability(finding.physics[0].probability)})"
     return f"{_and([finding.effect, *tied(finding)], last='or')} (together {format_probability(together(finding))})"
 
 
-def _tell_finding(number: int, finding: Finding) -> Iterator[str]:
+def _tell_finding(number: int, finding: EffectFinding) -> Iterator[str]:
     first, *others = finding.physics
     share = f"; {100.0 * finding.share:.0f} % of all explained" if finding.share > 0.0 else ""
     head = f"{finding.effect}: {format_probability(first.probability)}, {finding.kind}, in {_and(finding.axes)}{share}"
@@ -155,7 +155,7 @@ def _values(parameters: Mapping[str, ParameterEstimate]) -> str:
     return ", ".join(f"{name} {format_estimate(e.value, e.std, e.unit)}" for name, e in parameters.items())
 
 
-def _places(finding: Finding, most: int) -> str:
+def _places(finding: EffectFinding, most: int) -> str:
     """Region and stretches of time; the longest where there are too many."""
     parts = [format_range(channel, limits) for channel, limits in finding.region.items()]
     stretches = [(name, a, b) for name, each in finding.intervals.items() for a, b in each]
@@ -170,7 +170,7 @@ def _places(finding: Finding, most: int) -> str:
     return "; ".join(parts) or "everywhere flown, all the time"
 
 
-def _errors(number: int, finding: Finding) -> Iterator[str]:
+def _errors(number: int, finding: EffectFinding) -> Iterator[str]:
     """Three bars as figures: one response a line for the first finding, the clearest for the others."""
     shown = [c for c in finding.axes if c in finding.bars][:_RESPONSES]
     if not shown:
@@ -188,7 +188,7 @@ def _errors(number: int, finding: Finding) -> Iterator[str]:
         yield from _labelled("", row, plain=True)
 
 
-def _explains(finding: Finding) -> str:
+def _explains(finding: EffectFinding) -> str:
     if not math.isfinite(finding.explained):
         return ""
     told = f"{100.0 * finding.explained:.0f} % of the mismatch in {_and(finding.axes[:_RESPONSES])}"

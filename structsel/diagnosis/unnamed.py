@@ -10,7 +10,7 @@ from structsel.comparison.locating.ceiling import explainable
 from structsel.comparison.locating.turbulence import TurbulenceEstimate
 from structsel.diagnosis import judging
 from structsel.diagnosis.ranking import NAMED, Ranking
-from structsel.diagnosis.result import UNNAMED, Bars, Finding, Physics
+from structsel.diagnosis.result import UNNAMED, Bars, EffectFinding, Physics
 from structsel.numerics.arrays import Array
 
 _MATERIAL = 0.10  # share by which that would lower the error
@@ -22,7 +22,7 @@ def find_unknown(
     told: Sequence[str],
     ceiling: Mapping[str, float],
     others: bool,
-) -> list[Finding]:
+) -> list[EffectFinding]:
     """A real, repeatable mismatch that no physics of the library explains, where there is one.
 
     Parameters
@@ -61,10 +61,10 @@ def find_unknown(
     )
     mean = float(np.mean([ceiling[c] for c in axes]))
     physics = Physics(UNNAMED, float(np.clip(np.mean([share[c] for c in axes]), 0.0, 1.0)), says)
-    return [Finding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
+    return [EffectFinding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
 
 
-def turbulent(found: TurbulenceEstimate, ranking: Ranking, told: Sequence[str]) -> Finding:
+def turbulent(found: TurbulenceEstimate, ranking: Ranking, told: Sequence[str]) -> EffectFinding:
     """Turbulence as a finding beside the verdict: nothing was left out, but the air was rough."""
     bench = ranking.bench
     axes = tuple(c for c in ("CZ", "CY", "Cm", "Cl", "Cn", "CX") if c in told)
@@ -72,4 +72,4 @@ def turbulent(found: TurbulenceEstimate, ranking: Ranking, told: Sequence[str]) 
     fits = judging.fit(got, after, axes)
     bars = {c: Bars(fits[c], fits[c], fits[c]) for c in axes if c in fits}
     physics = Physics("turbulence", found.probability, found.says)
-    return Finding(axes[:2], "random", (physics,), {}, {}, (), "", bars, 0.0, 0.0, 0.0)
+    return EffectFinding(axes[:2], "random", (physics,), {}, {}, (), "", bars, 0.0, 0.0, 0.0)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.comparison.responses import KINEMATIC, KINEMATIC_UNIT
-from structsel.diagnosis.result import Diagnosis, Finding, Trace
+from structsel.diagnosis.result import Diagnosis, EffectFinding, Trace
 from structsel.nomenclature import unit_of
 from structsel.numerics.arrays import Array
 
@@ -75,7 +75,7 @@ def shown_responses(diagnosis: Diagnosis) -> list[str]:
     return [c for c in every if all(c in one.measured for one in traces)]
 
 
-def driving_channel(diagnosis: Diagnosis, finding: Finding) -> str:
+def driving_channel(diagnosis: Diagnosis, finding: EffectFinding) -> str:
     """Channel that an effect follows: what bounds it, what its terms hold, or what its differences vary most with.
 
     Returns
@@ -94,7 +94,7 @@ def driving_channel(diagnosis: Diagnosis, finding: Finding) -> str:
     return max(moving, key=lambda c: _told_by(bin_residuals(diagnosis, seen[0], c)))
 
 
-def acting_range(diagnosis: Diagnosis, finding: Finding, channel: str) -> tuple[float, float] | None:
+def acting_range(diagnosis: Diagnosis, finding: EffectFinding, channel: str) -> tuple[float, float] | None:
     """Where on a channel an effect acts: its region there, else the channel's range in the stretches where it acts.
 
     Returns

@@ -60,7 +60,7 @@ class _Clusters:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _ClusterFit:
     """Least squares on the kept columns, and every candidate's test given them.
 
     Attributes
@@ -85,7 +85,7 @@ class _Fit:
     tolerance: Array
 
 
-def _fit(G: Array, clusters: _Clusters, kept: Sequence[int]) -> _Fit:
+def _fit(G: Array, clusters: _Clusters, kept: Sequence[int]) -> _ClusterFit:
     """Fit and test, by the formulas of this file; G (q, q) are the products of Z = [1, x, y] over all blocks."""
     A = [0, *(j + 1 for j in kept)]
     y = G.shape[0] - 1
@@ -122,7 +122,7 @@ def _fit(G: Array, clusters: _Clusters, kept: Sequence[int]) -> _Fit:
     bread = linalg.cho_solve(factor, np.eye(len(A))) / np.outer(size, size)
     sandwich = np.diag(bread @ (e_z[:, A].T @ e_z[:, A]) @ bread)
     F_kept = theta[1:] ** 2 / np.maximum(sandwich[1:], 1e-300) * shrink
-    return _Fit(rss, theta, F_kept, F, gain, np.sign(total), tolerance)
+    return _ClusterFit(rss, theta, F_kept, F, gain, np.sign(total), tolerance)
 
 
 def cluster_F_threshold(F: float, dof: float, clusters: int) -> float:
@@ -221,7 +221,7 @@ class _Search:
         self.stopped = ""
         self.fit = self.fit_of(self.kept)
 
-    def fit_of(self, kept: Sequence[int]) -> _Fit:
+    def fit_of(self, kept: Sequence[int]) -> _ClusterFit:
         return _fit(self.G, self.clusters, kept)
 
     def begin(self, initial: Sequence[int]) -> None:
@@ -258,7 +258,7 @@ class _Search:
         elif not self.swap():
             self.stopped = "no term outside reaches F_in"
 
-    def best_entry(self, fit: _Fit) -> int | None:
+    def best_entry(self, fit: _ClusterFit) -> int | None:
         """The candidate that explains most, of those whose F and tolerance suffice."""
         able = (self.F_in <= fit.F) & (fit.tolerance > self.min_tolerance)
         able[[*self.kept, *self.left]] = False
@@ -295,7 +295,7 @@ class _Search:
         self.record("swap", j, old, float(after.F_kept[m]), float(np.sign(after.theta[1 + m])), after)
         return True
 
-    def record(self, action: str, j: int, other: int, F: float, sign: float, after: _Fit) -> None:
+    def record(self, action: str, j: int, other: int, F: float, sign: float, after: _ClusterFit) -> None:
         before = self.fit.rss
         r2 = max(1.0 - min(before, after.rss) / max(before, after.rss, 1e-300), 0.0)
         self.steps.append(SearchStep(action, j, other, F, float(sign * np.sqrt(r2)), after.rss, len(self.kept)))

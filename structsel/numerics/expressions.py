@@ -30,7 +30,7 @@ OPERATIONS = (
 (_ABS, _SIGN, _SQRT, _SIN, _COS, _TAN, _EXP, _LOG, _TANH, _STEP) = range(8, 18)
 
 
-class Program(NamedTuple):
+class TermProgram(NamedTuple):
     """Instructions over a vector of slots.
 
     Attributes
@@ -84,11 +84,11 @@ class ProgramMaker:
         key = (OPERATIONS.index(operation), left, right, float(value))
         return self._known.setdefault(key, filled)
 
-    def done(self) -> Program:
+    def done(self) -> TermProgram:
         """The program of the instructions so far."""
         rows = list(self._known)
         operation, left, right = (np.array([row[j] for row in rows], dtype=np.int64) for j in range(3))
-        return Program(self._inputs, operation, left, right, np.array([row[3] for row in rows], dtype=float))
+        return TermProgram(self._inputs, operation, left, right, np.array([row[3] for row in rows], dtype=float))
 
 
 @njit(**UNCOUNTED, forceinline=True)

@@ -1,7 +1,7 @@
 """The rigid aircraft and one manoeuvre as arrays, in the order of the compiled flight simulation.
 
-`CompiledAircraft` holds the aircraft: its aerodynamic terms as a `Program`, mass and thrust data, and the states of the
-model that have a memory. `ManoeuvreInputs` holds one manoeuvre: time, controls, mass and inertia, gusts, initial state.
+`CompiledAircraft` holds the aircraft: its aerodynamic terms as a `TermProgram`, mass and thrust data, and the states of
+the model that have a memory. `ManoeuvreInputs` holds a manoeuvre: time, controls, mass, inertia, gusts, initial state.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from structsel.errors import ChannelError, DataError, ModelError
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics import kinematics
 from structsel.numerics.atmosphere import G0
-from structsel.numerics.expressions import Program
+from structsel.numerics.expressions import TermProgram
 from structsel.numerics.rigid_body import STATES
 
 CHANNELS = (
@@ -97,7 +97,7 @@ class Memory(NamedTuple):
 
     Attributes
     ----------
-    program : Program
+    program : TermProgram
         Its inputs are those of the terms' program, with the rates alpha_dot_hat and beta_dot_hat themselves.
     slot : (M,) int array
         Where the program leaves the input x of each state.
@@ -114,7 +114,7 @@ class Memory(NamedTuple):
         Whether a value depends on a rate, or on another state's value, at the same instant.
     """
 
-    program: Program
+    program: TermProgram
     slot: NDArray[np.int64]
     control: NDArray[np.int64]
     is_delay: NDArray[np.bool_]
@@ -127,7 +127,7 @@ class Memory(NamedTuple):
 def no_memory(inputs: int) -> Memory:
     """The memory of a model without such states; `inputs` are those of its program."""
     nothing, none, never = np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
-    return Memory(Program(inputs, none, none, none, nothing), none, none, never, nothing, never, nothing, False)
+    return Memory(TermProgram(inputs, none, none, none, nothing), none, none, never, nothing, never, nothing, False)
 
 
 class AircraftArrays(NamedTuple):
@@ -135,7 +135,7 @@ class AircraftArrays(NamedTuple):
 
     Attributes
     ----------
-    program : Program
+    program : TermProgram
         Its inputs are `CHANNELS`, then the controls.
     term_slot : (T,) int array
         Where the program leaves each term.
@@ -156,7 +156,7 @@ class AircraftArrays(NamedTuple):
     memory : Memory
     """
 
-    program: Program
+    program: TermProgram
     term_slot: NDArray[np.int64]
     term_response: NDArray[np.int64]
     term_rate: NDArray[np.int64]

@@ -212,8 +212,8 @@ def reconstructibility(problem: KinematicsProblem, *, fix_first: Sequence[str] =
     best = int(np.argmax(np.linalg.slogdet(np.swapaxes(factors, 1, 2) @ factors + np.eye(len(active)))[1]))
     mean, steady = (np.broadcast_to(part.mean(axis=0), part.shape) for part in (path, problem.inputs))
     alone = sensitivity_factor(problem, mean, steady, stretches[best], active, std)
-    data = _Data(factors, active < MOTION, best)
-    linear = _Data(np.broadcast_to(alone, factors.shape), active < MOTION, best)
+    data = _PathInformation(factors, active < MOTION, best)
+    linear = _PathInformation(np.broadcast_to(alone, factors.shape), active < MOTION, best)
 
     everything = list(range(len(active)))
     s, V = data.directions(everything)
@@ -251,7 +251,7 @@ def reconstructibility(problem: KinematicsProblem, *, fix_first: Sequence[str] =
 
 
 @dataclass(frozen=True)
-class _Data:
+class _PathInformation:
     """Triangular factors (N, L, L) of all stretches, which columns move, and the stretch whose motion counts."""
 
     factors: np.ndarray
@@ -317,7 +317,7 @@ def _groups(order: Sequence[str], names: Mapping[str, int], alone: np.ndarray) -
 
 
 def _choose(
-    data: _Data, names: Sequence[str], order: Sequence[str], sampled: set[str]
+    data: _PathInformation, names: Sequence[str], order: Sequence[str], sampled: set[str]
 ) -> tuple[dict[str, str], list[int], list[tuple[tuple[str, ...], np.ndarray]]]:
     """Fix states until no direction in which one of them takes part is undetermined."""
     fixed: dict[str, str] = {}

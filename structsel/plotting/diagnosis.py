@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structsel.diagnosis.result import Diagnosis, Finding
+from structsel.diagnosis.result import Diagnosis, EffectFinding
 from structsel.diagnosis.views import (
     acting_range,
     bin_residuals,
@@ -201,7 +201,7 @@ def plot_shares(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _finding(diagnosis: Diagnosis, place: int) -> Finding:
+def _finding(diagnosis: Diagnosis, place: int) -> EffectFinding:
     if not diagnosis.findings:
         raise DataError(f"there is nothing to draw: the diagnosis is '{diagnosis.verdict}' and names nothing.")
     if place >= len(diagnosis.findings):
@@ -209,7 +209,7 @@ def _finding(diagnosis: Diagnosis, place: int) -> Finding:
     return diagnosis.findings[place]
 
 
-def _response(diagnosis: Diagnosis, response: str, finding: Finding | None) -> str:
+def _response(diagnosis: Diagnosis, response: str, finding: EffectFinding | None) -> str:
     """The response asked for, else the clearest of a finding or of all."""
     have = shown_responses(diagnosis)
     first = [c for c in (finding.axes if finding is not None else ()) if c in have]

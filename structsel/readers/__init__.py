@@ -21,14 +21,14 @@ from structsel.readers.matlab import read_matlab
 from structsel.readers.mdf import read_mdf
 from structsel.readers.numpy_files import read_npy, read_npz
 from structsel.readers.parquet import read_parquet
-from structsel.readers.table import Table
+from structsel.readers.table import FileTable
 from structsel.readers.text import read_text
 from structsel.readers.ulog import read_ulog
 from structsel.readers.xplane import with_xplane_map
 
 log = logging.getLogger(__name__)
 
-READERS: dict[str, Callable[[Path, FileOptions], Table]] = {
+READERS: dict[str, Callable[[Path, FileOptions], FileTable]] = {
     ".csv": read_text,
     ".tsv": read_text,
     ".txt": read_text,
@@ -55,7 +55,7 @@ def format_of(path: Path) -> str:
     return suffixes[-1] if suffixes else ""
 
 
-def read_table(path: Path, options: FileOptions) -> Table:
+def read_table(path: Path, options: FileOptions) -> FileTable:
     """Columns of a file as they stand in it.
 
     Parameters

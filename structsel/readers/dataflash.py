@@ -21,7 +21,7 @@ from structsel.errors import DataError
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.standard_maps import StandardChannel, densest_time, import_extra, with_standard_map
-from structsel.readers.table import Table
+from structsel.readers.table import FileTable
 from structsel.readers.units import is_unit
 
 MAGIC = b"\xa3\x95"
@@ -84,7 +84,7 @@ _USUAL = (
 )
 
 
-def read_dataflash(path: Path, options: FileOptions) -> Table:
+def read_dataflash(path: Path, options: FileOptions) -> FileTable:
     """Table of a DataFlash log, each message on its own clock, with ArduPilot's usual messages as its standard map.
 
     Columns are added that other tools compute as well: ``ARSP.TAS``, true airspeed; and, where the log holds the
@@ -123,7 +123,7 @@ def read_dataflash(path: Path, options: FileOptions) -> Table:
             f"'{path}' is a DataFlash log without a single sample: it only says what messages would look like.\n"
             "Check LOG_BITMASK and LOG_DISARMED, or fetch the log from the vehicle again."
         )
-    table = Table(str(path), columns, units=units, clocks=clocks, notes=tuple(notes), faults=faults)
+    table = FileTable(str(path), columns, units=units, clocks=clocks, notes=tuple(notes), faults=faults)
     measured = [c for row in _USUAL for c in row.columns if isinstance(c, str) and c in columns]
     usual = (StandardChannel("t", (clocks[measured[0]] if measured else densest_time(clocks, columns),)), *_USUAL)
     if "RCOU.throttle" not in columns and "RCOU.elevator" not in columns:

@@ -24,7 +24,7 @@ from structsel.nomenclature import (
 )
 from structsel.readers.aliases import AMBIGUOUS, BY_NAME, SIGN_REVERSED
 from structsel.readers.channel_map import ChannelEntry, FileOptions
-from structsel.readers.table import UNIT_SUFFIXES, Table, split_header
+from structsel.readers.table import UNIT_SUFFIXES, FileTable, split_header
 from structsel.readers.units import convert, is_convertible
 
 SURE, LIKELY, UNSURE = "sure", "likely", "unsure"
@@ -116,7 +116,7 @@ class GuessedMap:
         }
 
 
-def guess_map(table: Table, options: FileOptions | None = None) -> GuessedMap:
+def guess_map(table: FileTable, options: FileOptions | None = None) -> GuessedMap:
     """Guess a channel map for a table.
 
     The standard channel map of a format is kept. Other columns are placed by name; their unit is what the file states,
@@ -124,7 +124,7 @@ def guess_map(table: Table, options: FileOptions | None = None) -> GuessedMap:
 
     Parameters
     ----------
-    table : Table
+    table : FileTable
     options : FileOptions, optional
         How the file was read, for the map to say as well.
 
@@ -171,7 +171,7 @@ def guess_map(table: Table, options: FileOptions | None = None) -> GuessedMap:
     return GuessedMap(table.path, tuple(chosen), unplaced, file)
 
 
-def _by_name(table: Table, column: str, against: dict[str, str]) -> Guess | None:
+def _by_name(table: FileTable, column: str, against: dict[str, str]) -> Guess | None:
     name, tail = _name_and_tail(column)
     stated = table.units.get(column, tail)
     key = re.sub(r"[^a-z0-9]", "", name.lower())
@@ -228,7 +228,7 @@ def _name_and_tail(column: str) -> tuple[str, str | None]:
     return name, unit
 
 
-def _unit_by_size(table: Table, column: str, channel: str) -> tuple[str, str]:
+def _unit_by_size(table: FileTable, column: str, channel: str) -> tuple[str, str]:
     """Unit that the size of the values speaks for, and why; our own without a reason where they are silent."""
     values = _some(table.columns[column])
     target = find_channel(channel).unit
@@ -265,7 +265,7 @@ def _unit_by_size(table: Table, column: str, channel: str) -> tuple[str, str]:
     return target, ""
 
 
-def _combine_left_right(table: Table, placed: dict[str, list[Guess]]) -> None:
+def _combine_left_right(table: FileTable, placed: dict[str, list[Guess]]) -> None:
     """Aileron from a left and a right one, where there is no single one."""
     if "da" in placed:
         return
@@ -284,7 +284,7 @@ def _combine_left_right(table: Table, placed: dict[str, list[Guess]]) -> None:
         placed["da"] = [Guess("da", entry, UNSURE, "half of right less left, if both are positive trailing edge down")]
 
 
-def _time_by_values(table: Table, used: Collection[str]) -> list[Guess]:
+def _time_by_values(table: FileTable, used: Collection[str]) -> list[Guess]:
     """First column that increases evenly, as a time does, and is not another channel."""
     for number, (column, values) in enumerate(table.columns.items(), 1):
         if column in used:
@@ -310,7 +310,7 @@ def _choose(guesses: list[Guess]) -> Guess:
     return Guess(best.channel, best.entry, UNSURE, f"{best.why}; or {', '.join(rivals[:3])}")
 
 
-def _harmonise_units(table: Table, chosen: list[Guess]) -> list[Guess]:
+def _harmonise_units(table: FileTable, chosen: list[Guess]) -> list[Guess]:
     """Guesses in which channels of one kind, where no unit is stated, share the one that any of them speaks for."""
     silent = {g.channel: g for g in chosen if g.entry.unit is not None and not _is_stated(table, g.columns)}
     for kind in _KINDS:
@@ -325,7 +325,7 @@ def _harmonise_units(table: Table, chosen: list[Guess]) -> list[Guess]:
     return chosen
 
 
-def _is_stated(table: Table, columns: list[str]) -> bool:
+def _is_stated(table: FileTable, columns: list[str]) -> bool:
     return any(column in table.units or _name_and_tail(column)[1] is not None for column in columns)
 
 

@@ -13,11 +13,11 @@ from structsel.errors import DataError
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.isolated import read_apart_first
 from structsel.readers.matlab import choose
-from structsel.readers.table import Table
+from structsel.readers.table import FileTable
 from structsel.readers.units import is_unit
 
 
-def read_hdf5(path: Path, options: FileOptions) -> Table:
+def read_hdf5(path: Path, options: FileOptions) -> FileTable:
     """Table of an HDF5 file; a dataset's attribute ``unit`` or ``units`` states its unit.
 
     Raises

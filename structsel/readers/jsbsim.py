@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from structsel.readers.standard_maps import StandardChannel, with_standard_map
-from structsel.readers.table import Table
+from structsel.readers.table import FileTable
 
 ROOT = "/fdm/jsbsim/"
 _UNITS = {
@@ -75,7 +75,7 @@ _TELLING = {"V_{Total} (ft/s)", "P (deg/s)", "BodyAccel_X"}
 """Columns of JSBSim's groups by which its output is known where it lists no property."""
 
 
-def with_jsbsim_map(table: Table) -> Table:
+def with_jsbsim_map(table: FileTable) -> FileTable:
     """Table with units and the standard channel map of JSBSim's output, if it is one; else the table as it is."""
     if not any(name.startswith(ROOT) for name in table.columns) and not table.columns.keys() >= _TELLING:
         return table

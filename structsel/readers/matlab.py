@@ -13,10 +13,10 @@ from structsel.errors import DataError
 from structsel.nomenclature import suggest
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.isolated import read_apart_first
-from structsel.readers.table import Table, is_numeric, table_from_arrays, table_from_matrix
+from structsel.readers.table import FileTable, is_numeric, table_from_arrays, table_from_matrix
 
 
-def read_matlab(path: Path, options: FileOptions) -> Table:
+def read_matlab(path: Path, options: FileOptions) -> FileTable:
     """Table of a .mat file.
 
     A file of one matrix gives columns by number. Otherwise each vector is a column, named as in
@@ -36,7 +36,7 @@ def read_matlab(path: Path, options: FileOptions) -> Table:
     return choose(path, {k: v for k, v in content.items() if not k.startswith("__")}, options)
 
 
-def choose(path: Path, content: Mapping[str, Any], options: FileOptions) -> Table:
+def choose(path: Path, content: Mapping[str, Any], options: FileOptions) -> FileTable:
     """Table of nested named arrays, after ``[file] variable`` has picked among them."""
     chosen: Any = content
     if options.variable is not None:

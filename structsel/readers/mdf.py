@@ -14,14 +14,14 @@ from structsel.errors import DataError
 from structsel.nomenclature import find_channel, is_known
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.standard_maps import StandardChannel, densest_time, import_extra, with_standard_map
-from structsel.readers.table import Table, split_header
+from structsel.readers.table import FileTable, split_header
 from structsel.readers.units import is_convertible, is_unit
 
 MAGIC = b"MDF     "
 _UNFINISHED = b"UnFinMF "
 
 
-def read_mdf(path: Path, options: FileOptions) -> Table:
+def read_mdf(path: Path, options: FileOptions) -> FileTable:
     """Table of an MDF file: physical values, in the units the file states, invalidated samples NaN.
 
     A channel whose name an earlier group has taken is called ``name (group 3)``. Its standard map takes channels
@@ -58,7 +58,7 @@ def read_mdf(path: Path, options: FileOptions) -> Table:
     return with_standard_map(table, "the nomenclature", (StandardChannel("t", (clock,)), *usual), others="keep")
 
 
-def _read(path: Path, asammdf: ModuleType) -> tuple[Table | None, str]:
+def _read(path: Path, asammdf: ModuleType) -> tuple[FileTable | None, str]:
     """Table, or what is wrong with the file.
 
     What asammdf has half opened complains, as it is thrown away, of what it does not have; nobody need hear that.
@@ -75,7 +75,7 @@ def _read(path: Path, asammdf: ModuleType) -> tuple[Table | None, str]:
     return None, wrong
 
 
-def _table(path: Path, content: Any) -> Table:
+def _table(path: Path, content: Any) -> FileTable:
     columns: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     clocks: dict[str, str] = {}
@@ -102,4 +102,4 @@ def _table(path: Path, content: Any) -> Table:
             stated = signal.unit.strip() if signal.unit else split_header(name)[1]
             if stated and is_unit(stated):
                 units[name] = stated
-    return Table(str(path), columns, units=units, clocks=clocks, unusable=unusable)
+    return FileTable(str(path), columns, units=units, clocks=clocks, unusable=unusable)

@@ -12,10 +12,10 @@ from structsel.errors import DataError
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.compressed import require_bounded
 from structsel.readers.matlab import choose
-from structsel.readers.table import Table, table_from_arrays, table_from_matrix
+from structsel.readers.table import FileTable, table_from_arrays, table_from_matrix
 
 
-def read_npz(path: Path, options: FileOptions) -> Table:
+def read_npz(path: Path, options: FileOptions) -> FileTable:
     """Table of an .npz file: an (n,) array is a column, an (n, k) array k columns.
 
     Raises
@@ -29,7 +29,7 @@ def read_npz(path: Path, options: FileOptions) -> Table:
     return choose(path, content, options)
 
 
-def read_npy(path: Path, options: FileOptions) -> Table:
+def read_npy(path: Path, options: FileOptions) -> FileTable:
     """Table of an .npy file: columns by number, or by name if the array is structured.
 
     Raises

@@ -11,14 +11,14 @@ import pyarrow.parquet as pq
 
 from structsel.errors import DataError
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.table import Table, as_float, channels_at_cg, require_schema, split_header
+from structsel.readers.table import FileTable, as_float, channels_at_cg, require_schema, split_header
 from structsel.readers.units import is_unit
 
 METADATA = b"structsel"
 """Key of the schema's metadata under which `write_recording` says what was done, as JSON."""
 
 
-def read_parquet(path: Path, options: FileOptions) -> Table:
+def read_parquet(path: Path, options: FileOptions) -> FileTable:
     """Table of a Parquet file; time stamps become seconds since the first sample.
 
     Raises
@@ -56,7 +56,7 @@ def read_parquet(path: Path, options: FileOptions) -> Table:
         elif header_unit is not None:
             units[name] = header_unit
     provenance, at_cg = _own_notes(path, content.schema.metadata or {})
-    return Table(
+    return FileTable(
         str(path),
         columns,
         units=units,

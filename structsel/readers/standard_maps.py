@@ -13,7 +13,7 @@ import numpy as np
 
 from structsel.errors import DataError
 from structsel.readers.channel_map import ChannelEntry, ChannelMap, FileOptions
-from structsel.readers.table import Table
+from structsel.readers.table import FileTable
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,14 @@ class StandardChannel:
     assumption: str = ""
 
 
-def with_standard_map(table: Table, source: str, usual: Sequence[StandardChannel], *, others: str = "leave") -> Table:
+def with_standard_map(
+    table: FileTable, source: str, usual: Sequence[StandardChannel], *, others: str = "leave"
+) -> FileTable:
     """Table with the standard channel map of its format: the usual places of which the file has one.
 
     Parameters
     ----------
-    table : Table
+    table : FileTable
     source : str
         Whose map it is, for messages: "PX4's usual topics".
     usual : sequence of StandardChannel
@@ -74,7 +76,7 @@ def with_standard_map(table: Table, source: str, usual: Sequence[StandardChannel
     return replace(table, standard_map=standard, assumptions={**table.assumptions, **assumptions})
 
 
-def _has_numbers(table: Table, column: str) -> bool:
+def _has_numbers(table: FileTable, column: str) -> bool:
     return column in table.columns and bool(np.isfinite(table.columns[column]).any())
 
 

@@ -84,7 +84,7 @@ def channels_at_cg(provenance: Iterable[str]) -> frozenset[str]:
 
 
 @dataclass(frozen=True)
-class Table:
+class FileTable:
     """Columns of one file before any name, unit or sign is given to them.
 
     Attributes
@@ -184,7 +184,7 @@ class Table:
         return name
 
 
-def table_from_matrix(path: str, matrix: np.ndarray, *, transpose: bool = False) -> Table:
+def table_from_matrix(path: str, matrix: np.ndarray, *, transpose: bool = False) -> FileTable:
     """Table of a 2-D array: one column per signal, numbered from 1."""
     matrix = np.asarray(matrix)
     if matrix.ndim == 1:
@@ -199,10 +199,10 @@ def table_from_matrix(path: str, matrix: np.ndarray, *, transpose: bool = False)
     if not is_numeric(matrix):
         raise DataError(f"'{path}' holds an array of type {matrix.dtype}, not of numbers.")
     columns = {str(j + 1): as_float(matrix[:, j]) for j in range(matrix.shape[1])}
-    return Table(path, columns, numbers={j + 1: str(j + 1) for j in range(matrix.shape[1])}, named=False)
+    return FileTable(path, columns, numbers={j + 1: str(j + 1) for j in range(matrix.shape[1])}, named=False)
 
 
-def table_from_arrays(path: str, arrays: dict[str, object], notes: tuple[str, ...] = ()) -> Table:
+def table_from_arrays(path: str, arrays: dict[str, object], notes: tuple[str, ...] = ()) -> FileTable:
     """Table of named arrays, as .mat, .npz and .h5 files hold them.
 
     A 1-D array is one column; an (n, k) array becomes the k columns ``name[1]`` ... ``name[k]``.
@@ -224,7 +224,7 @@ def table_from_arrays(path: str, arrays: dict[str, object], notes: tuple[str, ..
         else:
             unusable[name] = "one value" if array.size == 1 else f"an array of shape {array.shape}"
     units = {name: unit for name in columns if (unit := split_header(name)[1]) is not None}
-    return Table(path, columns, units=units, unusable=unusable, notes=notes)
+    return FileTable(path, columns, units=units, unusable=unusable, notes=notes)
 
 
 def is_numeric(array: np.ndarray) -> bool:

@@ -22,7 +22,7 @@ from structsel.errors import DataError, MapError
 from structsel.nomenclature import is_known
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.compressed import BoundedGzip
-from structsel.readers.table import Table, as_float, channels_at_cg, require_schema, split_header
+from structsel.readers.table import FileTable, as_float, channels_at_cg, require_schema, split_header
 from structsel.readers.units import is_unit
 
 PROVENANCE = "# provenance: "
@@ -38,7 +38,7 @@ _LAST_BIT: dict[str, Any] = {"float_precision": "round_trip"} if _OLD_PANDAS els
 _DECIMAL_COMMA = re.compile(r"^[+-]?\d+,\d+(?:[eE][+-]?\d+)?$")
 
 
-def read_text(path: Path, options: FileOptions) -> Table:
+def read_text(path: Path, options: FileOptions) -> FileTable:
     """Table of a text file.
 
     Separator, header and units are found by themselves; ``[file]`` may state ``separator``,
@@ -242,7 +242,7 @@ def _table(
     named: bool,
     first_row: int,
     notes: tuple[str, ...],
-) -> Table:
+) -> FileTable:
     columns: dict[str, np.ndarray] = {}
     unusable: dict[str, str] = {}
     for j, name in enumerate(names):
@@ -264,7 +264,7 @@ def _table(
                     unusable[name] = f"sample {wrong[0]} (line {first_row + wrong[0]}) reads {cell!r}"
                 else:
                     unusable[name] = f"text, such as {cell!r}"
-    return Table(
+    return FileTable(
         str(path),
         columns,
         units=units,

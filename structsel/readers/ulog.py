@@ -19,7 +19,7 @@ from structsel.errors import DataError
 from structsel.nomenclature import EULER_ANGLES
 from structsel.readers.channel_map import FileOptions
 from structsel.readers.standard_maps import StandardChannel, densest_time, import_extra, with_standard_map
-from structsel.readers.table import Table
+from structsel.readers.table import FileTable
 
 MAGIC = b"ULog\x01\x12\x35"
 _COMMANDS = ("actuator_", "vehicle_torque_setpoint", "vehicle_thrust_setpoint")
@@ -78,7 +78,7 @@ def _commands(columns: Mapping[str, np.ndarray]) -> list[StandardChannel]:
     return rows
 
 
-def read_ulog(path: Path, options: FileOptions) -> Table:
+def read_ulog(path: Path, options: FileOptions) -> FileTable:
     """Table of a ULog, each topic on its own clock, with PX4's usual topics as its standard channel map.
 
     To each topic with an attitude quaternion ``q`` (body to north-east-down, scalar first) the Euler angles are
@@ -118,7 +118,7 @@ def read_ulog(path: Path, options: FileOptions) -> Table:
             f"'{path}' is a ULog without a single sample: logging stopped before it began, or the file was cut off.\n"
             "Fetch it from the vehicle again, or log another flight."
         )
-    table = Table(str(path), columns, units=units, clocks=clocks, notes=_dropouts(log), faults=_faults(path, log))
+    table = FileTable(str(path), columns, units=units, clocks=clocks, notes=_dropouts(log), faults=_faults(path, log))
     measured = [c for row in _USUAL for c in row.columns if isinstance(c, str) and c in columns]
     clock = clocks[measured[0]] if measured else densest_time(clocks, columns)
     return with_standard_map(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from structsel.readers.standard_maps import StandardChannel, with_standard_map
-from structsel.readers.table import Table
+from structsel.readers.table import FileTable
 
 _UNITS = {
     "time": "s", "kias": "kt", "keas": "kt", "ktas": "kt", "ktgs": "kt", "mph": "mph", "mphas": "mph", "mphgs": "mph",
@@ -50,7 +50,7 @@ _USUAL = (
 _TELLING = {"real,time", "totl,time", "missn,time", "Vtrue,ktas", "alpha,deg", "pitch,deg", "Vind,kias"}
 
 
-def with_xplane_map(table: Table) -> Table:
+def with_xplane_map(table: FileTable) -> FileTable:
     """Table with units and the standard channel map of X-Plane's output, if it is one; else the table as it is.
 
     Of a header that the file repeats none is taken for a surface, since which one it is cannot be told.

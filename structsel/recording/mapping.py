@@ -11,7 +11,7 @@ import numpy as np
 from structsel.errors import ChannelError, DataError, MapError
 from structsel.nomenclature import find_channel, is_known
 from structsel.readers.channel_map import ChannelEntry, ChannelMap, check_unit
-from structsel.readers.table import Table, as_float, split_header
+from structsel.readers.table import FileTable, as_float, split_header
 from structsel.readers.units import convert, is_convertible, is_unit, si_unit
 from structsel.recording.checks import Finding, require_clock
 from structsel.recording.resampling import Topic, resample_all
@@ -44,7 +44,7 @@ class Channels:
     clocks: dict[str, tuple[str, bool]] = field(default_factory=dict)
 
 
-def to_channels(table: Table, channel_map: ChannelMap | None) -> Channels:
+def to_channels(table: FileTable, channel_map: ChannelMap | None) -> Channels:
     """Apply a channel map to a table; without a map, names are taken as they are, or as the format's own map says.
 
     Raises
@@ -84,7 +84,7 @@ def to_channels(table: Table, channel_map: ChannelMap | None) -> Channels:
     return made
 
 
-def _assumed(table: Table) -> list[Finding]:
+def _assumed(table: FileTable) -> list[Finding]:
     """What a standard map takes on trust, each said once of the first channel it holds for."""
     alike: dict[str, list[str]] = {}
     for name, why in table.assumptions.items():
@@ -95,7 +95,7 @@ def _assumed(table: Table) -> list[Finding]:
     ]
 
 
-def _add_mapped(made: Channels, table: Table, name: str, entry: ChannelEntry, source: str, used: set[str]) -> None:
+def _add_mapped(made: Channels, table: FileTable, name: str, entry: ChannelEntry, source: str, used: set[str]) -> None:
     weights: list[tuple[str, float]]
     if entry.columns:
         weights = [(table.resolve(column, name), weight) for column, weight in entry.columns.items()]
@@ -163,7 +163,7 @@ def _same(unit: str, stated: set[str]) -> bool:
     )
 
 
-def _add_others(made: Channels, table: Table, used: set[str]) -> None:
+def _add_others(made: Channels, table: FileTable, used: set[str]) -> None:
     times = set(table.clocks.values()) - {"t"}
     for column in table.columns:
         if column in used or column in times:
@@ -187,7 +187,7 @@ def _add_others(made: Channels, table: Table, used: set[str]) -> None:
             made.findings.append(Finding("text", column, message, remedy=remedy))
 
 
-def _add_named(made: Channels, table: Table, column: str, name: str) -> None:
+def _add_named(made: Channels, table: FileTable, column: str, name: str) -> None:
     unit = table.units.get(column)
     if unit is not None and is_known(name) and not is_convertible(unit, find_channel(name).unit):
         row = find_channel(name)
@@ -244,7 +244,7 @@ def _store(
     made.notes.append(f"{name}: {origin}" + "".join(f", {step}" for step in steps))
 
 
-def _align(made: Channels, table: Table, channel_map: ChannelMap | None) -> None:
+def _align(made: Channels, table: FileTable, channel_map: ChannelMap | None) -> None:
     """Take the clock out of the channels, and hold every channel to its length."""
     clock = made.values.pop("t", None)
     dt = channel_map.file.dt if channel_map is not None else None
@@ -287,7 +287,7 @@ def _align(made: Channels, table: Table, channel_map: ChannelMap | None) -> None
     made.t = clock
 
 
-def _require_one_clock(table: Table, name: str, columns: list[str]) -> None:
+def _require_one_clock(table: FileTable, name: str, columns: list[str]) -> None:
     clocks = {table.clocks[column] for column in columns if column in table.clocks}
     if len(clocks) > 1:
         raise DataError(
@@ -296,7 +296,7 @@ def _require_one_clock(table: Table, name: str, columns: list[str]) -> None:
         )
 
 
-def _to_one_clock(made: Channels, table: Table, clock: np.ndarray) -> np.ndarray:
+def _to_one_clock(made: Channels, table: FileTable, clock: np.ndarray) -> np.ndarray:
     """Bring every channel to the clock's samples; return those that are left of the clock."""
     own = made.clocks.pop("t", ("", False))[0]
     if not own:
@@ -316,7 +316,7 @@ def _to_one_clock(made: Channels, table: Table, clock: np.ndarray) -> np.ndarray
     return clock[samples]
 
 
-def _no_clock(table: Table, channel_map: ChannelMap | None) -> str:
+def _no_clock(table: FileTable, channel_map: ChannelMap | None) -> str:
     message = f"'{table.path}' has no channel 't' [s].\nIt has: {table.describe()}.\n"
     if "t" in table.unusable:
         return message + f"Its column 't' holds something else than numbers: {table.unusable['t']}. Correct the file."

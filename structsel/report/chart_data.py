@@ -23,7 +23,7 @@ _FEWEST = 200  # samples of a series, however many there are
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
+class ChartFlight:
     """What is drawn of one recording.
 
     Attributes
@@ -40,7 +40,7 @@ class Flight:
 
 
 def chart_data(
-    flights: Mapping[str, Flight],
+    flights: Mapping[str, ChartFlight],
     stages: Mapping[str, str],
     units: Mapping[str, tuple[float, str]],
     *,
@@ -54,7 +54,7 @@ def chart_data(
 
     Parameters
     ----------
-    flights : mapping of recording to Flight
+    flights : mapping of recording to ChartFlight
         All of the same channels; a response may be missing in some.
     stages : mapping of stage to str
         What each is called.
@@ -136,7 +136,7 @@ def moving(name: str, flights: Sequence[Mapping[str, Array]]) -> bool:
     return all(x.size for x in known) and any(np.ptp(x) > 0.0 for x in known)
 
 
-def _shares(flights: Mapping[str, Flight]) -> dict[str, int]:
+def _shares(flights: Mapping[str, ChartFlight]) -> dict[str, int]:
     """Samples of each series of each recording that are drawn."""
     whole = {
         name: len(one.t) * (1 + len(one.channels) + sum(map(len, one.responses.values())))
@@ -154,7 +154,7 @@ def _shares(flights: Mapping[str, Flight]) -> dict[str, int]:
     return made
 
 
-def _pack_flight(one: Flight, units: Mapping[str, tuple[float, str]], most: int) -> dict[str, Any]:
+def _pack_flight(one: ChartFlight, units: Mapping[str, tuple[float, str]], most: int) -> dict[str, Any]:
     start = float(one.t[0])
 
     def clock(kept: NDArray[np.intp]) -> dict[str, str]:
@@ -175,7 +175,7 @@ def _pack_flight(one: Flight, units: Mapping[str, tuple[float, str]], most: int)
 
 
 def _bin_all(
-    flights: Mapping[str, Flight],
+    flights: Mapping[str, ChartFlight],
     responses: Sequence[str],
     channels: Sequence[str],
     stages: Mapping[str, str],
@@ -198,7 +198,7 @@ def _bin_all(
     return made
 
 
-def _left(flights: Mapping[str, Flight], response: str, kind: str) -> Array:
+def _left(flights: Mapping[str, ChartFlight], response: str, kind: str) -> Array:
     """Measured less modelled, all recordings; NaN where there is no such response."""
     each = []
     for one in flights.values():
@@ -208,7 +208,7 @@ def _left(flights: Mapping[str, Flight], response: str, kind: str) -> Array:
 
 
 def _cloud(
-    flights: Mapping[str, Flight],
+    flights: Mapping[str, ChartFlight],
     responses: Sequence[str],
     channels: Sequence[str],
     stages: Mapping[str, str],
@@ -226,7 +226,7 @@ def _cloud(
     }
 
 
-def _reach(flights: Mapping[str, Flight], channel: str, factor: float) -> list[float | None]:
+def _reach(flights: Mapping[str, ChartFlight], channel: str, factor: float) -> list[float | None]:
     x = factor * np.concatenate([one.channels[channel] for one in flights.values()])
     return [pack_number(float(np.nanmin(x))), pack_number(float(np.nanmax(x)))]
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from structsel.formatting import count_of, format_decimals, format_number, join_names
 from structsel.recording import Recording
 from structsel.report.page_model import (
-    Column,
     Link,
+    PageColumn,
+    PageTable,
     Section,
     Sheet,
-    Table,
     conversions,
     list_sources,
     merge_remarks,
@@ -90,11 +90,11 @@ def _parting(response: str, by_method: Mapping[str, Selection]) -> str:
 
 def _contents(pages: Mapping[str, str]) -> Section:
     rows = tuple((Link(method, page),) for method, page in pages.items())
-    return Section("Each method by itself", tables=(Table((Column("page", "link"),), rows),))
+    return Section("Each method by itself", tables=(PageTable((PageColumn("page", "link"),), rows),))
 
 
 def _section(response: str, by_method: Mapping[str, Selection], judged: Mapping[str, Validation]) -> Section:
-    numbers = tuple(Column(method) for method in by_method)
+    numbers = tuple(PageColumn(method) for method in by_method)
     values = {m: dict(zip(("1", *map(str, s.terms)), s.values)) for m, s in by_method.items()}
     terms = ["1", *map(str, sorted({term for s in by_method.values() for term in s.terms}))]
     rows = tuple(
@@ -119,7 +119,7 @@ def _section(response: str, by_method: Mapping[str, Selection], judged: Mapping[
         measures.append(("R², held out", *(format_decimals(s.r2) for s in scores)))
         measures.append(("RRMSE, held out", *(format_decimals(s.rrmse) for s in scores)))
     tables = (
-        Table((Column("term", "name"), *numbers, Column("kept by")), rows, "Terms and values"),
-        Table((Column("measure", "name"), *numbers), tuple(measures), "How well each explains and predicts"),
+        PageTable((PageColumn("term", "name"), *numbers, PageColumn("kept by")), rows, "Terms and values"),
+        PageTable((PageColumn("measure", "name"), *numbers), tuple(measures), "How well each explains and predicts"),
     )
     return Section(response, tables=tables)

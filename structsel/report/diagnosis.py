@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from structsel.diagnosis.held_out_result import ChannelScores, ExampleWindows, HeldOutSimulation
-from structsel.diagnosis.result import Bars, Diagnosis, Finding, Trace
+from structsel.diagnosis.result import Bars, Diagnosis, EffectFinding, Trace
 from structsel.diagnosis.story import HARD_PULL, about, headline, no_model, tied, together, untested
 from structsel.diagnosis.views import (
     STAGES,
@@ -32,7 +32,7 @@ from structsel.formatting import (
     format_range,
 )
 from structsel.nomenclature import unit_of
-from structsel.report.chart_data import Flight, chart, chart_data, pack_number
+from structsel.report.chart_data import ChartFlight, chart, chart_data, pack_number
 
 _STAGES = dict(zip(STAGES, ("as delivered", "refitted", "with the physics")))
 
@@ -134,10 +134,10 @@ def _replay_row(row: ChannelScores) -> dict[str, Any]:
     }
 
 
-def _flight(trace: Trace, responses: list[str], channels: list[str]) -> Flight:
+def _flight(trace: Trace, responses: list[str], channels: list[str]) -> ChartFlight:
     held = {"measured": trace.measured} | dict(zip(STAGES, (trace.simulated, trace.refitted, trace.explained)))
     each = {r: {kind: values[r] for kind, values in held.items()} for r in responses}
-    return Flight(trace.t, each, {c: trace.channels[c] for c in channels})
+    return ChartFlight(trace.t, each, {c: trace.channels[c] for c in channels})
 
 
 def _range(diagnosis: Diagnosis, channel: str) -> tuple[float, float] | None:
@@ -157,7 +157,7 @@ def _pack_bins(binned: Binned, response: float, channel: float) -> dict[str, Any
     return {"at": [pack_number(channel * x) for x in binned.at], "means": means, "half": half}
 
 
-def _finding(place: int, finding: Finding) -> dict[str, Any]:
+def _finding(place: int, finding: EffectFinding) -> dict[str, Any]:
     first = finding.physics[0]
     return {
         "place": place,
@@ -192,7 +192,7 @@ def _finding(place: int, finding: Finding) -> dict[str, Any]:
     }
 
 
-def _bars(finding: Finding) -> list[dict[str, Any]]:
+def _bars(finding: EffectFinding) -> list[dict[str, Any]]:
     """Rows of the three bars, responses in which it shows first; lengths in percent of the longest."""
     order = [c for c in finding.axes if c in finding.bars]
     order += [c for c in finding.bars if c not in order]
@@ -213,7 +213,7 @@ def _stages(bars: Bars, longest: float) -> list[dict[str, Any]]:
     return made
 
 
-def _share(place: int, finding: Finding) -> dict[str, Any]:
+def _share(place: int, finding: EffectFinding) -> dict[str, Any]:
     """How much of the mismatch is explained where a finding shows, and how much could be."""
     told, most = (
         round(100.0 * float(np.clip(x, 0.0, 1.0)), 1) if np.isfinite(x) else None

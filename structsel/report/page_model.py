@@ -43,7 +43,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Column:
+class PageColumn:
     """Head of a column, and what stands in it; a word does not wrap, a text does."""
 
     name: str
@@ -51,10 +51,10 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """Rows of strings, and of bars (or None) or links where the column says so."""
 
-    columns: tuple[Column, ...]
+    columns: tuple[PageColumn, ...]
     rows: tuple[tuple[str | Bar | Link | None, ...], ...]
     caption: str = ""
     note: str = ""
@@ -73,7 +73,7 @@ class Section:
     chips: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     text: tuple[str, ...] = ()
-    tables: tuple[Table, ...] = ()
+    tables: tuple[PageTable, ...] = ()
     charts: tuple[str, ...] = ()
     folded: bool = False
 
@@ -104,7 +104,7 @@ class Sheet:
     doubts, notes : tuple of Remark
     done : tuple of str
         What was done.
-    sources : Table
+    sources : PageTable
         With which data.
     history : tuple of Remark
         What was done to these before.
@@ -123,15 +123,15 @@ class Sheet:
     doubts: tuple[Remark, ...]
     notes: tuple[Remark, ...]
     done: tuple[str, ...]
-    sources: Table
+    sources: PageTable
     history: tuple[Remark, ...]
     data: dict[str, Any]
     legend: str = ""
 
 
-def columns(**kinds: str) -> tuple[Column, ...]:
+def columns(**kinds: str) -> tuple[PageColumn, ...]:
     """Columns by name; underscores stand for blanks."""
-    return tuple(Column(name.replace("_", " "), kind) for name, kind in kinds.items())  # type: ignore[arg-type]
+    return tuple(PageColumn(name.replace("_", " "), kind) for name, kind in kinds.items())  # type: ignore[arg-type]
 
 
 def metric_columns() -> dict[str, str]:
@@ -161,7 +161,7 @@ def merge_remarks(said: Iterable[tuple[str, str]]) -> tuple[Remark, ...]:
     return tuple(Remark(join_names(names), text) for text, names in about.items())
 
 
-def list_sources(recordings: Sequence[Recording], names: Sequence[str] = (), held_out: Sequence[str] = ()) -> Table:
+def list_sources(recordings: Sequence[Recording], names: Sequence[str] = (), held_out: Sequence[str] = ()) -> PageTable:
     """Recordings with their files, samples and span.
 
     Parameters
@@ -174,7 +174,7 @@ def list_sources(recordings: Sequence[Recording], names: Sequence[str] = (), hel
     """
     if not recordings:
         head = columns(recording="name")
-        return Table(head, tuple((name,) for name in names), "The data")
+        return PageTable(head, tuple((name,) for name in names), "The data")
     cached: dict[Path, str] = {}
     rows = []
     for one in recordings:
@@ -190,7 +190,7 @@ def list_sources(recordings: Sequence[Recording], names: Sequence[str] = (), hel
         recording="name", use="word", file="word", SHA_256="word", samples="number", span="number", every="number"
     )
     note = f"{count_of(len(rows), 'recording')}, {sum(len(r) for r in recordings)} samples."
-    return Table(head, tuple(rows), "The data", note)
+    return PageTable(head, tuple(rows), "The data", note)
 
 
 def conversions(recordings: Iterable[Recording]) -> tuple[Remark, ...]:

@@ -19,8 +19,17 @@ from structsel.formatting import (
 )
 from structsel.nomenclature import unit_of
 from structsel.reconstruction import CONSTANTS, Reconstruction, Reconstructions
-from structsel.report.chart_data import Flight, chart_data, moving
-from structsel.report.page_model import Remark, Section, Sheet, Table, columns, conversions, list_sources, merge_remarks
+from structsel.report.chart_data import ChartFlight, chart_data, moving
+from structsel.report.page_model import (
+    PageTable,
+    Remark,
+    Section,
+    Sheet,
+    columns,
+    conversions,
+    list_sources,
+    merge_remarks,
+)
 
 _INPUTS = ("de", "da", "dr", "df", "throttle", "thrust", "qbar", "mach")
 _FOUND = 4.0  # standard deviations beyond which a constant is clearly found
@@ -144,7 +153,7 @@ def _overview(found: Reconstructions) -> Section:
         manoeuvre="name", s="number", samples="number", NIS="number", **{"95 % band": "word"},
         **{"turbulence x y z, m/s": "word"}, verdict="word",
     )  # fmt: skip
-    return Section("All manoeuvres", tables=(Table(heads, tuple(rows)),))
+    return Section("All manoeuvres", tables=(PageTable(heads, tuple(rows)),))
 
 
 def _constants(trusted: Sequence[Reconstruction]) -> list[Section]:
@@ -159,7 +168,7 @@ def _constants(trusted: Sequence[Reconstruction]) -> list[Section]:
     heads = columns(constant="name", manoeuvres="number", mean="number", scatter="number", mean_std="number",
                     meaning="text")  # fmt: skip
     note = "One that scatters far beyond its standard deviation is not constant."
-    return [Section("Constants of the trusted manoeuvres", tables=(Table(heads, tuple(rows), "", note),))]
+    return [Section("Constants of the trusted manoeuvres", tables=(PageTable(heads, tuple(rows), "", note),))]
 
 
 def _section(one: Reconstruction, *, folded: bool) -> Section:
@@ -169,13 +178,13 @@ def _section(one: Reconstruction, *, folded: bool) -> Section:
             (c.name, format_estimate(c.value, c.std, c.unit, "±"), CONSTANTS[c.name][0]) for c in one.constants
         )
         tables.append(
-            Table(columns(constant="name", value="number", meaning="text"), errors, "Errors of the instruments")
+            PageTable(columns(constant="name", value="number", meaning="text"), errors, "Errors of the instruments")
         )
     tables.append(_channels(one))
     late = [d for d in one.delays if d.significant]
     if late:
         delays = tuple((d.channel, format_estimate(1e3 * d.delay, 1e3 * d.std, "ms", "±")) for d in late)
-        tables.append(Table(columns(channel="name", late_by="number"), delays, "Delays"))
+        tables.append(PageTable(columns(channel="name", late_by="number"), delays, "Delays"))
     low, high = one.consistency.nis_band
     text = [f"NIS {format_decimals(one.consistency.nis, 3)}; expected {low:.3f} to {high:.3f}."]
     if any(one.gust):
@@ -187,7 +196,7 @@ def _section(one: Reconstruction, *, folded: bool) -> Section:
     return Section(one.name, chips, (), tuple(text), tuple(tables), (), folded)
 
 
-def _channels(one: Reconstruction) -> Table:
+def _channels(one: Reconstruction) -> PageTable:
     seen = {c.channel: c for c in one.consistency.channels}
     rows = []
     for level in sorted(one.noise, key=lambda level: level.channel not in seen):
@@ -202,7 +211,7 @@ def _channels(one: Reconstruction) -> Table:
         )
     heads = columns(channel="name", noise="number", source="word", residual="number", variance="number", next="number",
                     rejected="number")  # fmt: skip
-    return Table(heads, tuple(rows), "Channels")
+    return PageTable(heads, tuple(rows), "Channels")
 
 
 def _done(found: Reconstructions) -> tuple[str, ...]:
@@ -226,7 +235,7 @@ def _figures(found: Reconstructions) -> dict[str, Any]:
         for c in measured:
             surprise = one.innovations[c] / one.innovation_std[c]
             each[c] = {"measured": one.readings[c] + one.residuals[c], "physics": one.readings[c], "surprise": surprise}
-        flights[one.name] = Flight(one.recording.t, each, {c: one.recording[c] for c in channels})
+        flights[one.name] = ChartFlight(one.recording.t, each, {c: one.recording[c] for c in channels})
     own = results[0].recording.units if results else {}
     names = {*channels, *(r for one in flights.values() for r in one.responses)}
     units = {name: display_unit(unit_of(name, own)) for name in names}

@@ -20,11 +20,11 @@ from structsel.formatting import (
 from structsel.nomenclature import unit_of
 from structsel.recording import Recording
 from structsel.refinement import Estimate, Refinement
-from structsel.report.chart_data import Flight, chart, chart_data, moving
+from structsel.report.chart_data import ChartFlight, chart, chart_data, moving
 from structsel.report.page_model import (
+    PageTable,
     Section,
     Sheet,
-    Table,
     columns,
     conversions,
     interval_bar,
@@ -117,7 +117,7 @@ def _about(found: Refinement, held: Sequence[Recording]) -> str:
     return f"{found.title} on {count_of(len(found.simulated), 'recording')}, {samples} samples{judges}."
 
 
-def _parameters(found: Refinement) -> list[Table]:
+def _parameters(found: Refinement) -> list[PageTable]:
     shared = [e for e in found.estimates if e.kind not in _PER_RECORDING]
     own = [e for e in found.estimates if e.kind in _PER_RECORDING]
     tables = []
@@ -126,11 +126,11 @@ def _parameters(found: Refinement) -> list[Table]:
         rows = tuple((e.name, *_estimate(e, e.name)) for e in shared)
         heads = columns(parameter="name", value="number", **bar, CRLB="number", start="number", remark="word")
         note = "Bars are relative to each value; the line in them is zero, and an interval across it red."
-        tables.append(Table(heads, rows, "Of the model", note))
+        tables.append(PageTable(heads, rows, "Of the model", note))
     if own:
         rows = tuple((_place(e), *_estimate(e, _place(e))) for e in own)
         heads = columns(of="name", value="number", **bar, CRLB="number", start="number", remark="word")
-        tables.append(Table(heads, rows, "Of each recording"))
+        tables.append(PageTable(heads, rows, "Of each recording"))
     return tables
 
 
@@ -145,7 +145,7 @@ def _estimate(e: Estimate, name: str) -> tuple[Any, ...]:
     return _sized(e), bar, format_number(e.std_white, 2), format_number(e.start), remark
 
 
-def _fits(found: Refinement) -> Table:
+def _fits(found: Refinement) -> PageTable:
     order = list(found.noise_std)
     own = found.simulated[0].units if found.simulated else {}
     rows = tuple(
@@ -153,7 +153,7 @@ def _fits(found: Refinement) -> Table:
         for f in sorted(found.fits, key=lambda f: order.index(f.output))
     )
     heads = columns(output="name", recording="word", samples="number", rms_error="number", **metric_columns())
-    return Table(heads, rows)
+    return PageTable(heads, rows)
 
 
 def _judgement(judged: Mapping[str, Resimulation]) -> Section:
@@ -174,7 +174,7 @@ def _judgement(judged: Mapping[str, Resimulation]) -> Section:
         "record. In band: share of the samples that the simulation reached and met within the proof-of-match band."
     )
     return Section("On recordings held out", text=("Flown with their recorded inputs; never refined on.",),
-                   tables=(Table(heads, tuple(rows), "", note),))  # fmt: skip
+                   tables=(PageTable(heads, tuple(rows), "", note),))  # fmt: skip
 
 
 def _first_marked(mark: str, heads: Mapping[str, str]) -> dict[str, str]:
@@ -222,7 +222,7 @@ def _figures(found: Refinement, recordings: Sequence[Recording], charts: Sequenc
             else:
                 continue
             each[output] = {"measured": y, "physics": one[output]}
-        flights[one.name] = Flight(one.t, each, {c: one[c] for c in channels})
+        flights[one.name] = ChartFlight(one.t, each, {c: one[c] for c in channels})
     own = found.simulated[0].units if found.simulated else {}
     units = {name: display_unit(unit_of(name, own)) for name in (*found.noise_std, *channels)}
     return chart_data(flights, {"physics": "simulated"}, units, verb="simulated", charts=charts)

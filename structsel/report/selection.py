@@ -19,12 +19,12 @@ from structsel.formatting import (
 )
 from structsel.nomenclature import unit_of
 from structsel.recording import Recording
-from structsel.report.chart_data import Flight, chart, chart_data, moving
+from structsel.report.chart_data import ChartFlight, chart, chart_data, moving
 from structsel.report.page_model import (
     Bar,
+    PageTable,
     Section,
     Sheet,
-    Table,
     columns,
     conversions,
     interval_bar,
@@ -127,13 +127,13 @@ def _section(s: Selection, name: str) -> Section:
         "Bars are relative to each value. The line in them is zero: an interval across it (red) is a term that may not "
         "be there."
     )
-    tables = [Table(head, tuple(rows), "Terms", note)]
+    tables = [PageTable(head, tuple(rows), "Terms", note)]
     if resampled and (near := _runners_up(s)):
         tables.append(near)
     if len(s.held_out) > 1:
         parts = tuple((p.name, str(p.n), format_decimals(p.r2), format_number(p.rms, 3)) for p in s.held_out)
         heads = columns(predicted="name", samples="number", **{"R²": "number"}, rms_error="number")
-        tables.append(Table(heads, parts, "Each part by a model selected without it"))
+        tables.append(PageTable(heads, parts, "Each part by a model selected without it"))
     chips = (f"{len(s.terms)} of {len(s.pool)} candidates", s.residual_description)
     fit = f"R² {format_decimals(s.r2)}, adjusted {format_decimals(s.adjusted_r2)}, rms error {format_number(s.rms, 3)}"
     if math.isfinite(s.held_out_r2):
@@ -142,7 +142,7 @@ def _section(s: Selection, name: str) -> Section:
     return Section(s.response, chips, warnings, (f"{fit}.",), tuple(tables), (name,) if s.trace else ())
 
 
-def _runners_up(s: Selection) -> Table | None:
+def _runners_up(s: Selection) -> PageTable | None:
     """Candidates not kept that resampled selections kept, most often first."""
     kept = set(map(str, s.terms))
     near = sorted(((x, n) for n, x in s.inclusion.items() if n not in kept and x >= _LEAST_SHARE), reverse=True)
@@ -157,7 +157,7 @@ def _runners_up(s: Selection) -> Table | None:
         for x, n in near[:_RUNNERS_UP]
     )
     heads = columns(term="name", kept="number", share="bar")
-    return Table(heads, rows, "Not in the model, but in that of resampled recordings")
+    return PageTable(heads, rows, "Not in the model, but in that of resampled recordings")
 
 
 def _path(s: Selection, name: str) -> dict[str, Any]:
@@ -182,7 +182,7 @@ def _judgement(judged: Validation) -> Section:
     heads = columns(response="name", recording="word", samples="number", **metric_columns(), residual="word")
     note = "RRMSE: rms error over that of the measured response. TIC: Theil's coefficient, 0 perfect, 1 useless."
     return Section("On recordings held out", text=("These were never selected from.",),
-                   tables=(Table(heads, tuple(rows), "", note),))  # fmt: skip
+                   tables=(PageTable(heads, tuple(rows), "", note),))  # fmt: skip
 
 
 def describe_method(s: Selection) -> tuple[str, ...]:
@@ -214,7 +214,7 @@ def figures_of(
         Figures that stand alone.
     """
     responses = list(next(iter(found.values()))[1])
-    flights: dict[str, Flight] = {}
+    flights: dict[str, ChartFlight] = {}
     shown = [r for r in recordings if all(response in r for response in responses)]
     held: list[dict[str, Any]] = [dict(r.channels) for r in shown]
     pool = [c for _, each in found.values() for s in each.values() for c in _used_first(s)]
@@ -227,7 +227,7 @@ def figures_of(
             name: {"measured": r[name], **{ink: np.asarray(values[name]) for ink, values in modelled.items()}}
             for name in responses
         }
-        flights[r.name] = Flight(r.t, each, {c: r[c] for c in channels})
+        flights[r.name] = ChartFlight(r.t, each, {c: r[c] for c in channels})
     own = shown[0].units if shown else {}
     units = {name: display_unit(unit_of(name, own)) for name in (*responses, *channels)}
     stages = {ink: name for ink, (name, _) in found.items()}

@@ -139,7 +139,9 @@ def select_arrays(
         One per response.
     """
     exponents = np.asarray(exponents)
-    data = _Data(manoeuvres, exponents, options, scales or find_scales(manoeuvres), runner or JobRunner(), progress)
+    data = _EngineData(
+        manoeuvres, exponents, options, scales or find_scales(manoeuvres), runner or JobRunner(), progress
+    )
     plain = cross_products(
         manoeuvres,
         exponents,
@@ -173,7 +175,7 @@ def select_arrays(
 
 
 @dataclass(frozen=True)
-class _Data:
+class _EngineData:
     """What is read, by whom, with what progress."""
 
     manoeuvres: Sequence[DataSource]
@@ -221,7 +223,7 @@ def _cluster_robust(plain: Search) -> _Choice:
     return _Choice(search, search.run())
 
 
-def _iterate_prewhitening(data: _Data, plain: list[Search], white_noise: list[SearchResult]) -> list[_Choice]:
+def _iterate_prewhitening(data: _EngineData, plain: list[Search], white_noise: list[SearchResult]) -> list[_Choice]:
     """Fit a noise model to each manoeuvre's residual, prewhiten, search; again until the terms stay the same.
 
     This is the iteration of Cochrane and Orcutt, with a selection in every round.
@@ -252,7 +254,7 @@ def _iterate_prewhitening(data: _Data, plain: list[Search], white_noise: list[Se
     return [_check_prewhitening(choice, search) for choice, search in zip(choices, plain, strict=True)]
 
 
-def _fit_noise(data: _Data, choices: Sequence[_Choice], responses: Sequence[int]) -> list[tuple[ARNoise, ...]]:
+def _fit_noise(data: _EngineData, choices: Sequence[_Choice], responses: Sequence[int]) -> list[tuple[ARNoise, ...]]:
     """Noise models of the residuals of each choice, manoeuvre by manoeuvre."""
     terms, theta, floors = [], [], []
     for choice in choices:
@@ -297,7 +299,7 @@ def _check_prewhitening(choice: _Choice, plain: Search) -> _Choice:
 
 def _describe(
     response: int,
-    data: _Data,
+    data: _EngineData,
     plain: CrossProducts,
     white_noise: SearchResult,
     choice: _Choice,

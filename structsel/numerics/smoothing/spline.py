@@ -82,7 +82,7 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
         )
     centre = float(values[finite].mean())
     y = np.where(np.isfinite(values), values - centre, np.nan)
-    fits = [_Fit(y, step, m) for m in (ORDERS if order is None else (order,))]
+    fits = [_SplineFit(y, step, m) for m in (ORDERS if order is None else (order,))]
     best = min(fits, key=lambda fit: fit.misfit) if order is None else fits[0]
     states, stds = best.solve()
     residual = (y - states[:, 0])[finite]
@@ -102,7 +102,7 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
     )
 
 
-class _Fit:
+class _SplineFit:
     """The spline of one order at its most likely cut-off.
 
     Attributes
