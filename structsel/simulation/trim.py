@@ -16,6 +16,7 @@ from structsel.nomenclature import CONTROL_SURFACES, LATERAL_COEFFICIENTS
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import OUTPUTS
 from structsel.numerics.flight_simulation import state_derivatives
+from structsel.options import option, takes_options
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import FlightSetup, prepare
 from structsel.simulation.steady_flight import EQUATIONS, Trim, TrimProblem
@@ -34,41 +35,19 @@ _BALANCED = 1e-8  # of g, or rad/s^2
 _KEPT = ("ax", "ay", "az", "rho", "qbar", "mach", "thrust", "mass", "CX", "CY", "CZ", "Cl", "Cm", "Cn")
 
 
-def trim(
-    model: AeroModel,
-    aircraft: Aircraft,
-    V: float,
-    h: float,
-    *,
-    climb: float | None = 0.0,
-    turn_rate: float | None = None,
-    bank: float | None = None,
-    sideslip: float | None = None,
-    controls: Mapping[str, float] | None = None,
-    free: Sequence[str] | None = None,
-    limits: Mapping[str, tuple[float, float]] | None = None,
-    definitions: Mapping[str, str] | None = None,
-    air: Atmosphere | None = None,
-) -> Trim:
-    """Find a steady flight: straight and level, climbing, or turning.
+@dataclass(frozen=True)
+class TrimOptions:
+    """Which steady flight `trim` finds, and with which controls.
 
-    Of bank, rate of turn and sideslip two are set and the third is found: by default there is no turn and no
-    sideslip, and the bank is what that takes; with a `bank` the rate of turn is found; with `bank` and `turn_rate`
-    the sideslip.
-
-    Parameters
+    Attributes
     ----------
-    model, aircraft
-        As `simulate` takes them; states of the model's own are where they are when nothing changes.
-    V : float [m/s]
-    h : float [m]
     climb : float or None [rad]
-        Angle of climb; with None it is found, for a throttle or thrust among the `controls` (a glide, for one).
+        Climb angle. With None it is found, for a throttle or thrust among the `controls`, as in a glide.
     turn_rate : float, optional [rad/s]
-        Of the heading, positive to the right.
+        Rate of heading, positive to the right.
     bank, sideslip : float, optional [rad]
     controls : mapping of channel to value, optional
-        Those that stay as given; df, gear and surfaces not named are zero unless they are free.
+        Controls that are held. df, gear and surfaces not named are zero unless they are free.
     free : sequence of str, optional
         Controls to find: by default those of de, da, dr, throttle and thrust that are not given and that the
         coefficients depend on.
@@ -76,7 +55,35 @@ def trim(
         Of controls, alpha, theta, phi, beta, turn_rate. By default surfaces within 0.7 rad, throttle 0 to 1, thrust
         above zero, alpha -0.5 to 0.6 rad.
     definitions, air
-        As `simulate` takes them; gusts have no part in a trim.
+        As `simulate` takes them; a trim is in air without gusts.
+    """
+
+    climb: float | None = option(0.0)
+    turn_rate: float | None = option(None)
+    bank: float | None = option(None)
+    sideslip: float | None = option(None)
+    controls: Mapping[str, float] | None = option(None)
+    free: Sequence[str] | None = option(None)
+    limits: Mapping[str, tuple[float, float]] | None = option(None)
+    definitions: Mapping[str, str] | None = option(None)
+    air: Atmosphere | None = option(None)
+
+
+@takes_options(TrimOptions)
+def trim(model: AeroModel, aircraft: Aircraft, V: float, h: float, *, options: TrimOptions) -> Trim:
+    """Find a steady flight: straight and level, climbing, or turning.
+
+    Of bank, turn rate and sideslip two are set and the third is found. By default turn rate and sideslip are zero and
+    the bank is found; with a `bank` the turn rate is found; with `bank` and `turn_rate` the sideslip.
+
+    Parameters
+    ----------
+    model, aircraft
+        As `simulate` takes them; states of the model's own are in equilibrium.
+    V : float [m/s]
+    h : float [m]
+    options : TrimOptions
+        Its fields may be given as keywords too: ``trim(..., climb=0.05)``.
 
     Returns
     -------
@@ -99,13 +106,13 @@ def trim(
     if not V > 0.0:
         raise DomainError(f"trim needs an airspeed V above zero; it is {V:g} m/s.")
     lateral = any(name in model for name in LATERAL_COEFFICIENTS)
-    given = dict(controls or {})
-    setup = _at_rest(model, aircraft, {"V": V, "alpha": 0.0, "theta": 0.0, "h": h}, given, free, definitions, air)
+    given = dict(options.controls or {})
+    setup = _at_rest(model, aircraft, {"V": V, "alpha": 0.0, "theta": 0.0, "h": h}, options)
     plant = _SimulatedPlant(setup)
-    free = _free_controls(plant, given, free, lateral)
-    attitude, unknown = _attitude(turn_rate, bank, sideslip, lateral)
-    attitude["climb"] = climb or 0.0
-    unknowns = ("alpha", "theta", *unknown, *(("climb",) if climb is None else ()), *free)
+    free = _free_controls(plant, given, options.free, lateral)
+    attitude, unknown = _attitude(options, lateral)
+    attitude["climb"] = options.climb or 0.0
+    unknowns = ("alpha", "theta", *unknown, *(("climb",) if options.climb is None else ()), *free)
     rows = np.arange(len(EQUATIONS)) if lateral else np.array([0, 2, 4, 6])
     if len(unknowns) < len(rows):
         raise ModelError(
@@ -116,7 +123,7 @@ def trim(
     # A thrust is found to a tenth of the weight as an angle is to a tenth of a radian.
     weight = float(setup.manoeuvre.conditions[0, 0]) * G0
     scale = np.array([weight if name == "thrust" else 1.0 for name in unknowns])
-    bounds = {**_LIMITS, **(limits or {})}
+    bounds = {**_LIMITS, **(options.limits or {})}
     within = np.array([bounds.get(name, (-math.inf, math.inf)) for name in unknowns]) / scale[:, None]
     fixed = {**{c: given.get(c, 0.0) for c in plant.controls}, **attitude}
     problem = TrimProblem(plant, V, h, unknowns, fixed, rows, scale, within)
@@ -214,11 +221,10 @@ def _why_not(problem: TrimProblem, z: np.ndarray) -> str:
     )
 
 
-def _attitude(
-    turn_rate: float | None, bank: float | None, sideslip: float | None, lateral: bool
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Bank, turn and sideslip: those that are set, and the one to find."""
-    held = {"phi": bank, "turn_rate": turn_rate, "beta": sideslip}
+def _attitude(options: TrimOptions, lateral: bool) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Bank, turn rate and sideslip: those that are set, and the one to find."""
+    bank, turn_rate = options.bank, options.turn_rate
+    held = {"phi": bank, "turn_rate": turn_rate, "beta": options.sideslip}
     if not lateral:
         if any(held.values()):
             raise ModelError("A model without CY, Cl and Cn flies straight, without bank and sideslip only.")
@@ -229,19 +235,11 @@ def _attitude(
     return {name: value or 0.0 for name, value in held.items()}, (unknown,)
 
 
-def _at_rest(
-    model: AeroModel,
-    aircraft: Aircraft,
-    start: Mapping[str, float],
-    given: Mapping[str, float],
-    free: Sequence[str] | None,
-    definitions: Mapping[str, str] | None,
-    air: Atmosphere | None,
-) -> FlightSetup:
+def _at_rest(model: AeroModel, aircraft: Aircraft, start: Mapping[str, float], options: TrimOptions) -> FlightSetup:
     """A setup with all controls, at values yet to be found, in air without gusts."""
-    air = air or Atmosphere()
+    air = options.air or Atmosphere()
     calm = Atmosphere(air.isa_offset, air.wind, air.heights, rho=air.rho, gravity=air.gravity)
-    pushed = ("thrust",) if free is None else tuple(free)
-    zero = dict.fromkeys((*CONTROL_SURFACES, "throttle", "df", "gear", *pushed), 0.0)
-    inputs = {"t": np.array([0.0, 1.0]), **zero, **given}
-    return prepare(model.quasi_steady(), aircraft, inputs, start=start, air=calm, definitions=definitions)
+    propulsion = ("thrust",) if options.free is None else tuple(options.free)
+    zero = dict.fromkeys((*CONTROL_SURFACES, "throttle", "df", "gear", *propulsion), 0.0)
+    inputs = {"t": np.array([0.0, 1.0]), **zero, **(options.controls or {})}
+    return prepare(model.quasi_steady(), aircraft, inputs, start=start, air=calm, definitions=options.definitions)
