@@ -1,5 +1,7 @@
 """Options of a command that are generated from the fields of a dataclass."""
 
+import importlib
+import inspect
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -26,6 +28,11 @@ class Options:
     workers: int | None = option(None, help="Threads.")
     exact: bool = option(False, help="Exact.")
     callback: object = option(None)  # no help text: from Python only
+
+
+@dataclass(frozen=True)
+class Shape:
+    size: Annotated[float, typer.Option("--size", help="Size.")] = 1.0
 
 
 @pytest.fixture
@@ -76,3 +83,23 @@ def test_an_old_name_works_for_one_release_and_is_not_shown(run, capsys):
     help_page = CliRunner().invoke(app, ["select", "--help"], env={"COLUMNS": "200"}).stdout
     assert "--max-ar-order" in help_page
     assert "--max-order" not in help_page
+
+
+def test_a_parameter_that_is_a_dataclass_is_replaced_by_its_options():
+    seen, program = {}, typer.Typer()
+
+    @program.command()
+    @takes_dataclass()
+    def fit(shape: Shape, name: Annotated[str, typer.Argument()]) -> None:
+        seen.update(shape=shape, name=name)
+
+    assert CliRunner().invoke(program, ["one", "--size", "2"]).exit_code == 0
+    assert seen == {"shape": Shape(2.0), "name": "one"}
+    assert CliRunner().invoke(program, ["one"]).exit_code == 0
+    assert seen["shape"] == Shape()
+
+
+@pytest.mark.parametrize("command", ["inputs", "simulate", "validate", "refine"])
+def test_a_command_declares_at_most_twelve_parameters(command):
+    module = importlib.import_module(f"structsel.cli.{command}")
+    assert len(inspect.signature(inspect.unwrap(module.run), follow_wrapped=False).parameters) <= 12

@@ -1,7 +1,8 @@
-"""The options of a command, generated from the fields of an options dataclass.
+"""The options of a command, generated from the fields of options dataclasses.
 
 A field made by `structsel.options.option` with a help text becomes ``--its-name``, in the group that it names. How its
-text is read follows from the type of the field.
+text is read follows from the type of the field. Options that only the command line has stand in dataclasses too: a
+parameter of a command whose type is a dataclass is replaced by the options that the fields declare.
 """
 
 from __future__ import annotations
@@ -33,13 +34,16 @@ class _Reader:
 
 
 def takes_dataclass(
-    options_class: type, *, without: Collection[str] = (), renamed: Mapping[str, str] | None = None
+    options_class: type | None = None, *, without: Collection[str] = (), renamed: Mapping[str, str] | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options of a dataclass in place of its parameter ``options``.
 
+    A parameter whose type is a dataclass is replaced by the fields of that dataclass. Their types are annotated with
+    what declares the option, as those of the command's other parameters are.
+
     Parameters
     ----------
-    options_class : type
+    options_class : type, optional
         A dataclass whose fields are made by `structsel.options.option`.
     without : collection of str
         Fields that the command sets otherwise.
@@ -53,11 +57,14 @@ def takes_dataclass(
     """
 
     def decorate(run: Callable[..., None]) -> Callable[..., None]:
-        kinds = typing.get_type_hints(options_class)
-        fields = {f.name: f for f in dataclasses.fields(options_class) if f.metadata.get("help")}
+        kinds = {} if options_class is None else typing.get_type_hints(options_class)
+        declared = () if options_class is None else dataclasses.fields(options_class)
+        fields = {f.name: f for f in declared if f.metadata.get("help")}
         shown = {name: field for name, field in fields.items() if name not in without}
         readers = {name: _reader_of(kinds[name]) for name in shown}
         old_names = {old: new for old, new in (renamed or {}).items() if new in shown}
+        types = typing.get_type_hints(run, include_extras=True)
+        grouped: dict[str, Any] = {name: kind for name, kind in types.items() if dataclasses.is_dataclass(kind)}
 
         @wraps(run)
         def command(**given: Any) -> None:
@@ -67,15 +74,20 @@ def takes_dataclass(
                     say("warning", f"{_option_of(old)} is deprecated: use {_option_of(new)}.")
                     given[new.lower()] = value
             options = {name: reader.read(_option_of(name), given.pop(name.lower())) for name, reader in readers.items()}
-            run(**given, options=options)
+            groups = {
+                name: kind(**{f.name: given.pop(f.name) for f in dataclasses.fields(kind)})
+                for name, kind in grouped.items()
+            }
+            run(**given, **groups, **({} if options_class is None else {"options": options}))
 
         generated = [
             _parameter(name, field, readers[name], hidden=False) for name, field in shown.items()
         ] + [_parameter(old, shown[new], readers[new], hidden=True) for old, new in old_names.items()]  # fmt: skip
-        types = typing.get_type_hints(run, include_extras=True)
         parameters: list[inspect.Parameter] = []
         for one in inspect.signature(run).parameters.values():
-            if one.name == "options":
+            if one.name in grouped:
+                parameters += _parameters_of(grouped[one.name])
+            elif one.name == "options":
                 parameters += generated
             else:
                 kind = inspect.Parameter.KEYWORD_ONLY
@@ -85,6 +97,15 @@ def takes_dataclass(
         return command
 
     return decorate
+
+
+def _parameters_of(kind: Any) -> list[inspect.Parameter]:
+    """Parameters of the command for the fields of a dataclass of the command line."""
+    types = typing.get_type_hints(kind, include_extras=True)
+    return [
+        inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=types[f.name])
+        for f in dataclasses.fields(kind)
+    ]
 
 
 def _option_of(name: str) -> str:

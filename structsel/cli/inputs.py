@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,17 +17,13 @@ from structsel.cli.help_text import page
 from structsel.cli.messages import Waiting, json_text, print_json, stdout
 from structsel.cli.models import (
     MODEL_HELP,
-    AircraftOption,
+    AircraftModelOptions,
     Controls,
-    Define,
-    Rho,
     TrimOption,
-    open_model,
-    read_definitions,
     trim_model,
 )
 from structsel.cli.parsing import read_numbers, split_names
-from structsel.cli.recordings import OUTPUT, Json, Overwrite, option
+from structsel.cli.recordings import OUTPUT, OutputOptions, option
 from structsel.cli.tables import print_files, print_summary
 from structsel.formatting import format_number
 from structsel.inputs import Information, InputComparison, InputDesign, Scatter
@@ -66,6 +62,8 @@ EPILOG = page(
 )
 _LINEAR, _OPTIMAL = "Model whose parameters are estimated", "compare and optimal"
 Kind = Literal["step", "impulse", "doublet", "3-2-1-1", "2-1-1-1", "multisine", "sweep", "optimal", "compare"]
+_SHAPE = ("amplitude", "width", "start", "low", "high", "period")
+_TIMING = ("duration", "dt")
 _SURFACES = {"longitudinal": ("de",), "lateral": ("da", "dr")}
 _PULSES: dict[str, Callable[..., Recording]] = {
     "doublet": signals.doublet,
@@ -74,31 +72,44 @@ _PULSES: dict[str, Callable[..., Recording]] = {
 }
 
 
-@takes_dataclass(DesignOptions, without=("duration", "dt"))
-def run(
-    kind: Annotated[Kind, typer.Argument(metavar="KIND", help="Kind of input; compare sets them side by side.")],
+@dataclass(frozen=True)
+class SignalOptions:
+    """Shape of an input that needs no model."""
+
     channel: Annotated[
         str, option("--channel", "Control to be moved; several for multisine and optimal.", None, "NAMES")
-    ] = "",
-    amplitude: Annotated[float | None, option("--amplitude", "Change from trim; of an impulse its area.")] = None,
-    width: Annotated[float | None, option("--width", "Length of one pulse, in s.")] = None,
-    start: Annotated[float | None, option("--start", "Start of the input, in s; 1.")] = None,
-    duration: Annotated[float | None, option("--duration", "Length of the record, in s; 20.")] = None,
-    dt: Annotated[float | None, option("--dt", "Sampling interval, in s.")] = None,
-    low: Annotated[float | None, option("--low", "Lowest frequency of multisine and sweep, in Hz.")] = None,
-    high: Annotated[float | None, option("--high", "Highest frequency, in Hz.")] = None,
-    law: Annotated[Literal["log", "linear"], option("--law", "Logarithmic or linear sweep.")] = "log",
-    period: Annotated[float | None, option("--period", "Period of a multisine, in s; 20.")] = None,
-    model: Annotated[str, option("--model", MODEL_HELP, _LINEAR, "MODEL")] = "",
-    aircraft: AircraftOption = None,
-    trim: TrimOption = "",
-    controls: Controls = "",
+    ] = ""
+    amplitude: Annotated[float | None, option("--amplitude", "Change from trim; of an impulse its area.")] = None
+    width: Annotated[float | None, option("--width", "Length of one pulse, in s.")] = None
+    start: Annotated[float | None, option("--start", "Start of the input, in s; 1.")] = None
+    duration: Annotated[float | None, option("--duration", "Length of the record, in s; 20.")] = None
+    dt: Annotated[float | None, option("--dt", "Sampling interval, in s.")] = None
+    low: Annotated[float | None, option("--low", "Lowest frequency of multisine and sweep, in Hz.")] = None
+    high: Annotated[float | None, option("--high", "Highest frequency, in Hz.")] = None
+    law: Annotated[Literal["log", "linear"], option("--law", "Logarithmic or linear sweep.")] = "log"
+    period: Annotated[float | None, option("--period", "Period of a multisine, in s; 20.")] = None
+
+    @property
+    def channels(self) -> list[str]:
+        """Controls that move."""
+        return split_names(self.channel)
+
+    def given(self, *names: str) -> dict[str, Any]:
+        """Those of these that the command line gives."""
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
+
+
+@dataclass(frozen=True)
+class LinearModelOptions:
+    """Linear model whose parameters are estimated, and what is measured of it."""
+
+    model: Annotated[str, option("--model", MODEL_HELP, _LINEAR, "MODEL")] = ""
+    trim: TrimOption = ""
+    controls: Controls = ""
     axis: Annotated[
         Literal["longitudinal", "lateral"],
         option("--axis", "Axis about which a nonlinear model is linearised.", _LINEAR),
-    ] = "longitudinal",
-    define: Define = None,
-    rho: Rho = None,
+    ] = "longitudinal"
     noise: Annotated[
         str,
         option(
@@ -107,7 +118,16 @@ def run(
             _LINEAR,
             "NAME=STD,...",
         ),
-    ] = "",
+    ] = ""
+
+
+@takes_dataclass(DesignOptions, without=("duration", "dt"))
+def run(
+    kind: Annotated[Kind, typer.Argument(metavar="KIND", help="Kind of input; compare sets them side by side.")],
+    signal: SignalOptions,
+    known: LinearModelOptions,
+    source: AircraftModelOptions,
+    output: OutputOptions,
     *,
     options: dict[str, Any],
     runs: Annotated[
@@ -119,51 +139,43 @@ def run(
         ),
     ] = 0,
     out: Annotated[Path | None, option("--out", "Folder for the inputs, a table and a picture.", OUTPUT, "DIR")] = None,
-    overwrite: Overwrite = False,
-    plots: Annotated[bool, option("--plots/--no-plots", "Whether --out gets a picture.", OUTPUT)] = True,
-    json: Json = False,
 ) -> None:
     """Design inputs (classical, multisine, optimal) and compare the information that they give."""
-    refuse_existing(out, overwrite)
-    timing = {"duration": duration, "dt": dt}
-    known = None
-    measured = read_numbers("--noise", noise, "alpha=0.002,q=0.001")
-    if model:
-        if not measured:
-            raise typer.BadParameter("--model needs --noise: which outputs are measured, and how well.")
-        known = _linear(
-            model, aircraft, trim, controls, axis, read_definitions(define), rho, split_names(channel), measured
-        )
+    refuse_existing(out, output.overwrite)
+    measured = read_numbers("--noise", known.noise, "alpha=0.002,q=0.001")
+    if known.model and not measured:
+        raise typer.BadParameter("--model needs --noise: which outputs are measured, and how well.")
+    model = _linear(known, source, signal.channels, measured) if known.model else None
     found: Recording | InputDesign | InputComparison
     info: Information | None = None
     scattered: list[Scatter] = []
     wanted, seed = options["parameters"], options["seed"]
-    shape = {"amplitude": amplitude, "width": width, "start": start, "low": low, "high": high, "period": period}
     if kind in ("optimal", "compare"):
-        if known is None:
+        if model is None:
             raise typer.BadParameter(f"{kind} needs --model and --noise.")
+        shape, timing = signal.given(*_SHAPE), signal.given(*_TIMING)
         limiting = (name for name in ("limits", "rate_limits", "to_separate") if options[name] and kind == "compare")
-        if strange := [*_given(shape), *limiting]:
+        if strange := [*shape, *limiting]:
             raise typer.BadParameter(f"{kind} has no --{strange[0].replace('_', '-')}.")
         with Waiting("searching") as waiting:
             if kind == "optimal":
-                found = signals.design_inputs(known, noise=measured, **options, **_given(timing))
+                found = signals.design_inputs(model, noise=measured, **options, **timing)
             elif options["energy"] is None:
                 raise typer.BadParameter("compare needs --energy: inputs are compared at the same.")
             else:
                 shared = {f.name: options[f.name] for f in fields(InputOptions) if f.name in options}
                 energy = options["energy"]
-                found = signals.compare_inputs(known, noise=measured, energy=energy, **shared, **_given(timing))
+                found = signals.compare_inputs(model, noise=measured, energy=energy, **shared, **timing)
                 for i, u in enumerate(found.inputs if runs else ()):
-                    scattered.append(signals.scatter(known, u, noise=measured, parameters=wanted, runs=runs, seed=seed))
+                    scattered.append(signals.scatter(model, u, noise=measured, parameters=wanted, runs=runs, seed=seed))
                     waiting("simulations", i + 1, len(found.inputs))
     else:
-        found = _classical(kind, split_names(channel), law, seed, {**shape, **timing})
-        if known is not None:
-            info = signals.information(known, found, noise=measured, parameters=wanted)
+        found = _classical(kind, signal, seed)
+        if model is not None:
+            info = signals.information(model, found, noise=measured, parameters=wanted)
     told = _as_dict(found, info, scattered)
-    written = _write(out, found, told, known, plots) if out is not None else []
-    if json:
+    written = _write(out, found, told, model, output.plots) if out is not None else []
+    if output.json:
         print_json(told)
     else:
         _print(found, info)
@@ -175,26 +187,14 @@ def run(
         info.require()
 
 
-def _given(options: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in options.items() if value is not None}
-
-
 def _linear(
-    text: str,
-    aircraft: Path | None,
-    trim: str,
-    controls: str,
-    axis: str,
-    definitions: dict[str, str],
-    rho: float | None,
-    channels: Sequence[str],
-    measured: dict[str, float],
+    known: LinearModelOptions, source: AircraftModelOptions, channels: Sequence[str], measured: dict[str, float]
 ) -> LinearModel:
     """A linear model whose parameters have names, with the outputs measured."""
-    aircraft_model = open_model(text, aircraft, definitions, rho)
+    aircraft_model = source.open(known.model)
     if isinstance(aircraft_model, PublishedAircraft):
-        trimmed = trim_model(aircraft_model, trim, controls)
-        linear = aircraft_model.linearise(trimmed, axis=axis, inputs=channels or _SURFACES[axis])
+        trimmed = trim_model(aircraft_model, known.trim, known.controls)
+        linear = aircraft_model.linearise(trimmed, axis=known.axis, inputs=channels or _SURFACES[known.axis])
         return signals.name_derivatives(linear, outputs=list(measured))
     if not isinstance(aircraft_model, LinearModel):
         raise typer.BadParameter("inputs are designed for a model file, a ready aircraft or a linear model.")
@@ -203,7 +203,7 @@ def _linear(
     return signals.name_derivatives(aircraft_model, outputs=list(measured), inputs=channels or None)
 
 
-def _classical(kind: str, channels: Sequence[str], law: str, seed: int, options: dict[str, Any]) -> Recording:
+def _classical(kind: str, signal: SignalOptions, seed: int) -> Recording:
     """One of the inputs that need no model.
 
     Raises
@@ -218,7 +218,7 @@ def _classical(kind: str, channels: Sequence[str], law: str, seed: int, options:
         "multisine": ("period", "dt"),
         "sweep": ("start", "duration", "dt"),
     }.get(kind, ("width", "start", "duration", "dt"))
-    given = _given(options)
+    given, channels = signal.given(*_SHAPE, *_TIMING), signal.channels
     if not channels:
         raise typer.BadParameter(f"{kind} needs --channel, the control that moves.")
     if missing := [name for name in needs if name not in given]:
@@ -232,7 +232,7 @@ def _classical(kind: str, channels: Sequence[str], law: str, seed: int, options:
     if len(channels) > 1:
         raise typer.BadParameter(f"{kind} moves one control; {', '.join(channels)} at once is a multisine's work.")
     if kind == "sweep":
-        return signals.frequency_sweep(channels[0], law=law, **given)  # type: ignore[arg-type]
+        return signals.frequency_sweep(channels[0], law=signal.law, **given)  # type: ignore[arg-type]
     if kind == "impulse":
         return signals.impulse(channels[0], given.pop("amplitude"), **given)
     made = _PULSES.get(kind, signals.step)

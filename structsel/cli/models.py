@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -65,6 +65,29 @@ RecordingsOption = Annotated[
     list[Path] | None,
     option("--recordings", "Recordings or folders of them, one manoeuvre each; may be repeated.", metavar="FILES"),
 ]
+
+
+@dataclass(frozen=True)
+class AircraftModelOptions:
+    """What a model file needs to be simulated: its aircraft, and the channels and the air that it flies on."""
+
+    aircraft: AircraftOption = None
+    define: Define = None
+    rho: Rho = None
+
+    def open(self, text: str) -> SimulationModel:
+        """Open the model of this name with these options, as `open_model`."""
+        return open_model(text, self.aircraft, read_definitions(self.define), self.rho)
+
+
+@dataclass(frozen=True)
+class SteadyFlightOptions:
+    """The steady flight that a simulation starts from."""
+
+    trim: TrimOption = ""
+    controls: Controls = ""
+    free: Free = ""
+
 
 _TRIM = ("V", "h", "climb", "turn_rate", "bank", "sideslip")
 

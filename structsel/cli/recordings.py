@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -60,6 +61,29 @@ Reconstruct = Annotated[
 Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.", rich_help_panel=OUTPUT)]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.", rich_help_panel=OUTPUT)]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.", rich_help_panel=OUTPUT)]
+
+
+@dataclass(frozen=True)
+class RecordingOptions:
+    """How recordings become manoeuvres with coefficients."""
+
+    channel_map: Map = None
+    aircraft: AircraftFile = None
+    reconstruct: Reconstruct = False
+    v0: V0 = None
+
+    def read(self, files: Iterable[Path], wanted: Iterable[str] | None = None) -> list[Recording]:
+        """Read the manoeuvres of these files, as `read_flights`."""
+        return read_flights(files, self.channel_map, self.aircraft, self.v0, wanted, self.reconstruct)
+
+
+@dataclass(frozen=True)
+class OutputOptions:
+    """What is printed, and what may be written to the folder of ``--out``."""
+
+    overwrite: Overwrite = False
+    plots: Plots = True
+    json: Json = False
 
 
 def option(name: str, text: str, panel: str | None = None, metavar: str | None = None) -> Any:

@@ -16,16 +16,12 @@ from structsel.cli.input_files import provenance
 from structsel.cli.messages import Waiting, json_text, print_json, say, stdout
 from structsel.cli.models import (
     MODEL_HELP,
-    AircraftOption,
-    Define,
+    AircraftModelOptions,
     RecordingsOption,
-    Rho,
     SimulationModel,
-    open_model,
-    read_definitions,
     read_schedules,
 )
-from structsel.cli.recordings import OUTPUT, Json, Map, Overwrite, Plots, hold_out, option
+from structsel.cli.recordings import OUTPUT, Map, OutputOptions, hold_out, option
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import RefinementError
 from structsel.model import AeroModel
@@ -66,14 +62,13 @@ EPILOG = page(
 @takes_dataclass(RefineOptions)
 def run(
     model: Annotated[str, typer.Argument(metavar="MODEL", help=MODEL_HELP)],
+    source: AircraftModelOptions,
+    output: OutputOptions,
     recordings: RecordingsOption = None,
-    aircraft: AircraftOption = None,
     channel_map: Map = None,
     *,
     options: dict[str, Any],
     stable: Annotated[bool, option("--stable", "No mode of a linear model may be unstable.", "Search")] = False,
-    define: Define = None,
-    rho: Rho = None,
     held_out: Annotated[
         str, option("--held-out", "Validation recordings: simulated with the model before and after.", metavar="NAMES")
     ] = "",
@@ -81,13 +76,10 @@ def run(
         Path | None,
         option("--out", "Folder for model, report.html, tables and plots.", OUTPUT, "DIR"),
     ] = None,
-    overwrite: Overwrite = False,
-    plots: Plots = True,
-    json: Json = False,
 ) -> None:
     """Estimate the parameters of a model by output error: its simulated outputs come nearest the recorded ones."""
-    refuse_existing(out, overwrite)
-    aircraft_model = open_model(model, aircraft, read_definitions(define), rho)
+    refuse_existing(out, output.overwrite)
+    aircraft_model = source.open(model)
     if not recordings:
         raise typer.BadParameter("refine needs --recordings.")
     flown, judges = hold_out(read_schedules(recordings, channel_map, "--recordings"), held_out)
@@ -102,8 +94,8 @@ def run(
     if failed is None and not found.converged:
         say("warning", f"NOT CONVERGED: {found.message}. What follows is the best found.")
     judged = _judge(aircraft_model, found, judges) if failed is None else {}
-    written = _write(out, found, flown, judged, failed, plots) if out is not None else []
-    if json:
+    written = _write(out, found, flown, judged, failed, output.plots) if out is not None else []
+    if output.json:
         print_json(_as_dict(found, judged, failed))
     else:
         console = stdout()

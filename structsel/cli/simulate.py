@@ -10,27 +10,22 @@ from typing import Annotated, Any, Literal
 import typer
 
 from structsel.cli.comparison_tables import summarise_simulation
+from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import output_folder, refuse_existing
 from structsel.cli.help_text import page
 from structsel.cli.messages import Waiting, json_text, print_json, say, stdout
 from structsel.cli.models import (
     MODEL_HELP,
-    AircraftOption,
-    Controls,
-    Define,
-    Free,
+    AircraftModelOptions,
     RecordingsOption,
-    Rho,
     SimulationModel,
-    TrimOption,
+    SteadyFlightOptions,
     departures,
-    open_model,
-    read_definitions,
     read_schedules,
     trim_model,
 )
 from structsel.cli.parsing import read_numbers
-from structsel.cli.recordings import OUTPUT, Json, Map, Overwrite, Plots, option
+from structsel.cli.recordings import OUTPUT, Map, OutputOptions, option
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import SimulationError
 from structsel.nomenclature import LATERAL_COEFFICIENTS
@@ -79,24 +74,26 @@ class _Flown:
     broken: dict[str, str] = field(default_factory=dict)
 
 
-def run(
-    model: Annotated[str, typer.Argument(metavar="MODEL", help=MODEL_HELP)],
-    aircraft: AircraftOption = None,
+@dataclass(frozen=True)
+class ScheduleOptions:
+    """Inputs of the simulation."""
+
     inputs: Annotated[
         list[Path] | None,
         option("--inputs", "Schedules, departures from the trim; may be repeated.", metavar="FILES"),
-    ] = None,
-    recordings: RecordingsOption = None,
-    channel_map: Map = None,
-    trim: TrimOption = "",
-    controls: Controls = "",
-    free: Free = "",
-    define: Define = None,
-    modes: Annotated[bool, typer.Option("--modes", help="The modes of small motions about the trim.")] = False,
-    between: Annotated[
-        Literal["linear", "hold"], typer.Option("--between", help="What inputs do between samples.")
-    ] = "linear",
-    stabilise: Annotated[bool, typer.Option("--stabilise", help="JSBSim only: a light stabiliser on.")] = False,
+    ] = None
+    recordings: RecordingsOption = None
+    channel_map: Map = None
+
+
+@dataclass(frozen=True)
+class SurroundingsOptions:
+    """Air, instruments, and how inputs are followed."""
+
+    between: Annotated[Literal["linear", "hold"], typer.Option("--between", help="What inputs do between samples.")] = (
+        "linear"
+    )
+    stabilise: Annotated[bool, typer.Option("--stabilise", help="JSBSim only: a light stabiliser on.")] = False
     noise: Annotated[
         str,
         typer.Option(
@@ -105,7 +102,7 @@ def run(
             help="stated: instruments at their places with the noise of the aircraft file; or NAME=STD,...",
             rich_help_panel=_AIR,
         ),
-    ] = "",
+    ] = ""
     turbulence: Annotated[
         float | None,
         typer.Option(
@@ -114,40 +111,47 @@ def run(
             help="Dryden, by the wind at 20 ft in m/s: 7.7 light, 15 moderate, 23 severe.",
             rich_help_panel=_AIR,
         ),
-    ] = None,
-    wind: Annotated[str, option("--wind", "Steady wind in m/s, where to.", _AIR, "N,E,D")] = "",
-    rho: Rho = None,
+    ] = None
+    wind: Annotated[str, option("--wind", "Steady wind in m/s, where to.", _AIR, "N,E,D")] = ""
     seed: Annotated[
         int, typer.Option("--seed", help="Of noise and turbulence; each flight's own after it.", rich_help_panel=_AIR)
-    ] = 0,
+    ] = 0
+
+
+@takes_dataclass()
+def run(
+    model: Annotated[str, typer.Argument(metavar="MODEL", help=MODEL_HELP)],
+    source: AircraftModelOptions,
+    schedule: ScheduleOptions,
+    steady: SteadyFlightOptions,
+    surroundings: SurroundingsOptions,
+    output: OutputOptions,
+    modes: Annotated[bool, typer.Option("--modes", help="The modes of small motions about the trim.")] = False,
     out: Annotated[
         Path | None,
         option("--out", "Folder for flights, table and plots.", OUTPUT, "DIR"),
     ] = None,
-    overwrite: Overwrite = False,
-    plots: Plots = True,
-    json: Json = False,
 ) -> None:
     """Fly a model: trim, modes, and the motion that inputs make, as recordings."""
-    refuse_existing(out, overwrite)
-    aircraft_model = open_model(model, aircraft, read_definitions(define), rho)
-    schedules = read_schedules(inputs or (), channel_map, "--inputs")
-    followed = read_schedules(recordings or (), channel_map, "--recordings")
-    air = _Surroundings(noise, turbulence, wind, seed, between, stabilise)
+    refuse_existing(out, output.overwrite)
+    aircraft_model = source.open(model)
+    schedules = read_schedules(schedule.inputs or (), schedule.channel_map, "--inputs")
+    followed = read_schedules(schedule.recordings or (), schedule.channel_map, "--recordings")
+    air = _Surroundings(surroundings)
     flown = _Flown(recorded={r.name: r for r in followed})
     if isinstance(aircraft_model, LinearModel):
-        if trim or controls:
+        if steady.trim or steady.controls:
             raise typer.BadParameter("a linear model flies about its reference; leave --trim and --controls out.")
-    elif trim or schedules or not followed:
-        flown.trim = _trim(aircraft_model, trim, controls, free)
+    elif steady.trim or schedules or not followed:
+        flown.trim = _trim(aircraft_model, steady)
     if modes or (isinstance(aircraft_model, LinearModel) and not schedules and not followed):
         flown.modes = _modes(aircraft_model, flown.trim)
     with Waiting("flying") as waiting:
         for i, r in enumerate((*schedules, *followed)):
             _keep(flown, r, lambda: air.fly(aircraft_model, r, flown.trim if i < len(schedules) else None, i))  # noqa: B023
             waiting("flights", i + 1, len(schedules) + len(followed))
-    written = _write(out, flown, _as_dict(aircraft_model, flown), plots) if out is not None else []
-    if json:
+    written = _write(out, flown, _as_dict(aircraft_model, flown), output.plots) if out is not None else []
+    if output.json:
         print_json(_as_dict(aircraft_model, flown))
     else:
         _print(aircraft_model, flown)
@@ -157,9 +161,9 @@ def run(
         raise SimulationError("\n".join(flown.broken.values()))
 
 
-def _trim(aircraft_model: Any, trim: str, controls: str, free: str) -> Trim:
+def _trim(aircraft_model: Any, steady: SteadyFlightOptions) -> Trim:
     try:
-        found: Trim = trim_model(aircraft_model, trim, controls, free)
+        found: Trim = trim_model(aircraft_model, steady.trim, steady.controls, steady.free)
     except SimulationError as error:
         if isinstance(error.partial, Trim):
             say("note", f"the nearest to a trim:\n{error.partial}")
@@ -196,18 +200,11 @@ def _keep(flown: _Flown, recording: Recording, fly: Callable[[], Recording]) -> 
 class _Surroundings:
     """Air, instruments and how inputs are followed."""
 
-    def __init__(
-        self,
-        noise: str,
-        turbulence: float | None,
-        wind: str,
-        seed: int,
-        between: Literal["linear", "hold"],
-        stabilise: bool,
-    ):
-        self.stated = noise == "stated"
-        self.noise = {} if self.stated else read_numbers("--noise", noise, "alpha=0.002,q=0.001")
-        self.turbulence, self.seed, self.between, self.stabilise = turbulence, seed, between, stabilise
+    def __init__(self, options: SurroundingsOptions):
+        self.options = options
+        self.stated = options.noise == "stated"
+        self.noise = {} if self.stated else read_numbers("--noise", options.noise, "alpha=0.002,q=0.001")
+        wind = options.wind
         try:
             self.wind = tuple(float(word) for word in wind.split(",")) if wind else (0.0, 0.0, 0.0)
         except ValueError:
@@ -217,14 +214,14 @@ class _Surroundings:
 
     def fly(self, aircraft_model: SimulationModel, recording: Recording, trim: Trim | None, place: int) -> Recording:
         """One flight; of departures from a trim, or with what was recorded."""
-        seed = self.seed + place
+        seed = self.options.seed + place
         if isinstance(aircraft_model, LinearModel):
-            return aircraft_model.simulate(recording, hold=self.between, noise=self.noise, seed=seed)
+            return aircraft_model.simulate(recording, hold=self.options.between, noise=self.noise, seed=seed)
         given = recording if trim is None else departures(recording, trim.controls)
         if not isinstance(aircraft_model, PublishedAircraft):
             self._refuse_air()
-            return aircraft_model.fly(given, start=trim, stabilise=self.stabilise)
-        if self.stabilise:
+            return aircraft_model.fly(given, start=trim, stabilise=self.options.stabilise)
+        if self.options.stabilise:
             raise typer.BadParameter("--stabilise is JSBSim's; fly departures small enough for the aircraft alone.")
         assert aircraft_model.model is not None
         assert aircraft_model.aircraft is not None
@@ -233,10 +230,14 @@ class _Surroundings:
             if trim is not None
             else start_from(aircraft_model.model, aircraft_model.aircraft, given, aircraft_model.air)
         )
-        rough = None if self.turbulence is None else Turbulence(self.turbulence, seed)
+        rough = None if self.options.turbulence is None else Turbulence(self.options.turbulence, seed)
         air = replace(aircraft_model.air, wind=self.wind, turbulence=rough)
         return aircraft_model.simulate(
-            given, start=start, air=air, instruments=self._instruments(aircraft_model, seed), between=self.between
+            given,
+            start=start,
+            air=air,
+            instruments=self._instruments(aircraft_model, seed),
+            between=self.options.between,
         )
 
     def _instruments(self, aircraft_model: PublishedAircraft, seed: int) -> Instruments | None:
@@ -246,7 +247,7 @@ class _Surroundings:
         return Instruments(noise=self.noise, seed=seed) if self.noise else None
 
     def _refuse_air(self) -> None:
-        if self.noise or self.stated or self.turbulence is not None or any(self.wind):
+        if self.noise or self.stated or self.options.turbulence is not None or any(self.wind):
             raise typer.BadParameter("JSBSim flies in calm air, without instruments: no --noise, --turbulence, --wind.")
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
+from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import output_folder, refuse_existing
 from structsel.cli.help_text import page
 from structsel.cli.messages import Waiting, json_text, print_json, stdout
@@ -15,17 +17,11 @@ from structsel.cli.models import Define, Rho, read_definitions
 from structsel.cli.parsing import split_names
 from structsel.cli.recordings import (
     OUTPUT,
-    V0,
-    AircraftFile,
     Files,
-    Json,
-    Map,
-    Overwrite,
-    Plots,
-    Reconstruct,
+    OutputOptions,
+    RecordingOptions,
     load_aircraft,
     option,
-    read_flights,
     read_manoeuvres,
     reconstruct_paths,
 )
@@ -55,65 +51,86 @@ EPILOG = page(
 _REPLAY = "With --replay"
 
 
+@dataclass(frozen=True)
+class ReplayOptions:
+    """How a model is simulated with the recorded inputs."""
+
+    replay: Annotated[
+        bool, typer.Option("--replay", help="Fly the model with the recorded inputs. Needs --aircraft.")
+    ] = False
+    outputs: Annotated[str, option("--outputs", "Channels to compare.", _REPLAY, "NAMES")] = ""
+    window: Annotated[float, typer.Option("--window", help="Of short flights, in s.", rich_help_panel=_REPLAY)] = 4.0
+    define: Define = None
+    rho: Rho = None
+
+
+@takes_dataclass()
 def run(
     model: Annotated[Path, typer.Argument(metavar="MODEL.JSON", help="A model as select writes it.")],
     files: Files,
-    channel_map: Map = None,
-    aircraft: AircraftFile = None,
+    recorded: RecordingOptions,
+    replay: ReplayOptions,
+    output: OutputOptions,
     responses: Annotated[str, typer.Option("--responses", help="Those to score; all of the model's if absent.")] = "",
     normaliser: Annotated[
         Literal["rms", "std", "range"], typer.Option("--normaliser", help="What RRMSE is relative to.")
     ] = "rms",
-    reconstruct: Reconstruct = False,
-    v0: V0 = None,
-    replayed: Annotated[
-        bool, typer.Option("--replay", help="Fly the model with the recorded inputs. Needs --aircraft.")
-    ] = False,
-    outputs: Annotated[str, option("--outputs", "Channels to compare.", _REPLAY, "NAMES")] = "",
-    window: Annotated[float, typer.Option("--window", help="Of short flights, in s.", rich_help_panel=_REPLAY)] = 4.0,
-    define: Define = None,
-    rho: Rho = None,
     out: Annotated[
         Path | None,
         option("--out", "With --replay: folder for table and plots.", OUTPUT, "DIR"),
     ] = None,
-    overwrite: Overwrite = False,
-    plots: Plots = True,
-    json: Json = False,
 ) -> None:
     """Score a model on recordings: R2, relative rms error, Theil's coefficient, whiteness of the residual."""
     held = AeroModel.from_json(model)
-    if replayed:
-        if aircraft is None:
-            raise typer.BadParameter("--replay needs --aircraft: mass, inertia, and where the instruments stand.")
-        if responses or v0 is not None:
+    if replay.replay:
+        if responses or recorded.v0 is not None:
             raise typer.BadParameter("--responses and --v0 are of no use with --replay, which compares --outputs.")
-        refuse_existing(out, overwrite)
-        loaded = load_aircraft(aircraft)
-        recorded = read_manoeuvres(files, channel_map)
-        if reconstruct:
-            recorded = reconstruct_paths(recorded, loaded).recordings
-        with Waiting("flying") as waiting:
-            found = resimulate(
-                held, loaded, recorded, outputs=split_names(outputs) or None, window=window, normaliser=normaliser,
-                air=Atmosphere(rho=rho), definitions=read_definitions(define), progress=waiting,
-            )  # fmt: skip
-        _tell(found, model.name, out, plots, json)
+        refuse_existing(out, output.overwrite)
+        found = _resimulate(held, files, recorded, replay, normaliser)
+        _tell(found, model.name, out, output)
         return
-    if out is not None or outputs or define or rho is not None:
+    if out is not None or replay.outputs or replay.define or replay.rho is not None:
         raise typer.BadParameter("--out, --outputs, --define and --rho go with --replay.")
-    flown = read_flights(files, channel_map, aircraft, v0, {*held, *held.channels}, reconstruct)
+    flown = recorded.read(files, {*held, *held.channels})
     result = validate(held, flown, responses=split_names(responses) or None, normaliser=normaliser)
-    if json:
+    if output.json:
         print_json(result.to_dict())
     else:
         about = f"compared with {count_of(len(flown), 'recording')}"
         print_summary(stdout(), replace(result.summary(), title=model.name, about=about))
 
 
-def _tell(found: Resimulation, model: str, out: Path | None, plots: bool, json: bool) -> None:
-    written = _write(out, found, plots) if out is not None else []
-    if json:
+def _resimulate(
+    model: AeroModel,
+    files: Sequence[Path],
+    recorded: RecordingOptions,
+    replay: ReplayOptions,
+    normaliser: Literal["rms", "std", "range"],
+) -> Resimulation:
+    """Simulate the model with the inputs of the files.
+
+    Raises
+    ------
+    BadParameter
+        There is no aircraft.
+    """
+    if recorded.aircraft is None:
+        raise typer.BadParameter("--replay needs --aircraft: mass, inertia, and where the instruments stand.")
+    aircraft = load_aircraft(recorded.aircraft)
+    flights = read_manoeuvres(files, recorded.channel_map)
+    if recorded.reconstruct:
+        flights = reconstruct_paths(flights, aircraft).recordings
+    with Waiting("simulating") as waiting:
+        return resimulate(
+            model, aircraft, flights, outputs=split_names(replay.outputs) or None, window=replay.window,
+            normaliser=normaliser, air=Atmosphere(rho=replay.rho), definitions=read_definitions(replay.define),
+            progress=waiting,
+        )  # fmt: skip
+
+
+def _tell(found: Resimulation, model: str, out: Path | None, output: OutputOptions) -> None:
+    written = _write(out, found, output.plots) if out is not None else []
+    if output.json:
         print_json(found.to_dict())
         return
     print_summary(stdout(), replace(found.summary(), title=model))
