@@ -27,7 +27,7 @@ from methods import moments_of, whole_fit
 from peers import Peer, peers_named
 from timing import free_memory, machine, measure, measure_once, one_blas_thread, publish, say, table
 
-from structsel.numerics.jobs import choose_workers
+from structsel.numerics.blocks import choose_workers
 
 Size = tuple[int, int]  # samples, candidates
 S4 = {

@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose
 
 import structsel as ss
 from structsel.errors import ChannelError, DomainError
-from structsel.numerics.time_shift import shift
+from structsel.numerics.dynamic_elements import shift
 
 
 def test_a_complete_number_of_samples_is_shifted_exactly_and_the_end_is_unknown():

@@ -16,8 +16,8 @@ from structsel.comparison.locating.turbulence import find_turbulence
 from structsel.comparison.locating.windows import acting, find_intervals, stretches
 from structsel.comparison.noise import Noise, bins_of, edge_of
 from structsel.demo.aircraft import demo_aircraft
+from structsel.numerics.atmosphere import dryden_gusts
 from structsel.numerics.evidence import spectrum
-from structsel.numerics.turbulence import dryden_gusts
 
 CRAFT = demo_aircraft()
 DT = 0.04

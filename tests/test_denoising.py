@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from structsel.numerics.denoising import white_part
+from structsel.numerics.signal_quality import white_part
 
 T = np.arange(0.0, 30.0, 0.02)
 

@@ -10,8 +10,7 @@ from scipy.signal import lsim
 
 from structsel.effects.memory import EFFECTS
 from structsel.effects.operators import oscillate
-from structsel.numerics.first_order import delayed, first_order_lag, varying_lag
-from structsel.numerics.separation import separation_point
+from structsel.numerics.dynamic_elements import delayed, first_order_lag, separation_point, varying_lag
 from structsel.recording import Recording
 from structsel.simulation import Actuator
 from tests.injected import CRAFT, aerodynamics, best, compare, explain, fly, one_of

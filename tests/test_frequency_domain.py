@@ -4,19 +4,19 @@ from numpy.testing import assert_allclose
 from scipy import integrate, signal
 
 from structsel.errors import DataError, DomainError
-from structsel.numerics import frequency_domain as fd
+from structsel.numerics import spectra
 from structsel.numerics.output_error import fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
 
 DT = 0.01
 T = DT * np.arange(2001)  # 20 s
-F = fd.choose_frequencies(20.0, 0.05, 1.5)
+F = spectra.choose_frequencies(20.0, 0.05, 1.5)
 
 
 def test_frequencies_are_complete_multiples_of_one_over_the_record():
     assert_allclose(F * 20.0, np.arange(1, 31), rtol=1e-12)
     with pytest.raises(DomainError, match="Widen the band"):
-        fd.choose_frequencies(2.0, 0.1, 0.4)
+        spectra.choose_frequencies(2.0, 0.1, 0.4)
 
 
 def test_transform_of_a_decaying_exponential_is_the_formula():
@@ -24,14 +24,14 @@ def test_transform_of_a_decaying_exponential_is_the_formula():
     w = 2.0 * np.pi * F
     exact = (1.0 - np.exp(-(a + 1j * w) * 20.0)) / (a + 1j * w)
     # The trapezoidal rule errs by dt^2/12 times the jump of the integrand's slope, at most |a + i w| here: 8e-5.
-    assert_allclose(fd.transform(np.exp(-a * T), DT, F, detrend=False), exact, atol=1e-4)
+    assert_allclose(spectra.transform(np.exp(-a * T), DT, F, detrend=False), exact, atol=1e-4)
 
 
 def test_chirp_z_and_explicit_transform_agree(monkeypatch):
     x = np.random.default_rng(1).standard_normal((2001, 2))
-    explicit = fd.transform(x, DT, F)
-    monkeypatch.setattr(fd, "_LONG", 0)
-    assert_allclose(fd.transform(x, DT, F), explicit, atol=1e-12)
+    explicit = spectra.transform(x, DT, F)
+    monkeypatch.setattr(spectra, "_LONG", 0)
+    assert_allclose(spectra.transform(x, DT, F), explicit, atol=1e-12)
 
 
 def regressors():
@@ -43,7 +43,7 @@ def regressors():
 def test_equation_error_finds_the_parameters_without_noise_whatever_trend_there_is():
     X = regressors()
     theta = np.array([1.5, -0.3, 20.0])
-    fit = fd.equation_error(X, X @ theta + 4.0 - 0.2 * T, DT, F)
+    fit = spectra.equation_error(X, X @ theta + 4.0 - 0.2 * T, DT, F)
     assert_allclose(fit.theta, theta, rtol=1e-9)
     assert fit.r2 == pytest.approx(1.0)
 
@@ -57,7 +57,7 @@ def test_equation_error_scatters_as_its_covariance_says(spacing):
     fits = []
     for seed in range(150):
         y = X @ theta + noise * np.random.default_rng(seed).standard_normal(len(T))
-        fits.append(fd.equation_error(X, y, DT, f))
+        fits.append(spectra.equation_error(X, y, DT, f))
     errors = np.array([fit.theta - theta for fit in fits])
     claimed = np.mean([np.diag(fit.covariance) for fit in fits], axis=0)
     # Variance of 150: standard error 11.5 %; three parameters within 3.3 of them.
@@ -69,7 +69,7 @@ def test_noise_outside_the_band_does_no_harm():
     X = regressors()
     theta = np.array([1.5, -0.3, 2.0])
     y = X @ theta + 5.0 * np.sin(2.0 * np.pi * 11.0 * T)  # a structural mode
-    fit = fd.equation_error(X, y, DT, F)
+    fit = spectra.equation_error(X, y, DT, F)
     in_time = np.linalg.lstsq(np.column_stack([X, np.ones(len(T))]), y, rcond=None)[0][:3]
     assert np.abs(fit.theta - theta).max() < 0.02
     assert np.abs(in_time - theta).max() > 2.0 * np.abs(fit.theta - theta).max()
@@ -78,13 +78,13 @@ def test_noise_outside_the_band_does_no_harm():
 def test_regressors_that_depend_on_each_other_are_refused():
     X = regressors()
     with pytest.raises(DataError, match="depend on each other"):
-        fd.equation_error(np.column_stack([X[:, 0], 2.0 * X[:, 0]]), X[:, 1], DT, F)
+        spectra.equation_error(np.column_stack([X[:, 0], 2.0 * X[:, 0]]), X[:, 1], DT, F)
     with pytest.raises(DataError, match="ask for more"):
-        fd.equation_error(X, X[:, 0], DT, F[:1])
+        spectra.equation_error(X, X[:, 0], DT, F[:1])
     with pytest.raises(DataError, match="finite samples"):
-        fd.transform(np.full(10, np.nan), DT, F)
+        spectra.transform(np.full(10, np.nan), DT, F)
     with pytest.raises(DomainError, match="half the sampling"):
-        fd.transform(T, DT, np.array([60.0]))
+        spectra.transform(T, DT, np.array([60.0]))
 
 
 A = np.array([[-1.3, 0.95], [-4.8, -1.7]])
@@ -120,9 +120,9 @@ def test_response_is_the_transform_of_the_flight_jump_included():
     y, x = flown([0.02, -0.1])
     w = 2.0 * np.pi * F
     jump = x[0] - x[-1] * np.exp(-1j * w * 20.0)[:, None]
-    U = fd.transform(command(T)[:, None], DT, F, detrend=False)
+    U = spectra.transform(command(T)[:, None], DT, F, detrend=False)
     made = linear_response(A[None], B[None], C[None], D[None], np.array([LATE]), U, F, jump[None])
-    exact = fd.transform(y, DT, F, detrend=False)
+    exact = spectra.transform(y, DT, F, detrend=False)
     assert_allclose(made[0], exact, atol=1e-3 * np.abs(exact).max())
     without = linear_response(A[None], B[None], C[None], D[None], np.array([LATE]), U, F)
     assert np.abs(without[0] - exact).max() > 0.02 * np.abs(exact).max()
@@ -132,7 +132,7 @@ def test_output_error_in_the_frequency_domain_finds_derivatives_and_delay():
     y, _ = flown([0.0, 0.0])
     rng = np.random.default_rng(5)
     noise = np.array([0.003, 0.01, 0.1])
-    U = fd.transform(command(T)[:, None], DT, F, detrend=False)
+    U = spectra.transform(command(T)[:, None], DT, F, detrend=False)
     truth = np.array([-1.3, 0.95, -4.8, -1.7, -19.5, LATE])
 
     def predict(p):
@@ -140,12 +140,12 @@ def test_output_error_in_the_frequency_domain_finds_derivatives_and_delay():
         As, Bs = np.zeros((m, 2, 2)), np.zeros((m, 2, 1))
         As[:, 0, 0], As[:, 0, 1], As[:, 1, 0], As[:, 1, 1], Bs[:, 1, 0] = p[:, :5].T
         Cs, Ds = (np.broadcast_to(M, (m, *M.shape)) for M in (C, D))
-        return fd.as_real(linear_response(As, Bs, Cs, Ds, p[:, 5], U, F))
+        return spectra.as_real(linear_response(As, Bs, Cs, Ds, p[:, 5], U, F))
 
     errors, bounds = [], []
     for _ in range(60):
-        Y = fd.transform(y + rng.standard_normal(y.shape) * noise, DT, F, detrend=False)
-        fit = fit_output_error(OutputErrorProblem(predict, fd.as_real(Y)), truth * [0.6, 1.2, 1.4, 0.7, 0.8, 0.5])
+        Y = spectra.transform(y + rng.standard_normal(y.shape) * noise, DT, F, detrend=False)
+        fit = fit_output_error(OutputErrorProblem(predict, spectra.as_real(Y)), truth * [0.6, 1.2, 1.4, 0.7, 0.8, 0.5])
         assert fit.converged
         errors.append(fit.theta - truth)
         bounds.append(fit.crlb)

@@ -7,8 +7,8 @@ from scipy import signal
 
 from structsel.errors import DomainError
 from structsel.numerics.linear_models import LinearFamily, LinearSystem
-from structsel.numerics.linear_modes import modes
 from structsel.numerics.linear_systems import discretise, previous_input, simulate_linear
+from structsel.simulation.modes import modes
 
 DT = 0.05
 

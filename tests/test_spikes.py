@@ -6,7 +6,7 @@ from scipy.signal import savgol_filter
 
 import structsel as ss
 from structsel.errors import ChannelError, DomainError
-from structsel.numerics.spikes import find_spikes
+from structsel.numerics.signal_quality import find_spikes
 
 from .signals import step_response
 

@@ -23,7 +23,7 @@ from structsel.cli import app
 from structsel.demo import demo_flights
 from structsel.errors import ChannelError, DataError, SelectionError
 from structsel.numerics import blocks
-from structsel.numerics.jobs import JobRunner
+from structsel.numerics.blocks import JobRunner
 from structsel.recording import Recording
 
 from .flights import fly

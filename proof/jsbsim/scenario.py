@@ -13,7 +13,7 @@ from proof.jsbsim.instruments import InstrumentSet
 from proof.jsbsim.prescribed_motion import contributions
 from proof.scenario.errors import BIAS, CONTROLS, NOISE, THRUST_NOISE, TIGHT
 from structsel.aircraft import Aircraft, Simulation, Tolerances
-from structsel.numerics.turbulence import dryden_gusts, dryden_scales
+from structsel.numerics.atmosphere import dryden_gusts, dryden_scales
 
 _LEVELS = NOISE | dict.fromkeys("pqr", 4e-4) | dict.fromkeys(CONTROLS, 3e-4)
 _BIASES = BIAS | dict.fromkeys(CONTROLS, 4e-4)

@@ -10,7 +10,7 @@ import numpy as np
 from proof.polynomial.effects import Effect, EffectContext, EffectDesign, Injection, name, with_terms
 from proof.polynomial.flight import InjectedPhysics
 from proof.scenario.instruments import InstrumentErrors
-from structsel.numerics.turbulence import dryden_gusts, one_minus_cosine
+from structsel.numerics.atmosphere import dryden_gusts, one_minus_cosine
 
 _AXIS = {"de": "Cm", "da": "Cl", "dr": "Cn"}
 JETS = ("citation", "hfb320", "hawk")

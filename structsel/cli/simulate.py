@@ -29,10 +29,10 @@ from structsel.cli.recordings import OUTPUT, Map, OutputOptions, option
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import SimulationError
 from structsel.nomenclature import LATERAL_COEFFICIENTS
-from structsel.numerics.linear_modes import Modes
 from structsel.recording import Recording, write_recording
 from structsel.simulation import Instruments, LinearModel, PublishedAircraft, Trim, Turbulence
 from structsel.simulation.flight_setup import start_from
+from structsel.simulation.modes import Modes
 from structsel.tables import Summary
 
 EPILOG = page(

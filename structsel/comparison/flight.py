@@ -19,7 +19,7 @@ from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.arrays import Array
 from structsel.numerics.atmosphere import standard_atmosphere
-from structsel.numerics.denoising import white_part
+from structsel.numerics.signal_quality import white_part
 from structsel.numerics.smoothing import smooth_spline
 from structsel.recording import Recording
 

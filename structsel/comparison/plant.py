@@ -12,8 +12,7 @@ from scipy.signal import freqz, lfilter
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import KINEMATIC
 from structsel.nomenclature import COEFFICIENTS
-from structsel.numerics.arrays import Array
-from structsel.numerics.centring import centred, rms_within
+from structsel.numerics.arrays import Array, centred, rms_within
 
 Flights = Sequence[Flight]
 

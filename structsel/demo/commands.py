@@ -8,7 +8,7 @@ import numpy as np
 
 from structsel.demo.aircraft import demo_aircraft
 from structsel.nomenclature import CONTROL_SURFACES
-from structsel.numerics.first_order import first_order_noise
+from structsel.numerics.dynamic_elements import first_order_noise
 
 RATE = 50.0
 """Samples per second."""

@@ -15,7 +15,7 @@ from structsel.errors import DomainError
 from structsel.nomenclature import AIR_DATA, ANGULAR_ACCELERATIONS, BODY_RATES, CONTROL_SURFACES, SPECIFIC_FORCES
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.atmosphere import standard_atmosphere
-from structsel.numerics.integration import rk4
+from structsel.numerics.dynamic_elements import rk4
 from structsel.recording import Recording
 
 _DT = 1.0 / RATE

@@ -30,9 +30,8 @@ from structsel.effects.signals import CONTROLS, available, coefficients, gathere
 from structsel.effects.wording import SURFACES, shown
 from structsel.model import Quantity, State
 from structsel.nomenclature import COEFFICIENTS
-from structsel.numerics.actuators import actuate
 from structsel.numerics.arrays import Array
-from structsel.numerics.first_order import delayed, first_order_lag
+from structsel.numerics.dynamic_elements import actuate, delayed, first_order_lag
 
 Surface = Callable[[Flight], Array]
 

@@ -36,12 +36,14 @@ from structsel.effects.signals import (
 from structsel.model import Quantity, State
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.first_order import delayed, first_order_lag, varying_lag
-from structsel.numerics.separation import (
+from structsel.numerics.dynamic_elements import (
+    delayed,
+    first_order_lag,
     lift_factor,
     separation_point,
     steady_formula,
     steady_separation_point,
+    varying_lag,
 )
 
 _HIGH = 0.14  # rad, angle of attack below which wings do not stall

@@ -22,7 +22,7 @@ from structsel.comparison.plant import Plant, answers, find_plant
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.operators import spaced
 from structsel.numerics.arrays import Array
-from structsel.numerics.first_order import delayed, first_order_lag
+from structsel.numerics.dynamic_elements import delayed, first_order_lag
 
 _GAIN = 0.3  # by which the gain may be off of a simulation fitted without the lag that is there
 _REACHED = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.9995)

@@ -17,7 +17,7 @@ from structsel.effects.signals import Parts, available, gathered, lacking, moves
 from structsel.model import State
 from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.first_order import first_order_lag
+from structsel.numerics.dynamic_elements import first_order_lag
 
 _AXIAL = "along the axis alone"
 _ONSETS = 5  # manoeuvres in which thrust may become asymmetric

@@ -24,7 +24,7 @@ from structsel.effects.readings import (
 from structsel.effects.signals import available, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, percent, shown
 from structsel.numerics.arrays import Array
-from structsel.numerics.first_order import delayed
+from structsel.numerics.dynamic_elements import delayed
 from structsel.numerics.rigid_body import body_velocity, cross
 
 _AXES = "xyz"

@@ -24,7 +24,7 @@ from structsel.effects.signals import (
 from structsel.effects.similarity import SIMILARITY
 from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.separation import lift_factor, steady_formula, steady_separation_point
+from structsel.numerics.dynamic_elements import lift_factor, steady_formula, steady_separation_point
 
 _INCIDENCE = 0.10  # rad, that a stall needs at least
 _ANGLES = 7

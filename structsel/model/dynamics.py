@@ -29,10 +29,8 @@ from structsel.candidates.formula import Node, evaluate, get_channel
 from structsel.candidates.parse import parse_formula
 from structsel.deprecation import renamed_value
 from structsel.errors import ChannelError, ModelError
-from structsel.numerics.actuators import actuate
 from structsel.numerics.arrays import Array
-from structsel.numerics.first_order import delayed
-from structsel.numerics.separation import steady_formula
+from structsel.numerics.dynamic_elements import actuate, delayed, steady_formula
 
 _PARAMETERS: dict[str, tuple[frozenset[str], ...]] = {
     "lag": (frozenset({"tau"}), frozenset({"distance"})),

@@ -1,5 +1,6 @@
-"""Type of the arrays that kernels take and return."""
+"""Type of the arrays that kernels take and return, and small helpers for them."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -18,3 +19,14 @@ def read_only(array: Array) -> Array:
     array = np.ascontiguousarray(array)
     array.setflags(write=False)
     return array
+
+
+def centred(arrays: Iterable[Array]) -> Array:
+    """Arrays end to end, each about its own mean."""
+    return np.concatenate([x - x.mean() for x in arrays])
+
+
+def rms_within(arrays: Iterable[Array]) -> float:
+    """Rms of arrays, each about its own mean, over all; zero of none."""
+    held = list(arrays)
+    return float(np.sqrt(np.mean(centred(held) ** 2))) if held else 0.0

@@ -24,7 +24,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.search_inputs import candidate_numbers, check_products, check_size
+from structsel.numerics.criteria import candidate_numbers, check_products, check_size
 from structsel.numerics.stepwise_kernel import stepwise_search
 
 MAX_CANDIDATES = 40

@@ -29,8 +29,7 @@ from scipy.optimize import minimize_scalar
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array, read_only
-from structsel.numerics.criteria import pse
-from structsel.numerics.search_inputs import check_products
+from structsel.numerics.criteria import check_products, pse
 
 
 @dataclass(frozen=True)

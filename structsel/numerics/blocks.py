@@ -1,21 +1,30 @@
-"""Manoeuvres cut into blocks of samples: enough blocks to resample, limited by memory."""
+"""Manoeuvres cut into blocks of samples, and the jobs on them: in threads of this process or on a Dask cluster."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache, partial
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
+from structsel.errors import SelectionError
+from structsel.numerics.arrays import Array
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import DataSource
 
 ROOM = 64 << 20  # bytes of cross-products kept apart, per response
 MIN_BLOCKS, MAX_BLOCKS = 48, 512  # blocks that manoeuvres are joined into, however many or few candidates there are
 SHORTEST = 64  # samples of a segment
+Progress = Callable[[int, int], None]
+"""Called with the number of jobs done, and of all."""
+
+MULTIPLICATIONS_FOR_TWO = 2e9  # of a pass; a second thread pays from here on
 
 
 class Segment(NamedTuple):
@@ -103,3 +112,133 @@ def attach_data(
         [Samples(manoeuvres[s.manoeuvre], s.start, s.stop, tuple(of[s.manoeuvre] for of in noise)) for s in block]
         for block in blocks
     ]
+
+
+class PassStore(Protocol):
+    """Keeps the results of complete passes, so that an interrupted run can continue."""
+
+    def load(self, size: int) -> Array | None:
+        """Result of the next pass, if it is there."""
+
+    def save(self, result: Array) -> None:
+        """Keep the result of the pass that was asked for last."""
+
+
+@dataclass(frozen=True)
+class JobRunner:
+    """Who does the jobs, and what keeps the results of passes over the data.
+
+    Attributes
+    ----------
+    client : distributed.Client, optional
+        Of a Dask cluster. Functions and items travel to its workers; a job whose worker dies is done again by another.
+    store : PassStore, optional
+    """
+
+    client: Any = None
+    store: PassStore | None = None
+
+    def map(
+        self, function: Callable[[Any], Any], items: Sequence[Any], workers: int = 1, progress: Progress | None = None
+    ) -> Iterator[Any]:
+        """Results of a function of one item, in the order of the items; an error ends the other jobs."""
+        if self.client is None:
+            with _one_blas_thread():
+                yield from _counted(_in_threads(function, items, workers), len(items), progress)
+        else:
+            yield from _counted(_on_cluster(self.client, function, items), len(items), progress)
+
+    def run_pass(
+        self,
+        function: Callable[[Any], Array],
+        items: Sequence[Any],
+        sizes: Sequence[int],
+        workers: int = 1,
+        progress: Progress | None = None,
+    ) -> Array:
+        """Vectors that a function makes of every item, end to end; taken from the store if they are there.
+
+        Parameters
+        ----------
+        function : callable
+            From an item to a vector.
+        items : sequence
+        sizes : sequence of int
+            Length of the vector of each item.
+        workers : int
+        progress : callable, optional
+
+        Returns
+        -------
+        (sum of sizes,) array
+        """
+        edges = np.concatenate([[0], np.cumsum(sizes)]).astype(int).tolist()
+        stored = self.store.load(edges[-1]) if self.store is not None else None
+        if stored is not None:
+            return stored
+        result = np.empty(edges[-1])
+        for i, vector in enumerate(self.map(function, items, workers, progress)):
+            result[edges[i] : edges[i + 1]] = vector
+        if self.store is not None:
+            self.store.save(result)
+        return result
+
+
+def choose_workers(workers: int | None, n: int, p: int) -> int:
+    """Number of threads for n samples and p columns: as asked for, or one where there is little to do, else two."""
+    if workers is not None:
+        if workers < 1:
+            raise SelectionError(f"workers must be 1 or more, not {workers}.")
+        return workers
+    return 2 if n * p * p > MULTIPLICATIONS_FOR_TWO else 1
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def _one_blas_thread() -> Any:
+    """Within, linear algebra uses one thread: the workers share the cores among themselves."""
+    return _blas().limit(limits=1, user_api="blas")
+
+
+def _in_threads(function: Callable[[Any], Any], items: Sequence[Any], workers: int) -> Iterator[Any]:
+    # Not joblib: its generator looks for results every 10 ms, where a pass may take 20.
+    if workers == 1:
+        yield from map(function, items)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        yield from pool.map(function, items)
+
+
+def _on_cluster(client: Any, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
+    # Not joblib's Dask backend: it waits for ever when every worker that took a job has died (joblib 1.6).
+    from distributed import KilledWorker
+
+    one = partial(_on_one_blas_thread, function)
+    futures = [client.submit(one, item, pure=False) for item in items]
+    try:
+        while futures:
+            result = futures[0].result()
+            del futures[0]  # the worker then forgets the result
+            yield result
+    except KilledWorker as error:
+        raise SelectionError(
+            f"A job was dropped because every worker that took it died ({error}).\n"
+            "Usually memory ran out: give the workers more of it, or shorter recordings."
+        ) from error
+    finally:
+        client.cancel(futures)
+
+
+def _on_one_blas_thread(function: Callable[[Any], Any], item: Any) -> Any:
+    with _one_blas_thread():
+        return function(item)
+
+
+def _counted(results: Iterator[Any], total: int, progress: Progress | None) -> Iterator[Any]:
+    for done, result in enumerate(results, 1):
+        yield result
+        if progress is not None:
+            progress(done, total)

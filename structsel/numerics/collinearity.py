@@ -16,7 +16,7 @@ from scipy.linalg.lapack import dtrtri
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array, read_only
-from structsel.numerics.search_inputs import candidate_numbers, check_products
+from structsel.numerics.criteria import candidate_numbers, check_products
 from structsel.numerics.stepwise import partial_f
 
 

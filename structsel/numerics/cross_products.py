@@ -20,8 +20,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.blocks import Samples, attach_data, count_samples, cut_blocks
-from structsel.numerics.jobs import JobRunner, Progress, choose_workers
+from structsel.numerics.blocks import (
+    JobRunner,
+    Progress,
+    Samples,
+    attach_data,
+    choose_workers,
+    count_samples,
+    cut_blocks,
+)
 from structsel.numerics.noise_models import ARNoise, pooled_innovation_std, prewhiten
 from structsel.numerics.polynomial_products import PolynomialProducts, plan_polynomial_products
 from structsel.numerics.regressors import (

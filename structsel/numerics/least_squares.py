@@ -18,8 +18,7 @@ from scipy.linalg.lapack import dgeqrf
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.blocks import Samples, attach_data, count_samples, cut_blocks
-from structsel.numerics.jobs import JobRunner, Progress
+from structsel.numerics.blocks import JobRunner, Progress, Samples, attach_data, count_samples, cut_blocks
 from structsel.numerics.noise_models import WHITE_NOISE, ARNoise, pooled_innovation_std, prewhiten
 from structsel.numerics.regressors import (
     SLAB,

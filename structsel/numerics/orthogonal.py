@@ -14,8 +14,7 @@ from scipy.linalg import cholesky, solve_triangular
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.criteria import pse
-from structsel.numerics.search_inputs import candidate_numbers, check_products, check_size
+from structsel.numerics.criteria import candidate_numbers, check_products, check_size, pse
 from structsel.numerics.stepwise import SearchPath, SearchStep, run_kernel
 from structsel.numerics.stepwise_kernel import ACTION, ENTER, INDEX, PARTIAL_R, UNEXPLAINED, stepwise_search
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.blocks import Samples, attach_data, complete_manoeuvres
-from structsel.numerics.jobs import JobRunner, Progress
+from structsel.numerics.blocks import JobRunner, Progress, Samples, attach_data, complete_manoeuvres
 from structsel.numerics.least_squares import LeastSquaresFit, response_rows
 from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar, score_covariance, split_for_correlation
 from structsel.numerics.regressors import DataSource, RegressorChunks, Scales, column_scale, find_scales, words_of

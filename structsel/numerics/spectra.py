@@ -1,13 +1,26 @@
-"""Spectra and coherence of signals recorded in several pieces. Arrays only."""
+"""Spectra and coherence of recorded signals, and estimation in the frequency domain. Arrays only.
+
+The finite Fourier transform of a signal over its record, by the trapezoidal rule::
+
+    x~(w) = int_0^T x(t) exp(-i w t) dt
+
+Its derivative's is ``i w x~ + x(T) exp(-i w T) - x(0)``. Only the chosen frequencies take part, so noise, drift and
+structural modes elsewhere have no effect; nothing is differentiated.
+
+References
+----------
+[KM16], frequency-domain methods.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import csd
+from scipy import linalg, signal
 
-from structsel.errors import DomainError
+from structsel.errors import DataError, DomainError
 from structsel.numerics.arrays import Array
 
 OVERLAP = 0.5
@@ -15,6 +28,7 @@ OVERLAP = 0.5
 FEWER = 0.75
 """Independent segments for each overlapping one, Hann window."""
 _FEWEST = 16  # samples of a segment
+_LONG = 1 << 22  # products in an explicit transform; above that a chirp-z transform takes over
 
 
 def cross_spectrum(x: Sequence[Array], y: Sequence[Array], dt: float, segment: float) -> tuple[Array, Array, int]:
@@ -52,7 +66,7 @@ def cross_spectrum(x: Sequence[Array], y: Sequence[Array], dt: float, segment: f
         if len(one) < per:
             continue
         count = (len(one) - per) // (per - int(per * OVERLAP)) + 1
-        f, density = csd(one, other, 1.0 / dt, nperseg=per, noverlap=int(per * OVERLAP), detrend="linear")
+        f, density = signal.csd(one, other, 1.0 / dt, nperseg=per, noverlap=int(per * OVERLAP), detrend="linear")
         total = total + count * density[1 : per // 2 + 1]
         segments += count
     if not segments:
@@ -114,3 +128,222 @@ def passed_by_chance(free: float, frequencies: int, chance: float) -> float:
     [CKN73]
     """
     return float(1.0 - (chance / frequencies) ** (1.0 / (free - 1.0)))
+
+
+def choose_frequencies(duration: float, low: float, high: float) -> np.ndarray:
+    """Whole multiples of 1/T between two frequencies [Hz], at which the transforms of white noise are unrelated.
+
+    Raises
+    ------
+    DomainError
+        No multiple lies there.
+    """
+    first, last = int(np.ceil(low * duration - 1e-9)), int(np.floor(high * duration + 1e-9))
+    if not (first >= 0 and last >= first):
+        raise DomainError(
+            f"a record of {duration:g} s has no frequency of its own between {low:g} and {high:g} Hz; they are "
+            f"{1.0 / duration:.3g} Hz apart. Widen the band, or record longer."
+        )
+    return np.arange(first, last + 1) / duration
+
+
+def transform(x: np.ndarray, dt: float, frequencies: np.ndarray, detrend: bool = True) -> np.ndarray:
+    """Finite Fourier transform by the trapezoidal rule.
+
+    Parameters
+    ----------
+    x : (n, ...) array
+        Time along the first axis.
+    dt : float [s]
+    frequencies : (f,) array [Hz]
+        Below half the sampling frequency.
+    detrend : bool
+        Take the straight line through the samples out first, which would leak into every frequency.
+
+    Returns
+    -------
+    (f, ...) complex array [unit s]
+
+    Raises
+    ------
+    DataError
+        Samples that are not finite.
+    DomainError
+        A frequency above half the sampling frequency.
+    """
+    x, f = np.asarray(x, dtype=float), np.asarray(frequencies, dtype=float)
+    n = len(x)
+    if not np.isfinite(x).all():
+        raise DataError("a Fourier transform needs finite samples throughout; take a stretch without gaps.")
+    if f.size and not (np.abs(f).max() <= 0.5 / dt * (1.0 + 1e-9)):
+        raise DomainError(f"{f.max():g} Hz is above half the sampling frequency, {0.5 / dt:g} Hz.")
+    flat = x.reshape(n, -1)
+    flat = signal.detrend(flat, axis=0) if detrend else flat
+    weights = np.full(n, dt)
+    weights[[0, -1]] *= 0.5
+    even = f.size > 2 and np.allclose(np.diff(f), f[1] - f[0], rtol=1e-9)
+    if even and f.size * n > _LONG:
+        step = np.exp(-2j * np.pi * (f[1] - f[0]) * dt)
+        start = np.exp(2j * np.pi * f[0] * dt)
+        found = signal.czt(weights[:, None] * flat, f.size, step, start, axis=0)
+    else:
+        found = np.exp(-2j * np.pi * np.outer(f, dt * np.arange(n))) @ (weights[:, None] * flat)
+    return found.reshape(f.size, *x.shape[1:])
+
+
+@dataclass(frozen=True)
+class FrequencyFit:
+    """Least squares over frequencies.
+
+    Attributes
+    ----------
+    theta : (k,) array
+    covariance : (k, k) array
+        For noise that is white over the band, whatever the spacing of the frequencies.
+    noise_std : float
+        Of the response in time, were its noise as strong outside the band.
+    fit : (f,) complex array
+        Transform of the model's response, manoeuvre after manoeuvre.
+    r2 : float
+        Share of the response's power at these frequencies.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    noise_std: float
+    fit: np.ndarray
+    r2: float
+
+    def __post_init__(self) -> None:
+        for array in (self.theta, self.covariance, self.fit):
+            array.setflags(write=False)
+
+    @property
+    def std(self) -> np.ndarray:
+        """(k,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def equation_error(
+    regressors: np.ndarray | Sequence[np.ndarray],
+    response: np.ndarray | Sequence[np.ndarray],
+    dt: float | Sequence[float],
+    frequencies: np.ndarray | Sequence[np.ndarray],
+) -> FrequencyFit:
+    """Equation error in the frequency domain: complex least squares for real parameters.
+
+    With X and z transforms of the detrended regressors and response, those of several manoeuvres below each other::
+
+        theta = Re(X'X)^-1 Re(X'z)
+
+    The estimate is linear in the samples, theta = G y, so that for white noise of variance s2 its covariance is
+    s2 G G', exactly and for any spacing of the frequencies.
+
+    Parameters
+    ----------
+    regressors : (n, k) array, or one for each manoeuvre
+    response : (n,) array, or one for each manoeuvre
+    dt : float [s], or one for each manoeuvre
+    frequencies : (f,) array [Hz], or one for each manoeuvre
+        Above zero: a constant is not a term here, the detrending takes it out.
+
+    Raises
+    ------
+    DataError
+        Fewer frequencies than it takes, or regressors that depend on each other over them.
+    DomainError
+        As `transform`.
+
+    References
+    ----------
+    [KM16], frequency-domain methods, equation error.
+    """
+    if isinstance(response, np.ndarray):
+        regressors, response, dt, frequencies = [regressors], [response], [dt], [frequencies]  # type: ignore[list-item]
+    flown = [
+        (np.asarray(X, dtype=float), np.asarray(y, dtype=float), float(step), np.asarray(f, dtype=float))
+        for X, y, step, f in zip(regressors, response, dt, frequencies, strict=True)  # type: ignore[arg-type]
+    ]
+    k, equations = flown[0][0].shape[1], 2 * sum(f.size for *_, f in flown)
+    if equations <= k:
+        raise DataError(f"{equations // 2} frequencies give {equations} equations for {k} parameters; ask for more.")
+    z = [transform(y, step, f) for _, y, step, f in flown]
+    X = [transform(X_t, step, f) for X_t, _, step, f in flown]
+    stacked = np.vstack([part for one in X for part in (one.real, one.imag)])
+    length = np.linalg.norm(stacked, axis=0)
+    singular = np.linalg.svd(stacked / np.where(length > 0.0, length, 1.0), compute_uv=False)
+    if not length.all() or singular[-1] < 1e-10 * singular[0]:
+        raise DataError(
+            "equation error: the regressors depend on each other at these frequencies, or one is not excited there. "
+            "Leave one out, widen the band, or fly an input that moves them apart."
+        )
+    inverse = linalg.pinv(stacked / length) / length[:, None]
+    theta = inverse @ np.concatenate([part for one in z for part in (one.real, one.imag)])
+    fit = np.concatenate([one @ theta for one in X])
+    noise = linalg.block_diag(*(_noise_gram(len(y), step, f) for _, y, step, f in flown))
+    left = np.eye(equations) - stacked @ inverse
+    lost = float(np.sum(np.abs(np.concatenate(z) - fit) ** 2))
+    variance = lost / float(np.sum((left @ noise) * left))
+    power = float(np.sum(np.abs(np.concatenate(z)) ** 2))
+    covariance = variance * (inverse @ noise @ inverse.T)
+    return FrequencyFit(theta, covariance, float(np.sqrt(variance)), fit, 1.0 - lost / power if power > 0.0 else np.nan)
+
+
+def _noise_gram(n: int, dt: float, f: np.ndarray) -> np.ndarray:
+    """(2 f, 2 f) covariance of the parts of the detrended transform of white noise of variance one."""
+    weights = np.full(n, dt)
+    weights[[0, -1]] *= 0.5
+    line = np.linalg.qr(np.column_stack([np.ones(n), np.linspace(-1.0, 1.0, n)]))[0]
+    gram, straight = np.zeros((2 * f.size, 2 * f.size)), np.zeros((2 * f.size, 2))
+    block = max(1, _LONG // (2 * f.size))
+    for a in range(0, n, block):
+        times = dt * np.arange(a, min(a + block, n))
+        W = np.exp(-2j * np.pi * np.outer(f, times)) * weights[a : a + block]
+        rows = np.vstack([W.real, W.imag])
+        gram += rows @ rows.T
+        straight += rows @ line[a : a + block]
+    return gram - straight @ straight.T
+
+
+def sampled_response(
+    Phi: np.ndarray, push: np.ndarray, C: np.ndarray, feed: np.ndarray, turn: np.ndarray, jump: np.ndarray
+) -> np.ndarray:
+    """Transforms of the outputs of ``x[k+1] = Phi x[k] + p[k]``, ``y[k] = C x[k] + d[k]``, many systems at once.
+
+    At whole multiples of 1 / (n dt) the sums over n samples are related exactly, with z = exp(i w dt)::
+
+        y~ = C (z I - Phi)^-1 [p~ + z (x[0] - x[n])] + d~
+
+    so that nothing is lost by sampling, up to half the sampling frequency.
+
+    Parameters
+    ----------
+    Phi : (m, s, s) array
+    push, feed : (m, f, s), (m, f, o) complex arrays
+        Transforms of p and d.
+    C : (m, o, s) array
+    turn : (f,) complex array
+        z.
+    jump : (m, s) array
+        x[0] - x[n], in the scale of the transforms.
+
+    Returns
+    -------
+    (m, f, o) complex array
+    """
+    resolvent = turn[None, :, None, None] * np.eye(Phi.shape[1]) - Phi[:, None]
+    drive = push + turn[None, :, None] * jump[:, None, :]
+    try:
+        x = np.linalg.solve(resolvent, drive[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        x = np.full(drive.shape, np.nan + 0j)
+    return np.einsum("mos,mfs->mfo", C, x) + feed
+
+
+def as_real(transforms: np.ndarray) -> np.ndarray:
+    """(..., 2 f, c) real parts above imaginary parts, the outputs output error can be asked to fit.
+
+    At whole multiples of 1/T the transforms of white noise are unrelated and their two parts equally strong, so
+    `fit_output_error` on these is maximum likelihood in the frequency domain.
+    """
+    return np.concatenate([transforms.real, transforms.imag], axis=-2)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.search_inputs import candidate_numbers, check_products, check_size
+from structsel.numerics.criteria import candidate_numbers, check_products, check_size
 from structsel.numerics.stepwise_kernel import penalised_search, stepwise_search
 
 ACTIONS = ("enter", "leave", "swap", "refuse")

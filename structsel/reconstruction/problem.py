@@ -14,7 +14,8 @@ from structsel.nomenclature import suggest
 from structsel.numerics import kinematics as fp
 from structsel.numerics.reconstructibility import Reconstructibility
 from structsel.numerics.rigid_body import body_velocity
-from structsel.numerics.smoothing import noise_level, smooth_spline
+from structsel.numerics.signal_quality import noise_level
+from structsel.numerics.smoothing import smooth_spline
 from structsel.numerics.unscented import KinematicsProblem
 from structsel.reconstruction.sample_validity import LATERAL, require_inertial, valid_input, valid_measurement
 from structsel.reconstruction.turbulence_level import CALM, Gusts

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from structsel.numerics.reconstructibility import Reconstructibility
-from structsel.numerics.smoothing import noise_level
+from structsel.numerics.signal_quality import noise_level
 from structsel.reconstruction.delays import Delay
 from structsel.reconstruction.innovations import Consistency
 from structsel.reconstruction.problem import BEST, INERTIAL, ReconstructionProblem

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.errors import ChannelError, DataError
-from structsel.numerics.spikes import find_spikes
+from structsel.numerics.signal_quality import find_spikes
 from structsel.recording import Finding, Recording
 from structsel.recording.checks import GAP, run_lengths, stuck_stretches
 

@@ -24,7 +24,7 @@ from structsel.nomenclature import BODY_RATES, EULER_ANGLES, SPECIFIC_FORCES
 from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body import cross
-from structsel.numerics.smoothing import noise_level
+from structsel.numerics.signal_quality import noise_level
 from structsel.numerics.unscented import KinematicsProblem
 from structsel.recording import Recording
 

@@ -20,7 +20,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from structsel.errors import DataError
 from structsel.nomenclature import find_channel, is_known
-from structsel.numerics.smoothing.noise import starts_of_runs
+from structsel.numerics.signal_quality import starts_of_runs
 
 GAP = 3.0
 """Steps of time longer than this many median steps are gaps: the manoeuvre ends there."""

@@ -320,7 +320,7 @@ class Recording(Result):
         ----------
         *names : str
         threshold : float [-]
-            In standard deviations of the channel's noise; `structsel.numerics.spikes.find_spikes` says what
+            In standard deviations of the channel's noise; `structsel.numerics.signal_quality.find_spikes` says what
             else a spike must be.
 
         Raises

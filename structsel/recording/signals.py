@@ -10,8 +10,8 @@ import numpy as np
 
 from structsel.errors import DataError
 from structsel.numerics import differentiation
-from structsel.numerics.spikes import find_spikes
-from structsel.numerics.time_shift import shift
+from structsel.numerics.dynamic_elements import shift
+from structsel.numerics.signal_quality import find_spikes
 from structsel.recording.checks import FROM_SAMPLES, GAP, Finding
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 
 from structsel.errors import DataError
 from structsel.nomenclature import unit_of
-from structsel.numerics.jobs import JobRunner, Progress
+from structsel.numerics.blocks import JobRunner, Progress
 from structsel.readers.channel_map import ChannelMap, load_channel_map
 from structsel.recording.checks import Finding
 from structsel.recording.reading import list_files, load, read_recording

@@ -33,7 +33,7 @@ _UNREADABLE = (
 
 
 class Checkpoint:
-    """The passes of one selection that are complete; a `structsel.numerics.jobs.PassStore`.
+    """The passes of one selection that are complete; a `structsel.numerics.blocks.PassStore`.
 
     Parameters
     ----------

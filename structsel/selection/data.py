@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from structsel.candidates import Candidates
 from structsel.errors import DataError, SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.jobs import JobRunner, Progress
+from structsel.numerics.blocks import JobRunner, Progress
 from structsel.numerics.regressors import DataSource, Scales, scales_of, sums_of_squares
 from structsel.recording import Recording, StoredRecording
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.blocks import JobRunner, choose_workers
 from structsel.numerics.collinearity import ConditionIndices, condition_indices, vif
 from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products, project
-from structsel.numerics.jobs import JobRunner, choose_workers
 from structsel.numerics.least_squares import LeastSquaresFit, fit_each
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import DataSource, Scales, find_scales

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.blocks import JobRunner, choose_workers
 from structsel.numerics.cross_products import CrossProducts
-from structsel.numerics.jobs import JobRunner, choose_workers
 from structsel.numerics.noise_models import random_block_weights
 from structsel.selection.search import Search, SearchResult, prediction_error, solve, weights_without
 

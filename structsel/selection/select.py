@@ -14,7 +14,7 @@ from structsel.candidates import Candidates, Term
 from structsel.deprecation import renamed_arguments
 from structsel.errors import SelectionError
 from structsel.numerics import criteria
-from structsel.numerics.jobs import JobRunner
+from structsel.numerics.blocks import JobRunner
 from structsel.options import takes_options
 from structsel.recording import Recording, StoredRecording
 from structsel.selection.checkpoint import Checkpoint

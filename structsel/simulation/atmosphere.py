@@ -9,8 +9,7 @@ import numpy as np
 
 from structsel.deprecation import renamed_arguments, renamed_attribute
 from structsel.errors import DomainError
-from structsel.numerics.atmosphere import G0
-from structsel.numerics.turbulence import dryden_gusts, dryden_scales, log_law, one_minus_cosine, power_law
+from structsel.numerics.atmosphere import G0, dryden_gusts, dryden_scales, log_law, one_minus_cosine, power_law
 
 _AXES = ("u", "v", "w")
 

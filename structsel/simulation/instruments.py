@@ -11,8 +11,7 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import ChannelError, DomainError
 from structsel.nomenclature import suggest
-from structsel.numerics.actuators import actuate
-from structsel.numerics.first_order import delayed
+from structsel.numerics.dynamic_elements import actuate, delayed
 from structsel.numerics.flight_model import VANES
 
 

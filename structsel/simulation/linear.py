@@ -16,10 +16,10 @@ import pandas as pd
 from structsel.errors import DataError, ModelError, SimulationError
 from structsel.nomenclature import is_known, suggest, unit_of
 from structsel.numerics.linear_models import LinearFamily, LinearSystem
-from structsel.numerics.linear_modes import Modes, modes
 from structsel.numerics.linear_systems import previous_input, simulate_linear
 from structsel.recording import Recording
 from structsel.results import Result
+from structsel.simulation.modes import Modes, modes
 from structsel.tables import Column, Summary, Table, text_column
 
 Hold = Literal["hold", "linear"]

@@ -15,7 +15,7 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.arrays import Array
-from structsel.numerics.integration import rk4
+from structsel.numerics.dynamic_elements import rk4
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,9 @@ from scipy.special import logsumexp
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import bins_of, edge_of, frequencies
 from structsel.numerics.arrays import Array
-from structsel.numerics.denoising import white_std
+from structsel.numerics.atmosphere import dryden_spectra
 from structsel.numerics.evidence import fading, spectrum
-from structsel.numerics.turbulence import dryden_spectra
+from structsel.numerics.signal_quality import white_std
 
 _AXES = {"u": "k_V", "v": "k_beta", "w": "k_alpha"}
 _DRIVING = ("de", "da", "dr", "throttle", "thrust", "df", "gear")
