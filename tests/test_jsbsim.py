@@ -17,6 +17,7 @@ from structsel.reconstruction import reconstruct
 from structsel.recording import Recording
 from structsel.simulation import Atmosphere, simulate, trim
 from structsel.simulation.jsbsim import open_jsbsim
+from structsel.simulation.jsbsim.fdm import FlightDynamicsModel
 
 CLOCK = np.arange(0.0, 30.0, 0.02)
 MODEL = AeroModel(
@@ -273,6 +274,24 @@ def test_the_stabiliser_holds_the_attitude(cessna):
     loose, held = (cessna.fly(steady.inputs(t, **push), start=steady, stabilise=s) for s in (False, True))
     assert abs(held["phi"][-1] - steady["phi"]) < 0.2 * abs(loose["phi"][-1] - steady["phi"])
     assert np.abs(held["da"] - steady["da"] - push["da"]).max() > 0.005  # what was applied is recorded
+
+
+@pytest.mark.parametrize("psi", [0.0, -1e-6, 3.0, -3.0])
+def test_the_heading_is_read_from_minus_pi_to_pi(cessna, psi):
+    fdm = FlightDynamicsModel("c172p", None, True, None)
+    state = np.zeros(12)
+    state[[0, 8, 11]] = 50.0, psi, H
+    fdm.place(state, {})
+    assert_allclose([fdm.value("psi"), fdm.now()["psi"]], psi, atol=1e-12)
+
+
+@pytest.mark.parametrize("psi", [0.0, math.pi])
+def test_a_heading_hold_does_not_jump_by_a_turn(cessna, psi):
+    steady = cessna.trim(50.0, H)
+    start = dict(zip(rb.STATES, steady.state.tolist())) | {"psi": psi}
+    flight = cessna.fly(steady.inputs(np.arange(0.0, 2.0, 0.02)), start=start, stabilise={"dr": {"psi": 0.5}})
+    assert np.ptp(flight["dr"]) < 0.02
+    assert np.ptp(flight["psi"]) < 0.1
 
 
 def test_jsbsim_keeps_quiet(installed, capfd):

@@ -232,7 +232,7 @@ class JSBSimAircraft:
                     command = controls[i] + (controls[i + 1] - controls[i]) * (k / count)
                     applied = dict(zip(self.controls, command.tolist()))
                     for surface, gain in gains.items():
-                        applied[surface] += sum(g * (self._fdm.value(c) - about[c]) for c, g in gain.items())
+                        applied[surface] += sum(g * self._fdm.change(c, about[c]) for c, g in gain.items())
                     self._fdm.set(applied)
                     self._fdm.step((t[i + 1] - t[i]) / count)
                 row = self._row(applied)

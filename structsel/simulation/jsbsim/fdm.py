@@ -182,10 +182,18 @@ class FlightDynamicsModel:
         self.fdm.run()
 
     def value(self, name: str) -> float:
-        """One of what `now` gives, SI."""
+        """One of what `now` gives, SI; the heading is from -pi to pi."""
         node, factor = self._nodes[name]
-        # Without engines there are no properties of a propulsion.
-        return 0.0 if node is None else float(node.get_double_value() * factor)
+        if node is None:  # without engines there are no properties of a propulsion
+            return 0.0
+        value = float(node.get_double_value() * factor)
+        # JSBSim's heading is from 0 to 2 pi: north, less a rounding error, would be 2 pi.
+        return math.remainder(value, 2.0 * math.pi) if name == "psi" else value
+
+    def change(self, name: str, reference: float) -> float:
+        """Change of a value from its reference, SI; of a heading from -pi to pi."""
+        change = self.value(name) - reference
+        return math.remainder(change, 2.0 * math.pi) if name == "psi" else change
 
     def now(self) -> dict[str, float]:
         """Everything read, SI."""
