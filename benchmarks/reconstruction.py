@@ -20,8 +20,8 @@ from timing import in_child, machine, measure, measure_once, one_blas_thread, pe
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.kinematics import STATES, noise_gain, observe, readings, slopes, step
-from structsel.numerics.unscented import KinematicsProblem, ukf_filter, ukf_smoother
 from structsel.reconstruction.data_compatibility import check_data_compatibility
+from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter, ukf_smoother
 
 try:
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter

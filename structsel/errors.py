@@ -127,7 +127,7 @@ class ReconstructionError(UnfinishedError):
     Attributes
     ----------
     partial : object
-        What was found before it broke down: a `structsel.numerics.unscented.Filtered`, or None.
+        What was found before it broke down: a `structsel.reconstruction.ukf.FilterResult`, or None.
     """
 
 

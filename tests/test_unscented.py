@@ -7,8 +7,8 @@ from scipy.stats import multivariate_normal
 
 from structsel.errors import DomainError
 from structsel.numerics.kinematics import fly
-from structsel.numerics.unscented import KinematicsProblem, ukf_filter, ukf_smoother
-from structsel.numerics.unscented import runs as unscented
+from structsel.reconstruction import ukf
+from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter, ukf_smoother
 from tests.dense_flight_path import ANGLES, G, dense_observe, dense_slope, dense_step, flight, jacobian
 
 # ------------------------------------- a filter and smoother of dense covariances, straight from the textbook
@@ -197,7 +197,7 @@ def test_a_linear_problem_gets_its_exact_conditional_means(walk, spread):
 def test_smoothing_block_by_block_is_smoothing_at_once(monkeypatch):
     p = problem_of("random walks, flank vane, no position", 4500)
     _, by_blocks = ukf_smoother(p, gate=4.0)
-    monkeypatch.setattr(unscented, "_BLOCK", 10_000)
+    monkeypatch.setattr(ukf, "_BLOCK", 10_000)
     _, at_once = ukf_smoother(p, gate=4.0)
     assert_array_equal(by_blocks.x, at_once.x)
     assert_array_equal(by_blocks.std, at_once.std)
@@ -214,7 +214,7 @@ def test_the_filter_alone_is_the_first_half_of_the_smoother():
 def test_a_covariance_kept_for_some_samples_is_that_of_those_samples(monkeypatch):
     p = problem_of("heading and height held")
     _, full = ukf_smoother(p)
-    monkeypatch.setattr(unscented, "_MOST_BYTES", 40 * p.active.size**2 * 8)
+    monkeypatch.setattr(ukf, "_MOST_BYTES", 40 * p.active.size**2 * 8)
     _, thinned = ukf_smoother(p)
     assert thinned.at.size <= 40 < full.at.size == len(p.t)
     assert_array_equal(thinned.covariance, full.covariance[thinned.at])

@@ -19,7 +19,8 @@ import numpy as np
 from structsel.numerics.kinematics import CIRCULAR, fly, readings
 from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
-from structsel.numerics.unscented import STEEPEST, KinematicsProblem
+from structsel.numerics.unscented_filter import STEEPEST
+from structsel.reconstruction.ukf import KinematicsProblem
 
 _DIFFERENCE = 1e-3  # of the central differences, in standard deviations of the start
 _LEAST_STD = 1e-3  # of the stated standard deviation: a channel fitted to the last digit would outweigh all others

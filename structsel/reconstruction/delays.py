@@ -8,7 +8,7 @@ import numpy as np
 
 from structsel.numerics import kinematics as fp
 from structsel.numerics.noise_models import coloured_covariance
-from structsel.numerics.unscented import KinematicsProblem
+from structsel.reconstruction.ukf import KinematicsProblem
 
 _LEAST_SAMPLES = 40
 LONGEST_DELAY = 0.5

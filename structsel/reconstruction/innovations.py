@@ -10,7 +10,7 @@ from scipy import stats
 
 from structsel.numerics import kinematics as fp
 from structsel.numerics.noise_models import autocorrelation
-from structsel.numerics.unscented import FilterResult
+from structsel.reconstruction.ukf import FilterResult
 
 _LAGS_SECONDS = 5.0
 _SETTLING = 0.05  # share of the run in which the filter finds its start

@@ -18,10 +18,10 @@ from structsel.nomenclature import AIR_DATA
 from structsel.numerics import kinematics as fp
 from structsel.numerics.dynamic_elements import shift
 from structsel.numerics.rigid_body import body_velocity
-from structsel.numerics.unscented import KinematicsProblem, ukf_filter, ukf_smoother
 from structsel.reconstruction.delays import find_delays
 from structsel.reconstruction.problem import INERTIAL, ReconstructionProblem
 from structsel.reconstruction.turbulence_level import estimate_turbulence, turbulence_states, with_gusts
+from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter, ukf_smoother
 
 # Each gyro by itself: its scale error counts by what it turns, and that differs from axis to axis by far.
 _GROUPS = (INERTIAL[:3], *((name,) for name in INERTIAL[3:]))

@@ -9,10 +9,10 @@ import numpy as np
 from structsel.nomenclature import BODY_RATES
 from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.unscented import SmootherResult
 from structsel.readers.table import MOVED_TO_CG
 from structsel.reconstruction.problem import INERTIAL, ReconstructionProblem
 from structsel.reconstruction.result import Constant
+from structsel.reconstruction.ukf import SmootherResult
 from structsel.recording import Recording
 
 

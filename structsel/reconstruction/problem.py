@@ -12,13 +12,13 @@ from structsel.aircraft import Aircraft
 from structsel.errors import DomainError, StructselWarning
 from structsel.nomenclature import suggest
 from structsel.numerics import kinematics as fp
-from structsel.numerics.reconstructibility import Reconstructibility
 from structsel.numerics.rigid_body import body_velocity
 from structsel.numerics.signal_quality import noise_level
 from structsel.numerics.smoothing import smooth_spline
-from structsel.numerics.unscented import KinematicsProblem
+from structsel.reconstruction.observability import Reconstructibility
 from structsel.reconstruction.sample_validity import LATERAL, require_inertial, valid_input, valid_measurement
 from structsel.reconstruction.turbulence_level import CALM, Gusts
+from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Finding, Recording
 
 INERTIAL = fp.INPUTS[:6]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from structsel.numerics.reconstructibility import Reconstructibility
 from structsel.numerics.signal_quality import noise_level
 from structsel.reconstruction.delays import Delay
 from structsel.reconstruction.innovations import Consistency
+from structsel.reconstruction.noise_levels import most_active_interval
+from structsel.reconstruction.observability import Reconstructibility
 from structsel.reconstruction.problem import BEST, INERTIAL, ReconstructionProblem
 from structsel.reconstruction.result import CONSTANTS, Constant
-from structsel.reconstruction.suspects import find_reversed_positions
+from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter
 
 _MANY_MADE_UP = 0.01  # share of an inertial channel's readings
 _MANY_REJECTED = 0.1  # share of a channel's readings
@@ -25,6 +27,9 @@ _FELT, _FELT_ANGLE, _FELT_SPEED = 3.0, 3e-3, 0.5  # times the noise, rad, m/s: g
 _RESTLESS = 5.0  # times
 _SEVERAL = 3  # channels
 _TOO_SMALL = 2.5  # variance of normalised innovations under a stated noise
+_LEAST_PLACE = 0.25  # m
+_MUCH_LIKELIER = 15.0  # log-likelihood
+_PLACES = {"accelerometers": [0], "vanes": [1, 2, 3], "static port": [4], "GPS antenna": [5]}
 _LARGE = {"V": 5.0, "alpha": 0.05, "beta": 0.05, "phi": 0.1, "theta": 0.05, "psi": 0.2}
 
 
@@ -68,7 +73,7 @@ def check_quality(
         for late, text in lateness.items()
         if abs(late.delay) > _LATE and (late.channel in named or _is_felt(late, problem_setup.noise[late.channel]))
     ]
-    distrust += find_reversed_positions(problem_setup.problem, worst)
+    distrust += _reversed_positions(problem_setup.problem, worst)
     faults = [f for f in problem_setup.findings if f.severity == "warning"]
     if contradicted:
         # What is wrong with an inertial reading shows in all the others.
@@ -167,3 +172,32 @@ def _undetermined(path: np.ndarray, stds: Mapping[str, np.ndarray]) -> list[str]
         for name, std in known.items()
         if not np.median(std) < _KNOWN
     ]
+
+
+def _reversed_positions(problem: KinematicsProblem, excess: float) -> list[str]:
+    """Which instrument's place would be far likelier with the other sign, tried on the part that moves most.
+
+    `excess` is the factor by which the readings say less than they would if they were as good as stated.
+    """
+    part = most_active_interval(problem)
+    base = ukf_filter(part, spread=0.0)
+    if base.failed >= 0:
+        return []
+    found = []
+    for instrument, rows in _PLACES.items():
+        for axis, ahead in enumerate(("x (forward)", "y (right)", "z (down)")):
+            away = float(part.place[rows[0], axis])
+            if abs(away) < _LEAST_PLACE:
+                continue
+            place = part.place.copy()
+            place[np.ix_(rows, [axis])] *= -1.0
+            turned = ukf_filter(replace(part, place=place), spread=0.0)
+            gain = (turned.log_likelihood - base.log_likelihood) / excess
+            if turned.failed < 0 and gain > _MUCH_LIKELIER:
+                text = (
+                    f"the place of the {instrument} seems to have the wrong sign: {ahead} = {-away:+.2f} m explains "
+                    f"the readings far better than {away:+.2f} m (log-likelihood +{gain:.0f}; in the aircraft file)"
+                )
+                found.append((gain, text))
+    # One place turned round makes others look wrong, too, but less.
+    return [max(found)[1]] if found else []

@@ -14,17 +14,17 @@ from structsel.errors import DomainError, ReconstructionError
 from structsel.nomenclature import unit_of
 from structsel.numerics import kinematics as fp
 from structsel.numerics.atmosphere import G0
-from structsel.numerics.reconstructibility import reconstructibility
-from structsel.numerics.unscented import STEEP, FilterResult, KinematicsProblem, SmootherResult, ukf_smoother
 from structsel.reconstruction.data_compatibility import check_data_compatibility
 from structsel.reconstruction.delays import LONGEST_DELAY, Delay, find_delays
 from structsel.reconstruction.innovations import Consistency, judge
 from structsel.reconstruction.noise_levels import drop_confounded_scales, estimate_noise_levels
+from structsel.reconstruction.observability import reconstructibility
 from structsel.reconstruction.output import output_recording
 from structsel.reconstruction.problem import ESTIMATED, INERTIAL, ReconstructionProblem, build_problem
 from structsel.reconstruction.quality_checks import check_quality
 from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
 from structsel.reconstruction.sign_and_unit_checks import reject_wrong_sign_or_unit
+from structsel.reconstruction.ukf import STEEP, FilterResult, KinematicsProblem, SmootherResult, ukf_smoother
 from structsel.recording import Recording
 
 METHODS = ("unscented", "extended", "output-error")
@@ -87,7 +87,7 @@ def reconstruct(
     gate : float [-]
         Readings further than so many standard deviations from their prediction are not used, and counted; 0 uses all.
     spread : float [-]
-        Of the sigma points, as `structsel.numerics.unscented.ukf_smoother` takes it.
+        Of the sigma points, as `structsel.reconstruction.ukf.ukf_smoother` takes it.
     g : float [m/s^2]
     progress : callable, optional
         Called with a stage's name, steps done and steps in all.

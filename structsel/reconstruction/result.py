@@ -11,9 +11,9 @@ import pandas as pd
 
 from structsel.formatting import format_number
 from structsel.nomenclature import BODY_RATES, SPECIFIC_FORCES
-from structsel.numerics.reconstructibility import Reconstructibility
 from structsel.reconstruction.delays import Delay
 from structsel.reconstruction.innovations import Consistency
+from structsel.reconstruction.observability import Reconstructibility
 from structsel.recording import Finding, Recording
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column

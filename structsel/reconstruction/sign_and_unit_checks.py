@@ -25,7 +25,7 @@ from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.rigid_body import cross
 from structsel.numerics.signal_quality import noise_level
-from structsel.numerics.unscented import KinematicsProblem
+from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Recording
 
 _WINDOW = 0.5  # s

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from structsel.numerics import kinematics as fp
-from structsel.numerics.unscented import KinematicsProblem, ukf_filter
+from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter
 
 _LENGTH = 200.0  # m of air in which a gust dies away, to begin with: Dryden's scales near the ground
 _LENGTHS = (50.0, 2000.0)  # m, shortest and longest: what changes faster is noise, and slower is wind

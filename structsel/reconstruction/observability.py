@@ -21,8 +21,8 @@ import numpy as np
 
 from structsel.errors import DomainError
 from structsel.numerics.kinematics import MEASUREMENTS, MOTION, STATES
-from structsel.numerics.path_sensitivity import recorded_path, sensitivity_factor, stretches_of
-from structsel.numerics.unscented import KinematicsProblem
+from structsel.reconstruction.path_sensitivity import recorded_path, sensitivity_factor, stretches_of
+from structsel.reconstruction.ukf import KinematicsProblem
 
 FIX_FIRST = (
     # Small where the airspeed is calibrated; and vertical wind has no steady mean.

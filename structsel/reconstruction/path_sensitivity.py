@@ -17,7 +17,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from structsel.errors import DomainError
 from structsel.numerics.kinematics import MEASUREMENTS, MOTION, readings, slopes
-from structsel.numerics.unscented import KinematicsProblem
+from structsel.reconstruction.ukf import KinematicsProblem
 
 _LONGEST = 60.0  # s of a stretch: beyond it dead reckoning forgets where it started
 _GAP = 0.5  # s without a sample, and five samples: not integrated across

@@ -1,12 +1,14 @@
-"""Orthogonal triangularisation and solution with the factor, compiled."""
+"""Orthogonal triangularisation and work with the triangular factors, compiled."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
+from structsel.numerics.arrays import UNCOUNTED
 
-@njit(cache=True)
+
+@njit(**UNCOUNTED)
 def triangularise(A, rows, columns):  # type: ignore[no-untyped-def]
     """Turn A (rows, columns) in place into [S 0] with S lower triangular and S S' = A A'."""
     for i in range(min(rows, columns)):
@@ -51,8 +53,8 @@ def triangularise(A, rows, columns):  # type: ignore[no-untyped-def]
             A[i, j] = 0.0
 
 
-@njit(cache=True)
-def gain_of(cross, S, rows, m):  # type: ignore[no-untyped-def]
+@njit(**UNCOUNTED)
+def solve_gain(cross, S, rows, m):  # type: ignore[no-untyped-def]
     """Make cross (rows, m) := cross (S S')^-1 with S (m, m) lower triangular, in place."""
     for i in range(rows):
         for j in range(m):
@@ -65,3 +67,28 @@ def gain_of(cross, S, rows, m):  # type: ignore[no-untyped-def]
             cross[i, j] = solved
             for k in range(j):
                 cross[i, k] -= solved * S[j, k]
+
+
+@njit(**UNCOUNTED)
+def lower_triangle(source, target):  # type: ignore[no-untyped-def]
+    """Copy the lower triangle, with zeros above."""
+    for i in range(len(target)):
+        for j in range(len(target)):
+            target[i, j] = source[i, j] if j <= i else 0.0
+
+
+@njit(**UNCOUNTED)
+def row_lengths(S, std):  # type: ignore[no-untyped-def]
+    """Standard deviations: lengths of the rows of a lower triangular root."""
+    for i in range(len(S)):
+        total = 0.0
+        for j in range(i + 1):
+            total += S[i, j] * S[i, j]
+        std[i] = np.sqrt(total)
+
+
+@njit(**UNCOUNTED)
+def copy(source, target):  # type: ignore[no-untyped-def]
+    """Copy a vector."""
+    for i in range(len(source)):
+        target[i] = source[i]
