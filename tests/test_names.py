@@ -61,7 +61,6 @@ REMAIN = {
     "structsel.cli.simulate: craft",
     "structsel.cli.streaming: flown",
     "structsel.numerics.kinematics: flank",
-    "structsel.numerics.unscented_filter: flank",
     "structsel.plotting.style: colour",
     "structsel.reconstruction.delays: told",
     "structsel.reconstruction.reconstruct: late",
