@@ -26,11 +26,10 @@ from structsel.refinement.filter_kernels import diagonal, steady_gain
 from structsel.refinement.linear_flight import delayed_inputs
 from structsel.refinement.protocols import Simulator
 from structsel.simulation.atmosphere import Atmosphere
-from structsel.simulation.flight_setup import FlightSetup, prepare
+from structsel.simulation.flight_setup import FlightSetup, prepare, start_from
 
 _OTHER_OUTPUTS = ("psi", "h", "x", "y", "vn", "ve", "vd", "u", "v", "w", "p_dot", "q_dot", "r_dot", "V_dot",
                   "alpha_dot", "beta_dot")  # fmt: skip
-_START = ("V", "alpha", "beta", "u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h")
 
 
 class NonlinearFlight:
@@ -108,28 +107,16 @@ class NonlinearFlight:
 
     def prepare(self, recording: Recording) -> FlightSetup:
         """The recording prepared for the kernel; the delay is that of the inputs named, or of all but the thrust."""
+        start = start_from(self.model, self.aircraft, recording, self.air)
         ready = prepare(
-            self.model, self.aircraft, recording, start=self._start(recording), air=self.air,
-            definitions=self.definitions, substeps=self.substeps,
+            self.model, self.aircraft, recording, start=start, air=self.air, definitions=self.definitions,
+            substeps=self.substeps,
         )  # fmt: skip
         controls = ready.compiled.controls
         # A recorded thrust is the force itself: it contains its delay already.
         named = [name for name in controls if name != "thrust"] if self.delayed is None else self.delayed
         delayed = np.array(delayed_inputs(controls, named, self.name), dtype=bool)
         return replace(ready, manoeuvre=replace(ready.manoeuvre, delayed=delayed))
-
-    def _start(self, recording: Recording) -> dict[str, float]:
-        """First sample of the recorded states.
-
-        Without lateral coefficients nothing would end a lateral motion, so none is started. Where the density is given
-        the altitude has no effect.
-        """
-        wanted = [name for name in _START if self.lateral or name not in (*LATERAL_STATES, "beta")]
-        held = {name: float(recording[name][0]) for name in wanted if name in recording}
-        held = {name: value for name, value in held.items() if np.isfinite(value)}
-        if self.air is not None and self.air.rho is not None:
-            held.setdefault("h", 0.0)
-        return held
 
     def first_state(self, recording: Recording) -> np.ndarray:
         """States of the first sample."""

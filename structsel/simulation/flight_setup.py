@@ -224,8 +224,8 @@ def start_from(
 ) -> dict[str, float]:
     """Initial state of a simulation by name: the first sample of a recording, at the centre of gravity.
 
-    Without lateral coefficients nothing would end a lateral motion, so none is started. In air of a given density the
-    altitude has no effect, and is zero where it was not recorded.
+    A model without lateral coefficients is simulated without sideslip, at the recorded airspeed: nothing would end a
+    lateral motion. In air of a given density the altitude has no effect, and is zero where it was not recorded.
 
     Raises
     ------
@@ -234,10 +234,12 @@ def start_from(
     """
     if air is not None and air.rho is not None and "h" not in recording:
         recording = recording.with_channels(h=0.0)
-    state = dict(zip(STATES, first_state(recording, None, aircraft, recording.name).tolist()))
+    state = first_state(recording, None, aircraft, recording.name)
     if not any(name in model for name in LATERAL_COEFFICIENTS):
-        state |= dict.fromkeys(LATERAL_STATES, 0.0)
-    return state
+        u, w = state[0], state[2]
+        state[[0, 2]] *= np.linalg.norm(state[:3]) / np.hypot(u, w)
+        state[[STATES.index(name) for name in LATERAL_STATES]] = 0.0
+    return dict(zip(STATES, state.tolist()))
 
 
 def _schedule(inputs: Inputs) -> tuple[np.ndarray, Mapping[str, Any], str]:
