@@ -28,7 +28,7 @@ TERMS = {
     "Cm": {"1": 0.03, "alpha": -0.9, "q_hat": -31.0, "de": -1.92},
     "Cn": {"beta": 0.06, "p_hat": -0.06, "r_hat": -0.11, "da": -0.004, "dr": -0.083},
 }
-CRAFT = Aircraft(
+AIRCRAFT = Aircraft(
     name="small aeroplane", mass=2288.0, S=23.23, b=14.63, cbar=1.5875,
     inertia={"Ix": 5368.0, "Iy": 6929.0, "Iz": 11159.0, "Ixz": 118.0},
     thrust={"offset": (1.8, 0.0, 0.0)}, sensors={"vane": {"position": (2.0, 0.0, 0.0)}},
@@ -53,7 +53,7 @@ def aerodynamics(more: Mapping[str, Mapping[str, float]] | None = None) -> AeroM
 
 @cache
 def trimmed(k: int) -> Trim:
-    return trim(aerodynamics(), CRAFT, 50.0 + 8.0 * k, 1000.0)
+    return trim(aerodynamics(), AIRCRAFT, 50.0 + 8.0 * k, 1000.0)
 
 
 def inputs(k: int, size: float = 1.0) -> dict[str, np.ndarray]:
@@ -76,10 +76,10 @@ def inputs(k: int, size: float = 1.0) -> dict[str, np.ndarray]:
 
 def fly(
     truth: AeroModel | None = None,
-    aircraft: Aircraft = CRAFT,
+    aircraft: Aircraft = AIRCRAFT,
     *,
     instruments: Instruments | None = None,
-    flown: Mapping[str, Any] | None = None,
+    true_inputs: Mapping[str, Any] | None = None,
     size: float = 1.0,
     **more: Any,
 ) -> list[Recording]:
@@ -91,37 +91,37 @@ def fly(
         What flies.
     instruments : Instruments
         Faults of what is recorded; by default none, and no noise.
-    flown : mapping of channel to callable
-        What an input really was, of the one that is recorded.
+    true_inputs : mapping of channel to callable
+        True time history of an input, from the recorded one.
     """
     made = []
     for k in range(2):
-        told = inputs(k, size)
-        true = {c: (flown or {}).get(c, lambda x: x)(x) for c, x in told.items()}
+        recorded = inputs(k, size)
+        true = {c: (true_inputs or {}).get(c, lambda x: x)(x) for c, x in recorded.items()}
         flight = simulate(
             truth or aerodynamics(), aircraft, true, start=trimmed(k), instruments=instruments or Instruments(), **more
         )
         channels = {c: flight[c] for c in CHANNELS}
-        channels |= {c: np.broadcast_to(told[c], flight.t.shape) for c in flown or {}}
+        channels |= {c: np.broadcast_to(recorded[c], flight.t.shape) for c in true_inputs or {}}
         made.append(Recording(f"m{k}", flight.t, channels))
     return made
 
 
-def compare(recordings: Sequence[Recording], aircraft: Aircraft = CRAFT) -> list[Flight]:
-    """Flights against the model, told what was recorded.
+def compare(recordings: Sequence[Recording], aircraft: Aircraft = AIRCRAFT) -> list[Flight]:
+    """Recordings compared with the model, which is evaluated at the recorded channels.
 
     Parameters
     ----------
     recordings : sequence of Recording
     aircraft : Aircraft
-        As the simulation thinks it is.
+        As the simulation assumes it.
     """
     simulation = open_simulation(aerodynamics(), recordings, aircraft)
     assert simulation.evaluate is not None
-    told = [simulation.evaluate(r) for r in recordings]
+    simulated = [simulation.evaluate(r) for r in recordings]
     # Exact recordings have nothing to smooth, and the smoother would take most of the time.
     with patch("structsel.comparison.flight.smooth_spline", side_effect=DataError("exact")):
-        flights = [prepare_flight(r, aircraft, s) for r, s in zip(recordings, told)]
+        flights = [prepare_flight(r, aircraft, s) for r, s in zip(recordings, simulated)]
     stand_in = identify(flights, [f.simulated for f in flights], COEFFICIENTS)
     return [replace(f, surrogate=stand_in) for f in flights]
 
@@ -134,7 +134,7 @@ class Fit:
 
 
 def explain(flights: Sequence[Flight], variant: Variant) -> Fit:
-    """Least-squares parameters of a variant, and the share of all differences that they explain."""
+    """Least-squares parameters of a variant, and the fraction of the differences they explain."""
     rows, target = [], []
     for f in flights:
         columns = variant.columns(f)

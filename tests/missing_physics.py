@@ -20,7 +20,7 @@ from structsel.nomenclature import COEFFICIENTS
 from structsel.recording import Recording
 from structsel.simulation import Instruments, simulate, trim
 
-CRAFT = demo_aircraft()
+AIRCRAFT = demo_aircraft()
 DT = 0.04
 T = np.arange(0.0, 20.0, DT)
 NOISE = {
@@ -55,7 +55,14 @@ def excite(t, k=0, pitch=0.04, roll=0.05, yaw=0.04):
 
 
 def fly(
-    extra, speeds=(42.0, 50.0), inputs=excite, h=(1000.0, 1000.0), definitions=None, base=TRUTH, aircraft=CRAFT, **more
+    extra,
+    speeds=(42.0, 50.0),
+    inputs=excite,
+    h=(1000.0, 1000.0),
+    definitions=None,
+    base=TRUTH,
+    aircraft=AIRCRAFT,
+    **more,
 ):
     """Flights, each with the simulation `base` at its exact states, of a truth with `extra` terms by response.
 
@@ -68,16 +75,16 @@ def fly(
     for k, V in enumerate(speeds):
         start = trim(simulation, aircraft, V, h[k])
         moves = start.inputs(T, **inputs(T, k)) | {n: x(k) if callable(x) else x for n, x in more.items()}
-        flown = [
+        simulated = [
             simulate(truth, aircraft, moves, start=start, definitions=definitions, instruments=i, outside="ignore")
             for i in (Instruments(noise=NOISE, seed=k), None)
         ]
-        recordings.append(Recording(f"m{k + 1:02d}", flown[0].t, flown[0].channels))
-        stated.append(simulation.evaluate(compute_coefficients(flown[1], seen), outside="ignore"))
+        recordings.append(Recording(f"m{k + 1:02d}", simulated[0].t, simulated[0].channels))
+        stated.append(simulation.evaluate(compute_coefficients(simulated[1], seen), outside="ignore"))
     return recordings, stated
 
 
-def ready(recordings, stated, aircraft=CRAFT):
+def ready(recordings, stated, aircraft=AIRCRAFT):
     """Flights to be explained, with a stand-in for the simulation."""
     flights = [prepare_flight(r, aircraft, s) for r, s in zip(recordings, stated)]
     stand_in = identify(flights, stated, [r for r in COEFFICIENTS if r in stated[0]])
@@ -89,13 +96,13 @@ def flights_with(extra, **options):
 
 
 def tried(flights, *effects):
-    """Bench of flights on which some effects may be tried, and the library of those."""
+    """Comparison problem of some flights, and the library of the effects to be tried."""
     library = work_out([h for h in EFFECTS if h.name in effects], flights, flights[0].responses)
     return Bench.set_up(flights, library.signatures), library
 
 
 def explain(flights, variant, responses=None):
-    """Least-squares parameters by name, and the share of the differences' variance explained by response."""
+    """Least-squares parameters by name, and the fraction of the differences' variance that they explain."""
     wanted = responses or sorted({r for f in flights for r in variant.columns(f)})
     rows, y = [], []
     for r in wanted:
@@ -113,7 +120,7 @@ def explain(flights, variant, responses=None):
 
 
 def best(flights, hypothesis, responses):
-    """Variant with plausible parameters that explains most of some responses, those, and the share."""
+    """Plausible variant that explains most of some responses, its parameters, and the fraction explained."""
     tried = [(v, *explain(flights, v, responses)) for v in hypothesis.variants(flights)]
     plausible = [one for one in tried if all(p.low <= one[1][p.name] <= p.high for p in one[0].parameters)]
     return max(plausible, key=lambda one: one[2])
@@ -124,7 +131,7 @@ def named(module, effect):
 
 
 def found_of(flights, variant, values):
-    """What a hypothesis is told when it is to put into words what was found."""
+    """Result of a fit, as a hypothesis receives it to describe what was found."""
     shape = {n: ParameterEstimate(x, 0.0, variant.units.get(n, "-")) for n, x in variant.shape.items()}
     fitted = {p.name: ParameterEstimate(values[p.name], 0.1 * abs(values[p.name]), p.unit) for p in variant.parameters}
     return FittedEffect(variant, {**fitted, **shape}, {})

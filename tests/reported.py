@@ -44,21 +44,21 @@ def manoeuvre(k, n=500, name=""):
 @cache
 def selected():
     """Selections, recordings (the last held out) and its validation."""
-    flown = [manoeuvre(k) for k in range(4)]
+    recordings = [manoeuvre(k) for k in range(4)]
     found = select(
-        flown[:3], ["Cm", "CZ"], Candidates.polynomial(["alpha", "q_hat", "de"], 2), F_in="auto", bootstrap=20
+        recordings[:3], ["Cm", "CZ"], Candidates.polynomial(["alpha", "q_hat", "de"], 2), F_in="auto", bootstrap=20
     )
-    return found, flown, validate(found.model, flown[3:])
+    return found, recordings, validate(found.model, recordings[3:])
 
 
 @cache
 def reconstructed():
     """Two manoeuvres, one of them not to be trusted, and one that failed."""
-    flown = demo_instruments("all-axes", 2, duration=8.0)
+    flight = demo_instruments("all-axes", 2, duration=8.0)
     # Height is read four times a second only.
-    h = flown.measured["h"].copy()
+    h = flight.measured["h"].copy()
     h[np.arange(len(h)) % 12 != 0] = np.nan
-    one = reconstruct(flown.measured.with_channels(h=h), flown.aircraft)
+    one = reconstruct(flight.measured.with_channels(h=h), flight.aircraft)
     again = Recording("second", one.recording.t, one.recording.channels, one.recording.units, one.recording.provenance)
     changes = {"name": "second", "recording": again, "distrust": ("theta and the accelerometers contradict.",)}
     wrong = type(one)(**{**one.__dict__, **changes})
@@ -67,7 +67,7 @@ def reconstructed():
 
 @cache
 def refined():
-    """Refinement, recordings it was made of, and replays of another before and after."""
+    """Refinement, its recordings, and simulations of another recording before and after."""
     aircraft = published_aircraft("citation")
     start = aircraft.trim()
     flights = []
@@ -90,11 +90,11 @@ def refined():
 @cache
 def pages():
     """HTML of each kind."""
-    found, flown, judged = selected()
+    found, recordings, judged = selected()
     better, flights, replays = refined()
     return {
         "diagnosis": render(diagnosis(GROUND, VANE)),
-        "selection": render(found, recordings=flown, judged=judged),
+        "selection": render(found, recordings=recordings, judged=judged),
         "reconstruction": render(reconstructed()),
         "refinement": render(better, recordings=flights[:1], judged=replays),
     }

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 def step_response(dt=0.04, seconds=20.0, width=0.7):
     """Time, angle of attack and pitch rate with their derivatives after a 3-2-1-1 of the elevator.
 
-    A short period x' = A x + B u, solved over each constant stretch of u by the matrix exponential, so that
+    A short period x' = A x + B u, solved over each constant segment of u by the matrix exponential, so that
     x is exact and x' follows from the state equation (just after an edge of u, its right-hand limit).
     """
     A = np.array([[-1.0, 1.0], [-6.0, -1.4]])

@@ -26,7 +26,7 @@ def packages():
 
 
 def imports(module):
-    """What a module takes from others of the package: (module, name, local name); a module as a whole has no name."""
+    """Imports of a module from the package: (module, name, local name); the name is empty for a complete module."""
     package = module if module in packages() else module.rpartition(".")[0]
     for node in ast.walk(modules()[module]):
         if isinstance(node, ast.Import):

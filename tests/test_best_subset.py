@@ -50,11 +50,11 @@ def test_best_subset_equals_brute_force_on_500_problems_and_the_greedy_answers_o
         for name, path in found.items():
             selected = tuple(sorted(path.selected))
             hits[name] += not selected or truth[len(selected)][1] == selected
-    shares = {name: count / problems for name, count in hits.items()}
-    assert shares["stepwise"] >= 0.97
-    assert shares["refine_subset"] >= 0.99
-    assert shares["orthogonal"] >= 0.86
-    assert shares["stepwise"] >= shares["stepwise, no swap"]
+    fractions = {name: count / problems for name, count in hits.items()}
+    assert fractions["stepwise"] >= 0.97
+    assert fractions["refine_subset"] >= 0.99
+    assert fractions["orthogonal"] >= 0.86
+    assert fractions["stepwise"] >= fractions["stepwise, no swap"]
 
 
 def test_forced_terms_are_in_every_model():

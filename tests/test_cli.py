@@ -1,6 +1,6 @@
 """The command line: what it prints, writes and refuses.
 
-The expected tables stand in tests/golden/; STRUCTSEL_GOLDEN=write makes them anew.
+The expected tables are in tests/golden/; STRUCTSEL_GOLDEN=write writes them.
 """
 
 import json

@@ -47,7 +47,7 @@ def case(tmp_path):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Puts a diagnosis made by hand in place of the real one, and keeps what it was asked."""
+    """Replaces the diagnosis by a prepared one, and keeps its arguments."""
     kept = {"answer": diagnosis()}
 
     def diagnose(simulation, recordings, aircraft, *, held_out=(), progress=None):

@@ -16,7 +16,7 @@ from structsel.reconstruction import METHODS, reconstruct
 from structsel.recording import split_manoeuvres
 
 PLAIN = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
-FLOWN = ("elevator-3211", "all-axes")
+MANOEUVRES = ("elevator-3211", "all-axes")
 
 
 def run(*arguments, code=0):
@@ -30,7 +30,7 @@ def run(*arguments, code=0):
 
 @pytest.fixture(scope="module")
 def flights():
-    return {name: demo_instruments(name, 3, duration=8.0) for name in FLOWN}
+    return {name: demo_instruments(name, 3, duration=8.0) for name in MANOEUVRES}
 
 
 @pytest.fixture(scope="module")
@@ -115,12 +115,12 @@ def test_what_cannot_be_determined_is_named_with_the_reason(folder, common, tmp_
 def test_the_errors_set_are_found_within_their_standard_deviations(flights, folder, common):
     held = json.loads(run("reconstruct", folder, *common, "--json").stdout)
     assert held["schema"] == "structsel.reconstructions/1"
-    assert [one["name"] for one in held["done"]] == sorted(FLOWN)
+    assert [one["name"] for one in held["done"]] == sorted(MANOEUVRES)
     for one in held["done"]:
         assert one["trusted"]
         off = [(c["value"] - flights[one["name"]].errors[c["name"]]) / c["std"] for c in one["constants"]]
         assert len(off) == 11
-        assert np.max(np.abs(off)) < 4.0  # 22 numbers: 1 in 700 by chance
+        assert np.max(np.abs(off)) < 4.0  # 22 numbers: probability 1 in 700 at random
 
 
 def test_only_the_constants_asked_for_are_estimated(folder, common):
@@ -157,12 +157,12 @@ def test_a_delayed_channel_is_named_and_advanced_by_what_is_given(folder, common
         said = any("alpha reads" in text for text in (*one["doubts"], *one["distrust"]))
         return next(d["delay"] for d in one["delays"] if d["channel"] == "alpha"), said
 
-    late, said = outcome("report")
-    assert late > 0.05
+    delay, said = outcome("report")
+    assert delay > 0.05
     assert said
     for delays in ("alpha=0.1", "estimate"):
-        late, said = outcome(delays)
-        assert abs(late) < 0.01
+        delay, said = outcome(delays)
+        assert abs(delay) < 0.01
         assert not said
 
 

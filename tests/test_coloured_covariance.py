@@ -88,7 +88,7 @@ def test_the_last_correlated_lag_is_that_of_a_moving_average_and_counts_sampled_
 
 
 def test_residuals_of_channels_sampled_at_different_rates_need_no_filling_in():
-    # The slow channel alone, and beside one whose residuals say nothing of the parameter.
+    # The slow channel alone, and with one whose residuals carry no information on the parameter.
     rng = np.random.default_rng(9)
     S, e = rng.standard_normal(3000), ar1(rng, 3000, 0.6)
     e[np.arange(3000) % 3 != 0] = np.nan
@@ -100,7 +100,7 @@ def test_residuals_of_channels_sampled_at_different_rates_need_no_filling_in():
     assert_allclose(both, alone, rtol=1e-9)
 
 
-@pytest.mark.parametrize("n", [300, 70_000])  # the longer one is correlated in two stretches
+@pytest.mark.parametrize("n", [300, 70_000])  # the longer one is correlated in two segments
 def test_streamed_over_the_recordings_it_is_the_same(n):
     base, y, X, e = regression(n)
     flight = [ArrayData(base, y[None])]

@@ -16,13 +16,13 @@ from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import nats
 from structsel.errors import DataError, ModelError
 from structsel.recording import Recording
-from tests.missing_physics import CRAFT, TRUTH, T, fly, model_of, tried
+from tests.missing_physics import AIRCRAFT, TRUTH, T, fly, model_of, tried
 
 LIFT = {"CZ": {"alpha^2": -6.0}}
 
 
 @pytest.fixture(scope="module")
-def flown():
+def flights_and_truth():
     return fly(LIFT, speeds=(40.0, 45.0, 50.0, 55.0), h=(1000.0,) * 4)
 
 
@@ -31,16 +31,16 @@ def files(recordings, stated):
 
 
 def altered(recordings, which, **channels):
-    """The recordings as if a simulation had flown them, some channels of one exchanged."""
+    """The recordings as if a simulation had produced them, some channels of one exchanged."""
     made = {r.name: Recording(r.name, r.t, dict(r.channels)) for r in recordings}
     made[which] = Recording(which, made[which].t, {**made[which].channels, **channels})
     return made
 
 
-def test_a_forced_simulation_is_compared_and_its_gap_seen(flown):
-    recordings, stated = flown
+def test_a_forced_simulation_is_compared_and_its_gap_seen(flights_and_truth):
+    recordings, stated = flights_and_truth
     seen = []
-    found = compare(files(recordings, stated), recordings, CRAFT, progress=lambda *step: seen.append(step))
+    found = compare(files(recordings, stated), recordings, AIRCRAFT, progress=lambda *step: seen.append(step))
     assert found.form == "forced"
     assert found.recordings == ("m01", "m02", "m03", "m04")
     assert found.explainable["CZ"] > 0.5
@@ -55,79 +55,79 @@ def test_a_forced_simulation_is_compared_and_its_gap_seen(flown):
     assert found.turbulence is None
 
 
-def test_a_model_its_file_and_a_function_say_the_same(flown, tmp_path, monkeypatch):
-    recordings, _ = flown
+def test_a_model_its_file_and_a_function_say_the_same(flights_and_truth, tmp_path, monkeypatch):
+    recordings, _ = flights_and_truth
     model = model_of(TRUTH)
-    first = compare(model, recordings[:2], CRAFT)
+    first = compare(model, recordings[:2], AIRCRAFT)
     assert first.form == "model"
     model.to_json(tmp_path / "model.json")
-    second = compare(tmp_path / "model.json", recordings[:2], CRAFT)
+    second = compare(tmp_path / "model.json", recordings[:2], AIRCRAFT)
     module = ModuleType("their_simulation")
-    module.evaluate = open_simulation(model, recordings, CRAFT).evaluate
+    module.evaluate = open_simulation(model, recordings, AIRCRAFT).evaluate
     monkeypatch.setitem(sys.modules, "their_simulation", module)
-    third = compare("python:their_simulation:evaluate", recordings[:2], CRAFT)
+    third = compare("python:their_simulation:evaluate", recordings[:2], AIRCRAFT)
     assert third.form == "python"
     for c in ("CX", "CZ", "Cm"):
         assert_allclose(second.sizes[c].difference, first.sizes[c].difference, rtol=1e-9)
         assert_allclose(third.sizes[c].difference, first.sizes[c].difference, rtol=1e-9)
 
 
-def test_a_free_simulation_of_the_truth_leaves_little(flown):
-    recordings, _ = flown
-    found = compare(altered(recordings, "m01"), recordings, CRAFT)
+def test_a_free_simulation_of_the_truth_leaves_little(flights_and_truth):
+    recordings, _ = flights_and_truth
+    found = compare(altered(recordings, "m01"), recordings, AIRCRAFT)
     assert found.form == "free"
     # It flew what was recorded: what it says is what was measured, as far as few terms give it.
     for c in ("CZ", "Cm"):
         assert found.sizes[c].difference < 0.3 * found.sizes[c].measured
 
 
-def test_a_jsbsim_aircraft_is_asked_along_the_recordings(flown):
+def test_a_jsbsim_aircraft_is_asked_along_the_recordings(flights_and_truth):
     pytest.importorskip("jsbsim", reason='JSBSim is not installed: pip install "structsel[jsbsim]"')
-    recordings, _ = flown
-    found = compare("jsbsim:c172p", recordings[:2], CRAFT)
+    recordings, _ = flights_and_truth
+    found = compare("jsbsim:c172p", recordings[:2], AIRCRAFT)
     assert found.form == "jsbsim"
     # Another aircraft of the same size and weight carries the same weight, and turns otherwise.
     assert found.sizes["CZ"].difference < found.sizes["CZ"].measured
     assert found.sizes["Cm"].difference > found.sizes["Cm"].noise
 
 
-def test_any_channel_may_be_compared(flown):
-    recordings, _ = flown
+def test_any_channel_may_be_compared(flights_and_truth):
+    recordings, _ = flights_and_truth
     stated = {r.name: Recording(r.name, r.t, {"h": r["h"] + 2.0 * np.sin(T)}) for r in recordings}
-    found = compare(stated, recordings, CRAFT)
+    found = compare(stated, recordings, AIRCRAFT)
     assert list(found.sizes) == ["h"]
     # A sine of 2 has an rms of 2 / sqrt(2), less what fading a tenth of the samples takes.
     assert_allclose(found.sizes["h"].difference, np.sqrt(2.0), rtol=0.08)
     assert found.turbulence is None
 
 
-def test_a_single_manoeuvre_says_what_it_cannot_conclude(flown):
-    recordings, stated = flown
-    found = compare(files(recordings[:1], stated[:1]), recordings[:1], CRAFT)
+def test_a_single_manoeuvre_says_what_it_cannot_conclude(flights_and_truth):
+    recordings, stated = flights_and_truth
+    found = compare(files(recordings[:1], stated[:1]), recordings[:1], AIRCRAFT)
     assert found.explainable == {}
     assert found.characters == ()
     assert "a single manoeuvre: nothing can be held out" in str(found)
 
 
-def test_names_that_do_not_match_are_listed(flown):
-    recordings, stated = flown
+def test_names_that_do_not_match_are_listed(flights_and_truth):
+    recordings, stated = flights_and_truth
     with pytest.raises(DataError, match=r"no file for m04; it has m01, m02, m03\.\nEach recording needs"):
-        compare(files(recordings[:3], stated[:3]), recordings, CRAFT)
+        compare(files(recordings[:3], stated[:3]), recordings, AIRCRAFT)
 
 
-def test_a_clock_that_does_not_overlap_is_refused(flown):
-    recordings, stated = flown
+def test_a_clock_that_does_not_overlap_is_refused(flights_and_truth):
+    recordings, stated = flights_and_truth
     delayed = {r.name: Recording(r.name, r.t + 100.0, s) for r, s in zip(recordings, stated)}
     with pytest.raises(DataError, match=r"'m01' runs from 0 to 19\.96 s, its simulation from 100 to 119\.96 s"):
-        compare(delayed, recordings, CRAFT)
+        compare(delayed, recordings, AIRCRAFT)
 
 
-def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flown):
-    recordings, stated = flown
+def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flights_and_truth):
+    recordings, stated = flights_and_truth
     bias = 0.002
 
     def first(states, alpha):
-        aircraft = CRAFT.model_copy(update={"simulation": Simulation(states=states)})
+        aircraft = AIRCRAFT.model_copy(update={"simulation": Simulation(states=states)})
         read = [Recording(r.name, r.t, {**r.channels, "alpha": r["alpha"] + alpha}) for r in recordings[:2]]
         return prepare(files(recordings, stated), read, aircraft).flights[0]
 
@@ -141,53 +141,53 @@ def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flown):
     assert np.mean(read["k_h"]) > 30.0
     assert set(asked) <= {"CX", "CY", "CZ", "Cl", "Cm", "Cn"}
     assert np.mean(asked["CZ"]) > 3.0
-    # Asked at what was read, it is off by the same.
+    # Evaluated at the recorded states, it has the same error.
     (both,) = (columns for name, _, columns in biases_of(first("raw", 0.0)) if name == "alpha")
     for c, x in both.items():
         assert_allclose(x, read.get(c, 0.0) + asked.get(c, 0.0), atol=1e-9)
 
 
 def test_slopes_of_the_stand_in_are_those_of_the_simulation_whatever_readings_are_biased():
-    # Asked at true states at the centre of gravity; angle of attack and elevator read with another bias in each flight.
+    # Evaluated at the true states at the centre of gravity; alpha and de read with another bias in each flight.
     recordings, stated = fly({}, speeds=(42.0, 46.0, 50.0, 54.0), h=(1000.0,) * 4)
     biases = 0.005 * np.array([1.0, -1.0, 0.8, -0.8])
     read = [
         Recording(r.name, r.t, {**r.channels, "alpha": r["alpha"] + b, "de": r["de"] - b})
         for r, b in zip(recordings, biases)
     ]
-    arm = CRAFT.position("vane")[0]
-    for f, r in zip(prepare(files(recordings, stated), read, CRAFT).flights, recordings):
+    arm = AIRCRAFT.position("vane")[0]
+    for f, r in zip(prepare(files(recordings, stated), read, AIRCRAFT).flights, recordings):
         alpha, V = r["alpha"].mean(), r["V"].mean()
         lift = TRUTH["CZ"]["alpha"] + 3.0 * TRUTH["CZ"]["alpha^3"] * np.mean(r["alpha"] ** 2)
         stiffness = TRUTH["Cm"]["alpha"] + 2.0 * TRUTH["Cm"]["alpha^2"] * alpha
         # Of what the vane reads, turning takes its part.
-        damping = (TRUTH["Cm"]["q_hat"] * CRAFT.cbar / 2.0 + stiffness * arm) / V
+        damping = (TRUTH["Cm"]["q_hat"] * AIRCRAFT.cbar / 2.0 + stiffness * arm) / V
         assert_allclose(f.slope("CZ", "alpha").mean(), lift, rtol=0.02)
         assert_allclose(f.slope("Cm", "alpha").mean(), stiffness, rtol=0.04)
         assert_allclose(f.slope("Cm", "q").mean(), damping, rtol=0.02)
         assert_allclose(f.slope("Cm", "de").mean(), TRUTH["Cm"]["de"], rtol=0.02)
-        assert_allclose(f.slope("Cl", "p").mean(), TRUTH["Cl"]["p_hat"] * CRAFT.b / (2.0 * V), rtol=0.01)
+        assert_allclose(f.slope("Cl", "p").mean(), TRUTH["Cl"]["p_hat"] * AIRCRAFT.b / (2.0 * V), rtol=0.01)
 
 
-def test_a_brake_that_comes_out_is_in_the_stand_in_and_in_what_tolerances_allow(flown):
-    recordings, stated = flown
+def test_a_brake_that_comes_out_is_in_the_stand_in_and_in_what_tolerances_allow(flights_and_truth):
+    recordings, stated = flights_and_truth
     out = [np.clip(T - 8.0, 0.0, 1.0) * (k == 1) for k in range(4)]
     stated = [{**s, "CZ": s["CZ"] + 0.08 * x} for s, x in zip(stated, out)]
     recordings = [Recording(r.name, r.t, {**r.channels, "speedbrake": x}) for r, x in zip(recordings, out)]
-    flights = prepare(files(recordings, stated), recordings, CRAFT).flights
+    flights = prepare(files(recordings, stated), recordings, AIRCRAFT).flights
     assert_allclose(flights[0].slope("CZ", "speedbrake"), 0.08, rtol=0.03)
     (allowed,) = (n for n in tolerances_of(flights) if n.name == "CZ: speedbrake")
     assert np.ptp(allowed.columns[1]["CZ"]) == pytest.approx(0.08, rel=0.03)
 
 
 def test_the_noise_that_a_simulation_was_asked_at_is_allowed_for_and_passes_for_no_dead_play():
-    sd = 0.0005  # of a span of 0.08; asked without allowance, the play brings 288 nats
+    sd = 0.0005  # of a span of 0.08; without the allowance, play raises the log evidence by 288
     recordings, stated = fly({}, speeds=(40.0, 45.0, 50.0, 55.0), h=(1000.0,) * 4)
     rng = np.random.default_rng(4)
     noise = [sd * rng.standard_normal(len(T)) for _ in recordings]
     recordings = [Recording(r.name, r.t, {**r.channels, "de": r["de"] + x}) for r, x in zip(recordings, noise)]
     stated = [{**s, **{c: s[c] + TRUTH[c]["de"] * x for c in ("CZ", "Cm")}} for s, x in zip(stated, noise)]
-    flights = prepare(files(recordings, stated), recordings, CRAFT).flights
+    flights = prepare(files(recordings, stated), recordings, AIRCRAFT).flights
     (allowed,) = (n for n in tolerances_of(flights) if n.name == "noise of de")
     for column, x in zip(allowed.columns, noise):
         assert np.corrcoef(column["Cm"], -TRUTH["Cm"]["de"] * x)[0, 1] > 0.85
@@ -196,52 +196,52 @@ def test_the_noise_that_a_simulation_was_asked_at_is_allowed_for_and_passes_for_
     assert nats(score) < 10.0
 
 
-def test_a_forced_simulation_that_diverged_names_file_channel_and_sample(flown):
-    recordings, stated = flown
+def test_a_forced_simulation_that_diverged_names_file_channel_and_sample(flights_and_truth):
+    recordings, stated = flights_and_truth
     broken = [dict(s) for s in stated]
     broken[1]["Cm"] = np.where(T > 10.0, np.nan, broken[1]["Cm"])
     with pytest.raises(DataError, match=r"'m02' gives Cm = nan at sample 251 \(t = 10\.04 s\)"):
-        compare(files(recordings, broken), recordings, CRAFT)
+        compare(files(recordings, broken), recordings, AIRCRAFT)
 
 
 @pytest.mark.parametrize(
     ("value", "words"), [(np.nan, "alpha is nan at sample 251"), (7.0, "diverged: alpha is 7 at sample 251")]
 )
-def test_a_free_simulation_that_diverged_is_refused(flown, value, words):
-    recordings, _ = flown
+def test_a_free_simulation_that_diverged_is_refused(flights_and_truth, value, words):
+    recordings, _ = flights_and_truth
     gone = np.where(T > 10.0, value, recordings[2]["alpha"])
     with pytest.raises(DataError, match=rf"of 'm03'.* ?{words} \(t = 10\.04 s\)"):
-        compare(altered(recordings, "m03", alpha=gone), recordings, CRAFT)
+        compare(altered(recordings, "m03", alpha=gone), recordings, AIRCRAFT)
 
 
-def test_a_free_simulation_that_flew_elsewhere_is_refused(flown):
-    recordings, _ = flown
+def test_a_free_simulation_that_flew_elsewhere_is_refused(flights_and_truth):
+    recordings, _ = flights_and_truth
     fast = {r.name: Recording(r.name, r.t, {**r.channels, "V": r["V"] + 60.0}) for r in recordings}
     with pytest.raises(DataError, match=r"flew V from 9\d.* only 0% of the recorded samples lie where it flew"):
-        compare(fast, recordings, CRAFT)
+        compare(fast, recordings, AIRCRAFT)
 
 
-def test_a_simulation_of_another_aircraft_is_refused(flown):
-    recordings, stated = flown
+def test_a_simulation_of_another_aircraft_is_refused(flights_and_truth):
+    recordings, stated = flights_and_truth
     degrees = [{c: 57.3 * x for c, x in s.items()} for s in stated]
     with pytest.raises(DataError, match=r"gives CX = .* in 'm0\d' at sample \d+ .* of another aircraft"):
-        compare(files(recordings, degrees), recordings, CRAFT)
+        compare(files(recordings, degrees), recordings, AIRCRAFT)
 
 
-def test_a_recording_with_a_gap_names_channel_and_sample(flown):
-    recordings, stated = flown
+def test_a_recording_with_a_gap_names_channel_and_sample(flights_and_truth):
+    recordings, stated = flights_and_truth
     gap = recordings[0]["az"].copy()
     gap[100] = np.nan
     holed = [Recording("m01", recordings[0].t, {**recordings[0].channels, "az": gap}), *recordings[1:]]
     with pytest.raises(DataError, match=r"'m01': channel 'az' is nan at sample 100 \(t = 4 s\)"):
-        compare(files(recordings, stated), holed, CRAFT)
+        compare(files(recordings, stated), holed, AIRCRAFT)
 
 
-def test_no_recording_or_no_simulation_is_said(flown, tmp_path):
-    recordings, _ = flown
+def test_no_recording_or_no_simulation_is_said(flights_and_truth, tmp_path):
+    recordings, _ = flights_and_truth
     with pytest.raises(DataError, match="at least one recording"):
-        compare(model_of(TRUTH), [], CRAFT)
+        compare(model_of(TRUTH), [], AIRCRAFT)
     with pytest.raises(DataError, match="there is no simulation at"):
-        compare(tmp_path / "nowhere", recordings, CRAFT)
+        compare(tmp_path / "nowhere", recordings, AIRCRAFT)
     with pytest.raises(ModelError, match="cannot be loaded"):
-        compare("python:no_such_module:f", recordings, CRAFT)
+        compare("python:no_such_module:f", recordings, AIRCRAFT)

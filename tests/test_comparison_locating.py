@@ -19,7 +19,7 @@ from structsel.demo.aircraft import demo_aircraft
 from structsel.numerics.atmosphere import dryden_gusts
 from structsel.numerics.evidence import spectrum
 
-CRAFT = demo_aircraft()
+AIRCRAFT = demo_aircraft()
 DT = 0.04
 T = np.arange(0.0, 30.0, DT)
 
@@ -52,7 +52,7 @@ def make(count, seed, differences, V=60.0):
         }
         stated = differences(ch, rng, k)
         simulated = {c: np.zeros(n) for c in stated if not c.startswith("k_")}
-        made.append(Flight(f"m{k + 1}", T, DT, CRAFT, ch, dict(ch), stated, simulated, frozenset(ch)))
+        made.append(Flight(f"m{k + 1}", T, DT, AIRCRAFT, ch, dict(ch), stated, simulated, frozenset(ch)))
     return made
 
 
@@ -109,7 +109,7 @@ def test_an_effect_near_the_ground_is_bounded_by_height_alone():
     stated = [{"CZ": 0.1 * np.exp(-f["h_agl"] / 2.0)} for f in flights]
     found = bounds_of(flights, stated, {"CZ": 0.001})
     assert list(found) == ["h_agl"]
-    # The most is at the 99.5 % quantile, just above the lowest height, 2 m.
+    # The maximum is at the 99.5 % quantile, just above the lowest height, 2 m.
     assert_allclose(found["h_agl"].high, 2.0 - 2.0 * np.log(0.21), atol=0.3)
     assert found["h_agl"].p <= 0.05
     assert found["h_agl"].separates > 0.9
@@ -139,7 +139,7 @@ def test_the_ceiling_is_the_fraction_that_a_function_of_the_state_has():
     def stated(ch, rng, k):
         law = 40.0 * ch["alpha"] ** 2 + ch["beta"] * (ch["de"] > 0)
         law = (law - law.mean()) / law.std()
-        # White noise of which the band holds 6 of 12.5 Hz.
+        # White noise; the band holds 6 of its 12.5 Hz.
         return {"CZ": 0.05 * law + 0.04 * rng.standard_normal(len(T)), "Cm": 0.01 * rng.standard_normal(len(T))}
 
     flights = make(8, 4, stated)
@@ -163,7 +163,7 @@ def vanes(sigma, coloured=0.0, size=6):
     """Flights whose vanes and pitot read turbulence of a size [m/s], and noise; accelerometers and gyros do not."""
 
     def stated(ch, rng, k):
-        gusts = dryden_gusts(T, 60.0, CRAFT.b, np.full(3, 250.0), np.full(3, max(sigma, 1e-9)), rng)
+        gusts = dryden_gusts(T, 60.0, AIRCRAFT.b, np.full(3, 250.0), np.full(3, max(sigma, 1e-9)), rng)
         made = {}
         for name, gust, scale in zip(("k_V", "k_beta", "k_alpha"), gusts.T, (1.0, ch["V"], ch["V"])):
             own = 0.08 * rng.standard_normal(len(T)) + wander(rng, len(T), 0.25, coloured)

@@ -16,7 +16,7 @@ from structsel.recording import Recording, read_recording
 from structsel.selection import select
 from structsel.selection.methods import METHODS
 from tests.flights import fly as simulated_flights
-from tests.missing_physics import CRAFT, T, best, check_all, flights_with, fly
+from tests.missing_physics import AIRCRAFT, T, best, check_all, flights_with, fly
 from tests.source import ROOT
 
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE | re.DOTALL)
@@ -54,7 +54,7 @@ def test_a_new_effect_goes_through_diagnosis_report_and_model():
     )
     simulation = {r.name: Recording(r.name, r.t, dict(one)) for r, one in zip(recordings, simulated)}
     others = [one for one in EFFECTS if one.name in ("wrong-derivative", "cg-shift", "sensor-scale")]
-    found = diagnose(simulation, recordings, CRAFT, effects=(*others, wash))
+    found = diagnose(simulation, recordings, AIRCRAFT, effects=(*others, wash))
     assert found.findings[0].effect == "elevator-wash"
     assert "Propeller wash increases the elevator power: -2" in str(found)
     assert found.to_dict()["findings"][0]["physics"][0]["effect"] == "elevator-wash"

@@ -32,7 +32,7 @@ from structsel.numerics.flight_simulation import state_derivatives
 from structsel.simulation import Actuator, Instruments, linearise, prepare, published_aircraft, simulate, trim
 
 CITATION = published_aircraft("citation")
-OWN, CRAFT = CITATION.model, CITATION.aircraft
+OWN, AIRCRAFT = CITATION.model, CITATION.aircraft
 TRIM = CITATION.trim()
 T = np.arange(0.0, 6.0, 0.02)
 
@@ -41,7 +41,7 @@ def state(kind, of, **values):
     return State(kind, of, {name: Quantity(value) for name, value in values.items()})
 
 
-LATE = state("lag", "de", tau=0.15)
+LAGGED = state("lag", "de", tau=0.15)
 SEPARATED = state("separation", "alpha", tau1=0.3, tau2=0.15, a1=20.0, alpha_star=0.08)
 
 
@@ -71,7 +71,7 @@ def inputs(seed=0, size=0.02, t=T):
 
 
 def fly(model, given=None, start=TRIM, **options):
-    return simulate(model, CRAFT, given or inputs(), start=start, air=CITATION.air, outside="ignore", **options)
+    return simulate(model, AIRCRAFT, given or inputs(), start=start, air=CITATION.air, outside="ignore", **options)
 
 
 # --- states --------------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ def fly(model, given=None, start=TRIM, **options):
 def test_a_lag_is_what_a_linear_system_makes_of_its_input():
     x = 0.1 + np.sin(3.0 * T)
     expected = x[0] + lsim(([1.0], [0.15, 1.0]), x - x[0], T)[1]
-    assert_allclose(LATE.along(T, {"de": x}), expected, atol=5e-5)
+    assert_allclose(LAGGED.along(T, {"de": x}), expected, atol=5e-5)
 
 
 def test_a_way_travelled_is_a_time_at_constant_speed():
@@ -113,10 +113,10 @@ def test_a_state_that_cannot_be_is_refused_with_what_it_needs(kind, values, says
 
 def test_a_model_with_states_is_worked_out_along_a_recording_and_reads_back(tmp_path):
     model = following(OWN, "de", "de_late", State("lag", "de", {"tau": Quantity(0.15, 0.02, "s")}))
-    flown = fly(OWN)
-    flown = ss.compute_all([flown], CRAFT)[0]
-    lagged = flown.with_channels(de=LATE.along(flown.t, {"de": flown["de"]}), note="lagged")
-    assert_allclose(model.evaluate(flown)["Cm"], OWN.evaluate(lagged)["Cm"], atol=1e-14)
+    simulated = fly(OWN)
+    simulated = ss.compute_all([simulated], AIRCRAFT)[0]
+    lagged = simulated.with_channels(de=LAGGED.along(simulated.t, {"de": simulated["de"]}), note="lagged")
+    assert_allclose(model.evaluate(simulated)["Cm"], OWN.evaluate(lagged)["Cm"], atol=1e-14)
     model.to_json(tmp_path / "model.json")
     held = json.loads((tmp_path / "model.json").read_text())["states"]["de_late"]
     assert held == {"kind": "lag", "input": "de", "parameters": {"tau": {"value": 0.15, "std": 0.02, "unit": "s"}}}
@@ -126,11 +126,11 @@ def test_a_model_with_states_is_worked_out_along_a_recording_and_reads_back(tmp_
     assert "de" in again.channels
     assert "states" not in OWN.to_dict()
     with pytest.raises(ChannelError, match="needs the clock 't'"):
-        model.evaluate({c: flown[c] for c in model.channels})
+        model.evaluate({c: simulated[c] for c in model.channels})
 
 
 def test_a_file_with_a_state_that_cannot_be_names_the_file_and_the_state(tmp_path):
-    model = following(OWN, "de", "de_late", LATE)
+    model = following(OWN, "de", "de_late", LAGGED)
     stated = model.to_dict()
     stated["states"]["de_late"]["kind"] = "spring"
     (tmp_path / "model.json").write_text(json.dumps(stated))
@@ -138,14 +138,14 @@ def test_a_file_with_a_state_that_cannot_be_names_the_file_and_the_state(tmp_pat
         AeroModel.from_json(tmp_path / "model.json")
 
 
-# --- flown ---------------------------------------------------------------------------------------
+# --- simulated ---------------------------------------------------------------------------------------
 
 
 def test_a_delayed_input_flies_as_one_behind_an_actuator():
-    flown = fly(following(OWN, "de", "de_late", LATE))
+    simulated = fly(following(OWN, "de", "de_late", LAGGED))
     behind = fly(OWN, actuators={"de": Actuator(lag=0.15)})
-    assert_allclose(flown["alpha"], behind["alpha"], atol=1e-14)
-    assert np.abs(flown["alpha"] - fly(OWN)["alpha"]).max() > 1e-3
+    assert_allclose(simulated["alpha"], behind["alpha"], atol=1e-14)
+    assert np.abs(simulated["alpha"] - fly(OWN)["alpha"]).max() > 1e-3
 
 
 @pytest.mark.parametrize(
@@ -154,11 +154,11 @@ def test_a_delayed_input_flies_as_one_behind_an_actuator():
 )
 def test_a_state_of_the_flight_itself_is_integrated_beside_the_rigid_body(term, value, one):
     model = with_term(term, value, **{term: one})
-    start = trim(model, CRAFT, TRIM["V"], TRIM["h"], air=CITATION.air)
+    start = trim(model, AIRCRAFT, TRIM["V"], TRIM["h"], air=CITATION.air)
     given = inputs() | {c: np.full(len(T), v) for c, v in start.controls.items() if c != "de"}
     given["de"] = inputs()["de"] - TRIM.controls["de"] + start.controls["de"]
-    flown = fly(model, given, start)
-    made = prepare(model, CRAFT, given, start=start, air=CITATION.air)
+    simulated = fly(model, given, start)
+    made = prepare(model, AIRCRAFT, given, start=start, air=CITATION.air)
     place, seen = made.compiled.controls.index(term), outputs_index(("alpha", "alpha_dot"))
 
     def rates(t, y):
@@ -169,37 +169,39 @@ def test_a_state_of_the_flight_itself_is_integrated_beside_the_rigid_body(term, 
         steady = alpha if term == "alpha_late" else 0.5 * (1.0 - np.tanh(20.0 * (alpha - 0.15 * alpha_dot - 0.08)))
         return np.append(slope[0], (steady - y[12]) / 0.3)
 
-    found = solve_ivp(rates, (0.0, T[-1]), np.append(start.state, flown[term][0]), t_eval=T, rtol=1e-8, max_step=0.02)
-    assert np.ptp(flown[term]) > 0.005
-    assert_allclose(np.arctan2(found.y[2], found.y[0]), flown["alpha"], atol=5e-7)
-    assert_allclose(found.y[12], flown[term], atol=2e-6)
+    found = solve_ivp(
+        rates, (0.0, T[-1]), np.append(start.state, simulated[term][0]), t_eval=T, rtol=1e-8, max_step=0.02
+    )
+    assert np.ptp(simulated[term]) > 0.005
+    assert_allclose(np.arctan2(found.y[2], found.y[0]), simulated["alpha"], atol=5e-7)
+    assert_allclose(found.y[12], simulated[term], atol=2e-6)
 
 
 @pytest.mark.parametrize("values", [{"tau": 0.11}, {"distance": 15.0}, {"tau": 0.11, "fraction": 0.5}])
 def test_a_delayed_angle_of_attack_is_the_one_simulated_before(values):
     one = state("delay", "alpha", **values)
-    flown = fly(with_term("alpha_late", -0.15, alpha_late=one), inputs(size=0.005), substeps=4)
+    simulated = fly(with_term("alpha_late", -0.15, alpha_late=one), inputs(size=0.005), substeps=4)
     # Between samples the recorded angle of attack is linear, the simulated one is not.
-    expected = one.along(flown.t, {"alpha": flown["alpha"], "V": flown["V"]})
-    assert np.abs(flown["alpha_late"] - flown["alpha"]).max() > 1e-3
-    assert_allclose(flown["alpha_late"], expected, atol=2e-5)
+    expected = one.along(simulated.t, {"alpha": simulated["alpha"], "V": simulated["V"]})
+    assert np.abs(simulated["alpha_late"] - simulated["alpha"]).max() > 1e-3
+    assert_allclose(simulated["alpha_late"], expected, atol=2e-5)
 
 
 def test_delayed_controls_and_a_state_of_the_motion_are_simulated_together():
     model, given = with_term("alpha_late", -0.15, alpha_late=state("lag", "alpha", tau=0.3)), inputs(size=0.005)
-    made = prepare(model, CRAFT, given, start=TRIM, air=CITATION.air)
+    made = prepare(model, AIRCRAFT, given, start=TRIM, air=CITATION.air)
     names = ("alpha", "q", "az")
     delayed = made.simulate(names, ["delay"], np.array([[5 * 0.02]])).outputs
     moved = given | {c: np.append(np.full(5, given[c][0]), given[c][:-5]) for c in ("de", "da", "dr")}
-    expected = prepare(model, CRAFT, moved, start=TRIM, air=CITATION.air).simulate(names).outputs
+    expected = prepare(model, AIRCRAFT, moved, start=TRIM, air=CITATION.air).simulate(names).outputs
     assert_allclose(delayed, expected, atol=1e-11)
 
 
 def test_a_state_without_effect_changes_nothing_of_the_flight():
     plain = fly(OWN)
-    beside = fly(with_term("alpha_late", 0.0, alpha_late=state("delay", "alpha", distance=20.0)))
+    with_state = fly(with_term("alpha_late", 0.0, alpha_late=state("delay", "alpha", distance=20.0)))
     for c in ("V", "alpha", "q", "h", "x", "Cm"):
-        assert_allclose(beside[c], plain[c], rtol=1e-9, atol=1e-9)
+        assert_allclose(with_state[c], plain[c], rtol=1e-9, atol=1e-9)
 
 
 def test_play_of_what_is_simulated_is_refused():
@@ -208,11 +210,11 @@ def test_play_of_what_is_simulated_is_refused():
 
 
 def test_a_trim_and_a_linear_model_have_states_where_nothing_changes():
-    model = following(OWN, "de", "de_late", LATE)
-    found = trim(model, CRAFT, TRIM["V"], TRIM["h"], air=CITATION.air)
+    model = following(OWN, "de", "de_late", LAGGED)
+    found = trim(model, AIRCRAFT, TRIM["V"], TRIM["h"], air=CITATION.air)
     assert_allclose(found.controls["de"], TRIM.controls["de"], atol=1e-9)
     with pytest.warns(StructselWarning, match="de_late follow at once"):
-        linearise(model, CRAFT, found, air=CITATION.air)
+        linearise(model, AIRCRAFT, found, air=CITATION.air)
     with pytest.raises(ModelError, match=r"de_late.*no export holds"):
         ss.export_model(model, "model.py", to="python")
 
@@ -235,9 +237,9 @@ def flights():
             "thrust": 5000.0 + 900.0 * np.sin(0.6 * t), "h_agl": 8.0 + 5.0 * w["V"],
         }  # fmt: skip
         made.append(ss.Recording(f"m{k}", t, channels))
-    complete = ss.compute_all(made, CRAFT)
+    complete = ss.compute_all(made, AIRCRAFT)
     stated = [OWN.evaluate(r, outside="ignore") for r in complete]
-    prepared = [prepare_flight(r, CRAFT, s) for r, s in zip(made, stated)]
+    prepared = [prepare_flight(r, AIRCRAFT, s) for r, s in zip(made, stated)]
     smooth = [{c: OWN[c].evaluate(f) for c in OWN} for f in prepared]
     prepared = [replace(f, simulated=s) for f, s in zip(prepared, smooth)]
     stand_in = identify(prepared, smooth, list(OWN))
@@ -249,7 +251,7 @@ def as_added(effect, variant, flights):
     theta = np.array([np.clip(p.sd, p.low, p.high) for p in variant.parameters])
     stated = {p.name: ParameterEstimate(x, 0.1 * abs(x), p.unit) for p, x in zip(variant.parameters, theta)}
     stated |= {n: ParameterEstimate(x, 0.1 * abs(x), variant.units.get(n, "-")) for n, x in variant.shape.items()}
-    case = ModelCase(variant, stated, CRAFT, dict(OWN.responses), flights)
+    case = ModelCase(variant, stated, AIRCRAFT, dict(OWN.responses), flights)
     return addition_of(effect, case, theta, np.diag((0.1 * theta) ** 2)), theta
 
 
@@ -272,7 +274,7 @@ _BY_FORM = ("stall-hysteresis", "actuator-lag")
     [*((e, 1e-10) for e in _TERMS), *((e, 1e-3) for e in _OF_LIFT), *((e, 0.03) for e in _STATES)],
 )
 def test_an_effect_in_the_model_is_the_effect_that_was_found(effect, within, flights):
-    # Terms are the found signature to the last digits, but for the lift, which the signature has from a stand-in of
+    # Terms are the found signature to the last digits, except the lift, which the signature has from a surrogate of
     # the simulation; states are the physics that a signature is the slope of.
     variants = named(effect).variants(flights)
     stated = (
@@ -325,15 +327,15 @@ def recorded(model, count=3):
     t = np.arange(0.0, 12.0, 0.04)
     made = []
     for seed in range(count):
-        flown = fly(model, inputs(seed, t=t), instruments=Instruments(noise=noise, seed=seed))
-        made.append(ss.Recording(f"m{seed}", flown.t, dict(flown.channels)))
+        simulated = fly(model, inputs(seed, t=t), instruments=Instruments(noise=noise, seed=seed))
+        made.append(ss.Recording(f"m{seed}", simulated.t, dict(simulated.channels)))
     return made
 
 
 @threadpool_limits.wrap(limits=1)
 def corrected(truth, effect):
-    """What model.json holds of the Citation, flown against a truth, if one effect may be found."""
-    prepared = prepare_both(OWN, recorded(truth), CRAFT)
+    """What model.json holds of the Citation, compared with a truth, if one effect may be found."""
+    prepared = prepare_both(OWN, recorded(truth), AIRCRAFT)
     library = work_out([named(effect)], prepared.flights, prepared.flights[0].responses, None)
     ranking = rank(Bench.set_up(prepared.flights, library.signatures), library)
     assert [step.score.effect for step in ranking.steps] == [effect]
@@ -352,7 +354,7 @@ def test_own_terms_stay_bit_for_bit_and_the_missing_term_comes_with_value_and_er
 
 
 def test_a_lag_found_flies_nearer_to_the_truth_than_the_simulation_did():
-    truth = following(OWN, "de", "de_late", LATE)
+    truth = following(OWN, "de", "de_late", LAGGED)
     found = corrected(truth, "actuator-lag")
     tau = found.states["de_late"].parameters["tau"]
     assert tau.unit == "s"
@@ -403,23 +405,23 @@ def test_a_patched_actuator_flies_as_the_delayed_input_does(tmp_path):
     aircraft = open_jsbsim("c172p")
     start = aircraft.trim(55.0, 1000.0)
     t = np.arange(0.0, 2.0, 0.02)
-    late = state("lag", "de", tau=0.2)
+    actuator_lag = state("lag", "de", tau=0.2)
     asked = start.controls["de"] + 0.05 * np.interp(t, [0.0, 0.3, 0.4, 1.0, 1.1, 2.0], [0, 0, 1, 1, -1, -1])
     given = {"t": t, **{c: np.full(len(t), v) for c, v in start.controls.items()}}
-    one = effect("actuator-lag", states={"de_late": late}, replaced={"Cm": {"de": "de_late"}})
+    one = effect("actuator-lag", states={"de_late": actuator_lag}, replaced={"Cm": {"de": "de_late"}})
     patched = patched_aircraft("c172p", [one], aircraft.aircraft, [])
-    flown = open_jsbsim(patched.write(tmp_path)).fly({**given, "de": asked}, start=start)
-    lagged = aircraft.fly({**given, "de": late.along(t, {"de": asked})}, start=start)
+    simulated = open_jsbsim(patched.write(tmp_path)).fly({**given, "de": asked}, start=start)
+    lagged = aircraft.fly({**given, "de": actuator_lag.along(t, {"de": asked})}, start=start)
     plain = aircraft.fly({**given, "de": asked}, start=start)
     # JSBSim's control system is a step of 2 ms ahead of its aerodynamics.
-    assert np.abs(flown["q"] - lagged["q"]).max() < 0.02 * np.abs(plain["q"] - lagged["q"]).max()
+    assert np.abs(simulated["q"] - lagged["q"]).max() < 0.02 * np.abs(plain["q"] - lagged["q"]).max()
 
 
 def test_an_effect_of_which_jsbsim_cannot_hold_all_is_not_written_in_part():
     pytest.importorskip("jsbsim")
     states = {"de_late": state("lag", "de", tau=0.2), "da_late": state("delay", "da", tau=0.2)}
     both = effect("actuator-lag", states=states, replaced={"Cm": {"de": "de_late", "da": "da_late"}})
-    patched = patched_aircraft("c172p", [both, effect("missing-term", {"Cm": {"beta^2": 0.1}})], CRAFT, [])
+    patched = patched_aircraft("c172p", [both, effect("missing-term", {"Cm": {"beta^2": 0.1}})], AIRCRAFT, [])
     assert "With missing-term, as structsel found it missing." in patched.text
     assert "lag of" not in patched.text
     assert any("counts a delay" in remark for remark in patched.remarks)
@@ -428,7 +430,7 @@ def test_an_effect_of_which_jsbsim_cannot_hold_all_is_not_written_in_part():
 def test_what_jsbsim_cannot_hold_is_said_and_nothing_is_written():
     pytest.importorskip("jsbsim")
     one = effect("stall-hysteresis", {"CD": {"(1 - x_sep)": 0.1}}, states={"x_sep": SEPARATED})
-    patched = patched_aircraft("c172p", [one], CRAFT, [])
+    patched = patched_aircraft("c172p", [one], AIRCRAFT, [])
     assert patched.name == patched.text == ""
     assert "separation of alpha) cannot be written" in patched.remarks[0]
 

@@ -64,23 +64,23 @@ def test_fdr_F_in_follow_the_formula_and_become_normal_quantiles():
     k = np.arange(1, 101)
     level = 0.1 * k / (101 - k * 0.9)
     assert_allclose(thresholds, norm.isf(level / 2) ** 2, rtol=1e-6)
-    # The first is Bonferroni's but for the hundredth of a step in p; the last is q / (1 + ... ) of one test.
+    # The first is Bonferroni's to a hundredth of a step in p; the last is q / (1 + ... ) of one test.
     assert_allclose(f.sf(thresholds[0], 1, 1e9 - 1), 0.1 / 100.1, rtol=1e-7)
     assert (np.diff(thresholds) < 0.0).all()
 
 
 def test_fdr_entry_keeps_the_fraction_of_false_terms_near_q():
-    # 10 true of 100 orthogonal-ish candidates, 200 seeds: mean share of false terms at most q plus 3 errors.
+    # 10 true of 100 orthogonal-ish candidates, 200 seeds: mean fraction of false terms at most q plus 3 errors.
     rng = np.random.default_rng(2)
-    shares = []
+    fractions = []
     for _ in range(200):
         X = rng.normal(size=(500, 100))
         y = X[:, :10] @ np.full(10, 0.4) + rng.normal(size=500)
         path = stepwise(products(X, y), 499.0, entry_thresholds=fdr_F_in(100, 499.0, 0.1))
         kept = np.array(path.selected)
-        shares.append(np.mean(kept >= 10) if kept.size else 0.0)
-    assert np.mean(shares) < 0.1 + 3 * np.std(shares) / np.sqrt(200)
-    assert np.mean(shares) > 0.03
+        fractions.append(np.mean(kept >= 10) if kept.size else 0.0)
+    assert np.mean(fractions) < 0.1 + 3 * np.std(fractions) / np.sqrt(200)
+    assert np.mean(fractions) > 0.03
 
 
 def test_out_of_range_is_refused():

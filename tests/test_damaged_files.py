@@ -38,21 +38,21 @@ def hdf5(path):
 
 def damage(path, old, new, at=0):
     """Replace bytes that follow a mark by others of the same number."""
-    whole = path.read_bytes()
-    place = whole.index(old) + at
-    path.write_bytes(whole[:place] + new + whole[place + len(new) :])
+    intact = path.read_bytes()
+    place = intact.index(old) + at
+    path.write_bytes(intact[:place] + new + intact[place + len(new) :])
 
 
 # --- compiled readers ------------------------------------------------------------------------------
 
 
 def test_a_matlab_file_with_a_type_there_is_not_is_refused_and_the_next_one_read(tmp_path):
-    broken, whole = matlab(tmp_path / "broken.mat"), matlab(tmp_path / "whole.mat")
+    broken, intact = matlab(tmp_path / "broken.mat"), matlab(tmp_path / "intact.mat")
     # The samples of alpha: doubles (9). A type of 0x4009 makes SciPy read where it must not.
     damage(broken, b"alpha", b"\x09\x40\x00\x00", at=8)
     with pytest.raises(DataError, match=r"broken\.mat' (makes its reader crash|is no MATLAB file)"):
         read_recording(broken)
-    assert np.array_equal(read_recording(whole)["alpha"], 0.1 + T)
+    assert np.array_equal(read_recording(intact)["alpha"], 0.1 + T)
 
 
 def test_an_hdf5_file_whose_heap_goes_round_in_circles_is_refused(tmp_path):
@@ -126,7 +126,7 @@ def test_a_reader_that_never_ends_is_stopped_through_whatever_it_catches_and_not
     assert limits.within_limits(tmp_path / "r.log", lambda: 5) == 5
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="the peak of memory is not told there")
+@pytest.mark.skipif(sys.platform == "win32", reason="the peak memory is not reported there")
 def test_a_reader_that_fills_the_memory_is_stopped(tmp_path, monkeypatch):
     (tmp_path / "r.log").write_bytes(b"x")
     monkeypatch.setattr(limits, "SECONDS", 60.0)

@@ -70,14 +70,16 @@ def test_the_bound_is_the_inverse_of_the_dense_information_matrix():
     assert_allclose(fit.crlb / scale, bound / scale, atol=1e-5)
 
 
-def spread_of_errors(seeds, n, colour):
+def spread_of_errors(seeds, n, correlation):
     """Errors of all values over the std of white and of coloured residuals, (seeds, L) each."""
     white, coloured = [], []
     for seed in seeds:
         problem, path = quiet(n, seed)
-        if colour:
+        if correlation:
             rng = np.random.default_rng(10_000 + seed)
-            e = lfilter([np.sqrt(1.0 - colour**2)], [1.0, -colour], rng.standard_normal((n + 200, 12)), axis=0)[200:]
+            e = lfilter(
+                [np.sqrt(1.0 - correlation**2)], [1.0, -correlation], rng.standard_normal((n + 200, 12)), axis=0
+            )[200:]
             clean = readings(path, problem.inputs, problem.place, False)
             y = np.where(np.isfinite(problem.measurements), clean + problem.measurement_std * e, np.nan)
             problem = replace(problem, measurements=y)
@@ -122,7 +124,7 @@ def test_without_noise_the_truth_comes_back_to_rounding():
     problem = replace(problem, measurements=np.where(np.isfinite(problem.measurements), clean, np.nan))
     fit = check_data_compatibility(problem)
     assert fit.converged
-    # Channels then weigh a thousand times their stated accuracy; the start's pull is a millionth of its spread.
+    # Channels then weigh a thousand times their stated accuracy; the start then moves them by 1e-6 of its spread.
     assert np.abs((fit.values - path[0, problem.active]) / problem.start_std).max() < 1e-4
 
 

@@ -131,7 +131,7 @@ def test_the_exact_accelerations_and_rates_integrate_to_the_true_path(which):
     # To the rule's own accuracy where the curvature of the rates between samples is given.
     error = np.abs(integrated(truth, tuple(wind.values()), bent=True) - true).max(axis=0)
     assert (error[3:6] < 3e-6).all(), error
-    # With straight lines between 50 samples a second.
+    # With linear interpolation between 50 samples a second.
     error = np.abs(integrated(truth, tuple(wind.values()), bent=False) - true).max(axis=0)
     assert (error[:3] < 5e-3).all(), error
     assert (error[3:6] < 1e-4).all(), error
@@ -140,10 +140,10 @@ def test_the_exact_accelerations_and_rates_integrate_to_the_true_path(which):
 
 def test_without_errors_and_noise_instruments_read_the_truth_at_their_places():
     flight = demo_instruments("all-axes", errors={}, noise=0.0, duration=20.0)
-    seen, true, craft = flight.measured, flight.truth, flight.aircraft
+    seen, true, aircraft = flight.measured, flight.truth, flight.aircraft
     rates, turning = [true[n] for n in "pqr"], [true[f"{n}_dot"] for n in "pqr"]
-    air = rb.air_data_at_cg(seen["V"], seen["alpha"], seen["beta"], *rates, craft.position("vane"))
-    felt = rb.acceleration_at_cg(seen["ax"], seen["ay"], seen["az"], rates, turning, craft.position("accelerometer"))
+    air = rb.air_data_at_cg(seen["V"], seen["alpha"], seen["beta"], *rates, aircraft.position("vane"))
+    felt = rb.acceleration_at_cg(seen["ax"], seen["ay"], seen["az"], rates, turning, aircraft.position("accelerometer"))
     for name, got in zip(("V", "alpha", "beta", "ax", "ay", "az"), (*air, *felt)):
         assert_allclose(got, true[name], rtol=1e-12, atol=1e-12, err_msg=name)
     for name in ("p", "q", "r", "phi", "theta", "psi", "de", "da", "dr", "thrust", "rho"):
@@ -151,10 +151,10 @@ def test_without_errors_and_noise_instruments_read_the_truth_at_their_places():
     # The antenna's velocity is the slope of its position; both swing about the centre of gravity.
     for place, speed in (("x", "vn"), ("y", "ve")):
         assert_allclose(differentiate(seen[place], 0.02)[5:-5], seen[speed][5:-5], atol=5e-4)
-        assert np.abs(seen[place] - true[place]).max() < np.linalg.norm(craft.position("gps")) + 1e-9
+        assert np.abs(seen[place] - true[place]).max() < np.linalg.norm(aircraft.position("gps")) + 1e-9
     above = true["h"] + np.sin(true["theta"]) * -1.5 - np.cos(true["theta"]) * np.cos(true["phi"]) * 0.2
     assert_allclose(seen["h"], above, rtol=1e-12)
-    assert all(not craft.sensors[name].noise for name in craft.sensors)
+    assert all(not aircraft.sensors[name].noise for name in aircraft.sensors)
 
 
 @pytest.mark.default_cases(3)

@@ -1,4 +1,4 @@
-"""comparison() and effects left out: what another way of ranking, and a proof, may ask of the diagnosis."""
+"""comparison() and effects left out: the results that another ranking method, and the proof, need of the diagnosis."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_differences_are_measured_less_simulated_coefficients(case, compared):
     for name, found in compared.differences.items():
         expected = recorded[name]["CZ"] - case.simulated[name]["CZ"]
         assert_allclose(found["CZ"].mean(), expected.mean(), atol=2e-3)
-        if name != "m02":  # at altitude there is noise only, which the comparison weights another way
+        if name != "m02":  # at altitude there is noise only, which the comparison weights differently
             assert np.corrcoef(found["CZ"], expected)[0, 1] > 0.5
 
 

@@ -50,7 +50,7 @@ def test_what_leaves_much_of_its_own_responses_is_doubted_and_what_explains_them
     assert alone.ambiguous_with == ("unknown",)
     stays = float(re.search(r"leaves (\d+)% of what lies beyond the noise in Cl\.", alone.physics[0].says)[1]) / 100.0
     probabilities = {one.effect: one.probability for one in alone.physics}
-    # As much as stays, half at most, of the names' probability is that of something else.
+    # The remaining fraction, at most half, of the probability of the named effects is that of something else.
     assert_allclose(probabilities["unknown"] / sum(probabilities.values()), min(stays, 0.5), atol=0.006)
     right = found("wrong-derivative", "control-nonlinearity")
     assert (right.effect, right.ambiguous_with) == ("control-nonlinearity", ())
@@ -59,10 +59,10 @@ def test_what_leaves_much_of_its_own_responses_is_doubted_and_what_explains_them
 def test_timing_that_other_flights_do_not_bear_out_is_left_as_it_is_stated():
     recordings, stated = fly({})
     problem, _ = tried(ready(recordings, stated), "wrong-derivative")
-    late = [n.name for n in problem.nuisances].index("de, da, dr late")
+    delayed = [n.name for n in problem.nuisances].index("de, da, dr late")
 
     def free(*signs):
-        y = [s * 5.0 * B[:, late] for s, B in zip(signs, problem.base.given, strict=True)]
+        y = [s * 5.0 * B[:, delayed] for s, B in zip(signs, problem.base.given, strict=True)]
         other = replace(problem, base=Base(y, problem.base.given, problem.base.groups, problem.base.scales))
         return other.as_delivered.nuisances
 

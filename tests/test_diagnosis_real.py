@@ -1,4 +1,4 @@
-"""What a simulation of a real plant leaves out, by name: cases of benchmarks/real_recordings.py that hold."""
+"""Effects missing from a simulation of a real plant: cases of benchmarks/real_recordings.py that are diagnosed."""
 
 import importlib.util
 import sys

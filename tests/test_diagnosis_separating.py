@@ -1,4 +1,4 @@
-"""The manoeuvre that would tell two effects apart: its measure against dense algebra, and what it finds."""
+"""The manoeuvre that would separate two effects: its measure against dense algebra, and what it finds."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ from tests.missing_physics import excite, flights_with, tried
 
 @pytest.fixture(scope="module")
 def asked():
-    """Bench of two flights whose elevator barely moves, and the scores of two effects in pitch."""
+    """Comparison problem of two flights whose elevator barely moves, and the scores of two effects in pitch."""
     flights = flights_with({"Cm": {"q_hat": -8.0}}, inputs=lambda t, k: excite(t, k, 0.008, 0.05, 0.04))
     problem, library = tried(flights, "wrong-derivative", "downwash-lag", "asymmetry", "cg-shift")
     return problem, {s.effect: s for s in score_all(problem, library)}
@@ -46,7 +46,7 @@ def test_a_manoeuvre_on_the_control_that_barely_moved_tells_two_effects_in_pitch
     assert f"in {seconds:.0f} s" in found.says
     largest = max(np.abs(f["de"] - np.median(np.concatenate([g["de"] for g in problem.flights]))).max()
                   for f in problem.flights)  # fmt: skip
-    assert np.abs(found.inputs["de"]).max() <= 1.001 * largest  # no more than was flown
+    assert np.abs(found.inputs["de"]).max() <= 1.001 * largest  # at most what was recorded
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The story: everything an engineer would tell, and no more than fits on a screen."""
+"""The text report of a diagnosis: all results, on at most one screen."""
 
 import math
 from dataclasses import replace
@@ -13,7 +13,7 @@ from tests.diagnoses import GROUND, NAMES, TURBULENCE, VANE, diagnosis, fits
 
 
 def flat(text):
-    """The story without its line breaks."""
+    """The text report without its line breaks."""
     return " ".join(text.split())
 
 
@@ -90,9 +90,9 @@ def test_physics_without_a_name_is_not_given_one():
     nameless = replace(GROUND, physics=(replace(GROUND.physics[0], effect="unknown"),))
     assert "none of the effects known explains" in flat(tell(diagnosis(nameless)))
     assert "of all explained" not in flat(tell(diagnosis(replace(nameless, share=0.0))))
-    beside = flat(tell(diagnosis(VANE, nameless)).split("\n\n")[0])
-    assert "leaves out sensor-scale or wrong-derivative" in beside
-    assert "Something else is missing" in beside
+    first_paragraph = flat(tell(diagnosis(VANE, nameless)).split("\n\n")[0])
+    assert "leaves out sensor-scale or wrong-derivative" in first_paragraph
+    assert "Something else is missing" in first_paragraph
 
 
 def test_an_undecidable_case_says_why_at_once():

@@ -16,15 +16,15 @@ from structsel.diagnosis.weighing import alone, nats, not_borne_out, with_whole
 from structsel.numerics.rigid_body import air_data, body_to_earth
 from structsel.recording import Recording
 from structsel.simulation import Atmosphere, Turbulence, simulate, trim
-from tests.missing_physics import CRAFT, NOISE, TRUTH, T, excite, model_of, ready, tried
+from tests.missing_physics import AIRCRAFT, NOISE, TRUTH, T, excite, model_of, ready, tried
 
-BARE = Aircraft(**{**CRAFT.model_dump(exclude={"schema_name"}), "sensors": {}})  # vanes at the centre of gravity
+BARE = Aircraft(**{**AIRCRAFT.model_dump(exclude={"schema_name"}), "sensors": {}})  # vanes at the centre of gravity
 SPEEDS = (40.0, 44.0, 48.0, 52.0, 56.0, 60.0)
 
 
 @cache
 def blown(W20=9.0, **extra):
-    """Flights of which neither vanes nor simulation feel the rough air, and its vertical speed."""
+    """Flights in turbulence that neither vanes nor simulation see, and its vertical speed."""
     simulation = model_of(TRUTH)
     truth = model_of({r: {**TRUTH[r], **dict(extra.get(r, ()))} for r in TRUTH})
     recordings, stated, gusts = [], [], []
@@ -32,13 +32,13 @@ def blown(W20=9.0, **extra):
     for k, V in enumerate(SPEEDS):
         start = trim(simulation, BARE, V, 1000.0)
         air = Atmosphere(turbulence=Turbulence(W20, seed=k, high=0.1 * W20)) if W20 else Atmosphere()
-        flown = simulate(truth, BARE, start.inputs(T, **excite(T, k % 3)), start=start, air=air, outside="ignore")
-        ground = np.column_stack([flown[c] for c in ("vn", "ve", "vd")])
-        body = np.einsum("nij,ni->nj", body_to_earth(flown["phi"], flown["theta"], flown["psi"]), ground)
+        simulated = simulate(truth, BARE, start.inputs(T, **excite(T, k % 3)), start=start, air=air, outside="ignore")
+        ground = np.column_stack([simulated[c] for c in ("vn", "ve", "vd")])
+        body = np.einsum("nij,ni->nj", body_to_earth(simulated["phi"], simulated["theta"], simulated["psi"]), ground)
         still = dict(zip(("V", "alpha", "beta"), air_data(*body.T)))
-        gusts.append((flown["alpha"] - still["alpha"]) * flown["V"])
+        gusts.append((simulated["alpha"] - still["alpha"]) * simulated["V"])
         read = ("p", "q", "r", "phi", "theta", "psi", "h", "ax", "ay", "az", "rho", "mass", "de", "da", "dr", "thrust")
-        exact = Recording(f"m{k}", flown.t, {**{c: flown[c] for c in read}, **still})
+        exact = Recording(f"m{k}", simulated.t, {**{c: simulated[c] for c in read}, **still})
         noisy = {c: exact[c] + NOISE[c] * rng.standard_normal(len(exact)) for c in NOISE}
         recordings.append(exact.with_channels(**noisy))
         stated.append(simulation.evaluate(compute_coefficients(exact, BARE), outside="ignore"))
@@ -46,7 +46,7 @@ def blown(W20=9.0, **extra):
 
 
 def alike(flights, gusts, channel, lags=40):
-    """Share of a channel's variance that the gusts of the last seconds explain, all flights together."""
+    """Fraction of a channel's variance that the gusts of the last seconds explain, all flights together."""
     rows = [np.column_stack([np.roll(g, k)[lags:] for k in range(0, lags, 2)]) for g in gusts]
     X = np.concatenate([x - x.mean(axis=0) for x in rows])
     y = np.concatenate([f[channel][lags:] - f[channel][lags:].mean() for f in flights])

@@ -1,4 +1,4 @@
-"""Surfaces that stand elsewhere than recorded: flown with an actuator of our simulation, recorded without."""
+"""Surfaces that stand elsewhere than recorded: simulated with an actuator, recorded without."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from tests.missing_physics import found_of
 
 def commanded(control, actuator):
     """Flights in which a control is recorded as it was commanded."""
-    return compare(fly(actuators={control: actuator}, flown={control: lambda x: x}))
+    return compare(fly(actuators={control: actuator}, true_inputs={control: lambda x: x}))
 
 
 def test_a_lag_is_found_on_its_surface_with_its_time_constant():
@@ -27,7 +27,7 @@ def test_a_lag_is_found_on_its_surface_with_its_time_constant():
 
 def test_servos_that_are_all_delayed_are_one_effect():
     every = dict.fromkeys(("de", "da", "dr"), Actuator(lag=0.1))
-    flights = compare(fly(actuators=every, flown={control: lambda x: x for control in every}))
+    flights = compare(fly(actuators=every, true_inputs={control: lambda x: x for control in every}))
     found = best(flights, one_of(EFFECTS, "actuator-lag"))
     assert (found.variant.about, *found.values) == ("all surfaces", "lag")
     assert found.explained > 0.97
@@ -37,7 +37,7 @@ def test_servos_that_are_all_delayed_are_one_effect():
 
 
 def test_a_pure_delay_is_stated_from_a_lag():
-    flights = compare(fly(flown={"da": lambda x: np.concatenate([np.full(5, x[0]), x[:-5]])}))
+    flights = compare(fly(true_inputs={"da": lambda x: np.concatenate([np.full(5, x[0]), x[:-5]])}))
     found = best(flights, one_of(EFFECTS, "actuator-lag"))
     assert (found.variant.about, *found.values) == ("aileron", "delay")
     assert found.explained > 0.98
@@ -83,7 +83,7 @@ def test_a_pitch_damper_nobody_recorded_is_found_with_its_gain():
 
 def test_a_damper_that_was_on_in_some_manoeuvres_only_is_confined_to_those():
     damped = compare(fly(aerodynamics({"CZ": {"q": -0.4 * 0.2}, "Cm": {"q": -1.92 * 0.2}})))
-    flights = [replace(f, name=f"{f.name} {k}") for k, flown in enumerate((damped, compare(fly()))) for f in flown]
+    flights = [replace(f, name=f"{f.name} {k}") for k, flights in enumerate((damped, compare(fly()))) for f in flights]
     variants = [v for v in one_of(EFFECTS, "augmentation").variants(flights) if v.about == "q to elevator"]
     (always,), (some,) = ([v for v in variants if bool(v.only_in) is chosen] for chosen in (False, True))
     assert some.only_in == ("m0 0", "m1 0")

@@ -12,9 +12,9 @@ from structsel.effects.operators import pulse
 from structsel.numerics.rigid_body import air_data, body_to_earth
 from structsel.recording import Recording
 from structsel.simulation import Atmosphere, Gust
-from tests.injected import CRAFT, best, compare, explain, fly, one_of
+from tests.injected import AIRCRAFT, best, compare, explain, fly, one_of
 
-VANE_AT_CG = CRAFT.model_validate(CRAFT.model_dump() | {"sensors": {}})
+VANE_AT_CG = AIRCRAFT.model_validate(AIRCRAFT.model_dump() | {"sensors": {}})
 
 
 def over_ground(recordings):

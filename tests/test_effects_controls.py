@@ -1,4 +1,4 @@
-"""Controls that lose their power, and slopes that fall with dynamic pressure: flown, and found in the difference."""
+"""Controls that lose effectiveness, slopes that fall with dynamic pressure: simulated, found in the difference."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def large(t, k):
 
 @pytest.fixture(scope="module")
 def flights():
-    """Aileron with d|d|, elevator with d^3, rudder that gives way with dynamic pressure."""
+    """Aileron with d|d|, elevator with d^3, rudder whose effectiveness falls with dynamic pressure."""
     extra = {
         "Cm": {"de^3": 40.0},
         "Cl": {"da*abs(da)": 0.4},
@@ -90,10 +90,10 @@ def test_one_speed_shows_no_loss_with_dynamic_pressure():
 
 
 def test_slopes_that_fall_each_by_its_own_ratio_are_found_with_all_of_them():
-    # The wing gives way otherwise than the tail; what is lost of stability may as well be won.
-    shares = {("CZ", "alpha"): 1e-4, ("Cm", "alpha"): -1.5e-4, ("Cm", "de"): 2e-4, ("Cl", "da"): 1.5e-4}
+    # The wing bends otherwise than the tail, so that stability may fall or rise.
+    ratios = {("CZ", "alpha"): 1e-4, ("Cm", "alpha"): -1.5e-4, ("Cm", "de"): 2e-4, ("Cl", "da"): 1.5e-4}
     lost = {}
-    for (r, c), fraction in shares.items():
+    for (r, c), fraction in ratios.items():
         lost.setdefault(r, {})[f"qbar*{c}"] = -fraction * TRUTH[r][c]
     flights = flights_with(lost, speeds=(45.0, 60.0))
     each = next(v for v in FLEXIBLE.variants(flights) if v.about == "each slope by its own; rigid at rest")
@@ -101,6 +101,6 @@ def test_slopes_that_fall_each_by_its_own_ratio_are_found_with_all_of_them():
     mean = np.concatenate([f["qbar"] for f in flights]).mean()
     assert fraction > 0.95
     names = {("CZ", "alpha"): "lift slope", ("Cm", "alpha"): "stability", ("Cm", "de"): "de", ("Cl", "da"): "da"}
-    for place, name in names.items():  # a share of the mean slope, which curvature has a part in
+    for place, name in names.items():  # relative to the mean slope, which curvature changes
         found = theta[f"{name} loss at mean qbar"] * mean_slope(flights, *place)
-        assert_allclose(found, mean * shares[place] * TRUTH[place[0]][place[1]], rtol=0.1)
+        assert_allclose(found, mean * ratios[place] * TRUTH[place[0]][place[1]], rtol=0.1)

@@ -1,4 +1,4 @@
-"""What changes in flight: flown in the truth at a known time, found in the difference."""
+"""Changes in flight: simulated at a known time, found in the difference."""
 
 import numpy as np
 from numpy.testing import assert_allclose
@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from structsel.diagnosis.scoring import judged_by, score_all
 from structsel.effects import events
 from structsel.recording import Recording
-from tests.missing_physics import CRAFT, T, best, check_all, flights_with, fly, named, ready, tried
+from tests.missing_physics import AIRCRAFT, T, best, check_all, flights_with, fly, named, ready, tried
 
 CONFIGURATION, ICE, RELEASE = (named(events, e) for e in ("configuration-change", "icing", "store-release"))
 
@@ -92,7 +92,7 @@ def test_a_load_let_go_is_found_with_its_mass_and_time():
     starts = (10.0, 12.0)
     recordings, stated = fly(
         {**lift_and_drag(0.0, -0.006, "gone"), "Cm": {"gone": -0.02}},
-        mass=lambda k: np.where(starts[k] > T, CRAFT.mass, 0.92 * CRAFT.mass),
+        mass=lambda k: np.where(starts[k] > T, AIRCRAFT.mass, 0.92 * AIRCRAFT.mass),
         gone=lambda k: (starts[k] <= T).astype(float),
     )
     flights = ready(without(recordings, "mass", "gone"), stated)

@@ -1,11 +1,11 @@
-"""Effects as others write them: one term of several, one moment of three, one vane of two; flown, and found."""
+"""Effects as others write them: one term of several, one moment of three, one vane of two; simulated, and found."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from structsel.effects import EFFECTS
-from tests.injected import CRAFT, TERMS, aerodynamics, best, compare, fly, named, one_of
+from tests.injected import AIRCRAFT, TERMS, aerodynamics, best, compare, fly, named, one_of
 
 
 def changed(**more):
@@ -38,10 +38,10 @@ def times(response, factor):
         ),
         ("missing-term", {"Cl": {"p_hat^3": -100.0}}, "p_hat^3 in Cl", [-100.0]),
         ("missing-term", {"CX": {"de^2": -1.5}}, "de^2 in CX", [-1.5]),
-        ("cg-shift", {"Cm": times("CZ", 0.03 / CRAFT.cbar)}, "in all manoeuvres, in Cm alone", [0.03]),
-        ("cg-shift", {"Cl": times("CZ", 0.05 / CRAFT.b)}, "in all manoeuvres, in Cl alone", [-0.05]),
+        ("cg-shift", {"Cm": times("CZ", 0.03 / AIRCRAFT.cbar)}, "in all manoeuvres, in Cm alone", [0.03]),
+        ("cg-shift", {"Cl": times("CZ", 0.05 / AIRCRAFT.b)}, "in all manoeuvres, in Cl alone", [-0.05]),
         (
-            "cg-shift", {"Cl": times("CZ", 0.05 / CRAFT.b), "Cn": times("CX", -0.05 / CRAFT.b)},
+            "cg-shift", {"Cl": times("CZ", 0.05 / AIRCRAFT.b), "Cn": times("CX", -0.05 / AIRCRAFT.b)},
             "in all manoeuvres, the line of thrust with it", [-0.05],
         ),
     ],
@@ -72,7 +72,7 @@ def test_one_instrument_of_several_is_found_by_itself(effect, channel, reads, ab
 
 
 def test_thrust_that_is_delayed_along_the_axis_alone_leaves_the_moment():
-    offset = CRAFT.model_validate(CRAFT.model_dump() | {"thrust": {"offset": (1.8, 0.0, 0.3)}})
+    offset = AIRCRAFT.model_validate(AIRCRAFT.model_dump() | {"thrust": {"offset": (1.8, 0.0, 0.3)}})
     flights = compare(fly(aircraft=offset), offset)
     about = {v.about for v in one_of(EFFECTS, "thrust-lag").variants(flights)}
     assert about == {"", "along the axis alone"}

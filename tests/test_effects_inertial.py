@@ -1,4 +1,4 @@
-"""Mass, its centre and spread: flown with the true ones, compared with the stated."""
+"""Mass, centre of gravity and inertia: simulated with the true ones, compared with the stated."""
 
 from dataclasses import replace
 
@@ -8,11 +8,11 @@ from numpy.testing import assert_allclose
 from scipy.signal import lsim
 
 from structsel.effects.inertial import EFFECTS
-from tests.injected import CRAFT, best, compare, explain, fly, one_of
+from tests.injected import AIRCRAFT, best, compare, explain, fly, one_of
 
 
 def aircraft(**other):
-    return CRAFT.model_validate(CRAFT.model_dump() | other)
+    return AIRCRAFT.model_validate(AIRCRAFT.model_dump() | other)
 
 
 def test_a_heavier_aircraft_is_found_with_its_mass():
@@ -28,7 +28,7 @@ def test_a_centre_of_gravity_elsewhere_is_found_by_the_moment_of_all_forces(axis
     made = []
     for f in compare(fly()):
         force = np.column_stack([f.simulated["CX"] + f["CT"], f.simulated["CY"], f.simulated["CZ"]])
-        moment = -np.cross(d, force) / [CRAFT.b, CRAFT.cbar, CRAFT.b]
+        moment = -np.cross(d, force) / [AIRCRAFT.b, AIRCRAFT.cbar, AIRCRAFT.b]
         more = {r: f.simulated[r] + m for r, m in zip(("Cl", "Cm", "Cn"), moment.T)}
         made.append(replace(f, measured={**f.measured, **more}))
     found = best(made, one_of(EFFECTS, "cg-shift"))
@@ -41,7 +41,7 @@ def test_a_centre_of_gravity_elsewhere_is_found_by_the_moment_of_all_forces(axis
     ("name", "size", "expected"), [("Ix", 1.15, 0.15), ("Iy", 0.85, -0.15), ("Ixz", 518.0, 400.0 / 11159.0)]
 )
 def test_inertia_other_than_stated_is_found_by_its_axis(name, size, expected):
-    inertia = CRAFT.inertia.model_dump()
+    inertia = AIRCRAFT.inertia.model_dump()
     inertia[name] = size if name == "Ixz" else inertia[name] * size
     flights = compare(fly(aircraft=aircraft(inertia=inertia)))
     variants = {tuple(p.name for p in v.parameters): v for v in one_of(EFFECTS, "inertia-error").variants(flights)}
@@ -53,17 +53,17 @@ def test_inertia_other_than_stated_is_found_by_its_axis(name, size, expected):
 
 def test_fuel_that_swings_sideways_is_found_at_its_frequency():
     # 4 per cent of the mass on a pendulum of 0.6 Hz, 5 per cent damped, driven by the lateral specific force.
-    w, share = 2.0 * np.pi * 0.6, 0.04
+    w, mass_fraction = 2.0 * np.pi * 0.6, 0.04
     made = []
     for f in compare(fly()):
         CY = f.simulated["CY"]
         swung = lsim(([w**2], [1.0, 0.1 * w, w**2]), CY * f["qbar"], f.t - f.t[0])[1] / f["qbar"]
-        made.append(replace(f, measured={**f.measured, "CY": CY - share * (swung - CY)}))
+        made.append(replace(f, measured={**f.measured, "CY": CY - mass_fraction * (swung - CY)}))
     found = best(made, one_of(EFFECTS, "slosh"))
     assert found.variant.about == "sideways"
     assert found.explained > 0.75
     assert_allclose(found.variant.shape["frequency"], 0.6, rtol=0.15)
-    assert_allclose(found.values["share of the mass"], share, rtol=0.35)
+    assert_allclose(found.values["share of the mass"], mass_fraction, rtol=0.35)
 
 
 @pytest.mark.parametrize("effect", ["mass-error", "cg-shift"])

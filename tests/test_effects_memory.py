@@ -13,7 +13,7 @@ from structsel.effects.operators import oscillate
 from structsel.numerics.dynamic_elements import delayed, first_order_lag, separation_point, varying_lag
 from structsel.recording import Recording
 from structsel.simulation import Actuator
-from tests.injected import CRAFT, aerodynamics, best, compare, explain, fly, one_of
+from tests.injected import AIRCRAFT, aerodynamics, best, compare, explain, fly, one_of
 
 
 def test_lag_and_oscillator_do_what_scipy_does_to_a_signal_linear_between_samples():
@@ -100,7 +100,7 @@ def test_lift_that_builds_up_is_stated_by_its_kind_whatever_the_axial_force_does
     # Jones's indicial lift at aspect ratio 3: each change of angle of attack lacks 0.283 exp(-0.540 s) of its lift.
     made = []
     for f in compare(fly()):
-        decay = 0.540 * 2.0 * f["V"].mean() / CRAFT.cbar
+        decay = 0.540 * 2.0 * f["V"].mean() / AIRCRAFT.cbar
         missing = -lsim(([0.283], [1.0, decay]), np.gradient(f["alpha"], f.dt), f.t - f.t[0])[1]
         less = {"CZ": -5.58 * missing, "CX": axial * (0.003 + 9.0 * f["alpha"]) * missing, "Cm": -0.9 * missing}
         made.append(replace(f, measured={**f.measured, **{r: f.simulated[r] + x for r, x in less.items()}}))
@@ -113,9 +113,9 @@ def test_lift_that_builds_up_is_stated_by_its_kind_whatever_the_axial_force_does
 
 def test_a_rotor_that_follows_all_controls_delayed_is_found_with_its_lag():
     delayed_by = Actuator(lag=0.15)
-    flown = {c: lambda x: x for c in ("de", "da", "dr")}
+    recorded_inputs = {c: lambda x: x for c in ("de", "da", "dr")}
     recordings = []
-    for r in fly(actuators=dict.fromkeys(flown, delayed_by), flown=flown):
+    for r in fly(actuators=dict.fromkeys(recorded_inputs, delayed_by), true_inputs=recorded_inputs):
         channels = {c: r[c] for c in r.names if c != "t"} | {"collective": np.full(len(r), 0.1)}
         recordings.append(Recording(r.name, r.t, channels, {"collective": "rad"}))
     found = best(compare(recordings), one_of(EFFECTS, "rotor-inflow-lag"))

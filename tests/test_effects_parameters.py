@@ -1,4 +1,4 @@
-"""Wrong values, missing terms and couplings: flown in the truth, found in the difference."""
+"""Wrong values, missing terms and couplings: simulated in the truth, found in the difference."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from structsel.comparison.flight import prepare_flight
 from structsel.demo.aircraft import TRUTH
 from structsel.effects import parameters
 from structsel.recording import Recording
-from tests.missing_physics import CRAFT, best, check_all, excite, explain, flights_with, named
+from tests.missing_physics import AIRCRAFT, best, check_all, excite, explain, flights_with, named
 
 WRONG, MISSING, ACROSS = (named(parameters, e) for e in ("wrong-derivative", "missing-term", "cross-coupling"))
 
@@ -65,7 +65,7 @@ def test_every_variant_has_finite_columns_and_words(flights):
 
 
 def test_a_power_left_out_of_a_fitted_simulation_is_found_beside_the_refitted_line(flights):
-    # What a straight line fitted to a parabola leaves is the parabola less its own line.
+    # The residual of a linear fit to a parabola is the parabola less its own regression line.
     one = flights[0]
     a = one["alpha"]
     bend = 3.0 * (a**2 - np.polyval(np.polyfit(a, a**2, 1), a))
@@ -84,7 +84,7 @@ def test_any_plant_has_its_channels_tried():
     t = np.arange(0.0, 20.0, 0.02)
     u = np.convolve(rng.standard_normal(len(t)), np.ones(50) / 50.0, "same")
     recording = Recording("tank", t, {"level": 0.5 * u + 0.8 * u**3, "pump": u})
-    flights = [prepare_flight(recording, CRAFT, {"level": 0.5 * u})]
+    flights = [prepare_flight(recording, AIRCRAFT, {"level": 0.5 * u})]
     variant, theta, fraction = best(flights, MISSING, ["level"])
     assert variant.about == "pump^3 in level"
     assert fraction > 0.9  # the smoother rounds the pump's corners

@@ -16,7 +16,7 @@ from structsel.comparison.tolerances import tolerances_of
 from structsel.effects import plants
 from structsel.effects.actuators import EFFECTS as ACTUATORS
 from structsel.recording import Recording
-from tests.injected import CRAFT, best, compare, fly, one_of
+from tests.injected import AIRCRAFT, best, compare, fly, one_of
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 shared = pytest.mark.skipif(not DATA.exists(), reason="the shared recordings are not here")
@@ -27,7 +27,7 @@ def rig(parts, dt, response):
     return [
         prepare_flight(
             Recording(f"m{k}", dt * np.arange(len(u)), {"u": u, response: y}, units={"u": "?", response: "?"}),
-            CRAFT,
+            AIRCRAFT,
             {response: stated},
         )
         for k, (u, y, stated) in enumerate(parts)
@@ -43,7 +43,7 @@ def linear_fit(u, y, samples=None):
 
 
 def ranking(flights):
-    """Explained share of each effect, best first."""
+    """Fraction explained by each effect, best first."""
     tried = [*plants.EFFECTS, one_of(ACTUATORS, "actuator-lag")]
     found = {h.name: best(flights, h) for h in tried if h.variants(flights)}
     return sorted(found, key=lambda e: -found[e].explained), found
@@ -144,7 +144,7 @@ def test_a_force_is_found_in_what_accelerates_a_recorded_motion(effect, force, n
         stated = u - 0.6 * v - 25.0 * y
         channels = {"u": u, "y": y, "v": v, "a": stated - force(y, v)}
         record = Recording(f"m{seed}", t, channels, units=dict.fromkeys(channels, "?"))
-        flights.append(prepare_flight(record, CRAFT, {"a": stated}))
+        flights.append(prepare_flight(record, AIRCRAFT, {"a": stated}))
     order, found = ranking(flights)
     assert order[0] == effect
     assert found[effect].explained > 0.97
@@ -213,7 +213,7 @@ def test_tolerances_of_what_accelerates_a_motion_are_its_own_terms():
     y, v = motion(t, u, lambda y, v: 0.0)
     channels = {"u": u, "y": y, "v": v, "a": u - 0.6 * v - 25.0 * y}
     record = Recording("m0", t, channels, units=dict.fromkeys(channels, "?"))
-    flights = [prepare_flight(record, CRAFT, {"a": channels["a"]})]
+    flights = [prepare_flight(record, AIRCRAFT, {"a": channels["a"]})]
     columns = find_plant(flights, "a").errors(flights)
     assert set(columns) == {"stiffness", "damping"}
     assert_allclose(columns["stiffness"][0].std(), 25.0 * y.std(), rtol=0.02)

@@ -1,4 +1,4 @@
-"""Propulsion beyond its declared thrust along its declared line: flown, and found in the difference."""
+"""Propulsion beyond its declared thrust along its declared line: simulated, and found in the difference."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from structsel.effects.propulsive import EFFECTS
 from structsel.recording import Recording
 from structsel.simulation import Actuator
-from tests.injected import CRAFT, aerodynamics, best, compare, fly, named, one_of
+from tests.injected import AIRCRAFT, aerodynamics, best, compare, fly, named, one_of
 
 WASHED = {
     "CZ": {"CT*de": -0.4}, "Cm": {"CT*de": -1.92, "CT": 0.06},
@@ -15,12 +15,12 @@ WASHED = {
 }  # fmt: skip
 ACROSS = {
     "CZ": {"CT*alpha": -1.0}, "CY": {"CT*beta": -1.0},
-    "Cm": {"CT*alpha": 2.0 / CRAFT.cbar}, "Cn": {"CT*beta": -2.0 / CRAFT.b},
+    "Cm": {"CT*alpha": 2.0 / AIRCRAFT.cbar}, "Cn": {"CT*beta": -2.0 / AIRCRAFT.b},
 }  # fmt: skip
 
 
 def aircraft(**other):
-    return CRAFT.model_validate(CRAFT.model_dump() | other)
+    return AIRCRAFT.model_validate(AIRCRAFT.model_dump() | other)
 
 
 def test_a_slipstream_over_tail_and_controls_is_found_with_one_power_for_both():
@@ -46,14 +46,14 @@ def test_a_thrust_line_elsewhere_is_found_with_its_place(effect, thrust, name, v
 
 
 def test_more_thrust_than_stated_is_found_as_a_fraction():
-    found = best(compare(fly(flown={"thrust": lambda T: 1.1 * T})), one_of(EFFECTS, "thrust-scale"))
+    found = best(compare(fly(true_inputs={"thrust": lambda T: 1.1 * T})), one_of(EFFECTS, "thrust-scale"))
     assert found.variant.about == "all of it"
     assert found.explained > 0.98
     assert_allclose(found.values["share"], 0.1, rtol=0.02)
 
 
 def test_thrust_that_comes_delayed_is_found_with_its_lag():
-    flights = compare(fly(actuators={"thrust": Actuator(lag=1.0)}, flown={"thrust": lambda T: T}))
+    flights = compare(fly(actuators={"thrust": Actuator(lag=1.0)}, true_inputs={"thrust": lambda T: T}))
     found = best(flights, one_of(EFFECTS, "thrust-lag"))
     assert found.explained > 0.98
     assert_allclose(found.values["lag"], 1.0, rtol=0.15)
@@ -63,7 +63,7 @@ def test_the_force_across_the_shaft_and_the_p_factor_are_stated_apart():
     found = named(compare(fly(aerodynamics(ACROSS))), "propeller-normal-force", "force across the shaft")
     assert found.explained > 0.97
     assert_allclose([found.values["force per CT"], found.values["moment per CT"]], [1.0, 2.0], rtol=0.05)
-    turning = {"Cn": {"CT*alpha": -1.0 / CRAFT.b}, "Cm": {"CT*beta": -1.0 / CRAFT.cbar}}
+    turning = {"Cn": {"CT*alpha": -1.0 / AIRCRAFT.b}, "Cm": {"CT*beta": -1.0 / AIRCRAFT.cbar}}
     found = best(compare(fly(aerodynamics(turning))), one_of(EFFECTS, "propeller-normal-force"))
     assert_allclose(found.values["P-factor"], 1.0, rtol=0.05)
     assert abs(found.values.get("force per CT", 0.0)) < 0.02
@@ -85,7 +85,7 @@ def test_one_engine_that_fails_is_found_at_its_time():
     # From 12 s on in the second manoeuvre half the thrust acts 1 m to the right: a yawing moment to the left.
     flights = compare(fly())
     second = flights[1]
-    failed = np.where(second.t >= 12.0, 0.5 * second["CT"] / CRAFT.b, 0.0)
+    failed = np.where(second.t >= 12.0, 0.5 * second["CT"] / AIRCRAFT.b, 0.0)
     second.measured["Cn"][:] = second.simulated["Cn"] - failed
     found = best(flights, one_of(EFFECTS, "asymmetric-thrust"))
     assert "'m1'" in found.variant.about
@@ -96,7 +96,7 @@ def test_one_engine_that_fails_is_found_at_its_time():
 def test_an_engine_that_fails_in_two_manoeuvres_is_one_effect():
     flights = compare(fly())
     for f, when in zip(flights, (8.0, 12.0)):
-        f.measured["Cn"][:] = f.simulated["Cn"] - np.where(f.t >= when, 0.5 * f["CT"] / CRAFT.b, 0.0)
+        f.measured["Cn"][:] = f.simulated["Cn"] - np.where(f.t >= when, 0.5 * f["CT"] / AIRCRAFT.b, 0.0)
     found = best(flights, one_of(EFFECTS, "asymmetric-thrust"))
     times = [found.variant.shape[f"time in {f.name}"] for f in flights[:2]]
     assert_allclose(times, (8.0, 12.0), atol=0.2)

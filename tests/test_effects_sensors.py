@@ -1,4 +1,4 @@
-"""Faults of instruments, flown and recorded: the signature finds which, and how much."""
+"""Faults of instruments, in simulated recordings: the signature finds which, and how large."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from structsel.comparison.sensitivity import misread, reading
 from structsel.effects.sensors import EFFECTS
 from structsel.recording import Recording
 from structsel.simulation import Instruments
-from tests.injected import CRAFT, best, compare, explain, fly, one_of
+from tests.injected import AIRCRAFT, best, compare, explain, fly, one_of
 
 
 def faulty(**faults):
@@ -48,7 +48,7 @@ def test_the_faulty_instrument_is_found_among_all_with_its_fault(effect, faults,
     ],
 )  # fmt: skip
 def test_an_instrument_that_stands_elsewhere_is_found_with_the_distance(sensors, about, name, value):
-    flights = compare(fly(aircraft=CRAFT.model_validate(CRAFT.model_dump() | {"sensors": sensors})))
+    flights = compare(fly(aircraft=AIRCRAFT.model_validate(AIRCRAFT.model_dump() | {"sensors": sensors})))
     variants = {v.about: v for v in one_of(EFFECTS, "sensor-position").variants(flights)}
     for which in (f"along body {name}", "along all axes"):
         found = explain(flights, variants[f"{about}, {which}"])
@@ -61,7 +61,7 @@ def test_turned_accelerometers_are_found_about_their_axis():
     turned = []
     for r in fly():
         ax, az = r["ax"], r["az"]
-        # A triad pitched up by the angle reads a share of az along its x, and less of ax along its z.
+        # A triad pitched up by the angle reads a part of az along its x, and less of ax along its z.
         mixed = {"ax": np.cos(angle) * ax - np.sin(angle) * az, "az": np.cos(angle) * az + np.sin(angle) * ax}
         turned.append(r.with_channels(**mixed))
     found = best(compare(turned), one_of(EFFECTS, "sensor-misalignment"))
@@ -83,7 +83,7 @@ def test_errors_of_a_reading_add_up_as_the_complete_chain_says():
             # Coefficients by the forces that the simulation expects, kinematics by those that were felt.
             clean = expected if response in flight.simulated else felt
             sides = [{**clean, **{c: clean[c] + part * e for c, e in off.items()}} for part in (0.5, -0.5)]
-            high, low = (respond(ch, CRAFT, flight.dt, (response,))[response] for ch in sides)
+            high, low = (respond(ch, AIRCRAFT, flight.dt, (response,))[response] for ch in sides)
             complete = high - low
             if response in flight.simulated:
                 complete = complete - flight.slope(response, channel) * error
@@ -98,7 +98,7 @@ def test_an_accelerometer_is_scaled_by_what_it_should_have_read():
 def test_flights_without_air_data_cannot_say_anything_of_instruments():
     t = np.arange(0.0, 4.0, 0.02)
     u = np.sin(t)
-    bench = prepare_flight(Recording("bench", t, {"u": u, "y": 2.0 * u}), CRAFT, {"y": 1.9 * u})
+    bench = prepare_flight(Recording("bench", t, {"u": u, "y": 2.0 * u}), AIRCRAFT, {"y": 1.9 * u})
     for h in EFFECTS:
         assert "channels V, alpha" in h.needs([bench])
 

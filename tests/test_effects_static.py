@@ -1,4 +1,4 @@
-"""Physics of where the aircraft is in its envelope: flown in the truth, found in the difference."""
+"""Effects that depend on the flight condition: simulated in the truth, found in the difference."""
 
 from dataclasses import replace
 
@@ -108,16 +108,16 @@ def test_slopes_that_grow_with_mach_are_found():
 
 
 def test_controls_that_lose_effect_with_mach_each_by_its_own_ratio_are_found_together():
-    shares, mean = {("Cm", "de"): -0.6, ("Cl", "da"): -1.0}, 0.345
+    ratios, mean = {("Cm", "de"): -0.6, ("Cl", "da"): -1.0}, 0.345
     extra = {
         r: {f"mach*{c}": fraction * TRUTH[r][c], c: (1.0 - mean * fraction) * TRUTH[r][c]}
-        for (r, c), fraction in shares.items()
+        for (r, c), fraction in ratios.items()
     }
     flights = flights_with(extra, speeds=(90.0, 130.0), h=(3000.0, 7000.0), inputs=small)
     each = next(v for v in MACH.variants(flights) if v.about.startswith("each slope by its own, in proportion to Mach"))
     theta, fraction = explain(flights, each, ["Cm", "Cl"])
     assert fraction > 0.9
-    for place, ratio in shares.items():  # of the mean slope
+    for place, ratio in ratios.items():  # of the mean slope
         found = theta[f"{place[1]} growth"] * mean_slope(flights, *place)
         assert_allclose(found, ratio * TRUTH[place[0]][place[1]], rtol=0.1)
 

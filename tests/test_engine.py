@@ -118,14 +118,14 @@ def test_several_responses_at_once_equal_one_by_one(noise):
 def test_white_residuals_make_a_list_of_manoeuvres_the_same_as_one_long_one():
     flights = [flight(k, n) for k, n in ((1, 700), (2, 1100), (3, 333))]
     joined = ArrayData(np.hstack([f.base_signals for f in flights]), np.hstack([f.response_signals for f in flights]))
-    (apart,), (one,) = (run(f, noise="white", F_in=12.0) for f in (flights, [joined]))
-    assert apart.search.selected == one.search.selected
-    assert_allclose(apart.values, one.values, rtol=1e-10)
-    assert_allclose(apart.r2, one.r2, rtol=1e-12)
-    # What is held out differs: whole manoeuvres there, parts of one here.
-    assert not apart.cross_validation.within
+    (separate,), (one,) = (run(f, noise="white", F_in=12.0) for f in (flights, [joined]))
+    assert separate.search.selected == one.search.selected
+    assert_allclose(separate.values, one.values, rtol=1e-10)
+    assert_allclose(separate.r2, one.r2, rtol=1e-12)
+    # The parts held out differ: complete manoeuvres there, parts of one here.
+    assert not separate.cross_validation.within
     assert one.cross_validation.within
-    assert_array_equal(apart.cross_validation.n, [700, 1100, 333])
+    assert_array_equal(separate.cross_validation.n, [700, 1100, 333])
 
 
 def test_lags_do_not_cross_from_one_manoeuvre_to_the_next():
@@ -140,8 +140,8 @@ def test_lags_do_not_cross_from_one_manoeuvre_to_the_next():
 
 
 def test_selection_on_whitened_residuals_converges_on_the_truth_where_the_white_rule_keeps_false_terms():
-    # 10 flights with lag-one correlation 0.92. Each false term enters with a chance of at most 0.1 % x 11 terms
-    # at F = 12, so all ten are exact with a chance of about 99 %; the white rule is never exact here.
+    # 10 flights with lag-one correlation 0.92. Each false term enters with a probability of at most 0.1 % x 11 terms
+    # at F = 12, so all ten are exact with a probability of about 99 %; the white rule is never exact here.
     exact = classical = 0
     for seed in range(10):
         (found,) = run([flight(seed, 3000, rho=0.92, noise=0.5)], F_in=12.0)
@@ -153,7 +153,7 @@ def test_selection_on_whitened_residuals_converges_on_the_truth_where_the_white_
 
 
 def test_the_converged_structure_is_what_its_own_residuals_colour_selects():
-    # Whitening by hand with the colour found and selecting as if white gives the same terms again.
+    # Whitening by hand with the estimated AR filter and selecting as if white gives the same terms again.
     flights = [flight(7, 2000, rho=0.9), flight(8, 1500, rho=0.8)]
     (found,) = run(flights, F_in=12.0)
     every = range(len(POOL))
@@ -168,7 +168,7 @@ def test_the_converged_structure_is_what_its_own_residuals_colour_selects():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_alternatives_are_the_exchanges_brute_force_finds(seed):
-    # Nearly constant fourth signal: products with it can stand in for others.
+    # Nearly constant fourth signal: products with it can replace others.
     one = flight(seed, 600, noise=0.4)
     base = one.base_signals.copy()
     base[3] = 1.0 + 0.02 * base[3]
@@ -261,7 +261,7 @@ def test_held_out_errors_equal_explicit_selections_and_refits_without_each_manoe
         error = y - ols.predict(matrix([held], without.search.selected))
         assert_allclose(found.cross_validation.sse[k], np.sum(error**2), rtol=1e-9)
         assert_allclose(found.cross_validation.tss[k], np.sum((y - y.mean()) ** 2), rtol=1e-9)
-    assert len(structures) > 1  # so the selections were made anew, not only the fits
+    assert len(structures) > 1  # so the selections were repeated, not only the fits
 
 
 def test_coloured_held_out_errors_equal_generalised_least_squares_without_each_manoeuvre():
@@ -336,7 +336,7 @@ def test_memory_above_the_signals_does_not_grow_with_the_samples():
         one = ArrayData(base, y[None])
         traced = []
         for _ in range(3):
-            # What is loaded or compiled by the way is counted too, but once; the least is the search's own.
+            # What is loaded or compiled meanwhile is counted too, but once; the minimum is the search's own.
             tracemalloc.start()
             run([one], exponents, F_in=12.0, max_terms=10)
             traced.append(tracemalloc.get_traced_memory()[1] / 1e6)
@@ -349,12 +349,12 @@ def test_memory_above_the_signals_does_not_grow_with_the_samples():
 # --- conditioning ----------------------------------------------------------------------------------
 
 
-def near_copy(share, seed, n=5000):
-    """A flight whose ninth signal is the elevator but for a share of its own motion; both are in the model."""
+def near_copy(own_motion, seed, n=5000):
+    """A flight whose ninth signal is the elevator except for a small motion of its own; both are in the model."""
     rng = np.random.default_rng([seed, 9])
     base = cases.flight_signals(n, seed)
     own = rng.standard_normal(n)
-    base = np.vstack([base, base[5] + share * base[5].std() * own])
+    base = np.vstack([base, base[5] + own_motion * base[5].std() * own])
     exponents = np.vstack([np.eye(9, dtype=int), 2 * np.eye(9, dtype=int)[:5]])
     unit = [row / row.std() for row in base[[0, 3, 5]]]
     signal = sum(unit) + (base[1] / base[1].std()) ** 2
@@ -366,7 +366,7 @@ def near_copy(share, seed, n=5000):
 def qr_stepwise(X, y, threshold, tol=1e-9):
     """Stepwise selection on orthogonalised columns; no cross-products are formed.
 
-    Returns the columns kept, and those refused: of whose length about their mean the kept ones leave no more than
+    Returns the columns kept, and those refused: of their length about the mean the kept ones leave at most
     sqrt(tol).
     """
     Z = np.column_stack([X, y])
@@ -402,10 +402,10 @@ def partial_f_by_qr(X, y):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("share", [1e-1, 1e-2, 1e-3, 1e-4, 4e-5, 1e-5, 1e-6])
-def test_near_copies_of_the_elevator_are_selected_as_by_qr_or_refused_and_listed(share, seed):
-    # The selected set's condition number runs from 3e1 to 3e6; the copy's Schur complement is about share^2.
-    one, exponents, true = near_copy(share, seed)
+@pytest.mark.parametrize("own_motion", [1e-1, 1e-2, 1e-3, 1e-4, 4e-5, 1e-5, 1e-6])
+def test_near_copies_of_the_elevator_are_selected_as_by_qr_or_refused_and_listed(own_motion, seed):
+    # The selected set's condition number runs from 3e1 to 3e6; the copy's Schur complement is about own_motion^2.
+    one, exponents, true = near_copy(own_motion, seed)
     (found,) = run([one], exponents, noise="white", F_in=12.0)
     X, y = design(one.base_signals, exponents)[:, 1:], one.response_signals[0]
     kept, refused = qr_stepwise(X, y, 12.0)

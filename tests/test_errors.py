@@ -13,7 +13,7 @@ def test_the_remedy_is_the_last_line_of_the_error_and_the_command_line_has_its_o
     assert error.cli_message == "'x.csv' exists.\nPass --overwrite."
 
 
-@pytest.mark.parametrize("error", [DataError("It failed."), DataError("It failed.", remedy="Mend it.")])
+@pytest.mark.parametrize("error", [DataError("It failed."), DataError("It failed.", remedy="Correct it.")])
 def test_without_a_remedy_of_its_own_the_command_line_says_what_the_library_says(error):
     assert error.cli_message == str(error)
 

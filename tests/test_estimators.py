@@ -27,7 +27,7 @@ NAMES = ["alpha", "beta", "da", "de", "dr", "p_hat", "q_hat", "r_hat"]  # sorted
 
 
 def problem(seed=0, n=600, noise=0.1, rho=0.0):
-    """Eight correlated columns off zero, of which 1, 4 and 6 make the response."""
+    """Eight correlated columns off zero; the response is made of columns 1, 4 and 6."""
     rng = np.random.default_rng(seed)
     X = np.array([ar1(rng, n, 0.9, 0.1) for _ in range(8)]).T
     X = 0.3 * X @ rng.normal(size=(8, 8)) / 3 + X + rng.normal(size=8)
@@ -97,7 +97,7 @@ def test_coloured_residuals_are_accounted_for():
         for noise in extra:
             kept = StepwiseRegressor(noise=noise, F_in="auto").fit(X, y).get_support(indices=True)
             extra[noise] += len(set(kept) - {1, 4, 6})
-    assert extra["ar"] <= 4  # 5 % chance each; five or more of 20 happen once in 400
+    assert extra["ar"] <= 4  # 5 % probability each; five or more of 20 happen once in 400
     assert extra["white"] >= 20
 
 

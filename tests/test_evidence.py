@@ -96,9 +96,9 @@ def test_the_likeliest_factors_are_chosen_and_kept_with_further_columns(rows):
     base = Base(small, B, scales=np.array([[1.0] * 4, [0.01] * 4]))
     assert base.chosen == 1
     assert_allclose(base.B[0], 0.01 * B[0])
-    beside = base.beside(H)
-    assert_allclose(beside.scales[:, 4:], 1.0)
-    in_full = Base(small, beside.given, scales=beside.scales[:1])
+    extended = base.beside(H)
+    assert_allclose(extended.scales[:, 4:], 1.0)
+    in_full = Base(small, extended.given, scales=extended.scales[:1])
     assert_allclose(in_full.posterior.mean, Base(small, [np.hstack(x) for x in zip(B, H)]).posterior.mean, rtol=1e-9)
 
 

@@ -27,8 +27,8 @@ def manoeuvre(k, n=300):
     return Recording(f"m{k}", t, {"alpha": alpha, "de": de, "V": np.full(n, 60.0), "Cm": Cm, "CZ": CZ})
 
 
-FLOWN = [manoeuvre(k) for k in range(4)]
-MODEL = select(FLOWN, ["Cm", "CZ"], Candidates(["alpha", "de"]), include=["alpha", "de"], bootstrap=0).model
+RECORDINGS = [manoeuvre(k) for k in range(4)]
+MODEL = select(RECORDINGS, ["Cm", "CZ"], Candidates(["alpha", "de"]), include=["alpha", "de"], bootstrap=0).model
 
 
 def columns(recordings, terms):
@@ -52,13 +52,13 @@ def held_out(recordings, terms):
 
 @pytest.mark.parametrize("term", ["alpha^2", "alpha*de", "de^3"])
 def test_each_term_does_what_refitting_with_it_does(term):
-    found = try_additions(MODEL, FLOWN, "Cm", POOL)
+    found = try_additions(MODEL, RECORDINGS, "Cm", POOL)
     terms = ["alpha", "de", term]
-    fit = sm.OLS(response(FLOWN), columns(FLOWN, terms)).fit()
+    fit = sm.OLS(response(RECORDINGS), columns(RECORDINGS, terms)).fit()
     r2, fraction, ahead = found[term]
     assert_allclose(r2, fit.rsquared, rtol=1e-10)
-    assert_allclose(ahead, held_out(FLOWN, terms), rtol=1e-9)
-    tss = np.sum((response(FLOWN) - response(FLOWN).mean()) ** 2)
+    assert_allclose(ahead, held_out(RECORDINGS, terms), rtol=1e-9)
+    tss = np.sum((response(RECORDINGS) - response(RECORDINGS).mean()) ** 2)
     assert_allclose(fraction, pse(fit.ssr, tss, 1200, 3) / (tss / 1200), rtol=1e-10)
     order = list(map(str, Candidates.parse(terms)))
     i = [str(t) for t in found.terms].index(term)
@@ -66,18 +66,18 @@ def test_each_term_does_what_refitting_with_it_does(term):
 
 
 def test_the_model_as_it_is_stands_before_them():
-    found = try_additions(MODEL, FLOWN, "Cm", POOL)
-    fit = sm.OLS(response(FLOWN), columns(FLOWN, ["alpha", "de"])).fit()
+    found = try_additions(MODEL, RECORDINGS, "Cm", POOL)
+    fit = sm.OLS(response(RECORDINGS), columns(RECORDINGS, ["alpha", "de"])).fit()
     assert_allclose(found.before[0], fit.rsquared, rtol=1e-12)
-    assert_allclose(found.before[2], held_out(FLOWN, ["alpha", "de"]), rtol=1e-10)
+    assert_allclose(found.before[2], held_out(RECORDINGS, ["alpha", "de"]), rtol=1e-10)
     frame = found.to_frame()
     assert frame.term[0] == "(as it is)"
     assert (np.diff(frame.held_out_r2[1:]) <= 0.0).all()
 
 
 def test_the_term_left_out_comes_first_for_each_response():
-    assert str(try_additions(MODEL, FLOWN, "Cm", POOL).terms[0]) == "alpha^2"
-    assert str(try_additions(MODEL, FLOWN, "CZ", POOL).terms[0]) == "de^2"
+    assert str(try_additions(MODEL, RECORDINGS, "Cm", POOL).terms[0]) == "alpha^2"
+    assert str(try_additions(MODEL, RECORDINGS, "CZ", POOL).terms[0]) == "de^2"
 
 
 def test_one_recording_is_held_out_segment_by_segment():
@@ -90,24 +90,24 @@ def test_one_recording_is_held_out_segment_by_segment():
 
 def test_terms_of_the_model_and_what_they_explain_are_passed_over():
     # V stands still, so that alpha*V is alpha again.
-    found = try_additions(MODEL, FLOWN, "Cm", POOL + Candidates(["alpha*V", "V"]))
+    found = try_additions(MODEL, RECORDINGS, "Cm", POOL + Candidates(["alpha*V", "V"]))
     assert {str(term) for term in found.terms} == {"alpha^2", "alpha*de", "de^2", "de^3"}
     with pytest.raises(SelectionError, match=r"'V\*alpha' was not tried"):
         found["alpha*V"]
     with pytest.raises(SelectionError, match="in the model of Cm already"):
-        try_additions(MODEL, FLOWN, "Cm", Candidates(["alpha", "de"]))
+        try_additions(MODEL, RECORDINGS, "Cm", Candidates(["alpha", "de"]))
     with pytest.raises(SelectionError, match="explain every candidate"):
-        try_additions(MODEL, FLOWN, "Cm", Candidates(["alpha*V", "V"]))
+        try_additions(MODEL, RECORDINGS, "Cm", Candidates(["alpha*V", "V"]))
 
 
 def test_a_term_that_one_recording_alone_moves_predicts_nothing_of_that_recording():
-    # In the other three it stands at zero, so that no value can be got from them: the fourth is foretold without it.
-    flown = [r.with_channels(df=0.0) for r in FLOWN[:3]] + [FLOWN[3].with_channels(df=FLOWN[3]["Cm"])]
-    found = try_additions(MODEL, flown, "Cm", Candidates(["df"]))
-    spread = [np.sum((r["Cm"] - r["Cm"].mean()) ** 2) for r in flown]
-    without = (1.0 - held_out(FLOWN, ["alpha", "de"])) * sum(spread)
-    others = np.linalg.lstsq(columns(flown[:3], ["alpha", "de"]), response(flown[:3]), rcond=None)[0]
-    fourth = np.sum((flown[3]["Cm"] - columns(flown[3:], ["alpha", "de"]) @ others) ** 2)
+    # In the other three df is zero, so they give no value of its coefficient: the fourth is predicted without it.
+    given = [r.with_channels(df=0.0) for r in RECORDINGS[:3]] + [RECORDINGS[3].with_channels(df=RECORDINGS[3]["Cm"])]
+    found = try_additions(MODEL, given, "Cm", Candidates(["df"]))
+    spread = [np.sum((r["Cm"] - r["Cm"].mean()) ** 2) for r in given]
+    without = (1.0 - held_out(RECORDINGS, ["alpha", "de"])) * sum(spread)
+    others = np.linalg.lstsq(columns(given[:3], ["alpha", "de"]), response(given[:3]), rcond=None)[0]
+    fourth = np.sum((given[3]["Cm"] - columns(given[3:], ["alpha", "de"]) @ others) ** 2)
     assert (1.0 - found["df"][2]) * sum(spread) >= fourth * (1.0 - 1e-9)
     assert fourth < without
 
@@ -120,7 +120,7 @@ def explorer():
     pytest.importorskip(
         "ipywidgets", reason='ipywidgets is not installed; pip install "structsel[notebooks]" brings it'
     )
-    return explore_residuals(MODEL, FLOWN, candidates=POOL)
+    return explore_residuals(MODEL, RECORDINGS, candidates=POOL)
 
 
 def test_the_explorer_opens_on_the_term_that_helps_most(explorer):
@@ -137,9 +137,9 @@ def test_channels_that_stand_still_are_not_offered(explorer):
 def test_another_choice_draws_another_figure_and_tells_of_another_term(explorer):
     before = explorer.figure.value
     explorer.channel.value = "de"
-    beside = explorer.figure.value
+    with_term = explorer.figure.value
     explorer.term.value = "de^3"
-    assert len({before, beside, explorer.figure.value}) == 3
+    assert len({before, with_term, explorer.figure.value}) == 3
     assert "de^3" in explorer.effect.value
     assert f"{explorer.additions['de^3'][2]:.5g}" in explorer.effect.value
 
@@ -156,10 +156,10 @@ def test_a_selection_brings_its_own_pool():
     pytest.importorskip(
         "ipywidgets", reason='ipywidgets is not installed; pip install "structsel[notebooks]" brings it'
     )
-    chosen = select(FLOWN, "Cm", POOL, max_terms=2, bootstrap=0)
-    offered = {*explore_residuals(chosen, FLOWN).term.options, *map(str, chosen["Cm"].terms)}
+    chosen = select(RECORDINGS, "Cm", POOL, max_terms=2, bootstrap=0)
+    offered = {*explore_residuals(chosen, RECORDINGS).term.options, *map(str, chosen["Cm"].terms)}
     assert offered == {str(term) for term in POOL}
-    alone = explore_residuals(chosen["Cm"], FLOWN[0])
+    alone = explore_residuals(chosen["Cm"], RECORDINGS[0])
     assert alone.response.options == ("Cm",)
 
 
@@ -168,10 +168,10 @@ def test_a_model_alone_is_offered_products_of_its_channels():
         "ipywidgets", reason='ipywidgets is not installed; pip install "structsel[notebooks]" brings it'
     )
     bare = AeroModel({"Cm": ResponseModel(("1", "alpha", "de"), np.array([0.05, -0.5, -1.5]))})
-    assert set(explore_residuals(bare, FLOWN).term.options) == {"alpha^2", "alpha*de", "de^2"}
+    assert set(explore_residuals(bare, RECORDINGS).term.options) == {"alpha^2", "alpha*de", "de^2"}
 
 
 def test_without_ipywidgets_it_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "ipywidgets", None)
     with pytest.raises(StructselError, match=r'pip install "structsel\[notebooks\]"'):
-        explore_residuals(MODEL, FLOWN)
+        explore_residuals(MODEL, RECORDINGS)

@@ -1,4 +1,4 @@
-"""Exports: Python, C and Modelica say what the model says; tables and text carry values, errors and region."""
+"""Exports: Python, C and Modelica give the model's values; tables and text carry values, errors and region."""
 
 import math
 import operator
@@ -29,7 +29,7 @@ COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
 STATES = random_states(40, seed=1)
 MODEL = model_of({"CX": KINDS[::2], "Cm": KINDS[1::2], "my response": KINDS[:3], "CZ": ()})
-TOLD = AeroModel(
+EXAMPLE = AeroModel(
     {
         "Cm": ResponseModel(
             ("1", "alpha", "(alpha - 0.2)+^2"),
@@ -43,7 +43,7 @@ TOLD = AeroModel(
             r2=0.9712,
         )
     },
-    "told",
+    "example",
     ("m01", "m02"),
 )
 
@@ -205,7 +205,7 @@ def test_the_python_module_needs_nothing_but_python(tmp_path):
 @needs_compiler
 def test_a_c_program_links_two_models(tmp_path):
     for stem, response in (("pitch", "Cm"), ("force", "CZ")):
-        export_model(AeroModel({response: TOLD["Cm"]}), tmp_path / f"{stem}.c", to="c")
+        export_model(AeroModel({response: EXAMPLE["Cm"]}), tmp_path / f"{stem}.c", to="c")
     (tmp_path / "main.c").write_text(
         '#include <stdio.h>\n#include "pitch.h"\n#include "force.h"\nint main(void) {\n'
         "  struct pitch_inputs a = { .alpha = 0.3 }; struct force_inputs b = { .alpha = 0.1 };\n"
@@ -214,7 +214,7 @@ def test_a_c_program_links_two_models(tmp_path):
     build = [COMPILER, "-std=c99", "-o", "main", "main.c", "pitch.c", "force.c", "-lm"]
     subprocess.run(build, cwd=tmp_path, check=True)
     printed = subprocess.run(["./main"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split()
-    assert_allclose([float(x) for x in printed], TOLD["Cm"].evaluate({"alpha": np.array([0.3, 0.1])}), rtol=1e-14)
+    assert_allclose([float(x) for x in printed], EXAMPLE["Cm"].evaluate({"alpha": np.array([0.3, 0.1])}), rtol=1e-14)
 
 
 AWKWARD = model_of({"int": ("int*math", "model", "out*_x", "Δ^2"), "class": ("factor_1", "abs*abs(abs)", "evaluate")})
@@ -282,7 +282,7 @@ def test_a_model_of_constants_has_no_inputs(tmp_path):
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_every_export_says_the_errors_the_region_and_the_lengths(target, tmp_path):
-    path = export_model(TOLD, tmp_path / "told.xml", to=target, aircraft=published_aircraft("citation").aircraft)
+    path = export_model(EXAMPLE, tmp_path / "example.xml", to=target, aircraft=published_aircraft("citation").aircraft)
     text = path.read_text()
     for said in (
         "m01, m02",
@@ -350,9 +350,9 @@ def test_a_file_that_is_there_stays_unless_it_may_go(target, tmp_path):
     path = tmp_path / "m.xml"
     path.write_text("mine")
     with pytest.raises(DataError, match="exists already"):
-        export_model(TOLD, path, to=target)
+        export_model(EXAMPLE, path, to=target)
     assert path.read_text() == "mine"
-    assert export_model(TOLD, path, to=target, overwrite=True) == path
+    assert export_model(EXAMPLE, path, to=target, overwrite=True) == path
     assert path.read_text() != "mine"
     assert not list(tmp_path.glob(".*"))
 
@@ -360,19 +360,19 @@ def test_a_file_that_is_there_stays_unless_it_may_go(target, tmp_path):
 def test_a_header_that_is_there_stays_too(tmp_path):
     (tmp_path / "m.h").write_text("mine")
     with pytest.raises(DataError, match=r"m\.h' exists already"):
-        export_model(TOLD, tmp_path / "m.c", to="c")
+        export_model(EXAMPLE, tmp_path / "m.c", to="c")
     assert not (tmp_path / "m.c").exists()
     with pytest.raises(ModelError, match=r"overwrite its own header.*m\.c"):
-        export_model(TOLD, tmp_path / "m.h", to="c", overwrite=True)
+        export_model(EXAMPLE, tmp_path / "m.h", to="c", overwrite=True)
 
 
 def test_what_cannot_be_written_says_why(tmp_path):
     with pytest.raises(DataError, match="cannot be written: No such file"):
-        export_model(TOLD, tmp_path / "nowhere" / "m.py", to="python")
+        export_model(EXAMPLE, tmp_path / "nowhere" / "m.py", to="python")
     with pytest.raises(ModelError, match=r"no export to 'jsbsin'\. Did you mean 'jsbsim'"):
-        export_model(TOLD, tmp_path / "m", to="jsbsin")
+        export_model(EXAMPLE, tmp_path / "m", to="jsbsin")
     with pytest.raises(ModelError, match="takes the model's channels as they are"):
-        export_model(TOLD, tmp_path / "m", to="c", definitions={"alpha": "theta"})
+        export_model(EXAMPLE, tmp_path / "m", to="c", definitions={"alpha": "theta"})
 
 
 # --- command --------------------------------------------------------------------------------------------
@@ -387,16 +387,16 @@ def run(*arguments, code=0):
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_command_writes_what_the_function_writes(target, tmp_path):
-    TOLD.to_json(tmp_path / "model.json")
+    EXAMPLE.to_json(tmp_path / "model.json")
     (tmp_path / "aircraft.toml").write_text(
-        'name = "craft"\nS = 20.0\nb = 12.0\ncbar = 1.8\nmass = 2000.0\n'
+        'name = "example"\nS = 20.0\nb = 12.0\ncbar = 1.8\nmass = 2000.0\n'
         "[inertia]\nIx = 3000.0\nIy = 4000.0\nIz = 6000.0\n"
     )
     there, here = tmp_path / "there", tmp_path / "here"
     for folder in (there, here):
         folder.mkdir()
     expected = export_model(
-        TOLD, here / "out.xml", to=target, aircraft=Aircraft.from_toml(tmp_path / "aircraft.toml")
+        EXAMPLE, here / "out.xml", to=target, aircraft=Aircraft.from_toml(tmp_path / "aircraft.toml")
     ).read_text()
     asked = ("export", tmp_path / "model.json", "--to", target, "--aircraft", tmp_path / "aircraft.toml")
     said = run(*asked, "--out", there / "out.xml").stdout
@@ -407,7 +407,7 @@ def test_the_command_writes_what_the_function_writes(target, tmp_path):
 
 
 def test_the_command_says_what_it_cannot_read(tmp_path):
-    TOLD.to_json(tmp_path / "model.json")
+    EXAMPLE.to_json(tmp_path / "model.json")
     run("export", tmp_path / "model.json", "--out", tmp_path / "m.xml", "--properties", "rpm", code=2)
     refused = run("export", tmp_path / "model.json", "--to", "csv", "--out", tmp_path / "m", "--define", "a=V", code=1)
     assert "as they are" in refused.stderr
@@ -417,6 +417,6 @@ def test_the_command_says_what_it_cannot_read(tmp_path):
 
 
 def test_the_exported_csv_is_one_table(tmp_path):
-    text = export_model(TOLD, tmp_path / "m.csv", to="csv").read_text()
+    text = export_model(EXAMPLE, tmp_path / "m.csv", to="csv").read_text()
     rows = [line for line in text.splitlines() if not line.startswith("#")]
     assert len(pd.read_csv(StringIO("\n".join(rows)))) == 3

@@ -1,4 +1,4 @@
-"""Exports to JSBSim: the same coefficients, flown there and identified again; what cannot be flown is refused."""
+"""Exports to JSBSim: the same coefficients, simulated there and identified again; refusals of other models."""
 
 import contextlib
 import io
@@ -40,7 +40,7 @@ jsbsim = pytest.importorskip("jsbsim", reason='JSBSim is not installed: pip inst
 CITATION = published_aircraft("citation")
 AXES = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 CLOCK = np.arange(0.0, 20.0, 0.02)
-CRAFT = Aircraft(
+AIRCRAFT = Aircraft(
     name="odd",
     mass=1234.5,
     S=17.3,
@@ -96,9 +96,9 @@ def first():
 def theirs(first, tmp_path_factory):
     """The identified model as JSBSim's aircraft, and three flights of it."""
     path = export_model(first[2], tmp_path_factory.mktemp("jsbsim") / "citation.xml", aircraft=CITATION.aircraft)
-    craft = open_jsbsim(path, rho=first[1])
-    steady = craft.trim(120.0, 7500.0)
-    return craft, [craft.fly(moved(steady, 10 + k), start=steady) for k in range(3)]
+    their_aircraft = open_jsbsim(path, rho=first[1])
+    steady = their_aircraft.trim(120.0, 7500.0)
+    return their_aircraft, [their_aircraft.fly(moved(steady, 10 + k), start=steady) for k in range(3)]
 
 
 def departures(found, truth):
@@ -113,8 +113,8 @@ def departures(found, truth):
 
 def test_the_model_identified_flies_in_jsbsim_and_is_identified_again(first, theirs):
     _, _, model = first
-    craft, flights = theirs
-    again = identify(flights, craft.aircraft, 200)
+    their_aircraft, flights = theirs
+    again = identify(flights, their_aircraft.aircraft, 200)
     for name in AXES:
         assert set(again[name].terms) == set(model[name].terms) == set(CITATION.model[name].terms)
     # 31 values: under the stated errors one beyond 3.5 of them has odds of 1 in 70, an rms above 1.35 less.
@@ -125,18 +125,18 @@ def test_the_model_identified_flies_in_jsbsim_and_is_identified_again(first, the
 
 
 def test_coefficients_along_the_flight_are_the_model_s(first, theirs):
-    craft, flights = theirs
+    their_aircraft, flights = theirs
     for flight in flights:
-        expected = first[2].evaluate(compute_coefficients(flight, craft.aircraft), outside="ignore")
+        expected = first[2].evaluate(compute_coefficients(flight, their_aircraft.aircraft), outside="ignore")
         assert np.ptp(flight["alpha"]) > 0.03
         for name in AXES:
             assert_allclose(flight[name], expected[name], atol=1e-9, rtol=0.0, err_msg=name)
 
 
 def test_coefficients_at_the_states_of_our_own_flight_are_the_model_s(first, theirs):
-    flown = compute_coefficients(first[0][0], CITATION.aircraft)
-    expected = first[2].evaluate(flown, outside="ignore")
-    forced = theirs[0].coefficients(flown)
+    computed = compute_coefficients(first[0][0], CITATION.aircraft)
+    expected = first[2].evaluate(computed, outside="ignore")
+    forced = theirs[0].coefficients(computed)
     for name in AXES:
         assert_allclose(forced[name], expected[name], atol=1e-9, rtol=0.0, err_msg=name)
 
@@ -148,11 +148,11 @@ def test_the_commands_make_the_same_trip(first, tmp_path):
     push = 0.02 * ((CLOCK > 1.0) & (CLOCK < 2.0)) - 0.02 * ((CLOCK >= 2.0) & (CLOCK < 3.0))
     write_recording(Recording("doublet", CLOCK[:200], {"de": push[:200]}), tmp_path / "doublet.csv")
     for command in (
-        ["export", "model.json", "--to", "jsbsim", "--aircraft", "aircraft.toml", "--out", "craft.xml"],
-        ["simulate", "jsbsim:{}/craft.xml", "--trim", "120,7500", "--rho", repr(rho), "--inputs", "doublet.csv",
+        ["export", "model.json", "--to", "jsbsim", "--aircraft", "aircraft.toml", "--out", "aircraft.xml"],
+        ["simulate", "jsbsim:{}/aircraft.xml", "--trim", "120,7500", "--rho", repr(rho), "--inputs", "doublet.csv",
          "--out", "flown", "--no-plots"],
     ):  # fmt: skip
-        words = [str(tmp_path / w) if (tmp_path / w).exists() or w in ("craft.xml", "flown") else w for w in command]
+        words = [str(tmp_path / w) if (tmp_path / w).exists() or w in ("aircraft.xml", "flown") else w for w in command]
         done = CliRunner().invoke(app, [word.format(tmp_path) for word in words], env={"NO_COLOR": "1"})
         assert done.exit_code == 0, done.output
     flight = read_recording(tmp_path / "flown" / "flights" / "doublet.csv")
@@ -237,10 +237,10 @@ def converge(fdm, state, thrust=1500.0):
     fdm.run_ic()
     channels = {c: UNITS.Quantity(fdm[name], unit).to_base_units().magnitude for c, (name, unit) in HELD.items()}
     channels["da"] = state["da"]
-    b, cbar, V = CRAFT.b, CRAFT.cbar, channels["V"]
+    b, cbar, V = AIRCRAFT.b, AIRCRAFT.cbar, channels["V"]
     channels |= {f"{c}_hat": channels[c] * (cbar if c in ("q", "alpha_dot") else b) / (2.0 * V)
                  for c in ("p", "q", "r", "alpha_dot", "beta_dot")}  # fmt: skip
-    return channels | {"V_ratio": V / 55.0, "CT": channels["thrust"] / (channels["qbar"] * CRAFT.S)}
+    return channels | {"V_ratio": V / 55.0, "CT": channels["thrust"] / (channels["qbar"] * AIRCRAFT.S)}
 
 
 def assert_agrees(fdm, model, states, **more):
@@ -266,7 +266,7 @@ def forces(fdm):
 
 def test_every_kind_of_term_is_jsbsim_s(tmp_path):
     model = model_of({name: KINDS[k::6] for k, name in enumerate(AXES)}, seed=4)
-    fdm = load(export_model(model, tmp_path / "kinds.xml", aircraft=CRAFT))
+    fdm = load(export_model(model, tmp_path / "kinds.xml", aircraft=AIRCRAFT))
     for _ in assert_agrees(fdm, model, random_states(40, seed=2)):
         for name, value in forces(fdm).items():
             assert value == pytest.approx(fdm[f"aero/coefficient/{name}"], abs=1e-9 * max(1.0, abs(value)))
@@ -275,38 +275,38 @@ def test_every_kind_of_term_is_jsbsim_s(tmp_path):
 def test_every_channel_that_jsbsim_has_comes_in_si(tmp_path):
     reduced = ("p_hat", "q_hat", "r_hat", "alpha_dot_hat", "beta_dot_hat", "V_ratio", "CT", "da")
     model = AeroModel({"Cm": ResponseModel((*HELD, *reduced), 1.0 + np.arange(len(HELD) + len(reduced)) % 7)})
-    fdm = load(export_model(model, tmp_path / "channels.xml", aircraft=CRAFT))
+    fdm = load(export_model(model, tmp_path / "channels.xml", aircraft=AIRCRAFT))
     for channels in assert_agrees(fdm, model, random_states(3)):
         for name, value in channels.items():
             assert value != 0.0 or name == "t", name
-            # By itself, since next to a pressure the others would not be seen.
+            # Alone, since next to a pressure the others would not be seen.
             if fdm.get_property_manager().hasNode(f"aero/function/{name}"):
                 assert fdm[f"aero/function/{name}"] == pytest.approx(value, rel=1e-9)
 
 
 def test_the_section_alone_is_included_in_an_aircraft_of_its_own_sizes(tmp_path):
     model = model_of({"Cm": ("1", "alpha", "q_hat*de"), "CZ": ("alpha", "abs(beta)*V")})
-    whole = export_model(model_of({"CX": ("1",)}), tmp_path / "whole.xml", aircraft=CRAFT).read_text()
+    complete = export_model(model_of({"CX": ("1",)}), tmp_path / "complete.xml", aircraft=AIRCRAFT).read_text()
     export_model(model, tmp_path / "aero.xml")
-    start, end = whole.index("<aerodynamics>"), whole.index("</aerodynamics>")
-    (tmp_path / "own.xml").write_text(whole[:start] + '<aerodynamics file="aero.xml"/>' + whole[end + 15 :])
+    start, end = complete.index("<aerodynamics>"), complete.index("</aerodynamics>")
+    (tmp_path / "own.xml").write_text(complete[:start] + '<aerodynamics file="aero.xml"/>' + complete[end + 15 :])
     fdm = load(tmp_path / "own.xml")
     for _ in assert_agrees(fdm, model, random_states(5)):
         assert forces(fdm)["CZ"] == pytest.approx(fdm["aero/coefficient/CZ"], rel=1e-12)
 
 
 def test_the_aircraft_written_is_the_aircraft_given(tmp_path):
-    loaded = open_jsbsim(export_model(model_of({"Cm": ("de",)}), tmp_path / "odd.xml", aircraft=CRAFT)).aircraft
+    loaded = open_jsbsim(export_model(model_of({"Cm": ("de",)}), tmp_path / "odd.xml", aircraft=AIRCRAFT)).aircraft
     for name in ("mass", "S", "b", "cbar"):
-        assert_allclose(getattr(loaded, name), getattr(CRAFT, name), rtol=1e-9)
-    assert_allclose(loaded.inertia.tensor, CRAFT.inertia.tensor, rtol=1e-9)
-    assert_allclose(loaded.thrust.offset, CRAFT.thrust.offset, rtol=1e-9)
-    assert_allclose(loaded.thrust.inclination, CRAFT.thrust.inclination, rtol=1e-9)
+        assert_allclose(getattr(loaded, name), getattr(AIRCRAFT, name), rtol=1e-9)
+    assert_allclose(loaded.inertia.tensor, AIRCRAFT.inertia.tensor, rtol=1e-9)
+    assert_allclose(loaded.thrust.offset, AIRCRAFT.thrust.offset, rtol=1e-9)
+    assert_allclose(loaded.thrust.inclination, AIRCRAFT.thrust.inclination, rtol=1e-9)
 
 
 def test_wind_axes_are_turned_into_body_axes(tmp_path):
     model = model_of({"CL": ("1", "alpha", "q_ratio"), "CD": ("1", "alpha^2"), "CY": ("beta",)})
-    fdm = load(export_model(model, tmp_path / "wind.xml", aircraft=CRAFT, definitions={"q_ratio": "q*1.2/V"}))
+    fdm = load(export_model(model, tmp_path / "wind.xml", aircraft=AIRCRAFT, definitions={"q_ratio": "q*1.2/V"}))
     for i in range(10):
         state = {name: values[i] for name, values in random_states(10).items()}
         channels = converge(fdm, state)
@@ -321,10 +321,14 @@ def test_wind_axes_are_turned_into_body_axes(tmp_path):
 
 
 def test_the_beaver_flies_with_its_slipstream_and_an_engine_s_readings_from_outside(tmp_path):
-    craft = published_aircraft("beaver")
+    published = published_aircraft("beaver")
     inputs = {"manifold_pressure": "aero/input/manifold_pressure", "rpm": "aero/input/rpm"}
     path = export_model(
-        craft.model, tmp_path / "beaver.xml", aircraft=craft.aircraft, definitions=craft.definitions, properties=inputs
+        published.model,
+        tmp_path / "beaver.xml",
+        aircraft=published.aircraft,
+        definitions=published.definitions,
+        properties=inputs,
     )
     fdm = load(path)
     fdm["aero/input/manifold_pressure"], fdm["aero/input/rpm"] = 20.0, 1800.0
@@ -338,21 +342,21 @@ def test_the_beaver_flies_with_its_slipstream_and_an_engine_s_readings_from_outs
         length = 1.5875 if name in ("q", "alpha_dot") else 14.63
         converged[f"{name}_hat"] = converged[name] * length / (2.0 * converged["V"])
     converged["dpt"] = 0.08696 + 191.18 * power / (0.5 * converged["rho"] * converged["V"] ** 3)
-    for name, expected in craft.model.evaluate({c: np.array([x]) for c, x in converged.items()}).items():
+    for name, expected in published.model.evaluate({c: np.array([x]) for c, x in converged.items()}).items():
         assert fdm[f"aero/coefficient/{name}"] == pytest.approx(expected[0], abs=1e-9)
 
 
 def test_names_that_jsbsim_does_not_take_are_written_otherwise(tmp_path):
     defined = {"Δ": "2*alpha", "Ω": "3*beta"}
     model = model_of({"Cm": ("Δ", "Δ*Ω")})
-    fdm = load(export_model(model, tmp_path / "greek.xml", aircraft=CRAFT, definitions=defined))
+    fdm = load(export_model(model, tmp_path / "greek.xml", aircraft=AIRCRAFT, definitions=defined))
     seen = converge(fdm, {name: values[0] for name, values in random_states(1).items()})
     expected = model.evaluate({"Δ": np.array([2.0 * seen["alpha"]]), "Ω": np.array([3.0 * seen["beta"]])})
     assert fdm["aero/coefficient/Cm"] == pytest.approx(expected["Cm"][0], abs=1e-12)
 
 
 def test_at_rest_there_are_no_forces(tmp_path):
-    fdm = load(export_model(model_of({"Cm": ("q_hat",), "CX": ("1", "1/V")}), tmp_path / "rest.xml", aircraft=CRAFT))
+    fdm = load(export_model(model_of({"Cm": ("q_hat",), "CX": ("1", "1/V")}), tmp_path / "rest.xml", aircraft=AIRCRAFT))
     fdm["ic/vt-fps"] = 0.0
     fdm.run_ic()
     assert forces_are_zero(fdm)
@@ -364,7 +368,9 @@ def forces_are_zero(fdm):
 
 def test_the_stick_to_the_right_rolls_right(tmp_path):
     # Positive da rolls left: a negative Cl by da, and JSBSim's left aileron goes down to roll right.
-    fdm = load(export_model(AeroModel({"Cl": ResponseModel(("da",), [-0.1])}), tmp_path / "roll.xml", aircraft=CRAFT))
+    fdm = load(
+        export_model(AeroModel({"Cl": ResponseModel(("da",), [-0.1])}), tmp_path / "roll.xml", aircraft=AIRCRAFT)
+    )
     converge(fdm, {"V": 50.0, "alpha": 0.0, "beta": 0.0, "p_hat": 0.0, "q_hat": 0.0, "r_hat": 0.0, "de": 0.0,
                  "da": -0.1, "dr": 0.0})  # fmt: skip
     assert fdm["fcs/left-aileron-pos-rad"] > 0.0
@@ -386,7 +392,7 @@ def test_the_stick_to_the_right_rolls_right(tmp_path):
         ({"Cm": ("V_ratio",)}, {"aircraft": CITATION.aircraft}, "The aircraft says no V0"),
         ({"Cm": ("a",)}, {"definitions": {"a": "b*V", "b": "a/V"}}, "in a circle: a -> b -> a"),
         ({"Cm": ("p",)}, {"definitions": {"p": "p_hat*V"}}, "in a circle: p -> p_hat -> p"),
-        ({"Cm": ("V",)}, {"aircraft": CRAFT, "definitions": {"thrust": "9000*V"}}, "set from outside"),
+        ({"Cm": ("V",)}, {"aircraft": AIRCRAFT, "definitions": {"thrust": "9000*V"}}, "set from outside"),
     ],
 )  # fmt: skip
 def test_what_jsbsim_cannot_have_is_refused_in_words(terms, more, says, tmp_path):
@@ -396,7 +402,7 @@ def test_what_jsbsim_cannot_have_is_refused_in_words(terms, more, says, tmp_path
 
 
 def test_an_aircraft_that_jsbsim_cannot_have_is_refused_in_words(tmp_path):
-    held, model = CRAFT.to_dict(), model_of({"Cm": ("alpha",)})
+    held, model = AIRCRAFT.to_dict(), model_of({"Cm": ("alpha",)})
     for change, says in (
         ({"mass": None}, "needs its mass"),
         ({"inertia": None}, "needs the moments of inertia"),

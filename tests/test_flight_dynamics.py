@@ -64,7 +64,7 @@ def airframe_of(aircraft):
 
 
 def dense_flight(truth, aircraft, inputs, start, extra=lambda coefficients, channels: coefficients):
-    """The same flight by solve_ivp on the uncompiled equations, one smooth piece at a time."""
+    """The same flight by solve_ivp on the uncompiled equations, smooth piece by smooth piece."""
     t = inputs["t"]
 
     def slope(now, x):
@@ -118,13 +118,13 @@ def test_the_error_falls_with_the_fourth_power_of_the_step(trimmed):
 
 
 def test_the_demonstration_flight_is_simulated_again_from_its_own_surfaces(trimmed):
-    flown = integrate([0], 1, 15.0, 0.0, demo_aircraft(), steps_at="sample")[0]
-    assert_allclose(trimmed.state, flown.states[0, :12], atol=1e-9)
-    surfaces = dict(zip(("de", "da", "dr"), flown.states[:, 12:].T))
-    inputs = {"t": flown.t, "thrust": flown.thrust, **surfaces}
+    simulated = integrate([0], 1, 15.0, 0.0, demo_aircraft(), steps_at="sample")[0]
+    assert_allclose(trimmed.state, simulated.states[0, :12], atol=1e-9)
+    surfaces = dict(zip(("de", "da", "dr"), simulated.states[:, 12:].T))
+    inputs = {"t": simulated.t, "thrust": simulated.thrust, **surfaces}
     got = prepare(DEMO, demo_aircraft(), inputs, start=trimmed).simulate(STATE_COLUMNS).outputs[0]
     # Surfaces straight between samples are not quite those of the actuator's lag.
-    for name, column, other in zip(STATE_COLUMNS, got.T, flown.states.T):
+    for name, column, other in zip(STATE_COLUMNS, got.T, simulated.states.T):
         assert np.abs(column - other).max() < 3e-3 * np.ptp(other), name
 
 
@@ -249,10 +249,10 @@ def test_parameters_by_name_do_what_their_names_say(trimmed):
 def test_a_delay_is_the_inputs_moved_by_hand(trimmed, between):
     t = np.arange(0.0, 3.0, 0.02)
     inputs = wobble(t, trimmed)
-    late = {name: np.concatenate([np.full(7, values[0]), values[:-7]]) for name, values in inputs.items()}
-    late["t"] = t
+    shifted = {name: np.concatenate([np.full(7, values[0]), values[:-7]]) for name, values in inputs.items()}
+    shifted["t"] = t
     delayed = prepare(DEMO, demo_aircraft(), inputs, start=trimmed, between=between)
-    moved = prepare(DEMO, demo_aircraft(), late, start=trimmed, between=between)
+    moved = prepare(DEMO, demo_aircraft(), shifted, start=trimmed, between=between)
     got = delayed.simulate(("alpha", "q", "p", "r", "az"), ["delay"], np.array([[7 * 0.02]])).outputs
     assert_allclose(got, moved.simulate(("alpha", "q", "p", "r", "az")).outputs, atol=1e-11)
 
@@ -260,8 +260,8 @@ def test_a_delay_is_the_inputs_moved_by_hand(trimmed, between):
 def test_a_delay_between_samples_is_interpolated(trimmed):
     t = np.arange(0.0, 3.0, 0.02)
     ready = prepare(DEMO, demo_aircraft(), trimmed.inputs(t, de=0.05 * np.minimum(t, 1.0)), start=trimmed)
-    early, late = (ready.simulate(("q",), ["delay"], np.array([[d]])).outputs[0, :, 0] for d in (0.0, 0.033))
-    assert_allclose(late[60], CubicSpline(t, early)(t[60] - 0.033), atol=2e-6)
+    without, delayed = (ready.simulate(("q",), ["delay"], np.array([[d]])).outputs[0, :, 0] for d in (0.0, 0.033))
+    assert_allclose(delayed[60], CubicSpline(t, without)(t[60] - 0.033), atol=2e-6)
 
 
 def test_held_inputs_change_at_their_sample_and_linear_ones_between(trimmed):

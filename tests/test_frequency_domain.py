@@ -91,49 +91,49 @@ A = np.array([[-1.3, 0.95], [-4.8, -1.7]])
 B = np.array([[0.0], [-19.5]])
 C = np.array([[1.0, 0.0], [0.0, 1.0], [-30.0, 0.5]])
 D = np.array([[0.0], [0.0], [1.5]])
-LATE = 0.13
+DELAY = 0.13
 
 
 def command(t):
     return 0.03 * np.sin(0.9 * t + 0.06 * t**2) * np.sin(np.pi * np.clip(t, 0.0, 20.0) / 20.0) ** 2
 
 
-def flown(start):
+def simulated(start):
     """Outputs and states by scipy's integrator."""
     found = integrate.solve_ivp(
-        lambda t, x: A @ x + B[:, 0] * command(t - LATE), (0.0, 20.0), start, t_eval=T, rtol=1e-10, atol=1e-12
+        lambda t, x: A @ x + B[:, 0] * command(t - DELAY), (0.0, 20.0), start, t_eval=T, rtol=1e-10, atol=1e-12
     )
-    return found.y.T @ C.T + command(T - LATE)[:, None] * D[:, 0], found.y.T
+    return found.y.T @ C.T + command(T - DELAY)[:, None] * D[:, 0], found.y.T
 
 
 def linear_response(A, B, C, D, delay, U, frequencies, jump=None):
     """Transforms (m, f, o) of y = C x + D u(t - tau), x' = A x + B u(t - tau); `jump` is x(0) - x(T) e^(-i w T)."""
     w = 2.0 * np.pi * np.asarray(frequencies, dtype=float)
-    late = U[None] * np.exp(-1j * w[None, :] * np.asarray(delay)[:, None])[:, :, None]
-    drive = np.einsum("msi,mfi->mfs", B, late) + (0.0 if jump is None else jump)
+    delayed = U[None] * np.exp(-1j * w[None, :] * np.asarray(delay)[:, None])[:, :, None]
+    drive = np.einsum("msi,mfi->mfs", B, delayed) + (0.0 if jump is None else jump)
     resolvent = 1j * w[None, :, None, None] * np.eye(A.shape[1]) - A[:, None]
     x = np.linalg.solve(resolvent, drive[..., None])[..., 0]
-    return np.einsum("mos,mfs->mfo", C, x) + np.einsum("moi,mfi->mfo", D, late)
+    return np.einsum("mos,mfs->mfo", C, x) + np.einsum("moi,mfi->mfo", D, delayed)
 
 
 def test_response_is_the_transform_of_the_flight_jump_included():
-    y, x = flown([0.02, -0.1])
+    y, x = simulated([0.02, -0.1])
     w = 2.0 * np.pi * F
     jump = x[0] - x[-1] * np.exp(-1j * w * 20.0)[:, None]
     U = spectra.transform(command(T)[:, None], DT, F, detrend=False)
-    made = linear_response(A[None], B[None], C[None], D[None], np.array([LATE]), U, F, jump[None])
+    made = linear_response(A[None], B[None], C[None], D[None], np.array([DELAY]), U, F, jump[None])
     exact = spectra.transform(y, DT, F, detrend=False)
     assert_allclose(made[0], exact, atol=1e-3 * np.abs(exact).max())
-    without = linear_response(A[None], B[None], C[None], D[None], np.array([LATE]), U, F)
+    without = linear_response(A[None], B[None], C[None], D[None], np.array([DELAY]), U, F)
     assert np.abs(without[0] - exact).max() > 0.02 * np.abs(exact).max()
 
 
 def test_output_error_in_the_frequency_domain_finds_derivatives_and_delay():
-    y, _ = flown([0.0, 0.0])
+    y, _ = simulated([0.0, 0.0])
     rng = np.random.default_rng(5)
     noise = np.array([0.003, 0.01, 0.1])
     U = spectra.transform(command(T)[:, None], DT, F, detrend=False)
-    truth = np.array([-1.3, 0.95, -4.8, -1.7, -19.5, LATE])
+    truth = np.array([-1.3, 0.95, -4.8, -1.7, -19.5, DELAY])
 
     def predict(p):
         m = len(p)

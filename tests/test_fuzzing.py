@@ -127,38 +127,38 @@ TIMES = int(os.environ.get("STRUCTSEL_FUZZ", "1"))  # as many examples; `make fu
 
 
 @st.composite
-def damaged(draw, whole):
+def damaged(draw, intact):
     """A file's bytes after a few faults: cut, lost, doubled, flipped, or rubbish in place of a token."""
     for _ in range(draw(st.integers(1, 4))):
-        at = draw(st.integers(0, len(whole)))
-        to = min(len(whole), at + draw(st.sampled_from([1, 1, 2, 4, 8, 40])))
-        piece = whole[at:to]
+        at = draw(st.integers(0, len(intact)))
+        to = min(len(intact), at + draw(st.sampled_from([1, 1, 2, 4, 8, 40])))
+        piece = intact[at:to]
         match draw(st.sampled_from(["token", "token", "flip", "cut", "lose", "double", "rubbish", "fill"])):
-            case "token" if token := TOKEN.search(whole, at):
-                whole = whole[: token.start()] + draw(st.sampled_from(RUBBISH)) + whole[token.end() :]
+            case "token" if token := TOKEN.search(intact, at):
+                intact = intact[: token.start()] + draw(st.sampled_from(RUBBISH)) + intact[token.end() :]
             case "flip":
                 bit = 1 << draw(st.integers(0, 7))
-                whole = whole[:at] + bytes(b ^ bit for b in piece[:1]) + whole[at + 1 :]
+                intact = intact[:at] + bytes(b ^ bit for b in piece[:1]) + intact[at + 1 :]
             case "cut":
-                whole = whole[:at]
+                intact = intact[:at]
             case "lose":
-                whole = whole[:at] + whole[to:]
+                intact = intact[:at] + intact[to:]
             case "double":
-                whole = whole[:to] + piece + whole[to:]
+                intact = intact[:to] + piece + intact[to:]
             case "fill":
-                whole = whole[:at] + draw(st.sampled_from([b"\x00", b"\xff"])) * len(piece) + whole[to:]
+                intact = intact[:at] + draw(st.sampled_from([b"\x00", b"\xff"])) * len(piece) + intact[to:]
             case _:
-                whole = whole[:at] + draw(st.sampled_from(RUBBISH)) + whole[to:]
-    return whole
+                intact = intact[:at] + draw(st.sampled_from(RUBBISH)) + intact[to:]
+    return intact
 
 
-def fuzz(path, whole, read, examples):
+def fuzz(path, intact, read, examples):
     """Read damaged files one after another; anything but a StructselError or a result fails."""
     took, refused = [], []
     phases = list(Phase) if TIMES == 1 else [Phase.reuse, Phase.generate]  # making a find small takes minutes
 
     @settings(max_examples=examples * TIMES, deadline=None, phases=phases, suppress_health_check=list(HealthCheck))
-    @given(damaged(whole))
+    @given(damaged(intact))
     def damage(content):
         path.write_bytes(content)
         start = time.process_time()
@@ -181,7 +181,7 @@ def fuzz(path, whole, read, examples):
 @pytest.mark.parametrize("name", TEXTS)
 def test_a_damaged_text_of_ours_is_refused_or_read(name, tmp_path):
     text, read, _ = TEXTS[name]
-    read(_written(tmp_path / name, text.encode()))  # whole, it is read
+    read(_written(tmp_path / name, text.encode()))  # intact, it is read
     fuzz(tmp_path / name, text.encode(), read, 25)
 
 
@@ -200,14 +200,14 @@ def _resume(path):
 
 
 def test_a_damaged_checkpoint_is_refused_or_gone_on_with(tmp_path):
-    whole = tmp_path / "whole.checkpoint"
-    checkpoint = Checkpoint(whole, "these data")
+    intact = tmp_path / "intact.checkpoint"
+    checkpoint = Checkpoint(intact, "these data")
     for size in (12, 6):
         assert checkpoint.load(size) is None
         checkpoint.save(np.arange(float(size)))
     checkpoint.release()
-    _resume(whole)
-    fuzz(tmp_path / "damaged.checkpoint", whole.read_bytes(), _resume, 25)
+    _resume(intact)
+    fuzz(tmp_path / "damaged.checkpoint", intact.read_bytes(), _resume, 25)
 
 
 @pytest.mark.parametrize("name", TEXTS)
@@ -373,9 +373,9 @@ def impatient(monkeypatch):
     ],
 )
 def test_a_damaged_recording_is_refused_or_read(suffix, make, examples, tmp_path):
-    path = tmp_path / f"whole{suffix}"
+    path = tmp_path / f"intact{suffix}"
     make(path)
-    read_recording(path)  # whole, it is read
+    read_recording(path)  # intact, it is read
     fuzz(tmp_path / f"damaged{suffix}", path.read_bytes(), read_recording, examples)
 
 

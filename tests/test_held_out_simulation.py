@@ -1,4 +1,4 @@
-"""Flights held out, flown again in short windows: what differences of coefficients do to the motion."""
+"""Simulation of held-out flights in short windows: the effect of coefficient differences on the motion."""
 
 import json
 from dataclasses import replace
@@ -101,7 +101,7 @@ def test_a_rate_that_readings_have_by_themselves_moves_the_reading(clean):
     f = clean[0]
     found = rows(simulate_stages([stated(f, k_theta=0.01, k_V=0.1)], 1.0))
     assert_allclose(found["theta"].stages["delivered"].rms, ramp(0.01, 1.0, f.dt), rtol=0.03)
-    # Gravity along the axis takes off what the false pitch brings.
+    # Gravity along the axis cancels the contribution of the false pitch.
     assert_allclose(found["V"].stages["delivered"].rms, ramp(0.1, 1.0, f.dt), rtol=0.6)
     assert_allclose(found["q"].stages["delivered"].rms, found["q"].stages["refitted"].rms, rtol=0.05)
 
@@ -136,9 +136,9 @@ def test_windows_agree_with_a_simulator_that_flies_the_wrong_model_itself():
     along = [PredictedCoefficients(f, {"delivered": f.simulated}) for f in made]
     found = rows(simulate_stages(along, 2.0))
     stiff = rows(simulate_stages([replace(one, flight=replace(one.flight, surrogate=None)) for one in along], 2.0))
-    flown = ss.resimulate(wrong, aircraft.aircraft, flights, outputs=["V", "alpha", "q", "theta"], window=2.0)
+    simulated = ss.resimulate(wrong, aircraft.aircraft, flights, outputs=["V", "alpha", "q", "theta"], window=2.0)
     for channel in ("V", "alpha", "q", "theta"):
-        itself = flown.score(channel, "all", "windows").rms_error
+        itself = simulated.score(channel, "all", "windows").rms_error
         assert_allclose(found[channel].stages["delivered"].rms, itself, rtol=0.06)
     # Without slopes the aircraft has neither stiffness nor damping, and errors grow that are none.
     assert stiff["theta"].stages["delivered"].rms > 2.0 * found["theta"].stages["delivered"].rms
@@ -222,12 +222,12 @@ def test_with_the_physics_flights_not_used_for_it_are_simulated_nearer(ground):
 
 @needs_examples
 def test_what_flies_is_what_the_bars_judge(ground):
-    for bench in (ground.bench, ground.bench.keeping([]), ground.bench.as_delivered):
-        for m, (r, y, B) in enumerate(zip(bench.rows, bench.base.y, bench.base.B)):
-            added = predicted_differences(bench, m, m)
+    for problem in (ground.bench, ground.bench.keeping([]), ground.bench.as_delivered):
+        for m, (r, y, B) in enumerate(zip(problem.rows, problem.base.y, problem.base.B)):
+            added = predicted_differences(problem, m, m)
             left = {c: x - added.get(c, 0.0) for c, x in r.flight.difference.items()}
             rows_left = r.whiten({c: x[:, None] for c, x in as_spectra(left, r.flight).items()})[:, 0]
-            judged = y - B @ bench.base.solved[m + 1]
+            judged = y - B @ problem.base.solved[m + 1]
             assert_allclose(rows_left, judged, atol=1e-6 * np.abs(y).max())
 
 
@@ -267,9 +267,9 @@ def test_where_nothing_was_taken_in_there_are_two_stages(ground):
 @needs_examples
 def test_only_flights_held_out_are_simulated(ground):
     groups = [(1, 3)]
-    bench = Bench.set_up(ground.bench.flights, (), groups)
-    flown = list(predictions_by_stage(replace(ground, start=bench, steps=())))
-    assert [one.flight.name for one in flown] == ["m02", "m04"]
+    problem = Bench.set_up(ground.bench.flights, (), groups)
+    simulated = list(predictions_by_stage(replace(ground, start=problem, steps=())))
+    assert [one.flight.name for one in simulated] == ["m02", "m04"]
 
 
 @needs_examples
@@ -281,8 +281,8 @@ def test_the_segment_drawn_is_that_of_the_channel_that_gained_most(ground):
     assert np.all(np.isnan(drawn.simulated["physics"]) == gap)
     starts = np.flatnonzero(np.r_[True, gap[:-1]])
     # Every window starts from the recorded state, whatever flies.
-    for flown in drawn.simulated.values():
-        assert_allclose(flown[starts], drawn.smoothed[starts], atol=1e-9)
+    for simulated in drawn.simulated.values():
+        assert_allclose(simulated[starts], drawn.smoothed[starts], atol=1e-9)
     off = {stage: np.nanmean((x - drawn.smoothed) ** 2) for stage, x in drawn.simulated.items()}
     assert off["physics"] < off["delivered"]
 

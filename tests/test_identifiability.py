@@ -1,4 +1,4 @@
-"""Terms the data cannot tell apart are a verdict, with the flying that would separate them."""
+"""Terms the data cannot separate are reported, with the manoeuvre that would separate them."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_alpha_and_alpha_times_speed_are_aliases_at_nearly_constant_speed(noise,
     flights = fly(TRUTH, 0.02, colour, (2000, 2000), **speed(0.001))
     found = select(flights, "CZ", POOL, F_in="auto", noise=noise, bootstrap=0)["CZ"]
     (alias,) = [a for a in found.aliases if {str(a.kept), str(a.other)} == {"alpha", "V_ratio*alpha"}]
-    # Of two the data cannot tell apart, the simpler is in the model.
+    # Of two terms the data cannot separate, the simpler is in the model.
     assert str(alias.kept) == "alpha"
     assert abs(alias.correlation) > 0.99
     assert alias.loss < 4.0
@@ -96,23 +96,23 @@ def one(**channels):
     return Recording("a", 0.02 * t, held | {"CZ": np.cos(t / 7)} | channels)
 
 
-def flown(flight, *terms):
-    """What a selection among these terms knows of the flight."""
+def ranges_of(flight, *terms):
+    """Channel ranges of the flight, as a selection among these terms records them."""
     return summarise_recordings([flight], Candidates(terms), ["CZ"])
 
 
 def test_terms_that_differ_by_one_factor_are_stated_how_little_it_varies():
     flight = one(V_ratio=np.full(200, 1.5))
     pair = Term("alpha"), Term("V_ratio*alpha")
-    assert to_separate(*pair, flown(flight, *pair)) == (
+    assert to_separate(*pair, ranges_of(flight, *pair)) == (
         "they differ only by V_ratio = 1.5 +- 0, which hardly varies: fly the same inputs at other speeds"
     )
-    assert describe_channel("V", flown(one(V=np.linspace(50.0, 70.0, 200)), Term("V"))) == "V = 60 +- 5.8 m/s"
+    assert describe_channel("V", ranges_of(one(V=np.linspace(50.0, 70.0, 200)), Term("V"))) == "V = 60 +- 5.8 m/s"
 
 
 def test_terms_of_different_channels_are_stated_to_move_each():
     pair = Term("alpha*de"), Term("alpha*mine")
-    said = to_separate(*pair, flown(one(), *pair))
+    said = to_separate(*pair, ranges_of(one(), *pair))
     assert said == (
         "de and mine move together here: move the elevator independently of the motion (an unaugmented doublet or a "
         "multisine); vary mine independently"
@@ -121,5 +121,5 @@ def test_terms_of_different_channels_are_stated_to_move_each():
 
 def test_powers_of_one_channel_are_stated_to_widen_its_range():
     pair = Term("alpha"), Term("alpha^3")
-    said = to_separate(*pair, flown(one(), *pair))
+    said = to_separate(*pair, ranges_of(one(), *pair))
     assert said.endswith("fly the same inputs about other trim angles of attack, or larger pitch inputs")

@@ -1,4 +1,4 @@
-"""Inputs: their shapes and energies, what they tell, and that optimal ones tell most."""
+"""Inputs: their shapes, energies and information, which is largest for the optimal ones."""
 
 import numpy as np
 import pytest
@@ -395,12 +395,12 @@ def test_limits_on_amplitude_rate_and_excursion_hold_and_are_said(tmp_path):
     assert design.energy < 0.01
     # Shaped by the limits it tells more than the free shape merely scaled down to them.
     free = design_inputs(model, noise=NOISE, energy=0.01, duration=15.0)
-    flown = model.simulate(free.inputs)
+    simulated = model.simulate(free.inputs)
     over = max(
-        np.abs(flown["de"]).max() / 0.03,
-        np.abs(flown["w"]).max() / 105.5 / 0.04,
-        np.abs(flown["q"]).max() / 0.15,
-        np.abs(np.diff(flown["de"])).max() / 0.05 / 0.1,
+        np.abs(simulated["de"]).max() / 0.03,
+        np.abs(simulated["w"]).max() / 105.5 / 0.04,
+        np.abs(simulated["q"]).max() / 0.15,
+        np.abs(np.diff(simulated["de"])).max() / 0.05 / 0.1,
     )
     assert design.value < 0.8 * free.value * over**2
     assert free.limits == ()

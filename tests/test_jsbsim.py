@@ -124,20 +124,20 @@ def moved(trim):
     return trim.inputs(t, **waves)
 
 
-def apart(one, other, names):
+def largest_difference(one, other, names):
     return max(float(np.abs(one[name] - other[name]).max()) for name in names)
 
 
 def test_constants_are_those_of_the_file(simple):
-    craft = simple.aircraft
-    assert_allclose([craft.S, craft.b, craft.cbar, craft.mass], [23.23, 14.63, 1.5875, 2288.231], rtol=2e-6)
+    aircraft = simple.aircraft
+    assert_allclose([aircraft.S, aircraft.b, aircraft.cbar, aircraft.mass], [23.23, 14.63, 1.5875, 2288.231], rtol=2e-6)
     # JSBSim turns kg m^2 into slug ft^2 by a rounded 1.35594; exactly it is 1.35582.
-    inertia = craft.inertia
+    inertia = aircraft.inertia
     assert_allclose([inertia.Ix, inertia.Iy, inertia.Iz], [5368.39, 6928.93, 11158.75], rtol=1e-4)
-    # Its file has the product as it stands in the tensor, ours as the integral over the mass.
+    # Its file has the product as in the tensor, ours as the integral over the mass.
     assert_allclose(inertia.Ixz, 117.64, rtol=1e-4)
-    assert_allclose(craft.thrust.offset, (1.8, 0.0, -0.15), atol=1e-6)
-    assert_allclose(craft.thrust.inclination, 0.03, atol=1e-9)
+    assert_allclose(aircraft.thrust.offset, (1.8, 0.0, -0.15), atol=1e-6)
+    assert_allclose(aircraft.thrust.inclination, 0.03, atol=1e-9)
     assert_allclose(simple.reference_points["aerodynamic"], 0.0, atol=1e-9)
     assert simple.controls == ("de", "da", "dr", "df", "gear", "thrust")
 
@@ -146,29 +146,29 @@ def test_thirty_seconds_agree_with_our_own_flight_to_integration_accuracy(simple
     theirs = simple.fly(moved(steady), start=steady)
     assert np.ptp(ours["phi"]) > 0.1
     assert np.ptp(ours["alpha"]) > 0.04
-    # Measured: 5e-6 m/s, 1.2e-7 rad, 7e-8 rad/s, 8e-5 m of 1350 m. What is left of the sphere is the direction of
+    # Measured: 5e-6 m/s, 1.2e-7 rad, 7e-8 rad/s, 8e-5 m of 1350 m. The remainder of the sphere is the direction of
     # gravity, turned by 1350 m / 3e9 m: 4e-6 m/s^2 at the end.
-    assert apart(theirs, ours, ("V",)) < 2e-5
-    assert apart(theirs, ours, ANGLES) < 5e-7
-    assert apart(theirs, ours, RATES) < 3e-7
-    assert apart(theirs, ours, PLACE) < 3e-4
-    assert apart(theirs, ours, ("ax", "ay", "az", "p_dot", "q_dot", "r_dot")) < 1e-5
-    assert apart(theirs, ours, TRUTH) < 5e-7
+    assert largest_difference(theirs, ours, ("V",)) < 2e-5
+    assert largest_difference(theirs, ours, ANGLES) < 5e-7
+    assert largest_difference(theirs, ours, RATES) < 3e-7
+    assert largest_difference(theirs, ours, PLACE) < 3e-4
+    assert largest_difference(theirs, ours, ("ax", "ay", "az", "p_dot", "q_dot", "r_dot")) < 1e-5
+    assert largest_difference(theirs, ours, TRUTH) < 5e-7
 
 
 def test_the_difference_falls_with_the_step_of_the_integration(simple, steady, ours):
     coarse, fine = (simple.fly(moved(steady), start=steady, substeps=k) for k in (1, 4))
     # Second order or better: a quarter of the step, less than a sixteenth of the difference.
-    assert apart(fine, ours, RATES) < apart(coarse, ours, RATES) / 12.0
+    assert largest_difference(fine, ours, RATES) < largest_difference(coarse, ours, RATES) / 12.0
 
 
 def test_a_round_turning_earth_and_its_air_are_the_difference_they_should_be(xml, steady, ours):
     theirs = open_jsbsim(xml, earth="round", rho=RHO).fly(moved(steady), start=steady)
     # Coriolis at 45 degrees north, heading north: 2 Omega V sin(45) = 4.6e-3 m/s^2 to the right; in 30 s less than the
     # 2.1 m it would push a body that does not weathercock, and much more than the integration's error.
-    assert 0.2 < apart(theirs, ours, ("y",)) < 2.1
+    assert 0.2 < largest_difference(theirs, ours, ("y",)) < 2.1
     # Gravity at 45 degrees and 1000 m is 9.8031 m/s^2, 0.04 % less.
-    assert 1e-3 < apart(theirs, ours, ("V",)) < 0.05
+    assert 1e-3 < largest_difference(theirs, ours, ("V",)) < 0.05
 
 
 def test_the_forced_coefficients_are_the_model_s(simple, ours):
@@ -250,7 +250,7 @@ def test_the_coefficients_of_a_bundled_aircraft_s_flight_are_those_of_its_readin
 
 def test_its_forced_coefficients_are_those_of_the_flight(cessna, doublets):
     forced = cessna.coefficients(doublets)
-    # In flight the rate of angle of attack is a step old and the engine not settled.
+    # In flight the rate of angle of attack is a step old and the engine not in steady state.
     for name in TRUTH:
         assert_allclose(forced[name], doublets[name], atol=0.01 * np.ptp(doublets[name]), err_msg=name)
 
@@ -295,7 +295,7 @@ def test_a_heading_hold_does_not_jump_by_a_turn(cessna, psi):
 
 
 def test_jsbsim_keeps_quiet(installed, capfd):
-    craft = open_jsbsim("c172p")
-    steady = craft.trim(50.0, H)
-    craft.coefficients(craft.fly(steady.inputs(np.arange(0.0, 0.2, 0.02)), start=steady))
+    aircraft = open_jsbsim("c172p")
+    steady = aircraft.trim(50.0, H)
+    aircraft.coefficients(aircraft.fly(steady.inputs(np.arange(0.0, 0.2, 0.02)), start=steady))
     assert capfd.readouterr() == ("", "")

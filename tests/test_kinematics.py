@@ -148,7 +148,7 @@ def test_where_position_is_not_wanted_only_position_stands_still(scene):
 
 
 def test_noise_enters_as_the_slopes_change_with_the_readings(scene):
-    # At the centre of gravity: the arm's share of gyro noise in the accelerometers is left out of the gain.
+    # At the centre of gravity: the arm's part of gyro noise in the accelerometers is left out of the gain.
     path, inputs, _ = scene
     at_centre, gain, h = np.zeros((6, 3)), np.empty((26, 6)), 1e-4
     for k in range(20):

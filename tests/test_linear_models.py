@@ -1,4 +1,4 @@
-"""Linear models: the Hawk's and AS 355's published numbers, flown to Recordings, and recovered from these."""
+"""Linear models: the Hawk's and AS 355's published derivatives, simulated, and recovered from the recordings."""
 
 import pickle
 
@@ -134,9 +134,9 @@ def test_as355_has_the_23_parameters_and_is_the_published_equations():
     b = np.array([-0.1010, 0.0986, 0.0906])
     # y = H0 x + H1 x' + y_ref, by hand; q and theta are outputs, so the states are those less their references.
     x = np.array([flight["u"], flight["w"], flight["q"], flight["theta"] - 0.05])
-    late = flight["dlon"][np.clip(np.arange(len(flight)) - 15, 0, None)]
+    delayed = flight["dlon"][np.clip(np.arange(len(flight)) - 15, 0, None)]
     g = 9.80665
-    x_dot = A @ x[:3] + np.outer(b, late) + np.array([[0.1], [-0.2], [0.01]])
+    x_dot = A @ x[:3] + np.outer(b, delayed) + np.array([[0.1], [-0.2], [0.01]])
     x_dot[0] -= g * np.cos(0.05) * x[3]
     x_dot[1] -= g * np.sin(0.05) * x[3]
     V = 80 * 1852 / 3600

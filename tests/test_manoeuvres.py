@@ -66,7 +66,7 @@ def fly(events, end, seed=0, dt=0.02, noise=2e-4, gusts=0.0, trim=0.0, digit=0.0
 
 
 def long_flight(seed, **how):
-    """Ten inputs of mixed kinds between steady stretches of 8 to 40 s; returns also (start, end, control) of each."""
+    """Ten inputs of mixed kinds between steady segments of 8 to 40 s; returns also (start, end, control) of each."""
     rng = np.random.default_rng([seed, 1])
     events, true, t = [], [], rng.uniform(5.0, 25.0)
     for _ in range(10):
@@ -108,7 +108,7 @@ def test_inputs_of_long_flights_are_found_and_nothing_else(how):
         stretches = excited(recording)
         found, inputs = found + len(stretches), inputs + len(true)
         for start, end, control in true:
-            # A sweep begins slowly, so more than half of it in common is asked for.
+            # A sweep begins slowly, so more than half of it in common is required.
             hits += any(
                 min(s.moved[1], end) - max(s.moved[0], start) > 0.6 * (max(s.moved[1], end) - min(s.moved[0], start))
                 and s.controls == (control,)

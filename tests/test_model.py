@@ -68,7 +68,7 @@ def test_a_model_of_the_constant_alone_and_of_nothing_have_a_value_everywhere():
 
 
 def test_a_model_fitted_about_a_reference_is_the_same_function_on_new_data():
-    # The offset stands in the terms, so nothing about centring has to be remembered beside them.
+    # The terms contain the offset, so nothing about centring has to be kept with them.
     old, new = make_recording(seed=1), make_recording(seed=2, scale=3.0)
     pool = Candidates.polynomial(["alpha", "de"], 2)
     y = 1.0 + 2.0 * old["alpha"] - old["alpha"] * old["de"]

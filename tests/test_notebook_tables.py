@@ -106,12 +106,12 @@ def test_a_recording_shows_each_channel_with_its_unit_and_range():
 
 
 def test_models_validations_and_diagnoses_show_what_they_are(selections):
-    model, flown = selections.model, recording()
+    model, one_recording = selections.model, recording()
     for result, count in (
         (selections, len(model["Cm"].terms)),
         (model, len(model["Cm"].terms)),
         (model["Cm"], len(model["Cm"].terms)),
-        (ss.validate(model, flown), 1),
+        (ss.validate(model, one_recording), 1),
         (ss.ensemble([model, model]), len(model["Cm"].terms)),
         (diagnosis(), 1),
         (ss.Candidates(["alpha", "de"]), 2),

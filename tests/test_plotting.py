@@ -35,13 +35,13 @@ def manoeuvre(k, n=300):
 
 
 @pytest.fixture(scope="module")
-def flown():
+def recordings():
     return [manoeuvre(k) for k in range(3)]
 
 
 @pytest.fixture(scope="module")
-def selections(flown):
-    return select(flown, "Cm", Candidates(["alpha", "de", "alpha*de"]), bootstrap=30)
+def selections(recordings):
+    return select(recordings, "Cm", Candidates(["alpha", "de", "alpha*de"]), bootstrap=30)
 
 
 @pytest.fixture
@@ -49,19 +49,19 @@ def ax():
     return Figure().add_subplot()
 
 
-def test_the_fit_shows_measured_modelled_and_their_difference(flown, selections):
-    top, bottom = plot_fit(selections.model, flown[0], "Cm", axes=Figure().subplots(2))
-    modelled = selections.model.evaluate(flown[0])["Cm"]
+def test_the_fit_shows_measured_modelled_and_their_difference(recordings, selections):
+    top, bottom = plot_fit(selections.model, recordings[0], "Cm", axes=Figure().subplots(2))
+    modelled = selections.model.evaluate(recordings[0])["Cm"]
     measured, model = top.get_lines()[:2]
-    assert_allclose(measured.get_xdata(), flown[0].t)
-    assert_allclose(measured.get_ydata(), flown[0]["Cm"])
+    assert_allclose(measured.get_xdata(), recordings[0].t)
+    assert_allclose(measured.get_ydata(), recordings[0]["Cm"])
     assert_allclose(model.get_ydata(), modelled)
-    assert_allclose(bottom.get_lines()[0].get_ydata(), flown[0]["Cm"] - modelled)
+    assert_allclose(bottom.get_lines()[0].get_ydata(), recordings[0]["Cm"] - modelled)
     assert (top.get_ylabel(), bottom.get_xlabel()) == ("$C_m$ [-]", "time [s]")
 
 
-def test_several_manoeuvres_stand_end_to_end_under_their_names(flown, selections):
-    top, _ = plot_fit(selections.model, flown, "Cm", axes=Figure().subplots(2))
+def test_several_manoeuvres_stand_end_to_end_under_their_names(recordings, selections):
+    top, _ = plot_fit(selections.model, recordings, "Cm", axes=Figure().subplots(2))
     clocks = [line.get_xdata() for line in top.get_lines() if len(line.get_xdata()) == 300][::2]
     t = np.concatenate(clocks)
     assert len(t) == 900
@@ -79,8 +79,8 @@ def test_the_path_shows_what_is_left_after_each_move(selections, ax):
     assert f"chosen: {len(selection.terms)} terms" in lines
 
 
-def test_a_search_without_a_path_says_so(flown, ax):
-    selection = select(flown, "Cm", Candidates(["alpha", "de"]), method="best_subset", bootstrap=0)["Cm"]
+def test_a_search_without_a_path_says_so(recordings, ax):
+    selection = select(recordings, "Cm", Candidates(["alpha", "de"]), method="best_subset", bootstrap=0)["Cm"]
     assert "no path" in plot_path(selection, ax=ax).texts[0].get_text()
 
 
@@ -110,18 +110,18 @@ def test_the_heat_map_is_the_correlation_of_the_parameters_with_vif_beside(selec
     assert [tick.get_text() for tick in drawn.get_yticklabels()] == expected
 
 
-def test_the_autocorrelation_starts_at_lag_one_within_its_bound(flown, selections, ax):
-    score = validate(selections.model, flown).score("Cm")
+def test_the_autocorrelation_starts_at_lag_one_within_its_bound(recordings, selections, ax):
+    score = validate(selections.model, recordings).score("Cm")
     plot_autocorrelation(score, ax=ax)
     tips = [segment[1, 1] for segment in ax.collections[0].get_segments()]
     assert_allclose(tips, score.autocorrelation[1:])
     assert_allclose(ax.patches[0].get_height(), 2.0 * score.bound)
 
 
-def test_bin_means_of_the_residual_show_the_term_left_out(flown, selections, ax):
-    plot_residual_against(selections.model, flown, "Cm", "alpha", bins=9, ax=ax)
-    x = np.concatenate([r["alpha"] for r in flown])
-    e = np.concatenate([r["Cm"] - selections.model.evaluate(r)["Cm"] for r in flown])
+def test_bin_means_of_the_residual_show_the_term_left_out(recordings, selections, ax):
+    plot_residual_against(selections.model, recordings, "Cm", "alpha", bins=9, ax=ax)
+    x = np.concatenate([r["alpha"] for r in recordings])
+    e = np.concatenate([r["Cm"] - selections.model.evaluate(r)["Cm"] for r in recordings])
     order = np.argsort(x).reshape(9, 100)
     means = ax.containers[0].lines[0].get_ydata()
     assert_allclose(means, e[order].mean(axis=1), rtol=1e-9, atol=1e-12)
@@ -136,8 +136,8 @@ def test_labels_carry_the_symbol_and_the_unit():
     assert label("load") == r"$\mathrm{load}$"
 
 
-def test_three_figures_for_every_response_with_every_text_inside_them(flown, selections):
-    drawn = dict(draw_selection(selections, flown))
+def test_three_figures_for_every_response_with_every_text_inside_them(recordings, selections):
+    drawn = dict(draw_selection(selections, recordings))
     assert list(drawn) == ["Cm_fit", "Cm_choice", "Cm_residual"]
     for figure in drawn.values():
         FigureCanvasAgg(figure).draw()

@@ -104,7 +104,7 @@ def test_means_over_bins_have_intervals_from_the_spread_between_recordings():
     }
     binned = bin_residuals(replace(made, traces=shifted), "CZ", "alpha")
     std = np.std(list(off.values()), ddof=1) / np.sqrt(len(off))
-    # Recordings do not share each bin evenly, so that the interval is near, not at, the one of even shares.
+    # Recordings do not share each bin evenly, so that the interval is near, not at, the one of equal parts.
     assert_allclose(np.median(binned.half["delivered"]), 1.96 * std, rtol=0.3)
     assert binned.counts.sum() == sum(len(one.t) for one in made.traces.values())
 
@@ -129,11 +129,11 @@ def test_the_driving_channel_is_what_bounds_the_effect_else_what_its_terms_hold_
 def test_where_an_effect_acts_on_a_channel_is_its_region_else_the_range_in_its_segments():
     made = diagnosis()
     assert acting_range(made, GROUND, "h_agl") == (1.5, 5.4)
-    # In its stretches the height goes from 1.5 to at most (0.4 * 3.6)^2 + 1.5 = 3.6 m and, in the last of m03, 14.9 m.
+    # In its segments the height goes from 1.5 to at most (0.4 * 3.6)^2 + 1.5 = 3.6 m and, in the last of m03, 14.9 m.
     low, high = acting_range(made, replace(GROUND, region={}), "h_agl")
     assert 1.49 < low < 1.6
     assert 3.0 < high < 15.0
-    # Incidence goes through most of its range meanwhile, which sets nothing apart.
+    # The angle of attack covers most of its range meanwhile, so it distinguishes nothing.
     assert acting_range(made, GROUND, "alpha") is None
     assert acting_range(made, replace(GROUND, region={}, intervals={}), "h_agl") is None
 

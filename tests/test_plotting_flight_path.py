@@ -26,11 +26,11 @@ from structsel.reconstruction.result import Reconstruction
 
 @pytest.fixture(scope="module")
 def flight():
-    flown = demo_instruments("all-axes", 2, duration=8.0)
+    simulated = demo_instruments("all-axes", 2, duration=8.0)
     # Height is read four times a second only.
-    h = flown.measured["h"].copy()
+    h = simulated.measured["h"].copy()
     h[np.arange(len(h)) % 12 != 0] = np.nan
-    return flown.measured.with_channels(h=h), flown.aircraft
+    return simulated.measured.with_channels(h=h), simulated.aircraft
 
 
 @pytest.fixture(scope="module")

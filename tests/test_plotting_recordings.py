@@ -1,4 +1,4 @@
-"""Figures of recordings show what was flown, in units people read, and go to paper as lines."""
+"""Figures of recordings show the recorded channels in customary units, and print as lines."""
 
 from types import SimpleNamespace
 
@@ -57,10 +57,10 @@ def test_an_account_without_the_channel_is_left_out_and_none_is_an_error(ax):
 
 
 def test_coverage_encloses_what_was_simulated_in_its_hull_and_shows_the_models_box(ax):
-    flown, beyond = [flight("a", 1), flight("b", 2)], [flight("c", 3, at=0.3)]
+    recordings, beyond = [flight("a", 1), flight("b", 2)], [flight("c", 3, at=0.3)]
     region = {"alpha": (0.05, 0.15), "beta": (-0.02, 0.02)}
     model = AeroModel({"CZ": ResponseModel(("1", "alpha", "beta"), np.zeros(3), ranges=region)})
-    plot_coverage(flown, held_out=beyond, model=model, ax=ax)
+    plot_coverage(recordings, held_out=beyond, model=model, ax=ax)
     hull, box = ax.patches
     corners = np.asarray(hull.get_xy())
     assert_allclose(corners.max(axis=0), np.rad2deg([0.15, 0.02]), rtol=1e-3)
@@ -91,13 +91,13 @@ def test_spectra_of_different_units_claim_none(ax):
 
 
 def test_coherence_has_a_line_for_each_input_and_one_for_probability(ax):
-    flown = [flight(name, k) for k, name in enumerate("abc")]
-    driven = [r.with_channels(out=0.5 * r["load"] + 0.1 * r["V"], units={"out": "N"}) for r in flown]
-    plot_coherence(driven, ["load", "q"], "out", segment=2.0, ax=ax)
+    recordings = [flight(name, k) for k, name in enumerate("abc")]
+    with_output = [r.with_channels(out=0.5 * r["load"] + 0.1 * r["V"], units={"out": "N"}) for r in recordings]
+    plot_coherence(with_output, ["load", "q"], "out", segment=2.0, ax=ax)
     one, _, probability = ax.get_lines()
-    _, squared, threshold = coherence([r["load"] for r in driven], [r["out"] for r in driven], 0.02, 2.0)
+    _, squared, threshold = coherence([r["load"] for r in with_output], [r["out"] for r in with_output], 0.02, 2.0)
     assert_allclose(one.get_ydata(), squared)
-    assert squared.min() > 0.99  # a gain and a straight line, which each segment loses
+    assert squared.min() > 0.99  # a gain and a linear trend, which are removed from each segment
     assert_allclose(probability.get_ydata(), threshold)
 
 

@@ -9,7 +9,7 @@ from structsel import Candidates, select
 from structsel.errors import DataError, ModelError
 from structsel.exploring import try_additions
 from structsel.plotting import plot_across, plot_addition, plot_component, plot_criteria, plot_residual_with
-from tests.test_exploring import FLOWN, MODEL, POOL
+from tests.test_exploring import MODEL, POOL, RECORDINGS
 
 
 @pytest.fixture
@@ -26,8 +26,8 @@ def means(ax, place=0):
 
 
 def test_the_component_is_the_models_own_curve_in_the_channel_and_the_means_lie_on_it(ax):
-    model = select(FLOWN, "Cm", POOL, include=["alpha", "de", "alpha^2"], max_terms=3, bootstrap=0).model
-    plot_component(model, FLOWN, "Cm", "alpha", bins=10, ax=ax)
+    model = select(RECORDINGS, "Cm", POOL, include=["alpha", "de", "alpha^2"], max_terms=3, bootstrap=0).model
+    plot_component(model, RECORDINGS, "Cm", "alpha", bins=10, ax=ax)
     x, y = line(ax, "alpha + alpha^2").get_data()
     assert_allclose(y, model["Cm"]["alpha"] * x + model["Cm"]["alpha^2"] * x**2, rtol=1e-12)
     at, held = means(ax)
@@ -37,7 +37,7 @@ def test_the_component_is_the_models_own_curve_in_the_channel_and_the_means_lie_
 
 
 def test_the_means_leave_the_component_where_the_shape_is_wrong(ax):
-    plot_component(MODEL, FLOWN, "Cm", "alpha", bins=10, ax=ax)
+    plot_component(MODEL, RECORDINGS, "Cm", "alpha", bins=10, ax=ax)
     x, y = line(ax, "alpha").get_data()
     at, held = means(ax)
     off = held - np.interp(at, x, y)
@@ -45,26 +45,26 @@ def test_the_means_leave_the_component_where_the_shape_is_wrong(ax):
 
 
 def test_a_product_is_drawn_against_the_product(ax):
-    model = select(FLOWN, "Cm", POOL, include=["alpha*de"], bootstrap=0).model
-    plot_component(model, FLOWN, "Cm", "alpha*de", ax=ax)
+    model = select(RECORDINGS, "Cm", POOL, include=["alpha*de"], bootstrap=0).model
+    plot_component(model, RECORDINGS, "Cm", "alpha*de", ax=ax)
     x, y = line(ax, "alpha*de").get_data()
     assert_allclose(y, model["Cm"]["alpha*de"] * x, rtol=1e-12)
     assert ax.get_xlabel() == r"$\alpha \, \delta_e$"
     with pytest.raises(ModelError, match="no term in 'V' alone"):
-        plot_component(model, FLOWN, "Cm", "V", ax=ax)
+        plot_component(model, RECORDINGS, "Cm", "V", ax=ax)
 
 
 def test_the_slope_of_an_addition_is_the_value_the_term_would_get(ax):
-    found = try_additions(MODEL, FLOWN, "Cm", POOL)
-    plot_addition(MODEL, FLOWN, "Cm", "alpha^2", ax=ax)
+    found = try_additions(MODEL, RECORDINGS, "Cm", POOL)
+    plot_addition(MODEL, RECORDINGS, "Cm", "alpha^2", ax=ax)
     (x0, x1), (y0, y1) = next(one for one in ax.get_lines() if str(one.get_label()).endswith("alpha^2")).get_data()
     assert_allclose((y1 - y0) / (x1 - x0), found.values[0], rtol=1e-8)
     with pytest.raises(ModelError, match="it cannot add anything"):
-        plot_addition(MODEL, FLOWN, "Cm", "V*alpha", ax=ax)
+        plot_addition(MODEL, RECORDINGS, "Cm", "V*alpha", ax=ax)
 
 
 def test_with_the_missing_term_the_means_of_the_residual_are_straight(ax):
-    plot_residual_with(MODEL, FLOWN, "Cm", "alpha", "alpha^2", bins=10, ax=ax)
+    plot_residual_with(MODEL, RECORDINGS, "Cm", "alpha", "alpha^2", bins=10, ax=ax)
     without, added = means(ax)[1], means(ax, 1)[1]
     assert min(without[0], without[-1]) - without[5] > 0.01
     assert_allclose(added, 0.0, atol=0.002)
@@ -72,7 +72,7 @@ def test_with_the_missing_term_the_means_of_the_residual_are_straight(ax):
 
 
 def test_a_coefficient_stands_manoeuvre_by_manoeuvre_with_its_interval(ax):
-    each = [select(r, "Cm", POOL, include=["alpha", "de"], max_terms=2, bootstrap=0).model for r in FLOWN]
+    each = [select(r, "Cm", POOL, include=["alpha", "de"], max_terms=2, bootstrap=0).model for r in RECORDINGS]
     plot_across(each, "Cm", "de", together=MODEL, ax=ax)
     (bars,) = ax.containers
     assert_allclose(bars.lines[0].get_ydata(), [model["Cm"]["de"] for model in each])
@@ -86,7 +86,7 @@ def test_a_coefficient_stands_manoeuvre_by_manoeuvre_with_its_interval(ax):
 
 
 def test_criteria_stand_over_the_number_of_terms_the_best_of_each_size():
-    selection = select(FLOWN, "Cm", POOL, bootstrap=0)["Cm"]
+    selection = select(RECORDINGS, "Cm", POOL, bootstrap=0)["Cm"]
     ax = plot_criteria(selection, ax=Figure().add_subplot())
     right = next(one for one in ax.figure.axes if one is not ax)
     sizes = sorted({step.n_terms for step in selection.trace})
@@ -98,5 +98,5 @@ def test_criteria_stand_over_the_number_of_terms_the_best_of_each_size():
 
 
 def test_a_search_without_a_path_has_no_criteria_to_show():
-    selection = select(FLOWN, "Cm", Candidates(["alpha", "de"]), method="best_subset", bootstrap=0)["Cm"]
+    selection = select(RECORDINGS, "Cm", Candidates(["alpha", "de"]), method="best_subset", bootstrap=0)["Cm"]
     assert "no path" in plot_criteria(selection, ax=Figure().add_subplot()).texts[0].get_text()

@@ -151,56 +151,59 @@ def assert_same(found, expected, factor=None, rtol=1e-8):
 
 POOL = Candidates.polynomial(SIGNALS, 2)
 seeds = st.integers(0, 30)
-ways = st.sampled_from([{}, {"noise": "white"}, {"method": "orthogonal"}, {"method": "best_subset", "max_terms": 4}])
+methods = st.sampled_from([{}, {"noise": "white"}, {"method": "orthogonal"}, {"method": "best_subset", "max_terms": 4}])
 
 
-@given(seeds, ways, st.permutations(range(len(POOL))))
+@given(seeds, methods, st.permutations(range(len(POOL))))
 @settings(max_examples=12, deadline=None)
-def test_the_order_of_candidates_does_not_matter(seed, way, order):
+def test_the_order_of_candidates_does_not_matter(seed, method, order):
     terms = [str(t) for t in POOL]
-    flown = flights(seed)
-    other = select(flown, "Cm", Candidates.parse([terms[i] for i in order]), **{**ASKED, **way})
-    assert_same(other, select(flown, "Cm", POOL, **{**ASKED, **way}))
+    manoeuvres = flights(seed)
+    other = select(manoeuvres, "Cm", Candidates.parse([terms[i] for i in order]), **{**ASKED, **method})
+    assert_same(other, select(manoeuvres, "Cm", POOL, **{**ASKED, **method}))
 
 
-@given(seeds, ways)
+@given(seeds, methods)
 @settings(max_examples=10, deadline=None)
-def test_the_order_of_manoeuvres_does_not_matter(seed, way):
-    flown = flights(seed, 3)
-    assert_same(select(flown[::-1], "Cm", POOL, **{**ASKED, **way}), select(flown, "Cm", POOL, **{**ASKED, **way}))
+def test_the_order_of_manoeuvres_does_not_matter(seed, method):
+    manoeuvres = flights(seed, 3)
+    assert_same(
+        select(manoeuvres[::-1], "Cm", POOL, **{**ASKED, **method}),
+        select(manoeuvres, "Cm", POOL, **{**ASKED, **method}),
+    )
 
 
-@given(seeds, ways, st.sampled_from([1e-3, 0.3, 57.3, 1e4]), st.sampled_from(SIGNALS))
+@given(seeds, methods, st.sampled_from([1e-3, 0.3, 57.3, 1e4]), st.sampled_from(SIGNALS))
 @settings(max_examples=12, deadline=None)
-def test_a_signal_in_another_unit_scales_its_coefficients_and_nothing_else(seed, way, scale, name):
-    flown = flights(seed)
-    scaled = [r.with_channels(**{name: scale * r[name]}) for r in flown]
+def test_a_signal_in_another_unit_scales_its_coefficients_and_nothing_else(seed, method, scale, name):
+    manoeuvres = flights(seed)
+    scaled = [r.with_channels(**{name: scale * r[name]}) for r in manoeuvres]
 
     def factor(term):
         powers = dict(part.split("^") if "^" in part else (part, "1") for part in term.split("*"))
         return scale ** -float(powers.get(name, 0))
 
-    expected = select(flown, "Cm", POOL, **{**ASKED, **way})
-    assert_same(select(scaled, "Cm", POOL, **{**ASKED, **way}), expected, factor, rtol=1e-7)
+    expected = select(manoeuvres, "Cm", POOL, **{**ASKED, **method})
+    assert_same(select(scaled, "Cm", POOL, **{**ASKED, **method}), expected, factor, rtol=1e-7)
 
 
-@given(seeds, ways, st.sampled_from([1e-4, -2.0, 1e3]))
+@given(seeds, methods, st.sampled_from([1e-4, -2.0, 1e3]))
 @settings(max_examples=10, deadline=None)
-def test_a_response_in_another_unit_scales_every_coefficient(seed, way, scale):
-    flown = flights(seed)
-    scaled = [r.with_channels(Cm=scale * r["Cm"]) for r in flown]
-    expected = select(flown, "Cm", POOL, **{**ASKED, **way})
-    assert_same(select(scaled, "Cm", POOL, **{**ASKED, **way}), expected, lambda term: scale, rtol=1e-7)
+def test_a_response_in_another_unit_scales_every_coefficient(seed, method, scale):
+    manoeuvres = flights(seed)
+    scaled = [r.with_channels(Cm=scale * r["Cm"]) for r in manoeuvres]
+    expected = select(manoeuvres, "Cm", POOL, **{**ASKED, **method})
+    assert_same(select(scaled, "Cm", POOL, **{**ASKED, **method}), expected, lambda term: scale, rtol=1e-7)
 
 
 @given(seeds)
 @settings(max_examples=8, deadline=None)
 def test_white_residuals_know_no_order_of_samples_within_a_manoeuvre(seed):
-    flown = flights(seed)
-    order = np.random.default_rng(seed).permutation(len(flown[0]))
-    mixed = [Recording(r.name, r.t, {name: r[name][order] for name in r.names}) for r in flown]
-    way = {**ASKED, "noise": "white"}
-    assert_same(select(mixed, "Cm", POOL, **way), select(flown, "Cm", POOL, **way))
+    manoeuvres = flights(seed)
+    order = np.random.default_rng(seed).permutation(len(manoeuvres[0]))
+    mixed = [Recording(r.name, r.t, {name: r[name][order] for name in r.names}) for r in manoeuvres]
+    method = {**ASKED, "noise": "white"}
+    assert_same(select(mixed, "Cm", POOL, **method), select(manoeuvres, "Cm", POOL, **method))
 
 
 @given(st.lists(st.sampled_from(["alpha", "alpha^2", "alpha*de", "(alpha - 0.1)+", "sin(de)"]), min_size=1, max_size=5))

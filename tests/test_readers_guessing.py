@@ -88,7 +88,7 @@ def test_how_sure_a_line_is_follows_from_what_is_known_of_it(foreign):
         "alpha": "sure", "V": "sure", "p": "sure",  # name and stated unit
         "phi": "likely", "t": "likely",  # unit by size
         "de": "likely", "az": "likely", "vd": "likely",  # a sign to check
-        "da": "unsure",  # made of two
+        "da": "unsure",  # combined from two
     }  # fmt: skip
     assert "is a positive one a negative moment?" in found["de"].why
     assert "up to 20, so degrees" in found["phi"].why

@@ -139,7 +139,7 @@ def test_a_ulog_needs_no_map(ulog):
     assert (t[0], t[-1]) == (pytest.approx(2.0), pytest.approx(13.9))  # the last of the airspeed
     assert_allclose(recording["p"], np.sin(t), atol=1e-6)
     assert_allclose(recording["az"], -G + 0.1 * np.sin(t), atol=1e-5)
-    for name in ("phi", "theta", "psi"):  # a straight line is off by step^2/8 times the second derivative
+    for name in ("phi", "theta", "psi"):  # linear interpolation errs by step^2/8 times the second derivative
         error = np.unwrap(recording[name]) - getattr(FLIGHT, name)(t)
         assert_allclose(error - 2 * np.pi * np.round(error / (2 * np.pi)), 0.0, atol=0.02**2 / 8 * 0.4 + 1e-6)
     assert_allclose(recording["vd"], -2.0)

@@ -25,7 +25,7 @@ PROPERTIES = (
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
+def jsbsim_output(tmp_path_factory):
     """CSV that JSBSim wrote of a flight, and what its properties were at the same times."""
     jsbsim = pytest.importorskip("jsbsim")
     folder = tmp_path_factory.mktemp("jsbsim")
@@ -54,8 +54,8 @@ def flown(tmp_path_factory):
     return folder / "flight.csv", truth
 
 
-def test_jsbsim_output_needs_no_map(flown):
-    path, truth = flown
+def test_jsbsim_output_needs_no_map(jsbsim_output):
+    path, truth = jsbsim_output
     recording = read_recording(path)
     last = {name: recording[name][-1] for name in recording.names}
     for channel, name, factor in (
@@ -73,16 +73,16 @@ def test_jsbsim_output_needs_no_map(flown):
     assert recording.dt == pytest.approx(0.01)
 
 
-def test_specific_force_is_every_force_but_gravity_over_mass(flown):
-    recording = read_recording(flown[0])
+def test_specific_force_is_every_force_but_gravity_over_mass(jsbsim_output):
+    recording = read_recording(jsbsim_output[0])
     for axis in ("x", "z"):
         force = recording[f"/fdm/jsbsim/forces/fb{axis}-total-lbs"]  # kept by its own name, in newtons
         assert recording.unit(f"/fdm/jsbsim/forces/fb{axis}-total-lbs") == "N"
         assert_allclose(recording[f"a{axis}"], force / recording["mass"], rtol=1e-7, atol=1e-9)
 
 
-def test_a_positive_control_makes_a_negative_moment(flown):
-    recording = read_recording(flown[0])
+def test_a_positive_control_makes_a_negative_moment(jsbsim_output):
+    recording = read_recording(jsbsim_output[0])
     t = recording.t
     for control, axis, start in (("de", "m", 0.5), ("da", "l", 1.2), ("dr", "n", 1.9)):
         moment = recording[f"/fdm/jsbsim/moments/{axis}-total-lbsft"]
@@ -94,12 +94,12 @@ def test_a_positive_control_makes_a_negative_moment(flown):
     assert "most make a positive deflection a negative moment; so of da, dr" in stated.message
 
 
-def test_jsbsim_groups_alone_are_known_too(flown, tmp_path):
-    lines = [line.split(",") for line in flown[0].read_text().splitlines()]
+def test_jsbsim_groups_alone_are_known_too(jsbsim_output, tmp_path):
+    lines = [line.split(",") for line in jsbsim_output[0].read_text().splitlines()]
     kept = [j for j, name in enumerate(lines[0]) if not name.startswith("/fdm")]
     path = tmp_path / "groups.csv"
     path.write_text("\n".join(",".join(line[j] for j in kept) for line in lines) + "\n")
-    groups, complete = read_recording(path), read_recording(flown[0])
+    groups, complete = read_recording(path), read_recording(jsbsim_output[0])
     for name in ("V", "p", "q", "r", "ax", "az", "qbar", "vd"):
         assert_allclose(groups[name], complete[name], rtol=1e-6, atol=1e-6)
 
@@ -183,7 +183,7 @@ def test_headers_that_xplane_repeats_make_no_channel(xplane, tmp_path):
         ("V_ms", "V_ms", None),  # milliseconds measure no speed
         ("V_c", "V_c", None),  # not the speed of light
         ("alpha_1", "alpha_1", None),
-        ("AoA_deg", "AoA_deg", None),  # no channel: a map says what it is
+        ("AoA_deg", "AoA_deg", None),  # no channel: a map defines it
         ("alpha_left_deg", "alpha_left_deg", None),
     ],
 )

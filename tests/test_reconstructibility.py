@@ -20,7 +20,7 @@ from structsel.reconstruction.ukf import KinematicsProblem, ukf_smoother
 G = 9.80665
 NOISE = np.array([0.2, 2e-3, 2e-3, 2e-3, 2e-3, 2e-3, 0.5, 1.0, 1.0, 0.05, 0.05, 0.05])
 INPUT_NOISE = np.array([0.02] * 3 + [5e-4] * 3)
-STATES = FULL[:GUST]  # gusts are never asked for: they are noise, if slow
+STATES = FULL[:GUST]  # gusts are never requested: they are noise, if slow
 PRIOR = dict(zip(STATES, [2.0] * 3 + [0.1, 0.1, 0.5] + [10.0] * 3 + [0.3] * 3 + [0.01] * 3 + [10.0, 10.0, 1.0]))
 PRIOR |= {"Cup": 0.1, "Calpha0": 0.02, "Csi": 0.1, "Cbeta0": 0.02, "KV": 0.05}
 AIR, ATTITUDE, HEADING = ("V", "alpha", "beta", "h"), ("phi", "theta"), ("psi",)
@@ -149,8 +149,8 @@ def brute_force(t, inputs, start, sensors, states):
     steps = np.array([1e-3 * PRIOR[name] for name in states])
     moves = np.zeros((26, len(states)))
     moves[[STATES.index(name) for name in states], np.arange(len(states))] = steps
-    flown = textbook_flight(t, inputs, start[:, None] + np.hstack([moves, -moves]))
-    J = (flown[:, :, : len(states)] - flown[:, :, len(states) :]) / (2.0 * steps)
+    simulated = textbook_flight(t, inputs, start[:, None] + np.hstack([moves, -moves]))
+    J = (simulated[:, :, : len(states)] - simulated[:, :, len(states) :]) / (2.0 * steps)
     kept = [MEASUREMENTS.index(name) for name in sensors]
     scaled = J[:, kept] / NOISE[kept, None] * [PRIOR[name] for name in states]
     return scaled.reshape(-1, len(states))
@@ -187,7 +187,7 @@ def test_each_sensor_set_fixes_just_what_nothing_in_it_shows(flight, sensors):
     assert found.rank == len(EVERYTHING) - len(lost)
     assert found.undetermined == ()
     assert max(found.active_over_prior.values()) < 1.0 / 3.0
-    # What is left is determined: asked for by itself, nothing more is fixed.
+    # The remaining states are determined: requested alone, nothing more is fixed.
     again = reconstructibility(make(flight, channels, found.active))
     assert again.fixed == {}
     assert again.rank == len(found.active)
@@ -269,7 +269,7 @@ def test_in_steady_flight_the_offset_and_the_scale_of_the_vane_are_one():
 @pytest.mark.default_cases(1)
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_of_the_vane_does_not_pass_for_excitation(seed):
-    # 2e-3 rad taken for motion would give Cup to a fifth of its prior, where nothing was flown.
+    # 2e-3 rad taken for motion would give Cup to a fifth of its prior, without any excitation.
     problem = given("straight", ("V", "alpha", "theta", "h"), LONGITUDINAL, seconds=60.0, rate=50.0)
     noise = NOISE * np.random.default_rng(seed).standard_normal(problem.measurements.shape)
     found = reconstructibility(replace(problem, measurements=problem.measurements + noise))
@@ -368,7 +368,7 @@ def test_the_smoother_reaches_the_bound_without_input_noise_and_stays_above_it_w
 
 
 def test_attitude_that_was_not_measured_is_taken_from_accelerometers_however_biased_the_gyros():
-    # 0.02 rad/s on the roll gyro: integrated over 40 s, it would bank by 46 degrees more than was flown.
+    # 0.02 rad/s on the roll gyro: integrated over 40 s, it would bank by 46 degrees more than the aircraft did.
     problem = given("turning", AIR, (*STATES[:5], *STATES[8:15]))
     biased = problem.inputs + np.r_[np.zeros(3), 0.02, np.zeros(5)]
     calm = reconstructibility(problem)

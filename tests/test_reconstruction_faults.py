@@ -41,10 +41,10 @@ def missing(first, last):
     return edit
 
 
-def limited(share):
+def limited(fraction):
     def edit(values, t):
         middle = np.median(values)
-        reach = share * np.abs(values - middle).max()
+        reach = fraction * np.abs(values - middle).max()
         return np.clip(values, middle - reach, middle + reach)
 
     return edit
@@ -53,9 +53,9 @@ def limited(share):
 def assert_as_good_as_without_fault(found, flight):
     # Three times the errors of the same flight without fault: V 0.005 m/s, angles 1e-4 rad.
     assert found.trusted, str(found)
-    for channel, most in (("V", 0.02), ("alpha", 5e-4), ("beta", 5e-4), ("theta", 5e-4)):
+    for channel, limit in (("V", 0.02), ("alpha", 5e-4), ("beta", 5e-4), ("theta", 5e-4)):
         left = found.recording[channel] - flight.truth[channel]
-        assert np.sqrt(np.mean(left**2)) < most, channel
+        assert np.sqrt(np.mean(left**2)) < limit, channel
 
 
 def kinds(found, channel):
@@ -100,12 +100,12 @@ def test_a_short_hole_in_an_inertial_channel_is_bridged_and_said_a_long_one_refu
 
 @pytest.mark.default_cases("0.5-alpha")
 @pytest.mark.parametrize("name", ["alpha", "beta"])
-@pytest.mark.parametrize("share", [0.5, 0.75])
-def test_a_vane_at_its_stop_is_named_and_done_without_there(flight, name, share):
-    found = change(flight, **edited(flight, name, limited(share)))
+@pytest.mark.parametrize("fraction", [0.5, 0.75])
+def test_a_vane_at_its_stop_is_named_and_done_without_there(flight, name, fraction):
+    found = change(flight, **edited(flight, name, limited(fraction)))
     assert_as_good_as_without_fault(found, flight)
     assert kinds(found, name) & {"saturated", "stuck"}
-    # What is left of the channel is not biased by where it was cut: its corrections are still found.
+    # The rest of the channel is not biased by where it was cut: its corrections are still found.
     for constant in ("Calpha0", "Cup", "Csi"):
         assert abs(found[constant].value - flight.errors[constant]) < 4.0 * found[constant].std
 
@@ -278,7 +278,7 @@ def test_missing_first_and_last_samples_are_bridged(flight):
 
 
 def loop(duration=8.0, dt=0.02):
-    """A loop flown at constant q after two seconds of level flight, without noise: theta through the vertical."""
+    """A loop at constant q after two seconds of level flight, without noise: theta through the vertical."""
     t = np.arange(0.0, duration, dt)
     inputs = np.zeros((len(t), 9))
     inputs[:, 4] = np.where(t > 2.0, 0.6, 0.0)

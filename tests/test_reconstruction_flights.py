@@ -44,7 +44,7 @@ def attas():
 
 
 def mean_of(done, name):
-    # Turbulence takes a vane's scale out of some manoeuvres, and its offset then stands for both.
+    # Turbulence takes a vane's scale out of some manoeuvres, and its offset then includes both.
     done = [one for one in done if name in one.states and ("Cup" in one.states or name != "Calpha0")]
     values = np.array([one[name].value for one in done])
     weights = np.array([one[name].std for one in done]) ** -2.0

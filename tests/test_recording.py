@@ -313,7 +313,7 @@ def test_rates_in_degrees_are_betrayed_by_the_attitude():
     q = 0.075 * np.cos(1.5 * t) + 0.001 * noise[1]
     right = Recording("x", t, {"theta": theta, "q": q})
     assert not kinds(right)
-    assert ("unit", "q") in kinds(right.with_channels(q=np.degrees(q)))  # 4.3: not implausible by itself
+    assert ("unit", "q") in kinds(right.with_channels(q=np.degrees(q)))  # 4.3: not implausible alone
     assert ("unit", "theta") in kinds(right.with_channels(theta=np.degrees(theta)))
 
 

@@ -94,7 +94,7 @@ def test_two_recordings_fraction_the_derivatives_and_keep_their_own_starts_and_b
 
 
 def pitch(**values):
-    """Short period alone: w and q, one useless parameter if asked for."""
+    """Short period alone: w and q, one useless parameter if requested."""
     system = LinearSystem.of(
         ("w", "q"), ("de",), np.array([[-1.34, 105.0], [-0.048, -1.67]]), np.array([[-21.8], [-19.5]])
     )

@@ -26,7 +26,7 @@ def pitch(**values):
     return LinearStructure.from_entries(system, entries).replace(values)
 
 
-def flown(seed=1, noise=NOISE, start=(0.0, 0.0)):
+def pitch_flight(seed=1, noise=NOISE, start=(0.0, 0.0)):
     y = fly_by_solver(pitch(), T, [LEVER], start=start)
     return recording(f"m{seed:02d}", T, pitch(), [LEVER], y, noise, seed)
 
@@ -57,7 +57,7 @@ def test_the_sampled_response_is_the_transform_of_the_flight_to_the_last_digit(h
 
 def test_over_the_complete_band_it_is_output_error_in_time():
     # In time with what the band does not hold set free: constants in states and outputs.
-    flight = flown()
+    flight = pitch_flight()
     in_time = refine(pitch(**ROUGH), None, flight, drifts="all", biases="all")
     in_band = refine(pitch(**ROUGH), None, flight, domain="frequency", band=(0.01, 9.999), starts="all")
     assert in_band.converged
@@ -73,7 +73,7 @@ def test_over_the_complete_band_it_is_output_error_in_time():
 
 
 def test_a_vibration_outside_the_band_does_no_harm():
-    flight = flown(2)
+    flight = pitch_flight(2)
     shaken = flight.with_channels(q=flight["q"] + 0.02 * np.sin(2.0 * np.pi * 6.0 * T))
     in_time = refine(pitch(**ROUGH), None, shaken)
     in_band = refine(pitch(**ROUGH), None, shaken, domain="frequency", band=(0.04, 2.0))
@@ -111,7 +111,7 @@ def test_the_ready_as355_flies_in_the_frequency_domain_too():
 
 
 def test_what_has_no_transform_is_refused():
-    flight = flown()
+    flight = pitch_flight()
     band = {"domain": "frequency", "band": (0.1, 2.0)}
     with pytest.raises(ModelError, match=r"biases \(bias:m01:w\)"):
         refine(pitch(), None, flight, biases=["w"], **band)
@@ -153,7 +153,7 @@ def test_errors_allow_for_the_colour_of_the_spectrum():
 
 
 def test_equation_error_of_a_linear_structure_finds_it_without_noise_in_time_and_over_a_band():
-    flight = flown(noise=None)
+    flight = pitch_flight(noise=None)
     rates = pitch().matrices(np.array([list(TRUTH.values())]))
     moved = np.column_stack([flight["w"], flight["q"]])
     x_dot = moved @ rates.A[0].T + LEVER[:, None] @ rates.B[0].T
@@ -167,7 +167,7 @@ def test_equation_error_of_a_linear_structure_finds_it_without_noise_in_time_and
 
 
 def test_equation_error_over_a_band_keeps_noise_out_that_biases_it_in_time():
-    flights = [flown(seed) for seed in range(12)]
+    flights = [pitch_flight(seed) for seed in range(12)]
     errors = {}
     for name, options in (("time", {}), ("band", {"domain": "frequency", "band": (0.04, 1.2)})):
         found = [equation_error(pitch(), None, f, **options) for f in flights]
@@ -176,7 +176,7 @@ def test_equation_error_over_a_band_keeps_noise_out_that_biases_it_in_time():
 
 
 def test_methods_stand_side_by_side_over_several_recordings():
-    flights = [flown(5), flown(6, start=(0.5, -0.02))]
+    flights = [pitch_flight(5), pitch_flight(6, start=(0.5, -0.02))]
     band = {"domain": "frequency", "band": (0.04, 1.2)}
     table = compare_estimates(
         {
@@ -216,7 +216,7 @@ def test_equation_error_of_an_aeromodel_is_regression_and_constants_have_no_band
 
 
 def test_equation_error_refuses_what_it_cannot_solve():
-    flight = flown()
+    flight = pitch_flight()
     system = LinearSystem.of(("w", "q"), ("de",), np.array([[-1.0, 105.0], [-1.0, -1.67]]), np.ones((2, 1)))
     shared = LinearStructure.from_entries(system, {"k": [("A", 0, 0), ("A", 1, 0)]})
     with pytest.raises(ModelError, match="k of 'linear model' occur in several"):

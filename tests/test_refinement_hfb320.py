@@ -44,7 +44,7 @@ def test_the_books_start_leads_to_one_answer(best, record):
 
 @pytest.mark.slow
 def test_scipys_integrator_finds_no_lower_cost_anywhere_near(best, record):
-    # The book's equations through solve_ivp: the curvature of the sum of squares says how far a change of half a
+    # The book's equations through solve_ivp: the curvature of the sum of squares gives the effect of a change of half a
     # standard deviation (Cramer-Rao) in one parameter must raise it: by a quarter at least.
     def squares(values):
         return hfb320.scipy_reference(record, values, best.noise_std, descend=False)[1]
@@ -84,7 +84,7 @@ def test_a_poor_start_that_diverges_converges_with_evolution_first(best, record)
 
 @pytest.mark.slow
 def test_filter_error_reproduces_the_published_estimates_from_a_poor_start(best, record):
-    # Every parameter off by up to a factor of three, signs at random: in open loop this start cannot be flown.
+    # Every parameter off by up to a factor of three, signs at random: in open loop this start cannot be simulated.
     start = hfb320.poor_start(hfb320.PUBLISHED, seed=0)
     found = hfb320.estimate(record, start, noise="process", tolerance=1e-3)
     assert found.converged

@@ -77,12 +77,12 @@ def test_predictions_are_those_of_a_filter_written_out_and_gaps_correct_nothing(
 
 @pytest.fixture(scope="module")
 def beaver():
-    plane = published_aircraft("beaver")
-    model = AeroModel({name: held for name, held in plane.model.responses.items() if name in ("CX", "CZ", "Cm")})
-    converged = trim(model, plane.aircraft, 45.0, 1500.0, free=("de", "thrust"), definitions={"dpt": "0*V"})
+    published = published_aircraft("beaver")
+    model = AeroModel({name: held for name, held in published.model.responses.items() if name in ("CX", "CZ", "Cm")})
+    converged = trim(model, published.aircraft, 45.0, 1500.0, free=("de", "thrust"), definitions={"dpt": "0*V"})
     t = np.arange(0.0, 6.0, 0.05)
     inputs = {"t": t, "de": converged.controls["de"] + three_two_one_one(t, 0.5, 0.3, 0.03)}
-    return prepare(model, plane.aircraft, inputs, start=converged, definitions={"dpt": "0*V"}), converged
+    return prepare(model, published.aircraft, inputs, start=converged, definitions={"dpt": "0*V"}), converged
 
 
 def test_a_flight_that_lets_nothing_in_is_the_flight_in_open_loop(beaver):
@@ -103,7 +103,7 @@ def test_a_flight_that_lets_nothing_in_is_the_flight_in_open_loop(beaver):
     z = np.ones((2, len(made.manoeuvre.t), len(names)))
     alone = fly(full, np.zeros((2, 3, len(names))), z)
     assert_allclose(alone, open_loop, rtol=1e-10, atol=1e-12)
-    # One reading let in, at the start: flown as from the state it corrects; the first output is still that expected.
+    # One measurement used, at the start: simulated from the corrected state; the first output is as predicted.
     z[:] = np.nan
     z[:, 0, 1] = open_loop[:, 0, 1] + 0.01
     gain = np.zeros((2, 3, len(names)))
@@ -148,7 +148,7 @@ def pitch(**values):
 
 
 def turbulent(seed, process=PROCESS, noise=NOISE):
-    """Flown in twenty steps a sample, each with its own push from the air."""
+    """Simulated in twenty steps a sample, each with its own process noise."""
     rng = np.random.default_rng(seed)
     made = pitch().matrices(np.array([list(TRUTH.values())]))
     h = 0.05 / 20
@@ -285,21 +285,21 @@ def test_a_delay_may_hold_for_one_input_of_two():
 
 def test_a_recorded_thrust_is_not_delayed_with_the_controls(beaver):
     made, converged = beaver
-    plane = published_aircraft("beaver")
-    model = AeroModel({name: held for name, held in plane.model.responses.items() if name in ("CX", "CZ", "Cm")})
+    published = published_aircraft("beaver")
+    model = AeroModel({name: held for name, held in published.model.responses.items() if name in ("CX", "CZ", "Cm")})
     t = made.manoeuvre.t
     thrust = converged.controls["thrust"] * (1.0 + 0.3 * np.sin(2.0 * t))
     commanded = converged.controls["de"] + three_two_one_one(t, 0.5, 0.3, 0.03)
     delayed = np.interp(t - 0.2, t, commanded)
     definitions = {"dpt": "0*V"}
-    flown = simulate(
-        model, plane.aircraft, {"t": t, "de": delayed, "thrust": thrust}, start=converged, definitions=definitions
+    simulated = simulate(
+        model, published.aircraft, {"t": t, "de": delayed, "thrust": thrust}, start=converged, definitions=definitions
     )
-    flight = flown.with_channels(de=commanded)
+    flight = simulated.with_channels(de=commanded)
     options = {"free": ["Cm:de"], "outputs": ["V", "alpha", "q", "theta"], "definitions": definitions}
-    found = refine(model, plane.aircraft, flight, delay=True, **options)
+    found = refine(model, published.aircraft, flight, delay=True, **options)
     assert found["delay"].value == pytest.approx(0.2, abs=0.004)
-    with_thrust = refine(model, plane.aircraft, flight, delay=["de", "thrust"], **options)
+    with_thrust = refine(model, published.aircraft, flight, delay=["de", "thrust"], **options)
     assert with_thrust.costs[-1] > found.costs[-1] + 100.0
 
 
@@ -328,22 +328,22 @@ def test_the_ready_as355_gives_its_23_parameters_back_with_delay_and_angle_of_at
 
 
 def lateral_flight():
-    plane = published_aircraft("beaver")
+    published = published_aircraft("beaver")
     own = {"CX": {"1": -0.04, "alpha": 0.05, "alpha^2": 4.0},
            "CZ": {"1": -0.2, "alpha": -5.2, "q_hat": -6.0, "de": -0.4},
            "Cm": {"1": 0.06, "alpha": -0.9, "q_hat": -28.0, "de": -1.9},
            "CY": {"beta": -0.77, "dr": 0.12}, "Cl": {"beta": -0.062, "p_hat": -0.5, "r_hat": 0.17, "da": -0.099},
            "Cn": {"beta": 0.05, "p_hat": -0.06, "r_hat": -0.11, "dr": -0.083}}  # fmt: skip
     model = AeroModel({n: ResponseModel(tuple(terms), list(terms.values())) for n, terms in own.items()}, "truth")
-    converged = trim(model, plane.aircraft, 47.0, 1000.0, free=("de", "da", "dr", "thrust"))
+    converged = trim(model, published.aircraft, 47.0, 1000.0, free=("de", "da", "dr", "thrust"))
     t = np.arange(0.0, 12.0, 0.05)
     rudder = 0.06 * (((t >= 1.0) & (t < 1.8)) * 1.0 - ((t >= 1.8) & (t < 2.6)))
     aileron = 0.08 * (((t >= 6.0) & (t < 6.6)) * 1.0 - ((t >= 6.6) & (t < 7.2)))
-    flown = simulate(model, plane.aircraft, {"t": t, "da": aileron, "dr": rudder}, start=converged)
+    simulated = simulate(model, published.aircraft, {"t": t, "da": aileron, "dr": rudder}, start=converged)
     rng = np.random.default_rng(0)
     noise = {"beta": 0.002, "p": 0.003, "r": 0.002, "phi": 0.003, "ay": 0.05}
-    noisy = {name: flown[name] + std * rng.standard_normal(len(t)) for name, std in noise.items()}
-    return model, plane.aircraft, flown.with_channels(**noisy), list(noise)
+    noisy = {name: simulated[name] + std * rng.standard_normal(len(t)) for name, std in noise.items()}
+    return model, published.aircraft, simulated.with_channels(**noisy), list(noise)
 
 
 @pytest.mark.parametrize("noise", ["measurement", "process"])

@@ -1,4 +1,4 @@
-"""The report: one file that needs nothing else, says the finding first, and trusts no name."""
+"""The report: one file that needs nothing else, gives the result first, and escapes every name."""
 
 import base64
 import json

@@ -45,7 +45,7 @@ def files(tmp_path_factory):
 
 @pytest.fixture
 def opened(browser, files):
-    """Open a report; what the browser said and asked for beside it."""
+    """Open a report; the messages and further requests of the browser."""
     contexts = []
 
     def open_one(kind, scheme="light", wide=1280, **options):

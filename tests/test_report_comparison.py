@@ -15,14 +15,14 @@ ODD = "all <of> it"
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory):
-    flown = [manoeuvre(k) for k in range(4)]
+    recordings = [manoeuvre(k) for k in range(4)]
     pool = Candidates.polynomial(["alpha", "q_hat", "de"], 2)
     asked = {"stepwise": {"F_in": "auto"}, ODD: {"method": "orthogonal", "noise": "white"}}
-    found = {name: select(flown[:3], ["Cm", "CZ"], pool, bootstrap=0, **more) for name, more in asked.items()}
-    scores = {name: validate(one.model, flown[3:]) for name, one in found.items()}
+    found = {name: select(recordings[:3], ["Cm", "CZ"], pool, bootstrap=0, **more) for name, more in asked.items()}
+    scores = {name: validate(one.model, recordings[3:]) for name, one in found.items()}
     pages = {"stepwise": "report_stepwise.html", ODD: "report_all of it.html"}
     path = tmp_path_factory.mktemp("compared") / "report.html"
-    write_comparison(found, path, recordings=flown, judged=scores, pages=pages)
+    write_comparison(found, path, recordings=recordings, judged=scores, pages=pages)
     text = path.read_text(encoding="utf-8")
     return SimpleNamespace(text=text, page=Page(text), found=found, scores=scores)
 
@@ -30,9 +30,9 @@ def compared(tmp_path_factory):
 def test_methods_stand_side_by_side_with_their_values_and_scores(compared):
     stated = compared.page.words()
     kept = {response: [set(s[response].terms) for s in compared.found.values()] for response in ("Cm", "CZ")}
-    apart = [response for response, (a, b) in kept.items() if a != b]
-    assert apart  # or the page would have nothing to show
-    assert all(f"{response}: all keep" in stated for response in apart)
+    different = [response for response, (a, b) in kept.items() if a != b]
+    assert different  # or the page would have nothing to show
+    assert all(f"{response}: all keep" in stated for response in different)
     values = " ".join(format_number(float(one["Cm"].values[0])) for one in compared.found.values())
     assert f"1 {values} 2 of 2" in stated
     for response in ("Cm", "CZ"):

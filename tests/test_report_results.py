@@ -1,4 +1,4 @@
-"""Reports of selections, reconstructions and refinements: the finding first, every number, and no name trusted."""
+"""Reports of selections, reconstructions and refinements: the result first, every number, and every name escaped."""
 
 import base64
 import hashlib
@@ -89,7 +89,7 @@ def test_a_reconstructions_page_says_what_is_not_trusted_and_what_was_found():
     ):
         assert word in stated
     one = next(iter(reconstructed()))
-    # Biases of gyros are told in degrees; the std has one digit, which says how many the value has.
+    # Gyro biases are reported in degrees; the std has one digit, which sets the digits of the value.
     p = np.rad2deg(one["bp"].value)
     assert f"{p:.3f} ± {np.rad2deg(one['bp'].std):.3f} deg/s" in stated
     held = data_of(text)["recordings"]["all-axes"]["responses"]["h"]
@@ -115,28 +115,28 @@ def test_a_refinements_page_holds_estimates_their_errors_and_flights_held_out():
 
 
 def test_figures_hold_measured_and_modelled_in_the_units_people_read():
-    found, flown, _ = selected()
+    found, recordings, _ = selected()
     data = data_of(pages()["selection"])
     one = data["recordings"]["m02"]
-    modelled = found.model.evaluate(flown[1])["Cm"]
-    assert_allclose(unpack(one["responses"]["Cm"]["y"]["measured"]), flown[1]["Cm"], rtol=1e-6)
+    modelled = found.model.evaluate(recordings[1])["Cm"]
+    assert_allclose(unpack(one["responses"]["Cm"]["y"]["measured"]), recordings[1]["Cm"], rtol=1e-6)
     assert_allclose(unpack(one["responses"]["Cm"]["y"]["physics"]), modelled, rtol=1e-6)
-    assert_allclose(unpack(one["channels"]["alpha"]["y"]), np.rad2deg(flown[1]["alpha"]), rtol=1e-6)
+    assert_allclose(unpack(one["channels"]["alpha"]["y"]), np.rad2deg(recordings[1]["alpha"]), rtol=1e-6)
     assert data["units"]["alpha"] == "deg"
 
 
 def hostile():
     """A page of each kind in which every name the data can choose is a script."""
-    flown = [
+    recordings = [
         Recording(
             f"{BAD}{k}</script>", one.t, {**dict(one.channels), BAD: one["alpha"] ** 2, f"{BAD}y": one["Cm"]},
             {BAD: BAD, f"{BAD}y": BAD}, (f"read from '/{BAD}.csv'", BAD),
         )
         for k, one in enumerate(manoeuvre(k) for k in range(2))
     ]  # fmt: skip
-    found = select(flown, f"{BAD}y", Candidates.polynomial(["alpha", "de"], 1), bootstrap=0)
+    found = select(recordings, f"{BAD}y", Candidates.polynomial(["alpha", "de"], 1), bootstrap=0)
     one = next(iter(found.values()))
-    yield render(replace(one, doubts=(BAD,)), recordings=flown)
+    yield render(replace(one, doubts=(BAD,)), recordings=recordings)
     one = next(iter(reconstructed()))
     recording = Recording(BAD, one.recording.t, one.recording.channels, {}, (BAD,))
     changes = {"name": BAD, "recording": recording, "doubts": (BAD,), "distrust": (BAD,), "fixed": {BAD: BAD}}
@@ -170,14 +170,14 @@ def test_no_name_from_the_data_becomes_markup_or_ends_the_script():
 def test_the_files_are_named_with_their_hashes(tmp_path):
     path = tmp_path / "m01.csv"
     write_recording(manoeuvre(0), path)
-    flown = [read_recording(path)]
-    found = select(flown, "Cm", Candidates.polynomial(["alpha", "q_hat", "de"], 1), bootstrap=0)
-    stated = Page(render(found, recordings=flown)).words()
+    recordings = [read_recording(path)]
+    found = select(recordings, "Cm", Candidates.polynomial(["alpha", "q_hat", "de"], 1), bootstrap=0)
+    stated = Page(render(found, recordings=recordings)).words()
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     assert f"m01 used m01.csv {digest} 500 0 to 19.96 s 0.04 s" in stated
     assert str(tmp_path) not in stated
     path.unlink()
-    assert "m01 used m01.csv - 500" in Page(render(found, recordings=flown)).words()
+    assert "m01 used m01.csv - 500" in Page(render(found, recordings=recordings)).words()
 
 
 def test_without_recordings_the_tables_stand_alone():
@@ -196,18 +196,18 @@ def test_an_hour_at_50_hz_of_12_channels_can_be_mailed_and_keeps_its_peaks(tmp_p
     }
     channels["Cm"] = -0.6 * channels["alpha"] + 0.01 * rng.standard_normal(n)
     channels["Cm"][123_456] = 3.0
-    flown = [Recording("hour", t, channels)]
+    recordings = [Recording("hour", t, channels)]
     pool = Candidates.polynomial([c for c in channels if c != "Cm"], 1)
-    found = select(flown, "Cm", pool, bootstrap=0)
+    found = select(recordings, "Cm", pool, bootstrap=0)
     began = time.process_time()
-    path = write_report(found, tmp_path / "report.html", recordings=flown)
+    path = write_report(found, tmp_path / "report.html", recordings=recordings)
     assert time.process_time() - began < 20.0  # it takes one: a report that draws every sample takes minutes
     assert 1_000_000 < path.stat().st_size < 3_000_000
     one = data_of(path.read_text())["recordings"]["hour"]
     held = one["responses"]["Cm"]
     y, seconds = unpack(held["y"]["measured"]), unpack(held["t"])
     assert y.max() == 3.0
-    # Time since the start, so that single precision tells the samples apart.
+    # Time since the start, so that single precision separates the samples.
     assert one["start"] == 1.7e9
     assert_allclose(seconds[y.argmax()], 123_456 * 0.02, atol=1e-3)
 
@@ -235,13 +235,13 @@ def test_a_line_breaks_where_readings_fail_for_long_but_not_between_slow_ones():
 
 
 def test_means_over_a_channel_hold_their_fraction_of_all_samples():
-    found, flown, _ = selected()
+    found, recordings, _ = selected()
     bins = data_of(pages()["selection"])["binned"]["CZ"]["alpha"]
     assert all(half > 0.0 for half in bins["half"]["physics"])
     # Bins of as many samples each: the mean of their means is that of all differences.
-    left = np.concatenate([r["CZ"] - found.model.evaluate(r, outside="ignore")["CZ"] for r in flown])
+    left = np.concatenate([r["CZ"] - found.model.evaluate(r, outside="ignore")["CZ"] for r in recordings])
     assert_allclose(np.mean(bins["means"]["physics"]), left.mean(), atol=0.01 * left.std())
-    assert_allclose(np.mean(bins["at"]), np.rad2deg(np.mean([r["alpha"] for r in flown])), rtol=1e-3)
+    assert_allclose(np.mean(bins["at"]), np.rad2deg(np.mean([r["alpha"] for r in recordings])), rtol=1e-3)
 
 
 def test_what_is_no_result_is_refused(tmp_path):

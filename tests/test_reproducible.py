@@ -36,29 +36,29 @@ def assert_close(found, expected, rtol=1e-12):
 
 
 @pytest.fixture(scope="module")
-def flown():
+def recordings():
     return [manoeuvre(k) for k in range(4)]
 
 
 @pytest.mark.parametrize("method", ["stepwise", "orthogonal", "best_subset"])
-def test_a_selection_with_its_resampling_is_the_same_again_and_on_two_threads(method, flown):
+def test_a_selection_with_its_resampling_is_the_same_again_and_on_two_threads(method, recordings):
     asked = {"method": method, "bootstrap": 40, "seed": 3}
-    first, again = (select(flown, ["Cm", "CZ"], POOL, workers=1, **asked).to_dict() for _ in range(2))
+    first, again = (select(recordings, ["Cm", "CZ"], POOL, workers=1, **asked).to_dict() for _ in range(2))
     assert json.dumps(again) == json.dumps(first)
-    assert_close(select(flown, ["Cm", "CZ"], POOL, workers=2, **asked).to_dict(), first)
+    assert_close(select(recordings, ["Cm", "CZ"], POOL, workers=2, **asked).to_dict(), first)
 
 
-def test_another_seed_draws_other_manoeuvres(flown):
+def test_another_seed_draws_other_manoeuvres(recordings):
     # Else the test above would say nothing of seeds.
-    one, other = (select(flown, "CZ", POOL, bootstrap=40, seed=seed)["CZ"].inclusion for seed in (3, 4))
+    one, other = (select(recordings, "CZ", POOL, bootstrap=40, seed=seed)["CZ"].inclusion for seed in (3, 4))
     assert one != other
 
 
-def test_every_file_of_a_selection_is_written_alike_twice(flown, tmp_path, monkeypatch):
+def test_every_file_of_a_selection_is_written_alike_twice(recordings, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for one in flown:
+    for one in recordings:
         write_recording(one, tmp_path / f"{one.name}.csv")
-    names = [f"{one.name}.csv" for one in flown]
+    names = [f"{one.name}.csv" for one in recordings]
     asked = ("--responses", "Cm,CZ", "--candidates", "alpha,q_hat,de", "--degree", "2", "--bootstrap", "20")
     for out in ("first", "second"):
         stated = CliRunner().invoke(app, ["select", *names, *asked, "--held-out", "m04", "--no-plots", "--out", out])

@@ -176,7 +176,7 @@ def test_the_trace_ends_where_the_model_is_and_every_line_is_statsmodels_fit(fli
         n, k = len(y), len(inside)
         assert step.n_terms == k
         assert_allclose(step.R2, ols.rsquared, rtol=1e-9)
-        # [H17]: PSE = rss / N + sigma_max^2 (k + 1) / N with sigma_max the response's deviation, here its share.
+        # [H17]: PSE = rss / N + sigma_max^2 (k + 1) / N with sigma_max the response's deviation, here relative.
         assert_allclose(step.PSE, 1 - ols.rsquared + (k + 1) / n, rtol=1e-9)
         bic.append(ols.bic)
         if step.action == "enter" and method == "stepwise":
@@ -504,7 +504,7 @@ def test_collinear_terms_and_a_bad_condition_are_named():
     said = warnings_of(flights, pool, include=["alpha", "q_hat"])
     assert "Collinear (VIF above 10): alpha (" in said
     assert "Condition number" not in said
-    # Two channels that hardly move, and move together but for a thousandth: 1 / (1e-4 x 1e-3).
+    # Two channels that hardly move, and move together to a thousandth: 1 / (1e-4 x 1e-3).
     still = {
         "beta": lambda c, rng: 1.0 + 1e-3 * c["alpha"],
         "da": lambda c, rng: 1.0 + 1e-3 * (c["alpha"] + 1e-3 * c["q_hat"]),
@@ -654,10 +654,10 @@ def test_collinearity_tables_equal_belsleys_formulas_and_the_parameter_correlati
     X = np.column_stack([np.ones(len(columns[0])), *columns])
     _, singular, Vt = np.linalg.svd(X / np.linalg.norm(X, axis=0))
     phi = (Vt.T / singular) ** 2
-    shares = (phi / phi.sum(axis=1, keepdims=True)).T
+    credit = (phi / phi.sum(axis=1, keepdims=True)).T
     table = found.collinearity_frame()
     assert_allclose(table["condition_index"], singular[0] / singular, rtol=1e-7)
-    assert_allclose(table[names].to_numpy(), shares, rtol=1e-6, atol=1e-9)
+    assert_allclose(table[names].to_numpy(), credit, rtol=1e-6, atol=1e-9)
     correlation = found.correlation_frame()
     assert list(correlation.columns) == names
     assert_allclose(np.diag(correlation), 1.0)

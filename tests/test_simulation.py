@@ -70,12 +70,12 @@ def moved(start, t=CLOCK):
 
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_the_coefficients_of_a_simulated_flight_are_those_of_the_model(name):
-    craft = published_aircraft(name)
-    found = craft.trim()
-    flight = craft.simulate(moved(found), start=found)
-    made = compute_coefficients(flight, craft.aircraft)
-    values = {**made.channels, **{n: flight[n] for n in craft.definitions}}
-    for response, expected in craft.model.evaluate(values, outside="ignore").items():
+    published = published_aircraft(name)
+    found = published.trim()
+    flight = published.simulate(moved(found), start=found)
+    made = compute_coefficients(flight, published.aircraft)
+    values = {**made.channels, **{n: flight[n] for n in published.definitions}}
+    for response, expected in published.model.evaluate(values, outside="ignore").items():
         scale = np.abs(expected).max()
         assert_allclose(made[response], expected, atol=2e-9 * scale, rtol=0.0, err_msg=response)
 
@@ -143,11 +143,11 @@ def test_refinement_and_resimulation_start_at_the_centre_of_gravity(trimmed):
 
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_a_ready_aircraft_trims_and_stays_there(name):
-    craft = published_aircraft(name)
-    found = craft.trim()
+    published = published_aircraft(name)
+    found = published.trim()
     assert max(abs(x) for x in found.unbalance.values()) < 1e-9
-    assert_allclose((found["V"], found["h"]), (craft.condition["V"], craft.condition["h"]), rtol=1e-12)
-    flight = craft.simulate(found.inputs(CLOCK), start=found)
+    assert_allclose((found["V"], found["h"]), (published.condition["V"], published.condition["h"]), rtol=1e-12)
+    flight = published.simulate(found.inputs(CLOCK), start=found)
     for channel in ("V", "alpha", "theta", "phi", "h"):
         assert_allclose(flight[channel], found[channel], atol=1e-6)
 
@@ -163,8 +163,8 @@ def test_the_beaver_trims_where_the_fdc_toolbox_has_it():
 
 def test_the_citation_carries_its_weight_as_a_hand_calculation_says():
     # With q = 0: Cm gives de from alpha, CZ then alpha from the weight across the path, thrust and sideslip apart.
-    craft = published_aircraft("citation")
-    found = craft.trim()
+    published = published_aircraft("citation")
+    found = published.trim()
     qbar = 0.5 * standard_atmosphere(7500.0)[2] * 120.0**2
     de = -(0.021 - 0.488 * found["alpha"]) / -1.25
     assert_allclose(found["de"], de, atol=1e-12)
@@ -173,24 +173,24 @@ def test_the_citation_carries_its_weight_as_a_hand_calculation_says():
 
 
 def test_a_steady_turn_turns_at_its_rate():
-    craft = published_aircraft("beaver")
-    found = craft.trim(turn_rate=0.15)
+    published = published_aircraft("beaver")
+    found = published.trim(turn_rate=0.15)
     assert_allclose(np.tan(found["phi"]), 45.0 * 0.15 / rb.G0, rtol=0.04)
-    flight = craft.simulate(found.inputs(CLOCK), start=found)
+    flight = published.simulate(found.inputs(CLOCK), start=found)
     assert_allclose(flight["psi"], 0.15 * CLOCK, atol=1e-7)
     assert_allclose(flight["phi"], found["phi"], atol=1e-7)
-    assert_allclose(craft.trim(bank=found["phi"]).turn_rate, 0.15, rtol=1e-9)
+    assert_allclose(published.trim(bank=found["phi"]).turn_rate, 0.15, rtol=1e-9)
 
 
 def test_a_climb_climbs_at_its_angle():
-    craft = published_aircraft("hfb320")  # its air does not thin
-    found = craft.trim(climb=0.02)
-    flight = craft.simulate(found.inputs(CLOCK), start=found)
+    published = published_aircraft("hfb320")  # its air does not thin
+    found = published.trim(climb=0.02)
+    flight = published.simulate(found.inputs(CLOCK), start=found)
     assert_allclose(flight["h"] - flight["h"][0], 104.67 * np.sin(0.02) * CLOCK, atol=1e-6)
-    level = craft.trim()
+    level = published.trim()
     weight = 7472.0 * rb.G0
     assert_allclose(found["thrust"] - level["thrust"], weight * np.sin(0.02), rtol=0.01)
-    glide = craft.trim(climb=None, controls={"thrust": 0.0})
+    glide = published.trim(climb=None, controls={"thrust": 0.0})
     lift_over_drag = -1.0 / np.tan(glide.climb)
     CL, CD = rb.lift_and_drag(glide["CX"], 0.0, glide["CZ"], glide["alpha"])
     assert_allclose(lift_over_drag, CL / CD, rtol=1e-9)
@@ -213,11 +213,11 @@ def test_an_impossible_trim_says_what_is_missing_and_hands_over_the_nearest():
 
 
 def test_what_a_trim_cannot_be_asked_is_refused():
-    craft = published_aircraft("hfb320")
+    published = published_aircraft("hfb320")
     with pytest.raises(ModelError, match="flies straight"):
-        craft.trim(turn_rate=0.1)
+        published.trim(turn_rate=0.1)
     with pytest.raises(DomainError, match="above zero"):
-        craft.trim(V=0.0)
+        published.trim(V=0.0)
     with pytest.raises(ModelError, match="three were given"):
         trim(DEMO, demo_aircraft(), 45.0, 0.0, bank=0.1, turn_rate=0.1, sideslip=0.0)
     with pytest.raises(ModelError, match="equations, and only"):
@@ -244,16 +244,16 @@ def test_a_trim_prints_what_it_found(trimmed):
     ("name", "axis"), [("beaver", "longitudinal"), ("hfb320", "longitudinal"), ("citation", "lateral")]
 )
 def test_small_departures_follow_the_linear_model(name, axis):
-    craft = published_aircraft(name)
-    found = craft.trim()
+    published = published_aircraft(name)
+    found = published.trim()
     shown = ("V", "alpha", "q", "az") if axis == "longitudinal" else ("beta", "p", "r", "phi", "ay")
     # The Beaver's axes are coupled, and its engine knows the altitude.
     states = ("u", "w", "q", "theta", "v", "p", "r", "phi", "h") if name == "beaver" else None
-    linear = craft.linearise(found, axis=axis, states=states, outputs=shown)
+    linear = published.linearise(found, axis=axis, states=states, outputs=shown)
     size = 1e-4
     moving = "de" if axis == "longitudinal" else "dr"
     wave = size * np.sin(1.7 * CLOCK)
-    exact = craft.simulate(found.inputs(CLOCK, **{moving: wave}), start=found)
+    exact = published.simulate(found.inputs(CLOCK, **{moving: wave}), start=found)
     zero = np.zeros(len(CLOCK))
     inputs = Recording("wave", CLOCK, {n: wave if n == moving else zero for n in linear.inputs})
     small = linear.simulate(inputs, hold="linear")
@@ -264,10 +264,10 @@ def test_small_departures_follow_the_linear_model(name, axis):
 
 
 def test_modes_have_their_usual_names_and_order():
-    craft = published_aircraft("beaver")
-    found = craft.trim()
-    assert craft.linearise(found).modes().names == ("short period", "phugoid")
-    assert craft.linearise(found, axis="lateral").modes().names == ("roll", "Dutch roll", "spiral")
+    published = published_aircraft("beaver")
+    found = published.trim()
+    assert published.linearise(found).modes().names == ("short period", "phugoid")
+    assert published.linearise(found, axis="lateral").modes().names == ("roll", "Dutch roll", "spiral")
     hansa = published_aircraft("hfb320")
     modes = hansa.linearise(hansa.trim()).modes()
     # Lanchester: the phugoid's frequency is about sqrt(2) g / V.
@@ -276,10 +276,10 @@ def test_modes_have_their_usual_names_and_order():
 
 def test_the_linear_model_is_that_of_textbook_derivatives():
     # HFB-320 about its trim: M_w, M_q and M_de of the definitions, thrust and speed derivatives apart.
-    craft = published_aircraft("hfb320")
-    found = craft.trim()
-    linear = craft.linearise(found, states=("q",), inputs=("de",))
-    a = craft.aircraft
+    published = published_aircraft("hfb320")
+    found = published.trim()
+    linear = published.linearise(found, states=("q",), inputs=("de",))
+    a = published.aircraft
     factor = 0.5 * 0.792 * 104.67**2 * a.S * a.cbar / a.inertia.Iy
     assert_allclose(linear.system.A[0, 0], factor * -34.707 * 1.215 / 104.67, rtol=1e-8)
     assert_allclose(linear.system.B[0, 0], factor * -1.5294, rtol=1e-8)
@@ -502,10 +502,10 @@ def test_thrust_may_be_defined_by_a_formula(trimmed):
 
 def test_every_ready_aircraft_is_there_and_describes_itself():
     for name in PUBLISHED_AIRCRAFT:
-        craft = published_aircraft(name)
-        assert craft.name == name
-        assert str(craft)
-        assert (craft.model is None) == bool(craft.linear)
+        published = published_aircraft(name)
+        assert published.name == name
+        assert str(published)
+        assert (published.model is None) == bool(published.linear)
     with pytest.raises(ModelError, match=r"no published aircraft 'beavr'. Did you mean 'beaver'.*hfb320"):
         published_aircraft("beavr")
     with pytest.raises(ModelError, match="only linear ones of 'hawk'"):
@@ -514,9 +514,9 @@ def test_every_ready_aircraft_is_there_and_describes_itself():
 
 def test_the_beavers_engine_and_slipstream_are_as_published():
     # 76 kW at 45 m/s and sea level gives dpt 0.35; 20 inHg and 1800 rpm give those 76 kW.
-    craft = published_aircraft("beaver")
-    found = craft.trim(45.0, 0.0, climb=None, controls={"manifold_pressure": 20.0})
-    flight = craft.simulate(found.inputs(CLOCK[:5]), start=found)
+    published = published_aircraft("beaver")
+    found = published.trim(45.0, 0.0, climb=None, controls={"manifold_pressure": 20.0})
+    flight = published.simulate(found.inputs(CLOCK[:5]), start=found)
     assert_allclose(flight["power"][0], 76.2, atol=0.1)
     assert_allclose(flight["dpt"][0], 0.35, atol=0.005)
 

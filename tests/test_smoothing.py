@@ -51,8 +51,8 @@ CALIBRATED = [
 
 
 @pytest.mark.parametrize("level", [0.01, 0.05])
-@pytest.mark.parametrize(("method", "name", "least", "most"), CALIBRATED)
-def test_the_stated_accuracy_of_values_and_derivative_is_the_actual_one(response, method, name, least, most, level):
+@pytest.mark.parametrize(("method", "name", "lowest", "highest"), CALIBRATED)
+def test_the_stated_accuracy_of_values_and_derivative_is_the_actual_one(response, method, name, lowest, highest, level):
     t, x, rate = signal_named(name, response)
     inside = slice(t.size // 20, -t.size // 20)
     squares = np.zeros(4)
@@ -63,8 +63,8 @@ def test_the_stated_accuracy_of_values_and_derivative_is_the_actual_one(response
         pairs = (got.values - x, got.values_std, got.derivative - rate, got.derivative_std)
         squares += [np.mean(a[inside] ** 2) for a in pairs]
         noises.append(got.noise)
-    assert least < np.sqrt(squares[0] / squares[1]) < most
-    assert least < np.sqrt(squares[2] / squares[3]) < most
+    assert lowest < np.sqrt(squares[0] / squares[1]) < highest
+    assert lowest < np.sqrt(squares[2] / squares[3]) < highest
     # The Fourier floor holds some of the kinks' k^-2 tail.
     assert np.mean(noises) == pytest.approx(
         level * x.std(), rel=0.5 if (method, name) == ("fourier", "pitch rate") else 0.1
@@ -82,7 +82,7 @@ def test_smoothing_beats_the_best_fixed_local_polynomial_on_a_noisy_angle_of_att
         np.sqrt(np.mean((savgol_filter(noisy, w, 3, deriv=1, delta=DT) - rate)[25:-25] ** 2)) for w in range(5, 45, 2)
     )
     got = smooth(method, noisy, t).derivative
-    # The local polynomial was told its best window with the truth in hand.
+    # The local polynomial was given its best window, chosen with the truth known.
     assert np.sqrt(np.mean((got - rate)[25:-25] ** 2)) < 1.15 * fixed
 
 

@@ -57,14 +57,14 @@ def test_spikes_planted_in_real_motion_are_found_and_nothing_else(name):
 
 
 @pytest.mark.default_cases("8.0-0.85")
-@pytest.mark.parametrize(("size", "share"), [(8.0, 0.85), (12.0, 0.99)])
-def test_spikes_of_eight_sigma_on_white_noise_are_found_nine_times_in_ten_and_of_twelve_always(size, share):
+@pytest.mark.parametrize(("size", "fraction"), [(8.0, 0.85), (12.0, 0.99)])
+def test_spikes_of_eight_sigma_on_white_noise_are_found_nine_times_in_ten_and_of_twelve_always(size, fraction):
     found = 0
     for seed in range(200):
         x = np.random.default_rng(seed).standard_normal(200)
         x[100] += size
         found += 100 in find_spikes(x)[0]
-    assert found >= 200 * share
+    assert found >= 200 * fraction
 
 
 def test_white_noise_raises_no_more_than_one_alarm_in_ten_thousand_samples():

@@ -26,7 +26,7 @@ def products(X, y):
 
 
 def problem(seed, n=120, p=12, k=4, noise=1.0, shared=0.7):
-    """Candidates that share signals, a response made of k of them."""
+    """Candidates with signals in common, and a response to k of them."""
     rng = np.random.default_rng(seed)
     X = shared * rng.normal(size=(n, 3)) @ rng.normal(size=(3, p)) + rng.normal(size=(n, p)) + rng.normal(size=p)
     true = rng.choice(p, k, replace=False)
@@ -311,14 +311,14 @@ def test_polish_reaches_the_global_optimum_of_bic_nearly_always_and_never_passes
     assert missed[2] <= 3
 
 
-@pytest.mark.parametrize("apart", [1.0, 1e-3])
+@pytest.mark.parametrize("separation", [1.0, 1e-3])
 @pytest.mark.parametrize("depth", [1, 2, 3])
-def test_polish_ends_where_no_move_of_its_depth_would_lower_the_criterion(depth, apart):
+def test_polish_ends_where_no_move_of_its_depth_would_lower_the_criterion(depth, separation):
     """Every set that differs by at most two terms out and two in, by solving for each; half the pool nearly copies."""
     gone, more = np.array([(i, j) for i in range(3) for j in range(3) if i + j <= depth + 1 and max(i, j) <= depth]).T
     for seed in range(12):
         X, y, *_ = problem(seed, n=80, p=6, k=3, noise=1.5, shared=1.5)
-        X = np.hstack([X, X + apart * np.random.default_rng(seed).normal(size=X.shape)])
+        X = np.hstack([X, X + separation * np.random.default_rng(seed).normal(size=X.shape)])
         C, penalty = products(X, y), np.log(80.0)
         path = refine_subset(C, 79.0, (), penalty, depth=depth)
         kept = set(path.selected)

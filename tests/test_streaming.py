@@ -151,26 +151,26 @@ def test_an_error_in_one_thread_stops_the_others():
     assert len(worked) < 100
 
 
-# --- very many manoeuvres share blocks -------------------------------------------------------------
+# --- very many manoeuvres, in joined blocks -------------------------------------------------------------
 
 
-@given(lengths=st.lists(st.integers(1, 5000), min_size=1, max_size=200), most=st.integers(1, 40))
-def test_joined_blocks_hold_every_manoeuvre_complete_and_once_in_their_order(lengths, most):
-    joined = blocks.join_manoeuvres(lengths, most)
-    assert len(joined) <= most
+@given(lengths=st.lists(st.integers(1, 5000), min_size=1, max_size=200), limit=st.integers(1, 40))
+def test_joined_blocks_hold_every_manoeuvre_complete_and_once_in_their_order(lengths, limit):
+    joined = blocks.join_manoeuvres(lengths, limit)
+    assert len(joined) <= limit
     assert [tuple(segment) for block in joined for segment in block] == [(k, 0, n) for k, n in enumerate(lengths)]
     assert blocks.count_samples(joined).sum() == sum(lengths)
 
 
 def test_manoeuvres_joined_to_blocks_add_up_and_are_left_out_together(folder, monkeypatch):
     flights = read_recordings(folder)
-    apart = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)["CZ"]
+    separate = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)["CZ"]
     monkeypatch.setattr(blocks, "MIN_BLOCKS", 3)
     monkeypatch.setattr(blocks, "MAX_BLOCKS", 3)
     joined = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)["CZ"]
-    assert joined.terms == apart.terms
-    assert_allclose(joined.values, apart.values, rtol=1e-10)
-    assert [part.name for part in apart.held_out] == [f"flight_{k}" for k in range(1, 7)]
+    assert joined.terms == separate.terms
+    assert_allclose(joined.values, separate.values, rtol=1e-10)
+    assert [part.name for part in separate.held_out] == [f"flight_{k}" for k in range(1, 7)]
     assert [part.name for part in joined.held_out] == ["flight_1, flight_2", "flight_3, flight_4", "flight_5, flight_6"]
     assert len(joined.noise_models) == 6
 
@@ -222,12 +222,12 @@ def test_a_run_killed_outright_goes_on_in_another_process(folder, tmp_path):
         f"""
         import json, os, signal, sys
         from structsel import Candidates, select, stream_recordings
-        def told(name, done, of):
+        def report(name, done, of):
             if name == "prewhitened" and done == 3 and "die" in sys.argv:
                 os.kill(os.getpid(), signal.SIGKILL)
         pool = Candidates.polynomial(["alpha", "q_hat", "de"], 2)
         found = select(stream_recordings({str(folder)!r}), "CZ", pool, checkpoint={str(tmp_path / "kept")!r},
-                       F_in=12.0, bootstrap=20, progress=told)
+                       F_in=12.0, bootstrap=20, progress=report)
         print(json.dumps(found["CZ"].values.tolist()))
         """
     )

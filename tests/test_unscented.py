@@ -136,7 +136,7 @@ def test_filter_and_smoother_are_those_of_dense_covariances(case, spread):
 
 
 def climb(n, walk):
-    """A steady climb of which only height and vertical wind are unknown: h' = V sin(theta) - wd, exactly linear."""
+    """A steady climb; only height and vertical wind are unknown: h' = V sin(theta) - wd, exactly linear."""
     rng = np.random.default_rng(3)
     t = np.cumsum(rng.uniform(0.1, 0.4, n))
     inputs = np.tile([G * np.sin(0.1), 0.0, -G * np.cos(0.1), 0, 0, 0, 0, 0, 0], (n, 1))

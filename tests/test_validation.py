@@ -93,7 +93,7 @@ def test_measures_of_whiteness_equal_statsmodels(pair):
 
 
 def test_white_noise_passes_the_bound_at_one_lag_in_twenty():
-    # 300 fixed seeds of 20 lags; the share beyond is 0.05 to within three standard errors of a proportion.
+    # 300 fixed seeds of 20 lags; the fraction beyond is 0.05 to within three standard errors of a proportion.
     beyond = []
     for seed in range(300):
         rho = autocorrelation(np.random.default_rng(seed).normal(size=1000), 20)

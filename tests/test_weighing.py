@@ -37,9 +37,9 @@ def test_what_speaks_for_an_effect_has_a_positive_weight():
 
 
 def test_what_tolerances_imitate_is_no_evidence_once_something_was_found():
-    def score(effect, beside, delivered, event=False):
+    def score(effect, with_effect, delivered, event=False):
         return SimpleNamespace(
-            effect=effect, event=event, predictive=np.array([beside]), within=0.0, log_evidence=beside,
+            effect=effect, event=event, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
             hypothesis=SimpleNamespace(name=effect, log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
             driven=None, whole=0.0,
         )  # fmt: skip
@@ -50,13 +50,14 @@ def test_what_tolerances_imitate_is_no_evidence_once_something_was_found():
     assert [weighing.evident(b, mass) for b in (first, gust)] == [True, False]
     assert [weighing.evident(b, gusts) for b in (first, gust)] == [True, False]
     assert weighing.evident(gust, score("icing", 20.0, 0.0))
-    assert not weighing.evident(first, score("mass-error", 9.0, 60.0))  # what tolerances alone bring by chance
+    assert not weighing.evident(first, score("mass-error", 9.0, 60.0))  # the gain that tolerances alone give at random
 
 
 def test_what_inputs_do_not_bear_out_does_not_count():
-    def score(beside, delivered, driven=None, whole=0.0):
+    def score(with_effect, delivered, driven=None, whole=0.0):
         return SimpleNamespace(
-            event=False, predictive=np.array([beside]), within=0.0, log_evidence=beside, driven=driven, whole=whole,
+            event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
+            driven=driven, whole=whole,
             hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
         )  # fmt: skip
 
@@ -74,13 +75,13 @@ def test_log_bayes_ahead_are_of_the_best_other_and_within_one():
     near = [SimpleNamespace(nats=x) for x in (100.0, 97.0, 40.0)]
     assert weighing.ahead_of(near[1], near, lambda one: one.nats) == pytest.approx(57.0 / 97.0)  # as good as the first
     alone = [SimpleNamespace(nats=10.0)]
-    assert weighing.ahead_of(alone[0], alone, lambda one: one.nats) == pytest.approx(0.5)  # 10 nats of 20 that count
+    assert weighing.ahead_of(alone[0], alone, lambda one: one.nats) == pytest.approx(0.5)  # half of 20
 
 
 def test_an_effect_is_behind_the_best_by_what_it_was_let_in_for():
-    def score(beside, delivered):
+    def score(with_effect, delivered):
         return SimpleNamespace(
-            event=False, predictive=np.array([beside]), within=0.0, log_evidence=beside,
+            event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
             hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
             driven=None, whole=0.0,
         )  # fmt: skip
@@ -88,7 +89,7 @@ def test_an_effect_is_behind_the_best_by_what_it_was_let_in_for():
     first, near, far, delivered = score(1000.0, 50.0), score(980.0, 0.0), score(200.0, 0.0), score(2.0, 400.0)
     kept = [first, near, far, delivered]
     assert [weighing.behind(s, kept) for s in kept] == pytest.approx([0.0, -1.0, -3.0, 0.0])
-    assert weighing.behind(score(11.0, 0.0), [score(16.0, 0.0)]) == pytest.approx(-0.5)  # ten nats are clear
+    assert weighing.behind(score(11.0, 0.0), [score(16.0, 0.0)]) == pytest.approx(-0.5)  # 10 is clear
 
 
 def problem_of(signals):
@@ -103,8 +104,8 @@ def test_a_few_moments_count_by_what_the_effect_does_there():
     noise = [rng.normal(size=400) for _ in range(3)]
     stop = np.zeros(400)
     stop[100:104] = 8.0
-    without, beside = problem_of([x + stop for x in noise]), problem_of(noise)
-    before, after = judging.excess_where_moved(without, beside)["CZ"]
+    without, with_effect = problem_of([x + stop for x in noise]), problem_of(noise)
+    before, after = judging.excess_where_moved(without, with_effect)["CZ"]
     there = np.concatenate([x[100:104] for x in noise])
     assert before == pytest.approx(np.mean((there + 8.0) ** 2))
     assert after == pytest.approx(np.mean(there**2))
@@ -152,7 +153,7 @@ def test_weights_are_those_of_statsmodels_conditional_logit():
 
 
 def padded_of(rounds):
-    """As the script pads features, of which these have two."""
+    """Two features, padded as the script does."""
     names = calibrate.weighing.FEATURES
     wide = [
         {**r, "rows": [{**row, "features": [*row["features"], *[0.0] * (len(names) - 2)]} for row in r["rows"]]}

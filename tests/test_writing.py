@@ -1,4 +1,4 @@
-"""Files that remember what was done to a recording."""
+"""Files that keep the processing steps of a recording."""
 
 import json
 import pickle
