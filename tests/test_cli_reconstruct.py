@@ -291,7 +291,7 @@ def test_what_is_not_trusted_is_written_with_its_verdict_everywhere(folder, comm
 
 @pytest.mark.parametrize("delays", ["soon", "alpha=soon", "alpha", "alpha=0.1,beta", ""])
 def test_delays_that_cannot_be_read_exit_with_2(folder, common, delays):
-    assert "CHANNEL=SECONDS" in run("reconstruct", folder, *common, "--delays", delays, code=2).stderr
+    assert "NAME=NUMBER" in run("reconstruct", folder, *common, "--delays", delays, code=2).stderr
 
 
 def test_a_constant_of_unknown_name_is_refused_with_those_there_are(folder, common):

@@ -152,6 +152,9 @@ def _reader_of(kind: Any) -> _Reader:
     if mapped:
         if typing.get_origin(typing.get_args(mapped[0])[1]) is tuple:
             return _Reader(list[str] | None, lambda name, texts: read_pairs(name, texts or ()), lambda _: None)
+        choices = tuple(choice for part in required for choice in choices_of(part))
+        if choices:
+            return _Reader(str, lambda name, text: text if text in choices else _numbers_or(name, text, choices))
         return _Reader(str, lambda name, text: read_numbers(name, text) or None, lambda _: "")
     if any(typing.get_origin(part) in (Iterable, Sequence) for part in required):
         if bool in required:
@@ -172,6 +175,16 @@ def _parts_of(kind: Any) -> tuple[Any, ...]:
 
 def _text_of_number(default: Any) -> str:
     return f"{default:g}" if isinstance(default, int | float) else str(default)
+
+
+def _numbers_or(name: str, text: str, choices: tuple[str, ...]) -> dict[str, float]:
+    try:
+        found = read_numbers(name, text)
+    except typer.BadParameter:
+        found = {}
+    if not found:
+        raise typer.BadParameter(f"{name} '{text}' is none of {', '.join(choices)}, nor NAME=NUMBER,... as alpha=0.12.")
+    return found
 
 
 def _number_or(name: str, text: str, number: type, choices: tuple[str, ...]) -> Any:

@@ -1,4 +1,4 @@
-"""``structsel reconstruct``: what is wrong with each instrument, and the flight without it."""
+"""``structsel reconstruct``: the errors of each instrument, and the flight without them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import typer
 
 from structsel.aircraft import Aircraft
 from structsel.cli.comparison_tables import summarise_reconstructions
+from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import output_folder, refuse_existing
 from structsel.cli.help_text import page
 from structsel.cli.input_files import provenance
 from structsel.cli.messages import Waiting, explain, json_text, print_json, say, stdout
-from structsel.cli.parsing import split_names
 from structsel.cli.recordings import (
     OUTPUT,
     Files,
@@ -31,8 +31,7 @@ from structsel.cli.recordings import (
 )
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import ReconstructionError
-from structsel.numerics.atmosphere import G0
-from structsel.reconstruction import METHODS, Reconstructions
+from structsel.reconstruction import METHODS, Reconstructions, ReconstructOptions
 from structsel.reconstruction.result import COLUMN_NOTES
 from structsel.recording import Recording, write_recording
 from structsel.report import write_report
@@ -40,7 +39,7 @@ from structsel.report import write_report
 EPILOG = page(
     [
         (
-            "What is wrong with the instruments",
+            "Errors of the instruments",
             "structsel reconstruct flights/ --map map.toml --aircraft aircraft.toml",
         ),
         (
@@ -67,9 +66,9 @@ EPILOG = page(
 )
 
 _AIRCRAFT = "Places of the instruments and, if known, their noise."
-_FOUND, _FINE = "What is found", "Fine tuning"
 
 
+@takes_dataclass(ReconstructOptions, without=("method",))
 def run(
     files: Files,
     aircraft: Annotated[Path, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)],
@@ -80,108 +79,51 @@ def run(
             "--method",
             "unscented or extended: Kalman filter and smoother; output-error: inertial readings free of noise; "
             "all: compared.",
-            _FOUND,
+            "What is estimated",
             "METHOD",
         ),
     ] = "unscented",
-    estimate: Annotated[
-        str,
-        option(
-            "--estimate",
-            "Constants to look for, of: bax bay baz bp bq br wn we wd Cup Calpha0 Csi KV.",
-            _FOUND,
-            "NAMES",
-        ),
-    ] = "",
-    delays: Annotated[
-        str,
-        option("--delays", "report; estimate: find and remove them; or seconds: alpha=0.12,beta=0.1", _FOUND, "HOW"),
-    ] = "report",
-    gusts: Annotated[
-        str,
-        option("--gusts", "auto: find the turbulence; or its standard deviation in m/s, 0 for none.", _FOUND, "HOW"),
-    ] = "auto",
+    *,
+    options: dict[str, Any],
     find_manoeuvres: Annotated[
-        bool, option("--find-manoeuvres", "Cut long recordings into the stretches where controls move.", _FOUND)
+        bool,
+        option("--find-manoeuvres", "Cut long recordings into the parts where controls move.", "What is estimated"),
     ] = False,
     out: Annotated[
         Path | None,
-        option("--out", "Folder for the reconstructed flights, tables, report and plots.", OUTPUT, "DIR"),
+        option("--out", "Folder for the reconstructed recordings, tables, report and plots.", OUTPUT, "DIR"),
     ] = None,
     file_format: Annotated[
-        Literal["csv", "parquet"], option("--format", "Kind of the flights' files.", OUTPUT)
+        Literal["csv", "parquet"], option("--format", "Kind of the recordings' files.", OUTPUT)
     ] = "csv",
     overwrite: Overwrite = False,
     plots: Plots = True,
     json: Json = False,
-    g: Annotated[float, option("--g", "Acceleration of gravity, in m/s^2.", _FINE)] = G0,
-    workers: Annotated[int | None, option("--workers", "Processes; as many as cores.", _FINE, "N")] = None,
+    workers: Annotated[int | None, option("--workers", "Processes; as many as cores.", "Fine tuning", "N")] = None,
 ) -> None:
     """Reconstruct flight paths: sensor biases, wind and vane errors, and states free of them."""
-    asked: dict[str, Any] = {"delays": read_delays(delays), "gusts": read_gusts(gusts), "g": g, "workers": workers}
-    if split_names(estimate):
-        asked["estimate"] = split_names(estimate)
     refuse_existing(out, overwrite)
     aircraft_model = load_aircraft(aircraft)
-    flown = read_manoeuvres(files, channel_map, find_manoeuvres)
-    found = _by_each(METHODS if method == "all" else (method,), flown, aircraft_model, asked)
+    recorded = read_manoeuvres(files, channel_map, find_manoeuvres)
+    methods = METHODS if method == "all" else (method,)
+    found = _by_each(methods, recorded, aircraft_model, {**options, "workers": workers})
     written = _write(out, found, file_format, plots) if out is not None else []
     if json:
         print_json(_as_dict(found))
         return
-    _print(found, flown)
+    _print(found, recorded)
     if out is not None:
         print_files(stdout(), str(out), written)
 
 
-def read_gusts(text: str) -> str | float:
-    """Return ``auto``, or a standard deviation [m/s].
-
-    Raises
-    ------
-    BadParameter
-        It is neither.
-    """
-    if text == "auto":
-        return text
-    try:
-        return float(text)
-    except ValueError:
-        raise typer.BadParameter(f"--gusts '{text}' is neither auto nor a number of m/s.") from None
-
-
-def read_delays(text: str) -> str | dict[str, float]:
-    """Return ``report``, ``estimate``, or seconds by channel.
-
-    Raises
-    ------
-    BadParameter
-        It is none of these.
-    """
-    if text in ("report", "estimate"):
-        return text
-    found = {}
-    for word in split_names(text):
-        channel, equals, seconds = word.partition("=")
-        try:
-            found[channel.strip()] = float(seconds)
-        except ValueError:
-            equals = ""
-        if not equals:
-            break
-    if not found or not equals:
-        raise typer.BadParameter(f"--delays '{text}' is not report, estimate, or CHANNEL=SECONDS,... as alpha=0.12.")
-    return found
-
-
 def _by_each(
-    methods: Sequence[str], flown: Sequence[Recording], aircraft_model: Aircraft, asked: Mapping[str, Any]
+    methods: Sequence[str], recorded: Sequence[Recording], aircraft_model: Aircraft, options: Mapping[str, Any]
 ) -> dict[str, Reconstructions]:
     """Return the reconstructions by each method that could make one."""
     found: dict[str, Reconstructions] = {}
     for method in methods:
         try:
-            found[method] = reconstruct_paths(flown, aircraft_model, method=method, **asked)
+            found[method] = reconstruct_paths(recorded, aircraft_model, method=method, **options)
         except ReconstructionError as error:
             if method == methods[-1] and not found:
                 raise
@@ -189,18 +131,18 @@ def _by_each(
     return found
 
 
-def _print(found: Mapping[str, Reconstructions], flown: Sequence[Recording]) -> None:
+def _print(found: Mapping[str, Reconstructions], recorded: Sequence[Recording]) -> None:
     console = stdout()
     if len(found) == 1:
         for result in next(iter(found.values())):
             print_summary(console, result.summary())
         explain(console, COLUMN_NOTES)
     else:
-        for recording in flown:
+        for recording in recorded:
             mine = {method: one for method, results in found.items() for one in results if one.name == recording.name}
             if mine:
                 print_summary(console, summarise_reconstructions(mine))
-    if len(flown) > 1:
+    if len(recorded) > 1:
         for method, results in found.items():
             print_summary(console, replace(results.summary(), title=f"All manoeuvres, {method}", parts=()))
 

@@ -13,8 +13,10 @@ from joblib import Parallel, cpu_count, delayed
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DomainError, StructselError
+from structsel.options import takes_options
 from structsel.reconstruction.reconstruct import reconstruct
 from structsel.reconstruction.result import CONSTANTS, Reconstruction
+from structsel.reconstruction.settings import ReconstructOptions
 from structsel.recording import Recording
 from structsel.results import Result
 from structsel.tables import Cell, Column, Summary, Table, text_column
@@ -22,7 +24,7 @@ from structsel.tables import Cell, Column, Summary, Table, text_column
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reconstructions(Result):
-    """What became of several manoeuvres, in the order given.
+    """Results of several manoeuvres, in the order given.
 
     Attributes
     ----------
@@ -113,13 +115,14 @@ def _constant_table(results: Sequence[Reconstruction]) -> Table:
     return Table((*columns, text_column("unit")), tuple(rows), "Constants of the trusted manoeuvres")
 
 
+@takes_options(ReconstructOptions)
 def reconstruct_all(
     recordings: Iterable[Recording],
     aircraft: Aircraft,
     *,
+    options: ReconstructOptions,
     workers: int | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-    **options: Any,
 ) -> Reconstructions:
     """Reconstruct several manoeuvres, in parallel; see `reconstruct`.
 
@@ -128,12 +131,12 @@ def reconstruct_all(
     recordings : iterable of Recording
         Of different names.
     aircraft : Aircraft
+    options : ReconstructOptions, optional
+        Every field may be given as a keyword of its own instead.
     workers : int, optional
         Processes; as many as there are cores if not given. The results do not depend on it.
     progress : callable, optional
         Called with a stage's name, manoeuvres done and manoeuvres in all.
-    **options
-        Of `reconstruct`, but progress.
 
     Returns
     -------
@@ -142,31 +145,33 @@ def reconstruct_all(
     Raises
     ------
     DomainError
-        Two recordings of one name, fewer than one worker, or an option `reconstruct` refuses outright.
+        Two recordings of one name, fewer than one worker, or an option out of range.
     """
-    flown = list(recordings)
-    names = [recording.name for recording in flown]
+    given = list(recordings)
+    names = [recording.name for recording in given]
     double = next((name for name in names if names.count(name) > 1), None)
     if double is not None:
         raise DomainError(f"reconstruct_all was given two recordings called '{double}'. Rename one.")
     if workers is not None and workers < 1:
         raise DomainError(f"reconstruct_all needs at least one worker, not {workers}.")
-    count = min(workers or cpu_count(), max(1, len(flown)))
+    count = min(workers or cpu_count(), max(1, len(given)))
     done: list[tuple[int, Reconstruction | str]] = []
-    jobs = (delayed(_one)(i, recording, aircraft, options) for i, recording in enumerate(flown))
+    jobs = (delayed(_one)(i, recording, aircraft, options) for i, recording in enumerate(given))
     for result in Parallel(n_jobs=count, return_as="generator_unordered")(jobs):
         done.append(result)
         if progress is not None:
-            progress("manoeuvres", len(done), len(flown))
+            progress("manoeuvres", len(done), len(given))
     done.sort(key=lambda result: result[0])
     made = tuple(result for _, result in done if isinstance(result, Reconstruction))
     failed = {names[i]: result for i, result in done if isinstance(result, str)}
     return Reconstructions(made, failed)
 
 
-def _one(i: int, recording: Recording, aircraft: Aircraft, options: dict[str, Any]) -> tuple[int, Reconstruction | str]:
+def _one(
+    i: int, recording: Recording, aircraft: Aircraft, options: ReconstructOptions
+) -> tuple[int, Reconstruction | str]:
     try:
-        return i, reconstruct(recording, aircraft, **options)
+        return i, reconstruct(recording, aircraft, options=options)
     except StructselError as error:
         return i, str(error)
     except (ArithmeticError, ValueError) as error:

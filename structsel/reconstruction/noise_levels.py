@@ -19,7 +19,8 @@ from structsel.numerics import kinematics as fp
 from structsel.numerics.dynamic_elements import shift
 from structsel.numerics.rigid_body import body_velocity
 from structsel.reconstruction.delays import find_delays
-from structsel.reconstruction.problem import INERTIAL, ReconstructionProblem
+from structsel.reconstruction.problem import ReconstructionProblem
+from structsel.reconstruction.settings import INERTIAL
 from structsel.reconstruction.turbulence_level import estimate_turbulence, turbulence_states, with_gusts
 from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter, ukf_smoother
 

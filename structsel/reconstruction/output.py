@@ -10,8 +10,9 @@ from structsel.nomenclature import BODY_RATES
 from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
 from structsel.readers.table import MOVED_TO_CG
-from structsel.reconstruction.problem import INERTIAL, ReconstructionProblem
+from structsel.reconstruction.problem import ReconstructionProblem
 from structsel.reconstruction.result import Constant
+from structsel.reconstruction.settings import INERTIAL
 from structsel.reconstruction.ukf import SmootherResult
 from structsel.recording import Recording
 

@@ -9,38 +9,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.errors import DomainError, StructselWarning
-from structsel.nomenclature import suggest
+from structsel.errors import StructselWarning
 from structsel.numerics import kinematics as fp
 from structsel.numerics.rigid_body import body_velocity
 from structsel.numerics.signal_quality import noise_level
 from structsel.numerics.smoothing import smooth_spline
 from structsel.reconstruction.observability import Reconstructibility
 from structsel.reconstruction.sample_validity import LATERAL, require_inertial, valid_input, valid_measurement
+from structsel.reconstruction.settings import INERTIAL, PRIOR, ReconstructOptions
 from structsel.reconstruction.turbulence_level import CALM, Gusts
 from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Finding, Recording
 
-INERTIAL = fp.INPUTS[:6]
-"""The channels that drive the kinematics."""
-BIASES = ("bax", "bay", "baz", "bp", "bq", "br")
-ESTIMATED = (*BIASES, "wn", "we", "Cup", "Calpha0", "Csi")
-"""Constants estimated unless told otherwise, as far as the recording determines them."""
 _POSITION = ("x", "y", "vn", "ve")
 _INDEX = {name: i for i, name in enumerate(fp.STATES)}
 _OWN_CHANNEL = {"Cup": ("alpha",), "Calpha0": ("alpha",), "Csi": ("beta",), "Cbeta0": ("beta",)}
-_PRIOR = {
-    **dict.fromkeys(BIASES[:3], 0.5),
-    **dict.fromkeys(BIASES[3:], 0.02),
-    **dict.fromkeys(("wn", "we"), 15.0),
-    "wd": 2.0,
-    "Cup": 0.2,
-    "Calpha0": 0.03,
-    "Csi": 0.2,
-    "Cbeta0": 0.03,
-    "KV": 0.05,
-}
-"""What is believed of the constants beforehand: zero, give or take this."""
 BEST = {
     **dict.fromkeys(INERTIAL[:3], 1e-3),
     **dict.fromkeys(INERTIAL[3:], 1e-5),
@@ -116,83 +99,35 @@ class ReconstructionProblem:
         return replace(self, problem=held, measured=measured, noise=level)
 
 
-def build_problem(
-    recording: Recording,
-    aircraft: Aircraft,
-    *,
-    estimate: Iterable[str] = ESTIMATED,
-    noise: Mapping[str, float] | None = None,
-    prior: Mapping[str, float] | None = None,
-    drift: Mapping[str, float] | None = None,
-    g: float,
-) -> ReconstructionProblem:
-    """Problem of one recording; arguments as `reconstruct` takes them."""
+def build_problem(recording: Recording, aircraft: Aircraft, options: ReconstructOptions) -> ReconstructionProblem:
+    """Problem of one recording."""
     lateral = require_inertial(recording)
-    estimate, prior, drift, noise = tuple(estimate), dict(prior or {}), dict(drift or {}), dict(noise or {})
-    _check_names("estimate", estimate, _PRIOR)
-    _check_numbers("prior", prior, fp.STATES)
-    _check_numbers("drift", drift, _PRIOR)
-    _check_numbers("noise", noise, (*INERTIAL, *fp.MEASUREMENTS))
-    findings: list[Finding] = []
-    stated = {**aircraft.noise, **noise}
-    n, t = len(recording), recording.t
-    inputs, input_std, level = np.zeros((n, 9)), np.zeros((n, 6)), {}
-    turning_std = np.zeros(3)
-    for j, name in enumerate(INERTIAL):
-        if name in LATERAL and not lateral:
-            continue
-        channel = valid_input(recording, name)
-        findings += channel.findings
-        inputs[:, j] = channel.values
-        level[name] = stated.get(name) or _estimate_noise(name, channel.values, recording.dt)
-        spread = max(float(channel.values.std()), level[name])
-        # A bridge is wrong one way for all of a hole, noise one way and the other: as much after the hole.
-        input_std[:, j] = np.where(channel.bridged > 0, spread * np.sqrt(channel.bridged), level[name])
-        if j >= 3:
-            with warnings.catch_warnings(record=True) as said:
-                warnings.simplefilter("always", StructselWarning)
-                smooth = smooth_spline(channel.values, t)
-            findings += [Finding("oscillation", name, str(w.message), "note") for w in said]
-            inputs[:, 3 + j] = smooth.derivative
-            turning_std[j - 3] = float(np.sqrt(np.mean(smooth.derivative_std**2)))
-    measurements = np.full((n, len(fp.MEASUREMENTS)), np.nan)
-    measured = []
-    for j, name in enumerate(fp.MEASUREMENTS):
-        if name not in recording or (not lateral and name in ("beta", "phi", "psi")):
-            continue
-        channel = valid_measurement(recording, name)
-        findings += channel.findings
-        values = channel.values
-        seen = np.isfinite(values)
-        if seen.sum() < 2:
-            continue
-        if name in ("phi", "psi"):
-            values[seen] = np.unwrap(values[seen])
-        measurements[:, j] = values
-        measured.append(name)
-        level[name] = stated.get(name) or _estimate_noise(name, values[seen], recording.dt)
+    stated = {**aircraft.noise, **(options.noise or {})}
+    level: dict[str, float] = {}
+    inputs, input_std, turning_std, findings = _inertial_readings(recording, lateral, stated, level)
+    measurements, measured, more = _measurements(recording, lateral, stated, level)
+    findings += more
     if not lateral:
-        findings.append(_assumed())
-    start, start_std = _start(t, measurements, inputs, level)
-    names = _active(estimate, measured, lateral)
+        findings.append(_longitudinal_only())
+    start, start_std = _start(recording.t, measurements, inputs, level)
+    names = _active(options.constants, measured, lateral)
     active = np.array(sorted(_INDEX[name] for name in names))
-    std = np.array([prior.get(fp.STATES[i], start_std[i]) for i in active])
-    walk = np.zeros(len(fp.STATES))
-    for name, value in drift.items():
+    prior, walk = options.prior or {}, np.zeros(len(fp.STATES))
+    for name, value in (options.drift or {}).items():
         walk[_INDEX[name]] = value
     problem = KinematicsProblem(
-        t=np.ascontiguousarray(t),
+        t=np.ascontiguousarray(recording.t),
         inputs=inputs,
         input_std=input_std,
         measurements=measurements,
         measurement_std=np.array([level.get(name, 1.0) for name in fp.MEASUREMENTS]),
         start=start,
-        start_std=std,
+        start_std=np.array([prior.get(fp.STATES[i], start_std[i]) for i in active]),
         active=active,
         drift=walk,
         place=np.array([aircraft.position(name) for name in fp.PLACES]),
         flank=_reads_flank(aircraft),
-        g=g,
+        g=options.g,
     )
     given = frozenset(name for name in level if name in stated)
     return ReconstructionProblem(
@@ -200,19 +135,55 @@ def build_problem(
     )
 
 
-def _check_names(option: str, names: Iterable[str], known: Iterable[str]) -> None:
-    for name in names:
-        if name not in known:
-            raise DomainError(
-                f"reconstruct: {option} names '{name}', which is none of {', '.join(known)}.{suggest(name, known)}"
-            )
+def _inertial_readings(
+    recording: Recording, lateral: bool, stated: Mapping[str, float], level: dict[str, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Finding]]:
+    """Inputs (n, 9), their noise (n, 6), accuracy of the angular accelerations (3,), and findings; fills `level`."""
+    n, t = len(recording), recording.t
+    inputs, input_std, turning_std = np.zeros((n, 9)), np.zeros((n, 6)), np.zeros(3)
+    findings: list[Finding] = []
+    for j, name in enumerate(INERTIAL):
+        if name in LATERAL and not lateral:
+            continue
+        channel = valid_input(recording, name)
+        findings += channel.findings
+        inputs[:, j] = channel.values
+        level[name] = stated.get(name) or _estimate_noise(name, channel.values, recording.dt)
+        scatter = max(float(channel.values.std()), level[name])
+        # A bridge is wrong in one direction for all of a hole, noise in both: as large after the hole.
+        input_std[:, j] = np.where(channel.bridged > 0, scatter * np.sqrt(channel.bridged), level[name])
+        if j >= 3:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", StructselWarning)
+                smooth = smooth_spline(channel.values, t)
+            findings += [Finding("oscillation", name, str(w.message), "note") for w in caught]
+            inputs[:, 3 + j] = smooth.derivative
+            turning_std[j - 3] = float(np.sqrt(np.mean(smooth.derivative_std**2)))
+    return inputs, input_std, turning_std, findings
 
 
-def _check_numbers(option: str, given: Mapping[str, float], known: Iterable[str]) -> None:
-    _check_names(option, given, known)
-    for name, value in given.items():
-        if not (np.isfinite(value) and value > 0.0):
-            raise DomainError(f"reconstruct: {option}['{name}'] must be above zero; it is {value!r}.")
+def _measurements(
+    recording: Recording, lateral: bool, stated: Mapping[str, float], level: dict[str, float]
+) -> tuple[np.ndarray, list[str], list[Finding]]:
+    """Measurements (n, 12), the names of those that have readings, and findings; fills `level`."""
+    measurements = np.full((len(recording), len(fp.MEASUREMENTS)), np.nan)
+    measured: list[str] = []
+    findings: list[Finding] = []
+    for j, name in enumerate(fp.MEASUREMENTS):
+        if name not in recording or (not lateral and name in ("beta", "phi", "psi")):
+            continue
+        channel = valid_measurement(recording, name)
+        findings += channel.findings
+        values = channel.values
+        sampled = np.isfinite(values)
+        if sampled.sum() < 2:
+            continue
+        if name in ("phi", "psi"):
+            values[sampled] = np.unwrap(values[sampled])
+        measurements[:, j] = values
+        measured.append(name)
+        level[name] = stated.get(name) or _estimate_noise(name, values[sampled], recording.dt)
+    return measurements, measured, findings
 
 
 def _reads_flank(aircraft: Aircraft) -> bool:
@@ -225,11 +196,11 @@ def _estimate_noise(name: str, values: np.ndarray, dt: float) -> float:
     return max(noise_level(values, dt), BEST[name])
 
 
-def _active(estimate: tuple[str, ...], measured: list[str], lateral: bool) -> list[str]:
+def _active(constants: Iterable[str], measured: list[str], lateral: bool) -> list[str]:
     """States to ask for; what nothing shows among them is for the reconstructibility analysis to name."""
     names = ["u", "w", "theta"] + (["v", "phi", "psi"] if lateral else [])
     names += [name for name in ("x", "y", "h") if name in measured]
-    for name in estimate:
+    for name in constants:
         if not lateral and name in ("bay", "bp", "br", "wn", "we", "Csi", "Cbeta0"):
             continue
         if name == "wd" and not {"h", "vd"} & set(measured):
@@ -276,11 +247,11 @@ def _start(
     std[5] = max(angle, 5.0 * noise.get("psi", 0.0)) if psi_seen else 1.0
     for i, name in ((6, "x"), (7, "y"), (8, "h")):
         std[i] = 10.0 + 5.0 * noise.get(name, 1.0)
-    for name, value in _PRIOR.items():
+    for name, value in PRIOR.items():
         std[_INDEX[name]] = value
     return start, std
 
 
-def _assumed() -> Finding:
+def _longitudinal_only() -> Finding:
     message = "without ay, p and r only the longitudinal motion is reconstructed; v, phi, p and r are taken as zero"
     return Finding("assumed", "ay", message, "note", "map ay, p and r")

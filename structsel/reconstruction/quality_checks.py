@@ -12,8 +12,9 @@ from structsel.reconstruction.delays import Delay
 from structsel.reconstruction.innovations import Consistency
 from structsel.reconstruction.noise_levels import most_active_interval
 from structsel.reconstruction.observability import Reconstructibility
-from structsel.reconstruction.problem import BEST, INERTIAL, ReconstructionProblem
+from structsel.reconstruction.problem import BEST, ReconstructionProblem
 from structsel.reconstruction.result import CONSTANTS, Constant
+from structsel.reconstruction.settings import INERTIAL
 from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter
 
 _MANY_MADE_UP = 0.01  # share of an inertial channel's readings

@@ -1,8 +1,8 @@
-"""``reconstruct``: from instruments that disagree to one flight path they can all have seen."""
+"""`reconstruct`: one flight path that agrees with all instruments, and the errors of the instruments."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,54 +10,46 @@ from scipy.integrate import cumulative_trapezoid
 from threadpoolctl import threadpool_limits
 
 from structsel.aircraft import Aircraft
-from structsel.errors import DomainError, ReconstructionError
+from structsel.errors import ReconstructionError
 from structsel.nomenclature import unit_of
 from structsel.numerics import kinematics as fp
-from structsel.numerics.atmosphere import G0
+from structsel.options import takes_options
 from structsel.reconstruction.data_compatibility import check_data_compatibility
 from structsel.reconstruction.delays import LONGEST_DELAY, Delay, find_delays
 from structsel.reconstruction.innovations import Consistency, judge
 from structsel.reconstruction.noise_levels import drop_confounded_scales, estimate_noise_levels
 from structsel.reconstruction.observability import reconstructibility
 from structsel.reconstruction.output import output_recording
-from structsel.reconstruction.problem import ESTIMATED, INERTIAL, ReconstructionProblem, build_problem
+from structsel.reconstruction.problem import ReconstructionProblem, build_problem
 from structsel.reconstruction.quality_checks import check_quality
 from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
+from structsel.reconstruction.settings import INERTIAL, ReconstructOptions
 from structsel.reconstruction.sign_and_unit_checks import reject_wrong_sign_or_unit
 from structsel.reconstruction.ukf import STEEP, FilterResult, KinematicsProblem, SmootherResult, ukf_smoother
 from structsel.recording import Recording
 
-METHODS = ("unscented", "extended", "output-error")
-_ALIGNMENTS = 6
-_ALIGNED = 0.002  # s
-_COLOURED = 1.5
-_HEADING_SECONDS = 60.0
-_STEEP = 1.4  # rad
+_ALIGNMENTS = 6  # rounds of estimating and removing delays; chosen, not critical
+_ALIGNED = 0.002  # s of delay left at which they end; chosen, not critical
+_COLOURED = 1.5  # variance of a mean over that of white noise from which standard deviations are widened
+_HEADING_SECONDS = 60.0  # of flight from which the first heading is estimated
+_STEEP = 1.4  # rad of pitch attitude that a recommended part leaves out
 
 Progress = Callable[[str, int, int], None]
 
 
+@takes_options(ReconstructOptions)
 def reconstruct(
     recording: Recording,
     aircraft: Aircraft,
     *,
-    method: str = "unscented",
-    estimate: Iterable[str] = ESTIMATED,
-    noise: Mapping[str, float] | None = None,
-    prior: Mapping[str, float] | None = None,
-    drift: Mapping[str, float] | None = None,
-    gusts: str | float = "auto",
-    delays: str | Mapping[str, float] = "report",
-    gate: float = 6.0,
-    spread: float = 1.0,
-    g: float = G0,
+    options: ReconstructOptions,
     progress: Progress | None = None,
 ) -> Reconstruction:
     """Flight path, sensor biases, upwash and wind of one manoeuvre: the first of the two steps.
 
     Accelerometers and gyros, less constant (or slowly drifting) biases, drive the kinematics of velocity, attitude
     and position; air data, attitude, altitude, position and ground velocity, as far as they were recorded, correct
-    them. Before anything is estimated, what these data cannot determine is found and fixed.
+    them. What these data cannot determine is found first, and held.
 
     Parameters
     ----------
@@ -65,30 +57,9 @@ def reconstruct(
         ``V``, ``ax``, ``az``, ``q`` and, for the lateral motion, ``ay``, ``p``, ``r``; any of ``alpha beta phi
         theta psi h x y vn ve vd``. Measurements may be missing or slower than the clock (NaN, or held).
     aircraft : Aircraft
-        Places and noise of the instruments.
-    method : {"unscented", "extended", "output-error"}
-        Square-root unscented filter and smoother; the extended Kalman filter and smoother; or the batch maximum-
-        likelihood compatibility check, which takes the inertial readings as free of noise.
-    estimate : iterable of str
-        Constants to estimate as far as the data determine them: bax bay baz bp bq br, wn we wd, Cup Calpha0 Csi, KV.
-        Cbeta0 may be named, and is refused with the reason.
-    noise : mapping of str to float, optional
-        Standard deviations by channel, over those of the aircraft's sensors. Others are estimated.
-    prior : mapping of str to float, optional
-        Standard deviation of what is believed beforehand of a state: of a constant about zero, of motion about the
-        first readings.
-    drift : mapping of str to float, optional
-        Random walk of a constant [its unit / sqrt(s)]; without, it is constant.
-    gusts : "auto" or float [m/s]
-        Standard deviation of turbulence along each axis, which vanes and pitot feel and the path does not: found
-        from the data; or this much, 0 for calm air. Output error knows none.
-    delays : {"report", "estimate"} or mapping of str to float [s]
-        Only say how late each channel is; find the delays and advance the channels; or advance them by these.
-    gate : float [-]
-        Readings further than so many standard deviations from their prediction are not used, and counted; 0 uses all.
-    spread : float [-]
-        Of the sigma points, as `structsel.reconstruction.ukf.ukf_smoother` takes it.
-    g : float [m/s^2]
+        Positions and noise of the instruments.
+    options : ReconstructOptions, optional
+        Every field may be given as a keyword of its own instead: ``reconstruct(..., method="extended", gusts=0.0)``.
     progress : callable, optional
         Called with a stage's name, steps done and steps in all.
 
@@ -99,43 +70,26 @@ def reconstruct(
     Raises
     ------
     ChannelError
-        When a channel that nothing can be done without is missing.
+        A channel that is always needed is missing.
     DataError
-        A gap in time; an inertial channel missing or stuck for longer than can be bridged, or running backward.
+        A gap in time; an inertial channel missing or stuck for longer than can be bridged.
     DomainError
         An option out of range.
     ReconstructionError
-        When the filter breaks down (theta near 90 degrees, readings that contradict one another beyond repair);
-        it carries what was found so far.
+        The filter breaks down (theta near 90 degrees, readings that contradict one another); the exception carries
+        what was found so far.
 
     References
     ----------
     [M86] and [H17] for the problem and the filter; [K79] for the check by output error; [KM16] ch. 10.
     """
-    if method not in METHODS:
-        raise DomainError(f"reconstruct has no method {method!r}; it has {', '.join(METHODS)}.")
-    if isinstance(delays, str) and delays not in ("report", "estimate"):
-        raise DomainError(f"reconstruct: delays are 'report', 'estimate' or a table of seconds, not {delays!r}.")
-    if gusts != "auto" and not (isinstance(gusts, int | float) and 0.0 <= gusts < np.inf):
-        raise DomainError(f"reconstruct: gusts are 'auto' or a standard deviation of 0 or above [m/s], not {gusts!r}.")
-    if not gate >= 0.0:
-        raise DomainError(f"reconstruct: gate must be 0 or above; it is {gate!r}.")
-    estimate = tuple(estimate)
-    applied = {} if isinstance(delays, str) else {name: float(value) for name, value in delays.items()}
-
-    def attempt(late: Mapping[str, float], tell: Progress | None) -> Reconstruction:
-        aligned = recording.align(late) if late else recording
-        options = {"estimate": estimate, "noise": noise, "prior": prior, "drift": drift, "g": g}
-        # The matrices are small: more threads would only wait for one another.
-        with threadpool_limits(1, user_api="blas"):
-            return _reconstruct(aligned, aircraft, method, options, gusts, gate, spread, tell)
-
-    if delays != "estimate":
-        return attempt(applied, progress)
+    applied = {} if isinstance(options.delays, str) else {name: float(value) for name, value in options.delays.items()}
+    if options.delays != "estimate":
+        return _reconstruct_aligned(recording, aircraft, options, applied, progress)
     for i in range(_ALIGNMENTS):
         if progress is not None:
             progress("aligning", i, _ALIGNMENTS)
-        found = attempt(applied, None)
+        found = _reconstruct_aligned(recording, aircraft, options, applied, None)
         more = {d.channel: d.delay for d in found.delays if d.significant or d.channel in applied}
         if all(abs(value) < _ALIGNED for value in more.values()):
             break
@@ -148,49 +102,60 @@ def reconstruct(
     return found
 
 
-def _reconstruct(
+def _reconstruct_aligned(
     recording: Recording,
     aircraft: Aircraft,
-    method: str,
-    options: Mapping[str, object],
-    gusts: str | float,
-    gate: float,
-    spread: float,
+    options: ReconstructOptions,
+    delays: Mapping[str, float],
     progress: Progress | None,
 ) -> Reconstruction:
-    problem_setup = build_problem(recording, aircraft, **options)  # type: ignore[arg-type]
+    """Reconstruction of a recording whose channels are first advanced by these delays."""
+    aligned = recording.align(delays) if delays else recording
+    # The matrices are small: more threads would only wait for one another.
+    with threadpool_limits(1, user_api="blas"):
+        return _reconstruct(aligned, aircraft, options, progress)
+
+
+def _reconstruct(
+    recording: Recording, aircraft: Aircraft, options: ReconstructOptions, progress: Progress | None
+) -> Reconstruction:
+    problem_setup = build_problem(recording, aircraft, options)
     reject_wrong_sign_or_unit(recording, problem_setup.problem, problem_setup.lateral)
     verdict = reconstructibility(problem_setup.problem)
     problem_setup, fixed = problem_setup.with_verdict(verdict), dict(verdict.fixed)
-    ruled: frozenset[str] = frozenset()  # by turbulence
-    if method == "output-error":
+    turbulent: frozenset[str] = frozenset()
+    if options.method == "output-error":
         problem_setup, run, smooth, widened = _by_output_error(problem_setup, recording)
     else:
         problem_setup, headless = _with_initial_heading(problem_setup)
-        problem_setup, confused, ruled = drop_confounded_scales(estimate_noise_levels(problem_setup, gusts, progress))
+        problem_setup, confused, turbulent = drop_confounded_scales(
+            estimate_noise_levels(problem_setup, options.gusts, progress)
+        )
         fixed |= headless | confused
-        run, smooth = _by_filter(problem_setup, recording, method, gate, spread)
+        run, smooth = _by_filter(problem_setup, recording, options)
         widened = None
-    path = _whole_path(problem_setup.problem, smooth.x)
-    told = fp.readings(path, problem_setup.problem.inputs, problem_setup.problem.place, problem_setup.problem.flank)
-    residuals = _residuals(problem_setup.problem.measurements, told)
+    path = _complete_path(problem_setup.problem, smooth.x)
+    predicted = fp.readings(
+        path, problem_setup.problem.inputs, problem_setup.problem.place, problem_setup.problem.flank
+    )
+    residuals = _residuals(problem_setup.problem.measurements, predicted)
     consistency = judge(run, residuals, problem_setup.measured, recording.dt)
     if widened is None:
-        widened = _inflate_for_autocorrelation(problem_setup, consistency, gate, spread, method)
+        widened = _inflate_for_autocorrelation(problem_setup, consistency, options)
     std = np.maximum(smooth.std, widened) if widened is not None else smooth.std
-    delays = _delays(problem_setup, path, ruled)
+    delays = _delays(problem_setup, path, turbulent)
     constants = tuple(
         Constant(name, float(smooth.x[-1, j]), float(std[-1, j]), float(smooth.std[-1, j]), CONSTANTS[name][1])
         for j, name in enumerate(problem_setup.names)
         if name in CONSTANTS
     )
-    made, stds = output_recording(recording, problem_setup, path, smooth, std, method, constants)
+    made, stds = output_recording(recording, problem_setup, path, smooth, std, options.method, constants)
     doubts, distrust = check_quality(
         problem_setup, path, consistency, constants, verdict, delays, stds, smooth.std, std
     )
     return Reconstruction(
         name=recording.name,
-        method=method,
+        method=options.method,
         recording=made,
         states=problem_setup.names,
         constants=constants,
@@ -203,7 +168,7 @@ def _reconstruct(
         innovations=_by_channel(run.innovations, problem_setup.measured),
         innovation_std=_by_channel(run.innovation_std, problem_setup.measured),
         residuals=_by_channel(residuals, problem_setup.measured),
-        readings=_by_channel(told, problem_setup.measured),
+        readings=_by_channel(predicted, problem_setup.measured),
         noise=tuple(
             NoiseLevel(name, level, unit_of(name), "given" if name in problem_setup.given else "estimated")
             for name, level in problem_setup.noise.items()
@@ -240,15 +205,15 @@ def _with_initial_heading(problem_setup: ReconstructionProblem) -> tuple[Reconst
     for name, spread in (("psi", 0.1), ("wn", 2.0), ("we", 2.0)):
         j = problem_setup.names.index(name)
         start[problem.active[j]] = fit.values[j]
-        # The fit is of the same readings: no less is doubted than at a look.
+        # The fit is of the same readings: its own standard deviations are too small.
         std[j] = max(spread, 3.0 * float(fit.std[j]))
     return replace(problem_setup, problem=replace(problem, start=start, start_std=std)), {}
 
 
 def _by_filter(
-    problem_setup: ReconstructionProblem, recording: Recording, method: str, gate: float, spread: float
+    problem_setup: ReconstructionProblem, recording: Recording, options: ReconstructOptions
 ) -> tuple[FilterResult, SmootherResult]:
-    run, smooth = ukf_smoother(problem_setup.problem, spread=0.0 if method == "extended" else spread, gate=gate)
+    run, smooth = _smooth(problem_setup.problem, options)
     if smooth is None:
         i, remedy = run.failed, _REMEDIES[run.reason]
         if run.reason == STEEP:
@@ -282,7 +247,7 @@ def _part_below_vertical(problem: KinematicsProblem, failed: int) -> str:
 def _by_output_error(
     problem_setup: ReconstructionProblem, recording: Recording
 ) -> tuple[ReconstructionProblem, FilterResult, SmootherResult, np.ndarray]:
-    """Batch estimate in the form of a filter run, its surprises being its residuals; and the widened std."""
+    """Batch estimate in the form of a filter run, its residuals as innovations; and the std for coloured residuals."""
     problem = problem_setup.problem
     fit = check_data_compatibility(problem)
     if not fit.converged:
@@ -309,10 +274,14 @@ def _by_output_error(
     return found, run, SmootherResult(x, white, fit.covariance[None], np.array([0])), wide
 
 
+def _smooth(problem: KinematicsProblem, options: ReconstructOptions) -> tuple[FilterResult, SmootherResult | None]:
+    return ukf_smoother(problem, spread=0.0 if options.method == "extended" else options.spread, gate=options.gate)
+
+
 def _inflate_for_autocorrelation(
-    problem_setup: ReconstructionProblem, consistency: Consistency, gate: float, spread: float, method: str
+    problem_setup: ReconstructionProblem, consistency: Consistency, options: ReconstructOptions
 ) -> np.ndarray | None:
-    """Standard deviations when each channel's noise counts for what its colour makes of it."""
+    """Standard deviations with the noise of each channel enlarged for its autocorrelation; None if all are white."""
     std = problem_setup.problem.measurement_std.copy()
     wide = False
     for channel in consistency.channels:
@@ -324,11 +293,11 @@ def _inflate_for_autocorrelation(
     if not wide:
         return None
     problem = replace(problem_setup.problem, measurement_std=std)
-    _, smooth = ukf_smoother(problem, spread=0.0 if method == "extended" else spread, gate=gate)
+    _, smooth = _smooth(problem, options)
     return None if smooth is None else smooth.std
 
 
-def _whole_path(problem: KinematicsProblem, x: np.ndarray) -> np.ndarray:
+def _complete_path(problem: KinematicsProblem, x: np.ndarray) -> np.ndarray:
     """(n, 26) full vectors; a heading that is not estimated is integrated from north."""
     path = problem.path(x)
     if 5 not in problem.active:
@@ -338,19 +307,19 @@ def _whole_path(problem: KinematicsProblem, x: np.ndarray) -> np.ndarray:
     return path
 
 
-def _residuals(measurements: np.ndarray, told: np.ndarray) -> np.ndarray:
-    left = measurements - told
+def _residuals(measurements: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    left = measurements - predicted
     turns = np.where(fp.CIRCULAR & np.isfinite(left), np.round(left / (2.0 * np.pi)), 0.0)
     return left - 2.0 * np.pi * turns
 
 
-def _delays(problem_setup: ReconstructionProblem, path: np.ndarray, ruled: frozenset[str]) -> tuple[Delay, ...]:
-    """How late the channels are against the path through steady air: gusts would hide what is late."""
+def _delays(problem_setup: ReconstructionProblem, path: np.ndarray, turbulent: frozenset[str]) -> tuple[Delay, ...]:
+    """Delays of the channels against the path through steady air: gusts would hide them."""
     problem, still = problem_setup.problem, path.copy()
     still[:, fp.GUST :] = 0.0
-    told = fp.readings(still, problem.inputs, problem.place, problem.flank)
-    asked = tuple(name for name in problem_setup.measured if name not in ruled)
-    return find_delays(problem, told, _residuals(problem.measurements, told), asked)
+    predicted = fp.readings(still, problem.inputs, problem.place, problem.flank)
+    calm = tuple(name for name in problem_setup.measured if name not in turbulent)
+    return find_delays(problem, predicted, _residuals(problem.measurements, predicted), calm)
 
 
 def _by_channel(values: np.ndarray, measured: tuple[str, ...]) -> dict[str, np.ndarray]:
