@@ -29,7 +29,7 @@ def signals_of(case):
     return [ArrayData(np.ascontiguousarray(base), responses) for base, responses in case.manoeuvres]
 
 
-def fly(truth, noise=0.0, colour="white", lengths=(2000,), seed=0, response="CZ", **more):
+def fly(truth, noise=0.0, noise_model="white", lengths=(2000,), seed=0, response="CZ", **more):
     """Recordings at 50 Hz whose response is the sum of ``truth`` (term to value) and a residual of std ``noise``.
 
     ``more`` adds channels: name = function of (signals by name, generator).
@@ -41,6 +41,6 @@ def fly(truth, noise=0.0, colour="white", lengths=(2000,), seed=0, response="CZ"
         for name, make in more.items():
             channels[name] = make(channels, rng)
         y = sum(value * Term(term).evaluate(channels) for term, value in truth.items())
-        channels[response] = y + noise * cases.residual(colour, n, rng)
+        channels[response] = y + noise * cases.residual(noise_model, n, rng)
         recordings.append(Recording(f"flight_{k + 1}", cases.DT * np.arange(n), channels))
     return recordings

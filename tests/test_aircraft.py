@@ -182,7 +182,7 @@ def test_any_set_of_point_masses_is_a_body(masses, places):
     assert inertia.excess < 1e-9
 
 
-def test_a_small_breach_of_the_triangle_rule_is_remarked_not_refused():
+def test_a_small_breach_of_the_triangle_rule_is_reported_not_refused():
     aircraft = Aircraft.from_dict(changed("inertia", {"Ix": 322780, "Iy": 799125, "Iz": 1.13167e6}))
     # 1131670 / (322780 + 799125) = 1.0087
     assert aircraft.inertia.excess == pytest.approx(1131670 / 1121905 - 1.0, rel=1e-12)

@@ -7,7 +7,7 @@ from structsel.errors import ChannelError, DomainError
 from structsel.numerics.dynamic_elements import shift
 
 
-def test_a_complete_number_of_samples_is_shifted_exactly_and_the_end_is_unknown():
+def test_an_integer_number_of_samples_is_shifted_exactly_and_the_end_is_unknown():
     x = np.random.default_rng(3).standard_normal(50)
     t = 0.1 * np.arange(50)
     got = shift(x, t, 0.3)
@@ -70,7 +70,7 @@ def test_wraps_are_unwrapped_like_numpy_does_also_past_missing_samples(start):
     assert np.isnan(got["psi"][~known]).all()
 
 
-def test_a_jump_that_is_no_complete_turn_is_left():
+def test_a_jump_that_is_no_full_turn_is_left():
     x = np.concatenate([np.zeros(50), np.full(50, 4.0)])
     recording = ss.Recording("flight", 0.1 * np.arange(100), {"phi": x})
     assert recording.unwrap("phi")["phi"] is recording["phi"]

@@ -117,7 +117,7 @@ def test_more_candidates_than_samples_stop_at_the_degrees_of_freedom():
     assert best_subset(C, 7.0)[-1].n_terms == 6
 
 
-def test_what_is_out_of_reach_is_refused_with_a_remedy():
+def test_a_problem_too_large_is_refused_with_a_remedy():
     rng = np.random.default_rng(1)
     X = rng.normal(size=(60, 41))
     with pytest.raises(SelectionError, match=r"up to 40 candidates .* found 41"):

@@ -54,7 +54,7 @@ def test_a_bin_that_two_segments_fill_has_no_interval():
     assert np.isfinite(found.half[1])
 
 
-def test_recordings_are_cut_into_as_many_segments_as_asked_for_in_all():
+def test_recordings_are_cut_into_the_requested_number_of_segments_in_all():
     assert split_into_segments([100, 50], 4).tolist() == [0] * 50 + [1] * 50 + [2] * 25 + [3] * 25
     assert_array_equal(np.unique(split_into_segments([9] * 30)), np.arange(30))
 

@@ -213,7 +213,7 @@ worked = st.recursive(
 
 @given(worked)
 @settings(max_examples=300, deadline=None)
-def test_a_formula_is_worth_what_complete_number_arithmetic_makes_of_it(example):
+def test_the_value_of_a_formula_is_that_of_integer_arithmetic(example):
     # Whole numbers below 2^53 are exact in float64 in whatever order they are added.
     text, value, _ = example
     got = Term(f"abs(V + ({text}))").evaluate({name: np.array([float(v)]) for name, v in POINT.items()})

@@ -208,7 +208,7 @@ def test_coefficients_written_read_back_as_the_library_computes_them(raw, tmp_pa
             assert_allclose(back[name], expected[name], rtol=1e-12)
 
 
-def test_units_of_channels_outside_the_nomenclature_survive_the_way_out(tmp_path):
+def test_units_of_channels_outside_the_nomenclature_are_written(tmp_path):
     frame = flight(0).assign(load=1.0).rename(columns={"load": "load [kN]"})
     frame.to_csv(tmp_path / "a.csv", index=False)
     write_recording(read_recording(tmp_path / "a.csv"), tmp_path / "b.csv")
@@ -322,7 +322,7 @@ def test_bad_input_is_refused_by_name_with_a_remedy_and_leaves_nothing(kind, say
     assert not [p.name for p in tmp_path.iterdir() if "out" in p.name]
 
 
-def test_zero_dynamic_pressure_names_the_recording_the_sample_and_the_way_out(raw, tmp_path):
+def test_zero_dynamic_pressure_names_the_recording_the_sample_and_the_remedy(raw, tmp_path):
     data = pd.read_csv(raw / "elevator-3211.csv", comment="#")
     data["qbar"] = 0.5 * data.rho * data.V**2
     data.loc[33, "qbar"] = 0.0
@@ -407,7 +407,7 @@ def test_a_progress_bar_appears_on_a_terminal_only_and_only_when_it_takes_long(c
 # --- as a program -----------------------------------------------------------------------------------
 
 
-def test_the_installed_program_says_errors_without_a_traceback_and_without_colour(tmp_path):
+def test_the_installed_program_prints_errors_without_a_traceback_and_without_colours(tmp_path):
     program = [sys.executable, "-c", "from structsel.cli import main; main()", "describe", "nothing.csv"]
     env = {key: value for key, value in os.environ.items() if key != "FORCE_COLOR"} | {"NO_COLOR": "1"}
     done = subprocess.run(program, cwd=tmp_path, env=env, capture_output=True, text=True)
@@ -416,7 +416,7 @@ def test_the_installed_program_says_errors_without_a_traceback_and_without_colou
     assert done.stdout == ""
 
 
-def test_the_demo_shows_models_beside_their_truth_and_leaves_what_to_go_on_with(tmp_path, monkeypatch):
+def test_the_demo_shows_models_with_their_truth_and_leaves_files_to_continue_with(tmp_path, monkeypatch):
     from structsel.cli import demo
 
     monkeypatch.setattr(demo, "DEGREE", 1)  # the full pool takes its time, and is what `make demo` is for

@@ -58,9 +58,9 @@ def asked(monkeypatch):
             raise kept["answer"]
         return kept["answer"]
 
-    station = ModuleType("structsel.diagnosis.diagnose")
-    station.diagnose = diagnose
-    monkeypatch.setitem(sys.modules, "structsel.diagnosis.diagnose", station)
+    module = ModuleType("structsel.diagnosis.diagnose")
+    module.diagnose = diagnose
+    monkeypatch.setitem(sys.modules, "structsel.diagnosis.diagnose", module)
     return kept
 
 
@@ -85,7 +85,7 @@ def test_the_text_is_printed_and_three_files_are_written(case, asked):
     assert set(AeroModel.from_json(case / "out" / "model.json")) == set(model())
 
 
-def test_what_is_asked_is_what_was_given(case, asked):
+def test_arguments_are_passed_as_given(case, asked):
     run(*given(case), "--held-out", "m02")
     assert asked["simulation"] == str(case / "simulated")
     assert [r.name for r in asked["recordings"]] == ["m01", "m02"]
@@ -163,7 +163,7 @@ def test_a_recording_with_a_gap_is_cut_only_for_a_simulation_that_can_be_asked_a
     assert len(asked["recordings"]) == 3
 
 
-def test_without_a_model_the_text_says_why_and_an_older_one_is_not_passed_off(case, asked):
+def test_without_a_model_the_text_gives_the_reason_and_an_older_one_is_removed(case, asked):
     run(*given(case), "--out", case / "out")
     asked["answer"] = diagnosis(model=None, responses=("thrust",))
     result = run(*given(case), "--out", case / "out", "--overwrite")
@@ -255,20 +255,20 @@ def test_an_example_case_is_diagnosed_end_to_end(tmp_path):
 
 @pytest.mark.skipif(not EXAMPLES.exists(), reason="the example cases are not there")
 @pytest.mark.parametrize(
-    ("spoil", "says"),
+    ("damage", "says"),
     [
         (lambda folder: (folder / "m02.csv").unlink(), r"no file for m02"),
         (lambda folder: _delayed(folder / "m02.csv"), r"clocks do not match"),
         (lambda folder: _diverge(folder / "m02.csv"), r"diverged"),
     ],
 )
-def test_a_simulation_that_does_not_fit_the_recordings_ends_with_a_sentence(tmp_path, spoil, says):
+def test_a_simulation_that_does_not_fit_the_recordings_ends_with_a_sentence(tmp_path, damage, says):
     case = EXAMPLES / "ground-effect"
     simulated = tmp_path / "simulated"
     simulated.mkdir()
     for name in ("m01", "m02", "m03"):
         (simulated / f"{name}.csv").write_bytes((case / "simulated" / f"{name}.csv").read_bytes())
-    spoil(simulated)
+    damage(simulated)
     several = [x for name in ("m01", "m02", "m03") for x in ("--recordings", case / "recordings" / f"{name}.csv")]
     result = run(
         "--aircraft", case / "aircraft.toml", *several, "--simulation", simulated, "--out", tmp_path / "out", code=1

@@ -52,7 +52,7 @@ def selected(printed):
 # --- a file of defaults ----------------------------------------------------------------------------
 
 
-def test_a_file_of_defaults_stands_for_options_and_the_command_line_wins(tmp_path):
+def test_a_file_of_defaults_sets_options_and_the_command_line_wins(tmp_path):
     (tmp_path / "structsel.toml").write_text(
         'bootstrap = 0\n[select]\nresponses = "Cm"\ncandidates = ["alpha", "de"]\nf-in = 9.5\n'
     )
@@ -93,7 +93,7 @@ def test_what_a_file_of_defaults_cannot_mean_is_refused_in_words(text, says, tmp
     assert "Example" in run("select", "--help").stdout  # help is given all the same
 
 
-def test_a_value_that_does_not_fit_its_option_is_laid_to_the_file(tmp_path):
+def test_a_value_that_does_not_fit_its_option_is_reported_with_the_file(tmp_path):
     (tmp_path / "structsel.toml").write_text('[select]\ndegree = "many"\n')
     stated = " ".join(run(*SELECT, code=2).stderr.replace("│", " ").split())
     assert "--degree" in stated
@@ -203,7 +203,7 @@ def inputs_of(printed):
     return json.loads(printed)["provenance"]["inputs"]
 
 
-def test_every_result_names_what_went_in_with_its_hash(tmp_path, flights):
+def test_every_result_names_its_input_files_with_their_hashes(tmp_path, flights):
     went_in = [{"file": f"flights/{p.name}", "sha256": digest(p)} for p in sorted(flights.iterdir())]
     printed = run(*SELECT, "--held-out", "m02", "--json", "--no-plots", "--out", "out").stdout
     assert inputs_of(printed) == went_in
@@ -215,7 +215,7 @@ def test_every_result_names_what_went_in_with_its_hash(tmp_path, flights):
     assert [one["file"] for one in inputs_of(scored)] == ["out/model.json", "flights/m01.csv"]
 
 
-def test_a_model_written_without_inputs_still_says_its_versions(tmp_path):
+def test_a_model_written_without_input_files_still_states_its_versions(tmp_path):
     model = AeroModel({"Cm": ResponseModel((Term("1"),), np.array([0.02]))})
     model.to_json(tmp_path / "model.json")
     held = json.loads((tmp_path / "model.json").read_text())["provenance"]

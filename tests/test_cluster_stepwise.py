@@ -72,7 +72,7 @@ def test_few_false_terms_enter_under_strongly_coloured_noise():
     assert white >= 150
 
 
-def test_samples_worth_one_grow_with_colour():
+def test_the_correlation_length_grows_with_the_residual_autocorrelation():
     values = []
     for rho in (0.0, 0.95):
         base, exponents, _, y = one_flight(np.random.default_rng(3), n=20_000, rho=rho)
@@ -93,7 +93,7 @@ def delayed_flight(rng, delay):
 
 
 @pytest.mark.parametrize("delay", [0, 6])
-def test_whitening_gives_way_where_a_delayed_channel_leaves_misfit_and_only_there(delay):
+def test_whitening_is_dropped_where_a_delayed_channel_leaves_misfit_and_only_there(delay):
     rng = np.random.default_rng(4)
     flights = [delayed_flight(rng, delay) for _ in range(4)]
     (outcome,) = select_arrays(flights, monomial_exponents(3, 2), SelectOptions(F_in="auto", bootstrap=0))

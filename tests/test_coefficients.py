@@ -135,7 +135,7 @@ def test_the_density_of_a_recording_with_altitude_alone_is_the_standard_one(clea
     assert any("standard atmosphere at h" in note for note in made.provenance)
 
 
-def test_manoeuvres_fraction_one_reference_airspeed(clean, calm):
+def test_manoeuvres_have_one_reference_airspeed_in_common(clean, calm):
     nameless = Aircraft.from_dict({key: v for key, v in AIRCRAFT.to_dict().items() if key != "V0"})
     first, second = compute_all([clean, calm], nameless)
     assert_allclose(first["V_ratio"].mean(), 1.0, rtol=1e-12)

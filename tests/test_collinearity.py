@@ -256,7 +256,7 @@ def test_drop_correlated_keeps_forced_terms_and_ends_when_only_they_correlate():
     assert dropped == ()
 
 
-def test_alpha_squared_goes_beside_alpha_where_simulated_range_makes_them_alike():
+def test_alpha_squared_is_dropped_where_the_recorded_range_makes_it_collinear_with_alpha():
     # [H17], CX: alpha between 0.1 and 0.2 rad, linear truth.
     rng = np.random.default_rng(0)
     alpha, q, de = rng.uniform(0.1, 0.2, 400), rng.normal(size=400), rng.normal(size=400)

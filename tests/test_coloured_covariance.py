@@ -153,7 +153,7 @@ def test_bootstrap_weights_have_mean_and_variance_one_and_keep_units_together():
     assert_allclose(by_unit.var(axis=0).mean(), 7 / 9, rtol=0.05)
 
 
-def test_few_manoeuvres_are_resampled_by_block_and_many_complete():
+def test_few_manoeuvres_are_resampled_by_block_and_many_as_complete_manoeuvres():
     rng = np.random.default_rng(5)
     flights = [ArrayData(rng.standard_normal((1, 500)), rng.standard_normal((1, 500))) for _ in range(9)]
     assert len(set(bootstrap_units(cross_products(flights[:3], np.eye(1, dtype=int), blocks=15)))) == 15

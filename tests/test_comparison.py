@@ -37,7 +37,7 @@ def altered(recordings, which, **channels):
     return made
 
 
-def test_a_forced_simulation_is_compared_and_its_gap_seen(flights_and_truth):
+def test_a_forced_simulation_is_compared_and_its_difference_found(flights_and_truth):
     recordings, stated = flights_and_truth
     seen = []
     found = compare(files(recordings, stated), recordings, AIRCRAFT, progress=lambda *step: seen.append(step))
@@ -81,7 +81,7 @@ def test_a_free_simulation_of_the_truth_leaves_little(flights_and_truth):
         assert found.sizes[c].difference < 0.3 * found.sizes[c].measured
 
 
-def test_a_jsbsim_aircraft_is_asked_along_the_recordings(flights_and_truth):
+def test_a_jsbsim_aircraft_is_evaluated_along_the_recordings(flights_and_truth):
     pytest.importorskip("jsbsim", reason='JSBSim is not installed: pip install "structsel[jsbsim]"')
     recordings, _ = flights_and_truth
     found = compare("jsbsim:c172p", recordings[:2], AIRCRAFT)
@@ -122,7 +122,7 @@ def test_a_clock_that_does_not_overlap_is_refused(flights_and_truth):
         compare(delayed, recordings, AIRCRAFT)
 
 
-def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flights_and_truth):
+def test_a_measurement_error_need_not_be_an_error_of_the_simulations_inputs(flights_and_truth):
     recordings, stated = flights_and_truth
     bias = 0.002
 
@@ -147,7 +147,7 @@ def test_what_is_read_wrong_need_not_be_what_a_simulation_was_asked_at(flights_a
         assert_allclose(x, read.get(c, 0.0) + asked.get(c, 0.0), atol=1e-9)
 
 
-def test_slopes_of_the_stand_in_are_those_of_the_simulation_whatever_readings_are_biased():
+def test_slopes_of_the_surrogate_are_those_of_the_simulation_although_measurements_are_biased():
     # Evaluated at the true states at the centre of gravity; alpha and de read with another bias in each flight.
     recordings, stated = fly({}, speeds=(42.0, 46.0, 50.0, 54.0), h=(1000.0,) * 4)
     biases = 0.005 * np.array([1.0, -1.0, 0.8, -0.8])
@@ -169,7 +169,7 @@ def test_slopes_of_the_stand_in_are_those_of_the_simulation_whatever_readings_ar
         assert_allclose(f.slope("Cl", "p").mean(), TRUTH["Cl"]["p_hat"] * AIRCRAFT.b / (2.0 * V), rtol=0.01)
 
 
-def test_a_brake_that_comes_out_is_in_the_stand_in_and_in_what_tolerances_allow(flights_and_truth):
+def test_an_airbrake_deflection_is_in_the_surrogate_and_in_the_tolerances(flights_and_truth):
     recordings, stated = flights_and_truth
     out = [np.clip(T - 8.0, 0.0, 1.0) * (k == 1) for k in range(4)]
     stated = [{**s, "CZ": s["CZ"] + 0.08 * x} for s, x in zip(stated, out)]
@@ -180,7 +180,7 @@ def test_a_brake_that_comes_out_is_in_the_stand_in_and_in_what_tolerances_allow(
     assert np.ptp(allowed.columns[1]["CZ"]) == pytest.approx(0.08, rel=0.03)
 
 
-def test_the_noise_that_a_simulation_was_asked_at_is_allowed_for_and_passes_for_no_dead_play():
+def test_noise_of_the_simulations_inputs_is_allowed_for_and_is_not_diagnosed_as_play():
     sd = 0.0005  # of a span of 0.08; without the allowance, play raises the log evidence by 288
     recordings, stated = fly({}, speeds=(40.0, 45.0, 50.0, 55.0), h=(1000.0,) * 4)
     rng = np.random.default_rng(4)

@@ -79,7 +79,7 @@ def test_short_pauses_are_closed_and_blips_left_out():
     assert stretches(t, np.zeros(len(t), dtype=bool)) == []
 
 
-def test_an_effect_acts_where_it_is_above_its_fraction_of_the_most():
+def test_an_effect_acts_where_it_is_above_a_fraction_of_its_maximum():
     flights = make(3, 1, noise_only)
     bump = np.exp(-0.5 * ((T - 12.0) / 1.5) ** 2)
     stated = [{"CZ": 0.05 * bump, "Cm": 1e-4 * np.ones(len(T))}, {"CZ": np.zeros(len(T))}, {}]
@@ -186,7 +186,7 @@ def test_turbulence_is_found_with_its_size(sigma):
 
 
 @pytest.mark.parametrize("coloured", [0.0, 0.1, 0.4])
-def test_noise_of_the_vanes_is_no_turbulence_whatever_its_colour(coloured):
+def test_vane_noise_is_no_turbulence_whatever_its_spectrum(coloured):
     for seed in range(3):
         flights = vanes(0.0, coloured)(20 + seed)
         assert find_turbulence(flights, [f.difference for f in flights]) is None

@@ -83,14 +83,14 @@ def test_a_lag_is_what_a_linear_system_makes_of_its_input():
     assert_allclose(LAGGED.along(T, {"de": x}), expected, atol=5e-5)
 
 
-def test_a_way_travelled_is_a_time_at_constant_speed():
+def test_a_distance_travelled_is_a_time_at_constant_speed():
     x, V = np.sin(2.0 * T), np.full(len(T), 40.0)
     for kind in ("lag", "delay"):
-        by_way = state(kind, "alpha", distance=8.0).along(T, {"alpha": x, "V": V})
-        assert_allclose(by_way, state(kind, "alpha", tau=0.2).along(T, {"alpha": x}), atol=1e-12)
+        by_distance = state(kind, "alpha", distance=8.0).along(T, {"alpha": x, "V": V})
+        assert_allclose(by_distance, state(kind, "alpha", tau=0.2).along(T, {"alpha": x}), atol=1e-12)
 
 
-def test_a_fraction_of_a_state_is_felt():
+def test_a_fraction_of_a_state_acts():
     x = np.sin(2.0 * T)
     complete = state("backlash", "de", width=0.1).along(T, {"de": x})
     part = state("backlash", "de", width=0.1, fraction=0.4).along(T, {"de": x})
@@ -106,12 +106,12 @@ def test_a_fraction_of_a_state_is_felt():
         ("stops", {"low": 0.2, "high": 0.1}, "nothing between"),
     ],
 )
-def test_a_state_that_cannot_be_is_refused_with_what_it_needs(kind, values, says):
+def test_an_impossible_state_is_refused_with_what_it_needs(kind, values, says):
     with pytest.raises(ModelError, match=says):
         state(kind, "de", **values)
 
 
-def test_a_model_with_states_is_worked_out_along_a_recording_and_reads_back(tmp_path):
+def test_a_model_with_states_is_evaluated_along_a_recording_and_reads_back(tmp_path):
     model = following(OWN, "de", "de_late", State("lag", "de", {"tau": Quantity(0.15, 0.02, "s")}))
     simulated = fly(OWN)
     simulated = ss.compute_all([simulated], AIRCRAFT)[0]
@@ -129,7 +129,7 @@ def test_a_model_with_states_is_worked_out_along_a_recording_and_reads_back(tmp_
         model.evaluate({c: simulated[c] for c in model.channels})
 
 
-def test_a_file_with_a_state_that_cannot_be_names_the_file_and_the_state(tmp_path):
+def test_a_file_with_an_impossible_state_is_refused_with_file_and_state(tmp_path):
     model = following(OWN, "de", "de_late", LAGGED)
     stated = model.to_dict()
     stated["states"]["de_late"]["kind"] = "spring"
@@ -152,7 +152,7 @@ def test_a_delayed_input_flies_as_one_behind_an_actuator():
     ("term", "value", "one"),
     [("alpha_late", -0.15, state("lag", "alpha", tau=0.3)), ("x_sep", -0.03, SEPARATED)],
 )
-def test_a_state_of_the_flight_itself_is_integrated_beside_the_rigid_body(term, value, one):
+def test_a_state_of_the_flight_itself_is_integrated_with_the_rigid_body(term, value, one):
     model = with_term(term, value, **{term: one})
     start = trim(model, AIRCRAFT, TRIM["V"], TRIM["h"], air=CITATION.air)
     given = inputs() | {c: np.full(len(T), v) for c, v in start.controls.items() if c != "de"}
@@ -204,7 +204,7 @@ def test_a_state_without_effect_changes_nothing_of_the_flight():
         assert_allclose(with_state[c], plain[c], rtol=1e-9, atol=1e-9)
 
 
-def test_play_of_what_is_simulated_is_refused():
+def test_play_of_a_simulated_channel_is_refused():
     with pytest.raises(ModelError, match="backlash of 'alpha', which is simulated"):
         fly(with_term("alpha_play", -0.1, alpha_play=state("backlash", "alpha", width=0.01)))
 
@@ -273,7 +273,7 @@ _BY_FORM = ("stall-hysteresis", "actuator-lag")
     ("effect", "within"),
     [*((e, 1e-10) for e in _TERMS), *((e, 1e-3) for e in _OF_LIFT), *((e, 0.03) for e in _STATES)],
 )
-def test_an_effect_in_the_model_is_the_effect_that_was_found(effect, within, flights):
+def test_the_effect_in_the_model_is_the_effect_that_was_found(effect, within, flights):
     # Terms are the found signature to the last digits, except the lift, which the signature has from a surrogate of
     # the simulation; states are the physics that a signature is the slope of.
     variants = named(effect).variants(flights)
@@ -296,7 +296,7 @@ def test_an_effect_in_the_model_is_the_effect_that_was_found(effect, within, fli
         assert np.sqrt(off) < within * np.sqrt(size)
 
 
-def test_a_stand_in_can_be_simulated_with_the_rate_of_angle_of_attack_and_says_what_it_said(flights):
+def test_a_surrogate_can_be_simulated_with_the_rate_of_angle_of_attack_and_gives_the_same_values(flights):
     scale, centre = {"alpha": 0.1, "alpha_dot_hat": 0.002}, {"alpha": 0.14, "alpha_dot_hat": 1e-4}
     terms, values = {"Cm": (("alpha",), ("alpha_dot_hat",))}, {"Cm": np.array([-0.1, -0.02])}
     stand_in = Surrogate(centre, scale, terms, values, {"Cm": 0.01}, {"Cm": 1.0})
@@ -306,7 +306,7 @@ def test_a_stand_in_can_be_simulated_with_the_rate_of_angle_of_attack_and_says_w
     assert len(fly(AeroModel({**OWN.responses, "Cm": made["Cm"]}), inputs(t=T[:20]))) == 20
 
 
-def test_what_lies_in_an_instrument_is_not_put_into_the_model(flights):
+def test_an_instrument_fault_is_not_put_into_the_model(flights):
     one, _ = as_added(named("sensor-scale"), named("sensor-scale").variants(flights)[0], flights)
     assert not one.is_known
     assert "in what an instrument reads" in one.remark
@@ -353,7 +353,7 @@ def test_own_terms_stay_bit_for_bit_and_the_missing_term_comes_with_value_and_er
     assert found.remarks == ()
 
 
-def test_a_lag_found_flies_nearer_to_the_truth_than_the_simulation_did():
+def test_a_model_with_the_lag_found_is_nearer_to_the_truth_than_the_simulation():
     truth = following(OWN, "de", "de_late", LAGGED)
     found = corrected(truth, "actuator-lag")
     tau = found.states["de_late"].parameters["tau"]
@@ -417,7 +417,7 @@ def test_a_patched_actuator_flies_as_the_delayed_input_does(tmp_path):
     assert np.abs(simulated["q"] - lagged["q"]).max() < 0.02 * np.abs(plain["q"] - lagged["q"]).max()
 
 
-def test_an_effect_of_which_jsbsim_cannot_hold_all_is_not_written_in_part():
+def test_an_effect_that_jsbsim_can_hold_only_in_part_is_not_written():
     pytest.importorskip("jsbsim")
     states = {"de_late": state("lag", "de", tau=0.2), "da_late": state("delay", "da", tau=0.2)}
     both = effect("actuator-lag", states=states, replaced={"Cm": {"de": "de_late", "da": "da_late"}})
@@ -427,7 +427,7 @@ def test_an_effect_of_which_jsbsim_cannot_hold_all_is_not_written_in_part():
     assert any("counts a delay" in remark for remark in patched.remarks)
 
 
-def test_what_jsbsim_cannot_hold_is_said_and_nothing_is_written():
+def test_an_effect_that_jsbsim_cannot_hold_is_reported_and_nothing_is_written():
     pytest.importorskip("jsbsim")
     one = effect("stall-hysteresis", {"CD": {"(1 - x_sep)": 0.1}}, states={"x_sep": SEPARATED})
     patched = patched_aircraft("c172p", [one], AIRCRAFT, [])

@@ -39,7 +39,7 @@ def test_limits_are_infinities_not_warnings():
     assert np.isnan(adjusted_r2(1.0, 2.0, 4, 3))
 
 
-def test_familywise_F_in_leaves_the_probability_asked():
+def test_familywise_F_in_has_the_requested_error_probability():
     for p in (1, 164, 494):
         F = familywise_F_in(p, 1e4, 0.05)
         assert_allclose(1.0 - f.cdf(F, 1, 1e4) ** p, 0.05, rtol=1e-9)

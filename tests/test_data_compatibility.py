@@ -108,7 +108,7 @@ def test_coloured_residuals_widen_the_std_to_what_the_scatter_is(flights):
     assert np.mean(np.abs(coloured) < 2.0) > 0.89
 
 
-def test_what_nothing_determines_keeps_its_start_and_its_spread():
+def test_undetermined_values_keep_their_start_and_their_standard_deviation():
     held = tuple(i for i in HELD if STATES[i] != "wn")
     problem, _ = quiet(300, 4, held)
     fit = check_data_compatibility(problem)
@@ -128,7 +128,7 @@ def test_without_noise_the_truth_comes_back_to_rounding():
     assert np.abs((fit.values - path[0, problem.active]) / problem.start_std).max() < 1e-4
 
 
-def test_a_heading_read_within_one_turn_is_no_residual_of_a_complete_one():
+def test_a_heading_recorded_within_one_turn_is_no_residual_of_a_full_turn():
     problem, _ = quiet(300, 6)
     y = problem.measurements.copy()
     y[100:200, 5] += 2.0 * np.pi
@@ -137,7 +137,7 @@ def test_a_heading_read_within_one_turn_is_no_residual_of_a_complete_one():
     assert_allclose(other.values, one.values, rtol=1e-9, atol=1e-9)
 
 
-def test_a_search_that_runs_out_of_steps_says_so_and_hands_over_its_best():
+def test_a_search_that_runs_out_of_steps_reports_it_and_returns_its_best_values():
     problem, _ = quiet(600, 7)
     fit = check_data_compatibility(problem, iterations=1)
     assert not fit.converged

@@ -253,22 +253,22 @@ def test_the_closed_loop_is_stable_and_its_modes_add_up_to_the_plain_recursion()
     assert_allclose(got, expected, atol=1e-10 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("colour", cases.COLOURS)
-def test_a_residual_has_unit_variance_and_its_ar_whitens_it(colour):
-    e = cases.residual(colour, 400_000, np.random.default_rng(0))
+@pytest.mark.parametrize("noise_model", cases.COLOURS)
+def test_a_residual_has_unit_variance_and_its_ar_whitens_it(noise_model):
+    e = cases.residual(noise_model, 400_000, np.random.default_rng(0))
     assert e.var() == pytest.approx(1.0, rel=0.05)
-    ar, innovation = cases.true_ar(colour)
+    ar, innovation = cases.true_ar(noise_model)
     w = lfilter(np.r_[1.0, -ar], 1.0, e)[len(ar) :]
     assert w.std() == pytest.approx(innovation, rel=0.01)
     # Box and Pierce: n sum rho^2 over 20 lags is chi-squared(20), below 45.3 in 99.9 per cent.
     rho = np.array([w[k:] @ w[:-k] / (w @ w) for k in range(1, 21)])
     # No AR of finite order whitens a five-point mean, whose spectrum has zeros; what is left is small.
-    assert len(w) * np.sum(rho**2) < (45.3 if colour != "smoothed_5pt" else 2000.0)
+    assert len(w) * np.sum(rho**2) < (45.3 if noise_model != "smoothed_5pt" else 2000.0)
 
 
-@pytest.mark.parametrize("colour", ["white", "ar1_0.92"])
-def test_weak_terms_stand_at_their_stated_t_values(colour):
-    case = cases.colour_case(colour, 2, n=6000, n_manoeuvres=2)
+@pytest.mark.parametrize("noise_model", ["white", "ar1_0.92"])
+def test_weak_terms_stand_at_their_stated_t_values(noise_model):
+    case = cases.colour_case(noise_model, 2, n=6000, n_manoeuvres=2)
     assert case.n == 6000
     assert len(case.manoeuvres) == 2
     assert case.r2 == pytest.approx(0.96, abs=0.02)

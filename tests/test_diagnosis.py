@@ -51,7 +51,7 @@ def test_what_is_written_follows_the_contract(ground):
     assert all({"effect", "needs"} <= set(one) for one in stated["not_testable"])
 
 
-def test_the_corrected_model_can_be_asked_along_the_flights(ground):
+def test_the_corrected_model_can_be_evaluated_along_the_flights(ground):
     case, found = ground
     assert set(found.model) == set(found.responses)
     recorded = ss.compute_all(case.recordings, case.aircraft)
@@ -83,12 +83,12 @@ def test_nothing_is_named_where_the_simulation_is_right():
     assert not [f for f in found.findings if f.kind != "random"]
 
 
-def test_a_tolerance_deviating_beyond_itself_is_pointed_at():
-    pulls = [Pull("V scale", 4.8, 0.036, 0.002, "relative"), Pull("mass", -3.9, -0.01, 0.002, "relative")]
-    said = strained(pulls)
+def test_a_parameter_beyond_its_tolerance_is_reported():
+    deviations = [Pull("V scale", 4.8, 0.036, 0.002, "relative"), Pull("mass", -3.9, -0.01, 0.002, "relative")]
+    said = strained(deviations)
     assert len(said) == 1
     assert "'V scale' is pulled +4.8" in said[0]
-    assert strained(pulls[1:]) == []
+    assert strained(deviations[1:]) == []
 
 
 def test_one_manoeuvre_alone_is_not_decided(ground):

@@ -47,7 +47,7 @@ def test_the_signature_of_the_effect_explains_the_differences(compared):
     assert left(best) < 0.2
 
 
-def test_taking_out_what_was_added_raises_the_evidence_and_taking_out_a_stranger_does_not(case, compared):
+def test_the_evidence_rises_without_the_added_effect_and_not_without_another_effect(case, compared):
     def near(name):
         flight = next(r for r in case.recordings if r.name == name)
         fade = np.exp(-4.0 * flight["h_agl"] / case.aircraft.b)

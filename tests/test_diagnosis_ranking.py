@@ -20,7 +20,7 @@ from structsel.recording import Recording
 from tests.missing_physics import flights_with, fly, ready, tried
 
 
-def test_the_same_effect_in_several_places_is_one_of_those_looked_for(monkeypatch):
+def test_an_effect_in_several_places_is_one_hypothesis(monkeypatch):
     def taken(effects):
         left = iter(effects)
         monkeypatch.setattr(ranking, "score_all", lambda *_: [])
@@ -40,7 +40,7 @@ def likely(effect):
     return Weighed(score, np.where(np.array(FEATURES) == "event", 0.0, 10.0))
 
 
-def test_what_leaves_much_of_its_own_responses_is_doubted_and_what_explains_them_is_not():
+def test_an_effect_that_leaves_much_of_its_own_responses_has_a_warning_and_one_that_explains_them_has_none():
     flights = flights_with({"Cl": {"da^3": -20.0}})
 
     def found(*effects):
@@ -56,7 +56,7 @@ def test_what_leaves_much_of_its_own_responses_is_doubted_and_what_explains_them
     assert (right.effect, right.ambiguous_with) == ("control-nonlinearity", ())
 
 
-def test_timing_that_other_flights_do_not_bear_out_is_left_as_it_is_stated():
+def test_timing_that_other_flights_do_not_confirm_keeps_its_stated_value():
     recordings, stated = fly({})
     problem, _ = tried(ready(recordings, stated), "wrong-derivative")
     delayed = [n.name for n in problem.nuisances].index("de, da, dr late")
@@ -70,7 +70,7 @@ def test_timing_that_other_flights_do_not_bear_out_is_left_as_it_is_stated():
     assert free(1.0, -1.0) == []
 
 
-def test_an_attitude_a_little_out_of_scale_is_within_tolerances_and_accuses_no_gyro():
+def test_a_small_attitude_scale_error_is_within_tolerances_and_is_not_diagnosed_as_a_gyro_fault():
     recordings, stated = fly({})
 
     def read_as(channel, factor):
@@ -89,7 +89,7 @@ def test_an_attitude_a_little_out_of_scale_is_within_tolerances_and_accuses_no_g
     assert_allclose(found.trial.theta[0] * found.signature.variant.parameters[0].sd, 0.05, rtol=0.1)
 
 
-def test_what_only_kinematics_shows_is_a_word_beside_the_verdict():
+def test_an_effect_that_only_kinematics_shows_is_a_remark_to_the_verdict():
     recordings, stated = fly({})
 
     def said(north, east):
@@ -106,7 +106,7 @@ def test_what_only_kinematics_shows_is_a_word_beside_the_verdict():
     assert said(0.0, 0.0) == []
 
 
-def test_responses_of_which_little_is_predicted_are_pointed_at():
+def test_responses_with_little_predicted_are_reported():
     (said,) = drowned({"CZ": (0.2, True), "Cl": (0.94, True)})
     assert "of its rms Cl 0.94 is left" in said
     assert drowned({"CZ": (0.2, True)}) == []

@@ -33,7 +33,7 @@ def real():
         ("gtm_stall", "static-stall", "CZ", 0.3),
     ],
 )
-def test_what_a_linear_simulation_leaves_out_is_named_and_most_of_the_error_goes(real, name, effect, response, left):
+def test_effects_missing_from_a_linear_simulation_are_named_and_reduce_the_error(real, name, effect, response, left):
     _, found = real.run(name)
     first, last = found.findings[0], found.findings[-1]
     assert found.verdict == "mismatch"

@@ -20,7 +20,7 @@ def asked():
     return problem, {s.effect: s for s in score_all(problem, library)}
 
 
-def test_what_recordings_tell_is_what_the_other_effect_and_tolerances_leave_of_the_first(asked):
+def test_the_information_is_the_part_of_the_first_effect_that_the_other_and_the_tolerances_leave(asked):
     problem, scores = asked
     one, other = scores["wrong-derivative"], scores["downwash-lag"]
     y = np.concatenate(
@@ -35,7 +35,7 @@ def test_what_recordings_tell_is_what_the_other_effect_and_tolerances_leave_of_t
 
 
 @pytest.mark.slow
-def test_a_manoeuvre_on_the_control_that_barely_moved_tells_two_effects_in_pitch_apart(asked):
+def test_a_manoeuvre_on_the_control_that_barely_moved_separates_two_effects_in_pitch(asked):
     problem, scores = asked
     one, other = scores["wrong-derivative"], scores["downwash-lag"]
     found = find_separation(problem, one, other)
@@ -50,7 +50,7 @@ def test_a_manoeuvre_on_the_control_that_barely_moved_tells_two_effects_in_pitch
 
 
 @pytest.mark.slow
-def test_no_manoeuvre_tells_what_is_the_same(asked):
+def test_no_manoeuvre_separates_equal_effects(asked):
     problem, scores = asked
     one = scores["asymmetry"]
     found = find_separation(problem, one, one)
@@ -58,13 +58,13 @@ def test_no_manoeuvre_tells_what_is_the_same(asked):
     assert "none tells" in found.says
 
 
-def test_none_is_simulated_where_a_simulation_tells_something_that_its_stand_in_does_not(asked):
+def test_no_manoeuvre_is_given_where_the_simulation_differs_from_its_surrogate(asked):
     problem, scores = asked
     flights = tuple(replace(f, simulated={**f.simulated, "lift": f.simulated["CZ"]}) for f in problem.flights)
     assert find_separation(replace(problem, flights=flights), scores["asymmetry"], scores["cg-shift"]) is None
 
 
-def test_what_is_not_tied_stays_as_it_is():
+def test_a_diagnosis_without_a_tie_stays_as_it_is():
     finding = SimpleNamespace(effect="asymmetry", ambiguous_with=())
     step = SimpleNamespace(score=SimpleNamespace(effect="asymmetry"))
     assert with_separation(finding, SimpleNamespace(steps=(step,))) is finding

@@ -90,7 +90,7 @@ def test_a_mode_excited_by_the_elevator_is_found_with_its_frequency(numerator, n
     assert_allclose(found.values[name], 0.8, rtol=0.25)
 
 
-def test_a_mode_at_the_edge_of_what_is_compared_is_found():
+def test_a_mode_at_the_edge_of_the_compared_band_is_found():
     w, made = 2.0 * np.pi * 3.95, []
     slow = [Recording(r.name, r.t[::2], {c: r[c][::2] for c in r.names if c != "t"}) for r in fly()]
     for f in compare(slow):
@@ -108,7 +108,7 @@ def test_slow_samples_cannot_show_a_mode():
     assert "samples faster than" in hypothesis.needs(slow)
 
 
-def test_the_same_gust_in_two_manoeuvres_is_one_effect_with_both_moments():
+def test_the_same_gust_in_two_manoeuvres_is_one_effect_with_both_times():
     seen = []
     for k, start in enumerate((5.0, 11.0)):
         air = Atmosphere(gusts=(Gust("w", -3.0, start, 1.6),))

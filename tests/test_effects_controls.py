@@ -46,7 +46,7 @@ def test_an_elevator_with_a_cubic_is_found(flights):
     assert_allclose(theta["de loss"], 40.0 * largest**2 / 1.92, rtol=0.12)
 
 
-def test_a_rudder_whose_cables_segment_is_found(flights):
+def test_a_rudder_with_cable_stretch_is_found(flights):
     assert STRETCH.needs(flights) == ""
     _, theta, fraction = best(flights, STRETCH, ["Cn", "CY"])
     assert set(theta) == {"dr loss at mean qbar"}

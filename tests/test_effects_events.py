@@ -24,7 +24,7 @@ def without(recordings, *names):
     return [Recording(r.name, r.t, {n: r[n] for n in r.names if n not in ("t", *names)}) for r in recordings]
 
 
-def test_a_flap_that_no_channel_tells_of_is_found_with_its_times():
+def test_a_flap_without_a_channel_is_found_with_its_times():
     starts = (9.0, 11.0)
     extra = {**lift_and_drag(0.10, 0.02, "cfg"), "Cm": {"cfg": -0.03}}
     recordings, stated = fly(extra, cfg=lambda k: np.clip((T - starts[k]) / 2.5, 0.0, 1.0))
@@ -49,7 +49,7 @@ def test_a_flap_that_is_recorded_is_found_as_its_channel():
     check_all(flights, CONFIGURATION)
 
 
-def test_a_change_is_an_event_only_at_moments_that_were_sought():
+def test_a_change_is_an_event_only_at_times_that_were_searched():
     moved = {"df": lambda k: 0.3 * np.clip((T - 9.0 - 2.0 * k) / 3.0, 0.0, 1.0)}
     recordings, stated = fly({**lift_and_drag(0.5, 0.1, "df"), "Cm": {"df": -0.1}}, **moved)
     for seen, is_event in ((recordings, False), (without(recordings, "df"), True)):

@@ -46,7 +46,7 @@ def times(response, factor):
         ),
     ],
 )  # fmt: skip
-def test_part_of_an_effect_is_that_effect(effect, more, about, values):
+def test_part_of_an_effect_is_the_effect(effect, more, about, values):
     found = named(compare(fly(changed(**more))), effect, about)
     assert found.explained > 0.97
     assert_allclose(list(found.values.values()), values, rtol=0.05, atol=0.03 * np.abs(values).max())
@@ -64,7 +64,7 @@ def test_part_of_an_effect_is_that_effect(effect, more, about, values):
         ),
     ],
 )  # fmt: skip
-def test_one_instrument_of_several_is_found_by_itself(effect, channel, reads, about, value):
+def test_one_instrument_of_several_is_found_alone(effect, channel, reads, about, value):
     found = best(compare([r.with_channels(**{channel: r[channel] + reads(r)}) for r in fly()]), one_of(EFFECTS, effect))
     assert found.variant.about == about
     assert found.explained > 0.97

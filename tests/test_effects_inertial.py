@@ -67,7 +67,7 @@ def test_fuel_that_swings_sideways_is_found_at_its_frequency():
 
 
 @pytest.mark.parametrize("effect", ["mass-error", "cg-shift"])
-def test_what_grows_from_manoeuvre_to_manoeuvre_is_in_full_in_one_simulated_later(effect):
+def test_a_growing_effect_is_complete_in_a_later_manoeuvre(effect):
     flights = compare(fly())
     flights = [*flights, replace(flights[0], name="again")]
     growing = [v for v in one_of(EFFECTS, effect).variants(flights) if "growing from" in v.about]

@@ -123,7 +123,7 @@ def test_a_rotor_that_follows_all_controls_delayed_is_found_with_its_lag():
     assert_allclose(found.values["lag"], 0.15, rtol=0.1)
 
 
-def test_each_says_what_it_lacks():
+def test_each_effect_states_the_channels_it_lacks():
     flights = compare(fly())
     assert "rotor" in one_of(EFFECTS, "rotor-inflow-lag").needs(flights)
     calm = compare(fly(size=0.05))

@@ -34,7 +34,7 @@ def flights():
         (ACROSS, "Cn", "alpha*p_hat in Cn", -1.5),
     ],
 )
-def test_a_term_simulated_but_not_simulated_is_found_with_its_value(flights, hypothesis, response, about, value):
+def test_a_term_that_the_simulation_lacks_is_found_with_its_value(flights, hypothesis, response, about, value):
     variant, theta, fraction = best(flights, hypothesis, [response])
     assert variant.about == about
     assert fraction > 0.7
@@ -64,7 +64,7 @@ def test_every_variant_has_finite_columns_and_words(flights):
         check_all(flights, hypothesis)
 
 
-def test_a_power_left_out_of_a_fitted_simulation_is_found_beside_the_refitted_line(flights):
+def test_a_power_left_out_of_a_fitted_simulation_is_found_with_the_refitted_slope(flights):
     # The residual of a linear fit to a parabola is the parabola less its own regression line.
     one = flights[0]
     a = one["alpha"]

@@ -121,7 +121,7 @@ def motion(t, u, force):
         ("friction", lambda y, v: 1.5 * np.tanh(v / 0.1), "force", 1.5),
     ],
 )
-def test_a_force_beside_the_input_is_found_in_the_input_s_unit(effect, force, name, value):
+def test_a_force_added_to_the_input_is_found_in_the_input_s_unit(effect, force, name, value):
     flights = rig([mechanism(force, seed) for seed in (3, 4)], 0.02, "y")
     order, found = ranking(flights)
     assert order[0] == effect
@@ -136,7 +136,7 @@ def test_a_force_beside_the_input_is_found_in_the_input_s_unit(effect, force, na
         ("friction", lambda y, v: 1.5 * np.tanh(v / 0.1), "force", 1.5),
     ],
 )
-def test_a_force_is_found_in_what_accelerates_a_recorded_motion(effect, force, name, value):
+def test_a_force_is_found_in_the_acceleration_of_a_recorded_motion(effect, force, name, value):
     flights = []
     for seed in (3, 4):
         t, u = pushed(seed)
@@ -208,7 +208,7 @@ def test_tolerances_of_a_plant_are_errors_of_its_stiffness_and_damping(name, wro
     assert_allclose(0.01 * column.std(), expected.std(), rtol=0.05)
 
 
-def test_tolerances_of_what_accelerates_a_motion_are_its_own_terms():
+def test_tolerances_of_an_acceleration_are_its_own_terms():
     t, u = pushed(3)
     y, v = motion(t, u, lambda y, v: 0.0)
     channels = {"u": u, "y": y, "v": v, "a": u - 0.6 * v - 25.0 * y}

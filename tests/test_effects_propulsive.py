@@ -59,7 +59,7 @@ def test_thrust_that_comes_delayed_is_found_with_its_lag():
     assert_allclose(found.values["lag"], 1.0, rtol=0.15)
 
 
-def test_the_force_across_the_shaft_and_the_p_factor_are_stated_apart():
+def test_the_force_across_the_shaft_and_the_p_factor_are_separate_effects():
     found = named(compare(fly(aerodynamics(ACROSS))), "propeller-normal-force", "force across the shaft")
     assert found.explained > 0.97
     assert_allclose([found.values["force per CT"], found.values["moment per CT"]], [1.0, 2.0], rtol=0.05)
@@ -70,7 +70,7 @@ def test_the_force_across_the_shaft_and_the_p_factor_are_stated_apart():
 
 
 @pytest.mark.parametrize("speed", [None, 2400.0])
-def test_a_rotor_nobody_allowed_for_is_found_with_its_angular_momentum(speed):
+def test_a_rotor_missing_from_the_simulation_is_found_with_its_angular_momentum(speed):
     recordings = fly(aircraft=aircraft(engine={"angular_momentum": 500.0}))
     if speed:
         recordings = [r.with_channels(rpm=speed) for r in recordings]
@@ -103,7 +103,7 @@ def test_an_engine_that_fails_in_two_manoeuvres_is_one_effect():
     assert_allclose(found.values["offset"], 0.5, rtol=0.1)
 
 
-def test_without_a_thrust_that_changes_nothing_is_said():
+def test_a_constant_thrust_gives_no_finding():
     recordings = [Recording(r.name, r.t, {c: r[c] for c in r.names if c not in ("t", "thrust")}) for r in fly()]
     still = compare(recordings)
     for h in EFFECTS:

@@ -70,7 +70,7 @@ def test_turned_accelerometers_are_found_about_their_axis():
     assert_allclose(found.values["about y"], angle, rtol=0.03)
 
 
-def test_errors_of_a_reading_add_up_as_the_complete_chain_says():
+def test_measurement_errors_add_up_as_in_the_complete_sensor_chain():
     # An error that varies in time, by level and rate, against the chain gone through with and without it.
     flight = compare(fly())[0]
     error = 1e-4 * np.sin(1.7 * flight.t)
@@ -90,17 +90,17 @@ def test_errors_of_a_reading_add_up_as_the_complete_chain_says():
             assert_allclose(stated.get(response, 0.0 * error), complete, atol=1e-3 * np.abs(complete).max() + 1e-12)
 
 
-def test_an_accelerometer_is_scaled_by_what_it_should_have_read():
+def test_an_accelerometer_scale_error_is_relative_to_the_true_reading():
     flight = faulty(scale={"az": 0.02})[0]
     assert_allclose(reading(flight, "az"), flight["az"] / 1.02, atol=0.1)  # m/s^2; as read it is off by 0.2
 
 
-def test_flights_without_air_data_cannot_say_anything_of_instruments():
+def test_flights_without_air_data_give_no_instrument_faults():
     t = np.arange(0.0, 4.0, 0.02)
     u = np.sin(t)
-    bench = prepare_flight(Recording("bench", t, {"u": u, "y": 2.0 * u}), AIRCRAFT, {"y": 1.9 * u})
+    level = prepare_flight(Recording("level", t, {"u": u, "y": 2.0 * u}), AIRCRAFT, {"y": 1.9 * u})
     for h in EFFECTS:
-        assert "channels V, alpha" in h.needs([bench])
+        assert "channels V, alpha" in h.needs([level])
 
 
 def test_a_reading_that_jumps_in_several_manoeuvres_is_found_with_its_times():

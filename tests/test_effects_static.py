@@ -17,7 +17,7 @@ STALL, GROUND, POLAR, ASYMMETRY = (
 MACH, REYNOLDS = (named(static, e) for e in ("compressibility", "reynolds"))
 
 
-def pull(t, k):
+def pull_up(t, k):
     made = excite(t, k)
     return {**made, "de": made["de"] - 0.10 * np.clip((t - 2.0) / 6.0, 0.0, 1.0) * (t < 9.0)}
 
@@ -37,7 +37,7 @@ def test_a_wing_that_separates_is_found_at_its_angle():
         "CX": {"lost*sin(alpha)": -1.0, "drag*cos(alpha)": -1.0},
         "Cm": {"gone": -0.05},
     }
-    flights = flights_with(extra, inputs=pull, definitions=definitions)
+    flights = flights_with(extra, inputs=pull_up, definitions=definitions)
     assert STALL.needs(flights) == ""
     variant, theta, fraction = best(flights, STALL, ["CZ", "CX", "Cm"])
     assert variant.about == "separation"
@@ -81,7 +81,7 @@ def test_ground_effect_is_found_with_its_decay():
 @pytest.mark.parametrize(("term", "value", "found"), [("(0.1 + 5.1*alpha)^2", -0.03, 0.03), ("alpha^2", -0.8, 0.8)])
 def test_drag_due_to_lift_is_found(term, value, found):
     base = 5.459 if term == "alpha^2" else 0.0
-    flights = flights_with({"CX": {term: base + value}}, inputs=pull)
+    flights = flights_with({"CX": {term: base + value}}, inputs=pull_up)
     wanted = [v for v in POLAR.variants(flights) if v.about == ("alpha^2" if base else "CL^2")]
     theta, fraction = explain(flights, wanted[0], ["CX"])
     assert fraction > 0.97
@@ -137,7 +137,7 @@ def test_a_drag_rise_starts_at_its_mach_number():
 
 
 def test_drag_that_falls_with_reynolds_number_is_found():
-    flights = flights_with({"CX": {"log(rho*V)": 0.03}}, speeds=(45.0, 52.0), h=(500.0, 1500.0), inputs=pull)
+    flights = flights_with({"CX": {"log(rho*V)": 0.03}}, speeds=(45.0, 52.0), h=(500.0, 1500.0), inputs=pull_up)
     assert REYNOLDS.needs(flights) == ""
     drag = next(v for v in REYNOLDS.variants(flights) if v.about == "drag")
     theta, fraction = explain(flights, drag, ["CX"])
@@ -146,8 +146,8 @@ def test_drag_that_falls_with_reynolds_number_is_found():
     check_all(flights, REYNOLDS)
 
 
-def test_a_simulation_right_at_another_reynolds_number_is_off_by_a_level_too():
-    flights = flights_with({"CX": {"log(rho*V/20)": 0.005}}, speeds=(45.0, 52.0), h=(500.0, 1500.0), inputs=pull)
+def test_a_simulation_correct_at_another_reynolds_number_has_an_offset_too():
+    flights = flights_with({"CX": {"log(rho*V/20)": 0.005}}, speeds=(45.0, 52.0), h=(500.0, 1500.0), inputs=pull_up)
     variant = next(v for v in REYNOLDS.variants(flights) if "another" in v.about)
     X = np.vstack([variant.columns(f)["CX"] for f in flights])
     y = np.concatenate([f.difference["CX"] for f in flights])
@@ -155,7 +155,7 @@ def test_a_simulation_right_at_another_reynolds_number_is_off_by_a_level_too():
     assert_allclose(found, [-0.005, -0.005 * np.log(np.mean([f["rho"] * f["V"] for f in flights]) / 20.0)], rtol=0.1)
 
 
-def test_what_flights_do_not_cover_is_said():
+def test_conditions_that_flights_do_not_cover_are_reported():
     flights = flights_with({}, speeds=(70.0,), inputs=lambda t, k: excite(t, k, 0.02, 0.03, 0.03))
     assert STALL.needs(flights) == "angle of attack above 0.1 rad"
     assert MACH.needs(flights) == "Mach numbers above 0.25"

@@ -27,7 +27,7 @@ NAMES = ["alpha", "beta", "da", "de", "dr", "p_hat", "q_hat", "r_hat"]  # sorted
 
 
 def problem(seed=0, n=600, noise=0.1, rho=0.0):
-    """Eight correlated columns off zero; the response is made of columns 1, 4 and 6."""
+    """Eight correlated columns off zero; the response consists of columns 1, 4 and 6."""
     rng = np.random.default_rng(seed)
     X = np.array([ar1(rng, n, 0.9, 0.1) for _ in range(8)]).T
     X = 0.3 * X @ rng.normal(size=(8, 8)) / 3 + X + rng.normal(size=8)

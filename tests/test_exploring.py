@@ -51,7 +51,7 @@ def held_out(recordings, terms):
 
 
 @pytest.mark.parametrize("term", ["alpha^2", "alpha*de", "de^3"])
-def test_each_term_does_what_refitting_with_it_does(term):
+def test_each_term_has_the_effect_of_refitting_with_it(term):
     found = try_additions(MODEL, RECORDINGS, "Cm", POOL)
     terms = ["alpha", "de", term]
     fit = sm.OLS(response(RECORDINGS), columns(RECORDINGS, terms)).fit()
@@ -65,7 +65,7 @@ def test_each_term_does_what_refitting_with_it_does(term):
     assert_allclose(found.values[i], fit.params[1 + order.index(term)], rtol=1e-8)
 
 
-def test_the_model_as_it_is_stands_before_them():
+def test_the_present_model_is_listed_before_them():
     found = try_additions(MODEL, RECORDINGS, "Cm", POOL)
     fit = sm.OLS(response(RECORDINGS), columns(RECORDINGS, ["alpha", "de"])).fit()
     assert_allclose(found.before[0], fit.rsquared, rtol=1e-12)
@@ -88,7 +88,7 @@ def test_one_recording_is_held_out_segment_by_segment():
     assert_allclose(found["alpha^2"][2], held_out(parts, ["alpha", "de", "alpha^2"]), rtol=1e-9)
 
 
-def test_terms_of_the_model_and_what_they_explain_are_passed_over():
+def test_terms_of_the_model_and_their_combinations_are_passed_over():
     # V stands still, so that alpha*V is alpha again.
     found = try_additions(MODEL, RECORDINGS, "Cm", POOL + Candidates(["alpha*V", "V"]))
     assert {str(term) for term in found.terms} == {"alpha^2", "alpha*de", "de^2", "de^3"}
@@ -123,18 +123,18 @@ def explorer():
     return explore_residuals(MODEL, RECORDINGS, candidates=POOL)
 
 
-def test_the_explorer_opens_on_the_term_that_helps_most(explorer):
+def test_the_explorer_opens_on_the_term_with_the_largest_gain(explorer):
     assert (explorer.response.value, explorer.channel.value, explorer.term.value) == ("Cm", "alpha", "alpha^2")
     assert bytes(explorer.figure.value).startswith(b"\x89PNG")
     r2 = explorer.additions["alpha^2"][0]
     assert f"{r2:.5g}" in explorer.effect.value
 
 
-def test_channels_that_stand_still_are_not_offered(explorer):
+def test_constant_channels_are_not_offered(explorer):
     assert explorer.channel.options == ("alpha", "de", "Cm", "CZ")
 
 
-def test_another_choice_draws_another_figure_and_tells_of_another_term(explorer):
+def test_another_choice_draws_another_figure_and_describes_another_term(explorer):
     before = explorer.figure.value
     explorer.channel.value = "de"
     with_term = explorer.figure.value

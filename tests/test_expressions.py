@@ -60,7 +60,7 @@ def test_dimensionless_channels_and_definitions_are_worked_out_from_the_state():
     assert_allclose(got[:, 3], (0.1 + 3 * channels["power"] / V**3) ** 2, rtol=1e-14)
 
 
-def test_terms_that_fraction_a_factor_fraction_its_work():
+def test_terms_with_a_common_factor_evaluate_it_once():
     maker = ProgramMaker(2)
     square = maker.emit("multiply", 0, 0)
     assert maker.emit("multiply", 0, 0) == square
@@ -70,7 +70,7 @@ def test_terms_that_fraction_a_factor_fraction_its_work():
     assert both.arrays.program.operation.size == 2 == max(p.arrays.program.operation.size for p in alone)
 
 
-def test_what_does_not_hold_comes_out_as_nan_or_inf_without_a_warning():
+def test_undefined_values_are_nan_or_inf_without_a_warning():
     maker = ProgramMaker(1)
     made = [maker.emit("log", 0), maker.emit("sqrt", 0), maker.emit("divide", maker.emit("number", value=1.0), 0)]
     program = maker.done()

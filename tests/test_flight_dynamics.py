@@ -228,7 +228,7 @@ def test_a_batch_is_what_each_set_flies_alone(trimmed):
     assert np.ptp(together.outputs, axis=0).max() > 1.0
 
 
-def test_parameters_by_name_do_what_their_names_say(trimmed):
+def test_parameters_by_name_act_on_the_named_coefficient(trimmed):
     ready = prepare(DEMO, demo_aircraft(), trimmed.inputs(np.arange(0.0, 2.0, 0.02)), start=trimmed)
     names = ["start:w", "bias:de", "drift:psi", "Calpha0", "KV"]
     nominal = ready.compiled.parameters(ready.manoeuvre)[ready.compiled.parameter_index(names)]
@@ -299,7 +299,7 @@ def test_a_set_that_blows_up_is_flagged_with_its_sample_and_leaves_the_others_al
         ({"V": 40.0, "alpha": 0.0, "theta": 0.3, "h": 500.0}, {"CX": {"log(0.1 - theta)": 1.0}}, "no longer finite"),
     ],
 )
-def test_every_way_to_stop_has_its_reason(start, model, said):
+def test_every_reason_to_stop_is_reported(start, model, said):
     body = Aircraft(name="stone", mass=5.0, S=0.1, b=1.0, cbar=1.0, inertia={"Ix": 1.0, "Iy": 1.0, "Iz": 1.0})
     gravity = 0.0 if "airspeed" in said else rb.G0
     ready = prepare(

@@ -13,7 +13,7 @@ T = DT * np.arange(2001)  # 20 s
 F = spectra.choose_frequencies(20.0, 0.05, 1.5)
 
 
-def test_frequencies_are_complete_multiples_of_one_over_the_record():
+def test_frequencies_are_integer_multiples_of_one_over_the_record():
     assert_allclose(F * 20.0, np.arange(1, 31), rtol=1e-12)
     with pytest.raises(DomainError, match="Widen the band"):
         spectra.choose_frequencies(2.0, 0.1, 0.4)

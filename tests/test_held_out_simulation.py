@@ -97,7 +97,7 @@ def test_a_wrong_drag_slows_down_as_mechanics_says(clean):
     assert_allclose(found["V"].stages["delivered"].rms, ramp(rate, 2.0, f.dt), rtol=0.05)
 
 
-def test_a_rate_that_readings_have_by_themselves_moves_the_reading(clean):
+def test_a_rate_error_of_the_measurements_alone_moves_the_measured_output(clean):
     f = clean[0]
     found = rows(simulate_stages([stated(f, k_theta=0.01, k_V=0.1)], 1.0))
     assert_allclose(found["theta"].stages["delivered"].rms, ramp(0.01, 1.0, f.dt), rtol=0.03)
@@ -144,7 +144,7 @@ def test_windows_agree_with_a_simulator_that_flies_the_wrong_model_itself():
     assert stiff["theta"].stages["delivered"].rms > 2.0 * found["theta"].stages["delivered"].rms
 
 
-def test_responses_that_the_simulation_does_not_tell_are_taken_as_measured(clean):
+def test_responses_that_the_simulation_does_not_give_are_taken_as_measured(clean):
     found = rows(simulate_stages([stated(f, only=("CX", "CZ", "Cm")) for f in clean], 2.0))
     assert list(found) == ["V", "alpha", "q", "theta"]
     complete = rows(simulate_stages([stated(f) for f in clean], 2.0))
@@ -162,7 +162,7 @@ def test_forces_alone_fly_an_aircraft_without_moments_of_inertia(clean):
     assert window_length(bare) == 2.0
 
 
-def test_without_coefficients_nothing_flies_and_it_says_so():
+def test_without_coefficients_nothing_is_simulated_and_the_reason_is_given():
     plant = SimpleNamespace(channels={"level": np.zeros(5)}, simulated={"level": np.zeros(5)})
     found = simulate_held_out(SimpleNamespace(bench=SimpleNamespace(flights=(plant,))))
     assert "no aerodynamic coefficient" in found.reason
@@ -170,7 +170,7 @@ def test_without_coefficients_nothing_flies_and_it_says_so():
     assert str(found) == f"not simulated in windows: {found.reason}"
 
 
-def test_a_motion_that_explodes_is_stated_and_not_scored(clean):
+def test_a_diverging_motion_is_reported_and_not_scored(clean):
     f = clean[0]
     wild = Surrogate({"q_hat": 0.0}, {"q_hat": 1.0}, {"Cm": (("q_hat",),)}, {"Cm": np.array([1e6])},
                      {"Cm": 0.0}, {"Cm": 1.0})  # fmt: skip
@@ -209,7 +209,7 @@ def ground():
 
 
 @needs_examples
-def test_with_the_physics_flights_not_used_for_it_are_simulated_nearer(ground):
+def test_with_the_effect_held_out_flights_are_simulated_nearer_to_the_recordings(ground):
     found = rows(simulate_held_out(ground))
     theta = found["theta"].stages
     assert theta["physics"].rms < 0.6 * min(theta["delivered"].rms, theta["refitted"].rms)
@@ -221,7 +221,7 @@ def test_with_the_physics_flights_not_used_for_it_are_simulated_nearer(ground):
 
 
 @needs_examples
-def test_what_flies_is_what_the_bars_judge(ground):
+def test_the_simulated_coefficients_are_those_of_the_bars(ground):
     for problem in (ground.bench, ground.bench.keeping([]), ground.bench.as_delivered):
         for m, (r, y, B) in enumerate(zip(problem.rows, problem.base.y, problem.base.B)):
             added = predicted_differences(problem, m, m)
@@ -232,7 +232,7 @@ def test_what_flies_is_what_the_bars_judge(ground):
 
 
 @needs_examples
-def test_levels_are_as_measured_and_all_else_is_as_stated(ground):
+def test_mean_values_are_as_measured_and_the_rest_is_as_simulated(ground):
     for one in predictions_by_stage(ground):
         f = one.flight
         for c in COEFFICIENTS:
@@ -243,7 +243,7 @@ def test_levels_are_as_measured_and_all_else_is_as_stated(ground):
 
 
 @needs_examples
-def test_what_is_written_is_plain_and_has_its_units(ground):
+def test_the_file_holds_plain_values_with_units(ground):
     found = simulate_held_out(ground)
     plain = json.loads(json.dumps(found.to_dict()))
     assert plain["window"]["unit"] == "s"
@@ -257,7 +257,7 @@ def test_what_is_written_is_plain_and_has_its_units(ground):
 
 
 @needs_examples
-def test_where_nothing_was_taken_in_there_are_two_stages(ground):
+def test_without_an_effect_taken_in_there_are_two_stages(ground):
     bare = replace(ground, steps=())
     stages = {tuple(one.stages) for one in predictions_by_stage(bare)}
     assert stages == {("delivered", "refitted")}
@@ -273,7 +273,7 @@ def test_only_flights_held_out_are_simulated(ground):
 
 
 @needs_examples
-def test_the_segment_drawn_is_that_of_the_channel_that_gained_most(ground):
+def test_the_segment_drawn_is_that_of_the_channel_with_the_largest_gain(ground):
     found = simulate_held_out(ground)
     drawn = found.stretch
     assert drawn.channel == found.gained.channel

@@ -24,9 +24,9 @@ def pairs(selection):
     return [{str(a.kept), str(a.other)} for a in selection.aliases]
 
 
-@pytest.mark.parametrize(("noise", "colour"), [("white", "white"), ("ar", "ar1_0.92")])
-def test_alpha_and_alpha_times_speed_are_aliases_at_nearly_constant_speed(noise, colour):
-    flights = fly(TRUTH, 0.02, colour, (2000, 2000), **speed(0.001))
+@pytest.mark.parametrize(("noise", "residual"), [("white", "white"), ("ar", "ar1_0.92")])
+def test_alpha_and_alpha_times_speed_are_aliases_at_nearly_constant_speed(noise, residual):
+    flights = fly(TRUTH, 0.02, residual, (2000, 2000), **speed(0.001))
     found = select(flights, "CZ", POOL, F_in="auto", noise=noise, bootstrap=0)["CZ"]
     (alias,) = [a for a in found.aliases if {str(a.kept), str(a.other)} == {"alpha", "V_ratio*alpha"}]
     # Of two terms the data cannot separate, the simpler is in the model.
@@ -101,7 +101,7 @@ def ranges_of(flight, *terms):
     return summarise_recordings([flight], Candidates(terms), ["CZ"])
 
 
-def test_terms_that_differ_by_one_factor_are_stated_how_little_it_varies():
+def test_terms_that_differ_by_one_factor_are_reported_with_its_variation():
     flight = one(V_ratio=np.full(200, 1.5))
     pair = Term("alpha"), Term("V_ratio*alpha")
     assert to_separate(*pair, ranges_of(flight, *pair)) == (
@@ -110,7 +110,7 @@ def test_terms_that_differ_by_one_factor_are_stated_how_little_it_varies():
     assert describe_channel("V", ranges_of(one(V=np.linspace(50.0, 70.0, 200)), Term("V"))) == "V = 60 +- 5.8 m/s"
 
 
-def test_terms_of_different_channels_are_stated_to_move_each():
+def test_terms_of_different_channels_are_reported_with_advice_to_move_each():
     pair = Term("alpha*de"), Term("alpha*mine")
     said = to_separate(*pair, ranges_of(one(), *pair))
     assert said == (
@@ -119,7 +119,7 @@ def test_terms_of_different_channels_are_stated_to_move_each():
     )
 
 
-def test_powers_of_one_channel_are_stated_to_widen_its_range():
+def test_powers_of_one_channel_are_reported_with_advice_to_widen_its_range():
     pair = Term("alpha"), Term("alpha^3")
     said = to_separate(*pair, ranges_of(one(), *pair))
     assert said.endswith("fly the same inputs about other trim angles of attack, or larger pitch inputs")

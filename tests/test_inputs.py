@@ -68,7 +68,7 @@ def test_an_impulse_carries_its_area_whatever_the_sampling():
         assert_allclose(impulse("da", 0.3, dt=dt)["da"].sum() * dt, 0.3)
 
 
-def test_a_table_runs_straight_between_points_and_jumps_where_two_fraction_a_time():
+def test_a_table_is_linear_between_points_and_jumps_where_two_have_one_time():
     points = [(0, 0), (1, 2), (1, -1), (2, -1), (3, 0)]
     assert_allclose(table("de", points, dt=0.5)["de"], [0, 1, -1, -1, -1, -0.5, 0])
     assert_allclose(table("de", points, between="hold", dt=0.5)["de"], [0, 0, -1, -1, -1, -1, 0])
@@ -325,7 +325,7 @@ def test_all_inputs_compared_have_the_same_energy(comparison):
         assert_allclose(energy(u), 0.01, rtol=1e-9)
 
 
-def test_no_input_tells_more_by_a_criterion_than_the_one_optimised_for_it(comparison):
+def test_no_input_has_more_information_by_a_criterion_than_the_one_optimised_for_it(comparison):
     frame = comparison.to_frame().set_index("input")
     others = frame.drop(index=["optimal A", "optimal D"])
     # Measured on the Hawk's short period: A 20 to 80 % lower than any other, D 8 % lower than Mehra's.
@@ -353,7 +353,7 @@ def test_estimates_from_many_flights_scatter_as_the_bound_says(comparison, runs)
     assert total["optimal A"] < min(total[k] for k in ("doublet", "3-2-1-1", "Mehra", "Schulz"))
 
 
-def test_the_scatter_of_any_estimator_can_be_asked_for():
+def test_the_scatter_of_any_estimator_can_be_computed():
     model, u = short_period(), doublet("de", 0.05, duration=8.0, dt=0.05)
 
     def by_least_squares(flight):
@@ -366,7 +366,7 @@ def test_the_scatter_of_any_estimator_can_be_asked_for():
     assert np.abs(found.bias[1]) > 3 * found.std[1] / 10
 
 
-def test_a_design_for_two_terms_tells_their_worst_combination_apart_best(comparison):
+def test_a_design_for_two_terms_determines_their_worst_combination_best(comparison):
     model = short_period()
     design = design_inputs(model, noise=NOISE, to_separate=["zq", "zde"], energy=0.01, duration=15.0)
 

@@ -162,7 +162,7 @@ def test_the_difference_falls_with_the_step_of_the_integration(simple, steady, o
     assert largest_difference(fine, ours, RATES) < largest_difference(coarse, ours, RATES) / 12.0
 
 
-def test_a_round_turning_earth_and_its_air_are_the_difference_they_should_be(xml, steady, ours):
+def test_a_round_rotating_earth_makes_the_expected_difference(xml, steady, ours):
     theirs = open_jsbsim(xml, earth="round", rho=RHO).fly(moved(steady), start=steady)
     # Coriolis at 45 degrees north, heading north: 2 Omega V sin(45) = 4.6e-3 m/s^2 to the right; in 30 s less than the
     # 2.1 m it would push a body that does not weathercock, and much more than the integration's error.

@@ -137,7 +137,7 @@ def test_a_simulated_path_is_the_integral_that_scipy_finds():
     assert_allclose(got[:, 9:], np.tile(start[9:], (60, 1)), rtol=0)
 
 
-def test_where_position_is_not_wanted_only_position_stands_still(scene):
+def test_without_position_states_the_rest_is_unchanged(scene):
     path, inputs, place = scene
     t = np.arange(20) * 0.02
     with_it = fp.fly(t, inputs[:20], path[0], place, 9.8, True)

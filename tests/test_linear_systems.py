@@ -33,7 +33,7 @@ def test_motion_without_delay_is_that_of_scipy_lsim(hold):
 
 @pytest.mark.parametrize("hold", ["hold", "linear"])
 @pytest.mark.parametrize("twentieths", [7, 20, 33, 60])
-def test_any_delay_equals_scipy_on_a_grid_fine_enough_to_make_it_complete(hold, twentieths):
+def test_any_delay_equals_scipy_on_a_grid_of_which_it_is_a_multiple(hold, twentieths):
     A, B, C, D, u = some_system(1)
     fine, n = DT / 20, len(u)
     t = fine * np.arange((n - 1) * 20 + 1)
@@ -48,7 +48,7 @@ def test_any_delay_equals_scipy_on_a_grid_fine_enough_to_make_it_complete(hold, 
     assert_allclose(previous_input(u, DT, twentieths * fine, hold), v[::20], rtol=0, atol=1e-11)
 
 
-def test_a_constant_bias_brings_the_state_to_minus_its_solution_and_the_reference_adds():
+def test_a_constant_bias_leads_to_the_steady_state_of_its_equation_and_the_reference_adds():
     A, B, C, D, _ = some_system(2)
     bias, y_ref = np.array([0.1, -0.2, 0.3]), np.array([5.0, -7.0])
     y = simulate_linear(A, B, C, D, np.zeros((4000, 2)), DT, bias=bias, y_ref=y_ref)
@@ -129,7 +129,7 @@ def test_modes_are_the_eigenvalues_numpy_finds_in_a_pilots_quantities():
     assert_allclose(found.participation.sum(axis=1), 1.0)
 
 
-def test_what_diverges_says_when_it_doubles():
+def test_a_diverging_mode_has_its_time_to_double():
     found = modes(np.array([[0.1]]))
     assert_allclose(np.exp(0.1 * found.time_to_double[0]), 2.0)
     assert np.isnan(found.time_to_half[0])

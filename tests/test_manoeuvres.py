@@ -105,14 +105,14 @@ def test_inputs_of_long_flights_are_found_and_nothing_else(how):
     hits = found = inputs = 0
     for seed in range(3):
         recording, true = long_flight(seed, **how)
-        stretches = excited(recording)
-        found, inputs = found + len(stretches), inputs + len(true)
+        segments = excited(recording)
+        found, inputs = found + len(segments), inputs + len(true)
         for start, end, control in true:
             # A sweep begins slowly, so more than half of it in common is required.
             hits += any(
                 min(s.moved[1], end) - max(s.moved[0], start) > 0.6 * (max(s.moved[1], end) - min(s.moved[0], start))
                 and s.controls == (control,)
-                for s in stretches
+                for s in segments
             )
     # Thirty inputs: one may be missed, and one found in excess.
     assert hits >= inputs - 1
@@ -164,14 +164,14 @@ def test_a_step_held_and_taken_back_is_one_manoeuvre():
 
 def test_segments_are_in_order_and_do_not_overlap():
     recording, _ = long_flight(4, gusts=0.1)
-    stretches = find_manoeuvres(recording)
-    assert [s.name for s in stretches if s.kind == "excited"] == [f"m{k:02d}" for k in range(1, 11)]
-    for one, following in pairwise(stretches):
+    segments = find_manoeuvres(recording)
+    assert [s.name for s in segments if s.kind == "excited"] == [f"m{k:02d}" for k in range(1, 11)]
+    for one, following in pairwise(segments):
         assert one.start < one.end <= following.start
-    assert stretches[-1].end <= recording.t[-1]
+    assert segments[-1].end <= recording.t[-1]
 
 
-def test_without_controls_the_rates_are_looked_at():
+def test_without_controls_the_angular_rates_are_used():
     complete = fly([(20.0, 0.6, "da", "doublet", 0.1), (45.0, 0.6, "de", "doublet", 0.1)], 80.0)
     rates = Recording("rates", complete.t, {name: complete[name] for name in "pqr"})
     lateral, longitudinal = excited(rates)
@@ -200,9 +200,9 @@ def test_missing_samples_and_spikes_are_no_inputs():
 def test_manoeuvres_are_cut_named_and_noted():
     recording, true = long_flight(0)
     cuts = split_manoeuvres(recording)
-    stretches = excited(recording)
+    segments = excited(recording)
     assert [cut.name for cut in cuts] == [f"flight_m{k:02d}" for k in range(1, len(true) + 1)]
-    for cut, segment in zip(cuts, stretches):
+    for cut, segment in zip(cuts, segments):
         assert cut.t[0] == pytest.approx(segment.start)
         assert cut.t[-1] == pytest.approx(segment.end)
         assert_allclose(cut["de"], recording.between(cut.t[0], cut.t[-1])["de"], rtol=0, atol=0)
@@ -211,7 +211,7 @@ def test_manoeuvres_are_cut_named_and_noted():
     assert split_manoeuvres(fly([], 60.0)) == []
 
 
-def test_a_recording_with_nothing_to_look_at_and_lengths_that_make_no_sense_are_refused():
+def test_a_recording_without_usable_channels_and_impossible_lengths_are_refused():
     bare = Recording("bare", np.arange(100.0), {"V": np.ones(100)})
     with pytest.raises(ChannelError, match=r"find_manoeuvres needs channels 'de' \[rad\].*'bare' has none"):
         find_manoeuvres(bare)

@@ -38,7 +38,7 @@ def test_order_is_the_least_bic_of_statsmodels_over_all_orders():
     assert fitted(e, top).order == int(np.argmin(scores))
 
 
-def test_segments_of_any_length_add_up_to_the_complete():
+def test_segments_of_any_length_add_up_to_the_complete_recording():
     e = ar1(np.random.default_rng(4), 1000, 0.8)
     complete, parts = LagProducts(8), LagProducts(8)
     complete.add(e)

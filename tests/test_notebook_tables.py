@@ -68,7 +68,7 @@ def test_captions_heads_cells_and_notes_are_escaped():
     assert [read(html).find(place).text for place in ("table/caption", "ul/li")] == [BAD, BAD]
 
 
-def test_names_from_an_unfriendly_file_do_no_harm():
+def test_names_from_a_hostile_file_do_no_harm():
     flight = recording(BAD, channel=BAD)
     for result in (flight, hostile()):
         html = result._repr_html_()

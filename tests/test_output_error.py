@@ -74,7 +74,7 @@ def test_maximum_likelihood_is_the_fixed_point_of_weighting_with_its_own_residua
     assert (np.diff(fit.costs) < 0.0).all()
 
 
-def test_a_full_covariance_weighs_what_two_channels_have_in_common():
+def test_a_full_covariance_accounts_for_correlated_channels():
     rng = np.random.default_rng(3)
     root = np.linalg.cholesky([[1.0, 0.95], [0.95, 1.0]])
     y = ringing(TRUTH[None])[0] + 0.1 * rng.standard_normal((len(T), 2)) @ root.T
@@ -100,7 +100,7 @@ def test_samples_that_are_missing_take_no_part():
     assert np.isnan(fit.residuals[0][~seen]).all()
 
 
-def test_manoeuvres_fraction_what_they_fraction_and_keep_what_is_their_own():
+def test_manoeuvres_have_common_parameters_and_their_own():
     # Decay and frequency are common; each record has its own amplitude.
     rng = np.random.default_rng(5)
     amplitudes = (2.0, -1.2, 0.7)
@@ -161,7 +161,7 @@ def test_a_start_that_diverges_is_reported_without_a_warning():
     assert np.isnan(fit.std).all()
 
 
-def test_steps_into_what_diverges_are_taken_back():
+def test_steps_into_divergence_are_taken_back():
     def brittle(p):
         return np.where((p[:, 1] > 0.9)[:, None, None], np.inf, ringing(p))
 
@@ -170,7 +170,7 @@ def test_steps_into_what_diverges_are_taken_back():
     assert np.abs(fit.theta - TRUTH).max() < 0.2
 
 
-def test_a_search_that_runs_out_of_steps_says_so_and_hands_over_its_best():
+def test_a_search_that_runs_out_of_steps_reports_it_and_returns_its_best_values():
     fit = fit_output_error(ringing, ringing_with_noise(12), START, iterations=1)
     assert not fit.converged
     assert "not converged after 1 step" in fit.message
@@ -223,7 +223,7 @@ def test_evolution_finds_the_valley_that_descent_misses():
     assert_allclose(again.theta, found.theta, rtol=0)
 
 
-def test_evolution_leaves_what_is_forbidden_and_what_diverges():
+def test_evolution_leaves_forbidden_and_diverging_values():
     def brittle(p):
         lost = np.broadcast_to((p[:, 0] < 1.0)[:, None, None] & (4.0 + p[:, 0, None] < T)[:, :, None], (len(p), 81, 2))
         return np.where(lost, np.nan, ringing(p))

@@ -69,7 +69,7 @@ def test_several_manoeuvres_stand_end_to_end_under_their_names(recordings, selec
     assert [text.get_text().strip() for text in top.texts] == ["m0", "m1", "m2"]
 
 
-def test_the_path_shows_what_is_left_after_each_move(selections, ax):
+def test_the_path_shows_the_residual_after_each_move(selections, ax):
     selection = selections["Cm"]
     plot_path(selection, ax=ax)
     lines = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
@@ -100,7 +100,7 @@ def test_interval_bars_span_the_interval_relative_to_the_value(selections, ax):
     assert_allclose([bar.get_width() for bar in bars], (high - low) / np.abs(selection.values), rtol=1e-9)
 
 
-def test_the_heat_map_is_the_correlation_of_the_parameters_with_vif_beside(selections):
+def test_the_heat_map_is_the_correlation_of_the_parameters_with_their_vif(selections):
     selection = selections["Cm"]
     drawn = plot_collinearity(selection, ax=Figure().add_subplot())
     spread = np.sqrt(np.diag(selection.covariance))

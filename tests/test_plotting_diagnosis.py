@@ -63,7 +63,7 @@ def test_each_response_has_three_bars_as_high_as_its_errors():
     assert [text.get_text() for text in ax.get_xticklabels()] == ["$C_Z$", "$C_X$"]
 
 
-def test_each_finding_has_a_bar_of_what_it_explains_and_a_mark_of_what_could_be():
+def test_each_finding_has_a_bar_of_the_explained_part_and_a_mark_of_the_explainable_part():
     ax = plot_shares(diagnosis(GROUND, VANE))
     assert_allclose([bar.get_width() for bar in ax.containers[0]], [90.0, 94.0])
     assert_allclose(ax.get_lines()[0].get_xdata(), [93.0, 95.0])
@@ -104,7 +104,7 @@ def test_means_over_bins_have_intervals_from_the_spread_between_recordings():
     }
     binned = bin_residuals(replace(made, traces=shifted), "CZ", "alpha")
     std = np.std(list(off.values()), ddof=1) / np.sqrt(len(off))
-    # Recordings do not share each bin evenly, so that the interval is near, not at, the one of equal parts.
+    # Recordings are not spread evenly over each bin, so that the interval is near, not at, the one of equal parts.
     assert_allclose(np.median(binned.half["delivered"]), 1.96 * std, rtol=0.3)
     assert binned.counts.sum() == sum(len(one.t) for one in made.traces.values())
 
@@ -138,7 +138,7 @@ def test_where_an_effect_acts_on_a_channel_is_its_region_else_the_range_in_its_s
     assert acting_range(made, replace(GROUND, region={}, intervals={}), "h_agl") is None
 
 
-def test_a_channel_that_stands_still_drives_nothing():
+def test_a_constant_channel_drives_nothing():
     assert moving_channels(diagnosis()) == ["alpha", "h_agl"]
 
 

@@ -53,7 +53,7 @@ def band(axes, k=0):
     return corners[1:half, 1], corners[half + 1 : -1, 1][::-1]
 
 
-def test_readings_show_measured_reconstructed_and_what_is_left(flight, result):
+def test_measurements_are_drawn_with_reconstruction_and_residual(flight, result):
     top, bottom = plot_readings(result, "alpha", axes=Figure().subplots(2))
     measured, stated = top.get_lines()
     assert_allclose(measured.get_ydata(), flight[0]["alpha"], atol=1e-12)

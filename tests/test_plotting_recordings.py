@@ -56,7 +56,7 @@ def test_an_account_without_the_channel_is_left_out_and_none_is_an_error(ax):
         plot_histories({"measured": other}, "alpha", ax=ax)
 
 
-def test_coverage_encloses_what_was_simulated_in_its_hull_and_shows_the_models_box(ax):
+def test_coverage_encloses_the_recorded_conditions_in_their_hull_and_shows_the_models_box(ax):
     recordings, beyond = [flight("a", 1), flight("b", 2)], [flight("c", 3, at=0.3)]
     region = {"alpha": (0.05, 0.15), "beta": (-0.02, 0.02)}
     model = AeroModel({"CZ": ResponseModel(("1", "alpha", "beta"), np.zeros(3), ranges=region)})
@@ -101,7 +101,7 @@ def test_coherence_has_a_line_for_each_input_and_one_for_probability(ax):
     assert_allclose(probability.get_ydata(), threshold)
 
 
-def test_what_a_comparison_leaves_is_drawn_with_the_channels_it_goes_with_most(ax):
+def test_a_residual_is_drawn_with_the_channels_of_highest_coherence(ax):
     f = np.linspace(0.1, 2.0, 20)
     found = [Coherence("CZ", c, f, np.full(20, s), 0.4, s, 1.0, np.nan) for c, s in (("de", 0.8), ("alpha", 0.1))]
     mismatch = SimpleNamespace(coherences=(*found, Coherence("Cm", "de", f, f, 0.4, 0.3, 1.0, np.nan)))
@@ -125,7 +125,7 @@ def test_figures_go_to_paper_as_vectors(tmp_path, kind, begins):
     assert path.stat().st_size < 400_000
 
 
-def test_a_simulated_flight_that_stands_alone_says_what_its_axes_and_lines_are():
+def test_a_simulated_flight_alone_has_its_axes_and_lines_labelled():
     plt.close("all")
     ax = plot_flight(flight("a", 1, at=0.12), "alpha", recorded=flight("a", 1))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("t [s]", r"$\alpha$ [rad]")

@@ -76,7 +76,7 @@ def test_degrees_become_radians_and_back(x):
         ("°", "rad", np.pi / 180.0),
     ],
 )
-def test_units_are_read_the_way_flight_test_files_write_them(unit, target, factor):
+def test_units_are_read_as_flight_test_files_write_them(unit, target, factor):
     assert_allclose(convert(np.ones(1), unit, target)[0], factor, rtol=1e-12)
 
 
@@ -142,7 +142,7 @@ def test_units_in_a_line_below_the_header_and_comments_above_are_read(tmp_path):
     assert_allclose(read_recording(write(tmp_path / "m.csv", text))["alpha"], np.radians(ALPHA), rtol=1e-15)
 
 
-def test_a_commented_header_with_units_apart_by_blanks_is_read(tmp_path):
+def test_a_commented_header_with_units_separated_by_blanks_is_read(tmp_path):
     path = write(tmp_path / "m.txt", "# t [s]  alpha [deg]  V [m/s]\n" + lines("  "))
     assert_allclose(read_recording(path)["alpha"], np.radians(ALPHA), rtol=1e-15)
 
@@ -215,7 +215,7 @@ def test_a_line_of_too_many_fields_is_named(tmp_path):
         read_recording(path)
 
 
-def test_repeated_headers_are_stated_apart_by_number(tmp_path):
+def test_repeated_headers_are_numbered(tmp_path):
     path = write(tmp_path / "m.csv", "t,alpha,alpha\n" + lines())
     recording = read_recording(path)
     assert_allclose(recording["alpha"], ALPHA, rtol=1e-15)
@@ -296,7 +296,7 @@ def test_dt_makes_a_clock_and_time_offset_moves_it(tmp_path):
     assert recording.dt == pytest.approx(0.04)
 
 
-def test_dt_beside_a_time_column_is_refused(tmp_path):
+def test_dt_with_a_time_column_is_refused(tmp_path):
     with pytest.raises(MapError, match=r"both a time column \(channels\.t\) and file\.dt"):
         load_channel_map({"channels": {"t": "time"}, "file": {"dt": 0.1}})
     path = write(tmp_path / "m.csv", "t,alpha,V\n" + lines())
@@ -377,7 +377,7 @@ def test_a_map_that_contradicts_the_header_is_followed_and_said_so(tmp_path):
     assert "the file says [rad], the map [deg]" in finding.message
 
 
-def test_a_misspelt_unit_in_a_header_keeps_the_column_apart_and_says_so(tmp_path):
+def test_a_misspelt_unit_in_a_header_is_reported_and_its_column_gets_no_channel(tmp_path):
     recording = read_recording(write(tmp_path / "m.csv", "t,alpha [degg],V\n" + lines()))
     assert "alpha" not in recording
     (finding,) = recording.findings

@@ -39,7 +39,7 @@ def test_a_straight_line_is_met_exactly_and_a_command_is_held():
     assert_array_equal(held, steps[np.floor(clock / 0.1 + 1e-9).astype(int)])
 
 
-def test_nothing_is_drawn_across_a_silence_nor_beyond_a_topics_ends():
+def test_nothing_is_interpolated_across_a_gap_nor_beyond_a_topics_ends():
     times = np.concatenate([np.arange(1.0, 3.0, 0.1), np.arange(5.0, 8.0, 0.1)])
     topic, clock = Topic.of("x", times), np.arange(0.0, 10.0, 0.01)
     drawn, held = sample(topic, times, clock), sample(topic, times, clock, hold=True)
@@ -149,7 +149,7 @@ def test_a_ulog_needs_no_map(ulog):
     assert "h_agl" not in recording  # no number in the whole topic
 
 
-def test_a_silence_of_the_airspeed_is_not_bridged_and_said_so(ulog):
+def test_a_gap_of_the_airspeed_is_not_bridged_and_reported(ulog):
     recording = read_recording(ulog)
     inside = (recording.t > 7.0) & (recording.t < 9.0)
     assert not np.isfinite(recording["V"][inside]).any()
@@ -164,7 +164,7 @@ def test_a_silence_of_the_airspeed_is_not_bridged_and_said_so(ulog):
     assert re.search("straight lines between neighbouring samples: [^;]*phi \\(50 Hz\\).*V \\(10 Hz\\)", clock.message)
 
 
-def test_what_the_ready_map_takes_on_trust_is_said(ulog):
+def test_assumptions_of_the_built_in_map_are_reported(ulog):
     stated = {f.channel: f.message for f in kinds(read_recording(ulog), "assumed")}
     assert stated["phi"] == "PX4's estimate, not a reading of an instrument; so of theta, psi, vn, ve, vd, x, y"
     assert "not a deflection" in stated["servo1"]
@@ -409,7 +409,7 @@ def test_an_mdf_file_of_one_group_and_foreign_names_is_read_by_them(tmp_path):
     assert_allclose(mapped["alpha"], np.radians(FAST), rtol=1e-15)
 
 
-def test_mdf_names_of_two_groups_are_stated_apart_and_invalid_samples_are_nan(tmp_path):
+def test_equal_mdf_names_of_two_groups_get_the_groups_name_and_invalid_samples_are_nan(tmp_path):
     with asammdf.MDF(version="4.10") as log:
         bad = np.arange(len(FAST)) == 7
         log.append([asammdf.Signal(samples=FAST, timestamps=FAST, name="p", unit="rad/s", invalidation_bits=bad)])

@@ -177,7 +177,7 @@ SENSOR_SETS = {
 @pytest.mark.default_cases(4)
 @pytest.mark.parametrize("flight", ["lively", "all-axes"])
 @pytest.mark.parametrize("sensors", SENSOR_SETS)
-def test_each_sensor_set_fixes_just_what_nothing_in_it_shows(flight, sensors):
+def test_each_sensor_set_fixes_only_the_states_it_cannot_determine(flight, sensors):
     channels, lost = SENSOR_SETS[sensors]
     make = given if flight == "lively" else demo_problem
     found = reconstructibility(make(flight, channels, STATES))
@@ -194,7 +194,7 @@ def test_each_sensor_set_fixes_just_what_nothing_in_it_shows(flight, sensors):
 
 
 @pytest.mark.parametrize(("states", "why"), [(("wn", "we"), "wind from airspeed; record x, y or vn, ve")])
-def test_a_fixed_state_names_the_sensor_that_would_tell_it(states, why):
+def test_a_fixed_state_names_the_sensor_that_would_determine_it(states, why):
     found = reconstructibility(given("lively", AIR))
     assert all(found.fixed[name].endswith(why) for name in states)
     assert found.fixed["psi"].endswith("record psi")
@@ -268,7 +268,7 @@ def test_in_steady_flight_the_offset_and_the_scale_of_the_vane_are_one():
 
 @pytest.mark.default_cases(1)
 @pytest.mark.parametrize("seed", range(5))
-def test_noise_of_the_vane_does_not_pass_for_excitation(seed):
+def test_vane_noise_is_not_taken_for_excitation(seed):
     # 2e-3 rad taken for motion would give Cup to a fifth of its prior, without any excitation.
     problem = given("straight", ("V", "alpha", "theta", "h"), LONGITUDINAL, seconds=60.0, rate=50.0)
     noise = NOISE * np.random.default_rng(seed).standard_normal(problem.measurements.shape)
@@ -277,7 +277,7 @@ def test_noise_of_the_vane_does_not_pass_for_excitation(seed):
     assert "Cup" in found.fixed["Calpha0"]
 
 
-def test_motion_is_never_fixed_even_where_nothing_shows_it():
+def test_motion_is_never_fixed_even_where_nothing_measures_it():
     found = reconstructibility(given("lively", ("V", "alpha", "beta", "phi", "theta"), (*STATES[:5], "h")))
     assert found.fixed == {}
     assert found.undetermined == ("h",)
@@ -288,7 +288,7 @@ def test_motion_is_never_fixed_even_where_nothing_shows_it():
 
 @pytest.mark.default_cases(1)
 @pytest.mark.parametrize("sensors", [AIR + ATTITUDE, AIR + ATTITUDE + HEADING + POSITION, MEASUREMENTS])
-def test_rank_and_posterior_are_those_of_flying_again_from_every_start_moved_a_little(sensors):
+def test_rank_and_posterior_are_those_of_simulations_from_every_start_moved_a_little(sensors):
     # 1501 samples, so the analysis works on some of them and the flights on all.
     t, inputs, start = prescribed("lively", 30.0, 50.0)
     J = brute_force(t, inputs, start, sensors, EVERYTHING)
@@ -301,7 +301,7 @@ def test_rank_and_posterior_are_those_of_flying_again_from_every_start_moved_a_l
         assert_allclose(found.condition, s[0] / s[-1], rtol=0.03)
 
 
-def test_segments_fraction_their_constants_and_nothing_else():
+def test_segments_have_only_their_constants_in_common():
     # The same 30 s three times with gaps between: a least-squares problem with three starts and one set of constants.
     sensors, moving = (*AIR, *ATTITUDE, *HEADING, *POSITION), 9
     t, inputs, start = prescribed("lively", 30.0, 25.0)

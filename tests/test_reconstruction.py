@@ -85,7 +85,7 @@ def test_flights_in_order_are_trusted(ensemble):
 
 
 @pytest.mark.parametrize("flights", [1, pytest.param(6, marks=pytest.mark.slow)])
-def test_noise_nobody_stated_is_found_and_the_biases_still_hold(flights):
+def test_unstated_noise_is_estimated_and_the_biases_are_still_right(flights):
     levels, biases = [], []
     for seed in range(flights):
         flight = demo_instruments(seed, seed, duration=12.0)
@@ -288,7 +288,7 @@ def test_an_option_out_of_range_is_refused_in_words(options, says):
         reconstruct(flight.measured, flight.aircraft, **options)
 
 
-def test_a_gap_in_time_is_refused_with_the_way_out():
+def test_a_gap_in_time_is_refused_with_a_remedy():
     flight = demo_instruments(0, 1, duration=8.0)
     rows = np.r_[0:150, 250:401]
     cut = Recording("cut", flight.measured.t[rows], {n: flight.measured[n][rows] for n in flight.measured.names})

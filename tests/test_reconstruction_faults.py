@@ -262,7 +262,7 @@ def test_a_dead_vane_is_named_and_done_without(flight):
 
 
 @pytest.mark.slow
-def test_too_few_instruments_to_tell_the_attitude_are_distrusted(flight):
+def test_too_few_instruments_to_determine_the_attitude_are_distrusted(flight):
     only = {name: flight.measured[name] for name in ("V", "ax", "ay", "az", "p", "q", "r")}
     found = reconstruct(Recording("blind", flight.measured.t, only), flight.aircraft)
     assert any("these instruments do not determine it" in reason for reason in found.distrust)
@@ -306,7 +306,7 @@ def test_a_loop_stops_at_the_vertical_and_says_which_part_can_be_used():
 @pytest.mark.parametrize(
     ("which", "turbulence", "duration"), [(0, 1.0, 10.0), *((i, size, 30.0) for size in (1.0, 4.0) for i in (0, 1, 3))]
 )
-def test_turbulence_is_not_taken_for_a_mistake(which, turbulence, duration):
+def test_turbulence_is_not_taken_for_a_fault(which, turbulence, duration):
     # Gusts of 0.8 and 3.2 m/s that the vanes see and the inertial instruments do not, as one air.
     # Where they drown what the accelerometers say, the vane corrections come out absurd, and that is said.
     found = reconstruct(demo_flight(which, 2, turbulence=turbulence, duration=duration), demo_aircraft())

@@ -93,7 +93,7 @@ def hfb320():
     return {method: reconstruct(recording, aircraft, method=method) for method in ("unscented", "output-error")}
 
 
-def test_hfb320_is_compatible_but_for_the_biases_its_mean_residuals_show(hfb320):
+def test_hfb320_is_compatible_except_for_the_biases_in_its_mean_residuals(hfb320):
     # Mean residuals of u_dot and w_dot (0.09 and 0.02 m/s^2, true less read) are minus the biases of ax and az.
     found = hfb320["unscented"]
     assert found["bax"].value == pytest.approx(-0.09, abs=3.0 * found["bax"].std)

@@ -306,7 +306,7 @@ def test_plausible_angles_are_left_in_peace(peak, name):
     assert not kinds(flight(**{name: peak * np.sin(np.arange(201) * 0.1)}))
 
 
-def test_rates_in_degrees_are_betrayed_by_the_attitude():
+def test_rates_in_degrees_are_found_from_the_attitude():
     t = np.arange(400) * 0.05
     noise = np.random.default_rng(1).normal(0.0, 1.0, (2, 400))
     theta = 0.05 * np.sin(1.5 * t) + 0.0005 * noise[0]
@@ -323,7 +323,7 @@ def test_g_fed_as_metres_per_second_squared_and_a_turned_z_axis_are_found():
     assert ("sign", "az") in kinds(flight(az=-az))
 
 
-def test_knots_feet_per_second_and_feet_are_betrayed_by_the_air_data():
+def test_knots_feet_per_second_and_feet_are_found_from_the_air_data():
     n = 201
     rho, V, h = (
         np.full(n, 0.9093),

@@ -70,7 +70,7 @@ def test_evolution_then_descent_finds_the_as355_from_signs_and_rough_sizes(cost)
     assert stages[-1] == "descent"
 
 
-def test_two_recordings_fraction_the_derivatives_and_keep_their_own_starts_and_biases():
+def test_two_recordings_have_common_derivatives_and_their_own_starts_and_biases():
     structure = helicopter()
     short = T[:240]
     starts = np.array([[0.5, -0.2, 0.02, 0.03], [-0.4, 0.3, -0.01, 0.0]])
@@ -121,7 +121,7 @@ def test_gaps_in_an_output_are_passed_over():
     assert found["mw"].value == pytest.approx(-0.048, abs=4.0 * found["mw"].std_white)
 
 
-def test_bounds_hold_and_are_doubted():
+def test_bounds_hold_and_have_a_warning():
     found = refine(pitch(), None, pitch_flight(three_two_one_one(CLOCK, 0.5, 0.4, 0.02)), bounds={"mq": (-1.5, 0.0)})
     assert found["mq"].value == -1.5
     assert found["mq"].at_bound
@@ -137,7 +137,7 @@ def test_an_input_that_moves_nothing_names_what_it_leaves_open():
     assert np.isinf(caught.value.partial.std).all()
 
 
-def test_what_an_input_does_not_reach_is_named_and_the_rest_is_in_the_partial_result():
+def test_undetermined_parameters_are_named_and_the_rest_is_in_the_partial_result():
     system = LinearSystem.of(
         ("w", "q"), ("de", "df"), np.array([[-1.34, 105.0], [-0.048, -1.67]]), np.array([[-21.8, -5.0], [-19.5, 1.0]])
     )
@@ -156,7 +156,7 @@ def test_a_delay_longer_than_the_recording_is_refused():
         refine(pitch(), None, flight, delay=True, bounds={"delay": (-1.0, 1.0)})
 
 
-def test_a_start_unstable_enough_to_overflow_is_refused_with_the_way_out():
+def test_a_start_unstable_enough_to_overflow_is_refused_with_a_remedy():
     flight = pitch_flight(three_two_one_one(CLOCK, 0.5, 0.4, 0.02))
     with pytest.raises(RefinementError, match=r"(?s)no finite outputs.*grows by.*search='global'") as caught:
         refine(pitch(mw=48.0), None, flight)

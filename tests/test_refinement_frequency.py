@@ -55,7 +55,7 @@ def test_the_sampled_response_is_the_transform_of_the_flight_to_the_last_digit(h
     assert_allclose(found[0], W @ y[0, :n], rtol=1e-9, atol=1e-9)
 
 
-def test_over_the_complete_band_it_is_output_error_in_time():
+def test_over_the_full_band_it_is_output_error_in_time():
     # In time with what the band does not hold set free: constants in states and outputs.
     flight = pitch_flight()
     in_time = refine(pitch(**ROUGH), None, flight, drifts="all", biases="all")
@@ -97,7 +97,7 @@ def test_the_unstable_as355_with_its_delay_comes_back_from_starts_off_by_half():
     assert max(abs(found[n].value - v) / found[n].std_white for n, v in truth.items()) < 3.5
 
 
-def test_the_ready_as355_flies_in_the_frequency_domain_too():
+def test_the_published_as355_is_refined_in_the_frequency_domain_too():
     truth = as355("80kt", x_boom=2.5, x_acc=0.4, z_acc=0.2, bias=(0.02, -0.05, 0.004, 0.001))
     t = np.arange(0.0, 25.0, 0.05)
     schedule = Recording("m01", t, {"dlon": three_two_one_one(t, 1.0, 0.8, 1.0)}, {"dlon": "unit"})
@@ -127,7 +127,7 @@ def test_what_has_no_transform_is_refused():
         refine(pitch(), None, flight.with_channels(w=gone), **band)
 
 
-def test_errors_allow_for_the_colour_of_the_spectrum():
+def test_standard_errors_allow_for_the_shape_of_the_spectrum():
     # Least squares on transforms whose noise is three times as strong at one end of the band as at the other.
     rng = np.random.default_rng(4)
     f, k = 150, 2

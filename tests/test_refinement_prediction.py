@@ -85,7 +85,7 @@ def beaver():
     return prepare(model, published.aircraft, inputs, start=converged, definitions={"dpt": "0*V"}), converged
 
 
-def test_a_flight_that_lets_nothing_in_is_the_flight_in_open_loop(beaver):
+def test_a_simulation_with_zero_gain_is_the_open_loop_simulation(beaver):
     made, _ = beaver
     names = ("V", "alpha", "q", "theta", "az")
     observed, states = outputs_index(names, instruments=True), np.array([STATES.index(s) for s in ("u", "w", "q")])
@@ -116,7 +116,7 @@ def test_a_flight_that_lets_nothing_in_is_the_flight_in_open_loop(beaver):
     assert_allclose(let_in[:, 0], open_loop[:, 0], rtol=1e-12)
 
 
-def test_the_flights_slopes_hold_the_kinematics_and_gravity(beaver):
+def test_the_slopes_of_the_simulation_hold_kinematics_and_gravity(beaver):
     made, converged = beaver
     states = np.array([STATES.index(s) for s in ("u", "w", "q", "theta")])
     observed = outputs_index(("V", "theta", "az"))
@@ -306,7 +306,7 @@ def test_a_recorded_thrust_is_not_delayed_with_the_controls(beaver):
 # --- ready models and lateral motion --------------------------------------------------------------
 
 
-def test_the_ready_as355_gives_its_23_parameters_back_with_delay_and_angle_of_attack_scale():
+def test_the_published_as355_gives_its_23_parameters_back_with_delay_and_angle_of_attack_scale():
     truth = as355("80kt", x_boom=2.5, x_acc=0.4, z_acc=0.2, bias=(0.02, -0.05, 0.004, 0.001),
                   y_ref=(0.01, 0.02, 0.15, -9.7, 0.05))  # fmt: skip
     t = np.arange(0.0, 25.0, 0.05)
@@ -361,14 +361,14 @@ def test_lateral_derivatives_of_an_aeromodel_come_back(noise):
         assert [n for n in found.names if n.startswith("process")] == [f"process:{s}" for s in ("v", "p", "r", "phi")]
 
 
-def test_a_model_that_nothing_holds_up_is_refused():
+def test_a_model_without_lift_is_refused():
     model, aircraft, flight, outputs = lateral_flight()
     alone = AeroModel({name: model[name] for name in ("CY", "Cl", "Cn")})
     with pytest.raises(ModelError, match="would fall"):
         refine(alone, aircraft, flight, outputs=outputs)
 
 
-def test_a_driven_linear_model_predicts_what_simulate_linear_flies():
+def test_a_linear_model_with_inputs_predicts_what_simulate_linear_computes():
     # No feedback, one of two inputs late: the sum of two flights, each with all its inputs equally late.
     A, B, C = np.array([[-1.0, 9.0], [-2.0, -1.5]]), np.array([[1.0, -3.0], [2.0, 0.5]]), np.eye(2)
     D = np.array([[0.1, 0.2], [0.0, 0.3]])

@@ -91,7 +91,7 @@ def test_nothing_is_fetched_from_anywhere(case):
         assert not re.search(r"\b(fetch|XMLHttpRequest|WebSocket|import|eval|innerHTML)\b", script)
 
 
-def test_the_finding_comes_first_and_the_rest_after(page):
+def test_the_result_comes_first_and_the_rest_after(page):
     stated = page.words()
     order = ["leaves out ground-effect (94 %)", "1. ground-effect", "2. sensor-scale", "How much of", "Time history"]
     order += ["What is left", "Tolerances pulled", "What could not be tested", "Notes"]
@@ -174,7 +174,7 @@ def test_long_recordings_are_thinned_to_a_page_that_can_be_mailed():
     assert 4 * MOST_VALUES < len(text) < 5_000_000
 
 
-def test_a_report_is_written_where_it_was_asked_for(tmp_path):
+def test_a_report_is_written_to_the_given_path(tmp_path):
     write_report(diagnosis(), tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == render(diagnosis())
     with pytest.raises(OSError, match="nowhere"):

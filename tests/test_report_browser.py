@@ -150,14 +150,14 @@ def test_a_line_is_hidden_by_its_name_and_other_channels_are_picked(opened):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_figures_of_a_finger_are_read_by_a_tap(kind, opened):
+def test_figures_are_read_by_a_tap_on_a_touch_screen(kind, opened):
     page = opened(kind, wide=360, has_touch=True)
     says = page.evaluate(READING)
     page.locator("#history svg").tap(position={"x": 200, "y": 80})
     assert page.evaluate(READING) != says
 
 
-def test_what_is_folded_away_is_printed(opened):
+def test_folded_sections_are_printed(opened):
     page = opened("refinement")
     folded = "document.querySelectorAll('details:not([open])').length"
     assert page.evaluate(folded) > 0

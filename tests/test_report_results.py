@@ -234,7 +234,7 @@ def test_a_line_breaks_where_readings_fail_for_long_but_not_between_slow_ones():
     assert keep_extremes([np.full(5, np.nan)], 10).size == 0
 
 
-def test_means_over_a_channel_hold_their_fraction_of_all_samples():
+def test_means_over_a_channel_hold_equal_numbers_of_samples():
     found, recordings, _ = selected()
     bins = data_of(pages()["selection"])["binned"]["CZ"]["alpha"]
     assert all(half > 0.0 for half in bins["half"]["physics"])

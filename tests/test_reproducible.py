@@ -41,7 +41,7 @@ def recordings():
 
 
 @pytest.mark.parametrize("method", ["stepwise", "orthogonal", "best_subset"])
-def test_a_selection_with_its_resampling_is_the_same_again_and_on_two_threads(method, recordings):
+def test_a_selection_with_its_resampling_is_repeatable_also_on_two_threads(method, recordings):
     asked = {"method": method, "bootstrap": 40, "seed": 3}
     first, again = (select(recordings, ["Cm", "CZ"], POOL, workers=1, **asked).to_dict() for _ in range(2))
     assert json.dumps(again) == json.dumps(first)
@@ -77,7 +77,7 @@ def paths():
     return measured, flights.aircraft, reconstruct_all(measured, flights.aircraft, workers=1)
 
 
-def test_flight_paths_are_the_same_again(paths):
+def test_flight_paths_are_repeatable(paths):
     measured, aircraft, first = paths
     again = reconstruct_all(measured, aircraft, workers=1)
     assert json.dumps(again.to_dict()) == json.dumps(first.to_dict())
@@ -95,7 +95,7 @@ def test_flight_paths_are_the_same_by_two_processes(paths):
             assert_allclose(a[name], b[name], rtol=1e-12, atol=1e-12 * np.nanmax(np.abs(b[name])))
 
 
-def test_a_diagnosis_is_the_same_again():
+def test_a_diagnosis_is_repeatable():
     case = demo_missing_physics("ground-effect", flights=2)
     first, again = (json.dumps(diagnose(case.simulated, case.recordings, case.aircraft).to_dict()) for _ in range(2))
     assert again == first

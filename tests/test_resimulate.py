@@ -48,7 +48,7 @@ def flight():
     return manoeuvre()
 
 
-def test_the_model_that_made_a_flight_flies_it_exactly_complete_and_in_windows(flight):
+def test_the_true_model_reproduces_a_flight_exactly_over_its_length_and_in_windows(flight):
     found = resimulate(CITATION.model, CITATION.aircraft, flight)
     assert found.divergences == ()
     for one in found.scores:
@@ -185,7 +185,7 @@ def test_what_cannot_be_simulated_is_refused_with_the_reason(flight):
         fly(flight.with_channels(theta=lost))
 
 
-def test_a_resimulation_pickles_is_frozen_and_tells_what_was_fitted(flight):
+def test_a_resimulation_pickles_is_frozen_and_states_what_was_fitted(flight):
     model = AeroModel(CITATION.model.responses, "known", ("m01",))
     found = resimulate(model, CITATION.aircraft, flight)
     assert pickle.loads(pickle.dumps(found)).to_dict() == found.to_dict()

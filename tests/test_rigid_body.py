@@ -54,7 +54,7 @@ def test_level_flight_at_one_g_carries_the_weight():
 
 
 @given(k=st.floats(0.1, 10.0))
-def test_coefficients_keep_when_mass_thrust_and_qbar_scale_together(k):
+def test_coefficients_are_unchanged_when_mass_thrust_and_qbar_scale_together(k):
     args = (1.0, 0.3, -9.0)
     one = rb.force_coefficients(*args, qbar=900.0, mass=2000.0, S=23.0, thrust=800.0, inclination=0.05)
     other = rb.force_coefficients(*args, qbar=900.0 * k, mass=2000.0 * k, S=23.0, thrust=800.0 * k, inclination=0.05)
@@ -145,7 +145,7 @@ def test_forces_and_moments_come_back_out_of_the_equations_of_motion():
     assert_allclose((*forces, *moments), wanted, rtol=1e-9, atol=1e-12)
 
 
-def test_an_accelerometer_off_the_centre_feels_the_turning():
+def test_an_accelerometer_off_the_centre_measures_the_rotation():
     # Turntable: 2 m from the axis at r = 3 rad/s the accelerometer feels -r^2 R = -18 along x; spinning up at
     # 0.5 rad/s^2 it also feels +R r' = 1 along y.
     at_cg = rb.acceleration_at_cg(-18.0, 1.0, 0.0, (0.0, 0.0, 3.0), (0.0, 0.0, 0.5), (2.0, 0.0, 0.0))

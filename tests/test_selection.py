@@ -242,7 +242,7 @@ def test_the_automatic_threshold_is_sidaks_for_this_many_candidates(flights):
     assert max(F) < limit
 
 
-def test_false_discovery_control_asks_less_of_later_terms():
+def test_false_discovery_control_has_lower_thresholds_for_later_terms():
     # Forty orthogonal candidates, twelve of them true with t about 3.2: below what "auto" asks of everyone (10.4),
     # above what the later entries need under false-discovery control.
     rng = np.random.default_rng(1)
@@ -340,7 +340,7 @@ def test_splines_and_formulas_stand_in_the_pool_like_any_term():
     assert_allclose(found.model.evaluate(flights[0])["CZ"], clean, atol=0.01)
 
 
-def test_alpha_squared_gives_way_to_alpha_where_alpha_is_far_from_zero():
+def test_alpha_squared_is_replaced_by_alpha_where_alpha_is_far_from_zero():
     # [H17] on CX: over a narrow range of alpha the two parameters correlate above 0.9, and the weaker goes.
     far = {"alpha": lambda c, rng: 0.15 + 0.02 * ar1(rng, 1500, 0.98, 0.2)}
     flights = made(lambda c: -0.03 + 0.6 * c["alpha"] + 0.8 * c["alpha"] ** 2 - 0.2 * c["de"], noise=0.0005, **far)
@@ -391,7 +391,7 @@ def test_principal_components_equal_scikit_learns_and_are_called_biased(componen
     assert found.to_dict()["biased"] == biased
 
 
-def test_ridge_is_called_biased_and_shrinks_what_trades_against_each_other():
+def test_ridge_is_called_biased_and_shrinks_correlated_terms():
     near = {"q_hat": lambda c, rng: c["alpha"] + 0.001 * rng.standard_normal(1500)}
     flights = made(lambda c: c["alpha"] + c["q_hat"], noise=0.3, **near)
     pool = Candidates.polynomial(["alpha", "q_hat"], 1)
@@ -520,7 +520,7 @@ def test_an_oscillation_the_noise_model_cannot_hold_is_named():
     assert "Raise max_ar_order" not in warnings_of(flights)
 
 
-def test_terms_most_resamples_leave_out_are_named():
+def test_terms_that_resamples_often_omit_are_named():
     # A true t value near the entry threshold: kept here, but in about half of the resamples.
     for seed in range(30):
         flights = made(lambda c: c["alpha"] + 0.062 * c["de"], seed=seed)
@@ -535,7 +535,7 @@ def test_terms_most_resamples_leave_out_are_named():
         pytest.fail("no flight of thirty kept a term that most resamples leave out")
 
 
-def test_one_manoeuvre_says_that_its_held_out_parts_flatter():
+def test_one_manoeuvre_warns_that_its_held_out_parts_are_optimistic():
     flights = made(lambda c: c["alpha"])
     assert "One manoeuvre only" in warnings_of(flights[:1])
     assert "One manoeuvre only" not in warnings_of(flights)
@@ -700,7 +700,7 @@ def test_options_may_be_given_as_one_object_and_single_ones_replaced(flights):
 
 @pytest.mark.parametrize("order", [["alpha", "q_hat"], ["q_hat", "alpha"]])
 def test_orthogonal_functions_are_made_in_the_order_the_candidates_were_given(order):
-    # Two candidates that share most of their motion: the one given first is credited with what they share.
+    # Two candidates with nearly the same motion: the one given first is credited with the common part.
     rng = np.random.default_rng(11)
     shared = ar1(rng, 2000, 0.95)
     channels = {name: shared + 0.3 * ar1(rng, 2000, 0.9) for name in ("alpha", "q_hat")}

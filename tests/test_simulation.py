@@ -93,7 +93,7 @@ def test_readings_at_the_instruments_give_the_coefficients_back(trimmed):
         assert_allclose(made[response][inner], expected[inner], atol=1e-4 * max(np.ptp(expected), 0.1))
 
 
-def test_rotor_thrust_line_and_burning_fuel_are_allowed_for_on_both_ways(trimmed):
+def test_rotor_thrust_line_and_burning_fuel_are_allowed_for_in_both_directions(trimmed):
     content = demo_aircraft().to_dict() | {"engine": {"angular_momentum": 150.0}}
     aircraft = Aircraft.from_dict(content)
     flight = simulate(DEMO, aircraft, {**moved(trimmed), "fuel_flow": 2.0}, start=trimmed)
@@ -110,7 +110,7 @@ def test_a_model_identified_from_its_own_flight_is_the_model(trimmed):
     assert_allclose(np.linalg.lstsq(X, made["Cm"], rcond=None)[0], list(TRUTH["Cm"].values()), rtol=1e-5)
 
 
-def test_a_flight_goes_on_from_any_sample_of_itself(trimmed):
+def test_a_simulation_continues_from_any_of_its_samples(trimmed):
     inputs = moved(trimmed)
     complete = simulate(DEMO, demo_aircraft(), inputs, start=trimmed)
     rest = simulate(DEMO, demo_aircraft(), complete.between(4.0, 10.0))
@@ -142,7 +142,7 @@ def test_refinement_and_resimulation_start_at_the_centre_of_gravity(trimmed):
 
 
 @pytest.mark.parametrize("name", NONLINEAR)
-def test_a_ready_aircraft_trims_and_stays_there(name):
+def test_a_published_aircraft_trims_and_stays_there(name):
     published = published_aircraft(name)
     found = published.trim()
     assert max(abs(x) for x in found.unbalance.values()) < 1e-9
@@ -500,7 +500,7 @@ def test_thrust_may_be_defined_by_a_formula(trimmed):
 # --- the library -------------------------------------------------------------------------------------------------
 
 
-def test_every_ready_aircraft_is_there_and_describes_itself():
+def test_every_published_aircraft_is_available_and_has_a_description():
     for name in PUBLISHED_AIRCRAFT:
         published = published_aircraft(name)
         assert published.name == name

@@ -87,7 +87,7 @@ def test_smoothing_beats_the_best_fixed_local_polynomial_on_a_noisy_angle_of_att
 
 
 @pytest.mark.parametrize("method", ["spline", "fourier"])
-def test_noise_at_the_two_end_samples_does_not_spoil_the_rest(response, method):
+def test_noise_at_the_two_end_samples_does_not_degrade_the_rest(response, method):
     # A line drawn through the end samples would be off by the noise there, and its 1/k coefficients with it.
     t, states, _ = response
     x = states[:, 0]
@@ -216,7 +216,7 @@ def test_the_order_follows_how_sharply_the_signal_moves(response):
     assert orders == [3, 2]  # angle of attack moves one integration more smoothly than the pitch rate
 
 
-def test_a_motion_too_fast_for_the_spline_is_said_and_the_fourier_smoother_follows_it():
+def test_a_motion_too_fast_for_the_spline_is_reported_and_the_fourier_smoother_follows_it():
     t, x, rate = sine(0.2, DT)
     noisy = x + 0.02 * np.random.default_rng(7).standard_normal(t.size)
     with pytest.warns(StructselWarning, match=r"one steady oscillation of 5\.0 samples a cycle"):

@@ -73,7 +73,7 @@ def test_white_noise_raises_no_more_than_one_alarm_in_ten_thousand_samples():
 
 
 @pytest.mark.parametrize("width", [1, 2, 3])
-def test_a_group_is_found_complete_and_what_stood_there_is_given_back(width):
+def test_a_group_is_found_completely_and_the_true_values_are_restored(width):
     t, states, _ = step_response(0.02)
     x = states[:, 0]
     noise = 1e-3 * x.std() * np.random.default_rng(width).standard_normal(t.size)

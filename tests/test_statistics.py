@@ -1,6 +1,6 @@
 """What the selection claims of itself in repeated flights; seeds are fixed, so every figure here is one number.
 
-The flights, truths and residual colours are those of benchmarks/cases.py.
+The flights, truths and residual noise models are those of benchmarks/cases.py.
 """
 
 import numpy as np
@@ -25,20 +25,23 @@ def run(case, exponents, include=(), **options):
 
 
 def few_and_many(*numbers):
-    """Cases of each colour: few runs in the default set, which show a gross error, and many in the slow one."""
+    """Cases of each noise model: few runs in the default set, which show a gross error, and many in the slow one."""
     few, many = numbers
-    colours = ("ar1_0.92", "smoothed_5pt")
+    noise_models = ("ar1_0.92", "smoothed_5pt")
     return pytest.mark.parametrize(
-        ("colour", "runs"),
-        [(colours[0], few), *(pytest.param(colour, many, marks=pytest.mark.slow) for colour in colours)],
+        ("noise_model", "runs"),
+        [
+            (noise_models[0], few),
+            *(pytest.param(noise_model, many, marks=pytest.mark.slow) for noise_model in noise_models),
+        ],
     )
 
 
 @few_and_many(30, 250)
-def test_intervals_cover_the_truth_in_93_to_97_of_100_where_the_structure_is_given(colour, runs):
+def test_intervals_cover_the_truth_in_93_to_97_of_100_where_the_structure_is_given(noise_model, runs):
     # 250 runs of 7 terms: 1750 intervals, a standard error of 0.5 % if 95 % is right; 93 and 97 lie four away.
     # Of the 210 intervals of 30 runs 89.0 to 100 % lie within four standard errors.
-    flights = [cases.colour_case(colour, seed, n=2000) for seed in range(5)]
+    flights = [cases.colour_case(noise_model, seed, n=2000) for seed in range(5)]
     error, said, textbook = [], [], []
     for k in range(runs):
         case = flights[k % 5].redraw(1000 + k)
@@ -57,10 +60,10 @@ def test_intervals_cover_the_truth_in_93_to_97_of_100_where_the_structure_is_giv
 
 
 @few_and_many(10, 80)
-def test_intervals_after_selection_cover_the_truth_in_at_least_90_of_100(colour, runs):
+def test_intervals_after_selection_cover_the_truth_in_at_least_90_of_100(noise_model, runs):
     # 34 candidates, seven true; a term kept that is not there has zero for its truth. About 560 intervals in 80
     # runs: were 95 % right, 90 % would be five standard errors away; in 10 runs, two.
-    flights = [cases.colour_case(colour, seed, n=2000, n_signals=4) for seed in range(5)]
+    flights = [cases.colour_case(noise_model, seed, n=2000, n_signals=4) for seed in range(5)]
     assert len(flights[0].exponents) == 34
     inside, exact = [], 0
     for k in range(runs):
@@ -82,7 +85,9 @@ def test_intervals_after_selection_cover_the_truth_in_at_least_90_of_100(colour,
 @pytest.fixture(scope="module", params=[1, pytest.param(4, marks=pytest.mark.slow)], ids="{} of each".format)
 def recoveries(request):
     """Flights of each of six colours: seven true terms among 164, and what was selected."""
-    every = [cases.colour_case(colour, seed, n=8000) for colour in cases.COLOURS for seed in range(request.param)]
+    every = [
+        cases.colour_case(noise_model, seed, n=8000) for noise_model in cases.COLOURS for seed in range(request.param)
+    ]
     return [(case, run(case, case.exponents)) for case in every]
 
 
@@ -113,8 +118,8 @@ def whitened_bic(case, terms, ar):
 
 
 def test_the_automatic_threshold_lets_a_false_term_in_about_once_in_twenty_flights():
-    # Responses that are coloured noise and nothing else, 14 candidates, 120 flights: were the chance 5 %, 14 or more
-    # would have a term with odds of 1 in 300. The white rule with the same threshold fails in nearly all.
+    # Responses of coloured noise alone, 14 candidates, 120 flights: at a probability of 5 %, 14 or more would have
+    # a term with odds of 1 in 300. The white rule with the same threshold fails in nearly all.
     exponents = monomial_exponents(4, 2)
     false = {"ar": 0, "white": 0}
     for seed in range(120):

@@ -137,7 +137,7 @@ def test_at_convergence_no_exchange_of_one_term_lowers_the_residual():
             assert left @ left > path.rss * (1.0 - 1e-9)
 
 
-def test_a_term_that_stood_in_for_two_leaves_when_both_are_in():
+def test_a_term_that_replaced_two_leaves_when_both_are_in():
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(2, 500))
     X = np.column_stack([a + b + 0.1 * rng.normal(size=500), a, b])
@@ -344,7 +344,7 @@ def test_polish_never_ends_above_where_it_began_and_keeps_forced_terms():
         assert 59 * np.log(path.rss) + penalty * len(path.selected) <= 59 * np.log(begin) + penalty * 6 + 1e-9
 
 
-def test_polish_replaces_one_stand_in_by_the_two_it_hid():
+def test_polish_replaces_one_substitute_by_the_two_it_replaced():
     # y = a - b with a and b nearly equal: each alone is useless, and c alone does fairly well.
     rng = np.random.default_rng(4)
     a = rng.normal(size=400)

@@ -175,7 +175,7 @@ def test_manoeuvres_joined_to_blocks_add_up_and_are_left_out_together(folder, mo
     assert len(joined.noise_models) == 6
 
 
-def test_room_bounds_the_blocks_kept_apart():
+def test_memory_bounds_the_number_of_separate_blocks():
     few, many = blocks.max_blocks(34), blocks.max_blocks(494)
     assert (few, blocks.max_blocks(3000)) == (blocks.MAX_BLOCKS, blocks.MIN_BLOCKS)
     assert many * 496 * 497 / 2 * 8 < 1.01 * blocks.ROOM
@@ -199,7 +199,7 @@ def broken(stage, parts):
 
 
 @pytest.mark.parametrize(("stage", "parts"), [("noise models", 2), ("prewhitened", 4), ("bootstrap", 3)])
-def test_a_run_that_was_broken_off_goes_on_where_it_was(folder, tmp_path, stage, parts):
+def test_an_interrupted_run_continues_where_it_was(folder, tmp_path, stage, parts):
     kept = tmp_path / "kept"
     flights = stream_recordings(folder)
     expected = select(flights, ["CZ", "CY"], POOL, **ASKED)
@@ -217,7 +217,7 @@ def test_a_run_that_was_broken_off_goes_on_where_it_was(folder, tmp_path, stage,
 
 
 @pytest.mark.slow
-def test_a_run_killed_outright_goes_on_in_another_process(folder, tmp_path):
+def test_a_killed_run_continues_in_another_process(folder, tmp_path):
     script = textwrap.dedent(
         f"""
         import json, os, signal, sys
@@ -351,7 +351,7 @@ def test_recordings_in_memory_go_to_the_workers_too_and_errors_come_back(folder,
 
 
 @pytest.mark.slow
-def test_a_task_that_kills_every_worker_is_given_up_in_words(client):
+def test_a_task_that_kills_every_worker_ends_with_a_clear_message(client):
     client.run_on_scheduler(lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 0))
     with pytest.raises(SelectionError, match="every worker that took it died"):
         list(JobRunner(client).map(_kill_own_process, [0]))
@@ -384,7 +384,7 @@ def test_the_command_streams_and_writes_the_same_model(folder, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["held", "streamed"]
 
 
-def test_a_streamed_run_keeps_its_checkpoint_beside_the_results(folder, tmp_path, monkeypatch):
+def test_a_streamed_run_keeps_its_checkpoint_with_the_results(folder, tmp_path, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 

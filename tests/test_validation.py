@@ -183,7 +183,7 @@ def test_pooled_lags_do_not_cross_from_one_manoeuvre_to_the_next():
     assert np.abs(pooled.autocorrelation[1:]).max() < 0.15
 
 
-def test_warnings_are_stated_beside_the_numbers():
+def test_warnings_are_stated_with_the_numbers():
     exact = make_recording("m00", 3, sigma=0.0)
     model = AeroModel({"CZ": ResponseModel(("1",), [0.5], ranges={})}, recordings=())
     assert "so no correlation" in str(validate(model, exact))

@@ -112,7 +112,7 @@ def test_other_programs_read_the_table_past_the_notes(small, tmp_path):
     assert_allclose(frame["tank_level [kg]"], small["tank_level"], rtol=0)
 
 
-def test_a_file_is_replaced_only_when_asked_and_nothing_is_left_beside_it(small, tmp_path):
+def test_a_file_is_replaced_only_when_requested_and_no_other_file_is_left(small, tmp_path):
     path = write_recording(small, tmp_path / "one.csv")
     other = small.with_channels(alpha=0.2)
     with pytest.raises(DataError, match=r"one\.csv' exists already\.\nChoose another name, or pass overwrite=True"):

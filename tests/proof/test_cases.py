@@ -127,7 +127,7 @@ def test_the_same_seed_gives_the_same_files_and_another_seed_others(tmp_path):
     assert files["one"][3].read_bytes() != files["three"][3].read_bytes()
 
 
-def test_nothing_in_the_case_s_folder_tells_what_is_concealed(tmp_path):
+def test_no_file_of_the_case_reveals_what_is_concealed(tmp_path):
     folder = write_case(draw_case(21, effect="sensor-scale"), tmp_path / "cases", tmp_path / "keys")
     text = (folder / "aircraft.toml").read_text() + "".join(str(p) for p in folder.rglob("*"))
     assert "sensor-scale" not in text

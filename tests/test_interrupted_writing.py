@@ -187,7 +187,7 @@ def test_what_a_killed_run_left_is_cleared_away(select):
     assert not [p.name for p in out.iterdir() if p.name.startswith(".")]
 
 
-def test_a_new_folder_that_cannot_be_filled_is_not_left_behind(select, tmp_path):
+def test_a_new_folder_that_cannot_be_filled_is_removed(select, tmp_path):
     (tmp_path / "file").write_text("")
     before = content(tmp_path)
     result = run(*select[:-1], tmp_path / "file" / "new" / "out")
@@ -210,7 +210,7 @@ def test_the_current_folder_can_be_written_to(select, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["x" * 9000, "x " * 4500], ids=["word", "line"])
-def test_a_name_of_thousands_of_characters_is_not_printed_complete(name):
+def test_a_name_of_thousands_of_characters_is_cut_in_print(name):
     stated = str(DataError(f"'r.csv' has no channel 't'.\nIt has: {name}.\nName the column."))
     assert stated.startswith("'r.csv' has no channel 't'.\nIt has: x")
     assert stated.endswith(".\nName the column.")

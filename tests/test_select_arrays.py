@@ -1,4 +1,4 @@
-"""The selection engine on arrays, against statsmodels, brute force and a search by QR."""
+"""Selection from arrays, against statsmodels, brute force and a search by QR."""
 
 import itertools
 import tracemalloc
@@ -152,7 +152,7 @@ def test_selection_on_whitened_residuals_converges_on_the_truth_where_the_white_
     assert classical <= 2
 
 
-def test_the_converged_structure_is_what_its_own_residuals_colour_selects():
+def test_the_converged_structure_is_the_one_selected_with_its_own_residual_autocorrelation():
     # Whitening by hand with the estimated AR filter and selecting as if white gives the same terms again.
     flights = [flight(7, 2000, rho=0.9), flight(8, 1500, rho=0.8)]
     (found,) = run(flights, F_in=12.0)

@@ -31,7 +31,7 @@ def test_a_finding_says_what_where_how_much_and_what_it_buys():
     assert "configuration-change 5 %" in stated
 
 
-def test_the_three_bars_stand_side_by_side_for_each_response_it_shows_in():
+def test_the_three_bars_are_side_by_side_for_each_response_of_the_effect():
     rows = [line.split() for line in tell(diagnosis()).splitlines()]
     assert ["CZ", "0.220", "0.210", "0.080"] in rows
     assert ["CX", "0.310", "0.300", "0.190"] in rows
@@ -46,7 +46,7 @@ def test_a_tie_is_stated_in_the_first_line_with_what_would_separate():
     assert "10 % is more than a vane on a boom usually has" in stated
 
 
-def test_where_none_of_the_names_may_be_right_that_is_said():
+def test_the_text_states_when_none_of_the_effects_may_be_right():
     stated = flat(tell(diagnosis(replace(GROUND, ambiguous_with=("unknown",)))))
     assert "ground-effect or something unknown (together 94 %)" in stated
     assert "something unknown would do as well" in stated
@@ -72,21 +72,21 @@ def test_a_consistent_simulation_gets_its_verdict_and_what_would_have_shown():
     assert "icing from 35 %" in stated
 
 
-def test_agreement_that_strains_a_tolerance_is_not_called_agreement_within_them():
+def test_agreement_with_a_tolerance_exceeded_is_not_reported_as_within_tolerances():
     pulls = (Pull("thrust", -8.0, -0.24, 0.01, "relative"),)
     stated = flat(tell(diagnosis(verdict="consistent", pulls=pulls)))
     assert stated.startswith("CONSISTENT, but beyond the stated tolerances")
     assert "only if 'thrust' is off by -8.0 of its stated standard deviations." in stated
 
 
-def test_turbulence_is_stated_beside_a_consistent_verdict_and_is_nothing_left_out():
+def test_turbulence_is_stated_with_a_consistent_verdict_and_is_no_missing_effect():
     first = tell(diagnosis(TURBULENCE, verdict="consistent")).split("\n\n")[0]
     assert first.startswith("CONSISTENT")
     assert "There was turbulence besides." in flat(first)
     assert "leaves out" not in first
 
 
-def test_physics_without_a_name_is_not_given_one():
+def test_an_unknown_effect_gets_no_name():
     nameless = replace(GROUND, physics=(replace(GROUND.physics[0], effect="unknown"),))
     assert "none of the effects known explains" in flat(tell(diagnosis(nameless)))
     assert "of all explained" not in flat(tell(diagnosis(replace(nameless, share=0.0))))

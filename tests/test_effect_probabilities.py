@@ -1,4 +1,4 @@
-"""How likely effects are: the formula, what is taken where an effect acts, and the weights' own fit."""
+"""Probabilities of effects: the formula, the weights of the evidence, and the fit of the weights."""
 
 from types import SimpleNamespace
 
@@ -29,14 +29,14 @@ def test_probabilities_are_a_softmax_with_nothing_among_the_choices():
     assert weighing.chances([]) == pytest.approx([1.0])
 
 
-def test_what_speaks_for_an_effect_has_a_positive_weight():
+def test_a_feature_in_favour_of_an_effect_has_a_positive_weight():
     weights = dict(zip(weighing.FEATURES, weighing.WEIGHTS))
     assert all(
         weights[name] > 0.0 for name in ("ahead", "ahead alone", "takes", "takes there", "level", "own", "prior")
     )
 
 
-def test_what_tolerances_imitate_is_no_evidence_once_something_was_found():
+def test_evidence_that_tolerances_can_absorb_does_not_count_once_something_was_found():
     def score(effect, with_effect, delivered, event=False):
         return SimpleNamespace(
             effect=effect, event=event, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
@@ -53,7 +53,7 @@ def test_what_tolerances_imitate_is_no_evidence_once_something_was_found():
     assert not weighing.evident(first, score("mass-error", 9.0, 60.0))  # the gain that tolerances alone give at random
 
 
-def test_what_inputs_do_not_bear_out_does_not_count():
+def test_evidence_that_the_response_to_the_inputs_does_not_confirm_does_not_count():
     def score(with_effect, delivered, driven=None, whole=0.0):
         return SimpleNamespace(
             event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
@@ -68,7 +68,7 @@ def test_what_inputs_do_not_bear_out_does_not_count():
     assert (weighing.nats(half), weighing.alone(half)) == pytest.approx((449.25, 201.5))
 
 
-def test_log_bayes_ahead_are_of_the_best_other_and_within_one():
+def test_the_log_bayes_factor_is_against_the_best_other_effect_and_within_one():
     scores = [SimpleNamespace(nats=x) for x in (100.0, 40.0, -5.0)]
     ahead = [weighing.ahead_of(s, scores, lambda one: one.nats) for s in scores]
     assert ahead == pytest.approx([0.6, -1.0, -1.0])
@@ -78,7 +78,7 @@ def test_log_bayes_ahead_are_of_the_best_other_and_within_one():
     assert weighing.ahead_of(alone[0], alone, lambda one: one.nats) == pytest.approx(0.5)  # half of 20
 
 
-def test_an_effect_is_behind_the_best_by_what_it_was_let_in_for():
+def test_an_effect_is_behind_the_best_by_its_gain_at_admission():
     def score(with_effect, delivered):
         return SimpleNamespace(
             event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
@@ -99,7 +99,7 @@ def problem_of(signals):
     return SimpleNamespace(left_out=left, left_in=left, responses=("CZ",))
 
 
-def test_a_few_moments_count_by_what_the_effect_does_there():
+def test_a_few_samples_count_by_the_effect_there():
     rng = np.random.default_rng(2)
     noise = [rng.normal(size=400) for _ in range(3)]
     stop = np.zeros(400)
@@ -112,7 +112,7 @@ def test_a_few_moments_count_by_what_the_effect_does_there():
     assert judging.excess_where_moved(without, without) == {}
 
 
-def test_what_an_effect_carries_is_a_fraction_of_each_response_however_quiet_that_is():
+def test_an_effect_explains_a_fraction_of_each_response_however_small_that_is():
     """Two effects, one in each response: as much of either counts the same, whatever its noise."""
 
     def plain(kept):
@@ -169,9 +169,7 @@ def padded_of(rounds):
         ({"time constant": 2.0}, (), 1.0), ({}, ("m01",), 2.0**2),
     ],
 )  # fmt: skip
-def test_each_moment_that_was_sought_and_manoeuvres_that_were_chosen_cost_the_log_of_the_choices(
-    shape, only_in, choices
-):
+def test_each_searched_time_and_chosen_manoeuvre_costs_the_log_of_the_number_of_choices(shape, only_in, choices):
     base = SimpleNamespace(evidence=np.zeros((1, 2)), y=[np.zeros(4)], freed=np.zeros(1))
     trial = Trial(50.0, np.array([25.0, 25.0]), np.ones(1), np.eye(1), np.array([50.0]))
 

@@ -1,4 +1,4 @@
-"""What inputs alone make of the motion: free of gusts, and enough to tell what is there from what gusts look like."""
+"""Response to the recorded inputs: without gusts, and enough to separate an effect from gusts that resemble it."""
 
 from dataclasses import replace
 from functools import cache
@@ -53,7 +53,7 @@ def alike(flights, gusts, channel, lags=40):
     return 1.0 - float(np.var(y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) / np.var(y))
 
 
-def test_what_inputs_make_of_the_motion_does_not_follow_the_gusts():
+def test_the_response_to_the_inputs_does_not_follow_the_gusts():
     flights, gusts = blown()
     moved = driven(flights)
     by_probability = alike(driven(blown(0.0)[0]), gusts, "alpha")
@@ -69,7 +69,7 @@ EFFECTS = (
 )  # fmt: skip
 
 
-def test_what_gusts_look_like_on_the_recorded_motion_is_not_borne_out_by_the_inputs():
+def test_an_effect_that_gusts_resemble_is_not_confirmed_by_the_response_to_the_inputs():
     problem, library = tried(blown()[0], *EFFECTS)
     scores = InputDrivenMotion.of(problem.flights).bear_out(problem, score_all(problem, library))
     plain = {s.effect: nats(replace(s, driven=None)) for s in scores}
@@ -83,14 +83,14 @@ def test_what_gusts_look_like_on_the_recorded_motion_is_not_borne_out_by_the_inp
     assert "No vane feels it" in air.says
 
 
-def test_what_is_there_is_found_in_rough_air_and_in_the_form_that_inputs_bear_out():
+def test_an_effect_is_found_in_turbulence_and_in_the_form_that_the_response_to_the_inputs_confirms():
     problem, library = tried(blown(Cl=(("da^3", -20.0),))[0], *EFFECTS)
     best = max(InputDrivenMotion.of(problem.flights).bear_out(problem, score_all(problem, library)), key=nats)
     assert (best.effect, best.signature.variant.about[:2]) == ("control-nonlinearity", "da")
     assert nats(best) > 15.0
 
 
-def test_calm_air_changes_nothing_of_what_is_there():
+def test_calm_air_changes_nothing_of_the_effects():
     problem, library = tried(blown(0.0, Cl=(("da^3", -20.0),))[0], *EFFECTS)
     plain = score_all(problem, library)
     before, after = max(plain, key=nats), max(InputDrivenMotion.of(problem.flights).bear_out(problem, plain), key=nats)
@@ -98,7 +98,7 @@ def test_calm_air_changes_nothing_of_what_is_there():
     assert nats(after) == pytest.approx(nats(before))
 
 
-def test_what_takes_all_that_is_beyond_the_noise_counts_where_inputs_predict_little_of_it():
+def test_an_effect_that_explains_all_beyond_the_noise_counts_where_the_inputs_predict_little_of_it():
     problem, library = tried(blown(0.0, Cl=(("da^3", -60.0),))[0], "control-nonlinearity")
     (known,) = score_all(problem, library)
     small = replace(known, log_evidence=4.0, predictive=np.zeros(len(problem.flights)), within=0.0)
@@ -109,13 +109,13 @@ def test_what_takes_all_that_is_beyond_the_noise_counts_where_inputs_predict_lit
     assert nats(sure) == pytest.approx(sure.whole * nats(known) + (1.0 - sure.whole) * 6.0)
 
 
-def test_calm_air_is_not_called_rough():
+def test_calm_air_is_not_reported_as_turbulent():
     problem, library = tried(blown(0.0)[0], *EFFECTS)
     log_bayes_lost = not_borne_out(InputDrivenMotion.of(problem.flights).bear_out(problem, score_all(problem, library)))
     assert unfelt(problem.flights, log_bayes_lost) is None
 
 
-def test_a_motion_whose_inputs_are_not_recorded_is_not_asked():
+def test_a_motion_without_recorded_inputs_is_not_predicted():
     flights = [replace(f, recorded=f.recorded - {"da", "dr"}) for f in blown(0.0, Cl=(("da^3", -20.0),))[0]]
     once_more = InputDrivenMotion.of(flights)
     assert once_more.foretold == (True, False)
