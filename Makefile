@@ -48,8 +48,8 @@ check: static test  ## everything a commit must pass
 	.venv-bench/bin/python -m pip install --quiet -e ".[dask]"
 	touch $@
 
-bench: .venv-bench/.installed  ## ratios against X.T @ X and the peers, goals S1 to S6; half an hour, GO_ON=--go-on goes on
-	OMP_NUM_THREADS=1 .venv-bench/bin/python benchmarks/selection.py --samples 20000,200000 --peer-samples 200000 --other-peer-samples 20000 --parts time,peers,memory,workers --out out/bench.md $(GO_ON)
+bench: .venv-bench/.installed  ## ratios against X.T @ X and the peers, goals S1 to S6; half an hour; CONTINUE=--continue resumes
+	OMP_NUM_THREADS=1 .venv-bench/bin/python benchmarks/selection.py --samples 20000,200000 --peer-samples 200000 --other-peer-samples 20000 --parts time,peers,memory,workers --out out/bench.md $(CONTINUE)
 
 fuzz: $(VENV)/.installed-dev  ## damaged files by the thousand, for every reader; about half an hour
 	OMP_NUM_THREADS=1 STRUCTSEL_FUZZ=200 $(BIN)/python -m pytest tests/test_fuzzing.py -k damaged -q -s

@@ -1,12 +1,12 @@
-"""Synthetic recovery cases: a closed-loop aeroplane's correlated signals, known terms, coloured residuals.
+"""Synthetic recovery cases: correlated signals of a closed-loop aeroplane, known terms, coloured residuals.
 
 Eight signals (alpha, beta, p_hat, q_hat, r_hat, de, da, dr) come from a linear aeroplane with actuators,
 stability augmentation, a pilot who flies random pulses with cross-feed, and turbulence. Because the loops
 are closed the signals are correlated, as in flight. The candidates are all monomials up to a degree; the
-response is seven of them, three of which are weak: their true value is a stated number of standard errors
-of the generalised least-squares estimate that knows the residual's colour and the seven terms.
+response is seven of them, three of them weak: their true value is a stated number of standard errors
+of the generalised least-squares estimate that knows the residual's noise model and the seven terms.
 
-The true terms are drawn so that the data can tell them apart: in the whitened metric no term outside the
+The true terms are drawn so that the data can separate them: in the whitened metric no term outside the
 truth may correlate above ``alias_limit`` with a true one once the other true terms are removed. That is a
 property of the signals, not of any search; without it the wrong model is often the better one by BIC
 (at the default 0.9 and t = 7 the truth fits better than one such swap by 9 +- 6 in -2 log L).
@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eig, expm, solve_toeplitz
 from scipy.signal import butter, lfilter
 
-COLOURS = ("white", "ar1_0.92", "ar1_0.98", "ar2_mode_3Hz", "lowpass_1Hz+white", "smoothed_5pt")
+NOISE_MODELS = ("white", "ar1_0.92", "ar1_0.98", "ar2_mode_3Hz", "lowpass_1Hz+white", "smoothed_5pt")
 SIGNALS = ("alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "V_ratio", "throttle")
 DT = 0.02
 WEAK_T = (7.0, 10.0, 13.0)
@@ -38,7 +38,7 @@ class Case:
 
     Attributes
     ----------
-    colour : str
+    noise_model : str
     names : tuple of str
         Of the base signals.
     manoeuvres : tuple of (base (s, n_k), responses (m, n_k)) pairs
@@ -50,16 +50,16 @@ class Case:
         Their values, in that order; the last three are the weak ones.
     intercept : float
     standard_errors : (7,) array
-        Generalised least-squares standard errors with the true colour.
+        Generalised least-squares standard errors with the true noise model.
     noise_std : float
         Of the coloured residual (total, not innovation).
     ar : (L,) array
-        The true residual colour as e[t] = sum ar[l-1] e[t-l] + white (a long fit where it is no exact AR).
+        The true residual noise as e[t] = sum ar[l-1] e[t-l] + white (a long fit where it is no exact AR).
     r2 : float
         1 - var(residual)/var(response).
     """
 
-    colour: str
+    noise_model: str
     names: tuple[str, ...]
     manoeuvres: tuple[tuple[np.ndarray, np.ndarray], ...]
     exponents: np.ndarray
@@ -95,7 +95,7 @@ class Case:
         rng = np.random.default_rng([seed, 77])
         signal = [_evaluate(base, self.exponents, self.true, self.theta) for base, _ in self.manoeuvres]
         manoeuvres = tuple(
-            (base, (self.intercept + s + self.noise_std * residual(self.colour, base.shape[1], rng))[None])
+            (base, (self.intercept + s + self.noise_std * residual(self.noise_model, base.shape[1], rng))[None])
             for (base, _), s in zip(self.manoeuvres, signal)
         )
         return replace(self, manoeuvres=manoeuvres)
@@ -146,27 +146,27 @@ def flight_signals(n: int, seed: int, n_signals: int = 8) -> np.ndarray:
     return out
 
 
-def residual(colour: str, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Unit-variance residual of `n` samples of one colour (see `COLOURS`)."""
+def residual(noise_model: str, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Unit-variance residual of `n` samples of one noise model (see `NOISE_MODELS`)."""
     white = rng.standard_normal(n + _BURN_IN)
-    if colour == "lowpass_1Hz+white":
+    if noise_model == "lowpass_1Hz+white":
         b, a = _lowpass()
         slow = lfilter(b, a, white) / np.sqrt(_power(b, a))
         e = np.sqrt(0.8) * slow + np.sqrt(0.2) * rng.standard_normal(n + _BURN_IN)
     else:
-        b, a = _shaping(colour)
+        b, a = _shaping(noise_model)
         e = lfilter(b, a, white) / np.sqrt(_power(b, a))
     return e[_BURN_IN:]
 
 
-def true_ar(colour: str, order: int = 40) -> tuple[np.ndarray, float]:
-    """The colour as (ar, innovation std / residual std); a fit to the true spectrum where not AR."""
-    if colour == "white":
+def true_ar(noise_model: str, order: int = 40) -> tuple[np.ndarray, float]:
+    """The noise model as (ar, innovation std / residual std); a fit to the true spectrum where not AR."""
+    if noise_model == "white":
         return np.empty(0), 1.0
-    if colour.startswith("ar"):
-        a = _shaping(colour)[1]
+    if noise_model.startswith("ar"):
+        a = _shaping(noise_model)[1]
         return -a[1:], float(1 / np.sqrt(_power(np.ones(1), a)))
-    if colour == "smoothed_5pt":
+    if noise_model == "smoothed_5pt":
         c = np.zeros(order + 1)
         c[:5] = (5 - np.arange(5)) / 5
     else:
@@ -178,8 +178,8 @@ def true_ar(colour: str, order: int = 40) -> tuple[np.ndarray, float]:
     return ar, float(np.sqrt(1 - ar @ c[1:]))
 
 
-def colour_case(
-    colour: str = "white",
+def recovery_case(
+    noise_model: str = "white",
     seed: int = 0,
     *,
     n: int = 20_000,
@@ -195,27 +195,27 @@ def colour_case(
 
     Parameters
     ----------
-    colour : str
-        One of `COLOURS`.
+    noise_model : str
+        One of `NOISE_MODELS`.
     seed : int
         The flights, the truth and the residual follow from it alone.
     n : int
-        Samples in all, shared evenly by the manoeuvres.
+        Samples in all, divided evenly among the manoeuvres.
     n_responses : int
         More than one gives every response its own truth; `true`, `theta` are those of the first.
     r2 : float
-        Share of the response's variance that the true terms explain (the strong ones alone set it).
+        Fraction of the response's variance that the true terms explain (the strong ones alone set it).
     weak_t : tuple of float
         True value of each weak term in its standard errors.
     """
-    if colour not in COLOURS:
-        raise ValueError(f"colour must be one of {COLOURS}, not {colour!r}")
+    if noise_model not in NOISE_MODELS:
+        raise ValueError(f"noise_model must be one of {NOISE_MODELS}, not {noise_model!r}")
     lengths = [len(part) for part in np.array_split(np.arange(n), n_manoeuvres)]
     bases = [flight_signals(m, 1000 * seed + k, n_signals) for k, m in enumerate(lengths)]
     exponents = monomials(n_signals, degree)
-    ar, innovation = true_ar(colour)
+    ar, innovation = true_ar(noise_model)
     gram, variance, m_draw = _whitened_gram(bases, exponents, ar)
-    rng = np.random.default_rng([seed, 33, COLOURS.index(colour), degree])
+    rng = np.random.default_rng([seed, 33, NOISE_MODELS.index(noise_model), degree])
     responses: list[list[np.ndarray]] = [[] for _ in bases]
     first = None
     for k in range(n_responses):
@@ -234,7 +234,7 @@ def colour_case(
         explained, total = [], []
         for parts, base, s in zip(responses, bases, signal):
             s += _evaluate(base, exponents, true[len(strong) :], theta[len(strong) :]) + intercept
-            e = noise_std * residual(colour, base.shape[1], rng)
+            e = noise_std * residual(noise_model, base.shape[1], rng)
             explained.append(e)
             parts.append(s + e)
             total.append(parts[-1])
@@ -245,7 +245,7 @@ def colour_case(
     true, theta, intercept, se, noise_std, fraction = first
     manoeuvres = tuple((base, np.array(parts)) for base, parts in zip(bases, responses))
     return Case(
-        colour=colour,
+        noise_model=noise_model,
         names=SIGNALS[:n_signals],
         manoeuvres=manoeuvres,
         exponents=exponents,
@@ -272,8 +272,8 @@ def score(case: Case, selected: object) -> tuple[bool, int, int]:
 def closed_loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, B, C of x' = A x + B u, y = C x; u is de, da, dr, throttle commands and two gusts, y is `SIGNALS`."""
     # States: alpha q theta u/V | beta p r phi | de da dr thr (two lags each) | gust alpha, gust beta
-    flown = ["alpha", "q", "theta", "u", "beta", "p", "r", "phi"]
-    names = [*flown, "de", "da", "dr", "thr", "de2", "da2", "dr2", "thr2", "ga", "gb"]
+    motion = ["alpha", "q", "theta", "u", "beta", "p", "r", "phi"]
+    names = [*motion, "de", "da", "dr", "thr", "de2", "da2", "dr2", "thr2", "ga", "gb"]
     i = {name: k for k, name in enumerate(names)}
     A = np.zeros((len(names), len(names)))
 
@@ -345,7 +345,7 @@ def _modes() -> tuple[list, list, list]:
 
 
 def _pulses(n: int, rng: np.random.Generator) -> np.ndarray:
-    """Random pulses held 0.3 to 2 s, half of the time at rest, as 3-2-1-1 and doublets flown in any order."""
+    """Random pulses held 0.3 to 2 s, half of the time at rest, like 3-2-1-1 inputs and doublets in any order."""
     mean_hold = 1.15 / DT
     count = int(1.3 * n / mean_hold) + 20
     hold = rng.integers(int(0.3 / DT), int(2.0 / DT) + 1, count)
@@ -353,20 +353,20 @@ def _pulses(n: int, rng: np.random.Generator) -> np.ndarray:
     return np.repeat(level, hold)[:n]
 
 
-# ---------------------------------------------------------------- residual colours
+# ---------------------------------------------------------------- residual noise models
 
 
-def _shaping(colour: str) -> tuple[np.ndarray, np.ndarray]:
-    if colour == "white":
+def _shaping(noise_model: str) -> tuple[np.ndarray, np.ndarray]:
+    if noise_model == "white":
         return np.ones(1), np.ones(1)
-    if colour.startswith("ar1_"):
-        return np.ones(1), np.array([1.0, -float(colour[4:])])
-    if colour == "ar2_mode_3Hz":  # a structural mode of 3 Hz, 5 % damped
+    if noise_model.startswith("ar1_"):
+        return np.ones(1), np.array([1.0, -float(noise_model[4:])])
+    if noise_model == "ar2_mode_3Hz":  # a structural mode of 3 Hz, 5 % damped
         radius = np.exp(-0.05 * 2 * np.pi * 3.0 * DT)
         return np.ones(1), np.array([1.0, -2 * radius * np.cos(2 * np.pi * 3.0 * DT), radius**2])
-    if colour == "smoothed_5pt":
+    if noise_model == "smoothed_5pt":
         return np.full(5, 0.2), np.ones(1)
-    raise ValueError(f"colour must be one of {COLOURS}, not {colour!r}")
+    raise ValueError(f"noise_model must be one of {NOISE_MODELS}, not {noise_model!r}")
 
 
 def _lowpass() -> tuple[np.ndarray, np.ndarray]:
@@ -468,7 +468,7 @@ def _nearest_alias(R: np.ndarray, chosen: list) -> float:
         left = 1 - np.sum(cross * solved, axis=0)
         with_j = R[j, outside] - R[j, others] @ solved
         left_j = 1 - R[j, others] @ cho_solve(factor, R[others, j])
-        if left_j < 0.05:  # a true term that the other true ones nearly make
+        if left_j < 0.05:  # a true term that is nearly a linear combination of the others
             return 1.0
         worst = max(worst, float(np.max(np.abs(with_j) / np.sqrt(np.maximum(left, 1e-9) * left_j))))
     return worst

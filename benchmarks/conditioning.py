@@ -1,6 +1,6 @@
 """Nearly dependent candidates against a 60-digit fit and a QR search (goal A4).
 
-A ninth signal copies the elevator but for a share d of independent motion, from 1/10 to one millionth;
+A ninth signal copies the elevator except for independent motion of relative size d, from 1/10 to one millionth;
 elevator and copy both belong to the model. Kept as long as the copy's Schur complement, about d^2, is above
 1e-9, the copy is to be refused and listed as an alias below that.
 """
@@ -21,12 +21,12 @@ from structsel.numerics.regressors import ArrayData
 from structsel.numerics.stepwise import partial_f, stepwise
 from structsel.selection.search import centred
 
-SHARES = (1e-1, 1e-2, 1e-3, 1e-4, 4e-5, 1e-5, 1e-6)
+INDEPENDENT_MOTIONS = (1e-1, 1e-2, 1e-3, 1e-4, 4e-5, 1e-5, 1e-6)
 TOL = 1e-9
 SAMPLES = 5000
 F_IN = 12.0
 ELEVATOR, COPY = 5, 8
-SET_APART = 60.0  # the copy's t statistic
+COPY_T = 60.0  # the copy's t statistic
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,10 @@ class Conditioning:
 
     Attributes
     ----------
-    share : float
+    independent_motion : float
         Independent motion of the copy, relative to the elevator's.
     schur : float
-        What the other true terms leave of the copy.
+        Fraction of the copy that the other true terms leave.
     condition : float
         Of the true terms and the constant, scaled to unit length.
     theta_error : float
@@ -49,13 +49,13 @@ class Conditioning:
     printed_f_error : float
         The same of the refit's, which is what is printed.
     same_set : bool
-        Search on moments and search by QR kept the same terms.
+        Search on cross-products and search by QR kept the same terms.
     refused : bool
         One of the pair is among the candidates refused.
     kept_both : bool
     """
 
-    share: float
+    independent_motion: float
     schur: float
     condition: float
     theta_error: float
@@ -67,7 +67,7 @@ class Conditioning:
 
     def row(self) -> list[object]:
         return [
-            f"{self.share:.0e}",
+            f"{self.independent_motion:.0e}",
             f"{self.condition:.1e}",
             self.theta_error,
             f"{self.f_error:.1e}" if np.isfinite(self.f_error) else "-",
@@ -77,22 +77,22 @@ class Conditioning:
         ]
 
 
-def conditioning_cases(per_share: int, seed: int) -> list[Conditioning]:
-    """All shares, `per_share` flights each."""
+def conditioning_cases(per_level: int, seed: int) -> list[Conditioning]:
+    """All levels of independent motion, `per_level` flights each."""
     found = []
-    for share in SHARES:
-        for k in range(per_share):
-            found.append(one_case(share, seed + k))
-            say(f"conditioning {share:.0e} seed {seed + k}: {found[-1].row()}")
+    for motion in INDEPENDENT_MOTIONS:
+        for k in range(per_level):
+            found.append(one_case(motion, seed + k))
+            say(f"conditioning {motion:.0e} seed {seed + k}: {found[-1].row()}")
     return found
 
 
-def one_case(share: float, seed: int) -> Conditioning:
+def one_case(motion: float, seed: int) -> Conditioning:
     rng = np.random.default_rng([seed, 5])
     flight = flight_signals(SAMPLES, seed)
     own = rng.standard_normal(SAMPLES)
     elevator = flight[ELEVATOR]
-    base = np.ascontiguousarray(np.vstack([flight, elevator + share * elevator.std() * own]))
+    base = np.ascontiguousarray(np.vstack([flight, elevator + motion * elevator.std() * own]))
     exponents = monomials(9, 2)
     linear = np.flatnonzero(exponents.sum(axis=1) == 1)
     square = np.flatnonzero((exponents.sum(axis=1) == 2) & (exponents[:, [ELEVATOR, COPY]].sum(axis=1) == 0))
@@ -104,11 +104,11 @@ def one_case(share: float, seed: int) -> Conditioning:
     columns = design_matrix(base, exponents[true])
     signal = columns[:, 0] / columns[:, 0].std() + columns[:, 2:] @ (1.0 / columns[:, 2:].std(axis=0))
     noise = 0.2 * signal.std() * rng.standard_normal(SAMPLES)
-    apart = SET_APART * noise.std() / np.sqrt(SAMPLES) * own  # = theta (copy - elevator)
-    y = signal + apart + noise
+    contribution = COPY_T * noise.std() / np.sqrt(SAMPLES) * own  # = theta (copy - elevator)
+    y = signal + contribution + noise
     signals = [ArrayData(base, y[None])]
-    moments = cross_products(signals, exponents, workers=1)
-    C, dof = centred(moments.total()), SAMPLES - 1.0
+    products = cross_products(signals, exponents, workers=1)
+    C, dof = centred(products.total()), SAMPLES - 1.0
     path = stepwise(C, dof, F_in=F_IN, F_out=F_IN, swap=False, min_tolerance=TOL)
     by_qr = qr_stepwise(base, exponents, y, F_IN)
     fit = fit_terms(signals, exponents[true])
@@ -121,7 +121,7 @@ def one_case(share: float, seed: int) -> Conditioning:
         f_error = float(np.max(np.abs(partial_f(C, dof, true)[1] / F - 1.0)))
     pair = {true[0], true[1]}
     return Conditioning(
-        share=share,
+        independent_motion=motion,
         schur=schur,
         condition=fit.condition,
         theta_error=float(error / (np.finfo(float).eps * fit.condition)),

@@ -2,9 +2,9 @@
 
     python benchmarks/diagnosis.py --out diagnosis.md        # about 3 minutes
 
-The demonstration's flights in calm air; the simulation is their truth but for the pitching moment of sideslip. Each
-diagnosis runs in a fresh interpreter, as a command does, and is measured from the call on: what it loads counts, what
-`import structsel` takes does not. In the same interpreter, afterwards, the floor: every recorded channel smoothed once.
+The demonstration's flights in calm air; the simulation is their truth without the pitching moment of sideslip. Each
+diagnosis runs in a fresh interpreter, as a command does. The time includes the modules it loads, not the time of
+`import structsel`. The floor is measured afterwards in the same interpreter: every recorded channel smoothed once.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ LACKING = ("Cm", "beta^2")
 
 
 def once() -> dict[str, Any]:
-    """One diagnosis in this interpreter: wall and CPU seconds, CPU seconds of the floor, and what is said."""
-    recordings, craft, truth = ss.demo_flights(8, turbulence=0.0)
+    """One diagnosis in this interpreter: wall and CPU seconds, CPU seconds of the floor, and the result."""
+    recordings, aircraft, truth = ss.demo_flights(8, turbulence=0.0)
     del truth[LACKING[0]][LACKING[1]]
     simulation = ss.AeroModel(
         {c: ss.ResponseModel(tuple(map(ss.Term, terms)), np.array(list(terms.values()))) for c, terms in truth.items()}
     )
-    cpu, wall, found = measure_once(lambda: ss.diagnose(simulation, recordings, craft))
+    cpu, wall, found = measure_once(lambda: ss.diagnose(simulation, recordings, aircraft))
     floor, _, _ = measure_once(
         lambda: [smooth_spline(x, r.t, order=3) for r in recordings for x in r.channels.values()]
     )

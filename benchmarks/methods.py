@@ -103,7 +103,7 @@ class Tally:
 
     @property
     def rate(self) -> float:
-        """Share of cases whose structure came back exactly."""
+        """Fraction of cases whose structure was recovered exactly."""
         return self.per_case(self.exact)
 
     def __str__(self) -> str:
@@ -111,7 +111,7 @@ class Tally:
 
 
 def bic_above_truth(case: Case, chosen: Sequence[int]) -> float:
-    """BIC of the chosen model less that of the true one, both whitened with the true residual colour.
+    """BIC of the chosen model less that of the true one, both whitened with the true residual noise model.
 
     Computed by a dense least squares that has nothing to do with the engine. Above zero the search missed a
     better model: the true one.
@@ -144,7 +144,9 @@ def judge(method: Method, case: Case) -> tuple[tuple[bool, int, int], float]:
 # ---------------------------------------------------------------- parts of a fit, for timing
 
 
-def moments_of(manoeuvres: Sequence[DataSource], exponents: NDArray[np.integer], workers: int = 1) -> CrossProducts:
+def cross_products_of(
+    manoeuvres: Sequence[DataSource], exponents: NDArray[np.integer], workers: int = 1
+) -> CrossProducts:
     """Cross-products of all candidates and responses, one pass."""
     return cross_products(manoeuvres, exponents, workers=workers)
 
@@ -162,14 +164,14 @@ def search_in(
     return Search(one, options, SearchConstraints(exponents.sum(axis=1)), ()).run(weights)
 
 
-def whole_fit(
+def complete_fit(
     manoeuvres: Sequence[DataSource], exponents: NDArray[np.integer], workers: int = 1
 ) -> list[LeastSquaresFit]:
     """From signals to coefficients with standard errors, white residuals, every response: pass, search, refit."""
-    moments = moments_of(manoeuvres, exponents, workers)
+    products = cross_products_of(manoeuvres, exponents, workers)
     fits = []
-    for r in range(moments.n_responses):
-        kept = list(search_in(moments, exponents, r).selected)
+    for r in range(products.n_responses):
+        kept = list(search_in(products, exponents, r).selected)
         fits.append(fit_terms(manoeuvres, exponents[kept], response=r))
     return fits
 

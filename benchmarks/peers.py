@@ -1,10 +1,10 @@
 """Other packages' structure selection behind one signature, at settings that favour them.
 
 Every peer gets the candidates as a matrix ``X`` (n, p) whose columns have mean zero and unit variance, and the
-response less its mean: scaling and the constant, over which several would stumble, are settled beforehand,
+response less its mean: scaling and the constant, which several would not handle, are removed beforehand,
 outside their time. They answer with the indices of the columns they keep. Where a package grows a path of models
 and leaves its length to the user, the path goes to 20 terms (the truth holds 7) and BIC picks from it. A peer
-that is *told* is given the true number of terms.
+that needs the number of terms is given the true one.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ class Peer:
         Distribution name, for its version.
     module : str
         What must import for the peer to run.
-    told : bool
+    needs_count : bool
         Whether it is given the true number of terms.
     run : callable
-        ``run(X, y, told_count)``, columns standardised.
+        ``run(X, y, true_count)``, columns standardised.
     settings : str
         What was set, for the report.
     copies : float
@@ -52,7 +52,7 @@ class Peer:
     name: str
     package: str
     module: str
-    told: bool
+    needs_count: bool
     run: Callable[[Array, Array, int], Sequence[int] | Chosen]
     settings: str
     copies: float = 2.0
@@ -70,13 +70,13 @@ class Peer:
         if self.name not in _WARM:
             rng = np.random.default_rng(0)
             X = np.asfortranarray(rng.standard_normal((400, 2 * LONGEST)))
-            self.fit(X, X[:, :3].sum(axis=1) + rng.standard_normal(400), told_count=3)
+            self.fit(X, X[:, :3].sum(axis=1) + rng.standard_normal(400), true_count=3)
             _WARM.add(self.name)
 
     def version(self) -> str:
         return importlib.metadata.version(self.package)
 
-    def fit(self, X: Array, y: Array, told_count: int | None = None) -> Chosen:
+    def fit(self, X: Array, y: Array, true_count: int | None = None) -> Chosen:
         """Indices of the columns kept, ascending.
 
         Parameters
@@ -85,14 +85,14 @@ class Peer:
             Columns of mean zero and unit variance (`standardise`).
         y : (n,) array
             Of mean zero.
-        told_count : int, optional
-            True number of terms; only a peer that is told looks at it.
+        true_count : int, optional
+            True number of terms; only a peer with `needs_count` uses it.
         """
-        if self.told and told_count is None:
-            raise ValueError(f"{self.name} needs told_count, the true number of terms.")
+        if self.needs_count and true_count is None:
+            raise ValueError(f"{self.name} needs true_count, the true number of terms.")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            chosen = self.run(X, y, told_count or 0)
+            chosen = self.run(X, y, true_count or 0)
         return np.unique(np.asarray(chosen, dtype=np.intp))
 
 
@@ -225,14 +225,14 @@ def _statsmodels_loop(X: Array, y: Array, _: int) -> Chosen:
 
 
 PEERS: tuple[Peer, ...] = (
-    Peer("scikit-learn OMP, told the count", "scikit-learn", "sklearn", True, _omp_stated, "given the count"),
+    Peer("scikit-learn OMP, true count", "scikit-learn", "sklearn", True, _omp_stated, "given the count"),
     Peer("scikit-learn OMP, CV", "scikit-learn", "sklearn", False, _omp_cv, "5 folds of samples, up to 20 terms", 3.0),
     Peer("scikit-learn LassoLarsIC", "scikit-learn", "sklearn", False, _lasso_lars_bic, "BIC", 3.0),
     Peer("SysIdentPy FROLS", "sysidentpy", "sysidentpy", False, _sysidentpy_frols,
          "ERR to 20 terms in one run, length by its own rule on BIC (first rise)", 4.0),
     Peer("SysIdentPy FROLS, as called", "sysidentpy", "sysidentpy", False, _sysidentpy_frols_own,
          "order_selection: a run for each of 20 lengths; same answer as above", 4.0),
-    Peer("SysIdentPy OSF, told the count", "sysidentpy", "sysidentpy", True, _sysidentpy_osf,
+    Peer("SysIdentPy OSF, true count", "sysidentpy", "sysidentpy", True, _sysidentpy_osf,
          "orthogonal floating search, n_terms = true count", 3.0),
     Peer("PySINDy FROLS", "pysindy", "pysindy", False, _pysindy_frols,
          "no ridge, 20 terms, best BIC along its history", 6.0),

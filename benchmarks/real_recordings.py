@@ -381,7 +381,7 @@ def chosen(flights: Sequence[Recording], responses: Sequence[str], pool: ss.Cand
 
 
 def attas_vane() -> Case:
-    """A model about the centre of gravity, asked at what the boom's vanes read 13 m ahead of it."""
+    """A model about the centre of gravity, evaluated at the readings of the boom's vanes 13 m ahead of it."""
     records, aircraft = attas_records()
     model = chosen(compute_all(records, aircraft), SIX, ss.Candidates.polynomial(STATES, 2))
     content = aircraft.to_dict()
@@ -528,7 +528,7 @@ def gtm_model(terms: Sequence[str], top: float = 24.0) -> ss.AeroModel:
 
 
 def gtm_flights(count: int = 8) -> list[Recording]:
-    """Elevator pulls into the stall and steps below it, flown with the database and recorded with noise."""
+    """Pull-ups into the stall and steps below it, simulated with the database and recorded with noise."""
     bent = [str(t) for t in ss.Candidates.splines("alpha", STALL)]
     truth = gtm_model(["alpha", *bent, "de", "q_hat", "alpha*de", "de^2", "alpha*q_hat"])
     noise = {"V": 0.1, "alpha": 0.002, "q": 0.003, "theta": 0.001, "ax": 0.03, "az": 0.06}
@@ -537,13 +537,13 @@ def gtm_flights(count: int = 8) -> list[Recording]:
         speed = (31.0, 34.0, 29.0, 37.0)[k % 4]
         start = ss.trim(truth, gtm_aircraft(), V=speed, h=300.0)
         t = np.arange(0.0, 12.0, 0.02)
-        pull = np.radians((1.5, 4.0, 6.0, 3.0, 7.0, 5.0, 2.0, 8.0)[k])
+        pull_up = np.radians((1.5, 4.0, 6.0, 3.0, 7.0, 5.0, 2.0, 8.0)[k])
         form = np.interp(t, *THREES[k % 2])
-        inputs = {"t": t, "de": start.controls["de"] - pull * form, "thrust": start.controls["thrust"]}
-        flown = ss.simulate(truth, gtm_aircraft(), inputs, start=start, outside="ignore",
+        inputs = {"t": t, "de": start.controls["de"] - pull_up * form, "thrust": start.controls["thrust"]}
+        simulated = ss.simulate(truth, gtm_aircraft(), inputs, start=start, outside="ignore",
                             instruments=ss.Instruments(noise=noise, seed=k))  # fmt: skip
         keep = ("V", "alpha", "q", "theta", "ax", "az", "de", "thrust", "rho", "h")
-        flights.append(Recording(f"m{k + 1:02}", flown.t, {c: flown[c] for c in keep}))
+        flights.append(Recording(f"m{k + 1:02}", simulated.t, {c: simulated[c] for c in keep}))
     return flights
 
 
@@ -553,7 +553,7 @@ THREES = (
     ([0, 1, 2.5, 3.5, 4.2, 4.3, 5.3, 5.4, 7, 7.1, 7.7, 7.8, 12],
      [0, 0, 1, 1, 0, -0.5, -0.5, 0, 0, 0.8, 0.8, 0, 0]),
 )  # fmt: skip
-"""A 3-2-1-1 and a step; a slow pull and a doublet: times [s] and shares of the pull."""
+"""A 3-2-1-1 and a step; a slow pull-up and a doublet: times [s] and fractions of the pull-up."""
 
 
 def gtm_stall() -> Case:
@@ -637,7 +637,7 @@ def main() -> None:
     """Run cases and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", nargs="*", default=list(CASES), help="by default all")
-    parser.add_argument("--story", action="store_true", help="print what each diagnosis says in words")
+    parser.add_argument("--text", action="store_true", help="print the text of each diagnosis")
     a = parser.parse_args()
     rows = []
     for name in a.cases or list(CASES):
@@ -647,7 +647,7 @@ def main() -> None:
             traceback.print_exc(file=sys.stderr)
             continue
         rows.append(row)
-        if a.story and found is not None:
+        if a.text and found is not None:
             print(f"## {name}\n\n{found}\n", flush=True)
         print(" | ".join(row), file=sys.stderr, flush=True)
     from timing import table

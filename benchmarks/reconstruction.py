@@ -203,7 +203,7 @@ def filterpy_run(p: KinematicsProblem, compiled: bool) -> tuple[Array, Array]:
     return x, std
 
 
-def beside_filterpy(samples: int, repeats: int) -> str:
+def compared_with_filterpy(samples: int, repeats: int) -> str:
     """CPU time per sample, ratios and agreement."""
     short, _ = simulated(300)
     problem, path = simulated(samples)
@@ -279,7 +279,7 @@ def main() -> None:
         f"## {a.samples} samples",
     ]
     with one_blas_thread():
-        parts.append(beside_filterpy(a.samples, a.repeats))
+        parts.append(compared_with_filterpy(a.samples, a.repeats))
     if a.hours:
         say("long flight")
         long = in_child("reconstruction", "long_flight", {"samples": round(a.hours * 180_000)})

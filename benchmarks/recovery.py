@@ -1,11 +1,11 @@
-"""How often the exact structure comes back: every method of structsel beside its peers, in the same run.
+"""How often the exact structure comes back: structsel's methods and their peers, in one run.
 
     python benchmarks/recovery.py --seeds 200 --peer-seeds 50 --jobs 2 --out recovery.md
 
-Each seed is a flight of correlated signals with its own seven true terms, three of them weak, and a residual whose
-colour goes round the six (every sixth seed is white). Peers get candidates that are already evaluated, centred and
-scaled; structsel gets the signals. A slow peer may be given fewer seeds; the table says how many it had, always
-the first ones.
+Each seed is a flight of correlated signals with its own seven true terms, three of them weak. The residual's noise
+model is one of six in turn (every sixth seed is white). Peers get candidates that are already evaluated, centred and
+scaled; structsel gets the signals. A slow peer may be given fewer seeds, always the first ones; the table gives their
+number.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from statistics import median
 from time import process_time
 from typing import Any
 
-from cases import COLOURS, colour_case, monomials, score
+from cases import NOISE_MODELS, monomials, recovery_case, score
 from methods import METHODS, Tally, workers
 from peers import Peer, candidate_matrix, peers_named, standardise
 from timing import machine, one_blas_thread, publish, say, table
@@ -29,10 +29,10 @@ Over = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], Iterator[Any]]
 
 @dataclass(frozen=True)
 class Answer:
-    """What one method made of one seed."""
+    """Result of one method for one seed."""
 
     method: str
-    colour: str
+    noise_model: str
     score: Score
     seconds: float
     failed: str = ""
@@ -49,22 +49,22 @@ class Record:
         return sum(a.seconds for a in self.answers)
 
     def tally(self, white: bool | None = None) -> Tally:
-        return Tally.of(a.score for a in self.answers if white is None or (a.colour == "white") == white)
+        return Tally.of(a.score for a in self.answers if white is None or (a.noise_model == "white") == white)
 
 
 def one_seed(
-    seed: int, colour: str, samples: int, degree: int, manoeuvres: int, methods: str, peers: str
+    seed: int, noise_model: str, samples: int, degree: int, manoeuvres: int, methods: str, peers: str
 ) -> list[Answer]:
     """All methods and the named peers on one case; CPU seconds of each."""
     with one_blas_thread():
-        case = colour_case(colour, seed, n=samples, degree=degree, n_manoeuvres=manoeuvres)
+        case = recovery_case(noise_model, seed, n=samples, degree=degree, n_manoeuvres=manoeuvres)
         answers = []
         for method in METHODS:
             if not wanted(method.name, methods):
                 continue
             start = process_time()
             chosen = method.choose(case)
-            answers.append(Answer(method.name, colour, score(case, chosen), process_time() - start))
+            answers.append(Answer(method.name, noise_model, score(case, chosen), process_time() - start))
         running = present(peers)
         if running:
             for peer in running:
@@ -73,11 +73,11 @@ def one_seed(
         for peer in running:
             start = process_time()
             try:
-                chosen = tuple(peer.fit(X, y, told_count=len(case.true)))
+                chosen = tuple(peer.fit(X, y, true_count=len(case.true)))
                 failed = ""
-            except Exception as error:  # a peer that breaks has found nothing; the table says so
+            except Exception as error:  # a peer that fails has found nothing; the table marks it
                 chosen, failed = (), f"{type(error).__name__}: {error}"
-            answers.append(Answer(peer.name, colour, score(case, chosen), process_time() - start, failed))
+            answers.append(Answer(peer.name, noise_model, score(case, chosen), process_time() - start, failed))
         return answers
 
 
@@ -101,16 +101,16 @@ def run(a: argparse.Namespace, degree: int, over: Over) -> dict[str, Record]:
         peers = ";".join(sorted(left)) if left and first < a.peer_seeds else "none"
         work = []
         for seed in seeds:
-            colour = COLOURS[seed % len(COLOURS)] if a.colour == "cycle" else a.colour
+            noise_model = NOISE_MODELS[seed % len(NOISE_MODELS)] if a.noise_model == "cycle" else a.noise_model
             these = peers if seed < a.peer_seeds else "none"
-            work.append((a.seed + seed, colour, a.samples, degree, a.manoeuvres, a.methods, these))
-        for (seed, colour, *_), answers in zip(work, over(one_seed, work)):
+            work.append((a.seed + seed, noise_model, a.samples, degree, a.manoeuvres, a.methods, these))
+        for (seed, noise_model, *_), answers in zip(work, over(one_seed, work)):
             for answer in answers:
                 records.setdefault(answer.method, Record()).answers.append(answer)
                 if answer.failed:
                     say(f"{answer.method} failed on seed {seed}: {answer.failed}")
             exact = [answer.method for answer in answers if answer.score[0]]
-            say(f"degree {degree} seed {seed} {colour}: exact by {len(exact)} of {len(answers)}")
+            say(f"degree {degree} seed {seed} {noise_model}: exact by {len(exact)} of {len(answers)}")
     return records
 
 
@@ -157,18 +157,18 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="the first one")
     parser.add_argument("--degrees", default="3,4", help="3: 164 candidates, 4: 494")
     parser.add_argument("--samples", type=int, default=20_000)
-    parser.add_argument("--manoeuvres", type=int, default=1, help="shared evenly by the samples")
-    parser.add_argument("--colour", default="cycle", choices=["cycle", *COLOURS])
+    parser.add_argument("--manoeuvres", type=int, default=1, help="of equal length")
+    parser.add_argument("--noise-model", default="cycle", choices=["cycle", *NOISE_MODELS])
     parser.add_argument("--methods", default="all", help="semicolon-separated words of structsel's methods")
     parser.add_argument("--peers", default="all", help="semicolon-separated words, 'all' or 'none'")
-    parser.add_argument("--peer-seeds", type=int, default=48, help="most seeds a peer gets")
+    parser.add_argument("--peer-seeds", type=int, default=48, help="maximum number of seeds of a peer")
     parser.add_argument("--peer-seconds", type=float, default=1800.0, help="CPU budget of a peer per pool")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", help="also write the report to this file")
     a = parser.parse_args()
     parts = [
         "# Structure recovery",
-        f"{a.samples} samples, {a.manoeuvres} manoeuvre(s), residual: {a.colour}. {machine()}",
+        f"{a.samples} samples, {a.manoeuvres} manoeuvre(s), residual: {a.noise_model}. {machine()}",
     ]
     with workers(a.jobs) as over:
         for degree in (int(d) for d in a.degrees.split(",")):

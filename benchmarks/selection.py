@@ -3,11 +3,11 @@
     python benchmarks/selection.py --samples 20000,200000,2000000 --degrees 3,4 --out selection.md
 
 The floor is numpy's ``X.T @ X``, float64, X given and column-major, one BLAS thread. structsel starts from the
-signals; peers are given X, centred and scaled. Ratios are CPU seconds, medians of `--repeats` taken turn and turn
-about: of the quotients of each turn, since a busy machine slows neighbours in time alike. Peers of which a goal
-speaks run at `--peer-samples`, the others at `--other-peer-samples`. Memory is the peak above the signals, in a
-process of its own. Goals S1 to S6 are judged at the end, where the sizes they speak of were run. With `--out` the
-report, and a `.json` beside it, are written after every measurement; `--go-on` goes on with a run that was broken off.
+signals; peers are given X, centred and scaled. Jobs are timed in `--repeats` rounds. A ratio of CPU seconds is the
+median over the rounds of the ratio within a round, because a busy machine slows one round's jobs alike. Peers with
+a goal run at `--peer-samples`, the others at `--other-peer-samples`. Memory is the peak above the signals, in a
+process of its own. Goals S1 to S6 are judged at the end, if their sizes were run. With `--out` the report and a
+`.json` file are written after every measurement; `--continue` resumes an interrupted run.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from statistics import median
 
 import workloads as w
 from cases import monomials
-from methods import moments_of, whole_fit
+from methods import complete_fit, cross_products_of
 from peers import Peer, peers_named
 from timing import free_memory, machine, measure, measure_once, one_blas_thread, publish, say, table
 
@@ -34,9 +34,9 @@ S4 = {
     "abess": {164: 100.0, 494: 30.0},
     "SysIdentPy FROLS, as called": {164: 300.0, 494: 300.0},
     "PySINDy FROLS": {164: 300.0, 494: 300.0},
-    "scikit-learn OMP, told the count": {164: 1.0, 494: 1.0},
+    "scikit-learn OMP, true count": {164: 1.0, 494: 1.0},
 }
-"""Peers of which a goal speaks: how many times the whole fit they take at least, by candidates."""
+"""Peers with a goal: minimum ratio of their time to the complete fit, by number of candidates."""
 
 
 @dataclass
@@ -142,17 +142,17 @@ def time_workers(results: Results, n: int, degree: int, repeats: int) -> None:
         results.notes.append(f"The machine was not quiet (load {load:.1f}): the workers' wall seconds mean little.")
 
     def job(signals: object, exponents: object, workers: int) -> Callable[[], object]:
-        return lambda: moments_of([signals], exponents, workers)  # type: ignore[arg-type,list-item]
+        return lambda: cross_products_of([signals], exponents, workers)  # type: ignore[arg-type,list-item]
 
     functions = {
         f"{kind}, {workers} worker(s)": job(signals, exponents, workers)
         for kind, signals, exponents in (
-            ("moments", work.white, work.exponents),
+            ("products", work.white, work.exponents),
             ("generic", work.generic, work.generic_exponents),
         )
         for workers in (1, 2)
     }
-    functions["fit, 2 worker(s)"] = lambda: whole_fit([work.white], work.exponents, 2)
+    functions["fit, 2 worker(s)"] = lambda: complete_fit([work.white], work.exponents, 2)
     quiet = measure(functions, repeats)
     with w.busy_neighbour():
         busy = measure(functions, repeats)
@@ -200,11 +200,11 @@ def goals(results: Results) -> str:
             verdict = "reached" if found >= limit else "not reached"
             rows.append([goal, what, f">= {limit:g} x", f"{found:.3g} x", verdict])
 
-    at_most("S1", "whole fit, 200k x 164", results.ratio((big, 164), w.WHITE), 1.0)
-    at_most("S1", "whole fit, 200k x 494", results.ratio((big, 494), w.WHITE), 0.65)
+    at_most("S1", "complete fit, 200k x 164", results.ratio((big, 164), w.WHITE), 1.0)
+    at_most("S1", "complete fit, 200k x 494", results.ratio((big, 494), w.WHITE), 0.65)
     at_most("S1", "generic candidates, 200k x 164", results.ratio((big, 164), w.GENERIC), 1.6)
     at_most("S1", "generic candidates, 200k x 494", results.ratio((big, 494), w.GENERIC), 1.3)
-    at_most("S1", "whole fit, setup included, 20k x 164", results.ratio((20_000, 164), w.FRESH), 2.0)
+    at_most("S1", "complete fit, setup included, 20k x 164", results.ratio((20_000, 164), w.FRESH), 2.0)
     for p in (164, 494):
         size = (big, p)
         at_most(
@@ -217,20 +217,20 @@ def goals(results: Results) -> str:
         at_most("S3", f"select, coloured, p={p}", results.ratio((big, p), w.SELECT), 5.0)
     for p in (164, 494):
         for name, limits in S4.items():
-            at_least("S4", f"{name} over whole fit, p={p}", results.ratio((big, p), name, w.WHITE), limits[p])
+            at_least("S4", f"{name} over complete fit, p={p}", results.ratio((big, p), name, w.WHITE), limits[p])
         one_run = results.ratio((big, p), "SysIdentPy FROLS", w.WHITE)
         if one_run is not None:
             rows.append(["", f"SysIdentPy FROLS, one of its 20 runs, p={p}", "no goal", f"{one_run:.3g} x", ""])
     for p, limit in ((494, 32.0), (164, 16.0)):
         peaks = {n: of[w.WHITE] for (n, q), of in results.memory.items() if q == p}
         for n, found in peaks.items():
-            at_most("S5", f"memory of the whole fit, {n:,} x {p}", float(found), limit, "MiB")
+            at_most("S5", f"memory of the complete fit, {n:,} x {p}", float(found), limit, "MiB")
         if len(peaks) > 1:
             span = float(max(peaks.values())) - float(min(peaks.values()))
             at_most("S5", f"its spread over N, p={p}", span, 1.0, "MiB")
     wall = results.wall
     if wall:
-        for kind, limit in (("generic", 1.7), ("moments", 1.5)):
+        for kind, limit in (("generic", 1.7), ("products", 1.5)):
             speed_up = wall[f"{kind}, 1 worker(s)"] / wall[f"{kind}, 2 worker(s)"]
             at_least("S6", f"two workers over one, {kind}, wall", speed_up, limit)
             slower = wall[f"{kind}, 2 worker(s), busy neighbour"] / wall[f"{kind}, 2 worker(s)"]
@@ -254,8 +254,8 @@ def steps(a: argparse.Namespace, peers: tuple[Peer, ...]) -> Iterator[tuple[str,
                 for peer in here:
                     yield f"{peer.name} {n} {degree}", partial(time_peer, n=n, degree=degree, peer=peer)
             if "memory" in parts:
-                weighed = here if "peer-memory" in parts else ()
-                yield f"memory {n} {degree}", partial(measure_memory, n=n, degree=degree, peers=weighed)
+                memory_peers = here if "peer-memory" in parts else ()
+                yield f"memory {n} {degree}", partial(measure_memory, n=n, degree=degree, peers=memory_peers)
     if "workers" in parts:
         yield "workers", partial(time_workers, n=a.worker_samples, degree=max(degrees), repeats=a.repeats)
 
@@ -286,11 +286,11 @@ def main() -> None:
     parser.add_argument("--other-peer-samples", default="20000,200000", help="sizes at which the other peers run")
     parser.add_argument("--worker-samples", type=int, default=200_000)
     parser.add_argument("--out", help="also write the report to this file")
-    parser.add_argument("--go-on", action="store_true", help="take what an earlier run into --out has measured")
+    parser.add_argument("--continue", dest="resume", action="store_true", help="resume an earlier run with this --out")
     a = parser.parse_args()
     peers, results = peers_named(a.peers), Results()
     kept = Path(a.out).with_suffix(".json") if a.out else None
-    if a.go_on and kept and kept.exists():
+    if a.resume and kept and kept.exists():
         results = Results.from_json(kept.read_text(encoding="utf-8"))
     todo = [(name, step) for name, step in steps(a, peers) if name not in results.done]
     for number, (name, step) in enumerate(todo, 1):

@@ -1,4 +1,4 @@
-"""What benchmarks/selection.py measures: the same jobs in this process for time, in a child for memory."""
+"""Jobs of benchmarks/selection.py: timed in this process, their memory measured in a child process."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cases import colour_case, flight_signals, monomials
-from methods import CLASSICAL, WHITE_PSE, moments_of, search_in, select_all, whole_fit
+from cases import flight_signals, monomials, recovery_case
+from methods import CLASSICAL, WHITE_PSE, complete_fit, cross_products_of, search_in, select_all
 from numpy.typing import NDArray
 from peers import PEERS, Peer, candidate_matrix, standardise
 from timing import MEBI, in_child, one_blas_thread, peak_above_now
@@ -25,12 +25,12 @@ from structsel.numerics.regressors import ArrayData
 from structsel.selection import SelectOptions
 
 XTX = "X.T @ X"
-WHITE = "whole fit, white"
-FRESH = "whole fit, white, plans made anew"
-GENERIC = "whole fit, generic candidates"
+WHITE = "complete fit, white"
+FRESH = "complete fit, white, plans rebuilt"
+GENERIC = "complete fit, generic candidates"
 CROSS = "cross-products"
 CROSS_SIX = "cross-products, six responses"
-SIX = "whole fit, six responses"
+SIX = "complete fit, six responses"
 SELECT_WHITE = "select, white"
 SELECT = "select, coloured"
 BOOTSTRAP = "select, coloured, 200 bootstrap replicates"
@@ -54,7 +54,7 @@ class Work:
     generic : ArrayData
         The same and a spline of each of six signals: too many base signals for sharing products of monomials.
     exponents, generic_exponents : (p, s) int arrays
-        Of as many candidates; in the generic pool the splines stand for the last six.
+        Equal numbers of candidates; the splines replace the last six in the generic pool.
     true : int
         Number of true terms.
     """
@@ -79,8 +79,8 @@ class Work:
 @lru_cache(maxsize=1)
 def prepare(n: int, degree: int, seed: int = 1) -> Work:
     """Signals of one flight; the six responses have their own truths."""
-    case = colour_case("white", seed, n=n, degree=degree, n_responses=6)
-    coloured = colour_case("ar1_0.92", seed, n=n, degree=degree)
+    case = recovery_case("white", seed, n=n, degree=degree, n_responses=6)
+    coloured = recovery_case("ar1_0.92", seed, n=n, degree=degree)
     base, responses = case.manoeuvres[0]
     splines = np.maximum(base[:SPLINES] - base[:SPLINES, :20_000].mean(axis=1, keepdims=True), 0.0)
     powers = np.pad(case.exponents, ((0, 0), (0, SPLINES)))
@@ -100,7 +100,7 @@ def prepare(n: int, degree: int, seed: int = 1) -> Work:
 
 
 def forget_plans() -> None:
-    """Empty the caches of how a pool is computed, so that the next fit makes them anew."""
+    """Empty the caches of how a pool is computed, so that the next fit makes them again."""
     for value in (*vars(regressors).values(), *vars(polynomial_products).values()):
         if callable(clear := getattr(value, "cache_clear", None)):
             clear()
@@ -108,21 +108,21 @@ def forget_plans() -> None:
 
 def jobs(work: Work, X: Array | None) -> dict[str, Callable[[], Any]]:
     """Everything timed at one size; X is the candidates' matrix, absent where it has no room."""
-    stored = moments_of([work.white], work.exponents)
+    stored = cross_products_of([work.white], work.exponents)
 
     def fresh() -> Any:
         forget_plans()
-        return whole_fit([work.white], work.exponents)
+        return complete_fit([work.white], work.exponents)
 
     functions: dict[str, Callable[[], Any]] = {} if X is None else {XTX: lambda: X.T @ X}
     return {
         **functions,
-        CROSS: lambda: moments_of([work.white], work.exponents),
-        CROSS_SIX: lambda: moments_of([work.six], work.exponents),
-        WHITE: lambda: whole_fit([work.white], work.exponents),
-        SIX: lambda: whole_fit([work.six], work.exponents),
+        CROSS: lambda: cross_products_of([work.white], work.exponents),
+        CROSS_SIX: lambda: cross_products_of([work.six], work.exponents),
+        WHITE: lambda: complete_fit([work.white], work.exponents),
+        SIX: lambda: complete_fit([work.six], work.exponents),
         FRESH: fresh,
-        GENERIC: lambda: whole_fit([work.generic], work.generic_exponents),
+        GENERIC: lambda: complete_fit([work.generic], work.generic_exponents),
         SELECT_WHITE: lambda: select_all([work.white], work.exponents, noise="white"),
         SELECT: lambda: select_all([work.coloured], work.exponents),
         BOOTSTRAP: lambda: select_all([work.coloured], work.exponents, bootstrap=200),
@@ -170,7 +170,7 @@ def peak_in_child(folder: str, what: str, true: int) -> float:
 def job(what: str, base: Array, response: Array, exponents: NDArray[np.int64], true: int) -> Callable[[], Any]:
     signals = [ArrayData(base, response)]
     if what in (WHITE, GENERIC):
-        return lambda: whole_fit(signals, exponents)
+        return lambda: complete_fit(signals, exponents)
     if what in (SELECT, BOOTSTRAP):
         return lambda: select_all(signals, exponents, bootstrap=200 if what == BOOTSTRAP else 0)
     if what == XTX:
@@ -181,11 +181,11 @@ def job(what: str, base: Array, response: Array, exponents: NDArray[np.int64], t
 
         return gram
     peer = next(p for p in PEERS if p.name == what)
-    return lambda: peer.fit(*standardise(candidate_matrix(base, exponents), response[0]), told_count=true)
+    return lambda: peer.fit(*standardise(candidate_matrix(base, exponents), response[0]), true_count=true)
 
 
 def room_for(peer: Peer | None, n: int, degree: int, free: float) -> bool:
-    """Whether a peer (or X and its product) should fit in memory, with a gigabyte to spare."""
+    """Whether a peer (or X and its product) should fit in memory, with a gigabyte left."""
     copies = 1.0 if peer is None else 1.0 + peer.copies
     return copies * matrix_mebibytes(n, degree) + 1024 < free
 

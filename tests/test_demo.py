@@ -253,7 +253,7 @@ def test_the_closed_loop_is_stable_and_its_modes_add_up_to_the_plain_recursion()
     assert_allclose(got, expected, atol=1e-10 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("noise_model", cases.COLOURS)
+@pytest.mark.parametrize("noise_model", cases.NOISE_MODELS)
 def test_a_residual_has_unit_variance_and_its_ar_whitens_it(noise_model):
     e = cases.residual(noise_model, 400_000, np.random.default_rng(0))
     assert e.var() == pytest.approx(1.0, rel=0.05)
@@ -268,7 +268,7 @@ def test_a_residual_has_unit_variance_and_its_ar_whitens_it(noise_model):
 
 @pytest.mark.parametrize("noise_model", ["white", "ar1_0.92"])
 def test_weak_terms_stand_at_their_stated_t_values(noise_model):
-    case = cases.colour_case(noise_model, 2, n=6000, n_manoeuvres=2)
+    case = cases.recovery_case(noise_model, 2, n=6000, n_manoeuvres=2)
     assert case.n == 6000
     assert len(case.manoeuvres) == 2
     assert case.r2 == pytest.approx(0.96, abs=0.02)
@@ -290,7 +290,7 @@ def test_weak_terms_stand_at_their_stated_t_values(noise_model):
 
 
 def test_no_true_term_has_a_near_alias():
-    case = cases.colour_case("white", 5, n=4000)
+    case = cases.recovery_case("white", 5, n=4000)
     X = cases.design_matrix(case.base, case.exponents)
     X = X - X.mean(axis=0)
     for j in case.true:
@@ -304,8 +304,8 @@ def test_no_true_term_has_a_near_alias():
 
 
 def test_several_responses_have_each_their_own_truth_on_the_same_signals():
-    one = cases.colour_case("white", 3, n=2000)
-    six = cases.colour_case("white", 3, n=2000, n_responses=6)
+    one = cases.recovery_case("white", 3, n=2000)
+    six = cases.recovery_case("white", 3, n=2000, n_responses=6)
     base, responses = six.manoeuvres[0]
     assert responses.shape == (6, 2000)
     assert_allclose(base, one.manoeuvres[0][0], rtol=0, atol=0)

@@ -41,7 +41,7 @@ def few_and_many(*numbers):
 def test_intervals_cover_the_truth_in_93_to_97_of_100_where_the_structure_is_given(noise_model, runs):
     # 250 runs of 7 terms: 1750 intervals, a standard error of 0.5 % if 95 % is right; 93 and 97 lie four away.
     # Of the 210 intervals of 30 runs 89.0 to 100 % lie within four standard errors.
-    flights = [cases.colour_case(noise_model, seed, n=2000) for seed in range(5)]
+    flights = [cases.recovery_case(noise_model, seed, n=2000) for seed in range(5)]
     error, said, textbook = [], [], []
     for k in range(runs):
         case = flights[k % 5].redraw(1000 + k)
@@ -63,7 +63,7 @@ def test_intervals_cover_the_truth_in_93_to_97_of_100_where_the_structure_is_giv
 def test_intervals_after_selection_cover_the_truth_in_at_least_90_of_100(noise_model, runs):
     # 34 candidates, seven true; a term kept that is not there has zero for its truth. About 560 intervals in 80
     # runs: were 95 % right, 90 % would be five standard errors away; in 10 runs, two.
-    flights = [cases.colour_case(noise_model, seed, n=2000, n_signals=4) for seed in range(5)]
+    flights = [cases.recovery_case(noise_model, seed, n=2000, n_signals=4) for seed in range(5)]
     assert len(flights[0].exponents) == 34
     inside, exact = [], 0
     for k in range(runs):
@@ -84,10 +84,9 @@ def test_intervals_after_selection_cover_the_truth_in_at_least_90_of_100(noise_m
 
 @pytest.fixture(scope="module", params=[1, pytest.param(4, marks=pytest.mark.slow)], ids="{} of each".format)
 def recoveries(request):
-    """Flights of each of six colours: seven true terms among 164, and what was selected."""
-    every = [
-        cases.colour_case(noise_model, seed, n=8000) for noise_model in cases.COLOURS for seed in range(request.param)
-    ]
+    """Flights with each of six noise models: seven true terms among 164, and the terms selected."""
+    seeds = range(request.param)
+    every = [cases.recovery_case(name, seed, n=8000) for name in cases.NOISE_MODELS for seed in seeds]
     return [(case, run(case, case.exponents)) for case in every]
 
 

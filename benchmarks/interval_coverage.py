@@ -1,8 +1,8 @@
-"""Six residual colours: which structure comes back, and do the intervals cover?
+"""Six residual noise models: structure recovery and coverage of the 95 % intervals.
 
-    python benchmarks/colour.py --cases 10 --draws 500 --out colour.md
+    python benchmarks/interval_coverage.py --cases 10 --draws 500 --out coverage.md
 
-Per colour and case: exact recoveries, missed and false terms of the classical selection (white residuals,
+Per noise model and case: exact recoveries, missed and false terms of the classical selection (white residuals,
 F = 12), the orthogonal functions with PSE, and the prewhitened selection; whether any has a worse BIC than the
 truth; and, the seven terms given, how often 95 % intervals cover the truth by three formulas. Goals A1 to A4
 are judged at the end.
@@ -14,7 +14,7 @@ import argparse
 from dataclasses import dataclass
 
 import numpy as np
-from cases import COLOURS, colour_case
+from cases import NOISE_MODELS, recovery_case
 from conditioning import Conditioning, conditioning_cases, conditioning_goal
 from methods import (
     CLASSICAL,
@@ -43,33 +43,35 @@ NORMAL_95 = 1.959963984540054
 
 @dataclass(frozen=True)
 class Recovered:
-    """One method over the cases of one colour."""
+    """One method over the cases of one noise model."""
 
     tally: Tally
     worse_bic: int
 
 
-def one_case(colour: str, seed: int, samples: int, degree: int) -> list[tuple[tuple[bool, int, int], float]]:
+def one_case(noise_model: str, seed: int, samples: int, degree: int) -> list[tuple[tuple[bool, int, int], float]]:
     """Scores of all methods on one case."""
     with one_blas_thread():
-        case = colour_case(colour, seed, n=samples, degree=degree)
+        case = recovery_case(noise_model, seed, n=samples, degree=degree)
         return [judge(method, case) for method in METHODS]
 
 
 def recover(cases: int, seed: int, samples: int, degree: int, jobs: int) -> dict[str, dict[str, Recovered]]:
-    """By colour and method."""
-    work = [(colour, seed + k, samples, degree) for colour in COLOURS for k in range(cases)]
-    answers: dict[str, list[list[tuple[tuple[bool, int, int], float]]]] = {colour: [] for colour in COLOURS}
+    """By noise model and method."""
+    work = [(noise_model, seed + k, samples, degree) for noise_model in NOISE_MODELS for k in range(cases)]
+    answers: dict[str, list[list[tuple[tuple[bool, int, int], float]]]] = {
+        noise_model: [] for noise_model in NOISE_MODELS
+    }
     with workers(jobs) as over:
-        for (colour, at, *_), answer in zip(work, over(one_case, work)):
-            answers[colour].append(answer)
-            say(f"degree {degree} {colour} seed {at}: " + "; ".join(str(s) for s, _ in answer))
+        for (noise_model, at, *_), answer in zip(work, over(one_case, work)):
+            answers[noise_model].append(answer)
+            say(f"degree {degree} {noise_model} seed {at}: " + "; ".join(str(s) for s, _ in answer))
     return {
-        colour: {
+        noise_model: {
             method.name: Recovered(Tally.of(row[m][0] for row in rows), sum(row[m][1] > SLACK for row in rows))
             for m, method in enumerate(METHODS)
         }
-        for colour, rows in answers.items()
+        for noise_model, rows in answers.items()
     }
 
 
@@ -93,11 +95,11 @@ def standard_errors(case: object, terms: list[int]) -> list[tuple[NDArray[np.flo
 
 
 def cover_case(
-    colour: str, seed: int, samples: int, degree: int, draws: int
+    noise_model: str, seed: int, samples: int, degree: int, draws: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(formulas, draws) share of the seven terms covered in each draw, and mean interval width (formulas, 7)."""
+    """(formulas, draws) fraction of the seven terms covered in each draw, and mean interval width (formulas, 7)."""
     with one_blas_thread():
-        case = colour_case(colour, seed, n=samples, degree=degree)
+        case = recovery_case(noise_model, seed, n=samples, degree=degree)
         covered = np.empty((len(FORMULAS), draws))
         width = np.zeros((len(FORMULAS), len(case.true)))
         for d in range(draws):
@@ -108,14 +110,14 @@ def cover_case(
         return covered, width
 
 
-def after_selection(colour: str, seed: int, samples: int, degree: int, draws: int) -> tuple[int, int, int, int]:
+def after_selection(noise_model: str, seed: int, samples: int, degree: int, draws: int) -> tuple[int, int, int, int]:
     """Kept terms, those whose interval covers their true value (zero for a false one), missed terms, draws.
 
     Structure and values come from the same data; the interval's half width takes the larger of the refit's standard
     error and the spread over a bootstrap that repeats the selection, as `structsel.select` prints it.
     """
     with one_blas_thread():
-        case = colour_case(colour, seed, n=samples, degree=degree)
+        case = recovery_case(noise_model, seed, n=samples, degree=degree)
         truth = dict(zip(case.true, case.theta))
         kept = covered = missed = 0
         for d in range(draws):
@@ -134,40 +136,46 @@ def after_selection(colour: str, seed: int, samples: int, degree: int, draws: in
 
 
 def selected_coverage(draws: int, flights: int, seed: int, samples: int, degree: int, jobs: int) -> Selected:
-    """Counts of `after_selection` by colour."""
-    work = [(colour, seed + k, samples, degree, -(-draws // flights)) for colour in COLOURS for k in range(flights)]
-    counts = {colour: np.zeros(4, dtype=int) for colour in COLOURS}
+    """Counts of `after_selection` by noise model."""
+    work = [
+        (noise_model, seed + k, samples, degree, -(-draws // flights))
+        for noise_model in NOISE_MODELS
+        for k in range(flights)
+    ]
+    counts = {noise_model: np.zeros(4, dtype=int) for noise_model in NOISE_MODELS}
     with workers(jobs) as over:
-        for (colour, at, *_), answer in zip(work, over(after_selection, work)):
-            counts[colour] += answer
-            say(f"after selection, {colour} seed {at}: {answer[1]} of {answer[0]} covered, {answer[2]} missed")
+        for (noise_model, at, *_), answer in zip(work, over(after_selection, work)):
+            counts[noise_model] += answer
+            say(f"after selection, {noise_model} seed {at}: {answer[1]} of {answer[0]} covered, {answer[2]} missed")
     return counts
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Of one colour: (formulas,) each; the standard error treats a draw's seven terms as one observation."""
+    """Of one noise model: (formulas,) each; the standard error treats a draw's seven terms as one observation."""
 
-    share: NDArray[np.float64]
+    fraction: NDArray[np.float64]
     standard_error: NDArray[np.float64]
     width: NDArray[np.float64]
 
 
 def coverage(draws: int, flights: int, seed: int, samples: int, degree: int, jobs: int) -> dict[str, Coverage]:
-    """Coverage by colour; the draws are shared by several flights and truths."""
+    """Coverage by noise model; the draws are divided among several flights and truths."""
     per_flight = -(-draws // flights)
-    work = [(colour, seed + k, samples, degree, per_flight) for colour in COLOURS for k in range(flights)]
-    found: dict[str, list[tuple[NDArray[np.float64], NDArray[np.float64]]]] = {c: [] for c in COLOURS}
+    work = [
+        (noise_model, seed + k, samples, degree, per_flight) for noise_model in NOISE_MODELS for k in range(flights)
+    ]
+    found: dict[str, list[tuple[NDArray[np.float64], NDArray[np.float64]]]] = {c: [] for c in NOISE_MODELS}
     with workers(jobs) as over:
-        for (colour, at, *_), answer in zip(work, over(cover_case, work)):
-            found[colour].append(answer)
-            say(f"coverage {colour} seed {at}: " + ", ".join(f"{100 * c:.1f}%" for c in answer[0].mean(axis=1)))
+        for (noise_model, at, *_), answer in zip(work, over(cover_case, work)):
+            found[noise_model].append(answer)
+            say(f"coverage {noise_model} seed {at}: " + ", ".join(f"{100 * c:.1f}%" for c in answer[0].mean(axis=1)))
     result = {}
-    for colour, answers in found.items():
+    for noise_model, answers in found.items():
         covered = np.concatenate([a[0] for a in answers], axis=1)
         relative = np.mean([(a[1] / a[1][1]).mean(axis=1) for a in answers], axis=0)
         error = covered.std(axis=1, ddof=1) / np.sqrt(covered.shape[1])
-        result[colour] = Coverage(covered.mean(axis=1), error, relative)
+        result[noise_model] = Coverage(covered.mean(axis=1), error, relative)
     return result
 
 
@@ -177,28 +185,28 @@ def coverage(draws: int, flights: int, seed: int, samples: int, degree: int, job
 def recovery_table(found: dict[str, dict[str, Recovered]], cases: int) -> str:
     head = ["residual", *(method.name for method in METHODS)]
     rows = []
-    for colour, of in found.items():
+    for noise_model, of in found.items():
         cells = [f"{r.tally}" + (f" ({r.worse_bic} worse BIC)" if r.worse_bic else "") for r in of.values()]
-        rows.append([colour, *cells])
+        rows.append([noise_model, *cells])
     note = f"Exact of {cases} / missed / false terms per case; in brackets: cases with a worse BIC than the truth."
     return table(head, rows) + "\n\n" + note
 
 
 def coverage_table(found: dict[str, Coverage]) -> str:
     rows = []
-    for colour, c in found.items():
+    for noise_model, c in found.items():
         cells = [
-            f"{100 * share:.1f} ± {100 * error:.1f} % (width {width:.2f})"
-            for share, error, width in zip(c.share, c.standard_error, c.width)
+            f"{100 * fraction:.1f} ± {100 * error:.1f} % (width {width:.2f})"
+            for fraction, error, width in zip(c.fraction, c.standard_error, c.width)
         ]
-        rows.append([colour, *cells])
+        rows.append([noise_model, *cells])
     return table(["residual", *FORMULAS], rows) + "\n\nWidths relative to the sandwich's."
 
 
 def selected_table(found: Selected) -> str:
     rows = [
-        [colour, f"{100 * covered / max(kept, 1):.1f} %", kept / draws, missed / draws, draws]
-        for colour, (kept, covered, missed, draws) in found.items()
+        [noise_model, f"{100 * covered / max(kept, 1):.1f} %", kept / draws, missed / draws, draws]
+        for noise_model, (kept, covered, missed, draws) in found.items()
     ]
     return table(["residual", "covered", "kept terms a draw", "missed a draw", "draws"], rows)
 
@@ -233,21 +241,21 @@ def goals(
     for method in (PREWHITENED, PREWHITENED_AUTO):
         worst = [c for c in found if not good(found[c][method.name].tally)]
         figure = "; ".join(f"{c} {found[c][method.name].tally}" for c in worst) or "all six"
-        add("A2", f"six colours, {method.name}: >= 80 % exact each, <= 0.2 false", figure, not worst)
+        add("A2", f"six noise models, {method.name}: >= 80 % exact each, <= 0.2 false", figure, not worst)
     if covered:
         for f in (2, 1):
-            shares = [100 * c.share[f] for c in covered.values()]
-            figure = f"{min(shares):.1f} to {max(shares):.1f} %"
+            percentages = [100 * c.fraction[f] for c in covered.values()]
+            figure = f"{min(percentages):.1f} to {max(percentages):.1f} %"
             add(
                 "A3",
                 f"95 % intervals ({FORMULAS[f]}) cover 93-97 % in all six",
                 figure,
-                93 <= min(shares) <= max(shares) <= 97,
+                93 <= min(percentages) <= max(percentages) <= 97,
             )
     if after:
-        shares = [100 * covered / max(kept, 1) for kept, covered, *_ in after.values()]
-        figure = f"{min(shares):.1f} to {max(shares):.1f} %"
-        add("A3", "95 % intervals after selection cover at least 90 %", figure, min(shares) >= 90)
+        percentages = [100 * covered / max(kept, 1) for kept, covered, *_ in after.values()]
+        figure = f"{min(percentages):.1f} to {max(percentages):.1f} %"
+        add("A3", "95 % intervals after selection cover at least 90 %", figure, min(percentages) >= 90)
     for what, figure, reached in conditioning_goal(conditioning):
         add("A4", what, figure, reached)
     return table(["goal", "what", "found", ""], rows)
@@ -255,10 +263,10 @@ def goals(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=10, help="cases per colour")
-    parser.add_argument("--draws", type=int, default=500, help="residual draws per colour for coverage; 0 skips it")
-    parser.add_argument("--selected-draws", type=int, default=84, help="per colour, for coverage after selection")
-    parser.add_argument("--flights", type=int, default=5, help="flights and truths that share the draws")
+    parser.add_argument("--cases", type=int, default=10, help="cases per noise model")
+    parser.add_argument("--draws", type=int, default=500, help="residual draws per model for coverage; 0 skips it")
+    parser.add_argument("--selected-draws", type=int, default=84, help="per noise model, for coverage after selection")
+    parser.add_argument("--flights", type=int, default=5, help="flights and truths among which the draws are divided")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--degree", type=int, default=3, help="3: 164 candidates, 4: 494")
     parser.add_argument("--samples", type=int, default=20_000)
@@ -272,7 +280,7 @@ def main() -> None:
     after = selected_coverage(n, a.flights, a.seed, a.samples, a.degree, a.jobs) if n else {}
     conditioning = conditioning_cases(a.conditioning, a.seed) if a.conditioning else []
     parts = [
-        "# Residual colour",
+        "# Residual autocorrelation",
         f"{a.samples} samples at 50 Hz, degree {a.degree}, seeds from {a.seed}. {machine()}",
         "## Structure",
         recovery_table(found, a.cases),
@@ -289,7 +297,7 @@ def main() -> None:
             "near-copy",
             "cond",
             "coefficients / (eps cond)",
-            "partial F, moments",
+            "partial F, search",
             "partial F, printed",
             "same set as QR",
             "refused",

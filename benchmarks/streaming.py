@@ -1,11 +1,11 @@
-"""A selection over more recordings than memory holds: time, peak memory, and a run that is killed and goes on.
+"""A selection over more recordings than memory holds: time, peak memory, and a run that is killed and resumed.
 
-    python benchmarks/large.py FOLDER --rows 100000000 --kill 0.4 --workers 2,1 --out large.md
+    python benchmarks/streaming.py FOLDER --rows 100000000 --kill 0.4 --workers 2,1 --out streaming.md
 
 FOLDER is filled with Parquet manoeuvres (40 bytes a row), unless it holds as many already, and is left for other runs;
-remove it afterwards. What runs is ``structsel select``, in a process of its own. Its answer is compared with the truth
-the flights were made of, with that of the run that was killed, and, over the first recordings, with the answer of the
-same command without streaming. ``--dask 1,2`` adds runs on clusters of so many processes.
+remove it afterwards. ``structsel select`` runs in a process of its own. Its result is compared with the truth of the
+flights, with the result of the run that was killed, and, for the first recordings, with the result of the same command
+without streaming. ``--dask 1,2`` adds runs on clusters of so many processes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from scipy.signal import lfilter
 from timing import machine, publish, say, table
 
 CHANNELS = ("alpha", "q_hat", "de", "V_ratio")
-OTHERS = ("beta", "p_hat")  # recorded, not asked for
+OTHERS = ("beta", "p_hat")  # recorded, not among the candidates
 TRUTH = {
     "CZ": {"1": -0.25, "alpha": -4.8, "q_hat": -6.0, "de": -0.45, "alpha^3": 9.0},
     "Cm": {"1": 0.03, "alpha": -0.9, "q_hat": -14.0, "de": -1.2, "V_ratio*alpha": 0.15},
@@ -193,12 +193,12 @@ def main() -> None:
     parser.add_argument("--rows", type=int, default=100_000_000)
     parser.add_argument("--each", type=int, default=180_000, help="rows of a manoeuvre: an hour at 50 Hz")
     parser.add_argument(
-        "--kill", type=float, default=None, help="SIGKILL a run after this share of the first's CPU time"
+        "--kill", type=float, default=None, help="SIGKILL a run after this fraction of the first's CPU time"
     )
     parser.add_argument("--workers", default="2", help="threads of each run")
     parser.add_argument("--compare", type=int, default=20, help="recordings also selected from in memory")
     parser.add_argument("--dask", default="", help="processes of each run on a cluster")
-    parser.add_argument("--work", type=Path, default=None, help="where results go; beside the folder if not given")
+    parser.add_argument("--work", type=Path, default=None, help="folder of the results")
     parser.add_argument("--out", default=None)
     parser.add_argument("--cluster", type=int, default=0, help=argparse.SUPPRESS)
     a = parser.parse_args()
