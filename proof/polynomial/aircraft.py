@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import root
 
-from proof.polynomial.kernel import CONSTANTS, GAINS
+from proof.polynomial.equations import CONSTANTS
+from proof.polynomial.kernel import GAINS
 from proof.polynomial.terms import INDEX, VARIABLES, compile_terms, evaluate
 from structsel.aircraft import Aircraft
 from structsel.numerics.atmosphere import standard_atmosphere

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proof.polynomial.aircraft import Term, TruthAircraft
-from proof.polynomial.kernel import READS, SCHEDULES, SETTINGS, STATES, SURFACE, Pilot, Plant, simulate_flight
+from proof.polynomial.equations import SCHEDULES, SETTINGS, STATE, STATES, Plant
+from proof.polynomial.kernel import READS, SURFACE, Pilot, simulate_flight
 from proof.polynomial.manoeuvres import DT, SETTLING, Manoeuvre
 from proof.polynomial.terms import INDEX, Terms, compile_terms
 from proof.scenario.sizing import NotAttainable
@@ -201,18 +202,18 @@ def _run(
     pilot: Pilot,
 ) -> TruthFlight:
     every = round(1.0 / (rate * DT))
-    rows, *logged = simulate_flight(start, schedules, DT, every, first, plant, pilot)
-    states, table, coefs, extras, reads = logged
-    if rows < len(states):
+    rows, log = simulate_flight(start, schedules, DT, every, first, plant, pilot)
+    if rows < len(log.states):
         raise NotAttainable(manoeuvre.purpose)
     t = np.arange(rows) / rate
-    return TruthFlight(manoeuvre, t, states, table, coefs, extras, dict(zip(READS, reads.T)))
+    reads = dict(zip(READS, log.reads.T))
+    return TruthFlight(manoeuvre, t, log.states, log.variables, log.coefficients, log.added, reads)
 
 
 def _start(manoeuvre: Manoeuvre, truth: TruthAircraft) -> np.ndarray:
     start = np.zeros(len(STATES))
     start[0:3] = body_velocity(manoeuvre.V, manoeuvre.trim["alpha"], 0.0)
-    start[7], start[8], start[11] = manoeuvre.trim["alpha"], 0.3, manoeuvre.h
+    start[STATE.theta], start[STATE.psi], start[STATE.h] = manoeuvre.trim["alpha"], 0.3, manoeuvre.h
     return start
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proof.polynomial.aircraft import TruthAircraft
-from proof.polynomial.kernel import SCHEDULES
+from proof.polynomial.equations import SCHEDULES
 from proof.scenario.shapes import DOUBLET, ONE_TWO_ONE, THREE_TWO_ONE_ONE, pulses
 from structsel.numerics.atmosphere import standard_atmosphere
 
