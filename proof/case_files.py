@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from proof.keys import Key
-from structsel.aircraft import Aircraft, Tolerances
+from structsel.aircraft import Aircraft
 from structsel.recording import Recording
 
 _DIGITS = "%.6g"
@@ -61,7 +61,7 @@ def write_case(case: Case, folder: str | Path, key_folder: str | Path) -> Path:
     place = Path(folder) / case.name
     for part in ("recordings", "simulated"):
         (place / part).mkdir(parents=True, exist_ok=True)
-    (place / "aircraft.toml").write_text(aircraft_toml(case.aircraft), encoding="utf-8")
+    Aircraft.from_dict(_rounded(case.aircraft.to_dict())).to_toml(place / "aircraft.toml")
     for recording in case.recordings:
         _write_table({"t": recording.t, **recording.channels}, place / "recordings" / f"{recording.name}.csv")
     for name, channels in case.simulated.items():
@@ -70,31 +70,13 @@ def write_case(case: Case, folder: str | Path, key_folder: str | Path) -> Path:
     return place
 
 
-def aircraft_toml(aircraft: Aircraft) -> str:
-    """Text of aircraft.toml with what differs from the defaults; all tolerances if any differs."""
-    content = aircraft.model_dump(mode="json", exclude_defaults=True)
-    if aircraft.tolerances != Tolerances():
-        content["tolerances"] = aircraft.tolerances.model_dump(mode="json")
-    return "\n".join(_toml_lines(content)) + "\n"
-
-
-def _toml_lines(content: Mapping[str, Any], above: str = "") -> list[str]:
-    """Lines of a table: its values first, then the tables within."""
-    lines = [f"{key} = {_toml_value(value)}" for key, value in content.items() if not isinstance(value, Mapping)]
-    if above and lines:
-        lines.insert(0, f"[{above}]")
-    for key, value in content.items():
-        if isinstance(value, Mapping):
-            lines += _toml_lines(value, f"{above}.{key}" if above else key)
-    return lines
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_toml_value, value)) + "]"
-    return str(float(f"{value:.6g}"))
+def _rounded(content: Any) -> Any:
+    """Content with each number to six digits."""
+    if isinstance(content, Mapping):
+        return {key: _rounded(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_rounded(value) for value in content]
+    return content if isinstance(content, str) else float(f"{content:.6g}")
 
 
 def _write_table(channels: Mapping[str, np.ndarray], path: Path) -> None:

@@ -14,8 +14,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from structsel.errors import AircraftError
+from structsel.files import write_text
 from structsel.readers.channel_map import describe_problems
-from structsel.readers.toml import load_toml
+from structsel.readers.toml import load_toml, toml_text
 from structsel.results import Summarised
 from structsel.tables import Summary
 
@@ -270,6 +271,10 @@ class Aircraft(Summarised, _Table):
     def to_dict(self) -> dict[str, Any]:
         """Content as `from_dict` takes it, defaults written out."""
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+    def to_toml(self, path: str | Path) -> None:
+        """Write the aircraft to a TOML file, which `from_toml` reads; defaults are written out."""
+        write_text(Path(path), toml_text(self.to_dict()) + "\n")
 
     def position(self, sensor: str) -> np.ndarray:
         """(3,) place of an instrument from the centre of gravity [m]; zero if none is given.

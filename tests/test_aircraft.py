@@ -65,6 +65,13 @@ def test_the_form_of_the_design_is_read_from_toml(tmp_path):
     assert aircraft.tolerances.main == "free"
 
 
+def test_a_written_file_is_read_back_as_the_same_aircraft(tmp_path):
+    sensors = {"vane": {"position": [5.0, 0.0, -0.2]}, "nose boom 2": {"noise": {"alpha": 1e-3}}}
+    aircraft = Aircraft.from_dict({**GOOD, "name": 'Öhman "A"', "sensors": sensors})
+    aircraft.to_toml(tmp_path / "aircraft.toml")
+    assert Aircraft.from_toml(tmp_path / "aircraft.toml") == aircraft
+
+
 def test_tolerances_left_out_take_the_designs_defaults():
     tolerances = Aircraft.from_dict(GOOD).tolerances
     assert tolerances.model_dump() == {

@@ -22,7 +22,6 @@ from structsel import (
     write_recording,
 )
 from structsel.cli import app
-from structsel.cli.demo import _toml
 from structsel.cli.models import read_trim
 from structsel.inputs import three_two_one_one
 
@@ -59,7 +58,7 @@ def write_model(path, **terms):
 def folder(tmp_path_factory):
     """Aircraft, models and three flights of noise known."""
     made = tmp_path_factory.mktemp("fly")
-    (made / "aircraft.toml").write_text(_toml(CRAFT.aircraft.to_dict()) + "\n")
+    CRAFT.aircraft.to_toml(made / "aircraft.toml")
     write_model(made / "truth.json")
     write_model(made / "off.json", alpha=-0.7, q_hat=-15.0, de=-1.0)
     write_model(made / "wild.json", alpha=60.0, q_hat=90.0)

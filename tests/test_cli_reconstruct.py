@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
 from structsel import Aircraft, compute_coefficients, read_recording, write_recording
-from structsel.cli import app, demo
+from structsel.cli import app
 from structsel.demo import demo_aircraft, demo_flight, demo_instruments
 from structsel.reconstruction import METHODS, reconstruct
 from structsel.recording import split_manoeuvres
@@ -38,7 +38,7 @@ def folder(flights, tmp_path_factory):
     made = tmp_path_factory.mktemp("flights")
     for name, flight in flights.items():
         write_recording(flight.measured, made / f"{name}.csv")
-        (made / "aircraft.toml").write_text(demo._toml(flight.aircraft.to_dict()) + "\n")
+        flight.aircraft.to_toml(made / "aircraft.toml")
     return made
 
 
@@ -239,7 +239,7 @@ def test_what_stands_is_not_overwritten_unless_asked(folder, common, tmp_path):
 
 def test_turbulence_is_printed_and_may_be_given(folder, tmp_path):
     # The instruments of the demonstration's aircraft; what noise they have nobody states.
-    (tmp_path / "aircraft.toml").write_text(demo._toml(demo_aircraft().to_dict()) + "\n")
+    demo_aircraft().to_toml(tmp_path / "aircraft.toml")
     write_recording(demo_flight("all-axes", 2, turbulence=1.0, duration=8.0), tmp_path / "rough.csv")
     common = (tmp_path / "rough.csv", "--aircraft", tmp_path / "aircraft.toml", "--workers", 1)
     found = run("reconstruct", *common)

@@ -30,7 +30,6 @@ from structsel import (
     write_recording,
 )
 from structsel.cli import app, demo
-from structsel.cli.demo import _toml
 from structsel.errors import AircraftError, ModelError
 from structsel.exporting import TARGETS
 from tests.exported import KINDS, RANGES, model_of, random_states
@@ -144,7 +143,7 @@ def test_coefficients_at_the_states_of_our_own_flight_are_the_model_s(first, the
 def test_the_commands_make_the_same_trip(first, tmp_path):
     _, rho, model = first
     model.to_json(tmp_path / "model.json")
-    (tmp_path / "aircraft.toml").write_text(_toml(CITATION.aircraft.to_dict()) + "\n")
+    CITATION.aircraft.to_toml(tmp_path / "aircraft.toml")
     push = 0.02 * ((CLOCK > 1.0) & (CLOCK < 2.0)) - 0.02 * ((CLOCK >= 2.0) & (CLOCK < 3.0))
     write_recording(Recording("doublet", CLOCK[:200], {"de": push[:200]}), tmp_path / "doublet.csv")
     for command in (

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from json import dumps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -70,7 +68,7 @@ def run(
     if out is not None:
 
         def beside(folder: Path) -> None:
-            (folder / "aircraft.toml").write_text(_toml(aircraft.to_dict()) + "\n", encoding="utf-8")
+            aircraft.to_toml(folder / "aircraft.toml")
             (folder / "flights").mkdir()
             for recording in [*recordings, another]:
                 write_recording(recording, folder / "flights" / f"{recording.name}.csv")
@@ -94,12 +92,3 @@ def run(
         markup=False,
         soft_wrap=True,
     )
-
-
-def _toml(content: Mapping[str, Any], table: str = "") -> str:
-    """Return nested mappings as TOML, plain values before tables."""
-    values = {key: value for key, value in content.items() if not isinstance(value, Mapping)}
-    lines = [f"[{table}]"] if table and values else []
-    lines += [f"{key} = {dumps(value)}" for key, value in values.items()]
-    tables = [_toml(v, f"{table}.{k}".lstrip(".")) for k, v in content.items() if isinstance(v, Mapping)]
-    return "\n".join([*lines, *filter(None, tables)])

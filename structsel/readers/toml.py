@@ -1,8 +1,11 @@
-"""TOML files, read so that whatever is wrong with one is said in words."""
+"""TOML files: reading, with messages for whatever is wrong with one, and writing."""
 
 from __future__ import annotations
 
+import json
+import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,3 +52,29 @@ def load_toml(path: Path, what: str, error: type[StructselError]) -> dict[str, A
         elif isinstance(value, list):
             waiting += [(key, member) for member in value]
     return content
+
+
+def toml_text(content: Mapping[str, Any], table: str = "") -> str:
+    """Nested mappings of texts, numbers, booleans and lists as TOML, values before tables.
+
+    Parameters
+    ----------
+    content : mapping
+    table : str
+        Name of the table that holds it; none is the file.
+
+    Returns
+    -------
+    str
+        `load_toml` reads the same content from it.
+    """
+    values = {key: value for key, value in content.items() if not isinstance(value, Mapping)}
+    lines = [f"[{table}]"] if table and values else []
+    lines += [f"{_key(key)} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
+    tables = [toml_text(v, f"{table}.{_key(k)}".lstrip(".")) for k, v in content.items() if isinstance(v, Mapping)]
+    return "\n".join([*lines, *filter(None, tables)])
+
+
+def _key(name: str) -> str:
+    """A key, in quotes where it needs them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)

@@ -12,7 +12,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from proof import EffectKey, Key, write_case
-from proof.case_files import aircraft_toml
 from proof.detectability import log_evidence_of
 from proof.generate import draw_case
 from proof.keys import DECIDABLE
@@ -243,12 +242,12 @@ def test_noise_is_of_the_size_that_the_published_examples_have():
         assert 0.8 < std / NOISE[channel] < 1.7
 
 
-def test_aircraft_toml_holds_all_that_differs_from_the_defaults(tmp_path):
-    aircraft = draw_case(51, effect="asymmetry").aircraft
-    (tmp_path / "aircraft.toml").write_text(aircraft_toml(aircraft))
-    read = Aircraft.from_toml(tmp_path / "aircraft.toml")
-    assert read.tolerances == aircraft.tolerances
-    assert_allclose(read.position("vane"), aircraft.position("vane"), rtol=1e-5)
+def test_the_aircraft_of_a_case_is_written_with_six_digits(tmp_path):
+    case = draw_case(51, effect="asymmetry")
+    read = Aircraft.from_toml(write_case(case, tmp_path, tmp_path / "keys") / "aircraft.toml")
+    assert read.tolerances == case.aircraft.tolerances
+    assert_allclose(read.position("vane"), case.aircraft.position("vane"), rtol=1e-5)
+    assert float(f"{case.aircraft.S:.6g}") == read.S
 
 
 @pytest.mark.slow
