@@ -1,10 +1,10 @@
 # %% [markdown]
-# # A first model: from recordings to a chosen structure, on flights whose truth is known
+# # A first model: structure selection from recordings of simulated flights whose truth is known
 #
-# Run it whole, or cell by cell. No files are needed, and none are written.
+# Run the complete file, or cell by cell. No files are needed, and none are written.
 
 # %% [markdown]
-# ## Six manoeuvres, as an aeroplane would record them, in light turbulence
+# ## Six recorded manoeuvres in light turbulence
 
 # %%
 from structsel import Candidates, select, validate
@@ -16,16 +16,16 @@ print(aircraft)
 print(recordings[0])
 
 # %% [markdown]
-# ## What the air did: coefficients, and the dimensionless channels that terms are made of
+# ## Aerodynamic coefficients and dimensionless channels
 #
-# One aircraft, one reference airspeed for all.
+# All manoeuvres have the same aircraft and the same reference airspeed.
 
 # %%
-flown = compute_all(recordings, aircraft)
-used, held_out = flown[:-1], flown[-1]
+with_coefficients = compute_all(recordings, aircraft)
+used, held_out = with_coefficients[:-1], with_coefficients[-1]
 
 # %% [markdown]
-# ## What might matter: every product up to degree 3 of five channels, and a spline in angle of attack
+# ## Candidate terms: every product up to degree 3 of five channels, and a spline in angle of attack
 
 # %%
 pool = Candidates.polynomial(["alpha", "beta", "q_hat", "r_hat", "de"], degree=3)
@@ -33,9 +33,9 @@ pool = pool + Candidates.splines("alpha", [0.2])
 print(f"{len(pool)} candidates: {pool}")
 
 # %% [markdown]
-# ## Choose
+# ## Selection
 #
-# The entry threshold fits the size of the pool.
+# The entry threshold is set for the size of the pool.
 
 # %%
 found = select(used, "Cm", pool, F_in="auto")
@@ -43,20 +43,20 @@ chosen = found["Cm"]
 print(chosen)
 
 # %% [markdown]
-# ## Why: every move of the search
+# ## Every step of the search
 
 # %%
 for step in chosen.trace:
     print(step)
 
 # %% [markdown]
-# ## How far to trust it: a flight that was never selected from
+# ## Validation with a flight that was not used for the selection
 
 # %%
 print(validate(found.model, held_out))
 
 # %% [markdown]
-# ## The terms the simulation was given were kept, most of them near their value
+# ## Comparison with the true terms
 
 # %%
 kept = {str(term) for term in chosen.terms}

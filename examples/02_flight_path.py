@@ -1,12 +1,12 @@
 # %% [markdown]
-# # The first of two steps: one flight path that all instruments can have seen, and what is wrong with each of them
+# # Flight-path reconstruction: one flight path consistent with all instruments, and the errors of each instrument
 #
-# Run it whole, or cell by cell. No files are needed, and none are written.
+# Run the complete file, or cell by cell. No files are needed, and none are written.
 
 # %% [markdown]
-# ## A flight in wind, seen by instruments with biases, a crooked vane, and noise
+# ## A flight in wind, recorded by instruments with biases, a vane with scale error, and noise
 #
-# All of it is known.
+# All errors are known.
 
 # %%
 from structsel import Candidates, select
@@ -18,14 +18,14 @@ flight = demo_instruments("all-axes", seed=1)
 print(flight)
 
 # %% [markdown]
-# ## Reconstruct: accelerometers and gyros, less biases, drive the kinematics; everything else corrects them
+# ## Reconstruction: accelerometers and gyros, less biases, are integrated; all other measurements correct the states
 
 # %%
 found = reconstruct(flight.measured, flight.aircraft)
 print(found)
 
 # %% [markdown]
-# ## What was found, beside what was set
+# ## Estimated and true instrument errors
 
 # %%
 print(f"{'':8}{'set':>11}{'found':>11}{'std':>10}  off, in std")
@@ -35,15 +35,15 @@ for c in found.constants:
     print(f"{c.name:8}{flight.errors[c.name]:11.4g}{c.value:11.4g}{c.std:10.2g}{off[c.name]:9.1f}   {c.unit}")
 
 # %% [markdown]
-# ## What it is for: a side-force model of given structure, from the readings and from the reconstructed flight
+# ## A side-force model of given structure, from the measurements and from the reconstructed flight
 
 # %%
 terms = ["beta", "p_hat", "r_hat", "da", "dr", "alpha*dr"]
 
 
 def side_force(recording):
-    flown = compute_coefficients(recording, flight.aircraft)
-    return select(flown, "CY", Candidates.parse(terms), include=terms, bootstrap=0).model["CY"]
+    with_coefficients = compute_coefficients(recording, flight.aircraft)
+    return select(with_coefficients, "CY", Candidates.parse(terms), include=terms, bootstrap=0).model["CY"]
 
 
 before, after, truth = side_force(flight.measured), side_force(found.recording), TRUTH["CY"]
@@ -51,8 +51,8 @@ print(f"{'':8}{'truth':>9}{'before':>9}{'after':>9}")
 for term in terms:
     print(f"{term:8}{truth[term]:9.4f}{before[term]:9.4f}{after[term]:9.4f}")
 wrong = {name: abs(model["beta"] / truth["beta"] - 1.0) for name, model in (("before", before), ("after", after))}
-print("sideslip derivative off by", ", ".join(f"{100 * share:.1f} % {name}" for name, share in wrong.items()))
+print("error of the sideslip derivative:", ", ".join(f"{100 * error:.1f} % {name}" for name, error in wrong.items()))
 
 assert found.trusted, found.distrust
 assert max(map(abs, off.values())) < 3.5, "an instrument's error is not what was set"
-assert wrong["after"] < 0.01 < wrong["before"], "the sideslip derivative was to get better"
+assert wrong["after"] < 0.01 < wrong["before"], "the sideslip derivative should improve"

@@ -2,7 +2,7 @@
 # # Which physics does a simulation lack? One case diagnosed from its residuals by hand, then by `diagnose`
 #
 # Run the whole file, or cell by cell. It needs no files and writes one figure, 04_residuals.png. The case is easy, so
-# that a reader can follow it by eye; docs/proof.md says how often the diagnosis is right.
+# that a reader can follow it by eye; docs/proof.md reports how often the diagnosis is right.
 
 # %% [markdown]
 # ## Six recorded flights, and the coefficients of a simulation along them

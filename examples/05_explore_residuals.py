@@ -1,11 +1,11 @@
 # %% [markdown]
-# # What does a model leave? Its residual against any channel, and what adding a term would do
+# # Residuals of a model against any channel, and the gain of one more term
 #
-# Run it whole, or cell by cell, where figures and tables appear below the cells. No files are needed, and none are
-# written.
+# Run the complete file, or cell by cell: figures and tables then appear below the cells. No files are needed, and none
+# are written.
 
 # %% [markdown]
-# ## Five manoeuvres, and a model of the pitching moment that has the usual three derivatives only
+# ## Five manoeuvres, and a model of the pitching moment with three derivatives only
 
 # %%
 from importlib.util import find_spec
@@ -15,13 +15,13 @@ from structsel.exploring import try_additions
 from structsel.plotting import plot_addition, plot_component, plot_residual_against, plot_residual_with
 
 recordings, aircraft, truth = ss.demo_flights(5, turbulence=0.4)
-flown = ss.compute_all(recordings, aircraft)
+manoeuvres = ss.compute_all(recordings, aircraft)
 
 
 def fit(terms):
-    """A model of these terms, whatever the tests would say of them."""
+    """A model of these terms, without a selection."""
     pool = ss.Candidates.parse(terms)
-    return ss.select(flown, "Cm", pool, include=terms, bootstrap=0).model
+    return ss.select(manoeuvres, "Cm", pool, include=terms, bootstrap=0).model
 
 
 terms = ["alpha", "q_hat", "de"]
@@ -29,37 +29,37 @@ bare = fit(terms)
 bare
 
 # %% [markdown]
-# ## Its residual against sideslip, a channel it does not have
+# ## Its residual against sideslip, which is not in the model
 #
-# Were nothing missing, the means of the bins would be zero within their intervals. They make a parabola.
+# For a complete model the bin means would be zero within their intervals. Here they form a parabola.
 
 # %%
-plot_residual_against(bare, flown, "Cm", "beta")
+plot_residual_against(bare, manoeuvres, "Cm", "beta")
 
 # %% [markdown]
-# ## What would one more term do?
+# ## The gain of one more term
 #
-# All products of two channels, each added to the three. R2 grows with any term; what counts is the R2 of manoeuvres
-# held out in turn.
+# All products of two channels, each added to the three terms. R2 grows with any term; the criterion is the R2 of
+# manoeuvres held out in turn.
 
 # %%
 pool = ss.Candidates.polynomial(["alpha", "beta", "q_hat", "r_hat", "de"], degree=2)
-offered = try_additions(bare, flown, "Cm", pool)
+offered = try_additions(bare, manoeuvres, "Cm", pool)
 offered
 
 # %% [markdown]
-# ## The best of them: is it a straight line once the model's own terms are taken out of both?
+# ## Added-variable plot of the best term: is the relation linear after regression on the model's own terms?
 
 # %%
-plot_addition(bare, flown, "Cm", offered.terms[0])
-plot_residual_with(bare, flown, "Cm", "beta", offered.terms[0])
+plot_addition(bare, manoeuvres, "Cm", offered.terms[0])
+plot_residual_with(bare, manoeuvres, "Cm", "beta", offered.terms[0])
 
 # %% [markdown]
-# ## Add the best, look again, until no term helps the manoeuvres held out by a tenth of a per cent
+# ## Add the best term, and repeat until no term raises the held-out R2 by 0.001
 
 # %%
 while True:
-    offered = try_additions(fit(terms), flown, "Cm", pool)
+    offered = try_additions(fit(terms), manoeuvres, "Cm", pool)
     best, before = offered.terms[0], offered.before[2]
     after = offered[best][2]
     print(f"{best!s:10} held out: R2 {before:.4f} -> {after:.4f}")
@@ -68,37 +68,37 @@ while True:
     terms.append(str(best))
 
 # %% [markdown]
-# ## What is left now: nothing against sideslip, and what the model has in angle of attack is a curve
+# ## The residual of the larger model against sideslip, and its component in angle of attack, which is a curve
 
 # %%
 full = fit(terms)
-plot_residual_against(full, flown, "Cm", "beta")
-plot_component(full, flown, "Cm", "alpha")
+plot_residual_against(full, manoeuvres, "Cm", "beta")
+plot_component(full, manoeuvres, "Cm", "alpha")
 
 # %% [markdown]
-# ## The same by `select`, with F-tests that know neighbouring samples to be alike
+# ## The same by `select`, whose F-tests account for the residual autocorrelation
 
 # %%
-chosen = ss.select(flown, "Cm", pool, F_in="auto", bootstrap=0)["Cm"]
+chosen = ss.select(manoeuvres, "Cm", pool, F_in="auto", bootstrap=0)["Cm"]
 print("by hand:  ", ", ".join(sorted(terms)))
 print("by select:", ", ".join(sorted(map(str, chosen.terms))))
 chosen
 
 # %% [markdown]
-# ## To pick channels and terms with the mouse
+# ## Channels and terms chosen with the mouse
 #
-# In a notebook with ipywidgets, which `pip install "structsel[notebooks]"` brings.
+# In a notebook with ipywidgets (`pip install "structsel[notebooks]"`).
 
 # %%
-explorer = ss.explore_residuals(bare, flown, candidates=pool) if find_spec("ipywidgets") else "no ipywidgets here"
+explorer = ss.explore_residuals(bare, manoeuvres, candidates=pool) if find_spec("ipywidgets") else "no ipywidgets here"
 explorer
 
 # %% [markdown]
-# ## The terms the simulation was given were found
+# ## Comparison with the true terms
 
 # %%
 given = set(truth["Cm"]) - {"1"}
 print("given:    ", ", ".join(sorted(given)))
 
 assert given <= set(terms), "a term was left in the residual"
-assert set(terms) == {str(term) for term in chosen.terms}, "select and the eye were to agree"
+assert set(terms) == {str(term) for term in chosen.terms}, "select and the residuals should agree"

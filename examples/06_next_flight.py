@@ -1,8 +1,8 @@
 # %% [markdown]
-# # Which flight next? What the last one could not tell apart, the input that would, and a proof that it does
+# # Design of the next flight: the derivatives the last one could not separate, and an input that separates them
 #
-# Run it whole, or cell by cell, where figures and tables appear below the cells. No files are needed, and none are
-# written.
+# Run the complete file, or cell by cell: figures and tables then appear below the cells. No files are needed, and none
+# are written.
 
 # %% [markdown]
 # ## The last flight: a slow elevator doublet, angle of attack and pitch rate measured
@@ -15,29 +15,29 @@ import structsel as ss
 from structsel.inputs import doublet, information, name_derivatives, scatter, with_energy
 from structsel.plotting import plot_histories
 
-craft = ss.published_aircraft("citation")
-steady = craft.trim(V=120.0, h=7500.0)
-pitch = name_derivatives(craft.linearise(steady, inputs=["de"]), outputs=["alpha", "q"])
+citation = ss.published_aircraft("citation")
+steady = citation.trim(V=120.0, h=7500.0)
+pitch = name_derivatives(citation.linearise(steady, inputs=["de"]), outputs=["alpha", "q"])
 noise = {"alpha": 0.008, "q": 0.004}
-moments = ["mw", "mq", "mde"]
+derivatives = ["mw", "mq", "mde"]
 last = doublet("de", 0.02, 2.5, duration=16.0, dt=0.05)
-told = information(pitch, last, noise=noise, parameters=moments)
-told
+accuracy = information(pitch, last, noise=noise, parameters=derivatives)
+accuracy
 
 # %% [markdown]
-# ## Pitch damping and the elevator's effect trade against each other: their errors go together
+# ## The errors of pitch damping and elevator effectiveness are correlated
 
 # %%
-print("correlation of the errors of", ", ".join(moments))
-print(np.array2string(told.correlation, precision=2, suppress_small=True))
+print("correlation of the errors of", ", ".join(derivatives))
+print(np.array2string(accuracy.correlation, precision=2, suppress_small=True))
 
 # %% [markdown]
-# ## The input that tells most about the three within what may be flown: elevator, its rate, and angle of attack
+# ## The optimal input within limits on elevator, elevator rate and angle of attack
 
 # %%
 limits = {"de": 0.02, "alpha": np.deg2rad(2.0)}
 design = ss.design_inputs(
-    pitch, noise=noise, parameters=moments, limits=limits, rate_limits={"de": 0.15}, duration=16.0
+    pitch, noise=noise, parameters=derivatives, limits=limits, rate_limits={"de": 0.15}, duration=16.0
 )
 design
 
@@ -48,29 +48,29 @@ plot_histories(both, "de", ax=top)
 plot_histories(both, "alpha", ax=bottom)
 
 # %% [markdown]
-# ## Is it the shape, or only the energy? The doublet again, with as much
+# ## Shape or energy? The doublet with the energy of the designed input
 
 # %%
 strong = with_energy(last, design.energy)
-for name, flight in (("doublet", last), ("doublet of as much energy", strong), ("designed", design.inputs)):
-    bounds = information(pitch, flight, noise=noise, parameters=moments).crlb
-    shares = [f"{p} {100 * s / abs(pitch.parameters[p]):5.2f} %" for p, s in zip(moments, bounds)]
-    print(f"{name:26}", "   ".join(shares))
+for name, flight in (("doublet", last), ("doublet of equal energy", strong), ("designed", design.inputs)):
+    bounds = information(pitch, flight, noise=noise, parameters=derivatives).crlb
+    errors = [f"{p} {100 * s / abs(pitch.parameters[p]):5.2f} %" for p, s in zip(derivatives, bounds)]
+    print(f"{name:26}", "   ".join(errors))
 
 # %% [markdown]
-# ## Proof: fly each 200 times with fresh noise, estimate by output error, and see how far the estimates scatter
+# ## Check: 200 simulations of each with new noise, estimates by output error, and the scatter of the estimates
 
 # %%
 flights = {
-    name: scatter(pitch, flight, noise=noise, parameters=moments, runs=200, seed=1)
+    name: scatter(pitch, flight, noise=noise, parameters=derivatives, runs=200, seed=1)
     for name, flight in (("last", last), ("designed", design.inputs))
 }
 gained = flights["last"].std / flights["designed"].std
-print("the designed flight is worth", ", ".join(f"{g**2:.1f} of the last for {p}" for p, g in zip(moments, gained)))
+print("the designed flight equals", ", ".join(f"{g**2:.1f} of the last for {p}" for p, g in zip(derivatives, gained)))
 flights["designed"]
 
 # %% [markdown]
-# ## To fly it: a table of time and elevator, as `simulate` takes it, and an autopilot
+# ## The input as a table of time and elevator, for `simulate` or an autopilot
 
 # %%
 design.to_recording()
@@ -78,5 +78,5 @@ design.to_recording()
 # %%
 reached = {one.what: one.reached for one in design.limits}
 assert all(reached[name] <= 1.001 * allowed for name, allowed in limits.items()), "a limit is broken"
-assert all(abs(one.std / one.crlb - 1.0).max() < 0.2 for one in flights.values()), "the bounds were to be met"
-assert gained.min() > 1.5, "the designed input was to tell clearly more"
+assert all(abs(one.std / one.crlb - 1.0).max() < 0.2 for one in flights.values()), "the scatter should equal the bounds"
+assert gained.min() > 1.5, "the designed input should be clearly more accurate"

@@ -1,10 +1,10 @@
 # %% [markdown]
-# # A campaign in a folder: many manoeuvres as Parquet files, read once, and all that is asked of them is algebra
+# # A campaign in a folder: many manoeuvres as Parquet files, read once
 #
-# Run it whole, or cell by cell. It writes its files, some 11 MB, where it is run.
+# Run the complete file, or cell by cell. It writes about 11 MB of files into the current folder.
 
 # %% [markdown]
-# ## Forty manoeuvres as a campaign would leave them, one Parquet file each
+# ## Forty manoeuvres, one Parquet file each
 
 # %%
 import time
@@ -24,9 +24,9 @@ print(f"{len(made)} files, {size:.0f} MB, {sum(map(len, made))} samples of {len(
 
 
 # %% [markdown]
-# ## Time what follows
+# ## Timing
 #
-# The first call of anything also compiles its loops, so it is a small one.
+# A first call also compiles its loops, so it is made on a small problem.
 
 
 # %%
@@ -42,43 +42,43 @@ responses = ["CZ", "Cm"]
 small = ss.select(ss.compute_all(made[:2], aircraft), "Cm", pool, bootstrap=0)
 
 # %% [markdown]
-# ## Read, make coefficients, choose among all candidates for two responses
+# ## Read the files, compute coefficients, select among all candidates for two responses
 #
-# The recordings are held in memory. The matrix of all candidates never is: it is made in pieces, each
-# summed and forgotten.
+# The recordings are held in memory. The matrix of all candidates is not: it is computed in blocks, whose cross-products
+# are summed.
 
 # %%
 read = timed("read the folder", lambda: ss.read_recordings(folder))
-flown = timed("coefficients of every manoeuvre", lambda: ss.compute_all(read, aircraft))
+manoeuvres = timed("coefficients of every manoeuvre", lambda: ss.compute_all(read, aircraft))
 chosen = timed(
-    f"choose among {len(pool)} candidates for {len(responses)} responses",
-    lambda: ss.select(flown, responses, pool, F_in="auto", bootstrap=0),
+    f"select among {len(pool)} candidates for {len(responses)} responses",
+    lambda: ss.select(manoeuvres, responses, pool, F_in="auto", bootstrap=0),
 )
 chosen["Cm"]
 
 # %% [markdown]
-# ## How sure is the structure?
+# ## Stability of the structure
 #
-# Sixty selections from resampled manoeuvres, and each manoeuvre held out, cost little more: each manoeuvre's sums are
-# there, and they add.
+# Sixty selections from resampled manoeuvres, and cross-validation over the manoeuvres, take little more time, because
+# the cross-products of each manoeuvre are kept and add up.
 
 # %%
-sure = timed("the same with 60 selections from resampled manoeuvres",
-             lambda: ss.select(flown, responses, pool, F_in="auto", bootstrap=60))  # fmt: skip
-kept = [str(term) for term in sure["Cm"].terms]
-print({term: round(sure["Cm"].inclusion[term], 2) for term in kept})
-print(f"held out, manoeuvre by manoeuvre: R2 {sure['Cm'].held_out_r2:.4f}")
+resampled = timed("the same with 60 selections from resampled manoeuvres",
+             lambda: ss.select(manoeuvres, responses, pool, F_in="auto", bootstrap=60))  # fmt: skip
+kept = [str(term) for term in resampled["Cm"].terms]
+print({term: round(resampled["Cm"].inclusion[term], 2) for term in kept})
+print(f"held out, manoeuvre by manoeuvre: R2 {resampled['Cm'].held_out_r2:.4f}")
 
 # %% [markdown]
-# ## Against the whole matrix at once, as one would do without: the same values
+# ## Comparison with one least-squares problem over all samples
 
 # %%
-matrix = np.concatenate([np.column_stack([np.ones(len(r)), ss.Candidates.parse(kept).evaluate(r)]) for r in flown])
+matrix = np.concatenate([np.column_stack([np.ones(len(r)), ss.Candidates.parse(kept).evaluate(r)]) for r in manoeuvres])
 names = ["1", *map(str, ss.Candidates.parse(kept))]
-whole = dict(zip(names, np.linalg.lstsq(matrix, np.concatenate([r["Cm"] for r in flown]), rcond=None)[0]))
-model = ss.select(flown, "Cm", ss.Candidates.parse(kept), include=kept, noise="white", bootstrap=0).model["Cm"]
-apart = max(abs(model[name] / whole[name] - 1.0) for name in names)
-print(f"parameters differ from one large least-squares problem by {apart:.1e} at most")
+direct = dict(zip(names, np.linalg.lstsq(matrix, np.concatenate([r["Cm"] for r in manoeuvres]), rcond=None)[0]))
+model = ss.select(manoeuvres, "Cm", ss.Candidates.parse(kept), include=kept, noise="white", bootstrap=0).model["Cm"]
+difference = max(abs(model[name] / direct[name] - 1.0) for name in names)
+print(f"parameters differ from one large least-squares problem by {difference:.1e} at most")
 
-assert apart < 1e-8, "sums over manoeuvres were to say the same as all samples together"
+assert difference < 1e-8, "sums over manoeuvres should give the same as all samples together"
 assert set(truth["Cm"]) - {"1"} <= set(kept), "a true term was missed"

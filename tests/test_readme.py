@@ -85,7 +85,7 @@ def test_the_second_example_prints_the_table_the_readme_shows():
 def test_the_third_example_prints_the_table_the_readme_shows():
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        runpy.run_path(str(ROOT / "examples/03_fly_the_model.py"))
+        runpy.run_path(str(ROOT / "examples/03_simulate_the_model.py"))
     shown = blocks(README, "text")[3]
     start = printed.getvalue().index(shown.splitlines()[0])
     same(printed.getvalue()[start:][: len(shown)], shown)
