@@ -55,7 +55,7 @@ def effects() -> str:
 
 _EFFECTS = """# Effects that can be named
 
-Each picture shows what an effect of usual size, in one of its forms, adds to measured minus simulated in the
+Each picture shows the contribution of an effect of usual size, in one of its forms, to measured minus simulated in the
 coefficient that it changes most: over time and, if it depends on one channel, over that channel (dashed in the left
 part). The flights are simulated for this purpose, with doublets of elevator, rudder and ailerons, and steps of thrust.
 """

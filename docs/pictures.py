@@ -1,4 +1,4 @@
-"""A picture of each effect: what it adds to measured minus simulated, over time and over the channel that drives it."""
+"""A picture of each effect: its contribution to the differences, over time and over the channel that drives it."""
 
 from __future__ import annotations
 
