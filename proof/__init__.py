@@ -6,7 +6,7 @@ Three things are independent of what they prove, and must stay so:
 - the formulas of the injected effects (`proof.polynomial`, `proof.jsbsim`, `proof.scenario`): written from the
   literature, with separation and wake states of their own; they may import nothing of `structsel.effects`,
   `structsel.comparison` or `structsel.diagnosis`, which import-linter checks;
-- JSBSim as a plant: equations, integrator, atmosphere and tables that structsel shares nothing with;
+- JSBSim as a plant: equations, integrator, atmosphere and tables of its own, none of them structsel's;
 - the errors of instruments, the delays and the backlash of the truth.
 
 Everything else may be shared: geometry, published coefficients, atmosphere, the Dryden spectrum and the coefficients

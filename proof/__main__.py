@@ -67,14 +67,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, required=True, help="folder of cases, keys, answers and the proof")
     parser.add_argument("--cases", default="20", help="how many: 100, or single=300,null=200")
     parser.add_argument("--seed", type=int, help="of the first case; by default 0, or the first for evaluation")
-    parser.add_argument("--sources", **words, help="plants of the truth: own,jsbsim")
+    parser.add_argument("--sources", **words, help="plants of the truth: polynomial,jsbsim")
     parser.add_argument("--family", default="", help=f"{', '.join(campaign.FAMILIES[:-1])}; drawn if not given")
     parser.add_argument("--effects", **words, help="of singles, in turn; drawn if not given")
     parser.add_argument("--severity", default="", choices=["", "easy", "medium", "hard"])
     parser.add_argument("--without-truth", action="store_true", help="singles, the right hypothesis left out")
     parser.add_argument("--judged", action="store_true", help="cases kept for evaluation")
     parser.add_argument("--baselines", action="store_true", help="also ask three simple methods")
-    parser.add_argument("--jobs", type=int, default=2, help="cases at a time")
+    parser.add_argument("--jobs", type=int, default=2, help="number of parallel processes")
     parser.add_argument("--timeout", type=float, default=300.0, help="seconds after which a case counts as unanswered")
     parser.add_argument("--again", action="store_true", help="diagnose all again; the cases stay")
     parser.add_argument("--done", action="store_true", help="score what is done so far, and stop")
@@ -93,6 +93,7 @@ def _run(asked: argparse.Namespace, counts: dict[str, int]) -> None:
         judged=asked.judged,
     )  # fmt: skip
     total, out = len(draws), asked.out
+    draws = campaign.as_stored(draws, out)
     if asked.done:
         draws = campaign.done(draws, out)
     else:
@@ -105,7 +106,7 @@ def _run(asked: argparse.Namespace, counts: dict[str, int]) -> None:
     command = _command(asked, first)
     about = _about(draws, scores, undrawn, errors, command, asked.judged)
     if len(draws) < total:
-        about.append(f"so far: {len(draws)} of the {total} cases asked for are done")
+        about.append(f"so far: {len(draws)} of the {total} requested cases are done")
     summary = summarise(scores)
     content = json_text({
         "schema": SCHEMA, "date": date.today().isoformat(), "version": __version__, "command": command,
@@ -118,7 +119,7 @@ def _run(asked: argparse.Namespace, counts: dict[str, int]) -> None:
 
 
 def _prove(draws: Sequence[campaign.Draw], asked: argparse.Namespace) -> None:
-    """Draw and diagnose what is not done, one run in a folder at a time."""
+    """Draw and diagnose what is not done; one run per folder."""
     asked.out.mkdir(parents=True, exist_ok=True)
     try:
         with FileLock(asked.out / ".lock", timeout=0):
@@ -161,15 +162,15 @@ def _counts(cases: str, family: str, effects: bool) -> dict[str, int]:
 
 
 def _sources(asked: Sequence[str]) -> Sequence[str]:
-    """Sources asked for, or all that are installed."""
+    """Requested sources, or all that are installed."""
     if not asked and find_spec("jsbsim") is None:
-        _say("note", "JSBSim is not installed: all cases are of the proof's own plant.")
-        return ("own",)
-    return asked or campaign.SOURCES
+        _say("note", "JSBSim is not installed: all cases are of the polynomial plant.")
+        return ("polynomial",)
+    return ["polynomial" if s == campaign.FORMER_NAME else s for s in asked] or campaign.SOURCES
 
 
 def _progress(what: str, done: int, of: int) -> None:
-    """A line now and then, so that a log of a long run says how far it is."""
+    """Report the progress twenty times in a run."""
     if done % max(1, of // _LINES) == 0 or done == of:
         _say("note", f"{done} of {of} cases done")
 

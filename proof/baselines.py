@@ -1,4 +1,4 @@
-"""Three simple ways to name a cause, as baselines: each uses the same signatures and the same differences."""
+"""Three simple methods to name a cause, as baselines: each uses the same signatures and the same differences."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from structsel.numerics.stepwise import stepwise
 
 Array = NDArray[np.float64]
 LARGEST_FIT, STEPWISE_BIC, LARGEST_CORRELATION = "largest single fit", "stepwise and BIC", "largest correlation"
-_MOST = 12
+_MAX_TERMS = 12
 """Terms that stepwise regression may keep."""
 
 
@@ -39,14 +39,14 @@ class _Sums:
 
 
 def name_simply(compared: EffectComparison) -> dict[str, list[str]]:
-    """Effects that each simple way names, likeliest first.
+    """Effects that each simple method names, likeliest first.
 
     - *largest single fit*: the hypothesis whose best form has the largest R^2 by least squares;
     - *stepwise and BIC*: stepwise regression over all columns of all forms, a term entering and staying where BIC
-      falls; effects by what the residual sum of squares would rise without them;
+      falls; effects by the increase of the residual sum of squares without them;
     - *largest correlation*: the hypothesis with the column most correlated with the differences in some response.
 
-    None of them knows tolerances, the colour of the noise, or other manoeuvres than those it fits.
+    None of them knows tolerances, the autocorrelation of the noise, or other manoeuvres than those it fits.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def name_simply(compared: EffectComparison) -> dict[str, list[str]]:
 
     Returns
     -------
-    mapping of way to list of effects
+    mapping of method to list of effects
     """
     signatures = compared.signatures
     sums = _add_up(compared) if signatures else None
@@ -98,15 +98,15 @@ def _add_up(compared: EffectComparison) -> _Sums:
 
 
 def _fit(sums: _Sums, k: int) -> float:
-    """R^2 of one form by itself."""
-    own = np.flatnonzero(sums.owner == k)
-    A, b = sums.C[np.ix_(own, own)], sums.C[own, -1]
+    """R^2 of one form alone."""
+    columns = np.flatnonzero(sums.owner == k)
+    A, b = sums.C[np.ix_(columns, columns)], sums.C[columns, -1]
     return float(b @ np.linalg.lstsq(A, b, rcond=1e-10)[0]) / float(sums.C[-1, -1])
 
 
 def _by_steps(sums: _Sums, effects: Sequence[str]) -> list[str]:
     worth = float(np.log(sums.rows))  # of one term, in F, where BIC neither falls nor rises
-    path = stepwise(sums.C, float(sums.rows), F_in=worth, F_out=worth, max_terms=_MOST, swap=False)
+    path = stepwise(sums.C, float(sums.rows), F_in=worth, F_out=worth, max_terms=_MAX_TERMS, swap=False)
     kept = np.array(path.selected, dtype=int)
     if not len(kept):
         return []

@@ -37,20 +37,20 @@ _MILD = 3.0  # inverse variance of a weight beforehand, in standard deviations o
 
 
 def collect(folder: Path, name: str) -> list[dict]:
-    """Rounds of one case: the effects in question, and after one that is right was taken in, those of the next."""
+    """Rounds of one case: the candidate effects, and after a right one is accepted, those of the next round."""
     key = Key.read(folder / "keys" / f"{name}.json")
     bench, library, _ = set_up(prepare(*open_case(folder / "cases" / name)).flights)
     rounds: list[dict] = []
     missing = [set(e.accept) for e in key.effects]
-    driven = InputDrivenMotion.of(bench.flights)
+    motion = InputDrivenMotion.of(bench.flights)
     while len(rounds) <= len(key.effects):
-        weighed = weigh(bench, driven.bear_out(bench, score_all(bench, library)))
-        right = [any(w.effect in e for e in missing) for w in weighed]
+        scored = weigh(bench, motion.bear_out(bench, score_all(bench, library)))
+        right = [any(w.effect in e for e in missing) for w in scored]
         rows = [
-            {"effect": w.effect, "right": r, "features": [float(x) for x in w.features]} for w, r in zip(weighed, right)
+            {"effect": w.effect, "right": r, "features": [float(x) for x in w.features]} for w, r in zip(scored, right)
         ]
         rounds.append({"case": name, "family": key.family, "round": len(rounds), "rows": rows})
-        found = [w for w, r in zip(weighed, right) if r]
+        found = [w for w, r in zip(scored, right) if r]
         if not found:
             break
         best = max(found, key=lambda w: weighing.nats(w.score))
@@ -86,10 +86,10 @@ def _collect(folder: Path, name: str) -> list[dict]:
 
 def padded(rounds: Sequence[dict]) -> tuple[Array, Array, Array]:
     """Features (n, k, f), zero or minus infinity where there is an effect or none, and what is right, (n, 1 + k)."""
-    most = max(len(r["rows"]) for r in rounds)
-    X = np.zeros((len(rounds), most, len(weighing.FEATURES)))
-    there = np.full((len(rounds), 1 + most), -np.inf)
-    right = np.zeros((len(rounds), 1 + most))
+    largest = max(len(r["rows"]) for r in rounds)
+    X = np.zeros((len(rounds), largest, len(weighing.FEATURES)))
+    there = np.full((len(rounds), 1 + largest), -np.inf)
+    right = np.zeros((len(rounds), 1 + largest))
     there[:, 0] = 0.0
     for i, one in enumerate(rounds):
         k = len(one["rows"])
@@ -118,7 +118,7 @@ def fit(X: Array, there: Array, right: Array, mild: float = _MILD) -> Array:
     return np.concatenate([found[:1], found[1:] / spread])
 
 
-def chances(w: Array, X: Array, there: Array) -> Array:
+def probabilities(w: Array, X: Array, there: Array) -> Array:
     """(n, 1 + k) probabilities: of nothing, and of each effect."""
     return softmax(log_odds(w, X, there), axis=1)
 
@@ -136,7 +136,7 @@ def crossed(rounds: Sequence[dict], folds: int = 8) -> tuple[Array, Array]:
     p = np.zeros_like(right)
     for learnt, kept in KFold(folds, shuffle=True, random_state=1).split(cases):
         inside, outside = np.isin(of, learnt), np.isin(of, kept)
-        p[outside] = chances(fit(X[inside], there[inside], right[inside]), X[outside], there[outside])
+        p[outside] = probabilities(fit(X[inside], there[inside], right[inside]), X[outside], there[outside])
     return p, right
 
 

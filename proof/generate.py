@@ -25,7 +25,7 @@ _AIMED = {"easy": 0.35, "medium": 0.4, "hard": 0.25}
 def draw_case(
     seed: int,
     *,
-    source: str = "own",
+    source: str = "polynomial",
     family: str | None = None,
     effect: str | None = None,
     severity: str | None = None,
@@ -36,13 +36,13 @@ def draw_case(
     Parameters
     ----------
     seed : int
-    source : {"own", "jsbsim"}
+    source : {"polynomial", "jsbsim"}
         Plant of the truth.
     family : {"single", "pair", "null", "outside", "clutter"}, optional
     effect : str, optional
         Of a single.
     severity : {"easy", "medium", "hard"}, optional
-        Aimed at; the key says what was reached.
+        Intended; the key has the severity that was reached.
     aircraft : str, optional
         Of JSBSim.
 
@@ -79,7 +79,7 @@ def declared_effects(library: Sequence[Effect] | None = None) -> tuple[DeclaredE
 
 
 def drawable(source: str) -> frozenset[str]:
-    """Effects of which a source has cases."""
+    """Effects for which a source has cases."""
     declared = {d.name for d in declared_effects()}
     if source == "jsbsim":
         from proof.jsbsim.effects_added import ADDED_FORCES
@@ -114,5 +114,5 @@ def _jsbsim(
     return CaseBuilder(JSBSimPlant(name), drawn, aim, effect, seed, rng, declared_effects()).case()
 
 
-def _choice(rng: np.random.Generator, chances: Mapping[str, float]) -> str:
-    return str(rng.choice(list(chances), p=list(chances.values())))
+def _choice(rng: np.random.Generator, probabilities: Mapping[str, float]) -> str:
+    return str(rng.choice(list(probabilities), p=list(probabilities.values())))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from structsel.errors import DataError
 from structsel.files import write_text
@@ -31,7 +31,7 @@ class EffectKey(BaseModel):
     Attributes
     ----------
     effect : str
-        Its name; ``unknown`` where no name covers it.
+        Its name; ``unknown`` for an effect outside the library.
     accept : tuple of str
         Names as right as the first.
     tie : tuple of str
@@ -42,7 +42,7 @@ class EffectKey(BaseModel):
     region : mapping of channel to (low, high), optional
         Where it acts; None acts everywhere.
     parameters : mapping
-        What was put in; under a name that tells its unit where it is not SI.
+        Values of the injected effect; the name gives the unit where it is not SI.
     intervals : mapping of recording to intervals [s], optional
         When it acts; None acts all the time.
     """
@@ -69,14 +69,14 @@ class Key(BaseModel):
         Of the simulation.
     severity : {"easy", "medium", "hard", "none"}
     attainable : mapping of coefficient (or channel) to float
-        Share by which a perfect account lowers the rms of measured less simulated.
+        Fraction by which a perfect model of the effect lowers the rms of measured minus simulated.
     log_evidence : float, optional
         Log Bayes factor of a perfect account of the effects against none, the stated tolerances free in both; None
-        where it is not known. Keys of older cases call it ``nats``.
+        where it is not known. Keys of version 0.1.0 call it ``nats``.
     effects : tuple of EffectKey
         The largest first; none in a null.
     source : str
-        Who flew: "own/beaver", "jsbsim/c172p".
+        Plant and aircraft: "polynomial/beaver", "jsbsim/c172p". Keys of version 0.1.0 call the first plant "own".
     family : {"single", "pair", "null", "outside", "clutter"}
     seed : int
     """
@@ -91,6 +91,11 @@ class Key(BaseModel):
     source: str = ""
     family: Family = "single"
     seed: int = 0
+
+    @field_validator("source")
+    @classmethod
+    def _current_name(cls, source: str) -> str:
+        return source.replace("own/", "polynomial/") if source.startswith("own/") else source
 
     def with_log_evidence(self, value: float | None) -> Key:
         """The key with the log evidence of a perfect account; where that is too small, "consistent" is right too."""

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from queue import SimpleQueue
@@ -23,7 +23,9 @@ from proof.score import WITHOUT, CaseScore, score_case
 from structsel.errors import DataError
 from structsel.files import write_text
 
-SOURCES = ("own", "jsbsim")
+SOURCES = ("polynomial", "jsbsim")
+FORMER_NAME = "own"
+"""Of the source polynomial, in version 0.1.0."""
 FAMILIES = ("single", "pair", "null", "outside", "clutter", WITHOUT)
 DEVELOPMENT = range(0, 100_000)
 """Seeds of the cases that may be looked at."""
@@ -42,7 +44,7 @@ class Draw:
 
     Attributes
     ----------
-    source : {"own", "jsbsim"}
+    source : {"polynomial", "jsbsim"}
     seed : int
     family, effect, severity : str
         Empty where the seed decides.
@@ -80,7 +82,7 @@ def plan(
         ``""`` lets each seed decide its family; ``without`` are singles whose hypothesis is taken out.
     seed : int
         The first.
-    sources : sequence of {"own", "jsbsim"}
+    sources : sequence of {"polynomial", "jsbsim"}
     effects : sequence of str, optional
         Of singles.
     severity : str, optional
@@ -98,7 +100,7 @@ def plan(
     if "jsbsim" in sources and find_spec("jsbsim") is None:
         raise DataError(
             "prove: JSBSim is not installed, so no case can be flown by it.\n"
-            'pip install "structsel[jsbsim]" brings it; sources without jsbsim do without.'
+            'Install it with pip install "structsel[jsbsim]", or choose the source polynomial.'
         )
     if effects and set(counts) - {"single", WITHOUT}:
         raise DataError("prove: effects can be chosen for singles only. Choose the family single.")
@@ -108,7 +110,7 @@ def plan(
     if not judged and not (seed in DEVELOPMENT and last in DEVELOPMENT):
         raise DataError(
             f"prove: seeds {seed} to {last} are not those of development, {DEVELOPMENT[0]} to {DEVELOPMENT[-1]}.\n"
-            f"From {JUDGED} on they are kept to judge, and must be asked for as judged."
+            f"Seeds from {JUDGED} on are kept for evaluation: choose judged."
         )
     made: list[Draw] = []
     for family, count in counts.items():
@@ -145,7 +147,7 @@ def prove(
     draws : sequence of Draw
     out : Path
     jobs : int
-        Cases at a time.
+        Number of parallel processes.
     timeout : float [s]
         After which a case counts as not answered.
     again : bool
@@ -175,6 +177,15 @@ def prove(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
+def as_stored(draws: Sequence[Draw], out: Path) -> list[Draw]:
+    """Draws with the names that a folder has for them: version 0.1.0 called the source "polynomial" "own"."""
+    path = out / "plan.json"
+    held = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if not any(one["source"] == FORMER_NAME for one in held.values()):
+        return list(draws)
+    return [replace(d, source=FORMER_NAME) if d.source == "polynomial" else d for d in draws]
+
+
 def done(draws: Sequence[Draw], out: Path) -> list[Draw]:
     """Those of the cases that are answered, or could not be drawn.
 
@@ -190,7 +201,7 @@ def done(draws: Sequence[Draw], out: Path) -> list[Draw]:
 
 
 def in_turn(draws: Sequence[Draw]) -> list[Draw]:
-    """Families in turn, each by its share, so that what is done of a run broken off is a fair sample of it."""
+    """Families in proportion, so that the part done by an interrupted run is a fair sample."""
     families: dict[tuple[str, bool], list[Draw]] = {}
     for one in draws:
         families.setdefault((one.family, one.without_truth), []).append(one)
@@ -274,7 +285,7 @@ class _Campaign:
 
 def _run(command: Sequence[str], place: Path, timeout: float) -> dict[str, Any]:
     """Run a process in a folder of its own; what it printed, or an ``error``, or a ``crash`` where it said nothing."""
-    # The folder this process stands in, and stood in, would be handed on.
+    # These name the folder of this process, which may hold the keys.
     environment = {k: v for k, v in os.environ.items() if k not in ("PWD", "OLDPWD")}
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(_CLONE), environment.get("PYTHONPATH", "")]))
     try:

@@ -78,9 +78,9 @@ class CaseScore:
     kind, axis : bool, optional
         Of the finding that is right, or else of the first.
     axes, iou : float, optional
-        Share that responses named and true, or seconds named and true, have in common.
+        Intersection over union of the named and the true responses, or seconds.
     alarm : bool, optional
-        A null was called a mismatch, or something beside turbulence was named in it.
+        A null was called a mismatch, or something other than turbulence was named in it.
     claimed : bool, optional
         Something of the library was named where nothing of it can be right.
     both : bool, optional
@@ -88,7 +88,7 @@ class CaseScore:
     gain : float, optional
         Fraction of the attainable fall of the held-out error that was reached.
     beyond : float, optional
-        Share by which the held-out error falls beyond what a refit without the physics leaves; below zero it rises.
+        Relative reduction of the held-out error compared with a refit without the physics; negative if it rises.
     claims : tuple of Claim
     sizes : tuple of Sized
     simple : mapping of baseline to (right first, right among the first three)
@@ -171,8 +171,8 @@ def score_case(
         fields["sizes"] = tuple(_sizes(findings, key))
         targets = _targets(key) if family not in ("null", "outside") else ()
         fields["simple"] = {
-            way: (any(_right(names[:1], e) for e in targets), any(_right(names[:3], e) for e in targets))
-            for way, names in (simple or {}).items()
+            method: (any(_right(names[:1], e) for e in targets), any(_right(names[:3], e) for e in targets))
+            for method, names in (simple or {}).items()
             if targets
         }
     return CaseScore(
@@ -193,13 +193,13 @@ def probability_of(finding: Json) -> float:
 
 def overlap(found: Mapping[str, Sequence[Sequence[float]]], true: Mapping[str, Sequence[Sequence[float]]]) -> float:
     """Overlap of two sets of intervals: seconds in both over seconds in either; 1 where both are empty."""
-    shared = either = 0.0
+    both = either = 0.0
     for recording in {*found, *true}:
         a, b = _joined(found.get(recording, ())), _joined(true.get(recording, ()))
         common = sum(max(0.0, min(x[1], y[1]) - max(x[0], y[0])) for x in a for y in b)
-        shared += common
+        both += common
         either += sum(x[1] - x[0] for x in (*a, *b)) - common
-    return shared / either if either > 0.0 else 1.0
+    return both / either if either > 0.0 else 1.0
 
 
 def _joined(intervals: Sequence[Sequence[float]]) -> list[tuple[float, float]]:
@@ -230,7 +230,7 @@ def _targets(key: Key) -> tuple[EffectKey, ...]:
 
 
 def _is_tie(finding: Json, effect: EffectKey) -> bool:
-    """The right effect first, or a look-alike that the key allows, with the right one declared beside it."""
+    """The right effect first, or a look-alike that the key allows, with the right one declared as an alternative."""
     first = effect_of(finding)
     return first in effect.accept or (first in effect.tie and _right(finding.get("ambiguous_with", ()), effect))
 
@@ -258,8 +258,8 @@ def _claims_library(diagnosed: Json, findings: Sequence[Json], key: Key) -> bool
     """Whether a name of the library is given as the answer where "unknown", or a doubt, is all that can be said."""
     if diagnosed["verdict"] != "mismatch" or not findings:
         return False
-    first, beside = effect_of(findings[0]), findings[0].get("ambiguous_with", ())
-    return first != "unknown" and not _accepts(key, first) and "unknown" not in beside
+    first, alternatives = effect_of(findings[0]), findings[0].get("ambiguous_with", ())
+    return first != "unknown" and not _accepts(key, first) and "unknown" not in alternatives
 
 
 # --- place -----------------------------------------------------------------------------------------------------------
@@ -303,8 +303,8 @@ def _errors(finding: Json, which: str) -> dict[str, float]:
 def _gain(findings: Sequence[Json], key: Key) -> float | None:
     """Fall of the held-out error over the fall that can be had, summed over the responses that have one to offer.
 
-    The fit of each finding counts those before it, so that the last one's is of everything found. A response of which
-    nothing is stated has not been improved.
+    The fit of each finding counts those before it, so that the last one's is of everything found. A response without
+    a stated fit has not been improved.
     """
     shown = {c for e in key.effects for c in e.axes}
     worth = {c: a for c, a in key.attainable.items() if a >= _WORTH and c in shown}
@@ -328,7 +328,7 @@ def _beyond(findings: Sequence[Json]) -> float | None:
 
 
 def _sizes(findings: Sequence[Json], key: Key) -> list[Sized]:
-    """Parameters of the effects named right whose names correspond to what was put in."""
+    """Parameters of the correctly named effects that correspond to injected values."""
     made = []
     for effect in key.effects:
         finding = next((f for f in findings if effect_of(f) == effect.effect), None)

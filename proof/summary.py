@@ -36,7 +36,7 @@ class Figure:
     aim : float or None
     better : {"high", "low"}
     limits : (float, float) or None
-        90 % interval of a share (Clopper and Pearson).
+        90 % interval of a rate (Clopper and Pearson).
     top : float
         Upper end of a band that `aim` begins; inf where more is better.
     """
@@ -67,7 +67,7 @@ class Group:
     ----------
     name : str
     cases : int
-    shares : mapping of figure to float
+    rates : mapping of figure to float
         ``top1``, ``tie``, ``top3``, ``kind``, ``axis``; nan where it does not apply.
     gain, iou : float
         Medians.
@@ -75,14 +75,14 @@ class Group:
 
     name: str
     cases: int
-    shares: Mapping[str, float]
+    rates: Mapping[str, float]
     gain: float
     iou: float
 
 
 @dataclass(frozen=True)
 class Bin:
-    """Claims of about one probability: how many, the mean stated, the share that is right."""
+    """Claims of about one probability: number, mean stated probability, fraction that is right."""
 
     count: int
     stated: float
@@ -125,7 +125,7 @@ def summarise(scores: Sequence[CaseScore]) -> Summary:
     named = [s for s in scores if s.family in NAMED_IN]
     claims = [c for s in scores for c in s.claims]
     return Summary(
-        (*_of_names(named, scores), *_of_places(named), *_of_probabilities(claims), *_beside_simple(named)),
+        (*_of_names(named, scores), *_of_places(named), *_of_probabilities(claims), *_compared_with_simple(named)),
         {
             "family": _groups(scores, lambda s: s.family),
             "severity": _groups(named, lambda s: s.severity),
@@ -209,17 +209,17 @@ def _of_probabilities(claims: Sequence[Claim]) -> list[Figure]:
     ]
 
 
-def _beside_simple(named: Sequence[CaseScore]) -> list[Figure]:
-    """Each simple way's fraction of right first names, and how far this one lies above it on the same cases."""
+def _compared_with_simple(named: Sequence[CaseScore]) -> list[Figure]:
+    """Fraction of right first names of each simple method, and the difference from it on the same cases."""
     made = []
-    for way in dict.fromkeys(w for s in named for w in s.simple):
-        same = [s for s in named if way in s.simple]
-        theirs = _rate(f"{way}: right effect first", (s.simple[way][0] for s in same))
+    for method in dict.fromkeys(w for s in named for w in s.simple):
+        same = [s for s in named if method in s.simple]
+        theirs = _rate(f"{method}: right effect first", (s.simple[method][0] for s in same))
         ours = _rate("", (s.top1 for s in same)).value
         made += [
             theirs,
-            _rate(f"{way}: right effect among three", (s.simple[way][1] for s in same)),
-            Figure(f"above {way}", ours - theirs.value, len(same), 0.25),
+            _rate(f"{method}: right effect among three", (s.simple[method][1] for s in same)),
+            Figure(f"above {method}", ours - theirs.value, len(same), 0.25),
         ]
     return made
 
@@ -241,14 +241,14 @@ def reliability(claims: Sequence[Claim]) -> tuple[Bin, ...]:
 def _groups(scores: Sequence[CaseScore], by: Callable[[CaseScore], str]) -> tuple[Group, ...]:
     if not scores:
         return ()
-    shares, medians = ["top1", "tie", "top3", "kind", "axis"], ["gain", "iou"]
-    values = [[getattr(s, f) for f in (*shares, *medians)] for s in scores]
-    frame = pd.DataFrame(values, columns=[*shares, *medians], dtype=float)
+    rates, medians = ["top1", "tie", "top3", "kind", "axis"], ["gain", "iou"]
+    values = [[getattr(s, f) for f in (*rates, *medians)] for s in scores]
+    frame = pd.DataFrame(values, columns=[*rates, *medians], dtype=float)
     return tuple(
         Group(
             str(name),
             len(held),
-            {f: float(held[f].mean()) for f in shares},
+            {f: float(held[f].mean()) for f in rates},
             *(float(held[f].median()) for f in medians),
         )
         for name, held in frame.groupby([by(s) for s in scores])

@@ -18,7 +18,7 @@ def page(summary: Summary, about: Sequence[str]) -> str:
     ----------
     summary : Summary
     about : sequence of str
-        Lines that say what was proved, when and by which command.
+        Lines above the tables: cases, date, command.
     """
     parts = ["# Proof of the diagnosis", "\n".join(f"- {line}" for line in about), _figures(summary.figures)]
     parts += [_groups(head, summary.groups[by]) for by, head in _HEADS.items() if summary.groups[by]]
@@ -76,7 +76,7 @@ def _groups(head: str, groups: Sequence[Group]) -> str:
         [
             g.name,
             str(g.cases),
-            *(_percent(g.shares[c]) for c in columns),
+            *(_percent(g.rates[c]) for c in columns),
             _percent(g.gain),
             "-" if math.isnan(g.iou) else f"{g.iou:.2f}",
         ]

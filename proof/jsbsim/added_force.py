@@ -169,7 +169,7 @@ def event(
 
             return formula, {"takes": length}
 
-        _register(effect, make, kind, ("pitch", "pull"), tie, {"local": True})
+        _register(effect, make, kind, ("pitch", "pull-up"), tie, {"local": True})
         return build
 
     return enter

@@ -25,7 +25,7 @@ FT, LBF = 0.3048, 4.4482216152605
 _FORCES = ("x", "y", "z", "l", "m", "n")
 _SIDES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 FLAPS = tuple(f"fcs/flap-pos-{unit}" for unit in ("rad", "deg", "norm"))
-_FLAP_SPAN = 0.6  # rad, full flap where the aerodynamics read a share only
+_FLAP_SPAN = 0.6  # rad, full flap where the aerodynamics read a fraction only
 
 
 def original(name: str) -> Path:
@@ -33,7 +33,7 @@ def original(name: str) -> Path:
     try:
         import jsbsim
     except ImportError as error:
-        raise SimulationError('JSBSim is not installed; pip install "structsel[jsbsim]" brings it.') from error
+        raise SimulationError('JSBSim is not installed; Install it with: pip install "structsel[jsbsim]".') from error
     return Path(jsbsim.get_default_root_dir()) / "aircraft" / name / f"{name}.xml"
 
 
@@ -89,7 +89,7 @@ class JSBSimPlant(JSBSimAircraft):
         self._brakes = [p for p in self.properties if "speedbrake" in p]
         self.has_brake = bool(self._brakes)
 
-    # --- what the loop of a flight sets and reads --------------------------------------------------
+    # --- set and read in the loop of a flight ---------------------------------------------------
 
     def set_external_force(self, force: np.ndarray, moment: np.ndarray) -> None:
         """Force [N] at and moment [N m] about the centre of gravity, from the next step on."""

@@ -22,7 +22,7 @@ from proof.jsbsim.prescribed_motion import coefficients, functions_with
 from proof.jsbsim.scenario import draw_factors, draw_instruments, draw_turbulence
 from proof.keys import COEFFICIENTS, EffectKey, Key
 from proof.scenario.declared import DeclaredEffect
-from proof.scenario.errors import EXCLUSIVE_JSBSIM, OFF_BY, SEVERITIES, may_share, severity_of
+from proof.scenario.errors import EXCLUSIVE_JSBSIM, OFF_BY, SEVERITIES, may_combine, severity_of
 from proof.scenario.instruments import coefficients_of
 from proof.scenario.intervals import intervals_of
 from proof.scenario.sizing import NotAttainable, attainable, bisect
@@ -101,7 +101,7 @@ class CaseBuilder:
             names = [self.wanted, *[n for n in names if n != self.wanted]]
         chosen: list[str] = []
         for n in names:
-            if len(chosen) < count and may_share(n, chosen, EXCLUSIVE_JSBSIM):
+            if len(chosen) < count and may_combine(n, chosen, EXCLUSIVE_JSBSIM):
                 chosen.append(n)
         return [choose(self.plant, n, self.rng, self.declared) for n in chosen]
 
@@ -124,10 +124,10 @@ class CaseBuilder:
             return max(attainable(with_it, rest).values())
 
         low, high = selected.low, selected.high
-        most = reached(high)
-        if most < min(SEVERITIES["hard"][0], target):
-            raise NotAttainable(f"'{selected.name}' reaches {most:.3f} on {self.plant.name}, {target:.2f} is wanted")
-        if most < target:
+        largest = reached(high)
+        if largest < min(SEVERITIES["hard"][0], target):
+            raise NotAttainable(f"'{selected.name}' reaches {largest:.3f} on {self.plant.name}, {target:.2f} is wanted")
+        if largest < target:
             return selected.at(high)
         if reached(low) > target:
             return selected.at(low)
@@ -135,7 +135,7 @@ class CaseBuilder:
         return selected.at(high)
 
     def _contributions(self, selected: SelectedEffect, size: float, flights: Sequence[TruthFlight]) -> list[np.ndarray]:
-        """What the effect adds to measured less simulated (n, 6), along flights without it."""
+        """(n, 6) contribution of the effect to measured minus simulated, for each flight without it."""
         return [selected.contribution(self.plant, f, size, self.instruments) for f in flights]
 
     def _residuals(self, flights: Sequence[TruthFlight], effects: Sequence[SelectedEffect]) -> list[np.ndarray]:
@@ -225,7 +225,7 @@ class CaseBuilder:
     def _contribution(self, flights: Sequence[TruthFlight]) -> tuple[np.ndarray, ...]:
         """What the effects add to measured less simulated (n, 6), as instruments without noise would show it."""
         quiet = copy(self)
-        quiet.instruments = replace(self.instruments, noise=dict.fromkeys(self.instruments.noise, 0.0), colour=0.0)
+        quiet.instruments = replace(self.instruments, noise=dict.fromkeys(self.instruments.noise, 0.0), correlated=0.0)
         found = quiet._residuals(flights, self.effects)
         return tuple(x - quiet._perfect(f, k, self.effects) for k, (x, f) in enumerate(zip(found, flights)))
 

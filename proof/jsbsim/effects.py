@@ -137,11 +137,11 @@ class SelectedEffect:
     def contribution(
         self, plant: JSBSimPlant, flight: TruthFlight, size: float, instruments: InstrumentSet
     ) -> np.ndarray:
-        """What it adds to measured less simulated (n, 6) along a flight without it."""
+        """(n, 6) contribution to measured minus simulated along a flight without the effect."""
         if self.built_in is not None:
             without = functions_with(plant, self._left(plant, size))
-            whole = coefficients(plant, flight, plant.functions)
-            return whole - coefficients(plant, flight, without)
+            total = coefficients(plant, flight, plant.functions)
+            return total - coefficients(plant, flight, without)
         if self.added_force is not None:
             return self.along(flight, size)
         if self.gust is not None:
@@ -170,9 +170,9 @@ class SelectedEffect:
         return np.asarray(more - state_offsets)
 
     def parameters(self) -> dict[str, float | str]:
-        """What was put in."""
+        """Parameters of the injected effect."""
         if self.built_in is not None:
-            return {"what": self.built_in.label, "share left in": 1.0 - self.sign * self.size}
+            return {"what": self.built_in.label, "fraction left in": 1.0 - self.sign * self.size}
         if self.added_force is not None:
             return {"tau" if self.added_force.shape else "size": self.size, **self.key_parameters}
         if self.gust is not None:
@@ -197,7 +197,7 @@ def effects_of(plant: JSBSimPlant, declared: Sequence[DeclaredEffect] = ()) -> t
 
 
 def is_propeller(plant: JSBSimPlant) -> bool:
-    """Whether propellers pull it."""
+    """Whether the engines drive propellers."""
     return plant.machine.fdm.get_property_manager().hasNode("propulsion/engine/propeller-rpm")
 
 
@@ -212,10 +212,10 @@ def choose(
         return SelectedEffect(name, "atmospheric", ("turbulence", "sensor-delay"), (), ("pitch",), low=0.8, high=12.0,
                      local=True,
                      events=events, gust=(int(rng.choice([1, 2, 2])), float(rng.uniform(0.8, 2.0))))  # fmt: skip
-    own = [n for n in find_built_in(plant) if n.effect == name]
+    built_ins = [n for n in find_built_in(plant) if n.effect == name]
     laws = [s for s in ADDED_FORCES.get(name, ()) if s.power in ("", "propeller" if is_propeller(plant) else "jet")]
-    if own and ((not laws and name not in FAULTS) or rng.random() < _NATIVE_FIRST):
-        built_in = own[int(rng.integers(len(own)))]
+    if built_ins and ((not laws and name not in FAULTS) or rng.random() < _NATIVE_FIRST):
+        built_in = built_ins[int(rng.integers(len(built_ins)))]
         wrong = name == "wrong-derivative"
         hidden = (built_in.region,) if name == "configuration-change" and rng.random() < 0.5 else ()
         return SelectedEffect(
@@ -242,7 +242,7 @@ def choose(
 
 
 def unknown_effect(plant: JSBSimPlant, rng: np.random.Generator) -> SelectedEffect:
-    """Something that no name covers."""
+    """An effect that is not in the library."""
     return _of_law(plant, "unknown", UNMODELLED[int(rng.integers(len(UNMODELLED)))], rng)
 
 

@@ -33,7 +33,7 @@ _STALLS, _SPEEDS, _POWER = ("stall",) * 3, ("speed",) * 3, ("throttle", "throttl
 # --- drag, stall, ground ---------------------------------------------------------------------------------------------
 
 
-@static("drag-polar", "static", ("pull", "speed"), ("missing-term",))
+@static("drag-polar", "static", ("pull-up", "speed"), ("missing-term",))
 def _induced_drag(now: Now, given: Given, a: Aircraft) -> Six:
     CX, CZ = body_axes(0.0, 0.06 * now["CZ"] ** 2, now)
     return CX, 0, CZ, 0, 0, 0
@@ -109,7 +109,7 @@ def _flexible(now: Now, given: Given, a: Aircraft) -> Six:
 
 @static("control-stretch", "structural", ("speed", "speed", "pitch", "pitch"),
          ("wrong-derivative", "flexibility", "compressibility"), lift=(0.15, 0.6))  # fmt: skip
-def _stretch(now: Now, given: Given, a: Aircraft) -> Six:
+def _control_stretch(now: Now, given: Given, a: Aircraft) -> Six:
     """Elevator whose effect falls with dynamic pressure."""
     soft = now["qbar"] / 5000.0
     return 0, 0, 0.2 * soft * now["de"], 0, 0.8 * soft * now["de"], 0
@@ -125,7 +125,7 @@ def _moved(now: Now, fraction: float, given: Given) -> Six:
     return CX, 0.0, CZ, 0.0, -0.02 * fraction * given["lift"], 0.0
 
 
-@with_memory("icing", "static", ("pitch", "pull"), ("configuration-change", "mass-error"))
+@with_memory("icing", "static", ("pitch", "pull-up"), ("configuration-change", "mass-error"))
 def _icing(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
     """Drag and lost lift that grow from manoeuvre to manoeuvre."""
     first = int(rng.integers(1, 5))
@@ -141,18 +141,20 @@ def _icing(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> t
 # --- terms -----------------------------------------------------------------------------------------------------------
 
 _SATURATES = ("missing-term", "actuator-saturation")
-_PULLS, _LATERAL = ("pitch", "pull", "pull"), ("lateral", "lateral")
-term("control-nonlinearity", "static", 4, lambda n, a: 4.0 * n["de"] ** 3, _PULLS, _SATURATES, largest=10.0)
-term("control-nonlinearity", "static", 4, lambda n, a: 1.0 * n["de"] * abs(n["de"]), _PULLS, _SATURATES, largest=10.0)
+_PULL_UPS, _LATERAL = ("pitch", "pull-up", "pull-up"), ("lateral", "lateral")
+term("control-nonlinearity", "static", 4, lambda n, a: 4.0 * n["de"] ** 3, _PULL_UPS, _SATURATES, largest=10.0)
+term(
+    "control-nonlinearity", "static", 4, lambda n, a: 1.0 * n["de"] * abs(n["de"]), _PULL_UPS, _SATURATES, largest=10.0
+)
 term("control-nonlinearity", "static", 3, lambda n, a: 1.0 * n["da"] * abs(n["da"]), (*_LATERAL, "turn"), _SATURATES,
       largest=10.0)  # fmt: skip
 term("cross-coupling", "static", 4, lambda n, a: 2.0 * n["beta"] ** 2, _LATERAL, ("missing-term",), largest=10)
-term("cross-coupling", "static", 3, lambda n, a: 1.0 * n["alpha"] * n["beta"], ("lateral", "turn", "pull"),
+term("cross-coupling", "static", 3, lambda n, a: 1.0 * n["alpha"] * n["beta"], ("lateral", "turn", "pull-up"),
       ("missing-term", "wrong-derivative"), largest=10)  # fmt: skip
 term("cross-coupling", "static", 2, lambda n, a: 5.0 * n["beta"] ** 2, _LATERAL, ("missing-term",), largest=10)
-term("missing-term", "static", 4, lambda n, a: 1.0 * n["alpha"] ** 2, ("pull", "pull"),
+term("missing-term", "static", 4, lambda n, a: 1.0 * n["alpha"] ** 2, ("pull-up", "pull-up"),
       ("static-stall", "wrong-derivative"), largest=10)  # fmt: skip
-term("missing-term", "static", 2, lambda n, a: 5.0 * n["alpha"] ** 2, ("pull", "pull"),
+term("missing-term", "static", 2, lambda n, a: 5.0 * n["alpha"] ** 2, ("pull-up", "pull-up"),
       ("static-stall", "wrong-derivative"), largest=10)  # fmt: skip
 term("missing-term", "static", 5, lambda n, a: 1.0 * n["beta"] ** 3, _LATERAL, ("wrong-derivative",), largest=30)
 static("asymmetry", "static", ("lateral",), ("sensor-bias", "asymmetric-thrust"))(
@@ -162,7 +164,7 @@ static("asymmetry", "static", ("lateral",), ("sensor-bias", "asymmetric-thrust")
 # --- unsteady flow ---------------------------------------------------------------------------------------------------
 
 
-@with_memory("downwash-lag", "memory", ("pitch", "pull", "turn"), ("wrong-derivative", "unsteady-lift"), largest=6)
+@with_memory("downwash-lag", "memory", ("pitch", "pull-up", "turn"), ("wrong-derivative", "unsteady-lift"), largest=6)
 def _wake(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> tuple[Formula, Given]:
     """Downwash that reaches the tail later."""
     chords = rng.uniform(2.5, 4.0)
@@ -260,7 +262,7 @@ term("asymmetric-thrust", "propulsive", 5, lambda n, a: 0.02 * n["thrust"] / n["
 # --- mass and structure ----------------------------------------------------------------------------------------------
 
 
-@static("cg-shift", "inertial", ("pull", "lateral", "pitch"), ("wrong-derivative",), smallest=0.06)
+@static("cg-shift", "inertial", ("pull-up", "lateral", "pitch"), ("wrong-derivative",), smallest=0.06)
 def _centre(now: Now, given: Given, a: Aircraft) -> Six:
     """Centre of gravity ahead of or behind the stated one."""
     return 0, 0, 0, 0, 0.05 * now["CZ"], -0.05 * now["CY"] * a.cbar / a.b
@@ -306,17 +308,17 @@ def _slosh(rng: np.random.Generator, a: Aircraft, events: dict[int, float]) -> t
     return formula, {"frequency in Hz": w / (2 * math.pi)}
 
 
-# --- what no name covers ---------------------------------------------------------------------------------------------
+# --- effects outside the library ------------------------------------------------------------------------------
 
 _OUTSIDE: tuple[tuple[int, Term, tuple[str, ...]], ...] = (
-    (4, lambda n, a: 0.02 * math.sin(60.0 * n["alpha"]), ("pull", "pitch")),
+    (4, lambda n, a: 0.02 * math.sin(60.0 * n["alpha"]), ("pull-up", "pitch")),
     (3, lambda n, a: 0.01 * math.sin(2.0 * n["psi"] + 40.0 * n["alpha"]), ("turn", "lateral")),
     (2, lambda n, a: 0.05 * math.tanh(40.0 * n["q"]) * math.tanh(20 * n["phi"]), ("turn", "pitch")),
     (5, lambda n, a: 0.004 * math.sin(math.exp(0.15 * n["t"])), ("lateral",)),
-    (0, lambda n, a: 0.02 * math.sin(25.0 * n["theta"]) * math.cos(15.0 * n["phi"]), ("turn", "pull")),
+    (0, lambda n, a: 0.02 * math.sin(25.0 * n["theta"]) * math.cos(15.0 * n["phi"]), ("turn", "pull-up")),
     (4, lambda n, a: 0.01 * math.cos(n["h"] / 4.0), ("turn", "speed")),
 )
 for _k, _formula, _needs in _OUTSIDE:
     term("unknown", "static", _k, _formula, _needs, ())
 UNMODELLED = tuple(ADDED_FORCES.pop("unknown"))
-"""Repeatable functions of the flight that no name covers."""
+"""Repeatable functions of the flight that are not in the library."""

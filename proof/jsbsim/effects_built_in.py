@@ -128,7 +128,7 @@ def _polar(plant: JSBSimPlant) -> list[BuiltInEffect]:
     functions = _without(plant, (CL_SQUARED,), ("DRAG",))
     if functions:
         made.append(
-            BuiltInEffect("drag-polar", functions, ("pull", "speed"), ("missing-term",), label="CL squared in drag")
+            BuiltInEffect("drag-polar", functions, ("pull-up", "speed"), ("missing-term",), label="CL squared in drag")
         )
     for function in plant.functions:
         if function.axis == "DRAG" and function.reads() & set(ALPHA) and not function.reads() & set(MACH):
@@ -138,7 +138,7 @@ def _polar(plant: JSBSimPlant) -> list[BuiltInEffect]:
                     BuiltInEffect(
                         "drag-polar",
                         (straight,),
-                        ("pull", "speed"),
+                        ("pull-up", "speed"),
                         ("missing-term", "static-stall"),
                         label="curvature of drag with angle of attack",
                     )
@@ -204,7 +204,7 @@ def _stall(plant: JSBSimPlant) -> list[BuiltInEffect]:
             tuple(functions),
             ("stall", "stall", "stall"),
             tie,
-            label="lift goes on beyond 9 deg",
+            label="lift continues to rise beyond 9 deg",
             region="alpha",
         )
     ]
@@ -246,7 +246,7 @@ def _wake(plant: JSBSimPlant) -> list[BuiltInEffect]:
     functions = _without(plant, ("aero/alphadot-rad_sec",))
     tie = ("wrong-derivative", "unsteady-lift", "sensor-delay")
     return (
-        [BuiltInEffect("downwash-lag", functions, ("pitch", "pull", "turn"), tie, "memory", "alpha-dot terms")]
+        [BuiltInEffect("downwash-lag", functions, ("pitch", "pull-up", "turn"), tie, "memory", "alpha-dot terms")]
         if functions
         else []
     )
@@ -293,7 +293,8 @@ def _curved_control(plant: JSBSimPlant) -> list[BuiltInEffect]:
         if function.axis in ("PITCH", "ROLL", "YAW") and names:
             straight = _straightened(function, names, -0.12, 0.12, extend=False)
             if straight is not None:
-                made.append(BuiltInEffect("control-nonlinearity", (straight,), ("pull", "lateral"), ("missing-term",),
+                shown = ("pull-up", "lateral")
+                made.append(BuiltInEffect("control-nonlinearity", (straight,), shown, ("missing-term",),
                                    label=function.name))  # fmt: skip
     return made
 
@@ -309,7 +310,7 @@ def _wrong(plant: JSBSimPlant) -> list[BuiltInEffect]:
             and wanted
             and "aero/alphadot-rad_sec" not in reads
         ):
-            needs = ("pitch", "pull") if function.axis in _LONG else ("lateral", "lateral")
+            needs = ("pitch", "pull-up") if function.axis in _LONG else ("lateral", "lateral")
             tie: tuple[str, ...] = ("inertia-error",) if function.axis in ("ROLL", "PITCH", "YAW") else ("mass-error",)
             if function.axis == "PITCH":
                 tie = (*tie, "cg-shift", "downwash-lag")

@@ -204,10 +204,10 @@ FAULTS: dict[str, FaultSpec] = {
     "sensor-delay": FaultSpec(_delay, "sensor", 0.02, 0.35, ("pitch", "lateral"), ("unsteady-lift", "actuator-lag")),
     "sensor-position": FaultSpec(_place, "sensor", 0.25, 12.0, ("pitch", "lateral", "multisine"), ("sensor-delay",)),
     "sensor-misalignment": FaultSpec(
-        _misaligned, "sensor", 0.008, 0.12, ("pitch", "pull"), ("sensor-bias", "drag-polar")
+        _misaligned, "sensor", 0.008, 0.12, ("pitch", "pull-up"), ("sensor-bias", "drag-polar")
     ),
     "position-error": FaultSpec(_static_pressure_error, "sensor", 0.01, 0.12, ("speed",), ("mass-error",)),
-    "mass-error": FaultSpec(_mass, "inertial", 0.012, 0.25, ("pull", "pitch"), ("position-error",)),
+    "mass-error": FaultSpec(_mass, "inertial", 0.012, 0.25, ("pull-up", "pitch"), ("position-error",)),
     "inertia-error": FaultSpec(
         _inertia, "inertial", 0.04, 0.3, ("pitch", "lateral"), ("wrong-derivative", "sensor-scale")
     ),

@@ -166,8 +166,8 @@ def simulate_manoeuvre(plant: JSBSimPlant, manoeuvre: Manoeuvre, additions: Addi
                     pushed = each.sum(axis=0) / now["qbar"] * now["qbar"] * plant.aircraft.S
                     plant.set_external_force(pushed[:3], pushed[3:] * lengths)
                 machine.step(dt)
-                whole = k == count or additions.added or moved
-                now = _now(plant, {**settings, **real}, at, number) if whole else _brief(plant)
+                complete = k == count or additions.added or moved
+                now = _now(plant, {**settings, **real}, at, number) if complete else _brief(plant)
             if additions.added:  # the force was held over the step, airspeed was not
                 applied = pushed / (now["qbar"] * plant.aircraft.S)
             fractions.append(each / now["qbar"])

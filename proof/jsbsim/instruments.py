@@ -51,7 +51,7 @@ class InstrumentSet:
     thrust: float
     raw: bool
     blind: bool
-    colour: float
+    correlated: float
     seed: int
 
 
@@ -83,9 +83,11 @@ def read(
     scale["thrust"] = instruments.thrust
     wrong = Instruments(scale=scale, delay=delay, bias=bias, noise=noise, seed=seed)
     made = wrong.read(flight.t, {c: v for c, v in clean.items() if c != "sound"})
-    if instruments.colour:
+    if instruments.correlated:
         for c in ("alpha", "beta", "V", "ax", "ay", "az", "p", "q", "r"):
-            made[c] = made[c] + instruments.colour * instruments.noise[c] * first_order_noise(len(flight.t), rng, 0.9)
+            made[c] = made[c] + instruments.correlated * instruments.noise[c] * first_order_noise(
+                len(flight.t), rng, 0.9
+            )
     made = derived(made)
     return {**made, "mach": made["V"] / clean["sound"]}
 
@@ -98,17 +100,17 @@ def state_offsets(
     instruments: InstrumentSet,
     number: int,
 ) -> dict[str, np.ndarray]:
-    """What is added to the true states where the simulation is computed: `prescribed_motion.SEEN`."""
+    """Errors of the states at which the simulation is computed, for the channels of `prescribed_motion.SEEN`."""
     rng = np.random.default_rng([instruments.seed, number, 11])
     places = [c for c in SEEN if c in clean]
     if instruments.raw:
-        # Near the ground the height above it is what a simulation is asked at; terrain is at zero.
+        # Near the ground a simulation is evaluated at the height above it; terrain is at zero.
         seen = {c: readings[c] for c in places} | at_cg(dict(readings), instruments.stated) | {"h": readings["h_agl"]}
         true = {c: flight[c] for c in places}
     else:
         seen, true = {c: faulty[c] for c in places}, {c: clean[c] for c in places}
     off = {c: seen[c] - true[c] for c in places}
-    for surface in ("de", "da", "dr"):  # the simulation is driven by what was recorded
+    for surface in ("de", "da", "dr"):  # the simulation responds to the recorded surfaces
         if f"real_{surface}" in flight.channels:
             off[surface] = off[surface] + flight[surface] - flight[f"real_{surface}"]
     if not instruments.raw:

@@ -190,11 +190,11 @@ def _speed(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Generato
 def _turn(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
     bank, s = rng.uniform(0.5, 0.9), rng.choice([-1.0, 1.0])
     phi = s * bank * ramp(t, (2, 0), (4, 1), (11, 1), (14, -0.8), (21, -0.8), (23.5, 0))
-    pull = rng.uniform(0.02, 0.05) * ramp(t, (5, 0), (6.5, 1), (9, 1), (11, 0), (15, 0), (16.5, 1), (19, 1), (21, 0))
-    return {"phi": phi, "alpha": pull, "de": _lead(at, pull), "throttle": 0.08 * _pulse(t, 4.0, 22.0)}
+    alpha = rng.uniform(0.02, 0.05) * ramp(t, (5, 0), (6.5, 1), (9, 1), (11, 0), (15, 0), (16.5, 1), (19, 1), (21, 0))
+    return {"phi": phi, "alpha": alpha, "de": _lead(at, alpha), "throttle": 0.08 * _pulse(t, 4.0, 22.0)}
 
 
-def _pull(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def _pull_up(plant: JSBSimPlant, at: Point, t: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
     up, down = rng.uniform(0.04, 0.08), rng.uniform(0.03, 0.05)
     alpha = ramp(t, (2, 0), (3.5, up), (5, up), (6.5, -down), (8, -down), (9.5, 0), (14, 0), (16, 0.7 * up),
                   (17, 0.7 * up), (18.5, -0.6 * down), (20, 0))  # fmt: skip
@@ -240,11 +240,11 @@ def _config(
 
 PURPOSES: dict[str, Purpose] = {
     "pitch": _pitch, "lateral": _lateral, "multisine": _multisine, "throttle": _throttle, "speed": _speed,
-    "turn": _turn, "pull": _pull, "stall": _stall, "low": _low,
+    "turn": _turn, "pull-up": _pull_up, "stall": _stall, "low": _low,
     **{which: partial(_config, which=which) for which in ("df", "gear", "brake")},
 }  # fmt: skip
 
-USUAL = ("pitch", "lateral", "multisine", "throttle", "turn", "pull", "speed", "pitch", "lateral", "multisine")
+USUAL = ("pitch", "lateral", "multisine", "throttle", "turn", "pull-up", "speed", "pitch", "lateral", "multisine")
 
 
 def plan_flights(

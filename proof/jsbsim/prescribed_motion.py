@@ -36,7 +36,7 @@ def coefficients(
     functions : sequence of AeroFunction
         All of them; see `functions_with`.
     off : mapping of channel to (n,) array
-        What is added to the true states, of `SEEN`: errors of reconstruction, a faulty sensor.
+        Errors of the states, for the channels of `SEEN`: of a reconstruction, of a faulty sensor.
     """
     off = off or {}
     values, qbar, alpha, beta = _values(plant, flight, off)
@@ -118,13 +118,13 @@ def _values(
     if not off:
         return values, qbar, alpha, beta
     faster = V / flight["V"]
-    late = np.gradient(flight["alpha"] + off["alpha"], flight.t) - np.gradient(flight["alpha"], flight.t) \
+    delayed = np.gradient(flight["alpha"] + off["alpha"], flight.t) - np.gradient(flight["alpha"], flight.t) \
         if "alpha" in off else 0.0  # fmt: skip
     more = {
         "aero/alpha-rad": off.get("alpha", 0.0), "aero/alpha-deg": np.degrees(off.get("alpha", 0.0)),
         "aero/alpha-wing-rad": off.get("alpha", 0.0),
         "aero/beta-rad": off.get("beta", 0.0), "aero/beta-deg": np.degrees(off.get("beta", 0.0)),
-        "aero/alphadot-rad_sec": late, H_B: off.get("h", 0.0) / plant.aircraft.b,
+        "aero/alphadot-rad_sec": delayed, H_B: off.get("h", 0.0) / plant.aircraft.b,
         **{f"velocities/{c}{kind}-rad_sec": off.get(c, 0.0) for c in "pqr" for kind in ("", "-aero")},
         "fcs/left-aileron-pos-rad": plant.machine.senses["da"] * off.get("da", 0.0),
         "fcs/right-aileron-pos-rad": -plant.machine.senses["da"] * off.get("da", 0.0),

@@ -34,7 +34,7 @@ def draw_instruments(
     store : float [kg]
         Carried at the start.
     null : bool
-        Whether the air may be turbulent and the noise coloured.
+        Whether the air may be turbulent and the noise autocorrelated.
     """
     true, draw = plant.aircraft, rng.standard_normal
     t = {name: fraction * sd for name, sd in TIGHT.items()}
@@ -75,7 +75,7 @@ def draw_instruments(
         thrust=t["thrust"] * float(draw()),
         raw=state_offsets == "raw",
         blind=blind,
-        colour=float(rng.uniform(1.0, 2.0)) if null and not blind and rng.random() < 0.4 else 0.0,
+        correlated=float(rng.uniform(1.0, 2.0)) if null and not blind and rng.random() < 0.4 else 0.0,
         seed=int(rng.integers(2**31)),
     )
 

@@ -33,25 +33,25 @@ from structsel.recording import Recording
 def find_active(
     result: ScenarioResult, axis: str, region: str
 ) -> tuple[Intervals, dict[str, tuple[float, float]] | None]:
-    """When the effect carries more than a quarter of its most, and the range of a channel in which it does."""
+    """When the effect carries more than a quarter of its maximum, and the range of a channel in which it does."""
     i = AXES.index(axis)
-    most = max(float(np.quantile(np.abs(d[:, i]), 0.995)) for d in result.delta)
+    largest = max(float(np.quantile(np.abs(d[:, i]), 0.995)) for d in result.delta)
     made: Intervals = {}
     seen = []
     for k, (d, flight) in enumerate(zip(result.delta, result.flights)):
-        on = np.abs(d[:, i]) > 0.25 * most
+        on = np.abs(d[:, i]) > 0.25 * largest
         found = intervals_of(flight.t, on, gap=0.599, shortest=0.15)
         made[name(k)] = [(round(a, 2), round(b, 2)) for a, b in found]
         if region:
             seen.append(result.manoeuvres[k].clean[region][on])
     if not region or not any(len(s) for s in seen):
         return made, None
-    whole = np.concatenate(seen)
-    return made, {region: (float(whole.min()), float(whole.max()))}
+    values = np.concatenate(seen)
+    return made, {region: (float(values.min()), float(values.max()))}
 
 
 def describe(effect: Effect, design: EffectDesign, injection: Injection, result: ScenarioResult) -> EffectKey:
-    """The key's entry of one effect, axes ordered by what is attainable in them."""
+    """Entry of one effect in the key, axes ordered by their attainable fractions."""
     fraction = result.attainable
     axes = sorted((a for a in design.axes if fraction[a] > 0.01), key=lambda a: -fraction[a]) or [design.axes[0]]
     intervals, region = None if isinstance(design.intervals, str) else design.intervals, None
@@ -71,7 +71,7 @@ def describe(effect: Effect, design: EffectDesign, injection: Injection, result:
 
 
 def recordings_of(scenario: Scenario, result: ScenarioResult) -> list[Recording]:
-    """What is handed over."""
+    """Recordings of the case."""
     made = []
     for k, f in enumerate(result.flights):
         held = dict(result.manoeuvres[k].readings)
@@ -172,7 +172,7 @@ def assemble(
         severity=severity,
         attainable=result.attainable,
         effects=tuple(effects),
-        source=f"own/{scenario.truth.name}",
+        source=f"polynomial/{scenario.truth.name}",
         family=family,
         seed=scenario.seed,
     )  # type: ignore[arg-type]
@@ -182,7 +182,7 @@ def assemble(
         recordings_of(scenario, result),
         simulated,
         key,
-        # What shows in velocities alone brings nothing to the coefficients.
+        # An effect that shows in velocities only does not change the coefficients.
         contribution=contribution_of(scenario, result) if any(a in AXES for e in effects for a in e.axes) else (),
     )
 

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from proof.case_files import Case
 from proof.keys import EffectKey, Form
-from proof.polynomial import effects_aerodynamic, effects_instruments, effects_systems, unmodelled
+from proof.polynomial import effects_aerodynamic, effects_instruments, effects_propulsion, effects_systems, unmodelled
 from proof.polynomial import instruments as ins
 from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
 from proof.polynomial.assembly import assemble, describe, make_single, make_windy
@@ -22,11 +22,12 @@ from proof.polynomial.simulate import AIMED, ScenarioResult, effect_context, sca
 from proof.polynomial.single_channel import SINGLE_CHANNEL, make_single_channel
 from proof.polynomial.terms import AXES
 from proof.scenario.declared import DeclaredEffect
-from proof.scenario.errors import EXCLUSIVE, may_share, severity_of
+from proof.scenario.errors import EXCLUSIVE, may_combine, severity_of
 from proof.scenario.instruments import InstrumentErrors
 from proof.scenario.sizing import NotAttainable
 
-SINGLES: tuple[Effect, ...] = effects_aerodynamic.EFFECTS + effects_systems.EFFECTS + effects_instruments.EFFECTS
+_ROOMS = (effects_aerodynamic, effects_propulsion, effects_systems, effects_instruments)
+SINGLES: tuple[Effect, ...] = tuple(effect for room in _ROOMS for effect in room.EFFECTS)
 NAMES = tuple(sorted({e.name for e in SINGLES} | set(SINGLE_CHANNEL)))
 """Effects that can be drawn."""
 NULLS = ("plain", "biases", "coloured", "turbulence")
@@ -96,7 +97,7 @@ def _null(rng: np.random.Generator, seed: int, attempt: int, form: Form, states:
     if kind == "biases":
         scenario.biases = [{n: 2.0 * b for n, b in held.items()} for held in scenario.biases]
     if kind == "coloured":
-        injection = Injection(errors=InstrumentErrors(bias=_coloured(scenario, rng)))
+        injection = Injection(errors=InstrumentErrors(bias=_autocorrelated(scenario, rng)))
     if kind == "turbulence":
         design = next(e for e in SINGLES if e.name == "turbulence").make(effect_context(scenario, seed, attempt, 3))
         injection = design.at(float(rng.uniform(0.15, 0.9)))
@@ -115,7 +116,7 @@ def _null(rng: np.random.Generator, seed: int, attempt: int, form: Form, states:
     return replace(case, key=case.key.model_copy(update={"attainable": dict.fromkeys(AXES, 0.0)}))
 
 
-def _coloured(scenario: Scenario, rng: np.random.Generator) -> dict[str, list[np.ndarray]]:
+def _autocorrelated(scenario: Scenario, rng: np.random.Generator) -> dict[str, list[np.ndarray]]:
     """Noise that keeps for a fraction of a second, of a size like the white noise's."""
     made: dict[str, list[np.ndarray]] = {}
     for channel in ("ax", "ay", "az", "alpha", "beta", "p", "q", "r"):
@@ -137,7 +138,7 @@ def _several(
     count = 2 if family == "pair" else int(rng.integers(3, 5))
     chosen: list[Effect] = []
     for i in rng.permutation(len(able)):
-        if len(chosen) < count and may_share(able[i].name, [e.name for e in chosen], EXCLUSIVE):
+        if len(chosen) < count and may_combine(able[i].name, [e.name for e in chosen], EXCLUSIVE):
             chosen.append(able[i])
     # Every effect gets the manoeuvres it needs most.
     shortened = [replace(e, needs=e.needs[: 6 // count + 1]) for e in chosen]
@@ -160,10 +161,10 @@ def _several(
         parts.append((effect, design, injection, result))
         taken += design.axes
     parts = sorted(parts, key=lambda p: -p[3].expected(p[1].axes))
-    whole = parts[0][2]
+    combined = parts[0][2]
     for _, _, injection, _ in parts[1:]:
-        whole = Injection(whole.physics.joined(injection.physics), whole.errors.joined(injection.errors))
-    result = simulate_scenario(scenario, whole)
+        combined = Injection(combined.physics.joined(injection.physics), combined.errors.joined(injection.errors))
+    result = simulate_scenario(scenario, combined)
     if max(result.attainable.values()) < 0.05:
         raise NotAttainable("they hide each other")
     keys = [describe(e, c, injection, alone) for e, c, injection, alone in parts]

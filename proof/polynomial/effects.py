@@ -38,15 +38,15 @@ class EffectContext:
 
     def product(self, text: str) -> np.ndarray:
         """A term's factors along all flights."""
-        whole = np.concatenate([f.table for f in self.base])
-        made = np.ones(len(whole))
+        table = np.concatenate([f.table for f in self.base])
+        made = np.ones(len(table))
         for part in text.split("*"):
             name, _, power = part.partition("^")
-            made = made * whole[:, INDEX[name]] ** int(power or 1)
+            made = made * table[:, INDEX[name]] ** int(power or 1)
         return made
 
     def equal_scatter(self, axis: str, text: str) -> float:
-        """The value at which a term scatters as much as the whole coefficient does."""
+        """The value at which a term scatters as much as the complete coefficient does."""
         values = np.concatenate([f.coefs for f in self.base])[:, AXES.index(axis)]
         return float(values.std() / max(self.product(text).std(), 1e-9))
 
@@ -55,9 +55,9 @@ class EffectContext:
         manoeuvre = self.manoeuvres[k]
         return input_sizes(self.truth, manoeuvre.V, manoeuvre.h, manoeuvre.trim["alpha"])
 
-    def choose_manoeuvres(self, least: int, most: int) -> list[int]:
+    def choose_manoeuvres(self, fewest: int, largest: int) -> list[int]:
         """Some of the manoeuvres."""
-        count = int(self.rng.integers(least, most + 1))
+        count = int(self.rng.integers(fewest, largest + 1))
         return sorted(int(k) for k in self.rng.choice(len(self.manoeuvres), count, replace=False))
 
     def draw_times(self, chosen: Sequence[int], low: float = 0.25, high: float = 0.7) -> list[float | None]:

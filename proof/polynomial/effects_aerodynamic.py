@@ -185,12 +185,12 @@ def _configuration_change(c: EffectContext) -> EffectDesign:
 def _icing(c: EffectContext) -> EffectDesign:
     first, span = c.rng.uniform(1.0, 3.0), c.rng.uniform(2.0, 4.0)
     terms = (("CX", "ice", -0.02), ("CZ", "ice*alpha", -0.18 * c.truth.value("CZ", "alpha")), ("Cm", "ice", -0.006))
-    whole = [(k + p.t.clip(0.0) / p.duration - first) / span for k, p in enumerate(c.manoeuvres)]
+    ice = [(k + p.t.clip(0.0) / p.duration - first) / span for k, p in enumerate(c.manoeuvres)]
 
     def at(size: float) -> Injection:
         scaled = [(a, x, size * v) for a, x, v in terms]
         return Injection(
-            InjectedPhysics(scaled, schedules={"ice": [w.clip(0.0, 1.0) for w in whole]}),
+            InjectedPhysics(scaled, schedules={"ice": [w.clip(0.0, 1.0) for w in ice]}),
             parameters={a: v for a, _, v in scaled},
         )
 
@@ -200,9 +200,9 @@ def _icing(c: EffectContext) -> EffectDesign:
 def _control_nonlinearity(c: EffectContext) -> EffectDesign:
     control, axis = [("de", "Cm"), ("da", "Cl"), ("dr", "Cn")][int(c.rng.integers(3))]
     value = c.truth.value(axis, control)
-    most = float(abs(c.product(control)).max())
+    largest = float(abs(c.product(control)).max())
     text, power = (f"abs_{control}*{control}", 1) if c.rng.random() < 0.5 else (f"{control}^3", 2)
-    terms = [(axis, text, -0.4 * value / most**power)]
+    terms = [(axis, text, -0.4 * value / largest**power)]
     return EffectDesign(
         with_terms(*terms), (axis,), ("actuator-saturation", "missing-term", "wrong-derivative"), low=0.02, high=2.0
     )
@@ -232,13 +232,13 @@ def _asymmetry(c: EffectContext) -> EffectDesign:
     return EffectDesign(at, ("Cl", "Cn", "CY"), ("asymmetric-thrust", "sensor-bias", "cg-shift"), low=0.01)
 
 
-_TWO = ("speeds", "pulls", "speeds")
+_TWO = ("speeds", "pull-up", "speeds")
 EFFECTS = (
     Effect("wrong-derivative", ("parameter",), _wrong_derivative, ("elevator", "aileron", "rudder")),
-    Effect("missing-term", ("parameter",), _missing_term, ("pulls", "large", "sideslip")),
-    Effect("cross-coupling", ("static",), _cross_coupling, ("sideslip", "rudder", "pulls", "sideslip")),
-    Effect("drag-polar", ("static",), _drag_polar, ("pulls", "turns", "pulls")),
-    Effect("static-stall", ("static",), _static_stall, ("stall", "stall", "stall", "pulls")),
+    Effect("missing-term", ("parameter",), _missing_term, ("pull-up", "large", "sideslip")),
+    Effect("cross-coupling", ("static",), _cross_coupling, ("sideslip", "rudder", "pull-up", "sideslip")),
+    Effect("drag-polar", ("static",), _drag_polar, ("pull-up", "turns", "pull-up")),
+    Effect("static-stall", ("static",), _static_stall, ("stall", "stall", "stall", "pull-up")),
     Effect("stall-hysteresis", ("memory",), _stall_hysteresis, ("stall", "stall", "stall", "stall")),
     Effect("compressibility", ("static",), _compressibility, _TWO, ("hawk", "citation", "hfb320"), 2),
     Effect("flexibility", ("structural",), _flexibility, (*_TWO, "elevator"), ("hawk", "citation", "hfb320"), 2),
@@ -261,10 +261,10 @@ EFFECTS = (
         ("hawk", "citation", "hfb320"),
         channels=("df",),
     ),
-    Effect("icing", ("static",), _icing, ("pulls", "elevator")),
+    Effect("icing", ("static",), _icing, ("pull-up", "elevator")),
     Effect("control-nonlinearity", ("static",), _control_nonlinearity, ("large", "large", "multisine")),
-    Effect("downwash-lag", ("memory",), _downwash_lag, ("elevator", "turns", "pulls", "multisine")),
+    Effect("downwash-lag", ("memory",), _downwash_lag, ("elevator", "turns", "pull-up", "multisine")),
     Effect("sidewash-lag", ("memory",), _sidewash_lag, ("rudder", "large", "aileron", "multisine")),
-    Effect("unsteady-lift", ("memory",), _unsteady_lift, ("elevator", "multisine", "large", "pulls")),
+    Effect("unsteady-lift", ("memory",), _unsteady_lift, ("elevator", "multisine", "large", "pull-up")),
     Effect("asymmetry", ("static",), _asymmetry),
 )

@@ -168,10 +168,10 @@ def _structural_mode(c: EffectContext) -> EffectDesign:
 
 EFFECTS = (
     Effect("sensor-bias", ("sensor",), _bias),
-    Effect("sensor-scale", ("sensor",), _scale, ("pulls", "rudder", "elevator")),
+    Effect("sensor-scale", ("sensor",), _scale, ("pull-up", "rudder", "elevator")),
     Effect("sensor-delay", ("sensor",), _delay, ("elevator", "large", "multisine", "rudder")),
     Effect("sensor-position", ("sensor",), _position, ("elevator", "rudder", "large")),
-    Effect("sensor-misalignment", ("sensor",), _misaligned, ("pulls", "aileron", "turns")),
-    Effect("position-error", ("sensor",), _position_error, ("pulls", "speeds", "rudder")),
+    Effect("sensor-misalignment", ("sensor",), _misaligned, ("pull-up", "aileron", "turns")),
+    Effect("position-error", ("sensor",), _position_error, ("pull-up", "speeds", "rudder")),
     Effect("structural-mode", ("structural",), _structural_mode, ("elevator", "large", "rudder")),
 )

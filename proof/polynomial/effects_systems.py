@@ -1,4 +1,4 @@
-"""Effects of propulsion, mass, actuators and air in the polynomial plant.
+"""Effects of mass, actuators and air in the polynomial plant.
 
 Their formulas are from the literature and independent of structsel's hypotheses.
 """
@@ -13,84 +13,6 @@ from proof.scenario.instruments import InstrumentErrors
 from structsel.numerics.atmosphere import dryden_gusts, one_minus_cosine
 
 _AXIS = {"de": "Cm", "da": "Cl", "dr": "Cn"}
-JETS = ("citation", "hfb320", "hawk")
-
-
-def _slipstream(c: EffectContext) -> EffectDesign:
-    v = c.truth.value
-    terms = (
-        ("Cm", "CT*de", 2.0 * v("Cm", "de")),
-        ("CZ", "CT*alpha", 0.6 * v("CZ", "alpha")),
-        ("Cm", "CT", -0.08),
-        ("Cn", "CT*dr", 2.0 * v("Cn", "dr")),
-        ("Cn", "CT", -0.02),
-    )
-    return EffectDesign(with_terms(*terms), ("Cm", "CZ", "Cn"), ("thrust-line", "propeller-normal-force"))
-
-
-def _thrust_line(c: EffectContext) -> EffectDesign:
-    offset = c.sign() * 0.15  # of cbar, down
-    tie = ("slipstream",) if c.truth.propeller else ("missing-term",)
-
-    def at(size: float) -> Injection:
-        return Injection(
-            InjectedPhysics([("Cm", "CT", size * offset)]), parameters={"z": size * offset * c.truth.aircraft.cbar}
-        )
-
-    return EffectDesign(at, ("Cm",), tie, high=3.0)
-
-
-def _thrust_scale(c: EffectContext) -> EffectDesign:
-    sign = c.sign()
-
-    def at(size: float) -> Injection:
-        factor = 1.0 + sign * 0.15 * size
-        return Injection(InjectedPhysics(settings={"thrust_scale": factor}), parameters={"scale": factor})
-
-    return EffectDesign(at, ("CX",), ("thrust-lag", "mass-error"), low=4.0 * c.tolerance("thrust") / 0.15, high=3.0)
-
-
-def _thrust_lag(c: EffectContext) -> EffectDesign:
-    def at(size: float) -> Injection:
-        return Injection(InjectedPhysics(settings={"thrust_lag": 0.8 * size}), parameters={"tau": 0.8 * size})
-
-    return EffectDesign(at, ("CX",), ("thrust-scale",), low=0.1, high=4.0)
-
-
-def _propeller_force(c: EffectContext) -> EffectDesign:
-    air, side = c.truth.aircraft, c.sign()
-    ratio = air.cbar / air.b
-    # Along and across alike: the force acts ahead, and the blade that meets the wind has more of the thrust.
-    terms = (
-        ("CZ", "CT*alpha", -1.2), ("Cm", "CT*alpha", 0.8), ("CY", "CT*beta", -1.2), ("Cn", "CT*beta", -0.8 * ratio),
-        ("Cn", "CT*alpha", side * 0.2), ("Cm", "CT*beta", side * 0.2 / ratio),
-    )  # fmt: skip
-    return EffectDesign(with_terms(*terms), ("Cn", "Cm", "CZ", "CY"), ("slipstream", "cross-coupling"))
-
-
-def _gyroscopic(c: EffectContext) -> EffectDesign:
-    air = c.truth.aircraft
-    inertia = c.sign() * (8.0 if c.truth.propeller else 4.0)  # kg m^2, of the rotor
-
-    def at(size: float) -> Injection:
-        H = size * inertia
-        terms = [("Cm", "gyro_r", -H / (air.S * air.cbar)), ("Cn", "gyro_q", H / (air.S * air.b))]
-        return Injection(InjectedPhysics(terms), parameters={"I_rotor": H})
-
-    return EffectDesign(at, ("Cm", "Cn"), ("cross-coupling", "inertia-error"), high=4.0)
-
-
-def _asymmetric_thrust(c: EffectContext) -> EffectDesign:
-    arm = c.sign() * 0.1  # of the span, times the share by which the sides differ
-    chosen = c.choose_manoeuvres(3, 5)
-    times = c.draw_times(chosen, 0.05, 0.5)
-    whole = c.steps(times, 0.5)
-
-    def at(size: float) -> Injection:
-        terms = [("Cn", "clock*CT", size * arm), ("Cl", "clock*CT", 0.1 * size * arm)]
-        return Injection(InjectedPhysics(terms, schedules={"clock": whole}), parameters={"y/b": size * arm})
-
-    return EffectDesign(at, ("Cn", "Cl"), ("asymmetry",), high=3.0, intervals=c.intervals_after(times))
 
 
 def _mass_error(c: EffectContext) -> EffectDesign:
@@ -192,11 +114,11 @@ def _rate_limit(c: EffectContext) -> EffectDesign:
 def _saturation(c: EffectContext) -> EffectDesign:
     control, _ = _control(c)
     values = c.product(control)
-    middle, most = float(np.median(values)), float(np.abs(values - np.median(values)).max())
+    middle, largest = float(np.median(values)), float(np.abs(values - np.median(values)).max())
     both, upper = c.rng.random() < 0.5, c.rng.random() < 0.5
 
     def at(size: float) -> Injection:
-        reach = most * (1.0 - min(0.35 * size, 0.85))
+        reach = largest * (1.0 - min(0.35 * size, 0.85))
         ends = {"high": middle + reach, "low": middle - reach}
         kept = ends if both else {("high" if upper else "low"): ends["high" if upper else "low"]}
         return Injection(InjectedPhysics(surfaces={control: kept}), parameters={"channel": control, **kept})
@@ -250,21 +172,21 @@ def _augmentation(c: EffectContext) -> EffectDesign:
 
 
 def _steady_wind(c: EffectContext) -> EffectDesign:
-    way = float(c.rng.uniform(0.0, 2.0 * np.pi))
+    direction = float(c.rng.uniform(0.0, 2.0 * np.pi))
 
     def at(size: float) -> Injection:
-        wind = {"wind_n": 8.0 * size * np.cos(way), "wind_e": 8.0 * size * np.sin(way)}
+        wind = {"wind_n": 8.0 * size * np.cos(direction), "wind_e": 8.0 * size * np.sin(direction)}
         return Injection(InjectedPhysics(settings=wind), parameters=dict(wind))
 
     return EffectDesign(at, ("vn", "ve"), ("sensor-bias", "wind-shear"), low=0.2, high=2.5)
 
 
 def _wind_shear(c: EffectContext) -> EffectDesign:
-    way = float(c.rng.uniform(0.0, 2.0 * np.pi))
+    direction = float(c.rng.uniform(0.0, 2.0 * np.pi))
     still = float(np.mean(np.concatenate([f.state("h") for f in c.base])))  # m, where no wind blows
 
     def at(size: float) -> Injection:
-        shear = {"shear_n": 0.06 * size * np.cos(way), "shear_e": 0.06 * size * np.sin(way)}
+        shear = {"shear_n": 0.06 * size * np.cos(direction), "shear_e": 0.06 * size * np.sin(direction)}
         return Injection(InjectedPhysics(settings={**shear, "shear_h": still}), parameters=shear)
 
     return EffectDesign(at, ("vn", "ve"), ("steady-wind", "gust"), low=0.02, high=4.0)
@@ -330,18 +252,10 @@ def _slosh(c: EffectContext) -> EffectDesign:
     return EffectDesign(at, ("CY", "Cl"), ("structural-mode",), low=0.02, high=4.0)
 
 
-_THRUSTS = ("throttle", "throttle", "speeds")
 _QUICK = ("large", "large", "elevator", "aileron", "rudder")
 EFFECTS = (
-    Effect("slipstream", ("propulsive",), _slipstream, (*_THRUSTS, "throttle"), ("beaver",)),
-    Effect("thrust-line", ("propulsive",), _thrust_line, _THRUSTS),
-    Effect("thrust-scale", ("propulsive",), _thrust_scale, _THRUSTS),
-    Effect("thrust-lag", ("propulsive",), _thrust_lag, (*_THRUSTS, "throttle")),
-    Effect("propeller-normal-force", ("propulsive",), _propeller_force, (*_THRUSTS, "pulls", "sideslip"), ("beaver",)),
-    Effect("engine-gyroscopic", ("propulsive",), _gyroscopic, ("throttle", "rudder", "elevator"), channels=("rpm",)),
-    Effect("asymmetric-thrust", ("propulsive",), _asymmetric_thrust, ("throttle", "throttle"), JETS),
-    Effect("mass-error", ("inertial",), _mass_error, ("pulls", "turns")),
-    Effect("cg-shift", ("inertial",), _cg_shift, ("pulls", "turns", "large")),
+    Effect("mass-error", ("inertial",), _mass_error, ("pull-up", "turns")),
+    Effect("cg-shift", ("inertial",), _cg_shift, ("pull-up", "turns", "large")),
     Effect("inertia-error", ("inertial",), _inertia_error, ("elevator", "aileron", "rudder")),
     Effect("store-release", ("inertial",), _store_release, ("flap", "flap")),
     Effect("actuator-lag", ("actuator",), _actuator_lag, _QUICK),
@@ -350,7 +264,9 @@ EFFECTS = (
     Effect("backlash", ("actuator",), _backlash, (*_QUICK, "multisine")),
     Effect("augmentation", ("actuator",), _augmentation, _QUICK[2:]),
     Effect("steady-wind", ("atmospheric",), _steady_wind, ("turns", "turns"), channels=("vn",), form="free"),
-    Effect("wind-shear", ("atmospheric",), _wind_shear, ("pulls", "pulls", "speeds"), channels=("vn",), form="free"),
+    Effect(
+        "wind-shear", ("atmospheric",), _wind_shear, ("pull-up", "pull-up", "speeds"), channels=("vn",), form="free"
+    ),
     Effect("gust", ("atmospheric",), _gust),
     Effect("turbulence", ("random",), _turbulence),
     Effect("slosh", ("inertial",), _slosh, ("rudder", "aileron", "sideslip", "turns")),

@@ -1,6 +1,6 @@
 """Equations of motion of the truth, compiled: variables, coefficients, and the derivative of the state.
 
-What is independent of structsel here, and must stay so, are the states with memory: the lags of the wake at tail and
+The states with memory are independent of structsel and must stay so: the lags of the wake at tail and
 fin, Wagner's function, the separation point after Goman and Khrabrov, and slosh. The rigid-body equations are not
 kept for independence: a test holds them equal to `structsel.numerics.rigid_body`, and JSBSim is the foreign plant.
 They are written here because pilot, actuators and states with memory run in one compiled loop with them, and because

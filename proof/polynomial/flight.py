@@ -186,7 +186,7 @@ def _plant(
 
 
 def _actuators(differing: Mapping[str, Mapping[str, float]]) -> np.ndarray:
-    """(3, SURFACE) actuators; without faults but for those that differ."""
+    """(3, SURFACE) actuators without faults, except those that differ."""
     return np.array(
         [[{**dict.fromkeys(SURFACE, 0.0), **_CLEAN, **differing.get(c, {})}[f] for f in SURFACE] for c in CONTROLS]
     )

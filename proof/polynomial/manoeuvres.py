@@ -190,8 +190,8 @@ def _speeds(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.r
     manoeuvre.pulses("de", DOUBLET, 1.6 * half, s.unit, -0.6 * s.de)
 
 
-def _pulls(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
-    """Pushes and pulls of the angle of attack, within the usual range and somewhat beyond."""
+def _pull_up(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
+    """Push-overs and pull-ups, within the usual range and somewhat beyond."""
     trim = manoeuvre.trim["alpha"]
     up = min(0.80 * truth.stall, trim + 0.09) - trim
     period = rng.uniform(4.0, 7.0)
@@ -252,17 +252,17 @@ def _flap(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.ran
 
 
 def _free(manoeuvre: Manoeuvre, start: float, end: float) -> None:
-    """The pilot lets go, but for a quarter."""
+    """The pilot lets go: a quarter of the gains remains."""
     t = manoeuvre.t
     manoeuvre.column("free")[(t >= start) & (t < end)] = 1.0
 
 
 PURPOSES: dict[str, Purpose] = {
     "elevator": _elevator, "aileron": _aileron, "rudder": _rudder, "multisine": _multisine, "turns": _turns,
-    "throttle": _throttle, "speeds": _speeds, "pulls": _pulls, "stall": _stall, "low-pass": _low_pass,
+    "throttle": _throttle, "speeds": _speeds, "pull-up": _pull_up, "stall": _stall, "low-pass": _low_pass,
     "sideslip": _sideslip, "large": _large, "flap": _flap,
 }  # fmt: skip
-USUAL = ("elevator", "aileron", "rudder", "multisine", "turns", "throttle", "speeds", "pulls", "sideslip", "large")
+USUAL = ("elevator", "aileron", "rudder", "multisine", "turns", "throttle", "speeds", "pull-up", "sideslip", "large")
 
 
 def make_manoeuvre(

@@ -85,7 +85,7 @@ class ScenarioResult:
         return float(np.max(1.0 - left / np.hypot(left, growth * added)))
 
     def fraction(self, axes: Sequence[str]) -> float:
-        """What is attainable in the axis where the effect is clearest."""
+        """Attainable fraction in the axis where the effect is clearest."""
         return self.attainable[max(axes, key=lambda a: self.expected([a]))]
 
     def growth(self, axes: Sequence[str], wanted: float) -> float:
@@ -188,8 +188,8 @@ def scale_effect(
 ) -> tuple[float, Injection, ScenarioResult]:
     """Size at which the attainable fraction in the main axis is about as wanted, as far as it is plausible.
 
-    Where the simulation's own errors happen to hide the effect or to add to it, they are turned round (in
-    `scenario`), but for those of the `fixed` axes.
+    Where the simulation's own errors happen to hide the effect or to add to it, their signs are changed (in
+    `scenario`), except those of the `fixed` axes.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def scale_effect(
 def _flip_errors(
     scenario: Scenario, injection: Injection, result: ScenarioResult, axes: Sequence[str]
 ) -> ScenarioResult:
-    """The outcome with the simulation's own errors of an axis turned round where they hide the effect or add to it."""
+    """The outcome, with the sign of the simulation's errors changed in axes where they hide the effect or add to it."""
     miss = {a: abs(result.attainable[a] - result.expected([a])) for a in axes}
     doubtful = {a for a in axes if miss[a] > 0.25 * result.expected([a])}
     kept = scenario.sim_terms

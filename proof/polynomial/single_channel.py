@@ -1,4 +1,4 @@
-"""Plants that are no aircraft: a response channel, and what the simulation of it lacks.
+"""Plants with one response channel, such as an oscillator, and the physics that the simulation lacks.
 
 Eight recordings each. An oscillator m y'' + c y' + k y = u with an end stop, a cubic spring, Bouc-Wen hysteresis or
 friction that the simulation does not have; a rotor whose inflow follows the pitch of its blades late.
@@ -25,7 +25,7 @@ Values = dict[str, float]
 
 @dataclass(frozen=True)
 class _System:
-    """What is missing, of which kind, and how it is confused."""
+    """The missing physics, its kind, and the names it is confused with."""
 
     effect: str
     kind: Kind
@@ -70,11 +70,11 @@ def make_single_channel(effect: str, wanted: float, seed: int, attempt: int, for
     channel = "q" if rotor else ("a" if form == "forced" else "y")
     number, noise = list(SINGLE_CHANNEL).index(effect), int(rng.integers(2**31))
     linear = _fly(t, u, p, number, 0.0, 0.0)
-    most = 0.0 if rotor else float(np.abs(linear["y"]).max())
+    largest = 0.0 if rotor else float(np.abs(linear["y"]).max())
 
     def at(size: float) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
         # The stop draws nearer as the size grows.
-        limit = most / (1.0 + size)
+        limit = largest / (1.0 + size)
         truth = _fly(t, u, p, number, size, limit)
         noisy = _read(truth, np.random.default_rng(noise))
         without = _fly(t, u, {**p, **wrong}, number, 0.0, 0.0)
@@ -117,7 +117,7 @@ def make_single_channel(effect: str, wanted: float, seed: int, attempt: int, for
         tie=plant.tie,
         kinds=(plant.kind,),
         axes=(channel,),
-        parameters={**_physical(effect, size, most), **p},
+        parameters={**_physical(effect, size, largest), **p},
     )
     key = Key(
         verdicts=("mismatch",),
@@ -125,19 +125,19 @@ def make_single_channel(effect: str, wanted: float, seed: int, attempt: int, for
         severity=severity_of(fraction),
         attainable={channel: fraction},
         effects=(injection,),
-        source=f"own/{'rotor' if rotor else 'oscillator'}",
+        source=f"polynomial/{'rotor' if rotor else 'oscillator'}",
         seed=seed,
     )
     return Case(f"case-{seed:05d}", aircraft, recordings, simulated, key)
 
 
-def _physical(effect: str, size: float, most: float) -> Values:
-    """The size as the parameter that it stands for."""
+def _physical(effect: str, size: float, largest: float) -> Values:
+    """The size in terms of the physical parameter."""
     return {
         "stiffening": {"k3/k": 0.3 * size},
         "mechanical-hysteresis": {"kz/k": 0.3 * size},
         "friction": {"force/k": 0.15 * size},
-        "saturation": {"limit": most / (1.0 + size)},
+        "saturation": {"limit": largest / (1.0 + size)},
         "rotor-inflow-lag": {"tau": 0.2 * size},
     }[effect]
 

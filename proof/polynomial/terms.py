@@ -1,4 +1,4 @@
-"""What coefficients of the plant may be made of: names, and the compiled sum of terms over them."""
+"""Variables of the coefficients: names, and the compiled sum of terms over them."""
 
 from __future__ import annotations
 

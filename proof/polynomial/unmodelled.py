@@ -1,4 +1,4 @@
-"""InjectedPhysics that no name of the library covers; the right answer is "unknown"."""
+"""Effects that are not in the library; the right answer is "unknown"."""
 
 from __future__ import annotations
 

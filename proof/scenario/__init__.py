@@ -1,1 +1,1 @@
-"""What both plants share: errors of simulation and instruments, sizes and intervals of effects, shapes of inputs."""
+"""Common to both plants: errors of simulation and instruments, sizes and intervals of effects, shapes of inputs."""

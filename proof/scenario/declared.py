@@ -22,7 +22,7 @@ VARIABLES = ("1", "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", 
 MANOEUVRES = {
     "elevator": ("elevator", "pitch"), "aileron": ("aileron", "lateral"), "rudder": ("rudder", "lateral"),
     "multisine": ("multisine", "multisine"), "turn": ("turns", "turn"), "throttle": ("throttle", "throttle"),
-    "speed": ("speeds", "speed"), "pull-up": ("pulls", "pull"), "stall": ("stall", "stall"),
+    "speed": ("speeds", "speed"), "pull-up": ("pull-up", "pull-up"), "stall": ("stall", "stall"),
     "low-pass": ("low-pass", "low"), "sideslip": ("sideslip", "lateral"), "large": ("large", "pitch"),
 }  # fmt: skip
 """Names that a declaration uses -> those of the polynomial plant and of JSBSim."""

@@ -1,4 +1,4 @@
-"""Errors that every case has: levels of the instruments, tolerances, and what does not share a case."""
+"""Errors that every case has: levels of the instruments, tolerances, and effects that are not combined."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ EXCLUSIVE = (
     {"sensor-scale", "position-error"}, {"sensor-bias", "structural-mode"}, {"thrust-scale", "thrust-lag"},
     {"compressibility", "flexibility", "control-stretch", "reynolds"},
 )  # fmt: skip
-"""Effects that enter by the same inputs do not share a case of the polynomial plant."""
+"""Effects that enter by the same inputs are not combined in a case of the polynomial plant."""
 EXCLUSIVE_JSBSIM = (
     {"static-stall", "stall-hysteresis"}, {"configuration-change", "store-release", "mass-error", "icing"},
     {"actuator-lag", "actuator-rate-limit", "actuator-saturation", "backlash", "augmentation"},
@@ -54,11 +54,11 @@ EXCLUSIVE_JSBSIM = (
 """The same for JSBSim."""
 
 
-def may_share(name: str, others: Iterable[str], exclusive: Sequence[set[str]]) -> bool:
-    """Whether an effect may share a case with others."""
+def may_combine(name: str, others: Iterable[str], exclusive: Sequence[set[str]]) -> bool:
+    """Whether an effect may be combined with others in a case."""
     return not any(name == other or any({name, other} <= group for group in exclusive) for other in others)
 
 
 def severity_of(attainable: float) -> Severity:
-    """Severity of a case by what is attainable in its clearest response."""
+    """Severity of a case by the attainable fraction in its clearest response."""
     return cast(Severity, next((s for s, (low, _) in SEVERITIES.items() if attainable >= low), "hard"))

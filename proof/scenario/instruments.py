@@ -125,7 +125,7 @@ def reconstruction_errors(n: int, rng: np.random.Generator) -> Channels:
 
 
 def first_order_noise(n: int, rng: np.random.Generator, keeps: float) -> np.ndarray:
-    """(n,) noise of unit variance, of which one sample keeps the fraction `keeps` of the last."""
+    """(n,) first-order autoregressive noise of unit variance, with the coefficient `keeps`."""
     made = lfilter([1.0], [1.0, -keeps], rng.standard_normal(n + _SETTLING))[_SETTLING:]
     return np.asarray(made * np.sqrt(1.0 - keeps**2))
 

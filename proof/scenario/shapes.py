@@ -29,5 +29,5 @@ def pulses(t: np.ndarray, pattern: Sequence[int], start: float, unit: float) -> 
 
 
 def ramp(t: np.ndarray, *points: tuple[float, float]) -> np.ndarray:
-    """(n,) straight lines through points (time [s], value), constant beyond the first and the last."""
+    """(n,) linear interpolation between points (time [s], value), constant beyond the first and the last."""
     return np.interp(t, [p[0] for p in points], [p[1] for p in points])

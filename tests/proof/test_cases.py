@@ -55,7 +55,7 @@ def test_a_truth_flight_obeys_the_rigid_body_equations_of_the_package(name):
 
 def test_in_sheared_air_the_motion_over_the_ground_is_that_of_all_forces():
     made = truth_aircraft("citation")
-    manoeuvre = make_manoeuvre("pulls", made, 120.0, 5000.0, 20.0, np.random.default_rng(3))
+    manoeuvre = make_manoeuvre("pull-up", made, 120.0, 5000.0, 20.0, np.random.default_rng(3))
     air = InjectedPhysics(settings={"shear_n": 0.05, "shear_e": -0.02, "shear_h": 5000.0})
     flight = simulate_truth(made, [manoeuvre], air, settings_of(made, [manoeuvre], 0.0), 50.0)[0]
     over_ground = np.column_stack(
@@ -108,7 +108,7 @@ def test_each_effect_can_be_simulated_and_shows_in_its_own_axes(effect):
     )
     result = simulate_scenario(scenario, design.at(float(np.clip(0.5, design.low, design.high))))
     if effect.channels == ("vn",):
-        # A wind changes nothing but what is seen of the ground.
+        # A wind changes only the velocity over the ground.
         assert max(np.abs(d).max() for d in result.delta) < 1e-9
         return
     moved = np.sqrt(np.mean(np.concatenate(result.delta) ** 2, axis=0))
@@ -251,7 +251,7 @@ def test_the_aircraft_of_a_case_is_written_with_six_digits(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_case_is_decided_by_what_the_truth_brings_beside_tolerances(tmp_path):
+def test_a_case_is_decided_by_the_effect_relative_to_the_tolerances(tmp_path):
     case = draw_case(5, effect="ground-effect", severity="easy")
     folder = write_case(case, tmp_path / "cases", tmp_path / "keys")
     value = log_evidence_of(case, folder)

@@ -16,7 +16,7 @@ KEY = Key(
     severity="easy",
     attainable={"CX": 0.4},
     effects=(EffectKey(effect="icing", accept=("icing",), kinds=("static",), axes=("CX",)),),
-    source="own/hawk",
+    source="polynomial/hawk",
 )
 FAKE = """
 import json, sys
@@ -69,11 +69,11 @@ def run(capsys):
 
 def test_the_tables_are_printed_and_written_with_the_command(run, tmp_path):
     out = tmp_path / "proof"
-    done = run("--cases", 2, "--seed", 12, "--sources", "own", "--baselines", "--out", out)
+    done = run("--cases", 2, "--seed", 12, "--sources", "polynomial", "--baselines", "--out", out)
     written = (out / "proof.md").read_text()
     assert written in done.stdout
-    assert f"python -m proof --cases 2 --seed 12 --sources own --baselines --out {out}" in written
-    assert "1 case, seeds 12 to 13, of development; truth by own/hawk" in written
+    assert f"python -m proof --cases 2 --seed 12 --sources polynomial --baselines --out {out}" in written
+    assert "1 case, seeds 12 to 13, of development; truth by polynomial/hawk" in written
     assert "1 case could not be drawn" in written
     for line in written.splitlines():
         if line.startswith("| right effect first "):
@@ -85,22 +85,22 @@ def test_the_tables_are_printed_and_written_with_the_command(run, tmp_path):
 
 
 def test_json_is_the_proof_and_nothing_else(run, tmp_path):
-    done = run("--cases", "single=1,null=1", "--sources", "own", "--out", tmp_path / "p", "--json")
+    done = run("--cases", "single=1,null=1", "--sources", "polynomial", "--out", tmp_path / "p", "--json")
     stated = json.loads(done.stdout)
     assert stated == json.loads((tmp_path / "p" / "proof.json").read_text())
     assert stated["schema"] == "structsel.proof/1"
     assert stated["judged"] is False
-    assert [c["name"] for c in stated["cases"]] == ["own-0000000", "own-0000001"]
+    assert [c["name"] for c in stated["cases"]] == ["polynomial-0000000", "polynomial-0000001"]
     figure = next(f for f in stated["figures"] if f["name"] == "held-out gain over the attainable, median")
     assert (figure["value"], figure["met"]) == (1.0, True)  # 1 - 0.3/0.5 of 0.4
 
 
 def test_what_is_done_so_far_is_scored_and_nothing_else_begun(run, tmp_path):
     out = tmp_path / "p"
-    run("--cases", 2, "--sources", "own", "--out", out)
-    stated = json.loads(run("--cases", 5, "--sources", "own", "--out", out, "--done", "--json").stdout)
-    assert [c["name"] for c in stated["cases"]] == ["own-0000000", "own-0000001"]
-    assert "so far: 2 of the 5 cases asked for are done" in (out / "proof.md").read_text()
+    run("--cases", 2, "--sources", "polynomial", "--out", out)
+    stated = json.loads(run("--cases", 5, "--sources", "polynomial", "--out", out, "--done", "--json").stdout)
+    assert [c["name"] for c in stated["cases"]] == ["polynomial-0000000", "polynomial-0000001"]
+    assert "so far: 2 of the 5 requested cases are done" in (out / "proof.md").read_text()
     assert len(list((out / "cases").iterdir())) == 2
     assert "holds no answer" in run("--cases", 2, "--seed", 50, "--out", out, "--done", code=1).stderr
     assert "holds no answer" in run("--cases", 2, "--out", tmp_path / "nowhere", "--done", code=1).stderr
@@ -108,14 +108,17 @@ def test_what_is_done_so_far_is_scored_and_nothing_else_begun(run, tmp_path):
 
 
 def test_judged_cases_begin_with_their_own_seeds(run, tmp_path):
-    run("--cases", 1, "--judged", "--sources", "own", "--out", tmp_path / "p")
-    assert (tmp_path / "p" / "cases" / "own-1000000").is_dir()
+    run("--cases", 1, "--judged", "--sources", "polynomial", "--out", tmp_path / "p")
+    assert (tmp_path / "p" / "cases" / "polynomial-1000000").is_dir()
     assert "for evaluation" in (tmp_path / "p" / "proof.md").read_text()
-    assert "as judged" in run("--cases", 1, "--seed", 1000000, "--sources", "own", "--out", tmp_path, code=1).stderr
+    assert (
+        "choose judged"
+        in run("--cases", 1, "--seed", 1000000, "--sources", "polynomial", "--out", tmp_path, code=1).stderr
+    )
 
 
 def test_without_truth_draws_singles_and_takes_their_hypotheses_out(run, tmp_path):
-    run("--cases", 1, "--without-truth", "--sources", "own", "--out", tmp_path / "p")
+    run("--cases", 1, "--without-truth", "--sources", "polynomial", "--out", tmp_path / "p")
     (asked,) = json.loads((tmp_path / "p" / "plan.json").read_text()).values()
     assert (asked["family"], asked["without_truth"]) == ("single", True)
 
@@ -138,10 +141,10 @@ def test_what_cannot_be_asked_is_refused_and_nothing_is_written(run, tmp_path, a
     assert not out.exists()
 
 
-def test_without_jsbsim_our_own_models_fly_and_it_is_said(run, tmp_path, monkeypatch):
+def test_without_jsbsim_the_polynomial_plant_is_used_and_it_is_said(run, tmp_path, monkeypatch):
     monkeypatch.setattr("proof.__main__.find_spec", lambda name: None)
     monkeypatch.setattr(campaign, "find_spec", lambda name: None)
     done = run("--cases", 2, "--out", tmp_path / "p")
-    assert "JSBSim is not installed: all cases are of the proof's own plant." in done.stderr
-    assert set(json.loads((tmp_path / "p" / "plan.json").read_text())) == {"own-0000000", "own-0000001"}
+    assert "JSBSim is not installed: all cases are of the polynomial plant." in done.stderr
+    assert set(json.loads((tmp_path / "p" / "plan.json").read_text())) == {"polynomial-0000000", "polynomial-0000001"}
     assert "pip install" in run("--sources", "jsbsim", "--out", tmp_path / "q", code=1).stderr

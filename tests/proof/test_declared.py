@@ -47,7 +47,7 @@ def flights():
 @pytest.mark.parametrize(
     ("name", "kind", "truth"), [("toy-wash", "propulsive", WASH), ("toy-buffet", "random", BUFFET)]
 )
-@pytest.mark.parametrize("source", ["own", pytest.param("jsbsim", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("source", ["polynomial", pytest.param("jsbsim", marks=pytest.mark.slow)])
 def test_a_declared_effect_is_drawn_in_either_plant(source, name, kind, truth, library):
     if source == "jsbsim":
         pytest.importorskip("jsbsim")

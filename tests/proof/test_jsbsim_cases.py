@@ -76,7 +76,7 @@ def test_a_law_put_into_the_truth_acts_on_the_aircraft_with_the_coefficients_it_
     m = aircraft.aircraft.mass
     qS = flight["qbar"] * aircraft.aircraft.S
     acted = true_coefficients(aircraft.aircraft, flight) - coefficients(aircraft, flight, aircraft.functions)
-    # What is left of all forces is the law's, held over a step in which the airspeed changes by little.
+    # The rest of all forces is the added law, held over a step in which the airspeed changes by little.
     assert_allclose(acted[1:, 2], -0.01, atol=1e-5)
     assert_allclose(acted[1:, 4], 0.004 * flight["alpha"][1:], atol=1e-5)
     assert_allclose(flight["Fz"] / m, flight["w_dot"] + flight["p"] * flight["v"] - flight["q"] * flight["u"]

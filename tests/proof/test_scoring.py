@@ -4,6 +4,7 @@ import json
 import math
 import os
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -31,7 +32,7 @@ def an_effect(name="ground-effect", **more):
 
 def a_key(*effects, family="single", **more):
     held = {"verdicts": ("mismatch",), "form": "forced", "severity": "easy", "attainable": {"CZ": 0.5, "CX": 0.3}}
-    return Key(effects=effects, family=family, source="own/hawk", **{**held, **more})
+    return Key(effects=effects, family=family, source="polynomial/hawk", **{**held, **more})
 
 
 def a_finding(effect="ground-effect", p=0.9, **more):
@@ -53,7 +54,7 @@ def said(*findings, verdict="mismatch"):
     return {"verdict": verdict, "findings": list(findings)}
 
 
-def test_the_right_name_first_is_right_in_every_way():
+def test_the_right_name_first_is_right_by_every_measure():
     score = score_case("a", said(a_finding()), a_key(an_effect()))
     assert (score.top1, score.tie, score.top3, score.kind, score.axis, score.verdict) == (True,) * 6
     assert score.axes == 1.0 / 3.0  # CZ of CZ, Cm and CX
@@ -145,7 +146,9 @@ def test_outside_the_library_a_name_without_warning_is_a_claim(answer, claimed):
 
 def test_overlap_is_seconds_shared_over_seconds_covered():
     assert_allclose(overlap({"m01": [[0, 4]]}, {"m01": [[2, 6]]}), 2.0 / 6.0)
-    assert_allclose(overlap({"m01": [[0, 2], [1, 4]]}, {"m01": [[0, 4]], "m02": [[0, 4]]}), 0.5)  # twice told is once
+    assert_allclose(
+        overlap({"m01": [[0, 2], [1, 4]]}, {"m01": [[0, 4]], "m02": [[0, 4]]}), 0.5
+    )  # stated twice counts once
     assert overlap({}, {"m01": []}) == 1.0
     assert overlap({"m01": [[0, 1]]}, {}) == 0.0
 
@@ -181,7 +184,7 @@ def test_the_last_finding_tells_the_gain_of_all():
 
 
 def test_gain_beyond_a_refit_is_stated_from_a_loss():
-    better = score_case("a", said(a_finding()), a_key(an_effect()))  # of CZ alone: of Cm nothing is told
+    better = score_case("a", said(a_finding()), a_key(an_effect()))  # of CZ only: nothing is stated of Cm
     assert_allclose(better.beyond, 1.0 - 0.2 / 0.35)
     fit = {"held_out": {"before": {}, "refitted": {"CZ": {"rrmse": 0.3}}, "after": {"CZ": {"rrmse": 0.33}}}}
     worse = score_case("a", said(a_finding(fit=fit)), a_key(an_effect()))
@@ -226,7 +229,7 @@ def test_sizes_put_in_are_given_as_a_diagnosis_gives_them(effect, held, found):
 
 def a_score(k=0, **more):
     held = {"family": "single", "severity": "easy", "truth": "icing", "named": "icing", "verdict": True}
-    return CaseScore(name=f"c{k}", source="own/hawk", form="forced", **{**held, **more})
+    return CaseScore(name=f"c{k}", source="polynomial/hawk", form="forced", **{**held, **more})
 
 
 def test_fractions_and_their_intervals_are_those_of_the_binomial():
@@ -288,7 +291,7 @@ def test_each_figure_counts_the_cases_that_speak_of_it():
     }
 
 
-def test_the_lead_over_a_simple_way_is_taken_on_the_same_cases():
+def test_the_lead_over_a_simple_method_is_taken_on_the_same_cases():
     simple = {"largest correlation": (False, True)}
     scores = [a_score(0, top1=True, simple=simple), a_score(1, top1=False, simple=simple), a_score(2, top1=False)]
     summary = summarise(scores)
@@ -321,7 +324,7 @@ def a_comparison(difference, **columns):
     return SimpleNamespace(responses=("CZ", "Cm"), transformed=(transformed(difference),), signatures=tuple(signatures))
 
 
-def test_simple_ways_name_what_their_rules_say():
+def test_simple_methods_name_what_their_rules_say():
     rng = np.random.default_rng(2)
     t = 0.04 * np.arange(750)
     a, b, c = np.sin(0.9 * t), np.sin(1.7 * t + 1.0), np.cos(2.9 * t)
@@ -340,7 +343,7 @@ def test_simple_ways_name_what_their_rules_say():
     assert "asymmetry" not in named["stepwise and BIC"]
 
 
-def test_simple_ways_have_nothing_to_say_without_a_library_or_a_difference():
+def test_simple_methods_have_nothing_to_say_without_a_library_or_a_difference():
     nothing = {"CZ": np.zeros(200), "Cm": np.zeros(200)}
     assert set(map(tuple, name_simply(a_comparison(nothing)).values())) == {()}
     column = np.sin(0.1 * np.arange(200.0))[:, None]
@@ -381,7 +384,7 @@ print(json.dumps(answer))
 
 @pytest.fixture
 def fake(tmp_path):
-    """A program that draws, diagnoses and notes what it was told; the notes."""
+    """A program that draws, diagnoses and notes its arguments; the notes."""
     log = tmp_path / "log"
 
     def make(crash=False, effect=None):
@@ -395,13 +398,13 @@ def fake(tmp_path):
 
 def test_who_diagnoses_is_stated_of_nothing_but_the_case(fake, tmp_path):
     out = tmp_path / "proof"
-    draws = campaign.plan({"": 2}, 0, sources=["own"])
+    draws = campaign.plan({"": 2}, 0, sources=["polynomial"])
     campaign.prove(draws, out, program=fake(), jobs=1, simple=True)
     notes = fake.notes()
     assert len(notes) == 2
     for note in notes:
         assert str(out) not in json.dumps(note)
-        assert "own-" not in json.dumps(note)  # the name would tell the seed, and the seed the key
+        assert "polynomial-" not in json.dumps(note)  # the name would tell the seed, and the seed the key
         assert note["files"] == ["case", "case/aircraft.toml"]
         assert note["argv"][1] == "case"
     scores, undrawn = campaign.scores_of(draws, out)
@@ -411,10 +414,10 @@ def test_who_diagnoses_is_stated_of_nothing_but_the_case(fake, tmp_path):
     assert not undrawn
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system does not say which cores a process has")
-def test_each_case_runs_on_one_core_and_cases_fraction_them_out(fake, tmp_path):
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system does not report the cores of a process")
+def test_each_case_runs_on_one_core_and_cases_use_all_of_them(fake, tmp_path):
     free = os.sched_getaffinity(0)
-    draws = campaign.plan({"": 4}, 0, sources=["own"])
+    draws = campaign.plan({"": 4}, 0, sources=["polynomial"])
     campaign.prove(draws, tmp_path / "proof", program=fake(), jobs=2)
     cores = [note["cores"] for note in fake.notes()]
     assert all(len(c) == 1 for c in cores)
@@ -423,7 +426,7 @@ def test_each_case_runs_on_one_core_and_cases_fraction_them_out(fake, tmp_path):
 
 
 def test_a_run_broken_off_is_a_fair_sample_of_its_families():
-    draws = campaign.plan({"single": 30, "null": 20, "pair": 10, "without": 5}, 0, sources=["own"])
+    draws = campaign.plan({"single": 30, "null": 20, "pair": 10, "without": 5}, 0, sources=["polynomial"])
     ordered = campaign.in_turn(draws)
     assert sorted(d.seed for d in ordered) == [d.seed for d in draws]
     for part in (13, 26, 39):
@@ -435,8 +438,8 @@ def test_a_run_broken_off_is_a_fair_sample_of_its_families():
 
 def test_a_run_goes_on_where_it_stopped(fake, tmp_path):
     program, stated = fake(), []
-    campaign.prove(campaign.plan({"": 2}, 0, sources=["own"]), tmp_path, program=program)
-    draws = campaign.plan({"": 5}, 0, sources=["own"])
+    campaign.prove(campaign.plan({"": 2}, 0, sources=["polynomial"]), tmp_path, program=program)
+    draws = campaign.plan({"": 5}, 0, sources=["polynomial"])
     campaign.prove(draws, tmp_path, program=program, progress=lambda *step: stated.append(step))
     assert len(fake.notes()) == 4  # the first two are not asked again, and one cannot be drawn
     assert stated[-1] == ("cases", 5, 5)
@@ -444,20 +447,20 @@ def test_a_run_goes_on_where_it_stopped(fake, tmp_path):
     assert len(fake.notes()) == 8
     scores, undrawn = campaign.scores_of(draws, tmp_path)
     assert len(scores) == 4
-    assert undrawn == {"own-0000003": "cannot be flown"}
+    assert undrawn == {"polynomial-0000003": "cannot be flown"}
 
 
 def test_the_true_hypothesis_is_the_one_taken_out(fake, tmp_path):
-    draws = campaign.plan({"without": 1}, 0, sources=["own"])
+    draws = campaign.plan({"without": 1}, 0, sources=["polynomial"])
     campaign.prove(draws, tmp_path, program=fake(effect=an_effect(accept=("ground-effect", "icing"))))
     assert fake.notes()[0]["argv"] == ["diagnose", "case", "ground-effect,icing"]
     assert campaign.scores_of(draws, tmp_path)[0][0].family == "without"
 
 
 def test_a_process_that_breaks_down_or_takes_too_long_is_no_answer(fake, tmp_path):
-    draws = campaign.plan({"": 1}, 0, sources=["own"])
+    draws = campaign.plan({"": 1}, 0, sources=["polynomial"])
     campaign.prove(draws, tmp_path / "a", program=fake(crash=True))
-    assert "broke down" in campaign.errors_of(draws, tmp_path / "a")["own-0000000"]
+    assert "broke down" in campaign.errors_of(draws, tmp_path / "a")["polynomial-0000000"]
     assert campaign.scores_of(draws, tmp_path / "a")[0][0].named == "no answer"
     campaign.prove(draws, tmp_path / "a", program=fake())  # it may have been stopped from outside: it is asked again
     assert not campaign.errors_of(draws, tmp_path / "a")
@@ -468,7 +471,7 @@ def test_a_process_that_breaks_down_or_takes_too_long_is_no_answer(fake, tmp_pat
 
 
 def test_a_diagnosis_stands_though_asking_the_baselines_broke_down(fake, tmp_path):
-    draws = campaign.plan({"": 1}, 0, sources=["own"])
+    draws = campaign.plan({"": 1}, 0, sources=["polynomial"])
     campaign.prove(draws, tmp_path, program=fake())
     campaign.prove(draws, tmp_path, program=fake(crash=True), simple=True)
     assert len(fake.notes()) == 2
@@ -480,20 +483,37 @@ def test_a_diagnosis_stands_though_asking_the_baselines_broke_down(fake, tmp_pat
 
 
 def test_a_folder_whose_cases_were_drawn_otherwise_is_refused(fake, tmp_path):
-    campaign.prove(campaign.plan({"": 1}, 0, sources=["own"]), tmp_path, program=fake())
-    with pytest.raises(DataError, match="own-0000000 drawn otherwise"):
-        campaign.prove(campaign.plan({"null": 1}, 0, sources=["own"]), tmp_path, program=fake())
+    campaign.prove(campaign.plan({"": 1}, 0, sources=["polynomial"]), tmp_path, program=fake())
+    with pytest.raises(DataError, match="polynomial-0000000 drawn otherwise"):
+        campaign.prove(campaign.plan({"null": 1}, 0, sources=["polynomial"]), tmp_path, program=fake())
 
 
-def test_seeds_of_development_and_of_judging_are_kept_apart():
-    own = {"sources": ["own"]}
-    with pytest.raises(DataError, match="must be asked for as judged"):
-        campaign.plan({"": 1}, campaign.JUDGED, **own)
+def test_a_folder_of_version_0_1_0_keeps_its_names(fake, tmp_path):
+    former = [replace(d, source="own") for d in campaign.plan({"": 2}, 0, sources=["polynomial"])]
+    campaign.prove(former, tmp_path, program=fake())
+    draws = campaign.as_stored(campaign.plan({"": 2}, 0, sources=["polynomial"]), tmp_path)
+    assert draws == former
+    campaign.prove(draws, tmp_path, program=fake())
+    assert len(fake.notes()) == 2  # nothing is drawn or diagnosed again
+    assert [s.name for s in campaign.scores_of(draws, tmp_path)[0]] == ["own-0000000", "own-0000001"]
+    assert campaign.as_stored(former[:0], tmp_path / "new") == []
+
+
+def test_a_key_of_version_0_1_0_has_the_former_name_of_the_source(tmp_path):
+    path = tmp_path / "key.json"
+    path.write_text(a_key().model_dump_json().replace("polynomial/hawk", "own/hawk"), encoding="utf-8")
+    assert Key.read(path).source == "polynomial/hawk"
+
+
+def test_seeds_of_development_and_of_evaluation_are_separate():
+    polynomial = {"sources": ["polynomial"]}
+    with pytest.raises(DataError, match="kept for evaluation: choose judged"):
+        campaign.plan({"": 1}, campaign.JUDGED, **polynomial)
     with pytest.raises(DataError, match="99999"):
-        campaign.plan({"": 2}, 99_999, **own)
+        campaign.plan({"": 2}, 99_999, **polynomial)
     with pytest.raises(DataError, match="begin at 1000000"):
-        campaign.plan({"": 1}, 5, judged=True, **own)
-    draws = campaign.plan({"single": 2, "null": 1}, campaign.JUDGED, judged=True, **own)
+        campaign.plan({"": 1}, 5, judged=True, **polynomial)
+    draws = campaign.plan({"single": 2, "null": 1}, campaign.JUDGED, judged=True, **polynomial)
     assert [(d.seed - campaign.JUDGED, d.family) for d in draws] == [(0, "single"), (1, "single"), (2, "null")]
 
 
@@ -503,24 +523,24 @@ def test_seeds_of_development_and_of_judging_are_kept_apart():
         ({"odd": 1}, {}, "no family 'odd'"),
         ({"": 1}, {"sources": ["mine"]}, "no source 'mine'"),
         ({"null": 1}, {"effects": ["icing"]}, "singles only"),
-        ({"single": 1}, {"effects": ["magic"], "sources": ["own"]}, "no case of 'magic'"),
+        ({"single": 1}, {"effects": ["magic"], "sources": ["polynomial"]}, "no case of 'magic'"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_before_any_work(counts, more, says):
     with pytest.raises(DataError, match=says):
-        campaign.plan(counts, 0, **{"sources": ["own"], **more})
+        campaign.plan(counts, 0, **{"sources": ["polynomial"], **more})
 
 
 def test_effects_and_sources_come_in_turn():
     pytest.importorskip("jsbsim")
     draws = campaign.plan({"single": 6}, 0, effects=["icing", "friction"])
     assert [(d.effect, d.source) for d in draws] == [
-        ("icing", "own"), ("icing", "jsbsim"), ("friction", "own"), ("friction", "own"), ("icing", "own"),
-        ("icing", "jsbsim"),
+        ("icing", "polynomial"), ("icing", "jsbsim"), ("friction", "polynomial"), ("friction", "polynomial"),
+        ("icing", "polynomial"), ("icing", "jsbsim"),
     ]  # fmt: skip
 
 
 def test_every_effect_that_can_be_drawn_can_be_named():
     known = {h.name for h in EFFECTS} | {"turbulence"}
-    assert drawable("own") <= known
+    assert drawable("polynomial") <= known
     assert drawable("jsbsim") <= known
