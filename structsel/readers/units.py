@@ -15,6 +15,14 @@ import pint
 
 _DIMENSIONLESS = {"", "-", "--", "1", "none", "n/d", "nd"}
 _NAMED = {"kg/m/s^2": "Pa", "kg*m/s^2": "N", "kg*m^2/s^2": "N*m", "kg*m^2/s^3": "W", "kg*m^2/A/s^3": "V"}
+_AVIATION = {
+    "NM": "nautical_mile", "nm": "nautical_mile", "nmi": "nautical_mile", "NMI": "nautical_mile",
+    "kt": "knot", "KT": "knot", "kts": "knot", "KTS": "knot", "ktas": "knot", "KTAS": "knot",
+    "mil": "milliradian", "mils": "milliradian", "mb": "millibar",
+}  # fmt: skip
+"""Names that mean something else to pint (NM a nanometre, mb a millibarn) or nothing; a mil is that of a head-up
+display, 1/1000 rad."""
+_WORD = re.compile(r"[A-Za-z]+")
 _BARE_POWER = re.compile(r"(?<=[A-Za-z])(-?\d)")
 
 
@@ -34,7 +42,7 @@ def _parse(text: str, mass: bool = False) -> Any:
         return registry.dimensionless
     if cleaned in ("g", "G") and not mass:
         return registry.standard_gravity
-    cleaned = cleaned.replace("Nm", "N*m")
+    cleaned = _WORD.sub(lambda found: _AVIATION.get(found.group(), found.group()), cleaned).replace("Nm", "N*m")
     for attempt in (cleaned, _BARE_POWER.sub(r"^\1", cleaned), cleaned.lower()):
         try:
             return registry.parse_units(attempt)

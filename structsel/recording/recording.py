@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from structsel.errors import ChannelError, DataError, StructselWarning
 from structsel.formatting import count_of
 from structsel.nomenclature import close_names, find_channel, is_known, unit_of
 from structsel.recording import signals
+from structsel.recording.arrays import checked_channels, checked_clock
 from structsel.recording.checks import FROM_SAMPLES, GAP, Finding, check_channel, check_recording, require_clock
 from structsel.results import Result
 from structsel.tables import Cell, Column, Summary, Table, text_column
@@ -34,11 +34,13 @@ class Recording(Result):
     ----------
     name : str
     t : (n,) array [s]
-        Finite, strictly increasing, n at least 2.
+        Finite, strictly increasing, n at least 2. Dates and time differences (datetime64, timedelta64, datetime) are
+        converted: seconds since the first sample, and seconds.
     channels : mapping of str to (n,) array
-        SI and radians, signs as in the nomenclature; ``t`` is not among them.
+        SI and radians, signs as in the nomenclature; ``t`` is not among them. Masked samples become NaN.
     units : mapping of str to str
-        Units of channels the nomenclature does not hold.
+        Units of channels the nomenclature does not hold. A unit given for a channel that it holds is that of the
+        values given: they are converted to the nomenclature's, and the unit is not kept.
     provenance : tuple of str
         File, map, and every conversion made since.
     findings : tuple of Finding
@@ -49,7 +51,9 @@ class Recording(Result):
     Raises
     ------
     DataError
-        When the clock cannot be used, or a channel has another length than it.
+        When the clock cannot be used, or a channel has another length than it or holds no real numbers.
+    ChannelError
+        When a unit does not measure what its channel is.
     """
 
     name: str
@@ -61,27 +65,15 @@ class Recording(Result):
     at_cg: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
-        t = _read_only(self.t)
-        if t.ndim != 1:
-            raise DataError(f"'{self.name}': the clock 't' must be a vector, not of shape {t.shape}.")
+        t = checked_clock(self.t, self.name)
         require_clock(t, self.name)
-        held = {}
-        for name, values in self.channels.items():
-            if name in ("t", "dt"):
-                raise DataError(f"'{self.name}': '{name}' is the clock's own name, not a channel's.")
-            held[name] = _read_only(values)
-            if held[name].shape != t.shape:
-                raise DataError(
-                    f"'{self.name}': channel '{name}' has shape {held[name].shape}, the clock {t.shape}.\n"
-                    "All channels of a recording share one clock."
-                )
-        own = {name: unit for name, unit in self.units.items() if name in held and not is_known(name)}
+        channels, units = checked_channels(self.channels, self.units, t, self.name)
         object.__setattr__(self, "t", t)
-        object.__setattr__(self, "channels", MappingProxyType(held))
-        object.__setattr__(self, "units", MappingProxyType(own))
+        object.__setattr__(self, "channels", channels)
+        object.__setattr__(self, "units", units)
         object.__setattr__(self, "provenance", tuple(self.provenance))
         object.__setattr__(self, "findings", tuple(self.findings))
-        object.__setattr__(self, "at_cg", frozenset(self.at_cg) & frozenset(held))
+        object.__setattr__(self, "at_cg", frozenset(self.at_cg) & frozenset(channels))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -207,11 +199,11 @@ class Recording(Result):
         note : str
             Added to the provenance: how the channels came about.
         units : mapping of str to str, optional
-            Units of those the nomenclature does not hold.
+            Units of the channels added; see `Recording`.
         at_cg : iterable of str
             Channels that are now at the centre of gravity, in addition to those that were.
         **arrays : (n,) array or float
-            In the nomenclature's unit and sign; a number is held throughout.
+            In the nomenclature's unit and sign unless `units` gives another unit; a number is held throughout.
         """
         added = {
             name: np.broadcast_to(a, self.t.shape) if np.ndim(a) == 0 else np.asarray(a) for name, a in arrays.items()
@@ -221,7 +213,7 @@ class Recording(Result):
             self.name,
             self.t,
             {**self.channels, **added},
-            {**self.units, **(units or {})},
+            {**self.units, **{name: unit for name, unit in (units or {}).items() if name in added}},
             self.provenance + ((note,) if note else ()),
             at_cg=self.at_cg.union(at_cg),
         )
@@ -411,15 +403,6 @@ class Recording(Result):
             notes=tuple(f"- {f}" for f in self.findings if f.severity == "note"),
             warnings=tuple(str(f) for f in self.findings if f.severity != "note"),
         )
-
-
-def _read_only(values: Any) -> np.ndarray:
-    """Float64 array that nobody can write to; copied unless it already is one."""
-    array = np.asarray(values, dtype=np.float64)
-    if array.flags.writeable or not array.flags.c_contiguous:
-        array = np.array(array, dtype=np.float64)
-        array.setflags(write=False)
-    return array
 
 
 def _summary(values: np.ndarray) -> tuple[float, float, float]:

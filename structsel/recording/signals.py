@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from structsel.errors import DataError
+from structsel.nomenclature import is_known
 from structsel.numerics import differentiation
 from structsel.numerics.dynamic_elements import shift
 from structsel.numerics.signal_quality import find_spikes
@@ -54,7 +55,11 @@ def differentiate(recording: Recording, names: Sequence[str], method: str, order
         clock += ", chain rule"
     lost = {name: int((~np.isfinite(recording[name])).sum()) for name in names}
     bridged = "".join(f", {count} missing samples of {name} bridged" for name, count in lost.items() if count)
-    units = {f"{name}_dot": f"{recording.unit(name)}/s" for name in names if recording.unit(name) != "?"}
+    units = {
+        f"{name}_dot": f"{recording.unit(name)}/s"
+        for name in names
+        if recording.unit(name) != "?" and not is_known(f"{name}_dot")
+    }
     note = f"{', '.join(made)}: differentiated, {how}, {clock}{bridged}"
     return recording.with_channels(note=note, units=units, **made)
 

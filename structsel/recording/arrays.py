@@ -1,0 +1,116 @@
+"""The arrays of a recording: clock and channels as read-only float64 in the nomenclature's units, or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from structsel.errors import ChannelError, DataError
+from structsel.nomenclature import UNKNOWN, find_channel, is_known
+from structsel.readers.units import convert, is_convertible
+
+_TIMES = ("datetime64", "datetime", "timedelta64", "timedelta")
+
+
+def checked_clock(t: Any, name: str) -> np.ndarray:
+    """Clock of the recording `name` in seconds, (n,); dates become seconds since the first sample.
+
+    Raises
+    ------
+    DataError
+        It is no vector, or holds neither real numbers nor times.
+    """
+    if _holds_times(t):
+        index = pd.Index(np.asarray(t))
+        t = np.asarray((index - index[0] if index.dtype.kind != "m" else index) / np.timedelta64(1, "s"))
+    clock = read_only(t, name, "t")
+    if clock.ndim != 1:
+        raise DataError(f"'{name}': the clock 't' must be a vector, not of shape {clock.shape}.")
+    return clock
+
+
+def checked_channels(
+    channels: Mapping[str, Any], units: Mapping[str, str], t: np.ndarray, name: str
+) -> tuple[Mapping[str, np.ndarray], Mapping[str, str]]:
+    """Channels of the recording `name`, those of the nomenclature in its units; and the units of the others.
+
+    Raises
+    ------
+    DataError
+        A channel is named as the clock, has another length than it, or does not hold real numbers.
+    ChannelError
+        A unit does not measure what its channel is.
+    """
+    held, others = {}, {}
+    for channel, values in channels.items():
+        if channel in ("t", "dt"):
+            raise DataError(f"'{name}': '{channel}' is the clock's own name, not a channel's.")
+        array = read_only(values, name, channel)
+        if array.shape != t.shape:
+            raise DataError(
+                f"'{name}': channel '{channel}' has shape {array.shape}, the clock {t.shape}.\n"
+                "All channels of a recording share one clock."
+            )
+        if channel in units:
+            if is_known(channel):
+                array = _in_nomenclature_unit(array, units[channel], name, channel)
+            else:
+                others[channel] = units[channel]
+        held[channel] = array
+    return MappingProxyType(held), MappingProxyType(others)
+
+
+def read_only(values: Any, name: str, channel: str) -> np.ndarray:
+    """Float64 array that nobody can write to; copied unless it already is one. Masked samples become NaN.
+
+    Raises
+    ------
+    DataError
+        The values are not real numbers.
+    """
+    if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "biuf":
+        values = np.where(np.ma.getmaskarray(values), np.nan, np.asarray(values.data, dtype=np.float64))
+    array = np.asarray(values)
+    if array.dtype.kind == "c":
+        raise DataError(
+            f"'{name}': channel '{channel}' holds complex numbers; a channel holds real ones.\n"
+            "Give real and imaginary part, or magnitude and phase, as channels of their own."
+        )
+    if _holds_times(array):
+        raise DataError(
+            f"'{name}': channel '{channel}' holds times; only the clock 't' may.\nConvert it to a number of seconds."
+        )
+    try:
+        array = np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(
+            f"'{name}': channel '{channel}' holds something else than numbers: {error}.\n"
+            "Convert it to floats, with NaN where there is no value."
+        ) from error
+    if array.flags.writeable or not array.flags.c_contiguous:
+        array = np.array(array, dtype=np.float64)
+        array.setflags(write=False)
+    return array
+
+
+def _holds_times(values: Any) -> bool:
+    array = np.asarray(values)
+    if array.dtype.kind != "O":
+        return array.dtype.kind in "mM"
+    return array.ndim == 1 and pd.api.types.infer_dtype(array, skipna=True) in _TIMES
+
+
+def _in_nomenclature_unit(values: np.ndarray, unit: str, name: str, channel: str) -> np.ndarray:
+    row = find_channel(channel)
+    if unit in (row.unit, UNKNOWN):
+        return values
+    if not is_convertible(unit, row.unit):
+        raise ChannelError(
+            f"'{name}': units gives channel '{channel}' the unit '{unit}', but {row.meaning} is measured in "
+            f"[{row.unit}].\nCorrect the unit, or give the channel another name."
+        )
+    return read_only(convert(values, unit, row.unit), name, channel)
