@@ -41,3 +41,30 @@ def pytest_collection_modifyitems(config, items):
         ids = {item.callspec.id for item in cases}
         if not number and not kept <= ids and not any("::" in asked for asked in config.args):
             raise pytest.UsageError(f"{name}: default_cases names {kept - ids}, which are no cases of it")
+
+
+@pytest.fixture
+def ax():
+    """Axes of a new figure."""
+    from matplotlib.figure import Figure
+
+    return Figure().add_subplot()
+
+
+@pytest.fixture
+def close_figures():
+    """Close pyplot's figures after the test."""
+    yield
+    from matplotlib import pyplot as plt
+
+    plt.close("all")
+
+
+@pytest.fixture(scope="session")
+def trimmed():
+    """The demonstration aircraft trimmed at 45 m/s and 1000 m."""
+    from structsel.demo import demo_aircraft
+    from structsel.simulation import trim
+    from tests.models import DEMO
+
+    return trim(DEMO, demo_aircraft(), 45.0, 1000.0)

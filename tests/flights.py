@@ -1,27 +1,13 @@
 """Simulated closed-loop flights for tests of the selection: the cases the benchmarks use, and recordings of them."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 
 from structsel.candidates import Term
 from structsel.numerics.regressors import ArrayData
 from structsel.recording import Recording
+from tests.benchmark_modules import load_benchmark
 
-
-def _load_cases():
-    """benchmarks/cases.py, which is no package."""
-    path = Path(__file__).parents[1] / "benchmarks" / "cases.py"
-    spec = importlib.util.spec_from_file_location("benchmark_cases", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-cases = _load_cases()
+cases = load_benchmark("cases")
 
 
 def signals_of(case):

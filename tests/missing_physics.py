@@ -6,7 +6,6 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from structsel.aircraft import Aircraft
-from structsel.candidates import Term
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.flight import prepare_flight
 from structsel.comparison.surrogate import identify
@@ -15,10 +14,10 @@ from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.signatures import work_out
 from structsel.effects import EFFECTS
 from structsel.effects.base import FittedEffect, ParameterEstimate
-from structsel.model import AeroModel, ResponseModel
 from structsel.nomenclature import COEFFICIENTS
 from structsel.recording import Recording
 from structsel.simulation import Instruments, simulate, trim
+from tests.models import model_of
 
 AIRCRAFT = demo_aircraft()
 DT = 0.04
@@ -27,13 +26,6 @@ NOISE = {
     "V": 0.02, **dict.fromkeys(("alpha", "beta", "phi", "theta", "psi"), 2e-4), **dict.fromkeys("pqr", 2e-5),
     **dict.fromkeys(("ax", "ay", "az"), 0.01),
 }  # fmt: skip
-
-
-def model_of(truth):
-    """Model of response to term to value."""
-    return AeroModel(
-        {name: ResponseModel(tuple(map(Term, terms)), np.array(list(terms.values()))) for name, terms in truth.items()}
-    )
 
 
 def step_train(t, starts, length, size):

@@ -15,15 +15,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
 from structsel import AeroModel, Aircraft, read_recording, write_recording
-from structsel.cli import app, messages
+from structsel.cli import messages
 from structsel.coefficients import compute_coefficients
 from structsel.demo import demo_flights
+from tests.commands import assert_same_text, run
 
 GOLDEN = Path(__file__).parent / "golden"
-PLAIN = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
 AIRCRAFT = """
 name = "testbed"
 mass = 2288.231
@@ -41,15 +40,6 @@ offset = [1.8, 0.0, -0.15]
 inclination = 0.03
 """
 TRUTH = {"1": 0.08, "alpha": -0.6, "de": -1.9, "q_hat": -30.0}
-
-
-def run(*arguments, code=0):
-    """Run a command in this process; a traceback would be an exception other than SystemExit."""
-    result = CliRunner().invoke(app, [str(a) for a in arguments], env=PLAIN)
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    assert "Traceback" not in result.output
-    assert result.exit_code == code, result.output
-    return result
 
 
 def flight(k, n=500):
@@ -95,14 +85,7 @@ def compare(name, printed):
     path = GOLDEN / f"{name}.txt"
     if os.environ.get("STRUCTSEL_GOLDEN") == "write":
         path.write_text("\n".join(line.rstrip() for line in printed.splitlines()) + "\n")
-    found, expected = (re.findall(r"[^\s─]+", text) for text in (printed, path.read_text()))
-    number = re.compile(r"[-+]?\d[\d.]*(e-?\d+)?%?")
-    for a, b in zip(found, expected):
-        if number.fullmatch(a) and number.fullmatch(b):
-            assert_allclose(float(a.rstrip("%")), float(b.rstrip("%")), rtol=0.03, atol=2e-5)
-        else:
-            assert a == b
-    assert len(found) == len(expected)
+    assert_same_text(printed, path.read_text())
 
 
 def test_describe_prints_channels_units_ranges_and_findings(files):

@@ -10,24 +10,18 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from structsel import AeroModel
-from structsel.cli import app
 from structsel.errors import DataError
+from tests.commands import run
 from tests.diagnoses import diagnosis, model
 
 EXAMPLES = Path(__file__).parents[2] / "shared" / "data" / "diagnose-examples"
-PLAIN = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
 AIRCRAFT = 'name = "testbed"\nmass = 850.0\nS = 16.0\nb = 11.0\ncbar = 1.5\n[tolerances]\nmain = 0.01\n'
 
 
-def run(*arguments, code=0):
-    """Run a command in this process; a traceback would be an exception other than SystemExit."""
-    result = CliRunner().invoke(app, ["diagnose", *map(str, arguments)], env=PLAIN)
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    assert result.exit_code == code, result.output
-    return result
+def run_diagnose(*arguments, code=0):
+    return run("diagnose", *arguments, code=code)
 
 
 @pytest.fixture
@@ -73,7 +67,7 @@ def given(case, simulation="simulated"):
 
 
 def test_the_text_is_printed_and_three_files_are_written(case, asked):
-    result = run(*given(case), "--out", case / "out")
+    result = run_diagnose(*given(case), "--out", case / "out")
     text = str(asked["answer"])
     assert result.stdout.startswith(text)
     written = " ".join(result.stdout[len(text) :].split())
@@ -86,7 +80,7 @@ def test_the_text_is_printed_and_three_files_are_written(case, asked):
 
 
 def test_arguments_are_passed_as_given(case, asked):
-    run(*given(case), "--held-out", "m02")
+    run_diagnose(*given(case), "--held-out", "m02")
     assert asked["simulation"] == str(case / "simulated")
     assert [r.name for r in asked["recordings"]] == ["m01", "m02"]
     assert asked["held_out"] == ("m02",)
@@ -95,12 +89,12 @@ def test_arguments_are_passed_as_given(case, asked):
 
 @pytest.mark.parametrize("simulation", ["model.json", "jsbsim:c172p", "python:mysim:coefficients"])
 def test_a_simulation_of_any_form_is_passed_on(case, asked, simulation):
-    run(*given(case, simulation))
+    run_diagnose(*given(case, simulation))
     assert asked["simulation"] == simulation
 
 
 def test_json_is_all_that_is_printed_and_the_same_as_in_the_file(case, asked):
-    result = run(*given(case), "--json", "--out", case / "out")
+    result = run_diagnose(*given(case), "--json", "--out", case / "out")
     assert json.loads(result.stdout) == json.loads((case / "out" / "diagnosis.json").read_text())
     assert json.loads(result.stdout)["schema"] == "structsel.diagnosis/1"
     assert result.stderr == ""
@@ -108,29 +102,29 @@ def test_json_is_all_that_is_printed_and_the_same_as_in_the_file(case, asked):
 
 def test_figures_that_are_not_known_are_null_in_the_json(case, asked):
     asked["answer"] = diagnosis(verdict="consistent", remaining={"CZ": (float("nan"), True)})
-    assert json.loads(run(*given(case), "--json").stdout)["remaining"]["CZ"]["rrmse"] is None
+    assert json.loads(run_diagnose(*given(case), "--json").stdout)["remaining"]["CZ"]["rrmse"] is None
 
 
 @pytest.mark.parametrize("verdict", ["mismatch", "consistent", "undecidable"])
 def test_every_verdict_ends_well(case, asked, verdict):
     asked["answer"] = diagnosis(verdict=verdict)
-    assert run(*given(case)).stdout.startswith(verdict.upper())
+    assert run_diagnose(*given(case)).stdout.startswith(verdict.upper())
 
 
 def test_quiet_prints_nothing_but_writes(case, asked):
-    result = run(*given(case), "--quiet", "--out", case / "out")
+    result = run_diagnose(*given(case), "--quiet", "--out", case / "out")
     assert result.output == ""
     assert (case / "out" / "report.html").exists()
 
 
 def test_quiet_with_nowhere_to_write_prints_the_verdict_alone(case, asked):
-    printed = run(*given(case), "--quiet").stdout
+    printed = run_diagnose(*given(case), "--quiet").stdout
     assert printed.startswith("MISMATCH")
     assert printed.strip() == str(asked["answer"]).splitlines()[0]
 
 
 def test_the_files_that_went_in_are_named_with_their_hashes(case, asked):
-    run(*given(case), "--out", case / "out")
+    run_diagnose(*given(case), "--out", case / "out")
     held = json.loads((case / "out" / "diagnosis.json").read_text())["provenance"]
     files = {Path(one["file"]): one["sha256"] for one in held["inputs"]}
     went_in = [case / "aircraft.toml", *(case / "recordings").iterdir(), *(case / "simulated").iterdir()]
@@ -148,7 +142,7 @@ def test_a_channel_map_is_for_the_recordings(case, asked):
         table.to_csv(path, index=False)
     (case / "map.toml").write_text('[channels]\nt = {column = "t"}\nV = {column = "V"}\n'
                                    'alpha = {column = "AoA", unit = "deg"}\n')  # fmt: skip
-    run(*given(case), "--map", case / "map.toml")
+    run_diagnose(*given(case), "--map", case / "map.toml")
     assert 0.07 < asked["recordings"][0]["alpha"].min() < asked["recordings"][0]["alpha"].max() < 0.13
 
 
@@ -157,23 +151,23 @@ def test_a_recording_with_a_gap_is_cut_only_for_a_simulation_that_can_be_asked_a
     table = pd.read_csv(path)
     table.loc[50:, "t"] += 3.0
     table.to_csv(path, index=False)
-    run(*given(case))
+    run_diagnose(*given(case))
     assert [r.name for r in asked["recordings"]] == ["m01", "m02"]
-    run(*given(case, "jsbsim:c172p"))
+    run_diagnose(*given(case, "jsbsim:c172p"))
     assert len(asked["recordings"]) == 3
 
 
 def test_without_a_model_the_text_gives_the_reason_and_an_older_one_is_removed(case, asked):
-    run(*given(case), "--out", case / "out")
+    run_diagnose(*given(case), "--out", case / "out")
     asked["answer"] = diagnosis(model=None, responses=("thrust",))
-    result = run(*given(case), "--out", case / "out", "--overwrite")
+    result = run_diagnose(*given(case), "--out", case / "out", "--overwrite")
     assert "thrust is none" in " ".join(result.stdout.split())
     assert "diagnosis.json, report.html." in " ".join(result.stdout.split())
     assert "is not of this diagnosis" in " ".join(result.stderr.split())
 
 
 def test_the_help_page_holds_the_command_and_fits_80_columns():
-    printed = run("--help").stdout
+    printed = run_diagnose("--help").stdout
     assert "structsel diagnose --aircraft aircraft.toml --recordings recordings/" in printed
     for option in ("--map", "--held-out", "--out", "--overwrite", "--quiet", "--json"):
         assert option in printed
@@ -186,7 +180,7 @@ def test_the_help_page_holds_the_command_and_fits_80_columns():
 
 def test_an_error_of_the_data_is_one_clear_sentence_and_nothing_is_written(case, asked):
     asked["answer"] = DataError("the simulation of 'm01' gives CZ = nan at sample 3.")
-    result = run(*given(case), "--out", case / "out", "--json", code=1)
+    result = run_diagnose(*given(case), "--out", case / "out", "--json", code=1)
     assert result.stdout == ""
     assert result.stderr.strip() == "error: the simulation of 'm01' gives CZ = nan at sample 3."
     assert not (case / "out").exists()
@@ -197,7 +191,7 @@ def test_a_file_that_cannot_be_written_leaves_none_of_them(case, asked, monkeypa
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("structsel.report.write_report", full)
-    result = run(*given(case), "--out", case / "out", code=1)
+    result = run_diagnose(*given(case), "--out", case / "out", code=1)
     assert "cannot be written: No space left on device" in result.stderr
     assert [p.name for p in case.iterdir() if "out" in p.name] == []
 
@@ -213,22 +207,22 @@ def test_a_file_that_cannot_be_written_leaves_none_of_them(case, asked, monkeypa
     ],
 )
 def test_what_is_not_there_is_named(case, asked, change, says):
-    result = run(*given(case), *change, code=1)
+    result = run_diagnose(*given(case), *change, code=1)
     assert re.search(says, " ".join(result.stderr.split()))
 
 
 def test_files_that_exist_are_kept_unless_stated_otherwise(case, asked):
     (case / "out").mkdir()
     (case / "out" / "notes.txt").write_text("mine")
-    assert "pass --overwrite" in run(*given(case), "--out", case / "out", code=1).stderr
-    run(*given(case), "--out", case / "out", "--overwrite")
+    assert "pass --overwrite" in run_diagnose(*given(case), "--out", case / "out", code=1).stderr
+    run_diagnose(*given(case), "--out", case / "out", "--overwrite")
     assert (case / "out" / "notes.txt").read_text() == "mine"
 
 
 def test_the_simulation_itself_is_never_written_over(case, asked):
     model().to_json(case / "model.json")
     before = (case / "model.json").read_text()
-    result = run(*given(case, "model.json"), "--out", case, "--overwrite", code=1)
+    result = run_diagnose(*given(case, "model.json"), "--out", case, "--overwrite", code=1)
     assert "would write over the simulation" in result.stderr
     assert (case / "model.json").read_text() == before
 
@@ -242,7 +236,7 @@ def test_an_example_case_is_diagnosed_end_to_end(tmp_path):
     case, names = EXAMPLES / "ground-effect", ("m01", "m05", "m06", "m08")
     several = [x for name in names for x in ("--recordings", case / "recordings" / f"{name}.csv")]
     where = ("--aircraft", case / "aircraft.toml", *several, "--simulation", case / "simulated")
-    result = run(*where, "--out", tmp_path / "out")
+    result = run_diagnose(*where, "--out", tmp_path / "out")
     held = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     accepted = json.loads((case / "answer.json").read_text())["effects"][0]["accept"]
     assert held["verdict"] == "mismatch"
@@ -270,7 +264,7 @@ def test_a_simulation_that_does_not_fit_the_recordings_ends_with_a_sentence(tmp_
         (simulated / f"{name}.csv").write_bytes((case / "simulated" / f"{name}.csv").read_bytes())
     damage(simulated)
     several = [x for name in ("m01", "m02", "m03") for x in ("--recordings", case / "recordings" / f"{name}.csv")]
-    result = run(
+    result = run_diagnose(
         "--aircraft", case / "aircraft.toml", *several, "--simulation", simulated, "--out", tmp_path / "out", code=1
     )
     assert re.search(says, " ".join(result.stderr.split()))

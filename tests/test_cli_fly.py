@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
 from structsel import (
     AeroModel,
@@ -21,24 +20,14 @@ from structsel import (
     refine,
     write_recording,
 )
-from structsel.cli import app
 from structsel.cli.models import read_trim
 from structsel.inputs import three_two_one_one
+from tests.commands import run
 
-PLAIN = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
 CRAFT = published_aircraft("citation")
 TRIM = CRAFT.trim()
 NOISE = {"V": 0.1, "alpha": 0.001, "q": 0.001, "theta": 0.001, "az": 0.05}
 FREE = "Cm:1,Cm:alpha,Cm:q_hat,Cm:de"
-
-
-def run(*arguments, code=0):
-    """Run a command in this process; a traceback would be an exception other than SystemExit."""
-    result = CliRunner().invoke(app, [str(a) for a in arguments], env=PLAIN)
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    assert "Traceback" not in result.output
-    assert result.exit_code == code, result.output
-    return result
 
 
 def stated(result):

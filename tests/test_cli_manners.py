@@ -14,18 +14,10 @@ from typer.testing import CliRunner
 from structsel import AeroModel, Term, __version__
 from structsel.cli import app
 from structsel.model import ResponseModel
+from tests.commands import run
 
-PLAIN = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
 COMMANDS = [name for name, command in get_command(app).commands.items() if not command.hidden]
 SELECT = ("select", "flights", "--responses", "Cm", "--candidates", "alpha,de", "--bootstrap", "0")
-
-
-def run(*arguments, code=0, env=PLAIN):
-    """Run a command in this process; a traceback would be an exception other than SystemExit."""
-    result = CliRunner().invoke(app, [str(a) for a in arguments], env=env)
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    assert result.exit_code == code, result.output
-    return result
 
 
 @pytest.fixture(autouse=True)

@@ -7,25 +7,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
 from structsel import Aircraft, compute_coefficients, read_recording, write_recording
-from structsel.cli import app
 from structsel.demo import demo_aircraft, demo_flight, demo_instruments
 from structsel.reconstruction import METHODS, reconstruct
 from structsel.recording import split_manoeuvres
+from tests.commands import run
 
-PLAIN = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
 MANOEUVRES = ("elevator-3211", "all-axes")
-
-
-def run(*arguments, code=0):
-    """Run a command in this process; a traceback would be an exception other than SystemExit."""
-    result = CliRunner().invoke(app, [str(a) for a in arguments], env=PLAIN)
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    assert "Traceback" not in result.output
-    assert result.exit_code == code, result.output
-    return result
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,5 @@
-import importlib.util
 import itertools
-import sys
 from math import comb
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,18 +11,7 @@ from structsel.demo import FLIGHTS, INSTRUMENT_ERRORS, TRUTH, demo_aircraft, dem
 from structsel.errors import DomainError
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.differentiation import differentiate
-
-
-def load_cases():
-    path = Path(__file__).parents[1] / "benchmarks" / "cases.py"
-    spec = importlib.util.spec_from_file_location("cases", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["cases"] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
-
-cases = load_cases()
+from tests.flights import cases
 
 
 def test_flights_follow_from_the_seed_alone():

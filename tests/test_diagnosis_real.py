@@ -1,10 +1,10 @@
 """Effects missing from a simulation of a real plant: cases of benchmarks/real_recordings.py that are diagnosed."""
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.benchmark_modules import load_benchmark
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -14,15 +14,7 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(scope="module")
-def real():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "benchmarks"))
-        spec = importlib.util.spec_from_file_location("real_recordings", ROOT / "benchmarks" / "real_recordings.py")
-        module = importlib.util.module_from_spec(spec)
-        patch.setitem(sys.modules, "real_recordings", module)  # dataclasses look their module up
-        spec.loader.exec_module(module)
-        yield module
+real = load_benchmark("real_recordings")
 
 
 @pytest.mark.parametrize(
@@ -33,7 +25,7 @@ def real():
         ("gtm_stall", "static-stall", "CZ", 0.3),
     ],
 )
-def test_effects_missing_from_a_linear_simulation_are_named_and_reduce_the_error(real, name, effect, response, left):
+def test_effects_missing_from_a_linear_simulation_are_named_and_reduce_the_error(name, effect, response, left):
     _, found = real.run(name)
     first, last = found.findings[0], found.findings[-1]
     assert found.verdict == "mismatch"
@@ -44,7 +36,7 @@ def test_effects_missing_from_a_linear_simulation_are_named_and_reduce_the_error
 
 
 @pytest.mark.parametrize("name", ["crazyflie_correct", "silverbox_correct", "boucwen_correct", "gtm_correct"])
-def test_what_has_its_own_model_is_within_tolerances(real, name):
+def test_what_has_its_own_model_is_within_tolerances(name):
     _, found = real.run(name)
     assert found.verdict == "consistent"
     assert not found.findings

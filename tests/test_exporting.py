@@ -16,13 +16,12 @@ import statsmodels.api as sm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
 from structsel import AeroModel, Aircraft, ResponseModel, Term, export_model, published_aircraft
 from structsel.candidates.formula import FUNCTIONS
-from structsel.cli import app
 from structsel.errors import DataError, ModelError, TermError
 from structsel.exporting import TARGETS
+from tests.commands import run
 from tests.exported import KINDS, exported_to_c, exported_to_python, model_of, random_states
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
@@ -376,13 +375,6 @@ def test_what_cannot_be_written_says_why(tmp_path):
 
 
 # --- command --------------------------------------------------------------------------------------------
-
-
-def run(*arguments, code=0):
-    result = CliRunner().invoke(app, [str(a) for a in arguments], env={"COLUMNS": "80", "NO_COLOR": "1"})
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    assert result.exit_code == code, result.output
-    return result
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -32,6 +32,7 @@ from structsel import (
 from structsel.cli import app, demo
 from structsel.errors import AircraftError, ModelError
 from structsel.exporting import TARGETS
+from tests.commands import code_blocks
 from tests.exported import KINDS, RANGES, model_of, random_states
 
 jsbsim = pytest.importorskip("jsbsim", reason='JSBSim is not installed: pip install "structsel[jsbsim]"')
@@ -166,15 +167,11 @@ def page():
     return (Path(__file__).parents[1] / "docs" / "exports.md").read_text()
 
 
-def blocks(page, language):
-    return re.findall(rf"^```{language}\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-
-
 def test_the_commands_of_the_page_run_and_do_what_it_says(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PWD", str(tmp_path))
     monkeypatch.setattr(demo, "DEGREE", 1)  # what is exported is not what is tested here
-    lines = re.findall(r"^structsel .*[^\\\n]$", "".join(blocks(page, "sh")), re.MULTILINE)
+    lines = re.findall(r"^structsel .*[^\\\n]$", "".join(code_blocks(page, "sh")), re.MULTILINE)
     assert {target for line in lines for target in TARGETS if f"--to {target} " in line} == set(TARGETS)
     for line in lines:
         words = shlex.split(os.path.expandvars(line))[1:]
@@ -187,7 +184,7 @@ def test_the_commands_of_the_page_run_and_do_what_it_says(page, tmp_path, monkey
     monkeypatch.syspath_prepend(tmp_path)
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(blocks(page, "python")[0], {})
+        exec(code_blocks(page, "python")[0], {})
     at = {name: np.array([0.1 * (name == "alpha") - 0.02 * (name == "de")]) for name in RANGES}
     expected = AeroModel.from_json("out/demo/model.json").evaluate(at, outside="ignore")["Cm"][0]
     assert float(printed.getvalue()) == pytest.approx(expected, rel=1e-12)

@@ -20,24 +20,11 @@ from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.numerics.dynamic_elements import actuate
 from structsel.numerics.flight_model import OUTPUTS, REASONS, STATES, outputs_index
 from structsel.numerics.flight_simulation import simulate_batch, state_derivatives
-from structsel.simulation import Atmosphere, prepare, trim
+from structsel.simulation import Atmosphere, prepare
+from tests.models import DEMO, model_of
 
 STATE_COLUMNS = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h")
 NOTHING = AeroModel({"CX": ResponseModel((), np.zeros(0))})
-
-
-def model_of(truth):
-    return AeroModel(
-        {name: ResponseModel(tuple(map(Term, terms)), np.array(list(terms.values()))) for name, terms in truth.items()}
-    )
-
-
-DEMO = model_of(TRUTH)
-
-
-@pytest.fixture(scope="module")
-def trimmed():
-    return trim(DEMO, demo_aircraft(), 45.0, 1000.0)
 
 
 def wobble(t, start):

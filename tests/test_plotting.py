@@ -44,11 +44,6 @@ def selections(recordings):
     return select(recordings, "Cm", Candidates(["alpha", "de", "alpha*de"]), bootstrap=30)
 
 
-@pytest.fixture
-def ax():
-    return Figure().add_subplot()
-
-
 def test_the_fit_shows_measured_modelled_and_their_difference(recordings, selections):
     top, bottom = plot_fit(selections.model, recordings[0], "Cm", axes=Figure().subplots(2))
     modelled = selections.model.evaluate(recordings[0])["Cm"]

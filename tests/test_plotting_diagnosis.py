@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -12,11 +11,7 @@ from structsel.errors import DataError
 from structsel.plotting.diagnosis import plot_bars, plot_residual_over, plot_shares, plot_time_history
 from tests.diagnoses import GROUND, HEIGHT, LIFT, VANE, diagnosis
 
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
+pytestmark = pytest.mark.usefixtures("close_figures")
 
 
 def test_the_time_history_shows_the_recording_where_the_effect_acts_longest_its_intervals_shaded():

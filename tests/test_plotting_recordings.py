@@ -33,11 +33,6 @@ def flight(name, seed, *, at=0.1, n=1500):
     return Recording(name, t, {"alpha": alpha, "beta": beta, "q": q, "V": V, "h": h, "load": load}, {"load": "N"})
 
 
-@pytest.fixture
-def ax():
-    return Figure().add_subplot()
-
-
 def test_accounts_of_one_flight_stand_over_each_other_in_degrees(ax):
     measured, simulated = flight("a", 1), flight("a", 1, at=0.12)
     plot_histories({"measured": measured, "simulated": simulated}, "alpha", ax=ax)

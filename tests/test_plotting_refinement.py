@@ -1,15 +1,10 @@
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from structsel.plotting.refinement import plot_comparison, plot_derivatives
 from structsel.refinement import Derivatives, compare_estimates
 
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
+pytestmark = pytest.mark.usefixtures("close_figures")
 
 
 def test_each_parameter_has_its_axes_with_a_bar_for_each_method_that_knows_it():

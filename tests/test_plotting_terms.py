@@ -12,11 +12,6 @@ from structsel.plotting import plot_across, plot_addition, plot_component, plot_
 from tests.test_exploring import MODEL, POOL, RECORDINGS
 
 
-@pytest.fixture
-def ax():
-    return Figure().add_subplot()
-
-
 def line(ax, text):
     return next(one for one in ax.get_lines() if str(one.get_label()).startswith(text))
 

@@ -4,7 +4,6 @@ import contextlib
 import io
 import re
 import runpy
-import shlex
 from pathlib import Path
 
 import numpy as np
@@ -19,39 +18,19 @@ from structsel.cli.comparison_tables import summarise_truth
 from structsel.cli.tables import print_summary
 from structsel.coefficients import compute_all
 from structsel.demo import demo_flights
+from tests.commands import assert_same_text, code_blocks, commands_of
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 TUTORIAL = (ROOT / "docs/tutorial.md").read_text()
-NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?%?")
-
-
-def blocks(text, language):
-    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-
-
-def commands(text):
-    """Commands of the sh blocks, split into words, comments left out."""
-    lines = "\n".join(blocks(text, "sh")).replace("\\\n", " ").splitlines()
-    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("structsel")]
-
-
-def same(found, shown):
-    """Words alike, numbers to 3 %; line breaks and rules do not matter."""
-    found, shown = (re.findall(r"[^\s─,():]+", text) for text in (found, shown))
-    for a, b in zip(found, shown):
-        if NUMBER.fullmatch(a) and NUMBER.fullmatch(b):
-            assert_allclose(float(a.rstrip("%")), float(b.rstrip("%")), rtol=0.03, atol=2e-5)
-        else:
-            assert a == b
-    assert len(found) == len(shown)
+BETWEEN = r"\s─,():"
 
 
 def test_the_library_block_prints_what_the_readme_says():
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(blocks(README, "python")[0], {})
-    same(printed.getvalue(), blocks(README, "text")[1])
+        exec(code_blocks(README, "python")[0], {})
+    assert_same_text(printed.getvalue(), code_blocks(README, "text")[1], BETWEEN)
 
 
 def test_the_demo_prints_the_table_the_readme_shows():
@@ -61,7 +40,7 @@ def test_the_demo_prints_the_table_the_readme_shows():
     printed = io.StringIO()
     print_summary(Console(file=printed, width=80, highlight=False), summarise_truth(chosen, truth["Cn"]))
     # Fewer repetitions than the demo makes, to save time: the errors and what follows from them are not compared.
-    tables = (printed.getvalue(), blocks(README, "text")[0])
+    tables = (printed.getvalue(), code_blocks(README, "text")[0])
     values = [re.findall(r"^(\S+) +(-?\d\S*) +(-?\d\S*)", text, re.MULTILINE) for text in tables]
     assert [row[:2] for row in values[0]] == [row[:2] for row in values[1]]
     found, shown = (np.array([float(row[2]) for row in rows]) for rows in values)
@@ -73,9 +52,9 @@ def test_the_second_example_prints_the_table_the_readme_shows():
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         runpy.run_path(str(ROOT / "examples/02_flight_path.py"))
-    shown = blocks(README, "text")[2]
+    shown = code_blocks(README, "text")[2]
     start = printed.getvalue().index(shown.splitlines()[0])
-    same(printed.getvalue()[start:][: len(shown)], shown)
+    assert_same_text(printed.getvalue()[start:][: len(shown)], shown, BETWEEN)
     # "all eleven are found within two standard deviations"
     off = re.findall(r"^\w+ +\S+ +\S+ +\S+ +(-?\d\.\d) +(?:m/s|rad|-)", printed.getvalue(), re.MULTILINE)
     assert len(off) == 11
@@ -86,12 +65,12 @@ def test_the_third_example_prints_the_table_the_readme_shows():
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         runpy.run_path(str(ROOT / "examples/03_simulate_the_model.py"))
-    shown = blocks(README, "text")[3]
+    shown = code_blocks(README, "text")[3]
     start = printed.getvalue().index(shown.splitlines()[0])
-    same(printed.getvalue()[start:][: len(shown)], shown)
+    assert_same_text(printed.getvalue()[start:][: len(shown)], shown, BETWEEN)
 
 
-@pytest.mark.parametrize("command", commands(README), ids=" ".join)
+@pytest.mark.parametrize("command", commands_of(README), ids=" ".join)
 def test_the_readmes_commands_have_the_options_they_show(command):
     help_page = CliRunner().invoke(app, [command[0], "--help"], env={"COLUMNS": "200"}).stdout
     for word in command:
@@ -103,7 +82,7 @@ def test_the_readmes_commands_have_the_options_they_show(command):
 def test_the_tutorial_runs_from_end_to_end(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(demo, "DEGREE", 1)  # the demo's own selection is not what is tested here
-    asked = commands(TUTORIAL)
+    asked = commands_of(TUTORIAL)
     assert [command[0] for command in asked].count("select") == 4
     for command in asked:
         faster = ["--bootstrap", "0"] if command[0] in ("demo", "select") else []
@@ -120,7 +99,7 @@ def test_the_tutorial_runs_from_end_to_end(tmp_path, monkeypatch):
             assert re.search(r"all +3002 +0\.9[89]", result.stdout)
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(blocks(TUTORIAL, "python")[0], {})
+        exec(code_blocks(TUTORIAL, "python")[0], {})
     assert float(printed.getvalue().splitlines()[-1]) == pytest.approx(-1.92, abs=0.02)
 
 

@@ -1,6 +1,5 @@
 """Reconstruction of recorded flights, and of simulated ones we did not make; skipped where they are not at hand."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +7,11 @@ import pytest
 
 import structsel as ss
 from structsel.reconstruction import reconstruct, reconstruct_all
+from tests.benchmark_modules import load_benchmark
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT.parent / "shared" / "data"
-sys.path.insert(0, str(ROOT / "benchmarks"))
-import two_step  # noqa: E402
+two_step = load_benchmark("two_step")
 
 pytestmark = [
     pytest.mark.slow,

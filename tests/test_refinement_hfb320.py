@@ -1,5 +1,3 @@
-import importlib.util
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,22 +5,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.errors import RefinementError
+from tests.benchmark_modules import load_benchmark
+
+hfb320 = load_benchmark("output_error")
 
 RECORD = Path(__file__).parents[2] / "shared" / "data" / "hfb320" / "hfb320_1_10.asc"
 pytestmark = pytest.mark.skipif(not RECORD.exists(), reason="the HFB-320 record is not ours to ship")
-
-
-def _load_benchmark():
-    """benchmarks/output_error.py, which is no package."""
-    path = Path(__file__).parents[1] / "benchmarks" / "output_error.py"
-    spec = importlib.util.spec_from_file_location("benchmark_output_error", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-hfb320 = _load_benchmark()
 
 
 @pytest.fixture(scope="module")

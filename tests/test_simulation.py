@@ -18,7 +18,7 @@ from structsel.errors import (
     SimulationError,
     StructselWarning,
 )
-from structsel.model import AeroModel, ResponseModel
+from structsel.model import AeroModel
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.numerics.rigid_body import STATES
@@ -37,26 +37,10 @@ from structsel.simulation import (
     start_from,
     trim,
 )
+from tests.models import DEMO, model_of
 
 NONLINEAR = ("beaver", "hfb320", "citation")
 CLOCK = np.arange(0.0, 10.0, 0.02)
-
-
-def model_of(truth, **more):
-    return AeroModel(
-        {
-            name: ResponseModel(tuple(map(Term, terms)), np.array(list(terms.values())), **more)
-            for name, terms in truth.items()
-        }
-    )
-
-
-DEMO = model_of(TRUTH)
-
-
-@pytest.fixture(scope="module")
-def trimmed():
-    return trim(DEMO, demo_aircraft(), 45.0, 1000.0)
 
 
 def moved(start, t=CLOCK):

@@ -16,15 +16,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from typer.testing import CliRunner
 
 from structsel import Candidates, compute_coefficients, read_recordings, select, stream_recordings, write_recording
-from structsel.cli import app
 from structsel.demo import demo_flights
 from structsel.errors import ChannelError, DataError, SelectionError
 from structsel.numerics import blocks
 from structsel.numerics.blocks import JobRunner
 from structsel.recording import Recording
+from tests.commands import run
 
 from .flights import fly
 
@@ -362,12 +361,6 @@ def _kill_own_process(item):
 
 
 # --- the command -----------------------------------------------------------------------------------
-
-
-def run(*arguments, code=0):
-    result = CliRunner().invoke(app, [str(a) for a in arguments], env={"COLUMNS": "80", "NO_COLOR": "1"})
-    assert result.exit_code == code, result.output
-    return result
 
 
 SELECT = ("--responses", "CZ", "--candidates", "alpha,q_hat,de", "--degree", 2, "--bootstrap", 20, "--no-plots")
