@@ -16,7 +16,7 @@ from structsel.numerics.best_subset import best_subset
 from structsel.numerics.criteria import fdr_F_in
 from structsel.numerics.orthogonal import orthogonal
 from structsel.numerics.stepwise import forward_selection, partial_f, refine_subset, stepwise
-from structsel.numerics.stepwise_kernel import stepwise_search
+from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
 
 
 def products(X, y):
@@ -266,9 +266,8 @@ def test_search_answers_as_the_readable_form_does_on_two_threads():
     none = np.empty(0, np.int64)
 
     def fast(C):
-        return stepwise_search(
-            C, 119.0, np.full(12, 4.0), 4.0, none, none, 12, 0.0, np.ones(12), True, 1e-9, np.empty((0, 7))
-        )
+        rules = StepwiseRules(np.full(12, 4.0), 4.0, 12, 0.0, np.ones(12), True, 1e-9)
+        return stepwise_search(C, 119.0, rules, none, none, np.empty((0, 7)))
 
     with ThreadPoolExecutor(2) as pool:
         answers = list(pool.map(fast, Cs))

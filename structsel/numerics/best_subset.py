@@ -25,7 +25,7 @@ from scipy.linalg import cho_factor, cho_solve
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import candidate_numbers, check_products, check_size
-from structsel.numerics.stepwise_kernel import stepwise_search
+from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
 
 MAX_CANDIDATES = 40
 
@@ -281,10 +281,8 @@ def _good_start(
     p = C.shape[0] - 1
     begin = np.empty(0, np.int64)
     for k in range(1, best.size):
-        chosen, _, rss, *_ = stepwise_search(
-            C, float(dof), np.zeros(p), -1.0, included, begin, included.size + k, 0.0, np.ones(p), True, float(tol),
-            np.empty((0, 7)),
-        )  # fmt: skip
+        rules = StepwiseRules(np.zeros(p), -1.0, included.size + k, 0.0, np.ones(p), True, float(tol))
+        chosen, _, rss, *_ = stepwise_search(C, float(dof), rules, included, begin, np.empty((0, 7)))
         if chosen.size != included.size + k:
             break
         # Slightly above, so that the exact search finds the same model itself and no rounding hides it.

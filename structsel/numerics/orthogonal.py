@@ -15,8 +15,9 @@ from scipy.linalg import cholesky, solve_triangular
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import candidate_numbers, check_products, check_size, pse
-from structsel.numerics.stepwise import SearchPath, SearchStep, run_kernel
-from structsel.numerics.stepwise_kernel import ACTION, ENTER, INDEX, PARTIAL_R, UNEXPLAINED, stepwise_search
+from structsel.numerics.search_model import ACTION, ENTER, INDEX, PARTIAL_R, UNEXPLAINED
+from structsel.numerics.search_path import SearchPath, SearchStep, run_kernel
+from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
 
 
 @dataclass(frozen=True)
@@ -134,12 +135,11 @@ def orthogonal(
     else:
         raise SelectionError(f'orthogonal takes order "greedy" or "given"; found {order!r}. Choose one of them.')
 
+    rules = StepwiseRules(F_in, -1.0, most, 0.0, np.ones(p), False, float(min_tolerance))
+
     def rank(first: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
         """Candidates in order of entry, the cost reduction of each candidate, and those refused."""
-        (chosen, _, _, refused, _, moves), trace = run_kernel(
-            *(stepwise_search, C, float(dof), F_in, -1.0, included, first, most, 0.0, np.ones(p), False),
-            float(min_tolerance),
-        )
+        (chosen, _, _, refused, _, moves), trace = run_kernel(stepwise_search, C, float(dof), rules, included, first)
         entries = trace[:moves][trace[:moves, ACTION] == ENTER]
         before = np.concatenate([[1.0], entries[:-1, UNEXPLAINED]])
         gains = np.zeros(p)
