@@ -16,8 +16,8 @@ from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import nats
 from structsel.errors import DataError, ModelError
 from structsel.recording import Recording
-from tests.missing_physics import AIRCRAFT, TRUTH, T, fly, tried
 from tests.models import model_of
+from tests.noisy_flights import AIRCRAFT, TRUTH, T, fly, tried
 
 LIFT = {"CZ": {"alpha^2": -6.0}}
 

@@ -15,8 +15,9 @@ from structsel.readers import READERS
 from structsel.recording import Recording, read_recording
 from structsel.selection import select
 from structsel.selection.methods import METHODS
+from tests.effect_fits import best, check_all
 from tests.flights import fly as simulated_flights
-from tests.missing_physics import AIRCRAFT, T, best, check_all, flights_with, fly
+from tests.noisy_flights import AIRCRAFT, T, flights_with, fly
 from tests.source import ROOT
 
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE | re.DOTALL)

@@ -23,13 +23,13 @@ from structsel.diagnosis.modelling import corrected_model
 from structsel.diagnosis.patching import patched_aircraft
 from structsel.diagnosis.ranking import rank
 from structsel.diagnosis.signatures import work_out
-from structsel.effects import EFFECTS
 from structsel.effects.base import ModelCase, ParameterEstimate
 from structsel.errors import ChannelError, ModelError, StructselWarning
 from structsel.model import AeroModel, Quantity, ResponseModel, State
 from structsel.numerics.flight_model import outputs_index
 from structsel.numerics.flight_simulation import state_derivatives
 from structsel.simulation import Actuator, Instruments, linearise, prepare, published_aircraft, simulate, trim
+from tests.effect_fits import effect_named
 
 CITATION = published_aircraft("citation")
 OWN, AIRCRAFT = CITATION.model, CITATION.aircraft
@@ -255,10 +255,6 @@ def as_added(effect, variant, flights):
     return addition_of(effect, case, theta, np.diag((0.1 * theta) ** 2)), theta
 
 
-def named(effect):
-    return next(h for h in EFFECTS if h.name == effect)
-
-
 _TERMS = ("missing-term", "static-stall", "control-nonlinearity", "flexibility", "slipstream", "thrust-line")
 _OF_LIFT = ("drag-polar", "ground-effect")
 _STATES = (
@@ -276,14 +272,14 @@ _BY_FORM = ("stall-hysteresis", "actuator-lag")
 def test_the_effect_in_the_model_is_the_effect_that_was_found(effect, within, flights):
     # Terms are the found signature to the last digits, except the lift, which the signature has from a surrogate of
     # the simulation; states are the physics that a signature is the slope of.
-    variants = named(effect).variants(flights)
+    variants = effect_named(effect).variants(flights)
     stated = (
         {(v.about, *(p.name for p in v.parameters)): v for v in variants}.values()
         if effect in _BY_FORM
         else variants[:2]
     )
     for variant in stated:
-        one, theta = as_added(named(effect), variant, flights)
+        one, theta = as_added(effect_named(effect), variant, flights)
         assert one.is_known
         made = Extended(OWN.responses, flights)
         assert made.take(one)
@@ -307,7 +303,7 @@ def test_a_surrogate_can_be_simulated_with_the_rate_of_angle_of_attack_and_gives
 
 
 def test_an_instrument_fault_is_not_put_into_the_model(flights):
-    one, _ = as_added(named("sensor-scale"), named("sensor-scale").variants(flights)[0], flights)
+    one, _ = as_added(effect_named("sensor-scale"), effect_named("sensor-scale").variants(flights)[0], flights)
     assert not one.is_known
     assert "in what an instrument reads" in one.remark
 
@@ -336,7 +332,7 @@ def recorded(model, count=3):
 def corrected(truth, effect):
     """What model.json holds of the Citation, compared with a truth, if one effect may be found."""
     prepared = prepare_both(OWN, recorded(truth), AIRCRAFT)
-    library = work_out([named(effect)], prepared.flights, prepared.flights[0].responses, None)
+    library = work_out([effect_named(effect)], prepared.flights, prepared.flights[0].responses, None)
     ranking = rank(Bench.set_up(prepared.flights, library.signatures), library)
     assert [step.score.effect for step in ranking.steps] == [effect]
     return corrected_model(prepared, ranking)

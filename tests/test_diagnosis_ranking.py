@@ -17,7 +17,7 @@ from structsel.diagnosis.signatures import Library
 from structsel.diagnosis.weighing import FEATURES, Weighed
 from structsel.numerics.evidence import Base
 from structsel.recording import Recording
-from tests.missing_physics import flights_with, fly, ready, tried
+from tests.noisy_flights import flights_with, fly, ready, tried
 
 
 def test_an_effect_in_several_places_is_one_hypothesis(monkeypatch):

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.separating import find_separation, with_separation
-from tests.missing_physics import excite, flights_with, tried
+from tests.noisy_flights import excite, flights_with, tried
 
 
 @pytest.fixture(scope="module")

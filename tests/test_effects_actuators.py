@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from structsel.effects.actuators import EFFECTS
 from structsel.simulation import Actuator
-from tests.injected import aerodynamics, best, compare, explain, fly, one_of
-from tests.missing_physics import found_of
+from tests.effect_fits import best, effect_named, explain, fitted_effect
+from tests.exact_flights import aerodynamics, compare, fly
 
 
 def commanded(control, actuator):
@@ -18,7 +18,7 @@ def commanded(control, actuator):
 
 
 def test_a_lag_is_found_on_its_surface_with_its_time_constant():
-    found = best(commanded("de", Actuator(lag=0.1)), one_of(EFFECTS, "actuator-lag"))
+    found = best(commanded("de", Actuator(lag=0.1)), effect_named("actuator-lag"))
     assert (found.variant.about, *found.values) == ("elevator", "lag")
     assert found.explained > 0.98
     # The grid of shapes is coarse; the parameter makes up for it to first order.
@@ -28,17 +28,17 @@ def test_a_lag_is_found_on_its_surface_with_its_time_constant():
 def test_servos_that_are_all_delayed_are_one_effect():
     every = dict.fromkeys(("de", "da", "dr"), Actuator(lag=0.1))
     flights = compare(fly(actuators=every, true_inputs={control: lambda x: x for control in every}))
-    found = best(flights, one_of(EFFECTS, "actuator-lag"))
+    found = best(flights, effect_named("actuator-lag"))
     assert (found.variant.about, *found.values) == ("all surfaces", "lag")
     assert found.explained > 0.97
     assert_allclose(found.values["lag"], 0.1, rtol=0.1)
     still = [replace(f, channels={**f.channels, **dict.fromkeys(("da", "dr"), np.zeros(len(f)))}) for f in flights]
-    assert {v.about for v in one_of(EFFECTS, "actuator-lag").variants(still)} == {"elevator"}
+    assert {v.about for v in effect_named("actuator-lag").variants(still)} == {"elevator"}
 
 
 def test_a_pure_delay_is_stated_from_a_lag():
     flights = compare(fly(true_inputs={"da": lambda x: np.concatenate([np.full(5, x[0]), x[:-5]])}))
-    found = best(flights, one_of(EFFECTS, "actuator-lag"))
+    found = best(flights, effect_named("actuator-lag"))
     assert (found.variant.about, *found.values) == ("aileron", "delay")
     assert found.explained > 0.98
     assert_allclose(found.values["delay"], 0.1, rtol=0.05)
@@ -54,7 +54,7 @@ def test_a_pure_delay_is_stated_from_a_lag():
     ],
 )
 def test_limits_and_play_are_found_to_the_next_value_tried(effect, control, actuator, about, name, value):
-    found = best(commanded(control, actuator), one_of(EFFECTS, effect))
+    found = best(commanded(control, actuator), effect_named(effect))
     assert found.variant.about == about
     assert found.explained > 0.95
     assert_allclose(found.variant.shape[name], value, rtol=0.3)
@@ -63,7 +63,7 @@ def test_limits_and_play_are_found_to_the_next_value_tried(effect, control, actu
 
 def test_rates_far_below_that_of_a_step_are_tried():
     flights = [replace(f, channels={**f.channels, "de": 0.1 * (f.t > f.t[0] + 3.0)}) for f in compare(fly())]
-    variants = one_of(EFFECTS, "actuator-rate-limit").variants(flights)
+    variants = effect_named("actuator-rate-limit").variants(flights)
     tried = np.array([v.shape["rate"] for v in variants if v.about == "elevator"])
     assert tried.max() > 2.0
     assert np.abs(np.log(tried / 0.2)).min() < 0.5 * np.log(1.3)
@@ -73,9 +73,9 @@ def test_rates_far_below_that_of_a_step_are_tried():
 def test_a_pitch_damper_nobody_recorded_is_found_with_its_gain():
     # A surface that moves by 0.2 s times q has the moment and the force of so much elevator.
     flights = compare(fly(aerodynamics({"CZ": {"q": -0.4 * 0.2}, "Cm": {"q": -1.92 * 0.2}})))
-    variants = one_of(EFFECTS, "augmentation").variants(flights)
+    variants = effect_named("augmentation").variants(flights)
     assert {"q to elevator", "r to rudder", "p to aileron"} <= {v.about for v in variants}
-    found = best(flights, one_of(EFFECTS, "augmentation"))
+    found = best(flights, effect_named("augmentation"))
     assert "q" in found.variant.about
     assert found.explained > 0.99
     assert_allclose(found.values["gain of q"], 0.2, rtol=0.02)
@@ -84,14 +84,14 @@ def test_a_pitch_damper_nobody_recorded_is_found_with_its_gain():
 def test_a_damper_that_was_on_in_some_manoeuvres_only_is_confined_to_those():
     damped = compare(fly(aerodynamics({"CZ": {"q": -0.4 * 0.2}, "Cm": {"q": -1.92 * 0.2}})))
     flights = [replace(f, name=f"{f.name} {k}") for k, flights in enumerate((damped, compare(fly()))) for f in flights]
-    variants = [v for v in one_of(EFFECTS, "augmentation").variants(flights) if v.about == "q to elevator"]
+    variants = [v for v in effect_named("augmentation").variants(flights) if v.about == "q to elevator"]
     (always,), (some,) = ([v for v in variants if bool(v.only_in) is chosen] for chosen in (False, True))
     assert some.only_in == ("m0 0", "m1 0")
     assert [bool(some.columns(f)) for f in flights] == [True, True, False, False]
     assert explain(flights, some).explained > 0.99 > explain(flights, always).explained
     assert_allclose(explain(flights, some).values["gain of q"], 0.2, rtol=0.02)
-    hypothesis = one_of(EFFECTS, "augmentation")
-    assert "(q to elevator), in m0 0, m1 0 only: gain" in hypothesis.says(found_of(flights, some, {"gain of q": 0.2}))
+    hypothesis = effect_named("augmentation")
+    assert "(q to elevator), in m0 0, m1 0 only: gain" in hypothesis.says(fitted_effect(some, {"gain of q": 0.2}))
     # On in all, there is nothing to confine.
     assert not any(v.only_in for v in hypothesis.variants(damped) if v.about == "q to elevator")
 

@@ -7,12 +7,13 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import lsim
 
-from structsel.effects import atmosphere, structural
+from structsel.effects import structural
 from structsel.effects.operators import pulse
 from structsel.numerics.rigid_body import air_data, body_to_earth
 from structsel.recording import Recording
 from structsel.simulation import Atmosphere, Gust
-from tests.injected import AIRCRAFT, best, compare, explain, fly, one_of
+from tests.effect_fits import best, effect_named, explain
+from tests.exact_flights import AIRCRAFT, compare, fly
 
 VANE_AT_CG = AIRCRAFT.model_validate(AIRCRAFT.model_dump() | {"sensors": {}})
 
@@ -32,7 +33,7 @@ def test_a_shear_with_height_is_found_by_kinematics_alone():
     # 8 m/s more northerly wind per 100 m, through climbs and descents of some 30 m.
     air = Atmosphere(wind=[[-40.0, 0.0, 0.0], [40.0, 0.0, 0.0]], heights=[500.0, 1500.0])
     flights = compare(fly(aircraft=VANE_AT_CG, air=air), VANE_AT_CG)
-    variants = {v.about: v for v in one_of(atmosphere.EFFECTS, "wind-shear").variants(flights)}
+    variants = {v.about: v for v in effect_named("wind-shear").variants(flights)}
     found = explain(flights, variants["linear with height"])
     assert found.explained > 0.98
     assert_allclose([found.values["north"], found.values["east"]], [8.0, 0.0], atol=0.1)
@@ -42,7 +43,7 @@ def test_a_shear_with_height_is_found_by_kinematics_alone():
 def test_a_steady_wind_that_went_into_the_airspeed_is_found():
     air = Atmosphere(wind=(6.0, 4.0, 0.0))
     flights = compare(over_ground(fly(aircraft=VANE_AT_CG, air=air)), VANE_AT_CG)
-    variants = {v.about: v for v in one_of(atmosphere.EFFECTS, "steady-wind").variants(flights)}
+    variants = {v.about: v for v in effect_named("steady-wind").variants(flights)}
     found = explain(flights, variants["airspeed and angles made from the motion over the ground"])
     assert found.explained > 0.9
     assert_allclose([found.values["north"], found.values["east"]], [6.0, 4.0], atol=1.2)
@@ -53,7 +54,7 @@ def test_a_gust_the_vane_missed_is_found_with_its_time_and_speed():
     first, _ = fly(aircraft=VANE_AT_CG, air=air)
     _, second = fly(aircraft=VANE_AT_CG)
     flights = compare(over_ground([first, second]), VANE_AT_CG)
-    found = best(flights, one_of(atmosphere.EFFECTS, "gust"))
+    found = best(flights, effect_named("gust"))
     assert found.variant.about == "upward, in 'm0'"
     assert found.explained > 0.85
     assert_allclose(found.variant.shape["time in m0"], 5.8, atol=0.15)
@@ -69,7 +70,7 @@ def test_a_pulse_is_one_minus_cosine():
 
 def test_without_motion_over_the_ground_a_wind_cannot_be_stated():
     recordings = [Recording(r.name, r.t, {c: r[c] for c in r.names if c not in ("t", "vn", "ve", "vd")}) for r in fly()]
-    assert "over the ground" in one_of(atmosphere.EFFECTS, "steady-wind").needs(compare(recordings))
+    assert "over the ground" in effect_named("steady-wind").needs(compare(recordings))
 
 
 @pytest.mark.parametrize(("numerator", "name"), [("bent", "CZ per de"), ("moving", "CZ per de, as it moves")])
@@ -113,7 +114,7 @@ def test_the_same_gust_in_two_manoeuvres_is_one_effect_with_both_times():
     for k, start in enumerate((5.0, 11.0)):
         air = Atmosphere(gusts=(Gust("w", -3.0, start, 1.6),))
         seen.append(fly(aircraft=VANE_AT_CG, air=air)[k])
-    found = best(compare(over_ground(seen)), one_of(atmosphere.EFFECTS, "gust"))
+    found = best(compare(over_ground(seen)), effect_named("gust"))
     assert set(found.variant.about.removeprefix("upward, in ").split(", ")) == {"'m0'", "'m1'"}
     assert found.explained > 0.85
     assert_allclose([found.variant.shape[f"time in m{k}"] for k in range(2)], [5.8, 11.8], atol=0.15)

@@ -7,9 +7,10 @@ from numpy.testing import assert_allclose
 from structsel.demo.aircraft import TRUTH
 from structsel.effects import controls
 from structsel.effects.signals import mean_slope
-from tests.missing_physics import best, check_all, excite, explain, flights_with, named
+from tests.effect_fits import best, check_all, effect_named, explain
+from tests.noisy_flights import excite, flights_with
 
-BENT, STRETCH, FLEXIBLE = (named(controls, e) for e in ("control-nonlinearity", "control-stretch", "flexibility"))
+BENT, STRETCH, FLEXIBLE = (effect_named(e) for e in ("control-nonlinearity", "control-stretch", "flexibility"))
 
 
 def large(t, k):
@@ -40,7 +41,7 @@ def test_an_aileron_that_fades_is_found_with_its_loss(flights):
 
 def test_an_elevator_with_a_cubic_is_found(flights):
     cubic = next(v for v in BENT.variants(flights) if v.about == "de: d^3 in Cm only")
-    theta, fraction = explain(flights, cubic, ["Cm"])
+    _, theta, fraction = explain(flights, cubic, ["Cm"])
     assert fraction > 0.9
     largest = max(np.abs(f["de"]).max() for f in flights)
     assert_allclose(theta["de loss"], 40.0 * largest**2 / 1.92, rtol=0.12)
@@ -56,7 +57,7 @@ def test_a_rudder_with_cable_stretch_is_found(flights):
         for v in STRETCH.variants(flights)
         if v.parameters[0].name == "dr loss at mean qbar" and v.about == "rigid at rest"
     )
-    theta, _ = explain(flights, plain, ["Cn"])
+    _, theta, _ = explain(flights, plain, ["Cn"])
     mean = np.concatenate([f["qbar"] for f in flights]).mean()
     assert_allclose(theta["dr loss at mean qbar"], 2e-4 * mean, rtol=0.1)
 
@@ -77,7 +78,7 @@ def test_slopes_that_fall_with_dynamic_pressure_are_found_in_all_axes():
     complete = next(v for v in FLEXIBLE.variants(flights) if v.about == "all slopes; rigid at rest")
     mean = np.concatenate([f["qbar"] for f in flights]).mean()
     for response in ("CZ", "Cl"):
-        theta, fraction = explain(flights, complete, [response])
+        _, theta, fraction = explain(flights, complete, [response])
         assert fraction > 0.8
         assert_allclose(theta["loss at mean qbar"], 1e-4 * mean, rtol=0.12)
 
@@ -97,7 +98,7 @@ def test_slopes_that_fall_each_by_its_own_ratio_are_found_with_all_of_them():
         lost.setdefault(r, {})[f"qbar*{c}"] = -fraction * TRUTH[r][c]
     flights = flights_with(lost, speeds=(45.0, 60.0))
     each = next(v for v in FLEXIBLE.variants(flights) if v.about == "each slope by its own; rigid at rest")
-    theta, fraction = explain(flights, each, ["CZ", "Cm", "Cl"])
+    _, theta, fraction = explain(flights, each, ["CZ", "Cm", "Cl"])
     mean = np.concatenate([f["qbar"] for f in flights]).mean()
     assert fraction > 0.95
     names = {("CZ", "alpha"): "lift slope", ("Cm", "alpha"): "stability", ("Cm", "de"): "de", ("Cl", "da"): "da"}

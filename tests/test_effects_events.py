@@ -4,11 +4,11 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from structsel.diagnosis.scoring import judged_by, score_all
-from structsel.effects import events
 from structsel.recording import Recording
-from tests.missing_physics import AIRCRAFT, T, best, check_all, flights_with, fly, named, ready, tried
+from tests.effect_fits import best, check_all, effect_named
+from tests.noisy_flights import AIRCRAFT, T, flights_with, fly, ready, tried
 
-CONFIGURATION, ICE, RELEASE = (named(events, e) for e in ("configuration-change", "icing", "store-release"))
+CONFIGURATION, ICE, RELEASE = (effect_named(e) for e in ("configuration-change", "icing", "store-release"))
 
 
 def lift_and_drag(lift, drag, term):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from structsel.effects import EFFECTS
-from tests.injected import AIRCRAFT, TERMS, aerodynamics, best, compare, fly, named, one_of
+from tests.effect_fits import best, effect_named, fit_form
+from tests.exact_flights import AIRCRAFT, TERMS, aerodynamics, compare, fly
 
 
 def changed(**more):
@@ -47,7 +47,7 @@ def times(response, factor):
     ],
 )  # fmt: skip
 def test_part_of_an_effect_is_the_effect(effect, more, about, values):
-    found = named(compare(fly(changed(**more))), effect, about)
+    found = fit_form(compare(fly(changed(**more))), effect, about)
     assert found.explained > 0.97
     assert_allclose(list(found.values.values()), values, rtol=0.05, atol=0.03 * np.abs(values).max())
 
@@ -65,7 +65,7 @@ def test_part_of_an_effect_is_the_effect(effect, more, about, values):
     ],
 )  # fmt: skip
 def test_one_instrument_of_several_is_found_alone(effect, channel, reads, about, value):
-    found = best(compare([r.with_channels(**{channel: r[channel] + reads(r)}) for r in fly()]), one_of(EFFECTS, effect))
+    found = best(compare([r.with_channels(**{channel: r[channel] + reads(r)}) for r in fly()]), effect_named(effect))
     assert found.variant.about == about
     assert found.explained > 0.97
     assert_allclose(next(iter(found.values.values())), value, rtol=0.05)
@@ -74,7 +74,7 @@ def test_one_instrument_of_several_is_found_alone(effect, channel, reads, about,
 def test_thrust_that_is_delayed_along_the_axis_alone_leaves_the_moment():
     offset = AIRCRAFT.model_validate(AIRCRAFT.model_dump() | {"thrust": {"offset": (1.8, 0.0, 0.3)}})
     flights = compare(fly(aircraft=offset), offset)
-    about = {v.about for v in one_of(EFFECTS, "thrust-lag").variants(flights)}
+    about = {v.about for v in effect_named("thrust-lag").variants(flights)}
     assert about == {"", "along the axis alone"}
-    alone = next(v for v in one_of(EFFECTS, "thrust-lag").variants(flights) if v.about)
+    alone = next(v for v in effect_named("thrust-lag").variants(flights) if v.about)
     assert set(alone.columns(flights[0])) == {"CX"}

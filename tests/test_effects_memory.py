@@ -8,12 +8,12 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
-from structsel.effects.memory import EFFECTS
 from structsel.effects.operators import oscillate
 from structsel.numerics.dynamic_elements import delayed, first_order_lag, separation_point, varying_lag
 from structsel.recording import Recording
 from structsel.simulation import Actuator
-from tests.injected import AIRCRAFT, aerodynamics, best, compare, explain, fly, one_of
+from tests.effect_fits import best, effect_named, explain
+from tests.exact_flights import AIRCRAFT, aerodynamics, compare, fly
 
 
 def test_lag_and_oscillator_do_what_scipy_does_to_a_signal_linear_between_samples():
@@ -66,7 +66,7 @@ def stalled(tau1, tau2, onset=0.13, sharp=25.0):
 
 def test_a_stall_that_remembers_is_found_with_its_onset_and_the_fraction_of_lift():
     flights = stalled(0.5, 0.12)
-    found = best(flights, one_of(EFFECTS, "stall-hysteresis"))
+    found = best(flights, effect_named("stall-hysteresis"))
     assert found.explained > 0.97
     assert_allclose(found.variant.shape["onset"], 0.13, atol=0.02)
     assert_allclose(found.values["lift lost"], 1.0, rtol=0.25)
@@ -89,7 +89,7 @@ def test_separation_without_memory_is_the_steady_curve():
     ],
 )  # fmt: skip
 def test_a_wake_that_comes_delayed_is_found_in_force_and_moment(effect, terms, values):
-    found = best(compare(fly(aerodynamics(terms))), one_of(EFFECTS, effect))
+    found = best(compare(fly(aerodynamics(terms))), effect_named(effect))
     assert found.explained > 0.93
     for name, value in values.items():
         assert_allclose(found.values[name], value, rtol=0.08)
@@ -104,7 +104,7 @@ def test_lift_that_builds_up_is_stated_by_its_kind_whatever_the_axial_force_does
         missing = -lsim(([0.283], [1.0, decay]), np.gradient(f["alpha"], f.dt), f.t - f.t[0])[1]
         less = {"CZ": -5.58 * missing, "CX": axial * (0.003 + 9.0 * f["alpha"]) * missing, "Cm": -0.9 * missing}
         made.append(replace(f, measured={**f.measured, **{r: f.simulated[r] + x for r, x in less.items()}}))
-    variants = {v.about: v for v in one_of(EFFECTS, "unsteady-lift").variants(made)}
+    variants = {v.about: v for v in effect_named("unsteady-lift").variants(made)}
     found = explain(made, variants["indicial lift of aspect ratio 3"])
     assert found.explained > 0.95
     assert_allclose(found.values["share"], 1.0, rtol=0.08)
@@ -118,13 +118,13 @@ def test_a_rotor_that_follows_all_controls_delayed_is_found_with_its_lag():
     for r in fly(actuators=dict.fromkeys(recorded_inputs, delayed_by), true_inputs=recorded_inputs):
         channels = {c: r[c] for c in r.names if c != "t"} | {"collective": np.full(len(r), 0.1)}
         recordings.append(Recording(r.name, r.t, channels, {"collective": "rad"}))
-    found = best(compare(recordings), one_of(EFFECTS, "rotor-inflow-lag"))
+    found = best(compare(recordings), effect_named("rotor-inflow-lag"))
     assert found.explained > 0.98
     assert_allclose(found.values["lag"], 0.15, rtol=0.1)
 
 
 def test_each_effect_states_the_channels_it_lacks():
     flights = compare(fly())
-    assert "rotor" in one_of(EFFECTS, "rotor-inflow-lag").needs(flights)
+    assert "rotor" in effect_named("rotor-inflow-lag").needs(flights)
     calm = compare(fly(size=0.05))
-    assert "angle of attack above 8 deg" in one_of(EFFECTS, "stall-hysteresis").needs(calm)
+    assert "angle of attack above 8 deg" in effect_named("stall-hysteresis").needs(calm)

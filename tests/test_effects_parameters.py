@@ -8,9 +8,10 @@ from structsel.comparison.flight import prepare_flight
 from structsel.demo.aircraft import TRUTH
 from structsel.effects import parameters
 from structsel.recording import Recording
-from tests.missing_physics import AIRCRAFT, best, check_all, excite, explain, flights_with, named
+from tests.effect_fits import best, check_all, effect_named, explain
+from tests.noisy_flights import AIRCRAFT, excite, flights_with
 
-WRONG, MISSING, ACROSS = (named(parameters, e) for e in ("wrong-derivative", "missing-term", "cross-coupling"))
+WRONG, MISSING, ACROSS = (effect_named(e) for e in ("wrong-derivative", "missing-term", "cross-coupling"))
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,7 @@ def test_a_power_left_out_of_a_fitted_simulation_is_found_with_the_refitted_slop
     bend = 3.0 * (a**2 - np.polyval(np.polyfit(a, a**2, 1), a))
     fitted = [type(one)(**{**vars_of(one), "measured": {**one.measured, "CX": one.simulated["CX"] + bend}})]
     refit = next(v for v in MISSING.variants(fitted) if v.about.startswith("alpha^2 in CX, linear"))
-    _, fraction = explain(fitted, refit, ["CX"])
+    _, _, fraction = explain(fitted, refit, ["CX"])
     assert fraction > 0.9
 
 

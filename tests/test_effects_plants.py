@@ -14,9 +14,9 @@ from structsel.comparison.flight import prepare_flight
 from structsel.comparison.plant import find_plant
 from structsel.comparison.tolerances import tolerances_of
 from structsel.effects import plants
-from structsel.effects.actuators import EFFECTS as ACTUATORS
 from structsel.recording import Recording
-from tests.injected import AIRCRAFT, best, compare, fly, one_of
+from tests.effect_fits import best, effect_named
+from tests.exact_flights import AIRCRAFT, compare, fly
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 shared = pytest.mark.skipif(not DATA.exists(), reason="the shared recordings are not here")
@@ -44,7 +44,7 @@ def linear_fit(u, y, samples=None):
 
 def ranking(flights):
     """Fraction explained by each effect, best first."""
-    tried = [*plants.EFFECTS, one_of(ACTUATORS, "actuator-lag")]
+    tried = [*plants.EFFECTS, effect_named("actuator-lag")]
     found = {h.name: best(flights, h) for h in tried if h.variants(flights)}
     return sorted(found, key=lambda e: -found[e].explained), found
 
@@ -155,7 +155,7 @@ def test_an_output_that_overflows_is_found_at_its_limit():
     u, _, stated = mechanism(None)
     limit = 0.6 * stated.max()
     flights = rig([(u, np.minimum(stated, limit), stated)], 0.02, "y")
-    found = best(flights, one_of(plants.EFFECTS, "saturation"))
+    found = best(flights, effect_named("saturation"))
     assert found.explained > 0.99
     assert_allclose(found.variant.shape["limit"], limit, rtol=1e-6)
     assert_allclose(found.values["share"], 1.0, rtol=1e-6)
@@ -185,7 +185,7 @@ def test_a_stop_that_a_motion_runs_into_is_found_with_its_place():
     def stop(y, v):
         return stiff * np.sign(y) * np.maximum(np.abs(y) - limit, 0.0)
 
-    saturation = one_of(plants.EFFECTS, "saturation")
+    saturation = effect_named("saturation")
     flights = rig([mechanism(stop, seed) for seed in (3, 4)], 0.02, "y")
     assert sum(bool((np.abs(f.measured["y"]) > limit).any()) for f in flights) == 2
     order, _ = ranking(flights)

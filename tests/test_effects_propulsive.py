@@ -7,7 +7,8 @@ from numpy.testing import assert_allclose
 from structsel.effects.propulsive import EFFECTS
 from structsel.recording import Recording
 from structsel.simulation import Actuator
-from tests.injected import AIRCRAFT, aerodynamics, best, compare, fly, named, one_of
+from tests.effect_fits import best, effect_named, fit_form
+from tests.exact_flights import AIRCRAFT, aerodynamics, compare, fly
 
 WASHED = {
     "CZ": {"CT*de": -0.4}, "Cm": {"CT*de": -1.92, "CT": 0.06},
@@ -24,7 +25,7 @@ def aircraft(**other):
 
 
 def test_a_slipstream_over_tail_and_controls_is_found_with_one_power_for_both():
-    found = named(compare(fly(aerodynamics(WASHED))), "slipstream", "over tailplane and controls")
+    found = fit_form(compare(fly(aerodynamics(WASHED))), "slipstream", "over tailplane and controls")
     assert found.explained > 0.97
     assert_allclose(found.values["control power per CT"], 1.0, rtol=0.05)
     assert_allclose(found.values["Cm per CT"], 0.06, rtol=0.05)
@@ -39,14 +40,14 @@ def test_a_slipstream_over_tail_and_controls_is_found_with_one_power_for_both():
     ],
 )
 def test_a_thrust_line_elsewhere_is_found_with_its_place(effect, thrust, name, value):
-    found = best(compare(fly(aircraft=aircraft(thrust=thrust))), one_of(EFFECTS, effect))
+    found = best(compare(fly(aircraft=aircraft(thrust=thrust))), effect_named(effect))
     assert list(found.values) == [name]
     assert found.explained > 0.9
     assert_allclose(found.values[name], value, rtol=0.03)
 
 
 def test_more_thrust_than_stated_is_found_as_a_fraction():
-    found = best(compare(fly(true_inputs={"thrust": lambda T: 1.1 * T})), one_of(EFFECTS, "thrust-scale"))
+    found = best(compare(fly(true_inputs={"thrust": lambda T: 1.1 * T})), effect_named("thrust-scale"))
     assert found.variant.about == "all of it"
     assert found.explained > 0.98
     assert_allclose(found.values["share"], 0.1, rtol=0.02)
@@ -54,17 +55,17 @@ def test_more_thrust_than_stated_is_found_as_a_fraction():
 
 def test_thrust_that_comes_delayed_is_found_with_its_lag():
     flights = compare(fly(actuators={"thrust": Actuator(lag=1.0)}, true_inputs={"thrust": lambda T: T}))
-    found = best(flights, one_of(EFFECTS, "thrust-lag"))
+    found = best(flights, effect_named("thrust-lag"))
     assert found.explained > 0.98
     assert_allclose(found.values["lag"], 1.0, rtol=0.15)
 
 
 def test_the_force_across_the_shaft_and_the_p_factor_are_separate_effects():
-    found = named(compare(fly(aerodynamics(ACROSS))), "propeller-normal-force", "force across the shaft")
+    found = fit_form(compare(fly(aerodynamics(ACROSS))), "propeller-normal-force", "force across the shaft")
     assert found.explained > 0.97
     assert_allclose([found.values["force per CT"], found.values["moment per CT"]], [1.0, 2.0], rtol=0.05)
     turning = {"Cn": {"CT*alpha": -1.0 / AIRCRAFT.b}, "Cm": {"CT*beta": -1.0 / AIRCRAFT.cbar}}
-    found = best(compare(fly(aerodynamics(turning))), one_of(EFFECTS, "propeller-normal-force"))
+    found = best(compare(fly(aerodynamics(turning))), effect_named("propeller-normal-force"))
     assert_allclose(found.values["P-factor"], 1.0, rtol=0.05)
     assert abs(found.values.get("force per CT", 0.0)) < 0.02
 
@@ -74,7 +75,7 @@ def test_a_rotor_missing_from_the_simulation_is_found_with_its_angular_momentum(
     recordings = fly(aircraft=aircraft(engine={"angular_momentum": 500.0}))
     if speed:
         recordings = [r.with_channels(rpm=speed) for r in recordings]
-    found = best(compare(recordings), one_of(EFFECTS, "engine-gyroscopic"))
+    found = best(compare(recordings), effect_named("engine-gyroscopic"))
     assert found.explained > 0.9
     (value,) = found.values.values()
     turns = {p.name: 1.0 if p.unit.endswith("/s") else speed * np.pi / 30.0 for p in found.variant.parameters}
@@ -87,7 +88,7 @@ def test_one_engine_that_fails_is_found_at_its_time():
     second = flights[1]
     failed = np.where(second.t >= 12.0, 0.5 * second["CT"] / AIRCRAFT.b, 0.0)
     second.measured["Cn"][:] = second.simulated["Cn"] - failed
-    found = best(flights, one_of(EFFECTS, "asymmetric-thrust"))
+    found = best(flights, effect_named("asymmetric-thrust"))
     assert "'m1'" in found.variant.about
     assert_allclose(found.variant.shape["time in m1"], 12.0, atol=0.2)
     assert_allclose(found.values["offset"], 0.5, rtol=0.1)
@@ -97,7 +98,7 @@ def test_an_engine_that_fails_in_two_manoeuvres_is_one_effect():
     flights = compare(fly())
     for f, when in zip(flights, (8.0, 12.0)):
         f.measured["Cn"][:] = f.simulated["Cn"] - np.where(f.t >= when, 0.5 * f["CT"] / AIRCRAFT.b, 0.0)
-    found = best(flights, one_of(EFFECTS, "asymmetric-thrust"))
+    found = best(flights, effect_named("asymmetric-thrust"))
     times = [found.variant.shape[f"time in {f.name}"] for f in flights[:2]]
     assert_allclose(times, (8.0, 12.0), atol=0.2)
     assert_allclose(found.values["offset"], 0.5, rtol=0.1)

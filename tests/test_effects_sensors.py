@@ -10,7 +10,8 @@ from structsel.comparison.sensitivity import misread, reading
 from structsel.effects.sensors import EFFECTS
 from structsel.recording import Recording
 from structsel.simulation import Instruments
-from tests.injected import AIRCRAFT, best, compare, explain, fly, one_of
+from tests.effect_fits import best, effect_named, explain
+from tests.exact_flights import AIRCRAFT, compare, fly
 
 
 def faulty(**faults):
@@ -31,7 +32,7 @@ def faulty(**faults):
     ],
 )
 def test_the_faulty_instrument_is_found_among_all_with_its_fault(effect, faults, about, name, value):
-    found = best(faulty(**faults), one_of(EFFECTS, effect))
+    found = best(faulty(**faults), effect_named(effect))
     assert found.variant.about == about
     assert found.explained > 0.96
     # First order: slopes where it was read, and other channels that the fault moves as well.
@@ -49,7 +50,7 @@ def test_the_faulty_instrument_is_found_among_all_with_its_fault(effect, faults,
 )  # fmt: skip
 def test_an_instrument_that_stands_elsewhere_is_found_with_the_distance(sensors, about, name, value):
     flights = compare(fly(aircraft=AIRCRAFT.model_validate(AIRCRAFT.model_dump() | {"sensors": sensors})))
-    variants = {v.about: v for v in one_of(EFFECTS, "sensor-position").variants(flights)}
+    variants = {v.about: v for v in effect_named("sensor-position").variants(flights)}
     for which in (f"along body {name}", "along all axes"):
         found = explain(flights, variants[f"{about}, {which}"])
         assert found.explained > 0.98
@@ -64,7 +65,7 @@ def test_turned_accelerometers_are_found_about_their_axis():
         # A triad pitched up by the angle reads a part of az along its x, and less of ax along its z.
         mixed = {"ax": np.cos(angle) * ax - np.sin(angle) * az, "az": np.cos(angle) * az + np.sin(angle) * ax}
         turned.append(r.with_channels(**mixed))
-    found = best(compare(turned), one_of(EFFECTS, "sensor-misalignment"))
+    found = best(compare(turned), effect_named("sensor-misalignment"))
     assert found.variant.about == "the accelerometers"
     assert found.explained > 0.98
     assert_allclose(found.values["about y"], angle, rtol=0.03)
@@ -110,7 +111,7 @@ def test_a_reading_that_jumps_in_several_manoeuvres_is_found_with_its_times():
         channels = {n: recording[n] for n in recording.names if n != "t"}
         channels["az"] = channels["az"] + off * (recording.t >= starts[recording.name])
         jumped.append(Recording(recording.name, recording.t, channels))
-    found = best(compare(jumped), one_of(EFFECTS, "sensor-bias"))
+    found = best(compare(jumped), effect_named("sensor-bias"))
     assert found.variant.about == "the normal accelerometer (az), in 'm1' from 15.1 s on, in 'm0' from 7.3 s on"
     for name, start in starts.items():
         assert_allclose(found.variant.shape[f"time in {name}"], start, atol=0.021)  # to the sample

@@ -7,14 +7,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.demo.aircraft import TRUTH
-from structsel.effects import static
 from structsel.effects.signals import mean_slope
-from tests.missing_physics import best, check_all, excite, explain, flights_with, fly, named, ready
+from tests.effect_fits import best, check_all, effect_named, explain
+from tests.noisy_flights import excite, flights_with, fly, ready
 
 STALL, GROUND, POLAR, ASYMMETRY = (
-    named(static, e) for e in ("static-stall", "ground-effect", "drag-polar", "asymmetry")
+    effect_named(e) for e in ("static-stall", "ground-effect", "drag-polar", "asymmetry")
 )
-MACH, REYNOLDS = (named(static, e) for e in ("compressibility", "reynolds"))
+MACH, REYNOLDS = (effect_named(e) for e in ("compressibility", "reynolds"))
 
 
 def pull_up(t, k):
@@ -54,7 +54,7 @@ def test_a_kink_of_one_coefficient_needs_no_other():
     assert fraction > 0.9
     # abs(x) + x = 2 max(x, 0)
     kinks = [explain(flights, v, ["Cm"]) for v in STALL.variants(flights) if v.about == "a kink in Cm only"]
-    theta, fraction = max(kinks, key=lambda one: one[1])
+    _, theta, fraction = max(kinks, key=lambda one: one.explained)
     assert fraction > 0.9
     assert_allclose(theta["Cm kink"], -0.6, rtol=0.15)
 
@@ -65,11 +65,11 @@ def test_ground_effect_is_found_with_its_decay():
     flights = ready([r.with_channels(h_agl=r["h"] - 984.0) for r in recordings], stated)
     assert GROUND.needs(flights) == ""
     near = next(v for v in GROUND.variants(flights) if v.shape.get("decay") == 3.0 and "with lift" in v.about)
-    theta, fraction = explain(flights, near, ["CZ"])
+    _, theta, fraction = explain(flights, near, ["CZ"])
     assert fraction > 0.6
     # CL is nearly 5.6 alpha here, so 0.8 alpha is a seventh of it.
     assert_allclose(theta["lift"], 0.8 / 5.6, rtol=0.1)
-    theta, _ = explain(flights, near, ["Cm"])
+    _, theta, _ = explain(flights, near, ["Cm"])
     assert_allclose(theta["pitching moment"], -0.02, rtol=0.25)
     check_all(flights, GROUND)
     away = [replace(f, channels={**f.channels, "h_agl": f["h"]}) for f in flights]
@@ -83,7 +83,7 @@ def test_drag_due_to_lift_is_found(term, value, found):
     base = 5.459 if term == "alpha^2" else 0.0
     flights = flights_with({"CX": {term: base + value}}, inputs=pull_up)
     wanted = [v for v in POLAR.variants(flights) if v.about == ("alpha^2" if base else "CL^2")]
-    theta, fraction = explain(flights, wanted[0], ["CX"])
+    _, theta, fraction = explain(flights, wanted[0], ["CX"])
     assert fraction > 0.97
     assert_allclose(theta["drag"], found, rtol=0.06)
     check_all(flights, POLAR)
@@ -100,7 +100,7 @@ def test_slopes_that_grow_with_mach_are_found():
     assert MACH.needs(flights) == ""
     complete = next(v for v in MACH.variants(flights) if v.about == "all slopes; right at rest")
     for response in ("CZ", "Cm"):
-        theta, fraction = explain(flights, complete, [response])
+        _, theta, fraction = explain(flights, complete, [response])
         # A slope of the stand-in is that of the curved lift at the middle of the flight, and it has q and de besides.
         assert_allclose(theta["slope growth"], 1.0, rtol=0.15)
         assert fraction > 0.3
@@ -115,7 +115,7 @@ def test_controls_that_lose_effect_with_mach_each_by_its_own_ratio_are_found_tog
     }
     flights = flights_with(extra, speeds=(90.0, 130.0), h=(3000.0, 7000.0), inputs=small)
     each = next(v for v in MACH.variants(flights) if v.about.startswith("each slope by its own, in proportion to Mach"))
-    theta, fraction = explain(flights, each, ["Cm", "Cl"])
+    _, theta, fraction = explain(flights, each, ["Cm", "Cl"])
     assert fraction > 0.9
     for place, ratio in ratios.items():  # of the mean slope
         found = theta[f"{place[1]} growth"] * mean_slope(flights, *place)
@@ -132,7 +132,7 @@ def test_a_drag_rise_starts_at_its_mach_number():
     )
     variants = [v for v in MACH.variants(flights) if v.about == "power 2"]
     near = min(variants, key=lambda v: abs(v.shape["drag rise from Mach"] - 0.41))
-    theta, _ = explain(flights, near, ["CX"])
+    _, theta, _ = explain(flights, near, ["CX"])
     assert_allclose(theta["drag rise"], 1.5, rtol=0.5)
 
 
@@ -140,7 +140,7 @@ def test_drag_that_falls_with_reynolds_number_is_found():
     flights = flights_with({"CX": {"log(rho*V)": 0.03}}, speeds=(45.0, 52.0), h=(500.0, 1500.0), inputs=pull_up)
     assert REYNOLDS.needs(flights) == ""
     drag = next(v for v in REYNOLDS.variants(flights) if v.about == "drag")
-    theta, fraction = explain(flights, drag, ["CX"])
+    _, theta, fraction = explain(flights, drag, ["CX"])
     assert fraction > 0.8
     assert_allclose(theta["drag per ln Re"], -0.03, rtol=0.1)
     check_all(flights, REYNOLDS)

@@ -16,8 +16,8 @@ from structsel.diagnosis.weighing import alone, nats, not_borne_out, with_whole
 from structsel.numerics.rigid_body import air_data, body_to_earth
 from structsel.recording import Recording
 from structsel.simulation import Atmosphere, Turbulence, simulate, trim
-from tests.missing_physics import AIRCRAFT, NOISE, TRUTH, T, excite, ready, tried
 from tests.models import model_of
+from tests.noisy_flights import AIRCRAFT, NOISE, TRUTH, T, excite, ready, tried
 
 BARE = Aircraft(**{**AIRCRAFT.model_dump(exclude={"schema_name"}), "sensors": {}})  # vanes at the centre of gravity
 SPEEDS = (40.0, 44.0, 48.0, 52.0, 56.0, 60.0)

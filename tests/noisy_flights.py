@@ -1,4 +1,4 @@
-"""Flights of an aircraft with physics that its simulation lacks, for tests of hypotheses."""
+"""Noisy flights of the demonstration aircraft with physics that its simulation lacks, and their differences."""
 
 from dataclasses import replace
 
@@ -13,7 +13,6 @@ from structsel.demo.aircraft import TRUTH, demo_aircraft
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.signatures import work_out
 from structsel.effects import EFFECTS
-from structsel.effects.base import FittedEffect, ParameterEstimate
 from structsel.nomenclature import COEFFICIENTS
 from structsel.recording import Recording
 from structsel.simulation import Instruments, simulate, trim
@@ -91,56 +90,3 @@ def tried(flights, *effects):
     """Comparison problem of some flights, and the library of the effects to be tried."""
     library = work_out([h for h in EFFECTS if h.name in effects], flights, flights[0].responses)
     return Bench.set_up(flights, library.signatures), library
-
-
-def explain(flights, variant, responses=None):
-    """Least-squares parameters by name, and the fraction of the differences' variance that they explain."""
-    wanted = responses or sorted({r for f in flights for r in variant.columns(f)})
-    rows, y = [], []
-    for r in wanted:
-        scale = np.sqrt(np.mean([f.difference[r].var() for f in flights]))
-        for f in flights:
-            H = variant.columns(f).get(r, np.zeros((len(f), len(variant.parameters))))
-            assert np.isfinite(H).all()
-            rows.append((H - H.mean(axis=0)) / scale)
-            y.append((f.difference[r] - f.difference[r].mean()) / scale)
-    sds = np.array([p.sd for p in variant.parameters])
-    H, Y = np.vstack(rows) * sds, np.concatenate(y)
-    theta = np.linalg.lstsq(H, Y, rcond=None)[0]
-    fraction = 1.0 - np.mean((Y - H @ theta) ** 2) / np.mean(Y**2)
-    return dict(zip((p.name for p in variant.parameters), theta * sds)), float(fraction)
-
-
-def best(flights, hypothesis, responses):
-    """Plausible variant that explains most of some responses, its parameters, and the fraction explained."""
-    tried = [(v, *explain(flights, v, responses)) for v in hypothesis.variants(flights)]
-    plausible = [one for one in tried if all(p.low <= one[1][p.name] <= p.high for p in one[0].parameters)]
-    return max(plausible, key=lambda one: one[2])
-
-
-def named(module, effect):
-    return next(h for h in module.EFFECTS if h.name == effect)
-
-
-def found_of(flights, variant, values):
-    """Result of a fit, as a hypothesis receives it to describe what was found."""
-    shape = {n: ParameterEstimate(x, 0.0, variant.units.get(n, "-")) for n, x in variant.shape.items()}
-    fitted = {p.name: ParameterEstimate(values[p.name], 0.1 * abs(values[p.name]), p.unit) for p in variant.parameters}
-    return FittedEffect(variant, {**fitted, **shape}, {})
-
-
-def check_all(flights, hypothesis):
-    """Every variant has finite columns of the right shape, sizes and limits that make sense, and words."""
-    variants = hypothesis.variants(flights)
-    assert 0 < len(variants) <= 66
-    for v in variants:
-        for p in v.parameters:
-            assert p.sd > 0.0, (hypothesis.name, v.about, p.name)
-            assert p.low < p.high, (hypothesis.name, v.about, p.name)
-        for f in flights:
-            for r, H in v.columns(f).items():
-                assert r in f.measured, (hypothesis.name, r)
-                assert H.shape == (len(f), len(v.parameters))
-                assert np.isfinite(H).all()
-        text = hypothesis.says(found_of(flights, v, {p.name: p.sd for p in v.parameters}))
-        assert text.endswith("."), text

@@ -1,7 +1,7 @@
-"""Two manoeuvres in which something is other than a simulation thinks, and what signatures make of it."""
+"""Two manoeuvres without noise whose truth differs from the simulation, and their differences."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 from unittest.mock import patch
@@ -12,8 +12,6 @@ from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight, prepare_flight
 from structsel.comparison.simulations import open_simulation
 from structsel.comparison.surrogate import identify
-from structsel.effects import EFFECTS
-from structsel.effects.base import Effect, Variant
 from structsel.errors import DataError
 from structsel.model import AeroModel, ResponseModel
 from structsel.nomenclature import COEFFICIENTS
@@ -38,7 +36,6 @@ CHANNELS = (
     *("ax", "ay", "az", "de", "da", "dr", "thrust"),
 )
 DT, SECONDS = 0.02, 24.0
-_SCALE = {"k_V": 0.05, "k_h": 0.3, "k_vn": 0.3, "k_ve": 0.3, "k_vd": 0.3}
 _PULSES = (
     ("de", 1.0, 0.05, (3, -2, 1, -1)), ("dr", 6.0, 0.12, (2, -2, 1, -1)), ("da", 10.0, 0.08, (1, -2, 1)),
     ("de", 14.0, -0.07, (1, -1, 2, -2)), ("dr", 18.0, -0.08, (1, -2, 1)), ("da", 20.0, -0.06, (1, -2, 1)),
@@ -124,49 +121,3 @@ def compare(recordings: Sequence[Recording], aircraft: Aircraft = AIRCRAFT) -> l
         flights = [prepare_flight(r, aircraft, s) for r, s in zip(recordings, simulated)]
     stand_in = identify(flights, [f.simulated for f in flights], COEFFICIENTS)
     return [replace(f, surrogate=stand_in) for f in flights]
-
-
-@dataclass(frozen=True)
-class Fit:
-    variant: Variant
-    values: dict[str, float]
-    explained: float
-
-
-def explain(flights: Sequence[Flight], variant: Variant) -> Fit:
-    """Least-squares parameters of a variant, and the fraction of the differences they explain."""
-    rows, target = [], []
-    for f in flights:
-        columns = variant.columns(f)
-        for r, y in f.difference.items():
-            scale = 0.01 * np.std(f.measured[r]) if r in COEFFICIENTS else _SCALE.get(r, 0.002)
-            scale = scale or 1.0
-            x = columns.get(r, np.zeros((len(f), len(variant.parameters))))
-            assert x.shape == (len(f), len(variant.parameters))
-            assert np.isfinite(x).all()
-            rows.append((x - x.mean(axis=0)) / scale)
-            target.append((y - y.mean()) / scale)
-    X, y = np.vstack(rows), np.concatenate(target)
-    sizes = np.linalg.norm(X, axis=0)
-    sizes[sizes == 0.0] = 1.0
-    values = np.linalg.lstsq(X / sizes, y, rcond=None)[0] / sizes
-    left = y - X @ values
-    stated = {p.name: p.estimate(float(x), 0.0).value for p, x in zip(variant.parameters, values)}
-    return Fit(variant, stated, 1.0 - float(left @ left) / float(y @ y))
-
-
-def best(flights: Sequence[Flight], hypothesis: Effect) -> Fit:
-    """Variant within its limits that explains most."""
-    assert hypothesis.needs(flights) == ""
-    fits = [explain(flights, v) for v in hypothesis.variants(flights)]
-    within = [f for f in fits if all(p.low <= f.values[p.name] <= p.high for p in f.variant.parameters)]
-    return max(within or fits, key=lambda f: f.explained)
-
-
-def one_of(hypotheses: Sequence[Effect], effect: str) -> Effect:
-    return next(h for h in hypotheses if h.name == effect)
-
-
-def named(flights: Sequence[Flight], effect: str, about: str) -> Fit:
-    """A form of an effect."""
-    return explain(flights, next(v for v in one_of(EFFECTS, effect).variants(flights) if v.about == about))
