@@ -16,6 +16,7 @@ from structsel.aircraft import Aircraft
 from structsel.errors import AircraftError, ChannelError, DataError, DomainError
 from structsel.nomenclature import AIR_DATA, ANGULAR_ACCELERATIONS, BODY_RATES
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data_at_cg, lift_and_drag
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Finding, Recording
@@ -199,7 +200,7 @@ class _Computation:
             self._say("left-out", "alpha", message, "warning", "map the pitch rate")
             return
         beta, p, r = self._or_zero(("beta", "p", "r"), "carrying V and alpha to the centre of gravity")
-        made = rb.air_data_at_cg(self.recording["V"], self.recording["alpha"], beta, p, self.recording["q"], r, place)
+        made = air_data_at_cg(self.recording["V"], self.recording["alpha"], beta, p, self.recording["q"], r, place)
         named = dict(zip(AIR_DATA, made))
         if "beta" not in self.recording:
             del named["beta"]
@@ -276,7 +277,7 @@ class _Computation:
         if "beta" not in record or "ay" not in record:
             missing = " and ".join(name for name in ("beta", "ay") if name not in record)
             self._say("assumed", "CD", f"no {missing} recorded; their share of the drag is taken as zero")
-        CL, CD = rb.lift_and_drag(CX, CY, CZ, record["alpha"], beta)
+        CL, CD = lift_and_drag(CX, CY, CZ, record["alpha"], beta)
         self._add("CL, CD: from the body-axis coefficients", CL=CL, CD=CD)
 
     def _thrust(self) -> np.ndarray:

@@ -10,6 +10,7 @@ from structsel.candidates import Term
 from structsel.demo import FLIGHTS, INSTRUMENT_ERRORS, TRUTH, demo_aircraft, demo_flight, demo_flights, demo_instruments
 from structsel.errors import DomainError
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data_at_cg, body_velocity
 from structsel.numerics.differentiation import differentiate
 from tests.flights import cases
 
@@ -54,8 +55,8 @@ def test_a_flights_states_and_accelerations_are_one_motion():
     for name, derivative in zip(("phi", "theta", "psi", "p", "q", "r"), (*turned, *turning)):
         assert_allclose(differentiate(calm[name], 0.02)[free], derivative[free], atol=1e-5, err_msg=name)
     aircraft = demo_aircraft()
-    air = rb.air_data_at_cg(calm["V"], calm["alpha"], calm["beta"], *rates, aircraft.position("vane"))
-    velocity = rb.body_velocity(*air)
+    air = air_data_at_cg(calm["V"], calm["alpha"], calm["beta"], *rates, aircraft.position("vane"))
+    velocity = body_velocity(*air)
     felt = rb.acceleration_at_cg(calm["ax"], calm["ay"], calm["az"], rates, turning, aircraft.position("accelerometer"))
     slope = rb.velocity_derivative(velocity, rates, felt, calm["phi"], calm["theta"])
     for component, derivative in zip(velocity, slope):
@@ -128,7 +129,7 @@ def test_without_errors_and_noise_instruments_read_the_truth_at_their_places():
     flight = demo_instruments("all-axes", errors={}, noise=0.0, duration=20.0)
     seen, true, aircraft = flight.measured, flight.truth, flight.aircraft
     rates, turning = [true[n] for n in "pqr"], [true[f"{n}_dot"] for n in "pqr"]
-    air = rb.air_data_at_cg(seen["V"], seen["alpha"], seen["beta"], *rates, aircraft.position("vane"))
+    air = air_data_at_cg(seen["V"], seen["alpha"], seen["beta"], *rates, aircraft.position("vane"))
     felt = rb.acceleration_at_cg(seen["ax"], seen["ay"], seen["az"], rates, turning, aircraft.position("accelerometer"))
     for name, got in zip(("V", "alpha", "beta", "ax", "ay", "az"), (*air, *felt)):
         assert_allclose(got, true[name], rtol=1e-12, atol=1e-12, err_msg=name)

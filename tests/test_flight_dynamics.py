@@ -16,10 +16,12 @@ from structsel.demo.flights import integrate
 from structsel.errors import ChannelError, DataError, DomainError, ModelError
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data, nondimensional_rates
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.numerics.dynamic_elements import actuate
 from structsel.numerics.flight_model import OUTPUTS, REASONS, STATES, outputs_index
 from structsel.numerics.flight_simulation import simulate_batch, state_derivatives
+from structsel.numerics.vectors import body_to_earth
 from structsel.simulation import Atmosphere, prepare
 from tests.models import DEMO, model_of
 
@@ -56,8 +58,8 @@ def dense_flight(truth, aircraft, inputs, start, extra=lambda coefficients, chan
 
     def slope(now, x):
         de, da, dr, thrust = (np.interp(now, t, inputs[c]) for c in ("de", "da", "dr", "thrust"))
-        V, alpha, beta = rb.air_data(*x[:3])
-        hats = rb.nondimensional_rates(V, x[3], x[4], x[5], aircraft.b, aircraft.cbar)
+        V, alpha, beta = air_data(*x[:3])
+        hats = nondimensional_rates(V, x[3], x[4], x[5], aircraft.b, aircraft.cbar)
         values = {
             "alpha": alpha,
             "beta": beta,
@@ -132,7 +134,7 @@ def test_tumbling_without_moments_keeps_energy_and_angular_momentum():
     energy = 0.5 * np.einsum("ni,ij,nj->n", rates, tensor, rates)
     assert_allclose(energy, energy[0], rtol=1e-9)
     momentum = rates @ tensor.T + np.array([rotor, 0.0, 0.0])
-    in_space = np.einsum("nij,nj->ni", rb.body_to_earth(*path[:, 6:9].T), momentum)
+    in_space = np.einsum("nij,nj->ni", body_to_earth(*path[:, 6:9].T), momentum)
     assert_allclose(in_space, np.tile(in_space[0], (len(t), 1)), atol=1e-7 * np.linalg.norm(in_space[0]))
     # Without forces the velocity over the ground is constant whatever the attitude does.
     turn = Rotation.from_euler("ZYX", path[:, [8, 7, 6]])
@@ -181,8 +183,8 @@ def test_rates_of_the_flow_in_the_coefficients_are_solved_for_exactly(trimmed):
     controls = np.array([trimmed.controls[name] + 0.02 for name in ready.compiled.controls])
     slope, outputs = state_derivatives(ready.compiled, ready.manoeuvre, state[None], controls[None])
     held = dict(zip(OUTPUTS, outputs[0]))
-    V, alpha, beta = rb.air_data(*state[:3])
-    hats = rb.nondimensional_rates(V, *state[3:6], aircraft.b, aircraft.cbar)
+    V, alpha, beta = air_data(*state[:3])
+    hats = nondimensional_rates(V, *state[3:6], aircraft.b, aircraft.cbar)
     channels = {"alpha": alpha, "beta": beta, **dict(zip(("p_hat", "q_hat", "r_hat"), hats)),
                 **dict(zip(ready.compiled.controls, controls))}  # fmt: skip
     channels["alpha_dot_hat"] = held["alpha_dot"] * aircraft.cbar / (2 * V)

@@ -7,6 +7,8 @@ from scipy.integrate import solve_ivp
 
 from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data, air_data_at_cg
+from structsel.numerics.vectors import body_to_earth
 
 N = 200
 
@@ -41,7 +43,7 @@ def test_slopes_are_the_rigid_body_equations(scene):
     path, inputs, place = scene
     rates, force = rates_and_force(path, inputs, place)
     phi, theta, psi = path[:, 3:6].T
-    ground = np.einsum("nij,nj->ni", rb.body_to_earth(phi, theta, psi), path[:, :3]) + path[:, 15:18]
+    ground = np.einsum("nij,nj->ni", body_to_earth(phi, theta, psi), path[:, :3]) + path[:, 15:18]
     expected = np.vstack(
         [
             *rb.velocity_derivative(path[:, :3].T, rates, force, phi, theta, 9.81),
@@ -59,16 +61,14 @@ def test_air_data_read_on_a_boom_come_back_to_those_at_the_centre(scene):
     one = np.tile(place[1], (6, 1))
     V, alpha, beta = fp.readings(bare, inputs, one, False)[:, :3].T
     rates = (inputs[:, 3:6] - bare[:, 12:15]).T
-    assert_allclose(
-        rb.air_data_at_cg(V, alpha, beta, *rates, place[1]), rb.air_data(*bare[:, :3].T), rtol=1e-10, atol=1e-12
-    )
+    assert_allclose(air_data_at_cg(V, alpha, beta, *rates, place[1]), air_data(*bare[:, :3].T), rtol=1e-10, atol=1e-12)
 
 
 def test_upwash_sidewash_offsets_and_scale_enter_as_in_the_equations(scene):
     path, inputs, place = scene
     bare = path.copy()
     bare[:, 18:] = 0.0
-    _, alpha, beta = rb.air_data(*path[:, :3].T)
+    _, alpha, beta = air_data(*path[:, :3].T)
     without, full = fp.readings(bare, inputs, place, False), fp.readings(path, inputs, place, False)
     expected = without.copy()
     expected[:, 0] *= 1.0 + path[:, 22]
@@ -88,7 +88,7 @@ def test_a_flank_angle_vane_reads_the_angle_in_its_own_aircraft(scene):
 
 def test_height_position_and_ground_velocity_are_those_of_port_and_antenna(scene):
     path, inputs, place = scene
-    turn = rb.body_to_earth(*path[:, 3:6].T)
+    turn = body_to_earth(*path[:, 3:6].T)
     omega = inputs[:, 3:6] - path[:, 12:15]
     port, antenna = turn @ place[4], turn @ place[5]
     velocity = np.einsum("nij,nj->ni", turn, path[:, :3] + np.cross(omega, place[5])) + path[:, 15:18]
@@ -119,7 +119,7 @@ def test_a_simulated_path_is_the_integral_that_scipy_finds():
         full = np.r_[motion, start[9:]]
         now = np.array([np.interp(time, t, column) for column in inputs.T])
         rates, force = rates_and_force(full[None], now[None], place)
-        ground = rb.body_to_earth(*motion[3:6]) @ motion[:3] + start[15:18]
+        ground = body_to_earth(*motion[3:6]) @ motion[:3] + start[15:18]
         return np.concatenate(
             [
                 np.ravel(rb.velocity_derivative(motion[:3], rates[:, 0], np.ravel(force), *motion[3:5], 9.80665)),

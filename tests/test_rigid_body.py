@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 from structsel.aircraft import Inertia
 from structsel.errors import DomainError
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data, air_data_at_cg, body_velocity, lift_and_drag, nondimensional_rates
 from structsel.numerics.atmosphere import standard_atmosphere
+from structsel.numerics.vectors import body_to_earth
 
 INERTIA = Inertia(Ix=5368.0, Iy=6929.0, Iz=11159.0, Ixz=500.0).tensor
 angle = st.floats(-1.4, 1.4)
@@ -19,12 +21,12 @@ speed = st.floats(1.0, 300.0)
 @given(phi=st.floats(-3, 3), theta=angle, psi=st.floats(-3, 3))
 def test_the_rotation_is_yaw_then_pitch_then_roll(phi, theta, psi):
     expected = Rotation.from_euler("ZYX", [psi, theta, phi]).as_matrix()
-    assert_allclose(rb.body_to_earth(phi, theta, psi), expected, atol=1e-14)
+    assert_allclose(body_to_earth(phi, theta, psi), expected, atol=1e-14)
 
 
 @given(V=speed, alpha=angle, beta=angle)
 def test_air_data_and_body_velocity_undo_each_other(V, alpha, beta):
-    assert_allclose(rb.air_data(*rb.body_velocity(V, alpha, beta)), (V, alpha, beta), rtol=1e-9, atol=1e-9)
+    assert_allclose(air_data(*body_velocity(V, alpha, beta)), (V, alpha, beta), rtol=1e-9, atol=1e-9)
 
 
 def test_the_atmosphere_is_the_standards_table():
@@ -102,7 +104,7 @@ def test_torque_free_rotation_keeps_angular_momentum_and_kinetic_energy(products
     run = solve_ivp(derivative, (0.0, 3.0), start, rtol=1e-11, atol=1e-12, max_step=0.1)
     rates = run.y[:3]
     energy = 0.5 * np.sum(rates * (inertia @ rates), axis=0)
-    in_earth = np.einsum("nij,jn->in", rb.body_to_earth(*run.y[3:]), inertia @ rates)
+    in_earth = np.einsum("nij,jn->in", body_to_earth(*run.y[3:]), inertia @ rates)
     assert np.abs(rates[0] - rates[0, 0]).max() > 0.1  # it does tumble
     assert_allclose(energy, energy[0], rtol=1e-9)
     assert_allclose(in_earth, in_earth[:, :1] * np.ones(in_earth.shape[1]), rtol=0, atol=1e-6)
@@ -120,7 +122,7 @@ def test_a_thrown_stone_follows_a_parabola_however_it_spins():
         rtol=1e-11,
         atol=1e-11,
     )
-    vx, vy, vz = rb.body_to_earth(0.2, 0.3, 0.5) @ state[:3] + np.array([1.0, -2.0, 0.5])
+    vx, vy, vz = body_to_earth(0.2, 0.3, 0.5) @ state[:3] + np.array([1.0, -2.0, 0.5])
     expected = (2 * vx, 2 * vy, 100.0 - 2 * vz - 0.5 * rb.G0 * 4.0)
     assert_allclose(run.y[9:, -1], expected, rtol=1e-8)
 
@@ -160,7 +162,7 @@ def test_accelerations_anywhere_on_a_moving_body_come_from_its_path():
     def attitude(s):
         return 0.3 * np.sin(2 * s), 0.2 * np.cos(1.5 * s), 0.4 * s
 
-    R = rb.body_to_earth(*attitude(t))
+    R = body_to_earth(*attitude(t))
     cg = np.stack([np.sin(t), t**2, np.cos(3 * t)], axis=-1)
     weights = np.array([2, -27, 270, -490, 270, -27, 2]) / 180.0 / dt**2
     felt = R[3].T @ np.tensordot(weights, cg + R @ place, axes=(0, 0))
@@ -168,7 +170,7 @@ def test_accelerations_anywhere_on_a_moving_body_come_from_its_path():
 
     def rates(s):
         first = np.array([2, -27, 270, -490, 270, -27, 2]) * 0 + np.array([-1, 9, -45, 0, 45, -9, 1]) / 60 / dt
-        spin = rb.body_to_earth(*attitude(s)).T @ np.tensordot(first, rb.body_to_earth(*attitude(s + t)), axes=(0, 0))
+        spin = body_to_earth(*attitude(s)).T @ np.tensordot(first, body_to_earth(*attitude(s + t)), axes=(0, 0))
         return np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
 
     omega_dot = (rates(1e-3) - rates(-1e-3)) / 2e-3
@@ -179,22 +181,22 @@ def test_accelerations_anywhere_on_a_moving_body_come_from_its_path():
 def test_a_boom_ahead_of_the_centre_reads_less_angle_of_attack_while_pitching_up():
     # [M86]: alpha_v = atan((w - x q + y p) / u).
     u, w, q, p = 50.0, 4.0, 0.2, 0.5
-    V, alpha, beta = rb.air_data(u, 0.0, w - 6.0 * q + 1.0 * p)
-    got = rb.air_data_at_cg(V, alpha, beta, p, q, 0.0, (6.0, 1.0, 0.0))
-    assert_allclose(got, rb.air_data(u, 0.0, w), rtol=1e-12, atol=1e-12)
+    V, alpha, beta = air_data(u, 0.0, w - 6.0 * q + 1.0 * p)
+    got = air_data_at_cg(V, alpha, beta, p, q, 0.0, (6.0, 1.0, 0.0))
+    assert_allclose(got, air_data(u, 0.0, w), rtol=1e-12, atol=1e-12)
 
 
 @given(alpha=angle, beta=angle)
 def test_drag_points_down_the_wind_and_lift_across_it(alpha, beta):
     C = np.array([-0.1, 0.2, -0.8])
-    along = np.array(rb.body_velocity(1.0, alpha, beta))
+    along = np.array(body_velocity(1.0, alpha, beta))
     across = np.array([np.sin(alpha), 0.0, -np.cos(alpha)])  # up in the plane of symmetry
-    CL, CD = rb.lift_and_drag(*C, alpha, beta)
+    CL, CD = lift_and_drag(*C, alpha, beta)
     assert_allclose((CL, CD), (C @ across, -C @ along), atol=1e-14)
 
 
 def test_rates_are_made_dimensionless_with_the_two_in_them():
-    assert_allclose(rb.nondimensional_rates(50.0, 0.1, 0.2, 0.3, 10.0, 2.0), (0.01, 0.004, 0.03), rtol=1e-14)
+    assert_allclose(nondimensional_rates(50.0, 0.1, 0.2, 0.3, 10.0, 2.0), (0.01, 0.004, 0.03), rtol=1e-14)
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan])
@@ -205,7 +207,7 @@ def test_dynamic_pressure_that_is_not_above_zero_is_named_by_sample(bad):
     with pytest.raises(DomainError, match="sample 2"):
         rb.moment_coefficients((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), qbar, INERTIA, 20.0, 10.0, 2.0)
     with pytest.raises(DomainError, match=r"V \[m/s\] above zero; sample 2"):
-        rb.nondimensional_rates(qbar, 0.0, 0.0, 0.0, 10.0, 2.0)
+        nondimensional_rates(qbar, 0.0, 0.0, 0.0, 10.0, 2.0)
 
 
 def test_straight_up_has_no_heading():

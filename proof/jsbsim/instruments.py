@@ -20,7 +20,7 @@ from proof.scenario.instruments import (
     reconstruction_errors,
 )
 from structsel.aircraft import Aircraft
-from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data
 from structsel.simulation import Instruments
 
 
@@ -115,7 +115,7 @@ def state_offsets(
             off[surface] = off[surface] + flight[surface] - flight[f"real_{surface}"]
     if not instruments.raw:
         if instruments.blind:
-            for c, x in zip(("V", "alpha", "beta"), rb.air_data(*(flight[c] for c in "uvw"))):
+            for c, x in zip(("V", "alpha", "beta"), air_data(*(flight[c] for c in "uvw"))):
                 off[c] = off[c] + x - flight[c]
         for c, error in reconstruction_errors(len(flight.t), rng).items():
             off[c] = off[c] + error

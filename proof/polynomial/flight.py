@@ -13,8 +13,8 @@ from proof.polynomial.kernel import READS, SURFACE, Pilot, simulate_flight
 from proof.polynomial.manoeuvres import DT, SETTLING, Manoeuvre
 from proof.polynomial.terms import INDEX, Terms, compile_terms
 from proof.scenario.sizing import NotAttainable
+from structsel.numerics.air_data import body_velocity
 from structsel.numerics.atmosphere import standard_atmosphere
-from structsel.numerics.rigid_body import body_velocity
 
 _CLEAN = {"rate": 1e3, "low": -10.0, "high": 10.0}
 CONTROLS = ("de", "da", "dr")

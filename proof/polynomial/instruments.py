@@ -11,7 +11,7 @@ from proof.polynomial.flight import CONTROLS, TruthFlight
 from proof.polynomial.terms import INDEX, compile_terms, evaluate
 from proof.scenario.instruments import Channels, InstrumentErrors, at_cg, derived, reconstruction_errors
 from structsel.aircraft import Aircraft
-from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data
 from structsel.simulation import Instruments
 
 RAW, RECONSTRUCTED = "raw", "reconstructed"
@@ -19,7 +19,7 @@ RAW, RECONSTRUCTED = "raw", "reconstructed"
 
 def inertial_air(flight: TruthFlight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """V, alpha, beta without gusts."""
-    return rb.air_data(*(flight.state(n) for n in "uvw"))
+    return air_data(*(flight.state(n) for n in "uvw"))
 
 
 def channels_of(

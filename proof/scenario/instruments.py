@@ -15,7 +15,8 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 from proof.scenario.errors import RECONSTRUCTION
 from structsel.aircraft import Aircraft
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.rigid_body import cross
+from structsel.numerics.air_data import air_data, air_data_at_cg
+from structsel.numerics.vectors import cross
 from structsel.simulation import Instruments
 
 Channels = dict[str, np.ndarray]
@@ -96,7 +97,7 @@ class InstrumentErrors:
             aircraft.position(sensor) + np.asarray(self.place.get(sensor, (0.0, 0.0, 0.0)))
             for sensor in ("vane", "accelerometer")
         )
-        V, alpha, beta = rb.air_data(*(u + d for u, d in zip(velocity, cross(rates, boom))))
+        V, alpha, beta = air_data(*(u + d for u, d in zip(velocity, cross(rates, boom))))
         tangential, centripetal = cross(rate_derivatives, seat), cross(rates, cross(rates, seat))
         felt = [f + a + c for f, a, c in zip(force, tangential, centripetal)]
         return {"V": V, "alpha": alpha, "beta": beta, **dict(zip(("ax", "ay", "az"), felt))}
@@ -115,7 +116,7 @@ def derived(readings: Channels) -> Channels:
 def at_cg(readings: Channels, aircraft: Aircraft) -> Channels:
     """V, alpha, beta as read, carried from the vane to the centre of gravity."""
     V, alpha, beta, p, q, r = (readings[n] for n in ("V", "alpha", "beta", "p", "q", "r"))
-    moved = rb.air_data_at_cg(V, alpha, beta, p, q, r, tuple(aircraft.position("vane")))
+    moved = air_data_at_cg(V, alpha, beta, p, q, r, tuple(aircraft.position("vane")))
     return dict(zip(("V", "alpha", "beta"), moved))
 
 

@@ -17,6 +17,7 @@ from structsel.comparison.responses import KINEMATIC, Rate, respond, told_rates
 from structsel.errors import DataError, StructselError, StructselWarning
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data_at_cg, air_data_at_sensor
 from structsel.numerics.arrays import Array
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.numerics.signal_quality import white_part
@@ -136,7 +137,7 @@ class Flight:
         """Alpha and beta carried from the vanes to the centre of gravity."""
         ch = self.channels
         place = tuple(self.aircraft.position("vane"))
-        _, alpha, beta = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], ch["p"], ch["q"], ch["r"], place)
+        _, alpha, beta = air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], ch["p"], ch["q"], ch["r"], place)
         return {"alpha": alpha, "beta": beta}
 
     @cached_property
@@ -301,8 +302,8 @@ def _close(
     ch = {**smooth, **raw}
     rates = (ch["p"], ch["q"], ch["r"])
     place = aircraft.position("vane")
-    air = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, place)
-    calm = rb.air_data_at_cg(smooth["V"], smooth["alpha"], smooth["beta"], *rates, place)
+    air = air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, place)
+    calm = air_data_at_cg(smooth["V"], smooth["alpha"], smooth["beta"], *rates, place)
     turning = tuple(Rate(float(t[1] - t[0]))(smooth[c]) for c in "pqr")
     force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, aircraft.position("accelerometer"))
     told = told_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
@@ -321,7 +322,7 @@ def _close(
     # With the gyros' noise, a long arm would give the angles' rates the noise of the moments.
     still = (smooth["p"], smooth["q"], smooth["r"])
     air_data = ("V", "alpha", "beta")
-    carried = [rb.air_data_at_sensor(x["V"], x["alpha"], x["beta"], *still, place) for x in (flown, made)]
+    carried = [air_data_at_sensor(x["V"], x["alpha"], x["beta"], *still, place) for x in (flown, made)]
     smooth.update(zip(air_data, carried[1]))
     smooth.update({c: made[c] for c in ("phi", "theta", "psi")})
     return dict(zip(air_data, carried[0])), frozenset(inertial)

@@ -14,9 +14,10 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data_at_cg, body_velocity, flow_angle_rates
 from structsel.numerics.arrays import Array
 from structsel.numerics.differentiation import difference_weights
-from structsel.numerics.rigid_body import Three
+from structsel.numerics.vectors import Three, body_to_earth
 
 KINEMATIC = {
     "k_V": ("V", "ax", "theta"),
@@ -82,7 +83,7 @@ def respond(ch: Mapping[str, Array], aircraft: Aircraft, dt: float, wanted: tupl
     made: dict[str, Array] = {}
     rates = (ch["p"], ch["q"], ch["r"])
     turning = (ch["p_dot"], ch["q_dot"], ch["r_dot"])
-    V, alpha, beta = rb.air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, aircraft.position("vane"))
+    V, alpha, beta = air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, aircraft.position("vane"))
     force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, aircraft.position("accelerometer"))
     qbar = ch["qbar_ratio"] * 0.5 * ch["rho"] * V**2
     if any(name in wanted for name in COEFFICIENTS[:3]):
@@ -114,9 +115,9 @@ def told_rates(ch: Mapping[str, Array], air: Three, force: Three) -> dict[str, A
     """
     V, alpha, beta = air
     rates = (ch["p"], ch["q"], ch["r"])
-    u, v, w = rb.body_velocity(V, alpha, beta)
+    u, v, w = body_velocity(V, alpha, beta)
     turning = rb.velocity_derivative((u, v, w), rates, force, ch["phi"], ch["theta"])
-    alpha_dot, beta_dot, V_dot = rb.flow_angle_rates(u, v, w, *turning)
+    alpha_dot, beta_dot, V_dot = flow_angle_rates(u, v, w, *turning)
     turned = rb.euler_rates(*rates, ch["phi"], ch["theta"])
     return {
         "V": V_dot,
@@ -131,8 +132,8 @@ def _kinematics(ch: Mapping[str, Array], d: Rate, air: Three, force: Three) -> d
     told = told_rates(ch, air, force)
     read = {"V": V, "alpha": alpha, "beta": beta, "phi": phi, "theta": theta, "psi": psi}
     made = {f"k_{name}": d(x) - told[name] for name, x in read.items()}
-    velocity = np.stack(np.broadcast_arrays(*rb.body_velocity(V, alpha, beta)), axis=-1)
-    ground = np.einsum("...ij,...j->...i", rb.body_to_earth(phi, theta, psi), velocity)
+    velocity = np.stack(np.broadcast_arrays(*body_velocity(V, alpha, beta)), axis=-1)
+    ground = np.einsum("...ij,...j->...i", body_to_earth(phi, theta, psi), velocity)
     if "h" in ch:
         made["k_h"] = d(ch["h"]) + ground[..., 2]
     for i, name in enumerate(("vn", "ve", "vd")):

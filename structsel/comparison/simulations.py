@@ -17,8 +17,8 @@ from structsel.coefficients import compute_coefficients
 from structsel.errors import DataError, ModelError
 from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS
+from structsel.numerics.air_data import body_from_wind_axes
 from structsel.numerics.arrays import Array
-from structsel.numerics.rigid_body import body_from_wind_axes
 from structsel.recording import Recording, read_recordings
 
 _STATES = ("V", "alpha")

@@ -14,6 +14,7 @@ from structsel.comparison.plant import find_plant
 from structsel.comparison.sensitivity import asked_wrongly, misread, reading
 from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data_at_cg
 from structsel.numerics.arrays import Array
 
 MAIN = {
@@ -283,5 +284,5 @@ def vane_moved(f: Flight, k: int) -> dict[str, Array]:
     """Vanes and pitot one metre further along body axis k than assumed."""
     place = [0.0, 0.0, 0.0]
     place[k] = -1.0
-    V, alpha, beta = rb.air_data_at_cg(f["V"], f["alpha"], f["beta"], f["p"], f["q"], f["r"], place)
+    V, alpha, beta = air_data_at_cg(f["V"], f["alpha"], f["beta"], f["p"], f["q"], f["r"], place)
     return misread(f, V=V - f["V"], alpha=alpha - f["alpha"], beta=beta - f["beta"])

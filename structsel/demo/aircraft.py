@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import nondimensional_rates
 
 TRUTH: dict[str, dict[str, float]] = {
     "CX": {
@@ -94,7 +94,7 @@ def aerodynamics(
     V: np.ndarray, alpha: np.ndarray, beta: np.ndarray, rates: np.ndarray, surfaces: np.ndarray, aircraft: Aircraft
 ) -> np.ndarray:
     """(6, m) coefficients CX to Cn of the truth."""
-    p_hat, q_hat, r_hat = rb.nondimensional_rates(V, rates[0], rates[1], rates[2], aircraft.b, aircraft.cbar)
+    p_hat, q_hat, r_hat = nondimensional_rates(V, rates[0], rates[1], rates[2], aircraft.b, aircraft.cbar)
     de, da, dr = surfaces
     b2 = beta * beta
     terms = (

@@ -14,8 +14,10 @@ from structsel.demo.commands import FLIGHTS, RATE, Plan, commands_of, turbulence
 from structsel.errors import DomainError
 from structsel.nomenclature import AIR_DATA, ANGULAR_ACCELERATIONS, BODY_RATES, CONTROL_SURFACES, SPECIFIC_FORCES
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data, air_data_at_sensor, body_velocity
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.numerics.dynamic_elements import rk4
+from structsel.numerics.vectors import body_to_earth
 from structsel.recording import Recording
 
 _DT = 1.0 / RATE
@@ -226,7 +228,7 @@ def _derivative(
     The velocity of the state is that in a steady wind; within it the air moves with the gust.
     """
     velocity, rates, (phi, theta, psi) = x[0:3], x[3:6], x[6:9]
-    V, alpha, beta = rb.air_data(*(velocity - gust[:3]))
+    V, alpha, beta = air_data(*(velocity - gust[:3]))
     rho = standard_atmosphere(x[11])[2]
     CX, CY, CZ, Cl, Cm, Cn = aerodynamics(V, alpha, beta, rates + gust[3:], x[12:], aircraft)
     qbar = 0.5 * rho * V * V
@@ -242,7 +244,7 @@ def _derivative(
     out[0:3] = rb.velocity_derivative(velocity, rates, force, phi, theta)
     out[3:6] = turning
     out[6:9] = rb.euler_rates(rates[0], rates[1], rates[2], phi, theta)
-    path = np.einsum("mij,jm->im", rb.body_to_earth(phi, theta, psi), velocity)
+    path = np.einsum("mij,jm->im", body_to_earth(phi, theta, psi), velocity)
     path = path + wind
     out[9:11], out[11] = path[:2], -path[2]
     # Positive control makes a negative moment, so that these gains damp and hold.
@@ -260,7 +262,7 @@ def _trim(aircraft: Aircraft, V: float) -> tuple[np.ndarray, float]:
 
     def assemble(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         alpha, theta, phi, de, da, dr, T = z
-        u, v, w = rb.body_velocity(V, alpha, 0.0)
+        u, v, w = body_velocity(V, alpha, 0.0)
         x = np.array([u, v, w, 0.0, 0.0, 0.0, phi, theta, 0.0, 0.0, 0.0, _ALTITUDE, de, da, dr])[:, None]
         return x, np.array([1000.0 * T])
 
@@ -280,7 +282,7 @@ def at_instruments(flight: SimulatedFlight, aircraft: Aircraft) -> dict[str, np.
     rates = flight.states[:, 3:6].T
     turning = [got[name] for name in ANGULAR_ACCELERATIONS]
     V, alpha, beta, ax, ay, az = (got[name] for name in (*AIR_DATA, *SPECIFIC_FORCES))
-    air = rb.air_data_at_sensor(V, alpha, beta, rates[0], rates[1], rates[2], aircraft.position("vane"))
+    air = air_data_at_sensor(V, alpha, beta, rates[0], rates[1], rates[2], aircraft.position("vane"))
     force = rb.acceleration_at_sensor(ax, ay, az, rates, turning, aircraft.position("accelerometer"))
     return dict(zip((*AIR_DATA, *SPECIFIC_FORCES), (*air, *force)))
 

@@ -19,7 +19,7 @@ from structsel.demo.flights import NOISE, SimulatedFlight, at_instruments, integ
 from structsel.errors import DomainError
 from structsel.nomenclature import BODY_RATES, CONTROL_SURFACES, EULER_ANGLES, SPECIFIC_FORCES, suggest
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.rigid_body import cross
+from structsel.numerics.vectors import body_to_earth, cross
 from structsel.recording import Recording
 
 # Instrument: place from the centre of gravity [m] and standard deviations at noise = 1, in the channel's unit.
@@ -155,7 +155,7 @@ def _instrumented_aircraft(noise: float) -> Aircraft:
 def _truth(flight: SimulatedFlight, wind: np.ndarray) -> Recording:
     states = dict(zip(rb.STATES, flight.states.T))
     velocity = flight.states[:, 0:3]
-    to_earth = rb.body_to_earth(states["phi"], states["theta"], states["psi"])
+    to_earth = body_to_earth(states["phi"], states["theta"], states["psi"])
     ground = np.einsum("nij,nj->in", to_earth, velocity) + wind[:, None]
     channels = {**states, **flight.outputs, **dict(zip(("vn", "ve", "vd"), ground))}
     channels |= {
@@ -174,7 +174,7 @@ def _measure(
     rng: np.random.Generator,
     noise: float,
 ) -> Recording:
-    to_earth = rb.body_to_earth(truth["phi"], truth["theta"], truth["psi"])
+    to_earth = body_to_earth(truth["phi"], truth["theta"], truth["psi"])
     # The static port stands above or below the centre of gravity as the attitude has it; z is down.
     port = to_earth @ aircraft.position("static")
     antenna = aircraft.position("gps")

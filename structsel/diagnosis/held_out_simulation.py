@@ -24,7 +24,7 @@ from structsel.diagnosis.ranking import Ranking
 from structsel.errors import DomainError
 from structsel.metrics import compute_metrics, rms_error
 from structsel.nomenclature import COEFFICIENTS, unit_of
-from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data_at_cg
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import fading
 from structsel.validation import BANDS
@@ -229,7 +229,7 @@ def _tables(predicted: Sequence[PredictedCoefficients], aircraft: Aircraft, path
         slopes.append([[np.broadcast_to(f.slope(c, x), len(f)) for x in _AIR] for c in COEFFICIENTS])
     joined = np.concatenate(rates, axis=2)
     V, alpha, beta, p, q, r = path[:6]
-    at_cg = rb.air_data_at_cg(V, alpha, beta, p, q, r, aircraft.position("vane"))
+    at_cg = air_data_at_cg(V, alpha, beta, p, q, r, aircraft.position("vane"))
     return CoefficientTables(
         aircraft, joined[:6], joined[6:], np.concatenate(environment, axis=1), np.array([*at_cg, p, q, r]),
         path[6:], np.concatenate(slopes, axis=2),

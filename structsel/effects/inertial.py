@@ -17,7 +17,8 @@ from structsel.effects.operators import onsets, oscillate, peaks, shape_of, sinc
 from structsel.effects.signals import Parts, coefficients, held, lacking, of_parts
 from structsel.nomenclature import FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.rigid_body import angular_acceleration, cross, inertial_moment, thrust_moment
+from structsel.numerics.rigid_body import angular_acceleration, inertial_moment, thrust_moment
+from structsel.numerics.vectors import cross
 
 _SLOSH = (0.25, 2.0)  # Hz
 _SLOSH_FREQUENCIES = 17  # 14 % apart, as far as the wider of the resonances is wide

@@ -9,8 +9,8 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Columns, EffectParameter, Flights, Variant
 from structsel.nomenclature import COEFFICIENTS, LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
+from structsel.numerics.air_data import body_from_wind_axes, lift_and_drag
 from structsel.numerics.arrays import Array, centred, rms_within
-from structsel.numerics.rigid_body import body_from_wind_axes, lift_and_drag
 
 CHANNELS_OF = {
     **dict.fromkeys(LONGITUDINAL_COEFFICIENTS, ("alpha", "q_hat", "de", "df", "V")),

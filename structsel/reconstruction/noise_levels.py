@@ -16,8 +16,8 @@ from scipy.optimize import minimize_scalar
 
 from structsel.nomenclature import AIR_DATA
 from structsel.numerics import kinematics as fp
+from structsel.numerics.air_data import body_velocity
 from structsel.numerics.dynamic_elements import shift
-from structsel.numerics.rigid_body import body_velocity
 from structsel.reconstruction.delays import find_delays
 from structsel.reconstruction.problem import ReconstructionProblem
 from structsel.reconstruction.settings import INERTIAL

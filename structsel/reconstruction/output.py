@@ -8,7 +8,7 @@ import numpy as np
 
 from structsel.nomenclature import BODY_RATES
 from structsel.numerics import kinematics as fp
-from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data, flow_angle_rates
 from structsel.readers.table import MOVED_TO_CG
 from structsel.reconstruction.problem import ReconstructionProblem
 from structsel.reconstruction.result import Constant
@@ -33,9 +33,9 @@ def output_recording(
     slope = fp.slopes(path, problem.inputs, problem.place, problem.g)
     u, v, w = (path[:, j] + path[:, fp.GUST + j] for j in range(3))
     du, dv, dw = (slope[:, j] for j in range(3))
-    V, alpha, beta = rb.air_data(u, v, w)
+    V, alpha, beta = air_data(u, v, w)
     plane = u * u + w * w
-    alpha_dot, beta_dot, V_dot = rb.flow_angle_rates(u, v, w, du, dv, dw)
+    alpha_dot, beta_dot, V_dot = flow_angle_rates(u, v, w, du, dv, dw)
     channels = {"u": u, "w": w, "V": V, "alpha": alpha, "theta": path[:, 4]}
     channels |= {"V_dot": V_dot, "alpha_dot": alpha_dot}
     channels["gamma"] = np.arcsin(np.clip((slope[:, 8] + path[:, 17]) / V, -1.0, 1.0))

@@ -11,7 +11,7 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import StructselWarning
 from structsel.numerics import kinematics as fp
-from structsel.numerics.rigid_body import body_velocity
+from structsel.numerics.air_data import body_velocity
 from structsel.numerics.signal_quality import noise_level
 from structsel.numerics.smoothing import smooth_spline
 from structsel.reconstruction.observability import Reconstructibility

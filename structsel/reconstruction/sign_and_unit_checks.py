@@ -23,8 +23,9 @@ from structsel.errors import DataError
 from structsel.nomenclature import BODY_RATES, EULER_ANGLES, SPECIFIC_FORCES
 from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.rigid_body import cross
+from structsel.numerics.air_data import body_velocity
 from structsel.numerics.signal_quality import noise_level
+from structsel.numerics.vectors import cross
 from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Recording
 
@@ -213,7 +214,7 @@ def _equation_residuals(
 
     phi, theta, p, q, r = (c[name] for name in ("phi", "theta", "p", "q", "r"))
     sf, cf, st, ct = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
-    u, v, w = rb.body_velocity(c["V"], c["alpha"], c["beta"])
+    u, v, w = body_velocity(c["V"], c["alpha"], c["beta"])
     swing = cross((p, q, r), tuple(c[_PLACE]))
     u, v, w = u - swing[0], v - swing[1], w - swing[2]
     g = problem.g

@@ -17,10 +17,10 @@ from structsel.nomenclature import (
     LONGITUDINAL_OUTPUTS,
     LONGITUDINAL_STATES,
 )
+from structsel.numerics.air_data import body_velocity
 from structsel.numerics.flight_model import STATES, outputs_index
 from structsel.numerics.flight_simulation import Correction, linearise_batch, simulate_batch
 from structsel.numerics.linear_systems import discretise_noise
-from structsel.numerics.rigid_body import body_velocity
 from structsel.recording import Recording
 from structsel.refinement.filter_kernels import diagonal, steady_gain
 from structsel.refinement.linear_flight import delayed_inputs

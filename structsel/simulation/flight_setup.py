@@ -16,7 +16,7 @@ from structsel.errors import AircraftError, ChannelError, DataError, ModelError
 from structsel.model import AeroModel
 from structsel.nomenclature import LATERAL_COEFFICIENTS, LATERAL_STATES
 from structsel.numerics import kinematics
-from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data_at_cg, body_velocity
 from structsel.numerics.flight_model import CONDITIONS, STATES, CompiledAircraft, ManoeuvreInputs, outputs_index
 from structsel.numerics.flight_simulation import BatchResult, simulate_batch
 from structsel.recording import Recording
@@ -213,9 +213,9 @@ def first_state(inputs: Inputs, start: Start | None, aircraft: Aircraft, name: s
         if start is None and not (isinstance(inputs, Recording) and inputs.at_cg):
             # Measured at the vane; the state is that of the centre of gravity.
             p, q, r = state[3:6]
-            at_cg = rb.air_data_at_cg(V, alpha, beta, p, q, r, aircraft.position("vane"))
+            at_cg = air_data_at_cg(V, alpha, beta, p, q, r, aircraft.position("vane"))
             V, alpha, beta = (float(x) for x in at_cg)
-        state[:3] = rb.body_velocity(V, alpha, beta)
+        state[:3] = body_velocity(V, alpha, beta)
     return state
 
 

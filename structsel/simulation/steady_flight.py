@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from structsel.errors import ChannelError
 from structsel.formatting import format_number
 from structsel.nomenclature import is_known, unit_of
-from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data, body_velocity
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import STATES
 from structsel.results import Result
@@ -101,7 +101,7 @@ class Trim(Result):
 
     def to_dict(self) -> dict[str, float]:
         """V, alpha, beta, the states, the controls and the outputs."""
-        V, alpha, beta = (float(x) for x in rb.air_data(*self.state[:3]))
+        V, alpha, beta = (float(x) for x in air_data(*self.state[:3]))
         states = dict(zip(STATES, self.state.tolist()))
         return {"V": V, "alpha": alpha, "beta": beta, **states, **self.controls, **self.outputs}
 
@@ -181,7 +181,7 @@ class TrimProblem:
         """(12,) state."""
         held = self.values(z)
         phi, theta, turn = held["phi"], held["theta"], held["turn_rate"]
-        velocity = [float(x) for x in rb.body_velocity(self.V, held["alpha"], held["beta"])]
+        velocity = [float(x) for x in body_velocity(self.V, held["alpha"], held["beta"])]
         rates = [
             0.0 - turn * math.sin(theta),
             turn * math.sin(phi) * math.cos(theta),

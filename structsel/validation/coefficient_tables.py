@@ -14,6 +14,7 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data, air_data_at_sensor, body_velocity
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import rk4
 
@@ -94,7 +95,7 @@ class CoefficientTables:
         """
         variants, steps = self.coefficients.shape[1], int(windows.length.max())
         V, alpha, beta, p, q, r = self.at_cg[:, windows.start]
-        state = np.stack([*rb.body_velocity(V, alpha, beta), p, q, r, *self.attitude[:, windows.start]])
+        state = np.stack([*body_velocity(V, alpha, beta), p, q, r, *self.attitude[:, windows.start]])
         x = np.empty((steps + 1, 8, variants, len(windows.start)))
         x[0] = state[:, None]
 
@@ -106,9 +107,9 @@ class CoefficientTables:
                 x[k + 1] = rk4(slope, x[k], k, 1.0)
                 if not np.isfinite(x[k + 1]).all():
                     return None
-        V, alpha, beta = rb.air_data(x[:, 0], x[:, 1], x[:, 2])
+        V, alpha, beta = air_data(x[:, 0], x[:, 1], x[:, 2])
         vane = self.aircraft.position("vane")
-        at_vane = rb.air_data_at_sensor(V, alpha, beta, x[:, 3], x[:, 4], x[:, 5], vane)
+        at_vane = air_data_at_sensor(V, alpha, beta, x[:, 3], x[:, 4], x[:, 5], vane)
         return np.stack([*at_vane, *np.moveaxis(x[:, 3:], 1, 0)], axis=1)
 
     def _slope(self, windows: Windows, step: float, x: Array) -> Array:
@@ -122,7 +123,7 @@ class CoefficientTables:
         rho, mass, thrust = at_step(self.environment)
         aircraft = self.aircraft
         u, v, w = x[:3]
-        off_path = np.stack([*rb.air_data(u, v, w), *x[3:6]]) - at_step(self.at_cg)[:, None]
+        off_path = np.stack([*air_data(u, v, w), *x[3:6]]) - at_step(self.at_cg)[:, None]
         coefficients = at_step(self.coefficients) + np.einsum("cxw,xsw->csw", at_step(self.slopes), off_path)
         assert aircraft.inertia is not None
         airframe = rb.Airframe(

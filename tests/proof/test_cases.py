@@ -30,6 +30,7 @@ from structsel import compute_coefficients
 from structsel.aircraft import Aircraft
 from structsel.errors import DataError
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.vectors import body_to_earth
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "data" / "diagnose-examples"
 
@@ -62,7 +63,7 @@ def test_in_sheared_air_the_motion_over_the_ground_is_that_of_all_forces():
         [np.gradient(flight.state(c), flight.t) * s for c, s in (("x", 1), ("y", 1), ("h", -1))]
     )
     force = np.column_stack([flight.reads[c] for c in ("ax", "ay", "az")])
-    frame = rb.body_to_earth(*(flight.state(c) for c in ("phi", "theta", "psi")))
+    frame = body_to_earth(*(flight.state(c) for c in ("phi", "theta", "psi")))
     expected = np.einsum("nij,nj->ni", frame, force) + np.array([0.0, 0.0, 9.80665])
     found = np.gradient(over_ground, flight.t, axis=0)
     assert np.ptp(flight.state("h")) > 10.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from structsel.errors import ChannelError, SimulationError
 from structsel.nomenclature import COEFFICIENTS
-from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import body_velocity
 from structsel.numerics.rigid_body import G0, STATES
 from structsel.recording import Recording
 from structsel.simulation.flight_setup import Inputs, Start, first_state
@@ -283,7 +283,7 @@ class JSBSimAircraft:
         recording.require("V", "alpha", "h", *used, finite=True, by="JSBSimAircraft.coefficients")
         held = {c: recording[c] if c in recording else np.zeros_like(recording.t) for c in optional}
         states = np.zeros((len(recording.t), 12))
-        states[:, :3] = np.column_stack(rb.body_velocity(recording["V"], recording["alpha"], held["beta"]))
+        states[:, :3] = np.column_stack(body_velocity(recording["V"], recording["alpha"], held["beta"]))
         for c in ("p", "q", "r", "phi", "theta", "psi"):
             states[:, STATES.index(c)] = held[c]
         states[:, 11] = recording["h"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.errors import ChannelError
 from structsel.nomenclature import COEFFICIENTS
-from structsel.numerics import rigid_body as rb
+from structsel.numerics.air_data import air_data, flow_angle_rates
 from structsel.numerics.rigid_body import STATES
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Recording
@@ -65,8 +65,8 @@ def make_recording(
     """
     channels = {c: held[c] for c in (*_AS_READ, *COEFFICIENTS, *controls)}
     u, v, w, u_dot, v_dot, w_dot = (held[c] for c in ("u", "v", "w", "u_dot", "v_dot", "w_dot"))
-    V, alpha, beta = rb.air_data(u, v, w)
-    alpha_dot, beta_dot, V_dot = rb.flow_angle_rates(u, v, w, u_dot, v_dot, w_dot)
+    V, alpha, beta = air_data(u, v, w)
+    alpha_dot, beta_dot, V_dot = flow_angle_rates(u, v, w, u_dot, v_dot, w_dot)
     channels |= {
         "V": V,
         "alpha": alpha,
