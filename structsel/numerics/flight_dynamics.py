@@ -24,12 +24,11 @@ The entry of a delay stays zero; its value is looked up in the history of its in
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
-from structsel.numerics.arrays import UNCOUNTED, Array
+from structsel.numerics.air_data import body_from_wind_compiled, flow_angle_rates_compiled
+from structsel.numerics.arrays import UNCOUNTED
 from structsel.numerics.atmosphere import HIGHEST, LOWEST, standard_air
 from structsel.numerics.expressions import run_program
 from structsel.numerics.flight_model import (
@@ -37,7 +36,6 @@ from structsel.numerics.flight_model import (
     ALPHA_DOT_HAT,
     BETA_DOT_HAT,
     DENSITY,
-    DERIVED,
     FIRST_CONTROL,
     GUST,
     HEIGHT,
@@ -58,102 +56,6 @@ from structsel.numerics.flight_model import (
     Q,
     R,
 )
-from structsel.numerics.rigid_body import body_from_wind_compiled, flow_angle_rates_compiled
-
-
-class Environment(NamedTuple):
-    """Wind, atmosphere and gravity of one manoeuvre.
-
-    Attributes
-    ----------
-    heights, wind, isa_offset, gravity
-        As `flight_model.ManoeuvreInputs`.
-    reference : (3,) array [m/s]
-        Wind that the state's velocity is relative to, north, east, down.
-    """
-
-    heights: Array
-    wind: Array
-    isa_offset: float
-    gravity: float
-    reference: Array
-
-
-class History(NamedTuple):
-    """Inputs of the model's delays at the steps so far.
-
-    Attributes
-    ----------
-    steps : (1,) int array
-        How many so far.
-    time, distance : (N,) array [s, m]
-    value : (M, N) array
-    """
-
-    steps: Array
-    time: Array
-    distance: Array
-    value: Array
-
-
-class Parameters(NamedTuple):
-    """One full parameter vector by its parts: terms, start, drift, biases of the controls, delay, vanes."""
-
-    terms: Array
-    start: Array
-    drift: Array
-    biases: Array
-    delay: float
-    vanes: Array
-
-
-class Workspace(NamedTuple):
-    """Scratch arrays of the equations of motion at one instant.
-
-    Attributes
-    ----------
-    time : (1,) array [s]
-    controls : (c,) array
-    conditions : (14,) array
-        As `flight_model.CONDITIONS`.
-    attitude : (4,) array
-        sin phi, cos phi, sin theta, cos theta.
-    rotation : (3, 3) array
-        Body axes to north, east, down.
-    slots, memory_slots : arrays
-        Of the two programs.
-    coefficients : (3, 6) array
-        Without the flow's rates, and their derivatives with respect to each of the two rates.
-    memory_input : (M,) array
-        Inputs x of the states with a memory.
-    derived : (DERIVED,) array
-        As `flight_model.OUTPUTS`, and the velocity of the air.
-    history : History
-    """
-
-    time: Array
-    controls: Array
-    conditions: Array
-    attitude: Array
-    rotation: Array
-    slots: Array
-    memory_slots: Array
-    coefficients: Array
-    memory_input: Array
-    derived: Array
-    history: History
-
-
-@njit(cache=True)
-def new_workspace(aircraft, controls, conditions, history):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Scratch arrays for this many controls and conditions."""
-    program, memory = aircraft.program, aircraft.memory
-    return Workspace(
-        np.zeros(1), np.empty(controls), np.empty(conditions), np.empty(4), np.empty((3, 3)),
-        np.zeros(program.inputs + program.operation.size),
-        np.zeros(memory.program.inputs + memory.program.operation.size),
-        np.zeros((3, 6)), np.zeros(memory.slot.size), np.zeros(DERIVED), history,
-    )  # fmt: skip
 
 
 @njit(**UNCOUNTED, forceinline=True)
@@ -231,7 +133,7 @@ def _motion_through_air(x, air, work):  # type: ignore[no-untyped-def]  # pragma
 @njit(**UNCOUNTED, forceinline=True)
 def _rigid_body(x, parameters, aircraft, air, work, out):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """The first 12 derivatives and the outputs, from the channels and controls in the workspace."""
-    slots, rotation, derived = work.slots, work.rotation, work.derived
+    slots, rotation = work.slots, work.rotation
     _evaluate_coefficients(parameters.terms, aircraft, work)
     c = work.coefficients[0]
     thrust = slots[aircraft.thrust_slot] if aircraft.thrust_slot >= 0 else 0.0
@@ -276,7 +178,14 @@ def _rigid_body(x, parameters, aircraft, air, work, out):  # type: ignore[no-unt
     out[11] = -out[11]
     for i in range(12):
         out[i] += drift[i]
-    # Outputs
+    _write_outputs(x, thrust, qS, aircraft, work, out)
+
+
+@njit(**UNCOUNTED, forceinline=True)
+def _write_outputs(x, thrust, qS, aircraft, work, out):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Outputs at the centre of gravity, of the derivative `out`."""
+    slots, derived, c = work.slots, work.derived, work.coefficients[0]
+    mass, push = work.conditions[MASS], aircraft.thrust_direction
     for i in range(3):
         derived[i], derived[OUT_V + i], derived[OUT_RHO + i] = slots[i], slots[AIRSPEED + i], slots[AIRSPEED + 3 + i]
         derived[OUT_AX + i] = (qS * c[i] + thrust * push[i]) / mass

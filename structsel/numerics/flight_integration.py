@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from structsel.numerics import kinematics
 from structsel.numerics.arrays import UNCOUNTED, Array
 from structsel.numerics.atmosphere import HIGHEST, LOWEST
-from structsel.numerics.flight_dynamics import Environment, History, Parameters, new_workspace, state_derivative
+from structsel.numerics.flight_dynamics import state_derivative
 from structsel.numerics.flight_model import (
     DENSITY,
     FIRST_READING,
@@ -30,6 +30,7 @@ from structsel.numerics.flight_model import (
     Q,
     R,
 )
+from structsel.numerics.flight_workspace import Environment, History, Parameters, new_workspace
 
 _VERTICAL = 0.5 * np.pi - 1e-6  # rad; beyond it yaw and roll are the same rotation
 _SLOWEST = 1e-3  # m/s; no coefficient is defined below

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from structsel.errors import DataError, DomainError
 from structsel.numerics.arrays import Array
-from structsel.numerics.flight_dynamics import Environment, wind_at
+from structsel.numerics.flight_dynamics import wind_at
 from structsel.numerics.flight_integration import Clock, Correction, Sensors, Setup, evaluate_all, simulate_all
 from structsel.numerics.flight_model import (
     FIRST_READING,
@@ -46,6 +46,7 @@ from structsel.numerics.flight_model import (
     CompiledAircraft,
     ManoeuvreInputs,
 )
+from structsel.numerics.flight_workspace import Environment
 
 _STEP = 1e-4  # of the central differences: of the airspeed, rad, rad/s
 
