@@ -12,7 +12,8 @@ from scipy.linalg import cholesky, solve_triangular
 from structsel.comparison.flight import Flight
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.evidence import Further, Projector, length_of, spectrum
+from structsel.numerics.cosine_spectrum import length_of, spectrum
+from structsel.numerics.evidence import Further, Projector
 
 HIGHEST = 6.0
 """Frequency [Hz] up to which an aircraft's responses are compared."""

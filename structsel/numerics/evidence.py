@@ -9,71 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
-from scipy.fft import dct, prev_fast_len
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
 
 from structsel.numerics.arrays import Array
-
-
-def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
-    """Level and first cosine coefficients of each column, faded at both ends.
-
-    The orthonormal cosine transform (type II) of a stationary process has nearly independent coefficients whose
-    variances are its two-sided spectrum, and no leakage from a step between its ends; a relation that holds sample by
-    sample holds coefficient by coefficient. Fading matters for what was differentiated: the noise of the first and
-    the last reading would stand in every coefficient. A constant is faded as well, and would leak into them: it is
-    taken out first, and stands by itself.
-
-    Parameters
-    ----------
-    x : (n,) or (n, k) array
-    bins : int
-        Coefficient j stands for the frequency j / (2 `length_of(n)` dt).
-    edge : int
-        Samples over which each end is faded.
-
-    Returns
-    -------
-    (1 + bins,) or (1 + bins, k) array
-        The level (times the root of the samples it counts) and coefficients 1 to `bins`.
-    """
-    n = length_of(len(x))
-    fade = fading(n, edge)
-    # One column after another in memory: transforms of what lies side by side take longer.
-    faded = np.multiply(np.asarray(x, dtype=float)[:n].T, fade, order="C")
-    level = faded @ fade / (fade @ fade)
-    made = dct(faded, norm="ortho", overwrite_x=True)[..., : bins + 1]
-    made = made - np.multiply.outer(level, _leaked(n, edge)[: bins + 1])
-    made[..., 0] = level * np.sqrt(fade @ fade)
-    return np.array(made.T, order="C")
-
-
-@lru_cache(maxsize=256)
-def _leaked(n: int, edge: int) -> Array:
-    """(n,) coefficients that a faded constant has; not to be written to."""
-    return np.asarray(dct(fading(n, edge), norm="ortho"))
-
-
-@lru_cache(maxsize=256)
-def length_of(n: int) -> int:
-    """Samples of n that a spectrum is made of: a few at the end are left out where that spares much work."""
-    return int(prev_fast_len(n, real=True))
-
-
-@lru_cache(maxsize=256)
-def fading(n: int, edge: int) -> Array:
-    """(n,) weights that rise from 0 to 1 over `edge` samples and fall again (cosine squared); not to be written to."""
-    fade = np.ones(n)
-    if edge > 0:
-        rise = np.sin(0.5 * np.pi * (np.arange(edge) + 0.5) / edge) ** 2
-        fade[:edge] = rise
-        fade[n - edge :] = rise[::-1]
-    fade.setflags(write=False)
-    return fade
 
 
 @dataclass(frozen=True, eq=False)

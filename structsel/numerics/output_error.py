@@ -22,9 +22,9 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
-from scipy import linalg
 
 from structsel.errors import DomainError
+from structsel.numerics.information_matrix import invert_information, sandwich, solve_damped
 from structsel.numerics.noise_models import score_covariance
 from structsel.numerics.output_error_problem import OutputErrorProblem
 
@@ -35,8 +35,6 @@ CONVERGED = "the estimates have converged"
 _MAX_DAMPING = 1e12
 _MIN_STEP = 2.0**-20  # of a Gauss-Newton step
 _CONVERGED = 1e-3  # in standard deviations of the estimate
-_RANK = 1e-11  # of the eigenvalues of the information scaled to unit diagonal: singular values 3e-6
-_INSENSITIVE = 1e-6  # standard deviations of all the noise that a parameter as large as its scale moves the outputs
 
 
 @dataclass(frozen=True)
@@ -256,7 +254,7 @@ class _LocalSearch:
         while free.any():
             held = ~free
             rest = g[free] - H[np.ix_(free, held)] @ move[held]
-            move[free] = _solve(H[np.ix_(free, free)], rest, damping)
+            move[free] = solve_damped(H[np.ix_(free, free)], rest, damping)
             out = free & ((move < low) | (move > high))
             if not out.any():
                 break
@@ -267,7 +265,7 @@ class _LocalSearch:
     def converged(self, theta: np.ndarray, H: np.ndarray, g: np.ndarray, noise: float, slack: float) -> bool:
         """Whether the undamped step is negligible in every parameter."""
         move = np.abs(self.step(theta, H, g, 0.0))
-        std = noise * np.sqrt(np.diag(_invert(H, self.scale)[0]))
+        std = noise * np.sqrt(np.diag(invert_information(H, self.scale)[0]))
         return bool(np.all((move <= self.tolerance * np.abs(theta)) | (move <= slack * _CONVERGED * std)))
 
     def improve(
@@ -305,13 +303,13 @@ class _LocalSearch:
         at_bound = np.where(theta <= self.bounds[:, 0], -1, np.where(theta >= self.bounds[:, 1], 1, 0))
         if np.isfinite(costs[-1]):
             H, _, S, v = self.information(theta, outputs)
-            D, undetermined = _invert(H, self.scale)
+            D, undetermined = invert_information(H, self.scale)
             blanked = [np.where(sampled, r, np.nan) for sampled, r in zip(problem.sampled, v)]
             middle = np.sum([self.score(s, r) for s, r in zip(S, blanked)], axis=0)
             if problem.prior is not None:
                 middle = middle + np.diag(problem.prior[1] ** -2.0)
-            covariance = _sandwich(D, middle)
-            crlb = D if problem.cost == "ml" else _sandwich(D, _white_information(S, v, problem))
+            covariance = sandwich(D, middle)
+            crlb = D if problem.cost == "ml" else sandwich(D, _white_information(S, v, problem))
             noise = problem.sample_covariance(residuals)
         else:
             crlb = covariance = np.full((k, k), np.nan)
@@ -326,46 +324,3 @@ def _white_information(S: list[np.ndarray], v: list[np.ndarray], problem: Output
     """(k, k) sum of S' C S with C the covariance of whitened residuals from channel to channel."""
     covariance = np.sum([r.T @ r for r in v], axis=0) / np.sqrt(np.outer(problem.counts, problem.counts))
     return np.sum([np.einsum("anc,cd,bnd->ab", s, covariance, s, optimize=True) for s in S], axis=0)
-
-
-def _sandwich(D: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """D middle D, infinite where D is."""
-    lost = np.isinf(np.diag(D))
-    held = np.where(np.isinf(D), 0.0, D)
-    found = held @ middle @ held
-    found[lost, lost] = np.inf
-    return found
-
-
-def _decompose(H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scale to unit diagonal, eigenvalues and vectors of the scaled matrix."""
-    d = np.sqrt(np.diag(H))
-    inverse = np.where(d > 0.0, 1.0 / np.where(d > 0.0, d, 1.0), 0.0)
-    values, vectors = linalg.eigh(H * np.outer(inverse, inverse))
-    return inverse, values, vectors
-
-
-def _solve(H: np.ndarray, g: np.ndarray, damping: float) -> np.ndarray:
-    """(H + damping diag(H))^-1 g, without the directions that H says nothing about."""
-    inverse, values, vectors = _decompose(H)
-    kept = values > _RANK * values[-1]
-    V = vectors[:, kept]
-    return inverse * (V @ ((V.T @ (inverse * g)) / (values[kept] + damping)))
-
-
-def _invert(H: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse of H, infinite on the diagonal where it has none, and which parameters these are."""
-    with np.errstate(all="ignore"):
-        insensitive = np.sqrt(np.diag(H)) * scale < _INSENSITIVE
-    kept = ~insensitive
-    D = np.zeros_like(H)
-    undetermined = insensitive.copy()
-    if kept.any():
-        inverse, values, vectors = _decompose(H[np.ix_(kept, kept)])
-        null = values <= _RANK * values[-1]
-        V = vectors[:, ~null]
-        D[np.ix_(kept, kept)] = np.outer(inverse, inverse) * ((V / values[~null]) @ V.T)
-        undetermined[kept] = (vectors[:, null] ** 2).sum(axis=1) > 1e-3
-    D[undetermined] = D[:, undetermined] = 0.0
-    D[undetermined, undetermined] = np.inf
-    return D, undetermined
