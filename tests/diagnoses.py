@@ -1,4 +1,4 @@
-"""Diagnoses made by hand, every number known: for what tells, draws and writes them."""
+"""Diagnoses written by hand, every number known, for their text, figures and files."""
 
 from dataclasses import replace
 

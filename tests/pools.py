@@ -1,4 +1,4 @@
-"""Small pools and signals shared by the engine's tests."""
+"""Small pools and signals of the tests of selection."""
 
 from itertools import combinations_with_replacement
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import structsel as ss
-from tests.source import imports, modules
+from tests.package_source import imports, modules
 
 ROOT = Path(__file__).parents[1]
 

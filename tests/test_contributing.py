@@ -18,7 +18,7 @@ from structsel.selection.methods import METHODS
 from tests.effect_fits import best, check_all
 from tests.flights import fly as simulated_flights
 from tests.noisy_flights import AIRCRAFT, T, flights_with, fly
-from tests.source import ROOT
+from tests.package_source import ROOT
 
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE | re.DOTALL)
 

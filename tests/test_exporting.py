@@ -22,7 +22,7 @@ from structsel.candidates.formula import FUNCTIONS
 from structsel.errors import DataError, ModelError, TermError
 from structsel.exporting import TARGETS
 from tests.commands import run
-from tests.exported import KINDS, exported_to_c, exported_to_python, model_of, random_states
+from tests.exported_models import KINDS, exported_to_c, exported_to_python, model_of, random_states
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")

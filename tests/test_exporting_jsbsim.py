@@ -33,7 +33,7 @@ from structsel.cli import app, demo
 from structsel.errors import AircraftError, ModelError
 from structsel.exporting import TARGETS
 from tests.commands import code_blocks
-from tests.exported import KINDS, RANGES, model_of, random_states
+from tests.exported_models import KINDS, RANGES, model_of, random_states
 
 jsbsim = pytest.importorskip("jsbsim", reason='JSBSim is not installed: pip install "structsel[jsbsim]"')
 

@@ -3,7 +3,7 @@
 import ast
 from collections import Counter
 
-from tests.source import modules
+from tests.package_source import modules
 
 # Class names that are used for two things, still. This list only shrinks.
 USED_TWICE: set[str] = set()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.reported import pages
+from tests.report_pages import pages
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs the extra 'browser'")
 

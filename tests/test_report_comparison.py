@@ -7,7 +7,7 @@ import pytest
 from structsel import Candidates, select, validate
 from structsel.formatting import format_number
 from structsel.report import write_comparison
-from tests.reported import manoeuvre
+from tests.report_pages import manoeuvre
 from tests.test_report import Page
 
 ODD = "all <of> it"

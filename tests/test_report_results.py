@@ -15,7 +15,7 @@ from structsel import Candidates, Reconstructions, Recording, read_recording, se
 from structsel.errors import DomainError
 from structsel.report import render
 from structsel.report.downsampling import keep_extremes
-from tests.reported import manoeuvre, pages, reconstructed, refined, selected
+from tests.report_pages import manoeuvre, pages, reconstructed, refined, selected
 from tests.test_report import Page
 
 KINDS = ("selection", "reconstruction", "refinement")

@@ -11,7 +11,7 @@ from structsel import Candidates, Recording, reconstruct_all, select, write_reco
 from structsel.cli import app
 from structsel.demo import demo_instruments, demo_missing_physics
 from structsel.diagnosis import diagnose
-from tests.reported import manoeuvre
+from tests.report_pages import manoeuvre
 
 POOL = Candidates.polynomial(["alpha", "q_hat", "de"], 3)
 

@@ -1,4 +1,4 @@
-"""One small result of every kind, as the stations make them: for what writes and opens reports."""
+"""One small result of every kind, and its report page."""
 
 from functools import cache
 
