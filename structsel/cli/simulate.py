@@ -87,7 +87,7 @@ class ScheduleOptions:
 
 
 @dataclass(frozen=True)
-class SurroundingsOptions:
+class EnvironmentOptions:
     """Air, instruments, and how inputs are followed."""
 
     between: Annotated[Literal["linear", "hold"], typer.Option("--between", help="What inputs do between samples.")] = (
@@ -124,7 +124,7 @@ def run(
     source: AircraftModelOptions,
     schedule: ScheduleOptions,
     steady: SteadyFlightOptions,
-    surroundings: SurroundingsOptions,
+    environment: EnvironmentOptions,
     output: OutputOptions,
     modes: Annotated[bool, typer.Option("--modes", help="The modes of small motions about the trim.")] = False,
     out: Annotated[
@@ -137,7 +137,7 @@ def run(
     aircraft_model = source.open(model)
     schedules = read_schedules(schedule.inputs or (), schedule.channel_map, "--inputs")
     followed = read_schedules(schedule.recordings or (), schedule.channel_map, "--recordings")
-    air = _Surroundings(surroundings)
+    air = _Environment(environment)
     flown = _Flown(recorded={r.name: r for r in followed})
     if isinstance(aircraft_model, LinearModel):
         if steady.trim or steady.controls:
@@ -197,10 +197,10 @@ def _keep(flown: _Flown, recording: Recording, fly: Callable[[], Recording]) -> 
             flown.flights.append(error.partial)
 
 
-class _Surroundings:
+class _Environment:
     """Air, instruments and how inputs are followed."""
 
-    def __init__(self, options: SurroundingsOptions):
+    def __init__(self, options: EnvironmentOptions):
         self.options = options
         self.stated = options.noise == "stated"
         self.noise = {} if self.stated else read_numbers("--noise", options.noise, "alpha=0.002,q=0.001")
