@@ -246,10 +246,7 @@ def _groups(scores: Sequence[CaseScore], by: Callable[[CaseScore], str]) -> tupl
     frame = pd.DataFrame(values, columns=[*rates, *medians], dtype=float)
     return tuple(
         Group(
-            str(name),
-            len(held),
-            {f: float(held[f].mean()) for f in rates},
-            *(float(held[f].median()) for f in medians),
+            str(name), len(held), {f: float(held[f].mean()) for f in rates}, *(float(held[f].median()) for f in medians)
         )
         for name, held in frame.groupby([by(s) for s in scores])
     )

@@ -7,7 +7,6 @@ import os
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ FLEET = ("c172p", "c172r", "c172x", "pa28", "J3Cub", "t6texan2", "DHC6", "OV10",
 """Aircraft of JSBSim that trim and fly well."""
 FT, LBF = 0.3048, 4.4482216152605
 _FORCES = ("x", "y", "z", "l", "m", "n")
-_SIDES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 FLAPS = tuple(f"fcs/flap-pos-{unit}" for unit in ("rad", "deg", "norm"))
 _FLAP_SPAN = 0.6  # rad, full flap where the aerodynamics read a fraction only
 
@@ -163,13 +161,6 @@ class JSBSimPlant(JSBSimAircraft):
                 break
             low = max(low, float(self._fdm.from_cg(*(f"gear/unit[{i}]/{c}-position" for c in "xyz"))[2]))
         return low
-
-
-@lru_cache(maxsize=4)
-def load_plant(name: str) -> JSBSimPlant:
-    """The aircraft, loaded once."""
-    with silence_output():
-        return JSBSimPlant(name)
 
 
 def _replace(root: ET.Element, functions: tuple[AeroFunction, ...]) -> None:

@@ -117,38 +117,45 @@ def _surface(rng: np.random.Generator) -> str:
     return str(rng.choice(["de", "de", "da", "dr"]))
 
 
-def _lagged(rng: np.random.Generator) -> Callable[[float], Fault]:
-    surface = _surface(rng)
+def _actuator(
+    step: Callable[[float, float, float, float], float], key: str, stated: Callable[[float], float] = float
+) -> Callable[[np.random.Generator], Callable[[float], Fault]]:
+    """A drawn surface whose position is `step` of (last position, command, dt, size), and begins at the command."""
 
-    def make(tau: float) -> Follower:
-        held: dict[str, float] = {}
+    def draw(rng: np.random.Generator) -> Callable[[float], Fault]:
+        surface = _surface(rng)
 
-        def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
-            x = held.get("x", command)
-            held["x"] = x + (command - x) * (1.0 - math.exp(-dt / tau))
-            return held["x"]
+        def at(size: float) -> Fault:
+            def make() -> Follower:
+                held: dict[str, float] = {}
 
-        return follow
+                def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
+                    held["x"] = step(held.get("x", command), command, dt, size)
+                    return held["x"]
 
-    return lambda x: Fault(actuator=(surface, lambda: make(x)), key_parameters={"surface": surface, "tau": x})
+                return follow
+
+            return Fault(actuator=(surface, make), key_parameters={"surface": surface, key: stated(size)})
+
+        return at
+
+    return draw
 
 
-def _limited(rng: np.random.Generator) -> Callable[[float], Fault]:
-    surface = _surface(rng)
+def _lagged(x: float, command: float, dt: float, tau: float) -> float:
+    return x + (command - x) * (1.0 - math.exp(-dt / tau))
 
-    def make(rate: float) -> Follower:
-        held: dict[str, float] = {}
 
-        def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
-            x = held.get("x", command)
-            held["x"] = x + max(-rate * dt, min(rate * dt, command - x))
-            return held["x"]
+def _rate(size: float) -> float:
+    return 1.0 / size
 
-        return follow
 
-    return lambda x: Fault(
-        actuator=(surface, lambda: make(1.0 / x)), key_parameters={"surface": surface, "rate": 1.0 / x}
-    )
+def _limited(x: float, command: float, dt: float, size: float) -> float:
+    return x + max(-_rate(size) * dt, min(_rate(size) * dt, command - x))
+
+
+def _backlash(x: float, command: float, dt: float, width: float) -> float:
+    return max(command - 0.5 * width, min(command + 0.5 * width, x))
 
 
 def _stopped(rng: np.random.Generator) -> Callable[[float], Fault]:
@@ -169,22 +176,6 @@ def _stopped(rng: np.random.Generator) -> Callable[[float], Fault]:
     return lambda x: Fault(
         actuator=(surface, lambda: make(x)), key_parameters={"surface": surface, "stop from trim": s * 0.03 / x}
     )
-
-
-def _backlash(rng: np.random.Generator) -> Callable[[float], Fault]:
-    surface = _surface(rng)
-
-    def make(width: float) -> Follower:
-        held: dict[str, float] = {}
-
-        def follow(command: float, dt: float, now: Mapping[str, float]) -> float:
-            x = held.get("x", command)
-            held["x"] = max(command - 0.5 * width, min(command + 0.5 * width, x))
-            return held["x"]
-
-        return follow
-
-    return lambda x: Fault(actuator=(surface, lambda: make(x)), key_parameters={"surface": surface, "width": x})
 
 
 def _stability_augmentation(rng: np.random.Generator) -> Callable[[float], Fault]:
@@ -211,10 +202,16 @@ FAULTS: dict[str, FaultSpec] = {
     "inertia-error": FaultSpec(
         _inertia, "inertial", 0.04, 0.3, ("pitch", "lateral"), ("wrong-derivative", "sensor-scale")
     ),
-    "actuator-lag": FaultSpec(_lagged, "actuator", 0.03, 0.35, ("pitch", "lateral"), ("sensor-delay",)),
-    "actuator-rate-limit": FaultSpec(_limited, "actuator", 1.0, 60.0, ("pitch", "lateral"), ("actuator-lag",)),
+    "actuator-lag": FaultSpec(
+        _actuator(_lagged, "tau"), "actuator", 0.03, 0.35, ("pitch", "lateral"), ("sensor-delay",)
+    ),
+    "actuator-rate-limit": FaultSpec(
+        _actuator(_limited, "rate", _rate), "actuator", 1.0, 60.0, ("pitch", "lateral"), ("actuator-lag",)
+    ),
     "actuator-saturation": FaultSpec(_stopped, "actuator", 0.15, 5.0, ("pitch", "lateral"), ("control-nonlinearity",)),
-    "backlash": FaultSpec(_backlash, "actuator", 0.002, 0.06, ("pitch", "lateral", "multisine"), ("actuator-lag",)),
+    "backlash": FaultSpec(
+        _actuator(_backlash, "width"), "actuator", 0.002, 0.06, ("pitch", "lateral", "multisine"), ("actuator-lag",)
+    ),
     "augmentation": FaultSpec(
         _stability_augmentation, "actuator", 0.01, 1.0, ("pitch", "lateral"), ("wrong-derivative",)
     ),

@@ -12,7 +12,6 @@ from proof.jsbsim.functions import AXES, CL_SQUARED, H_B, AeroFunction, evaluate
 
 SEEN = ("V", "alpha", "beta", "p", "q", "r", "h", "de", "da", "dr")
 """Channels at which a simulation may be computed with other values than the true ones."""
-_SURFACES = {"de": ("elevator-pos", 1.0), "dr": ("rudder-pos", 1.0)}
 
 
 def functions_with(plant: JSBSimPlant, changed: Sequence[AeroFunction] = ()) -> tuple[AeroFunction, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from proof.keys import Form, Intervals, Kind
 from proof.polynomial.aircraft import TruthAircraft
 from proof.polynomial.flight import InjectedPhysics, TruthFlight
-from proof.polynomial.manoeuvres import InputSizes, Manoeuvre, input_sizes
+from proof.polynomial.manoeuvres import Manoeuvre
 from proof.polynomial.terms import AXES, INDEX
 from proof.scenario.instruments import InstrumentErrors
 from structsel.aircraft import Tolerances
@@ -49,11 +49,6 @@ class EffectContext:
         """The value at which a term scatters as much as the complete coefficient does."""
         values = np.concatenate([f.coefs for f in self.base])[:, AXES.index(axis)]
         return float(values.std() / max(self.product(text).std(), 1e-9))
-
-    def usual_inputs(self, k: int) -> InputSizes:
-        """Usual inputs in a manoeuvre."""
-        manoeuvre = self.manoeuvres[k]
-        return input_sizes(self.truth, manoeuvre.V, manoeuvre.h, manoeuvre.trim["alpha"])
 
     def choose_manoeuvres(self, fewest: int, largest: int) -> list[int]:
         """Some of the manoeuvres."""

@@ -134,8 +134,7 @@ def _backlash(c: EffectContext) -> EffectDesign:
     def at(size: float) -> Injection:
         width = 0.4 * reach * size
         return Injection(
-            InjectedPhysics(surfaces={control: {"backlash": width}}),
-            parameters={"channel": control, "width": width},
+            InjectedPhysics(surfaces={control: {"backlash": width}}), parameters={"channel": control, "width": width}
         )
 
     return EffectDesign(at, (_AXIS[control],), ("actuator-lag", "friction"), low=0.05, high=3.5)

@@ -193,13 +193,7 @@ def _actuators(differing: Mapping[str, Mapping[str, float]]) -> np.ndarray:
 
 
 def _run(
-    manoeuvre: Manoeuvre,
-    start: np.ndarray,
-    schedules: np.ndarray,
-    rate: float,
-    first: int,
-    plant: Plant,
-    pilot: Pilot,
+    manoeuvre: Manoeuvre, start: np.ndarray, schedules: np.ndarray, rate: float, first: int, plant: Plant, pilot: Pilot
 ) -> TruthFlight:
     every = round(1.0 / (rate * DT))
     rows, log = simulate_flight(start, schedules, DT, every, first, plant, pilot)

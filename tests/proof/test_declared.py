@@ -7,13 +7,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from proof.generate import declared_effects, draw_case, drawable
-from proof.independence import copied_terms
 from proof.scenario.declared import VARIABLES, band_noise
 from structsel import effects
 from structsel.comparison.preparing import prepare
 from structsel.demo import demo_missing_physics
 from structsel.effects import EFFECTS, BandNoise, Effect, EffectParameter, TruthCase, Variant
 from structsel.errors import DataError
+from tests.proof.independence import copied_terms
 
 BUFFET = TruthCase(
     {"Cm": {"buffet": 0.5}, "CZ": {"buffet": 1.0}}, (0.05, 20.0), ("stall", "stall", "pull-up"), ("turbulence",),

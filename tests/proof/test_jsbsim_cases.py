@@ -10,7 +10,7 @@ jsbsim = pytest.importorskip("jsbsim", reason="JSBSim is not installed")
 
 from proof.generate import draw_case  # noqa: E402
 from proof.jsbsim.added_force import AddedForce  # noqa: E402
-from proof.jsbsim.aircraft import JSBSimPlant, load_plant  # noqa: E402
+from proof.jsbsim.aircraft import JSBSimPlant  # noqa: E402
 from proof.jsbsim.effects import effects_of  # noqa: E402
 from proof.jsbsim.effects_built_in import find_built_in  # noqa: E402
 from proof.jsbsim.flight import LEAD, Additions, Manoeuvre, simulate_manoeuvre  # noqa: E402
@@ -32,7 +32,7 @@ def true_coefficients(aircraft, flight):
 @pytest.fixture(scope="module")
 def low_pass():
     """Twelve seconds of a Cessna going down to the ground."""
-    aircraft = load_plant("c172p")
+    aircraft = JSBSimPlant("c172p")
     point = find_point(aircraft, np.random.default_rng(3), low=True, lift=(0.5, 0.6))
     t = np.round(np.arange(-LEAD, 12.0, 0.04), 9)
     h = np.interp(t, [1.0, 9.0], [0.0, 3.0 - point.h])
@@ -58,11 +58,7 @@ def test_ground_effect_taken_out_of_the_functions_is_what_a_changed_aircraft_fli
     functions = functions_with(aircraft, built_in.left_in(aircraft, 0.4))
     other = JSBSimPlant("c172p", functions)
     flight = simulate_manoeuvre(other, manoeuvre, Additions())
-    assert_allclose(
-        coefficients(other, flight, functions),
-        true_coefficients(other.aircraft, flight),
-        atol=1e-9,
-    )
+    assert_allclose(coefficients(other, flight, functions), true_coefficients(other.aircraft, flight), atol=1e-9)
     lacking = coefficients(other, flight, aircraft.functions) - true_coefficients(other.aircraft, flight)
     near = flight["h"] < 0.5 * aircraft.aircraft.b
     assert np.all(lacking[near, 2] < 0.0)  # the ground's lift, up
@@ -118,8 +114,8 @@ def test_a_case_is_complete_and_its_key_says_what_a_perfect_account_gains():
 
 
 def test_every_aircraft_of_the_fleet_has_effects_of_its_own_and_put_in():
-    assert "ground-effect" in effects_of(load_plant("c172p"))
-    built_in = {n.effect for n in find_built_in(load_plant("c172p"))}
+    assert "ground-effect" in effects_of(JSBSimPlant("c172p"))
+    built_in = {n.effect for n in find_built_in(JSBSimPlant("c172p"))}
     assert {"ground-effect", "drag-polar", "static-stall", "stall-hysteresis", "downwash-lag", "slipstream"} <= built_in
-    assert "compressibility" in {n.effect for n in find_built_in(load_plant("global5000"))}
-    assert len(effects_of(load_plant("c172p"))) > 30
+    assert "compressibility" in {n.effect for n in find_built_in(JSBSimPlant("global5000"))}
+    assert len(effects_of(JSBSimPlant("c172p"))) > 30
