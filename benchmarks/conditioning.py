@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from cases import design_matrix, flight_signals, monomials
 from numpy.typing import NDArray
+from qr_search import qr_stepwise
 from timing import say
 
 from structsel.numerics.arrays import Array
@@ -110,7 +111,7 @@ def one_case(motion: float, seed: int) -> Conditioning:
     products = cross_products(signals, exponents, workers=1)
     C, dof = centred(products.total()), SAMPLES - 1.0
     path = stepwise(C, dof, F_in=F_IN, F_out=F_IN, swap=False, min_tolerance=TOL)
-    by_qr = qr_stepwise(base, exponents, y, F_IN)
+    by_qr, _ = qr_stepwise(design_matrix(base, exponents), y, F_IN, TOL)
     fit = fit_terms(signals, exponents[true])
     theta, F, norms = reference(base, exponents[true], y)
     error = np.max(np.abs(fit.theta - theta) * norms) / np.max(np.abs(theta) * norms)
@@ -161,39 +162,6 @@ def reference(base: Array, exponents: NDArray[np.integer], y: Array) -> tuple[Ar
         F = [float(theta[i] ** 2 / (s2 * inverse[i, i])) for i in range(1, q)]
         norms = [float(mp.sqrt(gram[i, i])) for i in range(q)]
         return np.array([float(v) for v in theta]), np.array(F), np.array(norms)
-
-
-def qr_stepwise(base: Array, exponents: NDArray[np.integer], y: Array, threshold: float) -> set[int]:
-    """Forward selection with backward elimination on orthogonalised columns; no cross-products are formed."""
-    X = design_matrix(base, exponents)
-    Z = np.column_stack([np.ones(len(y)), X / np.linalg.norm(X, axis=0), y / np.linalg.norm(y)])
-    R = np.linalg.qr(Z, mode="r")[1:, 1:]
-    R /= np.linalg.norm(R, axis=0)
-    A, b = R[:, :-1], R[:, -1]
-    dof = len(y) - 1
-    kept: list[int] = []
-    for _ in range(10 * A.shape[1]):
-        Q = np.linalg.qr(A[:, kept])[0] if kept else np.zeros((len(b), 0))
-        left, rest = A, b
-        for _twice in range(2):
-            left, rest = left - Q @ (Q.T @ left), rest - Q @ (Q.T @ rest)
-        if kept:
-            _, T = np.linalg.qr(A[:, kept])
-            theta = np.linalg.solve(T, Q.T @ b)
-            spread = np.sum(np.linalg.inv(T) ** 2, axis=1) * (rest @ rest) / (dof - len(kept))
-            weakest = int(np.argmin(theta**2 / spread))
-            if theta[weakest] ** 2 / spread[weakest] < threshold:
-                del kept[weakest]
-                continue
-        d = np.einsum("ij,ij->j", left, left)
-        usable = d > TOL
-        usable[kept] = False
-        gain = np.where(usable, (left.T @ rest) ** 2 / np.where(usable, d, 1.0), -1.0)
-        best = int(np.argmax(gain))
-        if gain[best] * (dof - len(kept) - 1) < threshold * (rest @ rest - gain[best]):
-            break
-        kept.append(best)
-    return set(kept)
 
 
 def conditioning_goal(found: list[Conditioning]) -> list[tuple[str, str, bool]]:

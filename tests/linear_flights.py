@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from structsel.numerics.linear_models import LinearSystem
 from structsel.recording import Recording
 from structsel.refinement import LinearStructure
 
@@ -43,7 +44,7 @@ def helicopter(**values):
 
 
 def fly_by_solver(structure, t, inputs, *, delay=0.0, drift=0.0, reference=0.0, start=None):
-    """Outputs by scipy's integrator, inputs linear between samples and late by `delay`; not the package's own."""
+    """Outputs by scipy's integrator, inputs linear between samples and delayed by `delay`; not the package's own."""
     values = np.array([list(structure.parameters.values())])
     made = structure.matrices(values)
     A, B, C, D = made.A[0], made.B[0], made.C[0], made.D[0]
@@ -73,3 +74,11 @@ def recording(name, t, structure, inputs, outputs, noise=None, seed=0):
     y = outputs if noise is None else outputs + rng.standard_normal(outputs.shape) * noise
     channels = dict(zip(structure.inputs, inputs)) | dict(zip(structure.outputs, y.T))
     return Recording(name, t, channels)
+
+
+def pitch(**values):
+    """Short period of an aeroplane at 105 m/s: states w and q, input de."""
+    A = np.array([[-1.34, 105.0], [-0.048, -1.67]])
+    system = LinearSystem.of(("w", "q"), ("de",), A, np.array([[-21.8], [-19.5]]))
+    entries = {"zw": ("A", 0, 0), "mw": ("A", 1, 0), "mq": ("A", 1, 1), "mde": ("B", 1, 0)}
+    return LinearStructure.from_entries(system, entries).replace(values)

@@ -8,19 +8,11 @@ from structsel.numerics.regressors import ArrayData
 from structsel.selection.engine import select_arrays
 from structsel.selection.settings import SelectOptions
 
+from .benchmark_modules import load_benchmark
 from .flights import cases
-from .pools import design, monomial_exponents
+from .pools import design
 
-POOL = monomial_exponents(4, 2)  # 14 candidates
-
-
-def run(flights, exponents=POOL, include=(), **options):
-    asked = SelectOptions(**{"bootstrap": 0, "workers": 1, **options})
-    start = range(len(exponents)) if asked.initial_terms == "all" else ()
-    return select_arrays(flights, exponents, asked, include, start)
-
-
-# --- conditioning ----------------------------------------------------------------------------------
+qr_stepwise = load_benchmark("qr_search").qr_stepwise
 
 
 def near_copy(own_motion, seed, n=5000):
@@ -37,37 +29,6 @@ def near_copy(own_motion, seed, n=5000):
     return ArrayData(base, y[None]), exponents, (0, 3, 5, 8, 10)
 
 
-def qr_stepwise(X, y, threshold, tol=1e-9):
-    """Stepwise selection on orthogonalised columns; no cross-products are formed.
-
-    Returns the columns kept, and those refused: of their length about the mean the kept ones leave at most
-    sqrt(tol).
-    """
-    Z = np.column_stack([X, y])
-    Z = np.linalg.qr(Z - Z.mean(axis=0), mode="r")
-    Z /= np.linalg.norm(Z, axis=0)
-    A, b = Z[:, :-1], Z[:, -1]
-    dof, kept = len(y) - 1, []
-    while True:
-        Q, R = np.linalg.qr(A[:, kept])
-        left, rest = A, b
-        for _ in range(2):  # twice is enough
-            left, rest = left - Q @ (Q.T @ left), rest - Q @ (Q.T @ rest)
-        if kept:
-            loss = np.linalg.solve(R, Q.T @ b) ** 2 / np.sum(np.linalg.inv(R) ** 2, axis=1)
-            if loss.min() * (dof - len(kept)) < threshold * (rest @ rest):
-                del kept[int(np.argmin(loss))]
-                continue
-        free = np.sum(left**2, axis=0)
-        usable = free > tol
-        usable[kept] = False
-        gain = np.where(usable, (left.T @ rest) ** 2 / np.where(usable, free, 1.0), 0.0)
-        best = int(np.argmax(gain))
-        if gain[best] * (dof - len(kept) - 1) < threshold * (rest @ rest - gain[best]):
-            return set(kept), set(np.flatnonzero(free <= tol)) - set(kept)
-        kept.append(best)
-
-
 def partial_f_by_qr(X, y):
     Q, R = np.linalg.qr(np.column_stack([np.ones(len(y)), X]))
     rest = y - Q @ (Q.T @ y)
@@ -80,7 +41,8 @@ def partial_f_by_qr(X, y):
 def test_near_copies_of_the_elevator_are_selected_as_by_qr_or_refused_and_listed(own_motion, seed):
     # The selected set's condition number runs from 3e1 to 3e6; the copy's Schur complement is about own_motion^2.
     one, exponents, true = near_copy(own_motion, seed)
-    (found,) = run([one], exponents, noise="white", F_in=12.0)
+    options = SelectOptions(noise="white", F_in=12.0, bootstrap=0, workers=1)
+    (found,) = select_arrays([one], exponents, options)
     X, y = design(one.base_signals, exponents)[:, 1:], one.response_signals[0]
     kept, refused = qr_stepwise(X, y, 12.0)
     assert set(found.search.selected) == kept

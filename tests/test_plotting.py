@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
@@ -22,6 +21,7 @@ from structsel.plotting import (
     plot_path,
     plot_residual_against,
 )
+from tests.figures import assert_nothing_outside
 
 
 def manoeuvre(k, n=300):
@@ -135,13 +135,7 @@ def test_three_figures_for_every_response_with_every_text_inside_them(recordings
     drawn = dict(draw_selection(selections, recordings))
     assert list(drawn) == ["Cm_fit", "Cm_choice", "Cm_residual"]
     for figure in drawn.values():
-        FigureCanvasAgg(figure).draw()
-        extent = figure.get_tightbbox()
-        # Inches, a little more than a pixel of slack.
-        assert extent.x0 > -0.02
-        assert extent.y0 > -0.02
-        assert extent.x1 < figure.get_figwidth() + 0.02
-        assert extent.y1 < figure.get_figheight() + 0.02
+        assert_nothing_outside(figure)
 
 
 def test_only_plotting_imports_matplotlib():

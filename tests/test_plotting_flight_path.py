@@ -4,7 +4,6 @@ import warnings
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 from scipy import stats
@@ -22,6 +21,7 @@ from structsel.plotting import (
 )
 from structsel.reconstruction import reconstruct
 from structsel.reconstruction.result import Reconstruction
+from tests.figures import assert_nothing_outside
 
 
 @pytest.fixture(scope="module")
@@ -141,13 +141,7 @@ def test_every_figure_of_a_folder_has_its_text_inside(several, drawn):
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # such as a layout that does not fit
             warnings.filterwarnings("ignore", r"'\w+' .*deprecated")  # Matplotlib 3.9's names for parts of its parser
-            FigureCanvasAgg(figure).draw()
-        extent = figure.get_tightbbox()
-        # Inches, a little more than a pixel of slack.
-        assert extent.x0 > -0.02
-        assert extent.y0 > -0.02
-        assert extent.x1 < figure.get_figwidth() + 0.02
-        assert extent.y1 < figure.get_figheight() + 0.02
+            assert_nothing_outside(figure)
     each = ("readings", "innovations", "nis", "constants")
     assert names == [f"{name}_{of}" for name in ("all-axes", "second") for of in each] + ["constants"]
 

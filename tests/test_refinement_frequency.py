@@ -11,19 +11,12 @@ from structsel.numerics.spectra import sampled_response
 from structsel.recording import Recording
 from structsel.refinement import LinearStructure, compare_estimates, equation_error, refine
 from structsel.simulation.library.linear import as355
-from tests.linear_flights import AS355, fly_by_solver, helicopter, recording, three_two_one_one
+from tests.linear_flights import AS355, fly_by_solver, helicopter, pitch, recording, three_two_one_one
 
 T = np.arange(0.0, 20.0, 0.05)
 LEVER = three_two_one_one(T, 0.5, 0.4, 0.02)
 TRUTH = {"zw": -1.34, "mw": -0.048, "mq": -1.67, "mde": -19.5}
 NOISE = np.array([0.3, 0.005])
-
-
-def pitch(**values):
-    A = np.array([[-1.34, 105.0], [-0.048, -1.67]])
-    system = LinearSystem.of(("w", "q"), ("de",), A, np.array([[-21.8], [-19.5]]))
-    entries = {"zw": ("A", 0, 0), "mw": ("A", 1, 0), "mq": ("A", 1, 1), "mde": ("B", 1, 0)}
-    return LinearStructure.from_entries(system, entries).replace(values)
 
 
 def pitch_flight(seed=1, noise=NOISE, start=(0.0, 0.0)):

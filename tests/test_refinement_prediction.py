@@ -14,7 +14,7 @@ from structsel.refinement import LinearStructure, refine
 from structsel.refinement.filter_kernels import diagonal, predict_linear, steady_gain
 from structsel.simulation import prepare, published_aircraft, simulate, trim
 from structsel.simulation.library.linear import as355
-from tests.linear_flights import fly_by_solver, recording, three_two_one_one
+from tests.linear_flights import fly_by_solver, pitch, recording, three_two_one_one
 
 # --- kernels --------------------------------------------------------------------------------------
 
@@ -138,13 +138,6 @@ TRUTH = {"zw": -1.34, "mw": -0.048, "mq": -1.67, "mde": -19.5}
 PROCESS, NOISE = (2.0, 0.03), (0.3, 0.005)
 CLOCK = np.arange(0.0, 20.0, 0.05)
 LEVER = three_two_one_one(CLOCK, 0.5, 0.5, 0.02)
-
-
-def pitch(**values):
-    A = np.array([[-1.34, 105.0], [-0.048, -1.67]])
-    system = LinearSystem.of(("w", "q"), ("de",), A, np.array([[-21.8], [-19.5]]))
-    entries = {"zw": ("A", 0, 0), "mw": ("A", 1, 0), "mq": ("A", 1, 1), "mde": ("B", 1, 0)}
-    return LinearStructure.from_entries(system, entries).replace(values)
 
 
 def turbulent(seed, process=PROCESS, noise=NOISE):
