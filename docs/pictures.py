@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from structsel import AeroModel, Recording, ResponseModel, Term, simulate, trim
+from structsel import AeroModel, Recording, simulate, trim
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.flight import Flight, prepare_flight
 from structsel.comparison.surrogate import identify
@@ -53,8 +53,7 @@ def _pulses(*at: tuple[float, float, float]) -> np.ndarray:
 def _aircraft(speeds: tuple[float, ...]) -> tuple[Flight, ...]:
     """Flights that move every control and the thrust, low over the ground, flaps and gear moving."""
     aircraft = demo_aircraft()
-    truth = {r: ResponseModel(tuple(map(Term, terms)), np.array(list(terms.values()))) for r, terms in TRUTH.items()}
-    model = AeroModel(truth)
+    model = AeroModel.from_terms(TRUTH)
     recordings, simulated = [], []
     for k, V in enumerate(speeds):
         start = trim(model, aircraft, V, 500.0)

@@ -1,20 +1,7 @@
 """Models written as response to term to value, and the demonstration's."""
 
-import numpy as np
-
-from structsel.candidates import Term
 from structsel.demo import TRUTH
-from structsel.model import AeroModel, ResponseModel
+from structsel.model import AeroModel
 
-
-def model_of(truth, **more):
-    """Model of a mapping of response to term to value; `more` are further fields of every response."""
-    return AeroModel(
-        {
-            name: ResponseModel(tuple(map(Term, terms)), np.array(list(terms.values())), **more)
-            for name, terms in truth.items()
-        }
-    )
-
-
+model_of = AeroModel.from_terms
 DEMO = model_of(TRUTH)

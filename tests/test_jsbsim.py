@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from structsel.candidates import Term
 from structsel.coefficients import compute_coefficients
 from structsel.demo.aircraft import TRUTH
 from structsel.errors import ChannelError, SimulationError
-from structsel.model import AeroModel, ResponseModel
+from structsel.model import AeroModel
 from structsel.numerics import rigid_body as rb
 from structsel.reconstruction import reconstruct
 from structsel.recording import Recording
@@ -20,9 +19,7 @@ from structsel.simulation.jsbsim import open_jsbsim
 from structsel.simulation.jsbsim.fdm import FlightDynamicsModel
 
 CLOCK = np.arange(0.0, 30.0, 0.02)
-MODEL = AeroModel(
-    {name: ResponseModel(tuple(map(Term, terms)), np.array(list(terms.values()))) for name, terms in TRUTH.items()}
-)
+MODEL = AeroModel.from_terms(TRUTH)
 INERTIA = {"ixx": 5368.39, "iyy": 6928.93, "izz": 11158.75, "ixz": -117.64}
 
 

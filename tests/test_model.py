@@ -347,3 +347,13 @@ def test_the_old_names_of_ranges_and_of_the_quasi_steady_model_still_work():
     with pytest.warns(DeprecationWarning, match="recorded_ranges"):
         from structsel.model import flown_region
     assert flown_region is recorded_ranges
+
+
+def test_a_model_of_given_values_is_that_sum():
+    model = AeroModel.from_terms(
+        {"CZ": {"1": -0.05, "alpha": -5.6}, "CX": {"alpha^2": 2.0}}, "given", method="published"
+    )
+    assert (model.name, model["CZ"].method) == ("given", "published")
+    values = model.evaluate({"alpha": np.array([0.0, 0.1])})
+    assert_allclose(values["CZ"], [-0.05, -0.61], rtol=1e-12)
+    assert_allclose(values["CX"], [0.0, 0.02], rtol=1e-12)

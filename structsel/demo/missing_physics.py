@@ -9,12 +9,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from structsel.aircraft import Aircraft, Tolerances
-from structsel.candidates import Term
 from structsel.coefficients import compute_coefficients
 from structsel.demo.aircraft import TRUTH, demo_aircraft
 from structsel.errors import DataError
 from structsel.inputs.signals import combine, doublet
-from structsel.model import AeroModel, ResponseModel
+from structsel.model import AeroModel
 from structsel.nomenclature import EULER_ANGLES
 from structsel.recording import Recording
 from structsel.simulation import Instruments, simulate, trim
@@ -106,10 +105,10 @@ def demo_missing_physics(effect: str = "ground-effect", flights: int = 4, *, see
     if flights < 1:
         raise DataError(f"demo_missing_physics needs one flight or more; found {flights}.")
     terms: Terms = EFFECTS.get(effect, {})
-    truth = _model({r: {**values, **terms.get(r, {})} for r, values in TRUTH.items()})
+    truth = AeroModel.from_terms({r: {**values, **terms.get(r, {})} for r, values in TRUTH.items()})
     rng = np.random.default_rng([seed, 1])
     error = _TOLERANCES.main * 0.5  # type: ignore[operator]
-    simulation = _model(
+    simulation = AeroModel.from_terms(
         {r: {term: x * (1.0 + error * rng.standard_normal()) for term, x in held.items()} for r, held in TRUTH.items()}
     )
     aircraft = demo_aircraft().model_copy(update={"tolerances": _TOLERANCES, "name": "light aircraft"})
@@ -122,12 +121,6 @@ def demo_missing_physics(effect: str = "ground-effect", flights: int = 4, *, see
             read.name, read.t, simulation.evaluate(compute_coefficients(exact, at_cg), outside="ignore")
         )
     return MissingPhysics(effect, terms, aircraft, tuple(recordings), simulation, simulated)
-
-
-def _model(terms: Terms) -> AeroModel:
-    return AeroModel(
-        {r: ResponseModel(tuple(map(Term, values)), np.array(list(values.values()))) for r, values in terms.items()}
-    )
 
 
 def _fly(truth: AeroModel, aircraft: Aircraft, k: int, seed: int) -> tuple[Recording, Recording]:

@@ -13,6 +13,7 @@ from typing import Any, Literal, cast
 import numpy as np
 import pandas as pd
 
+from structsel.candidates import Term
 from structsel.deprecation import renamed_attribute
 from structsel.errors import ModelError, StructselError, StructselWarning
 from structsel.formatting import count_of
@@ -55,6 +56,29 @@ class AeroModel(Result):
         for name, state in self.states.items():
             if any(m.states.get(name, state) != state for m in self.responses.values()):
                 raise ModelError(f"The responses mean different things by the state '{name}'. Rename one.")
+
+    @classmethod
+    def from_terms(cls, terms: Mapping[str, Mapping[str, float]], name: str = "", **fields: Any) -> AeroModel:
+        """Model of given values, such as published ones.
+
+        Parameters
+        ----------
+        terms : mapping of response to mapping of term to value
+            ``{"CZ": {"1": -0.055, "alpha": -5.6}}``; "1" is the constant.
+        name : str
+        **fields
+            Further fields of every `ResponseModel`.
+
+        Raises
+        ------
+        TermError
+            A term that cannot be read.
+        """
+        responses = {
+            response: ResponseModel(tuple(map(Term, held)), np.array(list(held.values()), dtype=float), **fields)
+            for response, held in terms.items()
+        }
+        return cls(responses, name)
 
     def __eq__(self, other: object) -> bool:
         return self.to_dict() == other.to_dict() if isinstance(other, AeroModel) else NotImplemented

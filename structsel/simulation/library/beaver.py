@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from structsel.aircraft import Aircraft
-from structsel.candidates import Term
-from structsel.model import AeroModel, ResponseModel
+from structsel.model import AeroModel
 
 # Published with q cbar/V; our q_hat has the 2 in it, so its coefficients are twice those.
-_TERMS: dict[str, dict[str, float]] = {
+BEAVER_TERMS: dict[str, dict[str, float]] = {
     "CX": {
         "1": -0.03554, "alpha": 0.002920, "alpha^2": 5.459, "alpha^3": -5.162, "q_hat": 2 * -0.6748, "dr": 0.03412,
         "df": -0.09447, "alpha*df": 1.106, "dpt": 0.1161, "alpha*dpt^2": 0.1453,
@@ -35,6 +32,7 @@ _TERMS: dict[str, dict[str, float]] = {
         "q_hat": 2 * 0.1595, "beta^3": 0.1373, "dpt^3": -0.003026,
     },
 }  # fmt: skip
+"""Response -> term -> value: Tjee and Mulder, Delft report LR-556, 1988."""
 POWER = "0.7355*(-326.5 + 0.00412*(manifold_pressure + 7.4)*(rpm + 2010) + (408 - 0.0965*rpm)*(1 - rho/1.225))"
 """Engine power [kW] of the manifold pressure [inHg], the engine speed [rpm] and the density."""
 SLIPSTREAM = "0.08696 + 191.18*power/(0.5*rho*V^3)"
@@ -43,11 +41,7 @@ SLIPSTREAM = "0.08696 + 191.18*power/(0.5*rho*V^3)"
 
 def beaver_model() -> AeroModel:
     """Aerodynamics of the Beaver; CX, CZ, ... hold the propulsion by the slipstream ``dpt``."""
-    responses = {
-        name: ResponseModel(tuple(map(Term, terms)), np.array(list(terms.values())), method="published")
-        for name, terms in _TERMS.items()
-    }
-    return AeroModel(responses, "DHC-2 Beaver")
+    return AeroModel.from_terms(BEAVER_TERMS, "DHC-2 Beaver", method="published")
 
 
 def beaver_aircraft() -> Aircraft:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from structsel.aircraft import Aircraft
-from structsel.candidates import Term
-from structsel.model import AeroModel, ResponseModel
+from structsel.model import AeroModel
 
 _HFB_TERMS = {
     "CD": {"1": 0.1226, "V_ratio": -0.0645, "alpha": 0.3200},
@@ -31,7 +28,7 @@ HFB_RATE = f"q*1.215/{HFB_V0}"
 
 def hfb320_model() -> AeroModel:
     """Longitudinal aerodynamics of the HFB-320, wind axes: published output-error estimates."""
-    return _model(_HFB_TERMS, "HFB-320")
+    return AeroModel.from_terms(_HFB_TERMS, "HFB-320", method="published")
 
 
 def hfb320_aircraft() -> Aircraft:
@@ -58,7 +55,7 @@ def hfb320_aircraft() -> Aircraft:
 
 def citation_model() -> AeroModel:
     """Aerodynamics of the Citation II: means of [H17] over its manoeuvres."""
-    return _model(_CITATION_TERMS, "Citation II")
+    return AeroModel.from_terms(_CITATION_TERMS, "Citation II", method="published")
 
 
 def citation_aircraft() -> Aircraft:
@@ -71,11 +68,3 @@ def citation_aircraft() -> Aircraft:
         cbar=1.991,
         inertia={"Ix": 11187.8, "Iy": 22854.8, "Iz": 31974.8, "Ixz": 1930.1},
     )
-
-
-def _model(terms: dict[str, dict[str, float]], name: str) -> AeroModel:
-    responses = {
-        response: ResponseModel(tuple(map(Term, held)), np.array(list(held.values())), method="published")
-        for response, held in terms.items()
-    }
-    return AeroModel(responses, name)
