@@ -150,12 +150,14 @@ def test_the_commands_make_the_same_trip(first, tmp_path):
     for command in (
         ["export", "model.json", "--to", "jsbsim", "--aircraft", "aircraft.toml", "--out", "aircraft.xml"],
         ["simulate", "jsbsim:{}/aircraft.xml", "--trim", "120,7500", "--rho", repr(rho), "--inputs", "doublet.csv",
-         "--out", "flown", "--no-plots"],
+         "--out", "simulated", "--no-plots"],
     ):  # fmt: skip
-        words = [str(tmp_path / w) if (tmp_path / w).exists() or w in ("aircraft.xml", "flown") else w for w in command]
+        words = [
+            str(tmp_path / w) if (tmp_path / w).exists() or w in ("aircraft.xml", "simulated") else w for w in command
+        ]
         done = CliRunner().invoke(app, [word.format(tmp_path) for word in words], env={"NO_COLOR": "1"})
         assert done.exit_code == 0, done.output
-    flight = read_recording(tmp_path / "flown" / "flights" / "doublet.csv")
+    flight = read_recording(tmp_path / "simulated" / "flights" / "doublet.csv")
     expected = model.evaluate(compute_coefficients(flight, CITATION.aircraft), outside="ignore")
     assert np.ptp(flight["q"]) > 0.02
     for name in AXES:
