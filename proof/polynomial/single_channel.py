@@ -60,75 +60,95 @@ def make_single_channel(effect: str, wanted: float, seed: int, attempt: int, for
         Where the effect cannot be made that large or small.
     """
     rng = np.random.default_rng([seed, attempt, 5])
+    tolerances, drawn = _draw(effect, rng, form)
+    # The lag of an inflow is no less than 0.03 s.
+    size, _ = bisect(drawn.attained, wanted, 0.15 if drawn.rotor else 1e-3, 8.0, 10)
+    recorded, simulated, _ = drawn.at(size)
+    fraction = drawn.attained(size)
+    if not 0.05 < fraction < 0.97:
+        raise NotAttainable(effect)
+    channel, plant = drawn.channel, SINGLE_CHANNEL[effect]
+    aircraft = Aircraft(
+        name=f"plant {seed}", mass=2200.0 if drawn.rotor else 1.0, S=1.0, b=1.0, cbar=1.0, tolerances=tolerances
+    )
+    kept = ("u", "q", "theta") if drawn.rotor else ("u", "y", "v", "a") if channel == "a" else ("u", "y")
+    names = {n: "dlon" if drawn.rotor and n == "u" else n for n in kept}
+    recordings = [Recording(name(k), drawn.t, {names[n]: recorded[n][k] for n in kept}) for k in range(8)]
+    injection = EffectKey(
+        effect=effect, accept=(effect,), tie=plant.tie, kinds=(plant.kind,), axes=(channel,),
+        parameters={**_physical(effect, size, drawn.largest), **drawn.p},
+    )  # fmt: skip
+    key = Key(
+        verdicts=("mismatch",), form="forced" if channel == "a" else "free", severity=severity_of(fraction),
+        attainable={channel: fraction}, effects=(injection,), seed=seed,
+        source=f"polynomial/{'rotor' if drawn.rotor else 'oscillator'}",
+    )  # fmt: skip
+    outputs = {name(k): {"t": drawn.t, channel: simulated[k]} for k in range(8)}
+    return Case(f"case-{seed:05d}", aircraft, recordings, outputs, key)
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """A plant with its inputs and all that is drawn but the size of the effect.
+
+    Attributes
+    ----------
+    number : int
+        Of the effect in `SINGLE_CHANNEL`.
+    rotor : bool
+    channel : str
+        The response: ``a`` at the recorded states, ``y`` or ``q`` of a simulation of its own.
+    t : (n,) array [s]
+    u : (8, n) array
+    p, wrong : mapping
+        Parameters of the truth, and of the simulation within its tolerances.
+    noise : int
+        Seed of the readings.
+    largest : float
+        Largest deflection without the effect.
+    """
+
+    number: int
+    rotor: bool
+    channel: str
+    t: np.ndarray
+    u: np.ndarray
+    p: Values
+    wrong: Values
+    noise: int
+    largest: float
+
+    def at(self, size: float) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+        """Readings, and the response of the simulation without and with the effect."""
+        limit = self.largest / (1.0 + size)  # the stop draws nearer as the size grows
+        truth = _fly(self.t, self.u, self.p, self.number, size, limit)
+        recorded = _read(truth, np.random.default_rng(self.noise))
+        if self.channel == "a":
+            stated = _forced(self.u, truth, self.wrong)
+            return recorded, stated, stated + truth["force"]
+        without, perfect = (_fly(self.t, self.u, self.wrong, self.number, x, limit) for x in (0.0, size))
+        return recorded, without[self.channel], perfect[self.channel]
+
+    def attained(self, size: float) -> float:
+        """Fraction by which the effect lowers the rms of measured minus simulated."""
+        recorded, before, after = self.at(size)
+        b, a = (float(np.sqrt(np.mean((recorded[self.channel] - s) ** 2))) for s in (before, after))
+        return 1.0 - a / b
+
+
+def _draw(effect: str, rng: np.random.Generator, form: Form) -> tuple[Tolerances, _Drawn]:
+    """Stated tolerances and a plant."""
     rotor = effect == "rotor-inflow-lag"
     rate, duration = (50.0, 30.0) if rotor else (100.0, 20.0)
     t = np.arange(round(duration * rate) + 1) / rate
     u = _inputs(t, rng, steps=rotor)
-    tolerance = Tolerances() if rng.random() < 0.4 else Tolerances(main=0.01, secondary=0.03)
+    tolerances = Tolerances() if rng.random() < 0.4 else Tolerances(main=0.01, secondary=0.03)
     p = _rotor(rng) if rotor else _oscillator(rng)
-    wrong = {n: v * (1.0 + 0.5 * float(tolerance.main) * float(rng.standard_normal())) for n, v in p.items()}
+    wrong = {n: v * (1.0 + 0.5 * float(tolerances.main) * float(rng.standard_normal())) for n, v in p.items()}
     channel = "q" if rotor else ("a" if form == "forced" else "y")
     number, noise = list(SINGLE_CHANNEL).index(effect), int(rng.integers(2**31))
-    linear = _fly(t, u, p, number, 0.0, 0.0)
-    largest = 0.0 if rotor else float(np.abs(linear["y"]).max())
-
-    def at(size: float) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
-        # The stop draws nearer as the size grows.
-        limit = largest / (1.0 + size)
-        truth = _fly(t, u, p, number, size, limit)
-        noisy = _read(truth, np.random.default_rng(noise))
-        without = _fly(t, u, {**p, **wrong}, number, 0.0, 0.0)
-        perfect = _fly(t, u, {**p, **wrong}, number, size, limit)
-        if channel == "a":
-            # At the recorded states: what is left out is the force itself.
-            S1 = _forced(u, truth, {**p, **wrong}) + truth["force"]
-            return noisy, _forced(u, truth, {**p, **wrong}), S1
-        return noisy, without[channel], perfect[channel]
-
-    def reached(size: float) -> float:
-        noisy, S0, S1 = at(size)
-        return _attained(noisy[channel], S0, S1)
-
-    # The lag of an inflow is no less than 0.03 s.
-    size, _ = bisect(reached, wanted, 0.15 if rotor else 1e-3, 8.0, 10)
-    noisy, S0, _ = at(size)
-    fraction = reached(size)
-    if not 0.05 < fraction < 0.97:
-        raise NotAttainable(effect)
-    aircraft = Aircraft.from_dict(
-        {
-            "name": f"plant {seed}",
-            "mass": 2200.0 if rotor else 1.0,
-            "S": 1.0,
-            "b": 1.0,
-            "cbar": 1.0,
-            "tolerances": tolerance.model_dump(),
-        }
-    )
-    kept = ("u", "q", "theta") if rotor else ("u", "y", "v", "a") if channel == "a" else ("u", "y")
-    recordings = [
-        Recording(name(k), t, {("dlon" if rotor and n == "u" else n): noisy[n][k] for n in kept}) for k in range(8)
-    ]
-    simulated = {name(k): {"t": t, channel: S0[k]} for k in range(8)}
-    plant = SINGLE_CHANNEL[effect]
-    injection = EffectKey(
-        effect=effect,
-        accept=(effect,),
-        tie=plant.tie,
-        kinds=(plant.kind,),
-        axes=(channel,),
-        parameters={**_physical(effect, size, largest), **p},
-    )
-    key = Key(
-        verdicts=("mismatch",),
-        form="forced" if channel == "a" else "free",
-        severity=severity_of(fraction),
-        attainable={channel: fraction},
-        effects=(injection,),
-        source=f"polynomial/{'rotor' if rotor else 'oscillator'}",
-        seed=seed,
-    )
-    return Case(f"case-{seed:05d}", aircraft, recordings, simulated, key)
+    largest = 0.0 if rotor else float(np.abs(_fly(t, u, p, number, 0.0, 0.0)["y"]).max())
+    return tolerances, _Drawn(number, rotor, channel, t, u, p, {**p, **wrong}, noise, largest)
 
 
 def _physical(effect: str, size: float, largest: float) -> Values:
@@ -140,11 +160,6 @@ def _physical(effect: str, size: float, largest: float) -> Values:
         "saturation": {"limit": largest / (1.0 + size)},
         "rotor-inflow-lag": {"tau": 0.2 * size},
     }[effect]
-
-
-def _attained(measured: np.ndarray, before: np.ndarray, after: np.ndarray) -> float:
-    b, a = (float(np.sqrt(np.mean((measured - s) ** 2))) for s in (before, after))
-    return 1.0 - a / b
 
 
 def _inputs(t: np.ndarray, rng: np.random.Generator, steps: bool) -> np.ndarray:
