@@ -99,6 +99,11 @@ class JSBSimPlant(JSBSimAircraft):
         for node, value in zip(self._wind_nodes, wind):
             node.set_double_value(float(value) / FT)
 
+    @property
+    def in_wind(self) -> bool:
+        """Whether the air moves."""
+        return any(node.get_double_value() for node in self._wind_nodes)
+
     def set_store_mass(self, mass: float) -> None:
         """Mass [kg] of a store at the centre of gravity."""
         self._fdm.fdm[self._store] = mass * 9.80665 / LBF

@@ -185,7 +185,7 @@ def _now(plant: JSBSimPlant, settings: Mapping[str, float], t: float, number: fl
     now = {c: value(c) for c in _LIVE}
     leaf = plant.machine.fdm
     u, v, w = now["u"], now["v"], now["w"]
-    if _in_wind(plant):
+    if plant.in_wind:
         u, v, w = (leaf[f"velocities/{c}-aero-fps"] * 0.3048 for c in "uvw")
     V = math.sqrt(u * u + v * v + w * w)
     now |= settings
@@ -211,10 +211,6 @@ def _brief(plant: JSBSimPlant) -> dict[str, float]:
     now["alpha"] = math.atan2(now["w"], now["u"])
     now["V"] = math.sqrt(now["u"] ** 2 + now["v"] ** 2 + now["w"] ** 2)
     return now
-
-
-def _in_wind(plant: JSBSimPlant) -> bool:
-    return any(node.get_double_value() for node in plant._wind_nodes)
 
 
 def _row(

@@ -136,8 +136,8 @@ def _prepare(S, active, m, tol, bound):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _leaps(R, most, best, sets, tol):  # type: ignore[no-untyped-def]
-    """Improve best (most+1,) and sets (most+1, q) until they are exact; returns the nodes visited."""
+def _leaps(R, max_size, best, sets, tol):  # type: ignore[no-untyped-def]
+    """Improve best (max_size+1,) and sets (max_size+1, q) until they are exact; returns the nodes visited."""
     q = R.shape[0] - 1
     work = np.empty((q + 1, q + 1, q + 1))
     active = np.empty((q + 1, q + 1), np.int64)
@@ -156,7 +156,7 @@ def _leaps(R, most, best, sets, tol):  # type: ignore[no-untyped-def]
     while level >= 0:
         i, m = at[level], count[level]
         size = kept[level] + i
-        if i >= m or size >= most:
+        if i >= m or size >= max_size:
             level -= 1
             continue
         at[level] += 1
@@ -239,8 +239,8 @@ def best_subset(
     C = check_products(C, dof, "best_subset")
     p = C.shape[0] - 1
     included = np.sort(candidate_numbers(include, p, "best_subset", "include"))
-    most = min(p if max_terms is None else int(max_terms), int(np.ceil(dof)) - 1)
-    check_size(included, np.empty(0, np.int64), dof, most, "best_subset")
+    max_size = min(p if max_terms is None else int(max_terms), int(np.ceil(dof)) - 1)
+    check_size(included, np.empty(0, np.int64), dof, max_size, "best_subset")
     varying = np.diag(C)[:p] > 0.0
     free = np.setdiff1d(np.flatnonzero(varying), included)
     if free.size > MAX_CANDIDATES:
@@ -258,14 +258,14 @@ def best_subset(
             )
         R = R - np.outer(R[:, j], R[j]) / R[j, j]
     columns = np.append(free, p)
-    most = min(most - included.size, free.size)
-    best = np.full(most + 1, np.inf)
-    sets = np.zeros((most + 1, free.size), dtype=np.bool_)
+    max_size = min(max_size - included.size, free.size)
+    best = np.full(max_size + 1, np.inf)
+    sets = np.zeros((max_size + 1, free.size), dtype=np.bool_)
     best[0] = max(R[p, p], 0.0)
     _good_start(C, dof, included, free, best, sets, min_tolerance)
-    if free.size and most:
-        _leaps(np.ascontiguousarray(R[np.ix_(columns, columns)]), most, best, sets, float(min_tolerance))
-    return [_fit(C, np.union1d(included, free[sets[k]])) for k in range(most + 1) if np.isfinite(best[k])]
+    if free.size and max_size:
+        _leaps(np.ascontiguousarray(R[np.ix_(columns, columns)]), max_size, best, sets, float(min_tolerance))
+    return [_fit(C, np.union1d(included, free[sets[k]])) for k in range(max_size + 1) if np.isfinite(best[k])]
 
 
 def _good_start(

@@ -2,7 +2,7 @@
 
 Each manoeuvre contributes rows ``y = B beta + H theta + e`` with white e of unit variance, beta ~ N(0, 1) (the
 nuisances that tolerances allow) and theta ~ N(0, 1) (the effect under trial); columns are scaled by their prior
-standard deviations beforehand. Everything asked of them afterwards is a sum of small matrices.
+standard deviations beforehand. Every result is a sum of small matrices.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Projector:
 
     @property
     def lost(self) -> Array:
-        """Share of the power that each direction of `basis` loses."""
+        """Fraction of the power that each direction of `basis` loses."""
         return 2.0 * self.shrink - self.shrink**2
 
 
@@ -135,10 +135,10 @@ def chi2_of(products: NormalEquations, coefficients: Array) -> float:
 
 
 class Base:
-    """What every trial shares: the rows and nuisances of each manoeuvre, factored once, all and each left out.
+    """Rows and nuisances of each manoeuvre, factored once for all trials: with all manoeuvres and without each.
 
-    How far off things are that may be off is itself not known: the nuisances' prior standard deviations are as given
-    times one of several sets of factors, equally likely beforehand.
+    The prior standard deviations of the nuisances are uncertain: they are as given times one of several sets of
+    factors, equally likely a priori.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class Base:
 
     @cached_property
     def freed(self) -> Array:
-        """(k,) log evidence that each column brings at the first set of factors, all others staying at the last."""
+        """(k,) increase of the log evidence by each column at the first set of factors, all others at the last."""
         first, last = self.scales[0], self.scales[-1]
         inverse = self._inverse[-1, 0]
         mean = inverse.T @ self._rotated[-1, 0]
@@ -221,7 +221,7 @@ class Base:
         Parameters
         ----------
         sets : sequence of sequence of Further
-            Each set, by itself beside the base, per manoeuvre.
+            Each set, alone in addition to the base, per manoeuvre.
         """
         made: list[Trial | None] = [None] * len(sets)
         for same in alike([one[0].cross.shape[1] for one in sets]):
@@ -252,9 +252,9 @@ class Base:
             first.append(theta[0])
             inner.append(held[0])
         gained = np.stack(brought)  # (scales, 1 + m, sets)
-        beside = self.evidence[..., None] + gained
-        evidence = logsumexp(beside, axis=0) - logsumexp(self.evidence, axis=0)[:, None]
-        best = np.argmax(beside[:, 0], axis=0)
+        combined = self.evidence[..., None] + gained
+        evidence = logsumexp(combined, axis=0) - logsumexp(self.evidence, axis=0)[:, None]
+        best = np.argmax(combined[:, 0], axis=0)
         return [
             Trial(
                 float(evidence[0, i]),
@@ -281,7 +281,7 @@ def _sum(parts: Sequence[NormalEquations]) -> NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What columns bring beyond the base.
+    """Columns under trial, compared with the base alone.
 
     Attributes
     ----------

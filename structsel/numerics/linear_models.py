@@ -279,7 +279,7 @@ class LinearFamily:
 
     @staticmethod
     def _by_delay(s: LinearSystem, u: np.ndarray, dt: float, hold: Hold) -> np.ndarray:
-        whole, part = split_delay(s.delay, dt)
+        whole_steps, part = split_delay(s.delay, dt)
         Phi, after, _ = interval(s.A, s.B, dt, part, hold)
         G = np.zeros((3, *s.B.shape))
         if hold == "hold":  # one edge in every interval, which comes later
@@ -291,11 +291,11 @@ class LinearFamily:
             G[0], G[1], G[2] = first, second - first, -second
         m, ns = len(s.A), len(s.states)
         x = np.empty((m, len(u), ns))
-        advance(Phi, G, np.zeros((m, ns)), whole, np.ascontiguousarray(u[None]), np.zeros((1, ns)), x)
+        advance(Phi, G, np.zeros((m, ns)), whole_steps, np.ascontiguousarray(u[None]), np.zeros((1, ns)), x)
         slope = np.zeros((1, *u.shape))
         if hold == "linear":
             slope[0, 1:] = -np.diff(u, axis=0) / dt
-        return read_outputs(x, s.C, s.D, np.zeros((1, len(s.outputs))), slope, whole, np.zeros(m), hold)
+        return read_outputs(x, s.C, s.D, np.zeros((1, len(s.outputs))), slope, whole_steps, np.zeros(m), hold)
 
 
 def _stack(common: np.ndarray, own: np.ndarray, axis: int) -> np.ndarray:

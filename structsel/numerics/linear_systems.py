@@ -138,8 +138,8 @@ def interval(
 def split_delay(delay: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Whole intervals and the remaining part of one; a delay within 1e-9 of a whole number is that number."""
     intervals = np.asarray(delay, dtype=float) / dt
-    whole = np.floor(intervals + 1e-9)
-    return whole.astype(np.int64), np.clip(intervals - whole, 0.0, None)
+    whole_steps = np.floor(intervals + 1e-9)
+    return whole_steps.astype(np.int64), np.clip(intervals - whole_steps, 0.0, None)
 
 
 def previous_input(u: np.ndarray, dt: float, delay: float, hold: Hold = "hold") -> np.ndarray:
@@ -221,15 +221,15 @@ def simulate_linear(
     step_from = [members(name) for name in ("A", "B", "delay", "bias")]
     k = max(a.shape[0] for a in step_from)
     A_, B_, delay_, bias_ = (np.broadcast_to(a, (k, *a.shape[1:])) for a in step_from)
-    whole, part = split_delay(delay_, dt)
+    whole_steps, part = split_delay(delay_, dt)
     Phi, _, G = interval(A_, B_, float(dt), part, hold)
     drift = np.zeros((k, ns))
     if (bias_ != 0.0).any():
         drift = discretise(A_, bias_[:, :, None], np.full(k, float(dt)))[1][:, :, 0]
     x = np.empty((m, n, ns))
     start, inputs = members("x0"), members("u")
-    advance(Phi, G, drift, whole, np.ascontiguousarray(inputs), np.ascontiguousarray(start), x)
-    y = read_outputs(x, members("C"), members("D"), members("y_ref"), inputs, whole, part, hold)
+    advance(Phi, G, drift, whole_steps, np.ascontiguousarray(inputs), np.ascontiguousarray(start), x)
+    y = read_outputs(x, members("C"), members("D"), members("y_ref"), inputs, whole_steps, part, hold)
     if not sizes:
         y, x = y[0], x[0]
     return (y, x) if return_states else y
@@ -259,7 +259,7 @@ def read_outputs(
     D: np.ndarray,
     y_ref: np.ndarray,
     u: np.ndarray,
-    whole: np.ndarray,
+    whole_steps: np.ndarray,
     part: np.ndarray,
     hold: Hold,
 ) -> np.ndarray:
@@ -267,7 +267,7 @@ def read_outputs(
     y = x @ np.swapaxes(C, -1, -2)
     y += y_ref[:, None, :]
     if (D != 0.0).any():
-        k = np.arange(u.shape[1])[None, :] - whole[:, None]
+        k = np.arange(u.shape[1])[None, :] - whole_steps[:, None]
         rows = np.arange(max(len(u), len(k)))[:, None]
         which = rows if len(u) > 1 else 0
         now = u[which, np.clip(k, 0, None)]
@@ -282,7 +282,13 @@ def read_outputs(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def advance(
-    Phi: np.ndarray, G: np.ndarray, drift: np.ndarray, whole: np.ndarray, u: np.ndarray, x0: np.ndarray, x: np.ndarray
+    Phi: np.ndarray,
+    G: np.ndarray,
+    drift: np.ndarray,
+    whole_steps: np.ndarray,
+    u: np.ndarray,
+    x0: np.ndarray,
+    x: np.ndarray,
 ) -> None:
     """Fill x (m, n, ns); arrays with a leading axis of one are common to all members."""
     m, n, ns = x.shape
@@ -291,7 +297,7 @@ def advance(
         a = j if Phi.shape[0] > 1 else 0
         b = j if u.shape[0] > 1 else 0
         c = j if x0.shape[0] > 1 else 0
-        d = whole[a]
+        d = whole_steps[a]
         for i in range(ns):
             x[j, 0, i] = x0[c, i]
         for k in range(n - 1):

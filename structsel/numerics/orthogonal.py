@@ -124,9 +124,9 @@ def orthogonal(
     tss, n = float(C[-1, -1]), dof + 1.0
     bound = tss / n if sigma_max2 is None else float(sigma_max2)
     included = candidate_numbers(include, p, "orthogonal", "include")
-    most = p if max_terms is None else int(max_terms)
+    max_size = p if max_terms is None else int(max_terms)
     none = np.empty(0, np.int64)
-    check_size(included, none, dof, most, "orthogonal")
+    check_size(included, none, dof, max_size, "orthogonal")
     if order == "greedy":
         F_in, begin = np.zeros(p), none
     elif order == "given":
@@ -135,7 +135,7 @@ def orthogonal(
     else:
         raise SelectionError(f'orthogonal takes order "greedy" or "given"; found {order!r}. Choose one of them.')
 
-    rules = StepwiseRules(F_in, -1.0, most, 0.0, np.ones(p), False, float(min_tolerance))
+    rules = StepwiseRules(F_in, -1.0, max_size, 0.0, np.ones(p), False, float(min_tolerance))
 
     def rank(first: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
         """Candidates in order of entry, the cost reduction of each candidate, and those refused."""
@@ -150,7 +150,7 @@ def orthogonal(
     if order == "given":
         # A stable sort of the entered ones; the included ones stay in front.
         free = ranked[included.size :]
-        free = free[np.argsort(-gains[free], kind="stable")][: max(0, most - included.size)]
+        free = free[np.argsort(-gains[free], kind="stable")][: max(0, max_size - included.size)]
         ranked, _, _ = rank(free.astype(np.int64))
     return _assemble(C, dof, ranked, gains, refused, bound, included)
 

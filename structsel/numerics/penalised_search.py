@@ -157,8 +157,8 @@ def _best_move(model, k, dof, penalty, floor, max_terms, tol, level, S):
     Taking two terms out gives two directions back, c1 and, orthogonal to it, c2: every candidate has
     d + c1^2 + c2^2 and b + c1 c1_y + c2 c2_y.
     """
-    most = min(level, 2)
-    outside = _look_outside(model, k, most > 1, S)
+    n_max = min(level, 2)
+    outside = _look_outside(model, k, n_max > 1, S)
     q = outside.d.size
     D1, B1, D, B = np.empty(q), np.empty(q), np.empty(q), np.empty(q)
     g0, g1, g2 = np.zeros(k), np.zeros(k), np.zeros(k)
@@ -170,14 +170,14 @@ def _best_move(model, k, dof, penalty, floor, max_terms, tol, level, S):
             continue
         _direction_beyond(model, outside, out1, k, g0, c0, g1, c1)
         _give_back(outside.d, outside.b, c1, D1, B1)
-        for out2 in range(-1, max(out1, 0) if most > 1 else 0):
+        for out2 in range(-1, max(out1, 0) if n_max > 1 else 0):
             if out2 >= 0 and model.forced[model.chosen[out2]]:
                 continue
             _direction_beyond(model, outside, out2, k, g1, c1, g2, c2)
             _give_back(D1, B1, c2, D, B)
             n_out = (out1 >= 0) + (out2 >= 0)
             base = model.d[-1] + c1[q] * c1[q] + c2[q] * c2[q]
-            for n_in in range(most + 1):
+            for n_in in range(n_max + 1):
                 left = k - n_out + n_in
                 if left > max_terms or n_out + n_in == 0 or n_out + n_in > level + 1:
                     continue
@@ -224,7 +224,7 @@ def penalised_search(C, dof, penalty, forced, initial, max_terms, depth, tol, tr
     limit = max(0, min(p, int(np.ceil(dof)) - 1))
     model, k, step = initial_model(C, dof, forced, initial, limit, tol, trace)
     theta, loss = np.empty(limit), np.empty(limit)
-    most = min(limit, max_terms)
+    max_size = min(limit, max_terms)
     pairs = p if depth > 1 else 0
     S = np.empty((pairs, pairs))
     floor = 0.0
@@ -233,7 +233,7 @@ def penalised_search(C, dof, penalty, forced, initial, max_terms, depth, tol, tr
         floor = max(floor, estimates(model, k, theta, loss))
         move = np.full(4, NONE)
         for level in range(1, depth + 1):  # the cheap moves first
-            move = _best_move(model, k, dof, penalty, floor, most, tol, level, S)
+            move = _best_move(model, k, dof, penalty, floor, max_size, tol, level, S)
             if move.max() >= 0:
                 break
         if move.max() < 0:
