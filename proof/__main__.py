@@ -205,7 +205,7 @@ def _about(
 
 
 def _write(out: Path, texts: dict[str, str]) -> None:
-    """Write the proof beside the cases."""
+    """Write the proof into the folder of the cases."""
     try:
         for name, text in texts.items():
             write_text(out / name, text)

@@ -19,12 +19,12 @@ _DIGITS = "%.6g"
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Recordings beside a simulation that lacks something, or does not.
+    """Recordings and a simulation, which may lack an effect.
 
     Attributes
     ----------
     name : str
-        Says nothing of what is concealed.
+        Without information on the effect.
     aircraft : Aircraft
         With the tolerances that are stated.
     recordings : sequence of Recording
@@ -33,7 +33,7 @@ class Case:
         Each with ``t``.
     key : Key
     contribution : sequence of (n, 6) arrays
-        What the effects add to measured less simulated, without noise, per recording; empty where that is not known.
+        Contribution of the effects to measured minus simulated, without noise, per recording; empty if not known.
     """
 
     name: str

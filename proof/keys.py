@@ -38,7 +38,7 @@ class EffectKey(BaseModel):
         Names that may be declared ambiguous with it.
     kinds : tuple of str
     axes : tuple of str
-        Coefficients (or the channel) in which it shows, the clearest first.
+        Coefficients (or channels) that it changes, the clearest first.
     region : mapping of channel to (low, high), optional
         Where it acts; None acts everywhere.
     parameters : mapping
@@ -59,7 +59,7 @@ class EffectKey(BaseModel):
 
 
 class Key(BaseModel):
-    """What a concealed case hides.
+    """Answer key of a case.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Key(BaseModel):
     attainable : mapping of coefficient (or channel) to float
         Fraction by which a perfect model of the effect lowers the rms of measured minus simulated.
     log_evidence : float, optional
-        Log Bayes factor of a perfect account of the effects against none, the stated tolerances free in both; None
+        Log Bayes factor of a perfect model of the effects against none, the stated tolerances free in both; None
         where it is not known. Keys of version 0.1.0 call it ``nats``.
     effects : tuple of EffectKey
         The largest first; none in a null.
@@ -98,7 +98,7 @@ class Key(BaseModel):
         return source.replace("own/", "polynomial/") if source.startswith("own/") else source
 
     def with_log_evidence(self, value: float | None) -> Key:
-        """The key with the log evidence of a perfect account; where that is too small, "consistent" is right too."""
+        """The key with a log evidence; where that is too small, "consistent" is right too."""
         decidable = value is None or value >= DECIDABLE or "consistent" in self.verdicts
         verdicts = self.verdicts if decidable else (*self.verdicts, "consistent")
         return self.model_copy(update={"log_evidence": value, "verdicts": verdicts})

@@ -82,7 +82,7 @@ def sizes_put_in(effect: EffectKey) -> dict[str, float]:
         # Two channels mix where their triad, or the boom, is turned about the third axis.
         pair = str(held.get("channels", f"{held.get('channel')}, {held.get('of')}")).split(", ")
         made[f"about {_THIRD[frozenset(pair)]}"] = abs(x)
-    # One moment of inertia, one feedback or one stop is named beside its size.
+    # One moment of inertia, one feedback or one stop is named in addition to its size.
     if isinstance(moment := held.get("moment"), str) and isinstance(x := held.get("stated over true"), float):
         made[moment] = abs(_inverse_less_one(x))
     if isinstance(rate := held.get("rate"), str) and isinstance(x := held.get("gain"), float):

@@ -74,7 +74,7 @@ def plan(
     severity: str = "",
     judged: bool = False,
 ) -> list[Draw]:
-    """Which cases are drawn: sources in turn, effects in turn, seeds one after another.
+    """Cases to be drawn: sources in turn, effects in turn, seeds one after another.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def plan(
             raise DataError(f"prove knows no {what} '{strange[0]}'; it knows {', '.join(filter(None, known))}.")
     if "jsbsim" in sources and find_spec("jsbsim") is None:
         raise DataError(
-            "prove: JSBSim is not installed, so no case can be flown by it.\n"
+            "prove: JSBSim is not installed, so it cannot simulate a case.\n"
             'Install it with pip install "structsel[jsbsim]", or choose the source polynomial.'
         )
     if effects and set(counts) - {"single", WITHOUT}:
@@ -239,7 +239,7 @@ def _check_plan(draws: Sequence[Draw], out: Path) -> None:
 
 @dataclass(frozen=True)
 class _Campaign:
-    """Where cases are completed, and how."""
+    """Folder and settings of a campaign."""
 
     out: Path
     timeout: float
@@ -272,7 +272,7 @@ class _Campaign:
             answer = _run([*self.program, "draw", request, place], Path(place), _DRAWING)
             if answer:
                 return answer if "crash" in answer else {"undrawn": answer.get("undrawn", answer.get("error", ""))}
-            # The case last: where it stands, its key does.
+            # The case last: if there is a case, there is its key.
             os.replace(Path(place) / "key" / key.name, _made(key.parent) / key.name)
             os.replace(Path(place) / "case" / asked.name, _made(case.parent) / asked.name)
         return {}
@@ -342,7 +342,7 @@ def scores_of(draws: Sequence[Draw], out: Path) -> tuple[list[CaseScore], dict[s
 
 
 def errors_of(draws: Sequence[Draw], out: Path) -> dict[str, str]:
-    """What went wrong with the cases that were drawn but not answered."""
+    """Errors of the cases that were drawn but not answered."""
     names = [d.name for d in draws if (out / "keys" / f"{d.name}.json").exists()]
     held = {n: json.loads(_answer_of(n, out).read_text(encoding="utf-8")) for n in names}
     return {n: a.get("error") or a["crash"] for n, a in held.items() if {"error", "crash"} & set(a)}

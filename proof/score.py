@@ -60,7 +60,7 @@ class Sized:
 
 @dataclass(frozen=True)
 class CaseScore:
-    """How one diagnosis did; None where a figure does not apply.
+    """Scores of one diagnosis; None where a figure does not apply.
 
     Attributes
     ----------
@@ -132,21 +132,21 @@ def score_case(
     simple: Mapping[str, Sequence[str]] | None = None,
     seconds: float = math.nan,
 ) -> CaseScore:
-    """Hold a diagnosis against its key.
+    """Compare a diagnosis with its key.
 
     Parameters
     ----------
     name : str
     diagnosis : mapping, optional
-        Content of diagnosis.json; None where none came.
+        Content of diagnosis.json; None without an answer.
     key : Key
     spans : mapping of recording to (first, last) [s], optional
-        What a finding without intervals covers.
+        Interval of a finding without intervals of its own.
     without_truth : bool
         The right hypothesis was not in the library.
     simple : mapping of baseline to names, likeliest first, optional
     seconds : float
-        That it took.
+        Time that the diagnosis took.
     """
     family = WITHOUT if without_truth else key.family
     diagnosed: Json = diagnosis if diagnosis is not None else {"verdict": "", "findings": []}
@@ -301,7 +301,7 @@ def _errors(finding: Json, which: str) -> dict[str, float]:
 
 
 def _gain(findings: Sequence[Json], key: Key) -> float | None:
-    """Fall of the held-out error over the fall that can be had, summed over the responses that have one to offer.
+    """Fall of the held-out error over the fall that can be had, summed over the responses in which the error can fall.
 
     The fit of each finding counts those before it, so that the last one's is of everything found. A response without
     a stated fit has not been improved.

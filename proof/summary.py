@@ -30,7 +30,7 @@ class Figure:
     ----------
     name : str
     value : float
-        nan where no case speaks of it.
+        nan if no case applies.
     of : int
         Cases, claims or parameters that it counts.
     aim : float or None

@@ -178,19 +178,19 @@ def _replace(root: ET.Element, functions: tuple[AeroFunction, ...]) -> None:
 
 
 def _copy(source: Path, folder: Path, functions: tuple[AeroFunction, ...] | None) -> Path:
-    """Copy of an aircraft's XML, its own engines and systems beside it, that can be pushed and loaded."""
+    """Copy of an aircraft's XML, with its engines and systems, and an external force and a store."""
     tree = ET.parse(source)
     root = tree.getroot()
     if functions:
         _replace(root, functions)
-    pushes = root.find("external_reactions")
-    if pushes is None:
-        pushes = ET.SubElement(root, "external_reactions")
+    reactions = root.find("external_reactions")
+    if reactions is None:
+        reactions = ET.SubElement(root, "external_reactions")
     for k, name in enumerate(_FORCES):
-        push = ET.SubElement(pushes, "force" if k < 3 else "moment", name=f"push-{name}", frame="BODY")
+        reaction = ET.SubElement(reactions, "force" if k < 3 else "moment", name=f"push-{name}", frame="BODY")
         if k < 3:
-            _vector(ET.SubElement(push, "location", unit="IN"), (0.0, 0.0, 0.0))
-        _vector(ET.SubElement(push, "direction"), tuple(float(i == k % 3) for i in range(3)))
+            _vector(ET.SubElement(reaction, "location", unit="IN"), (0.0, 0.0, 0.0))
+        _vector(ET.SubElement(reaction, "direction"), tuple(float(i == k % 3) for i in range(3)))
     balance = root.find("mass_balance")
     if balance is None:
         raise SimulationError(f"'{source}' has no mass_balance.")
@@ -202,9 +202,9 @@ def _copy(source: Path, folder: Path, functions: tuple[AeroFunction, ...] | None
         ET.SubElement(spot, c).text = centre.findtext(c)
     for output in root.findall("output"):
         root.remove(output)
-    for beside in source.parent.iterdir():
-        if beside != source:
-            os.symlink(beside, folder / beside.name)
+    for other in source.parent.iterdir():
+        if other != source:
+            os.symlink(other, folder / other.name)
     tree.write(folder / source.name)
     return folder / source.name
 

@@ -35,7 +35,7 @@ Severity = Literal["easy", "medium", "hard"]
 
 @dataclass(eq=False)
 class CaseBuilder:
-    """A case in the making."""
+    """Builds one case."""
 
     plant: JSBSimPlant
     family: Family
@@ -46,12 +46,12 @@ class CaseBuilder:
     declared: Sequence[DeclaredEffect] = ()
 
     def case(self) -> Case:
-        """Draw, fly, size, fly again and assemble.
+        """Draw, simulate, find the sizes, simulate again and assemble.
 
         Raises
         ------
         SimulationError, AircraftError, NotAttainable
-            Something of it cannot be flown, stated or made to show.
+            A flight diverges, an aircraft is impossible, or an effect is too small to be seen.
         """
         rng, plant = self.rng, self.plant
         self.effects = self._choose()
@@ -83,7 +83,7 @@ class CaseBuilder:
             flights = self._simulate_truth()
         return self._assemble(flights)
 
-    # --- what is concealed ------------------------------------------------------------------------
+    # --- choice of effects ------------------------------------------------------------------------
 
     def _choose(self) -> list[SelectedEffect]:
         if self.family == "null":
@@ -139,7 +139,7 @@ class CaseBuilder:
         return [selected.contribution(self.plant, f, size, self.instruments) for f in flights]
 
     def _residuals(self, flights: Sequence[TruthFlight], effects: Sequence[SelectedEffect]) -> list[np.ndarray]:
-        """Measured less simulated, each of the effects concealed."""
+        """Measured minus simulated, with the effects."""
         return [m - s for m, s, _ in (self._one(f, k, effects) for k, f in enumerate(flights))]
 
     def _one(
@@ -223,7 +223,7 @@ class CaseBuilder:
         return Case(f"case-j{self.seed:05d}", stated, recordings, simulated, key, contribution=contribution)
 
     def _contribution(self, flights: Sequence[TruthFlight]) -> tuple[np.ndarray, ...]:
-        """What the effects add to measured less simulated (n, 6), as instruments without noise would show it."""
+        """Contribution (n, 6) of the effects to measured minus simulated, for instruments without noise."""
         quiet = copy(self)
         quiet.instruments = replace(self.instruments, noise=dict.fromkeys(self.instruments.noise, 0.0), correlated=0.0)
         found = quiet._residuals(flights, self.effects)
@@ -239,13 +239,13 @@ class CaseBuilder:
         return {("speedbrake" if c == "brake" else c): v for c, v in keep.items()}
 
     def _perfect(self, flight: TruthFlight, k: int, effects: Sequence[SelectedEffect]) -> np.ndarray:
-        """Measured less simulated after a perfect account of the effects given."""
+        """Measured minus simulated with a perfect model of the given effects."""
         gone = [e for e in self.effects if e not in effects]
         m, s, _ = self._one(flight, k, gone)
         surfaces = {
             c: flight[f"real_{c}"] - flight[c] for e in effects for c in e.surfaces if f"real_{c}" in flight.channels
         }
-        if surfaces:  # a perfect account drives the simulation with the true surface
+        if surfaces:  # a perfect model responds to the true surface
             real = replace(
                 flight, channels={c: v for c, v in flight.channels.items() if c not in {f"real_{x}" for x in surfaces}}
             )
@@ -258,7 +258,7 @@ class CaseBuilder:
         return np.asarray(m - s - extra)
 
     def _key(self, selected: SelectedEffect, flights: Sequence[TruthFlight]) -> tuple[float, EffectKey]:
-        """By how much an effect acts, and where."""
+        """Size of an effect in its clearest coefficient, and its entry in the key."""
         others = [e for e in self.effects if e is not selected]
         alone = [self._perfect(f, k, self.effects) for k, f in enumerate(flights)]
         missing = [self._perfect(f, k, others) for k, f in enumerate(flights)] if others else \

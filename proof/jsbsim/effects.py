@@ -74,7 +74,7 @@ class SelectedEffect:
 
     @property
     def needs_simulation(self) -> bool:
-        """Whether the truth has to be flown with it."""
+        """Whether the truth has to be simulated with it."""
         return (
             self.added_force is not None
             or self.gust is not None
@@ -186,7 +186,7 @@ class SelectedEffect:
 
 
 def effects_of(plant: JSBSimPlant, declared: Sequence[DeclaredEffect] = ()) -> tuple[str, ...]:
-    """Names of the effects that can be concealed with an aircraft."""
+    """Names of the effects that an aircraft can have."""
     propeller = is_propeller(plant)
     laws = [n for n, specs in ADDED_FORCES.items() if specs[0].power in ("", "propeller" if propeller else "jet")]
     surfaces = set(plant.controls)

@@ -15,7 +15,7 @@ from structsel.numerics.rigid_body import STATES
 from structsel.simulation.jsbsim.fdm import silence_output
 
 STEP = 0.01  # s
-LEAD = 1.5  # s flown before the recording starts, the commands at rest
+LEAD = 1.5  # s simulated before the recording starts, the commands at rest
 _FASTEST = 0.8  # rad/s
 RATES = ("u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot")
 _READ = (*STATES, *RATES, "vd", "rho", "mach", "mass", *(f"{a}{c}" for a in "FPA" for c in "xyz"),
@@ -25,7 +25,7 @@ _LIVE = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "h", *RATES, "rho"
 
 
 class AddedEffect(Protocol):
-    """Physics that JSBSim has not: coefficients from what the aircraft does, step by step."""
+    """Physics that JSBSim lacks: coefficients from the state of the aircraft, step by step."""
 
     def start(self, now: Mapping[str, float], dt: float) -> None:
         """Forget everything: a manoeuvre begins."""
@@ -36,7 +36,7 @@ class AddedEffect(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Manoeuvre:
-    """What is flown.
+    """One manoeuvre.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Manoeuvre:
 
 @dataclass(frozen=True, eq=False)
 class TruthFlight:
-    """What happened, sample by sample, at the centre of gravity.
+    """Truth at each sample, at the centre of gravity.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class TruthFlight:
 
 @dataclass(frozen=True, eq=False)
 class Additions:
-    """What differs from plain flight.
+    """Differences from a flight of the unchanged aircraft.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Additions:
     actuators : mapping of surface to a maker of (command, dt, now) -> angle
     wind : callable of (n,) clock to (n, 3) array [m/s], north east down, optional
     pilot : bool
-        Without, the commands are flown open loop.
+        Without, the commands act open loop.
     """
 
     added: Sequence[AddedEffect] = ()
@@ -119,7 +119,7 @@ class Additions:
 
 
 def simulate_manoeuvre(plant: JSBSimPlant, manoeuvre: Manoeuvre, additions: Additions) -> TruthFlight:
-    """Fly a manoeuvre.
+    """Simulate a manoeuvre.
 
     Raises
     ------
@@ -174,10 +174,10 @@ def simulate_manoeuvre(plant: JSBSimPlant, manoeuvre: Manoeuvre, additions: Addi
             seen.append(now)
             rows.append(_row(plant, settings, real, applied))
             _check_limits(plant, now, at, manoeuvre.name)
-    simulated_flight = _flight(plant, manoeuvre, settings, real, np.array(rows))
-    first = len(seen) - len(simulated_flight.t)
+    simulated = _flight(plant, manoeuvre, settings, real, np.array(rows))
+    first = len(seen) - len(simulated.t)
     by = np.array(fractions)[first:]
-    return replace(simulated_flight, now=tuple(seen[first:]), fractions=tuple(by[:, k] for k in range(by.shape[1])))
+    return replace(simulated, now=tuple(seen[first:]), fractions=tuple(by[:, k] for k in range(by.shape[1])))
 
 
 def _now(plant: JSBSimPlant, settings: Mapping[str, float], t: float, number: float) -> dict[str, float]:
@@ -205,7 +205,7 @@ def _now(plant: JSBSimPlant, settings: Mapping[str, float], t: float, number: fl
 
 
 def _brief(plant: JSBSimPlant) -> dict[str, float]:
-    """What the pilot looks at."""
+    """Values that the pilot uses."""
     value = plant.machine.value
     now = {c: value(c) for c in ("u", "v", "w", "p", "q", "r", "phi", "theta", "h")}
     now["alpha"] = math.atan2(now["w"], now["u"])
@@ -289,7 +289,7 @@ class AttitudeHold:
         return made
 
     def _error(self, c: str, now: Mapping[str, float], asked: Mapping[str, float]) -> float:
-        if c == "h":  # climbs are flown as pitch
+        if c == "h":  # a climb is a change of pitch
             return 0.0
         error = now[c] - self.about.get(c, 0.0) - asked.get(c, 0.0)
         if c != "theta":

@@ -1,6 +1,6 @@
 """The aerodynamic functions of a JSBSim aircraft, read from its XML and evaluated over whole flights at once.
 
-JSBSim flies the truth; what a simulation with other functions says along that flight is a matter of arrays. A function
+JSBSim simulates the truth; a simulation with other functions is evaluated along that flight as arrays. A function
 is a small tree of `Value`, `Property`, `Table` and `Operation`; trees are values, and a changed one is made by
 `replace`.
 """

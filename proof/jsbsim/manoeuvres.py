@@ -255,7 +255,7 @@ def plan_flights(
     lift: tuple[float, float] = (0.3, 0.6),
     heights: tuple[float, float] = (800.0, 3000.0),
 ) -> list[TruthFlight]:
-    """Eight manoeuvres: those wanted, the rest from `USUAL`, in a drawn order, from a few trimmed points; flown.
+    """Eight manoeuvres: those wanted, the rest from `USUAL`, in a drawn order, from a few trimmed points; simulated.
 
     Raises
     ------

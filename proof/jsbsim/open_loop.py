@@ -22,7 +22,7 @@ _CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "h", "a
 def simulate_open_loop(
     plant: JSBSimPlant, flights: Sequence[TruthFlight], functions: tuple[AeroFunction, ...], truth: Aircraft
 ) -> dict[str, dict[str, np.ndarray]] | None:
-    """Channels per manoeuvre; None where one leaves its truth too far behind."""
+    """Channels per manoeuvre; None where one departs too far from its truth."""
     try:
         other = JSBSimPlant(plant.name, functions)
     except SimulationError:
@@ -34,12 +34,12 @@ def simulate_open_loop(
         moving = {c: flight[c] - controls[c] if c in ("de", "da", "dr", "throttle") else flight[c] for c in controls}
         again = Manoeuvre(flight.manoeuvre.name, "free", flight.t, state, controls, moving, {})
         try:
-            simulated_flight = simulate_manoeuvre(other, again, Additions(pilot=False))
+            simulated = simulate_manoeuvre(other, again, Additions(pilot=False))
         except SimulationError:
             return None
-        if any(np.abs(simulated_flight[c] - flight[c]).max() > limit for c, limit in _FAR.items()):
+        if any(np.abs(simulated[c] - flight[c]).max() > limit for c, limit in _FAR.items()):
             return None
-        channels = channels_of(simulated_flight, truth)
+        channels = channels_of(simulated, truth)
         channels |= {"qbar": 0.5 * channels["rho"] * channels["V"] ** 2, "mach": channels["V"] / channels["sound"]}
-        made[flight.manoeuvre.name] = {"t": simulated_flight.t, **{c: channels[c] for c in _CHANNELS if c in channels}}
+        made[flight.manoeuvre.name] = {"t": simulated.t, **{c: channels[c] for c in _CHANNELS if c in channels}}
     return made

@@ -32,7 +32,7 @@ _MAIN = {
 
 @dataclass(frozen=True)
 class TruthAircraft:
-    """An aircraft that flies.
+    """An aircraft of the polynomial plant.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ from structsel.recording import Recording
 def find_active(
     result: ScenarioResult, axis: str, region: str
 ) -> tuple[Intervals, dict[str, tuple[float, float]] | None]:
-    """When the effect carries more than a quarter of its maximum, and the range of a channel in which it does."""
+    """Intervals in which the effect exceeds a quarter of its maximum, and the range of a channel there."""
     i = AXES.index(axis)
     largest = max(float(np.quantile(np.abs(d[:, i]), 0.995)) for d in result.delta)
     made: Intervals = {}
@@ -88,7 +88,7 @@ def forced(result: ScenarioResult) -> dict[str, Channels]:
 
 
 def free(scenario: Scenario, result: ScenarioResult, wind: Mapping[str, float] | None = None) -> dict[str, Channels]:
-    """The simulation flown open loop with what was recorded, from where the recording began.
+    """Open-loop simulation with the recorded controls, from the first recorded state.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def free(scenario: Scenario, result: ScenarioResult, wind: Mapping[str, float] |
         held["thrust"], held["throttle"] = faulty["thrust"], faulty["throttle"]
         held["qbar"] = 0.5 * held["rho"] * held["V"] ** 2
         held["mach"] = run.reads["mach"]
-        # An open-loop run that has gone elsewhere says nothing.
+        # An open-loop simulation that diverges is no case.
         if (
             np.abs(held["phi"]).max() > 1.5
             or abs(held["V"] / f.reads["V"] - 1.0).max() > 0.4
@@ -135,7 +135,7 @@ def make_single(
     Raises
     ------
     NotAttainable
-        Where it cannot be flown, or would not show at all; draw anew.
+        The flights diverge, or the effect is too small to be seen.
     """
     scenario = draw_scenario([effect], truth_aircraft(aircraft_name), seed, states, attempt)
     context = effect_context(scenario, seed, attempt, 2)
@@ -188,12 +188,12 @@ def assemble(
 
 
 def make_windy(effect: Effect, aircraft_name: str, severity: str, seed: int, attempt: int = 0) -> Case:
-    """A wind that the simulation, flown free, does not know: it shows in the velocities over the ground.
+    """A case of wind, which an open-loop simulation lacks: it changes the velocities over the ground.
 
     Raises
     ------
     NotAttainable
-        Where it cannot be flown or does not show.
+        The flights diverge, or the wind is too small to be seen.
     """
     scenario = draw_scenario([effect], truth_aircraft(aircraft_name), seed, ins.RECONSTRUCTED, attempt)
     context = effect_context(scenario, seed, attempt, 2)

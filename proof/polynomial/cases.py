@@ -49,7 +49,7 @@ def make(
     Raises
     ------
     NotAttainable
-        What was drawn cannot be flown or does not show.
+        The flights diverge, or the effect is too small to be seen.
     KeyError
         No such effect can be drawn.
     """

@@ -1,4 +1,4 @@
-"""What an effect is to the generator: its key, the manoeuvres it needs, and what it injects at a size."""
+"""An effect as the generator of cases uses it: its key, the manoeuvres it needs, what it injects at a size."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from structsel.aircraft import Tolerances
 
 @dataclass(frozen=True, eq=False)
 class EffectContext:
-    """Where an effect is to act: aircraft, manoeuvres, and the flights without it."""
+    """Aircraft, manoeuvres and the flights without the effect that is to be injected."""
 
     truth: TruthAircraft
     manoeuvres: Sequence[Manoeuvre]
@@ -28,7 +28,7 @@ class EffectContext:
     rng: np.random.Generator
 
     def sign(self) -> float:
-        """One way or the other."""
+        """1 or -1, drawn."""
         return float(self.rng.choice([-1.0, 1.0]))
 
     def tolerance(self, name: str) -> float:
@@ -75,13 +75,13 @@ class EffectContext:
 
 
 def name(k: int) -> str:
-    """Of manoeuvre number k, from 0."""
+    """Name of manoeuvre number k, from 0."""
     return f"m{k + 1:02d}"
 
 
 @dataclass
 class Injection:
-    """What enters at one size: into the flight, into the instruments; numbers for the key."""
+    """An effect of one size: physics of the flight, errors of the instruments, parameters for the key."""
 
     physics: InjectedPhysics = field(default_factory=InjectedPhysics)
     errors: InstrumentErrors = field(default_factory=InstrumentErrors)
@@ -90,18 +90,18 @@ class Injection:
 
 @dataclass
 class EffectDesign:
-    """An effect with all drawn but its size.
+    """An effect of which all is drawn except its size.
 
     Attributes
     ----------
     at : function of the size to Injection
         At size 1 the effect is of ordinary strength.
     axes : tuple of str
-        In which it shows, the clearest first.
+        Coefficients that it changes, the clearest first.
     accept, tie : tuple of str
-        Beside the effect's own name, and those it may be confused with.
+        Further right names, and names it may be confused with.
     low, high : float
-        InputSizes between which it is plausible and beyond the tolerances.
+        Sizes between which the effect is plausible and larger than the tolerances.
     intervals : Intervals or "active" or None
         When it acts; "active" finds that from what it does.
     region : str
@@ -125,16 +125,16 @@ class Effect:
     Attributes
     ----------
     name : str
-        Of EFFECTS; "unknown" outside.
+        Name in the library; "unknown" outside it.
     kinds : tuple of str
     make : function of EffectContext to EffectDesign
     needs : purposes the set of manoeuvres must hold
     aircraft : names of aircraft it suits; empty suits all
     bands : int
-        Of heights, two where density must vary apart from speed.
-    channels : what is recorded beside the usual
-    form : the form of simulation it takes, None takes either
-    label : what it is, for effects outside the library
+        Number of height bands: two where density must vary independently of speed.
+    channels : further channels that are recorded
+    form : form of simulation; None for either
+    label : description, for effects outside the library
     """
 
     name: str

@@ -22,7 +22,7 @@ CONTROLS = ("de", "da", "dr")
 
 @dataclass
 class InjectedPhysics:
-    """What the truth has and the simulation lacks; parts add up with `joined`.
+    """Physics that the truth has and the simulation lacks; parts are combined by `joined`.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class TruthFlight:
 
 
 def settings_of(truth: TruthAircraft, manoeuvres: Sequence[Manoeuvre], ground: float) -> dict[str, float]:
-    """References of the variables: the middle of what is flown."""
+    """References of the variables: means over the manoeuvres."""
     V = float(np.mean([p.V for p in manoeuvres]))
     _, _, rho, sound = standard_atmosphere(np.array([p.h for p in manoeuvres]))
     held = {**SETTINGS, "V0": V, "rho0": float(np.mean(rho)), "ground_h": ground}
@@ -121,7 +121,7 @@ def simulate_truth(
     settings: Mapping[str, float],
     rate: float,
 ) -> list[TruthFlight]:
-    """Fly the manoeuvres with the added physics, at a rate of samples [1/s].
+    """Simulate the manoeuvres with the added physics, at a sample rate [1/s].
 
     Raises
     ------
@@ -158,7 +158,7 @@ def simulate_model(
     settings: Mapping[str, float],
     rate: float,
 ) -> TruthFlight:
-    """Fly a simulation open loop from a start, with recorded controls and thrust held over each sample.
+    """Simulate open loop from a start, with recorded controls and thrust held over each sample.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def simulate_model(
 def _plant(
     truth: TruthAircraft, base: Terms, added: Terms, tensor: np.ndarray, after: float, settings: Mapping[str, float]
 ) -> Plant:
-    """What the kernel needs of the aircraft; `after` is the factor of the inertia after a release."""
+    """Arrays of the aircraft for the kernel; `after` is the factor of the inertia after a release."""
     tensors = np.array([tensor, tensor * after])
     values = np.array([settings[name] for name in SETTINGS])
     return Plant(*base, *added, tensors, np.linalg.inv(tensors), truth.constants(), values)

@@ -15,13 +15,13 @@ from structsel.numerics.atmosphere import standard_atmosphere
 DT = 0.01
 """Step of the flight [s]."""
 SETTLING = 5.0
-"""TruthFlight before the recording begins [s]."""
+"""Time simulated before the recording begins [s]."""
 _COLUMN = {name: i for i, name in enumerate(SCHEDULES)}
 
 
 @dataclass
 class Manoeuvre:
-    """One manoeuvre to be flown.
+    """One manoeuvre.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Manoeuvre:
 
 @dataclass(frozen=True)
 class InputSizes:
-    """Inputs that move this aircraft about as much as any other: [rad], and [s] for the pulses of 3-2-1-1s."""
+    """Usual amplitudes of the surfaces [rad], and unit of 3-2-1-1 inputs [s]."""
 
     de: float
     da: float
@@ -78,7 +78,7 @@ class InputSizes:
 
 
 def input_sizes(truth: TruthAircraft, V: float, h: float, alpha: float = 0.0) -> InputSizes:
-    """From the main derivatives: about 0.05 rad of angle of attack, 0.05 rad of sideslip, 0.2 rad/s of roll."""
+    """Amplitudes for about 0.05 rad of angle of attack and sideslip and 0.2 rad/s of roll, by the main derivatives."""
     air = truth.aircraft
     rho = float(standard_atmosphere(h)[2])
     qS = 0.5 * rho * V**2 * air.S
@@ -96,7 +96,7 @@ def input_sizes(truth: TruthAircraft, V: float, h: float, alpha: float = 0.0) ->
 
 
 def _follow(manoeuvre: Manoeuvre, truth: TruthAircraft, t0: float, t1: float, wanted: np.ndarray) -> None:
-    """Have the pilot follow an angle of attack, with the elevator that it takes."""
+    """Let the pilot follow an angle of attack, with the elevator of static equilibrium."""
     on = (manoeuvre.t >= t0) & (manoeuvre.t < t1)
     manoeuvre.column("alpha")[on] = wanted[on]
     slope = -(truth.value("Cm", "alpha") + 2.0 * manoeuvre.trim["alpha"] * truth.value("Cm", "alpha^2"))

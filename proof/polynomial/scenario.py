@@ -20,7 +20,7 @@ _EVENTS = ("configuration-change", "store-release")
 
 @dataclass
 class Scenario:
-    """All that is drawn before an effect has a size.
+    """Everything that is drawn before the size of an effect.
 
     Attributes
     ----------
@@ -29,17 +29,17 @@ class Scenario:
         As it is stated.
     manoeuvres : list of Manoeuvre
     settings : dict
-        As `kernel.SETTINGS`.
+        As `equations.SETTINGS`.
     ground : float [m]
     rate : float [1/s]
     states : {"raw", "reconstructed"}
         At which the simulation is evaluated.
     channels : tuple of str
-        Recorded besides the usual ones.
+        Recorded in addition to the usual ones.
     sim_terms : tuple of (axis, text, value)
         Of the simulation, off within the tolerances.
     background : Injection
-        Errors within the tolerances; they are in the perfect account's data too.
+        Errors within the tolerances; the perfect model of the effect has them too.
     noise : dict
     biases : list of dict
         Of each manoeuvre.

@@ -1,4 +1,4 @@
-"""Simulates a scenario with what is injected, measures it, and finds the size of an effect."""
+"""Simulates a scenario with an injected effect, computes the readings, and finds the size of the effect."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ManoeuvreResult:
     simulated : (n, 6) array
         Coefficients of the simulation.
     before, after : (n, 6) arrays
-        Measured less simulated; the same with a perfect account of what is injected.
+        Measured minus simulated, without and with a perfect model of the injected effect.
     """
 
     flight: TruthFlight
@@ -48,7 +48,7 @@ class ManoeuvreResult:
 
 @dataclass(frozen=True, eq=False)
 class ScenarioResult:
-    """A scenario simulated with what is injected."""
+    """A scenario simulated with an injected effect."""
 
     injection: Injection
     manoeuvres: tuple[ManoeuvreResult, ...]
@@ -60,17 +60,17 @@ class ScenarioResult:
 
     @property
     def before(self) -> list[np.ndarray]:
-        """Measured less simulated."""
+        """Measured minus simulated."""
         return [m.before for m in self.manoeuvres]
 
     @property
     def after(self) -> list[np.ndarray]:
-        """Measured less simulated with a perfect account."""
+        """Measured minus simulated with a perfect model of the effect."""
         return [m.after for m in self.manoeuvres]
 
     @property
     def delta(self) -> list[np.ndarray]:
-        """What is injected adds to measured less simulated."""
+        """Contribution of the injected effect to measured minus simulated."""
         return [m.before - m.after for m in self.manoeuvres]
 
     @property
@@ -94,7 +94,7 @@ class ScenarioResult:
 
 
 def effect_context(scenario: Scenario, *seed: int) -> EffectContext:
-    """Where an effect of the scenario is to act."""
+    """Context of an effect in the scenario."""
     base = simulate_truth(
         scenario.truth, scenario.manoeuvres, scenario.background.physics, scenario.settings, scenario.rate
     )
@@ -105,7 +105,7 @@ def effect_context(scenario: Scenario, *seed: int) -> EffectContext:
 
 
 def simulate_scenario(scenario: Scenario, injection: Injection) -> ScenarioResult:
-    """Simulate and measure a scenario with an injection, and with a perfect account of it.
+    """Simulate and measure a scenario with an injected effect, and with a perfect model of it.
 
     Errors within the tolerances are in the data of both.
     """
@@ -179,7 +179,7 @@ def _measured_ideally(
 
 
 def contribution_of(scenario: Scenario, result: ScenarioResult) -> tuple[np.ndarray, ...]:
-    """What an outcome's effects add to measured less simulated (n, 6), as instruments without noise would show it."""
+    """Contribution (n, 6) of the effects to measured minus simulated, for instruments without noise."""
     return tuple(simulate_scenario(replace(scenario, noise=dict.fromkeys(scenario.noise, 0.0)), result.injection).delta)
 
 
@@ -194,7 +194,7 @@ def scale_effect(
     Raises
     ------
     NotAttainable
-        Where it cannot be flown.
+        No size can be simulated without divergence.
     """
     size = float(np.clip(1.0, design.low, design.high))
     best: tuple[float, float, Injection, ScenarioResult] | None = None
@@ -216,7 +216,7 @@ def scale_effect(
             break
         size = new
     if best is None:
-        raise NotAttainable("no size could be flown")
+        raise NotAttainable("the flights diverge at every size")
     _, size, injection, result = best
     return size, injection, _flip_errors(scenario, injection, result, [a for a in design.axes if a not in fixed])
 

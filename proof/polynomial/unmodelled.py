@@ -84,7 +84,7 @@ def _of(pairs: Sequence[tuple[str, str]]) -> Callable[[EffectContext], EffectDes
 
 _EACH = (("Cm", "clock"), ("Cl", "clock"), ("CX", "clock"), ("CY", "clock"), ("Cn", "clock"))
 EFFECTS = (
-    Effect("unknown", _ANY, _clocked(_periodic, _EACH), label="periodic forcing at 0.37 Hz, whatever is flown"),
+    Effect("unknown", _ANY, _clocked(_periodic, _EACH), label="periodic forcing at 0.37 Hz, whatever the manoeuvre"),
     Effect("unknown", _ANY, _clocked(_sawtooth, _EACH), label="sawtooth of the time of day, 9 s"),
     Effect(
         "unknown",

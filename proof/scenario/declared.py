@@ -1,4 +1,4 @@
-"""Effects whose proof case is declared as data beside the effect: see `structsel.effects.TruthCase`.
+"""Effects whose proof case is declared as data with the effect: see `structsel.effects.TruthCase`.
 
 The declaration reaches this package as data, from `proof.generate`, so that the generators of cases need not import
 the effects. Formulas are products of powers of `VARIABLES` and of the declaration's own signals.

@@ -1,4 +1,4 @@
-"""Sizes of effects: what a perfect account gains, and the size at which it gains as much as wanted."""
+"""Sizes of effects: the gain of a perfect model of the effect, and the size that has a wanted gain."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class NotAttainable(Exception):
 
 
 def attainable(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> dict[str, float]:
-    """Fraction by which the rms of measured less simulated falls, for each coefficient, over all manoeuvres.
+    """Fraction by which the rms of measured minus simulated falls, for each coefficient, over all manoeuvres.
 
     Parameters
     ----------
     before, after : sequence of (n, 6) arrays
-        Without and with a perfect account of the effect.
+        Without and with a perfect model of the effect.
     """
     b, a = (np.sqrt(np.mean(np.concatenate(list(x)) ** 2, axis=0)) for x in (before, after))
     return {axis: float(1.0 - a[k] / b[k]) if b[k] > 0 else 0.0 for k, axis in enumerate(COEFFICIENTS)}
