@@ -1,4 +1,4 @@
-"""Numbers, estimates, units and lists as tables and sentences show them."""
+"""Numbers, estimates, units and lists as text, the same in tables, sentences, reports and figures."""
 
 from __future__ import annotations
 
@@ -9,20 +9,30 @@ from typing import Any
 from structsel.nomenclature import UNKNOWN, unit_of
 
 UNDEFINED = "-"
-"""What stands in place of a number that is not known."""
+"""Text of a number that is not known."""
 
 
-def format_number(value: float | None, digits: int = 4) -> str:
-    """Return a number with significant digits, without exponents from 0.0001 to 100000.
+def format_number(value: float | None, digits: int = 4, *, signed: bool = False) -> str:
+    """Return a number with significant digits, without exponents from 0.0001 to 100000; `signed` writes a plus.
 
-    >>> format_number(110.0, 2), format_number(0.012345, 2), format_number(3.2e-6, 2), format_number(None)
-    ('110', '0.012', '3.2e-6', '-')
+    >>> format_number(110.0, 2), format_number(99.7, 2), format_number(0.012345, 2), format_number(3.2e-6, 2)
+    ('110', '100', '0.012', '3.2e-6')
+    >>> format_number(110.0, 2, signed=True), format_number(None)
+    ('+110', '-')
     """
     if value is None or not math.isfinite(value):
         return UNDEFINED
+    sign = "+" if signed else ""
     if abs(value) >= 1e5 or (value != 0 and abs(value) < 1e-4):
-        return f"{value:.{max(digits - 2, 1)}e}".replace("e-0", "e-").replace("e+0", "e")
-    return f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:.0f}"
+        return _shorten_exponent(f"{value:{sign}.{max(digits - 2, 1)}e}")
+    text = f"{value:{sign}.{digits}g}"
+    # Rounding may carry into one more digit than are kept: 99.7 is 1e+02 in two digits.
+    return f"{value:{sign}.0f}" if abs(value) >= 10**digits or "e" in text else text
+
+
+def _shorten_exponent(text: str) -> str:
+    """Write 3.2e-6 for 3.2e-06."""
+    return text.replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
 def format_decimals(value: float | None, decimals: int = 4) -> str:
@@ -66,7 +76,7 @@ def format_in_unit(value: float, unit: str, digits: int = 3) -> str:
 
 
 def format_estimate(value: float, std: float, unit: str = "", sign: str = "+-") -> str:
-    """Return an estimate and its standard deviation, rounded to what the deviation leaves certain; angles in degrees.
+    """Return an estimate and its standard deviation, rounded to the first uncertain digit; angles in degrees.
 
     >>> format_estimate(0.67643, 0.0142), format_estimate(0.1, 0.002, "rad")
     ('0.676 +- 0.014', '5.73 +- 0.11 deg')
@@ -75,10 +85,10 @@ def format_estimate(value: float, std: float, unit: str = "", sign: str = "+-") 
     value, std = factor * value, factor * std
     shown = f" {name}" if name else ""
     if not (math.isfinite(std) and std > 0.0):
-        return f"{value:.3g}{shown}"
+        return f"{format_number(value, 3)}{shown}"
     if not 1e-3 <= max(abs(value), std) < 1e5:
-        return f"{value:.3g} {sign} {std:.1g}{shown}"
-    # One digit of what is uncertain; two where the first is a 1.
+        return f"{_shorten_exponent(f'{value:.3g} {sign} {std:.1g}')}{shown}"
+    # One uncertain digit; two where the first is a 1.
     digits = max(-math.floor(math.log10(std)) + (f"{std:e}"[0] == "1"), 0)
     return f"{value:.{digits}f} {sign} {std:.{digits}f}{shown}"
 
@@ -89,15 +99,17 @@ def format_range(channel: str, limits: Sequence[float]) -> str:
     low, high = (factor * x for x in limits)
     shown = f" {unit}" if unit else ""
     if not math.isfinite(low):
-        return f"{channel} below {high:.3g}{shown}"
-    return f"{channel} {low:.3g} to {high:.3g}{shown}" if math.isfinite(high) else f"{channel} above {low:.3g}{shown}"
+        return f"{channel} below {format_number(high, 3)}{shown}"
+    if not math.isfinite(high):
+        return f"{channel} above {format_number(low, 3)}{shown}"
+    return f"{channel} {format_number(low, 3)} to {format_number(high, 3)}{shown}"
 
 
-def join_names(names: Iterable[Any], most: int | None = 6, last: str = "and") -> str:
-    """Return names as a sentence lists them: "a, b and c"; beyond `most`, the first ones "and 4 more"."""
+def join_names(names: Iterable[Any], maximum: int | None = 6, last: str = "and") -> str:
+    """Return names as a list in a sentence, "a, b and c"; of more than `maximum` the first ones, "and 4 more"."""
     texts = [str(name) for name in names]
-    if most is not None and len(texts) > most:
-        return f"{', '.join(texts[: most - 1])} and {len(texts) - most + 1} more"
+    if maximum is not None and len(texts) > maximum:
+        return f"{', '.join(texts[: maximum - 1])} and {len(texts) - maximum + 1} more"
     *head, tail = texts or [""]
     return f"{', '.join(head)} {last} {tail}" if head else tail
 
@@ -108,7 +120,7 @@ def count_of(count: int, noun: str) -> str:
 
 
 def finite_or_none(content: Any) -> Any:
-    """Return nested lists and dicts with None for what is not a finite number, as JSON needs it."""
+    """Return nested lists and dicts with None in place of numbers that are not finite, as JSON needs it."""
     if isinstance(content, dict):
         return {key: finite_or_none(value) for key, value in content.items()}
     if isinstance(content, list | tuple):

@@ -1,4 +1,4 @@
-"""What a result shows, as data: a title, facts, tables, notes and warnings; and the same as text and as HTML.
+"""Content of a printed result as data: title, facts, tables, notes and warnings; and the same as text and as HTML.
 
 A result builds one `Summary`. Plain text, a notebook, the terminal and an HTML report all show that summary.
 """
@@ -6,7 +6,7 @@ A result builds one `Summary`. Plain text, a notebook, the terminal and an HTML 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 Tone = Literal["", "good", "bad", "warning", "dim"]
-_MOST_ROWS = 60
+_MAX_ROWS = 60  # of a table in a notebook
 
 
 @dataclass(frozen=True)
@@ -26,17 +26,19 @@ class Column:
     Attributes
     ----------
     name : str
-        Head of the column.
+        Heading of the column.
     format : str
-        Of its numbers: ``"4g"`` four significant digits, ``"3f"`` three decimals, ``"%"`` percent of a fraction. None
-        and what is not finite are a dash.
+        Format of the numbers: ``"4g"`` four significant digits, ``"3f"`` three decimals, ``"%"`` a fraction in percent.
+        None, nan and infinity are shown as a dash.
     unit : str
         Shown behind the name; empty where rows have units of their own.
     align : {"right", "left"}
     detail : bool
-        Left out where a terminal is too narrow for the table.
+        Whether to omit the column where a terminal is too narrow for the table.
+    wrap : bool
+        Whether a cell may take several lines of a page.
     note : str
-        What the column means; shown below the table if the column is.
+        Meaning of the column; shown below the table.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Column:
     unit: str = ""
     align: Literal["right", "left"] = "right"
     detail: bool = False
+    wrap: bool = False
     note: str = ""
 
     @property
@@ -57,6 +60,8 @@ class Column:
             return self.show(value.value)
         if value is None:
             return UNDEFINED
+        if isinstance(value, Bar | Link):
+            return value.text
         if isinstance(value, bool) or type(value).__name__ == "bool_":
             return "yes" if value else "no"
         if isinstance(value, int) or not isinstance(value, float):
@@ -81,6 +86,38 @@ class Cell:
 
 
 @dataclass(frozen=True)
+class Bar:
+    """A cell that an HTML page draws as a bar; elsewhere its text is shown.
+
+    Attributes
+    ----------
+    low, high : float
+        Ends of the bar, in percent of the width of the cell.
+    text : str
+        The same in words, for screen readers and for plain text.
+    style : str
+        CSS class of the bar: which stage of a model it belongs to.
+    zero, mark : float or None
+        Positions of a thin line at zero and of a thick mark, in percent of the width.
+    """
+
+    low: float
+    high: float
+    text: str
+    style: str = "physics"
+    zero: float | None = None
+    mark: float | None = None
+
+
+@dataclass(frozen=True)
+class Link:
+    """A cell that refers to another page in the same folder."""
+
+    text: str
+    page: str
+
+
+@dataclass(frozen=True)
 class Table:
     """Rows under columns.
 
@@ -88,17 +125,20 @@ class Table:
     ----------
     columns : tuple of Column
     rows : tuple of tuple
-        Strings, numbers, None or `Cell`, one for each column.
+        Strings, numbers, None, `Cell`, `Bar` or `Link`, one for each column.
     title : str
-        Above the table.
+        Shown above the table.
     rules : tuple of int
-        Rows before which a line is left free.
+        Rows that an empty line precedes.
+    note : str
+        Shown below the table.
     """
 
     columns: tuple[Column, ...]
     rows: tuple[tuple[Any, ...], ...]
     title: str = ""
     rules: tuple[int, ...] = ()
+    note: str = ""
 
     @classmethod
     def from_records(cls, columns: Mapping[str, Column], records: Iterable[Mapping[str, Any]], **options: Any) -> Table:
@@ -108,15 +148,27 @@ class Table:
 
     @property
     def legend(self) -> str:
-        """Meaning of the columns that have a note."""
-        return "; ".join(f"{column.name}: {column.note}" for column in self.columns if column.note)
+        """Meaning of the columns that have a note, and the note of the table."""
+        columns = "; ".join(f"{column.name}: {column.note}" for column in self.columns if column.note)
+        return " ".join(text for text in (f"{columns}." if columns and self.note else columns, self.note) if text)
+
+    def with_column(self, place: int, column: Column, cells: Iterable[Any]) -> Table:
+        """Table with one more column in front of the one at `place`."""
+        rows = tuple((*row[:place], cell, *row[place:]) for row, cell in zip(self.rows, cells, strict=True))
+        return replace(self, columns=(*self.columns[:place], column, *self.columns[place:]), rows=rows)
+
+    def without_columns(self, *names: str) -> Table:
+        """Table without the columns of these names."""
+        kept = [j for j, column in enumerate(self.columns) if column.name not in names]
+        rows = tuple(tuple(row[j] for j in kept) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[j] for j in kept), rows=rows)
 
     def texts(self) -> list[list[str]]:
         """Cells as text, row by row."""
         return [[column.show(cell) for column, cell in zip(self.columns, row)] for row in self.rows]
 
     def to_text(self, indent: str = "") -> str:
-        """Lines of aligned columns."""
+        """Plain text, columns aligned."""
         rows = [[column.head for column in self.columns], *self.texts()]
         widths = [max(len(row[j]) for row in rows) for j in range(len(self.columns))]
         lines = [
@@ -134,23 +186,23 @@ class Table:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a result shows.
+    """Content of a printed result.
 
     Attributes
     ----------
     title : str
-        What it is about: a response, a recording, a model.
+        Subject of the result: a response, a recording, a model.
     about : str
-        Behind the title, in a few words.
+        Description in a few words; follows the title.
     alerts : tuple of str
-        What must be known before the numbers are read; shown first.
+        Restrictions that a reader must know before the numbers; shown first.
     facts : tuple of (name, value)
         Scalars.
     tables : tuple of Table
     notes : tuple of str
-        What the columns mean, and what else was done.
+        Meaning of the columns, and further steps that were done.
     warnings : tuple of str
-        Reasons to doubt the numbers.
+        Reasons why a number may be wrong.
     parts : tuple of Summary
         Summaries of the parts of a result that has several.
     """
@@ -166,17 +218,17 @@ class Summary:
 
     @property
     def head(self) -> str:
-        """Title and what stands behind it, as one line."""
+        """Title and description on one line."""
         return f"{self.title}: {self.about}" if self.title and self.about else self.title or self.about
 
     @property
     def fact_line(self) -> str:
-        """Facts as one line."""
+        """Facts on one line."""
         return "   ".join(f"{name} {value}" for name, value in self.facts)
 
     @property
     def caption(self) -> str:
-        """Everything above the numbers of the first table, line by line."""
+        """Lines above the numbers of the first table."""
         titles = [self.tables[0].title] if self.tables else []
         return "\n".join(line for line in (self.head, *self.alerts, self.fact_line, *titles) if line)
 
@@ -185,7 +237,7 @@ class Summary:
         return self.tables + tuple(table for part in self.parts for table in part.all_tables())
 
     def to_text(self) -> str:
-        """Plain text: warnings stand behind an exclamation mark."""
+        """Plain text; a warning begins with an exclamation mark."""
         opening = [self.head] if self.head else []
         opening += [f"  ! {text}" for text in self.alerts]
         opening += [f"  {self.fact_line}"] if self.facts else []
@@ -196,11 +248,11 @@ class Summary:
         return "\n\n".join([*([own] if own else []), *(part.to_text() for part in self.parts)])
 
     def to_html(self) -> str:
-        """HTML that belongs inside a page, such as a notebook's; whatever comes from data is escaped."""
-        return _template().render(summary=self, most=_MOST_ROWS, zip=zip)
+        """HTML for part of a page, such as a notebook cell; text from data is escaped."""
+        return _template().render(summary=self, max_rows=_MAX_ROWS, zip=zip)
 
 
-# Colours are the notebook's own, so that the table is at home on a dark page too.
+# Colours are those of the notebook, so that a dark theme applies to the table too.
 _TEMPLATE = """\
 {% macro show(table, caption) %}
 <table style="border-collapse: collapse; font-variant-numeric: tabular-nums">
@@ -212,7 +264,7 @@ _TEMPLATE = """\
 {% endfor %}
 </tr></thead>
 <tbody>
-{% for row in table.texts()[:most] %}
+{% for row in table.texts()[:max_rows] %}
 <tr>
 {% for cell, column in zip(row, table.columns) %}
 <td style="text-align: {{ column.align }}">{{ "\N{EN DASH}" if cell == "-" else cell }}</td>
@@ -225,8 +277,8 @@ _TEMPLATE = """\
 {% if table and table.legend %}
 <p>{{ table.legend }}</p>
 {% endif %}
-{% if table and table.rows|length > most %}
-<p>{{ table.rows|length - most }} more rows are not shown.</p>
+{% if table and table.rows|length > max_rows %}
+<p>{{ table.rows|length - max_rows }} more rows are not shown.</p>
 {% endif %}
 {% endmacro %}
 {% macro write(summary) %}
@@ -251,19 +303,19 @@ _TEMPLATE = """\
 
 @cache
 def _template() -> Template:
-    # Templates take a while to load, and only notebooks need them here.
+    # Jinja takes a while to import, and only notebooks need it here.
     from jinja2 import Environment
 
     return Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(_TEMPLATE)
 
 
 def rows_of_frame(frame: Any, columns: Mapping[str, Column]) -> tuple[tuple[Any, ...], ...]:
-    """Rows of a DataFrame, the columns chosen and ordered."""
+    """Rows of a DataFrame with these columns, in this order."""
     return tuple(frame[list(columns)].itertuples(index=False, name=None))
 
 
 def table_of_frame(frame: Any, columns: Mapping[str, Column] | None = None, digits: int = 4, **options: Any) -> Table:
-    """Table of a DataFrame; without `columns` all of them, numbers in `digits` digits and words aligned left."""
+    """Table of a DataFrame; by default of all its columns, numbers with `digits` digits and words aligned left."""
     if columns is None:
         numeric = {name: frame[name].dtype.kind in "iuf" for name in frame.columns}
         columns = {
@@ -272,7 +324,7 @@ def table_of_frame(frame: Any, columns: Mapping[str, Column] | None = None, digi
     return Table(tuple(columns.values()), rows_of_frame(frame, columns), **options)
 
 
-def one_line(summary: Summary, most: int = 160) -> str:
+def one_line(summary: Summary, width: int = 160) -> str:
     """Title of a summary on one line of limited length."""
     text = " ".join(summary.head.split())
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+    return text if len(text) <= width else f"{text[: width - 3]}..."

@@ -11,9 +11,18 @@ import pandas as pd
 import pytest
 
 from structsel import formatting
-from structsel.formatting import count_of, finite_or_none, format_explained, format_in_unit, format_number, join_names
+from structsel.formatting import (
+    count_of,
+    finite_or_none,
+    format_estimate,
+    format_explained,
+    format_in_unit,
+    format_number,
+    format_range,
+    join_names,
+)
 from structsel.results import Result
-from structsel.tables import Cell, Column, Summary, Table, table_of_frame, text_column
+from structsel.tables import Bar, Cell, Column, Summary, Table, table_of_frame, text_column
 
 
 def test_examples_of_the_docstrings_hold():
@@ -23,7 +32,8 @@ def test_examples_of_the_docstrings_hold():
 @pytest.mark.parametrize(
     ("value", "digits", "text"),
     [(110.0, 2, "110"), (-100.0, 1, "-100"), (12345.6, 4, "12346"), (1.6e5, 3, "1.6e5"), (0.0, 4, "0"),
-     (float("nan"), 4, "-"), (None, 4, "-"), (5.84e-6, 3, "5.8e-6")],
+     (float("nan"), 4, "-"), (None, 4, "-"), (5.84e-6, 3, "5.8e-6"), (99.7, 2, "100"), (-9996.0, 3, "-9996"),
+     (1.6e12, 3, "1.6e12")],
 )  # fmt: skip
 def test_numbers_have_no_exponent_between_a_ten_thousandth_and_a_hundred_thousand(value, digits, text):
     assert format_number(value, digits) == text
@@ -72,6 +82,23 @@ def test_a_frame_becomes_a_table_with_numbers_to_the_right():
     table = table_of_frame(pd.DataFrame({"name": ["a"], "n": [3], "value": [0.5], "good": [True]}))
     assert [column.align for column in table.columns] == ["left", "right", "right", "left"]
     assert table.texts() == [["a", "3", "0.5", "yes"]]
+
+
+def test_estimates_and_ranges_have_no_exponent_in_a_sentence():
+    assert format_estimate(12345.0, float("nan"), "N") == "12345 N"
+    assert format_estimate(3.25e-6, 1e-7) == "3.25e-6 +- 1e-7"
+    assert format_range("h", (999.6, 12345.0)) == "h 1000 to 12345 m"
+    assert format_range("h", (-np.inf, 12345.0)) == "h below 12345 m"
+
+
+def test_columns_are_added_and_removed_and_a_bar_is_text_outside_of_pages():
+    cells = [Bar(10.0, 40.0, "0.1 to 0.4"), None]
+    table = TABLE.with_column(1, Column("interval"), cells).without_columns("R2", "fraction", "V")
+    assert [column.name for column in table.columns] == ["term", "interval", "value"]
+    assert table.texts() == [["1", "0.1 to 0.4", "0.12346"], ["alpha^2", "-", "-12"]]
+    assert table.rules == TABLE.rules
+    note = Table((Column("a", note="first"),), ((1.0,),), note="All of it.")
+    assert note.legend == "a: first. All of it."
 
 
 @dataclass(frozen=True, eq=False, repr=False)

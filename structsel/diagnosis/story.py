@@ -14,7 +14,7 @@ from structsel.formatting import display_unit, format_estimate, format_probabili
 from structsel.nomenclature import COEFFICIENTS
 
 WIDTH = 80
-_and = partial(join_names, most=None)
+_and = partial(join_names, maximum=None)
 HARD_PULL = 2.0
 """Standard deviations beyond which a tolerance was pulled hard."""
 _LABEL = 11  # columns that a label stands in
