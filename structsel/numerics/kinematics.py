@@ -26,6 +26,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from structsel.numerics.arrays import UNCOUNTED
+from structsel.numerics.triangular import copy
+
 STATES = (
     *("u", "v", "w", "phi", "theta", "psi", "x", "y", "h"),
     *("bax", "bay", "baz", "bp", "bq", "br", "wn", "we", "wd"),
@@ -84,7 +87,7 @@ def _slope(x, a, place, g, located, out):  # type: ignore[no-untyped-def]
         out[7] = 0.0
 
 
-@njit(cache=True)
+@njit(**UNCOUNTED)
 def step(x, a0, a1, dt, place, g, located, work, out):  # type: ignore[no-untyped-def]
     """Full vector one sample later: Runge-Kutta of fourth order, inputs linear between samples.
 
@@ -93,7 +96,7 @@ def step(x, a0, a1, dt, place, g, located, work, out):  # type: ignore[no-untype
     middle, k1, k2, k3, k4, at = work[0], work[1], work[2], work[3], work[4], work[5]
     for j in range(9):
         middle[j] = 0.5 * (a0[j] + a1[j])
-    at[:] = x
+    copy(x, at)
     _slope(x, a0, place, g, located, k1)
     for j in range(9):
         at[j] = x[j] + 0.5 * dt * k1[j]
@@ -104,7 +107,7 @@ def step(x, a0, a1, dt, place, g, located, work, out):  # type: ignore[no-untype
     for j in range(9):
         at[j] = x[j] + dt * k3[j]
     _slope(at, a1, place, g, located, k4)
-    out[:] = x
+    copy(x, out)
     for j in range(9):
         out[j] += dt / 6.0 * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j])
 
