@@ -9,8 +9,7 @@ from scipy.signal import lsim
 
 from structsel.effects import structural
 from structsel.effects.operators import pulse
-from structsel.numerics.air_data import air_data
-from structsel.numerics.vectors import body_to_earth
+from structsel.numerics.air_data import air_data, body_to_earth
 from structsel.recording import Recording
 from structsel.simulation import Atmosphere, Gust
 from tests.effect_fits import best, effect_named, explain

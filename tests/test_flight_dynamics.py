@@ -16,12 +16,11 @@ from structsel.demo.flights import integrate
 from structsel.errors import ChannelError, DataError, DomainError, ModelError
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import air_data, nondimensional_rates
+from structsel.numerics.air_data import air_data, body_to_earth, nondimensional_rates
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.numerics.dynamic_elements import actuate
 from structsel.numerics.flight_model import OUTPUTS, REASONS, STATES, outputs_index
 from structsel.numerics.flight_simulation import simulate_batch, state_derivatives
-from structsel.numerics.vectors import body_to_earth
 from structsel.simulation import Atmosphere, prepare
 from tests.models import DEMO, model_of
 

@@ -13,8 +13,7 @@ from structsel.comparison.locating.turbulence import unfelt
 from structsel.diagnosis.driven import InputDrivenMotion
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import alone, nats, not_borne_out, with_whole
-from structsel.numerics.air_data import air_data
-from structsel.numerics.vectors import body_to_earth
+from structsel.numerics.air_data import air_data, body_to_earth
 from structsel.recording import Recording
 from structsel.simulation import Atmosphere, Turbulence, simulate, trim
 from tests.models import model_of

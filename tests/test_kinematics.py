@@ -7,8 +7,7 @@ from scipy.integrate import solve_ivp
 
 from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import air_data, air_data_at_cg
-from structsel.numerics.vectors import body_to_earth
+from structsel.numerics.air_data import air_data, air_data_at_cg, body_to_earth
 
 N = 200
 

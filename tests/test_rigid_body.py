@@ -9,9 +9,15 @@ from scipy.spatial.transform import Rotation
 from structsel.aircraft import Inertia
 from structsel.errors import DomainError
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import air_data, air_data_at_cg, body_velocity, lift_and_drag, nondimensional_rates
+from structsel.numerics.air_data import (
+    air_data,
+    air_data_at_cg,
+    body_to_earth,
+    body_velocity,
+    lift_and_drag,
+    nondimensional_rates,
+)
 from structsel.numerics.atmosphere import standard_atmosphere
-from structsel.numerics.vectors import body_to_earth
 
 INERTIA = Inertia(Ix=5368.0, Iy=6929.0, Iz=11159.0, Ixz=500.0).tensor
 angle = st.floats(-1.4, 1.4)

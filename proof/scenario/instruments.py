@@ -15,8 +15,7 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 from proof.scenario.errors import RECONSTRUCTION
 from structsel.aircraft import Aircraft
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import air_data, air_data_at_cg
-from structsel.numerics.vectors import cross
+from structsel.numerics.air_data import air_data, air_data_at_cg, cross
 from structsel.simulation import Instruments
 
 Channels = dict[str, np.ndarray]

@@ -14,10 +14,9 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import air_data_at_cg, body_velocity, flow_angle_rates
+from structsel.numerics.air_data import Three, air_data_at_cg, body_to_earth, body_velocity, flow_angle_rates
 from structsel.numerics.arrays import Array
 from structsel.numerics.differentiation import difference_weights
-from structsel.numerics.vectors import Three, body_to_earth
 
 KINEMATIC = {
     "k_V": ("V", "ax", "theta"),

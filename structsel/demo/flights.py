@@ -14,10 +14,9 @@ from structsel.demo.commands import FLIGHTS, RATE, Plan, commands_of, turbulence
 from structsel.errors import DomainError
 from structsel.nomenclature import AIR_DATA, ANGULAR_ACCELERATIONS, BODY_RATES, CONTROL_SURFACES, SPECIFIC_FORCES
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import air_data, air_data_at_sensor, body_velocity
+from structsel.numerics.air_data import air_data, air_data_at_sensor, body_to_earth, body_velocity
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.numerics.dynamic_elements import rk4
-from structsel.numerics.vectors import body_to_earth
 from structsel.recording import Recording
 
 _DT = 1.0 / RATE

@@ -19,7 +19,7 @@ from structsel.demo.flights import NOISE, SimulatedFlight, at_instruments, integ
 from structsel.errors import DomainError
 from structsel.nomenclature import BODY_RATES, CONTROL_SURFACES, EULER_ANGLES, SPECIFIC_FORCES, suggest
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.vectors import body_to_earth, cross
+from structsel.numerics.air_data import body_to_earth, cross
 from structsel.recording import Recording
 
 # Instrument: place from the centre of gravity [m] and standard deviations at noise = 1, in the channel's unit.

@@ -13,9 +13,8 @@ from structsel.effects.readings import cannot_be_shifted, wrong_readings
 from structsel.effects.signals import available, coefficients, gathered, moves, signature
 from structsel.effects.wording import shown
 from structsel.nomenclature import COEFFICIENTS
-from structsel.numerics.air_data import body_velocity, flow_angle_rates
+from structsel.numerics.air_data import body_to_earth, body_velocity, flow_angle_rates
 from structsel.numerics.arrays import Array
-from structsel.numerics.vectors import body_to_earth
 
 _OVER_GROUND = ("vn", "ve", "vd")
 _AXES = ("north", "east", "down")

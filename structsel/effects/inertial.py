@@ -16,9 +16,9 @@ from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flight
 from structsel.effects.operators import onsets, oscillate, peaks, shape_of, since, spaced, told_onsets
 from structsel.effects.signals import Parts, coefficients, held, lacking, of_parts
 from structsel.nomenclature import FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
+from structsel.numerics.air_data import cross
 from structsel.numerics.arrays import Array
 from structsel.numerics.rigid_body import angular_acceleration, inertial_moment, thrust_moment
-from structsel.numerics.vectors import cross
 
 _SLOSH = (0.25, 2.0)  # Hz
 _SLOSH_FREQUENCIES = 17  # 14 % apart, as far as the wider of the resonances is wide

@@ -23,10 +23,9 @@ from structsel.effects.readings import (
 )
 from structsel.effects.signals import available, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, percent, shown
-from structsel.numerics.air_data import body_velocity
+from structsel.numerics.air_data import body_velocity, cross
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import delayed
-from structsel.numerics.vectors import cross
 
 _AXES = "xyz"
 _MIXED = (("ax", "az"), ("ay", "az"), ("r", "p"), ("p", "r"))

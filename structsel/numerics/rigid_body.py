@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from structsel.errors import DomainError
+from structsel.numerics.air_data import NONE, Three, Triple, Values, body_to_earth, cross, require_positive
 from structsel.numerics.atmosphere import G0
-from structsel.numerics.vectors import NONE, Three, Triple, Values, body_to_earth, cross, require_positive
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h")
 """Order of the rigid-body state: velocity relative to the air, rates, attitude, position (h up)."""

@@ -23,9 +23,8 @@ from structsel.errors import DataError
 from structsel.nomenclature import BODY_RATES, EULER_ANGLES, SPECIFIC_FORCES
 from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import body_velocity
+from structsel.numerics.air_data import body_velocity, cross
 from structsel.numerics.signal_quality import noise_level
-from structsel.numerics.vectors import cross
 from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Recording
 

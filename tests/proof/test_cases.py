@@ -30,7 +30,7 @@ from structsel import compute_coefficients
 from structsel.aircraft import Aircraft
 from structsel.errors import DataError
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.vectors import body_to_earth
+from structsel.numerics.air_data import body_to_earth
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "data" / "diagnose-examples"
 
