@@ -392,11 +392,11 @@ def test_a_streamed_run_keeps_its_checkpoint_with_the_results(folder, tmp_path, 
 def test_large_folders_are_streamed_unless_stated_otherwise(folder, monkeypatch):
     from structsel.cli import streaming
 
-    assert not streaming.to_stream([folder], None, False)
-    monkeypatch.setattr(streaming, "MANY_BYTES", 1000)
-    assert streaming.to_stream([folder], None, False)
-    assert not streaming.to_stream([folder], False, False)
-    assert not streaming.to_stream([folder], None, True)
+    assert not streaming.StreamingOptions().use_for([folder], reconstruct=False)
+    monkeypatch.setattr(streaming, "STREAM_ABOVE", 1000)
+    assert streaming.StreamingOptions().use_for([folder], reconstruct=False)
+    assert not streaming.StreamingOptions(stream=False).use_for([folder], reconstruct=False)
+    assert not streaming.StreamingOptions().use_for([folder], reconstruct=True)
 
 
 def test_streaming_and_reconstructing_exclude_each_other(folder, tmp_path):

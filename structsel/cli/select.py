@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,20 +18,16 @@ from structsel.cli.messages import Waiting, explain, print_json, say, stdout
 from structsel.cli.parsing import split_names
 from structsel.cli.recordings import (
     OUTPUT,
-    V0,
-    AircraftFile,
     Files,
     Json,
-    Map,
     Overwrite,
     Plots,
-    Reconstruct,
+    RecordingOptions,
     hold_out,
     option,
-    read_flights,
 )
 from structsel.cli.selection_files import write_results
-from structsel.cli.streaming import CheckpointFile, Stream, checkpoint_file, stream_flights, to_show, to_stream
+from structsel.cli.streaming import StreamingOptions, report_sample, stream_flights
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import SelectionError
 from structsel.recording import Recording, StoredRecording
@@ -71,12 +67,69 @@ EPILOG = page(
     """[bold]Warnings[/bold] stand under each table, marked !: read them before the numbers.""",
 )
 
-_POOL, _SEARCH, _JUDGE, _OUTPUT = (
-    "Candidate terms",
-    "The search",
-    "Uncertainty of the result",
-    OUTPUT,
-)
+_POOL = "Candidate terms"
+
+
+@dataclass(frozen=True)
+class CandidateOptions:
+    """Terms that may be in the model."""
+
+    candidates: Annotated[
+        str, option("--candidates", "Channels whose monomials are the pool: alpha,q_hat,de", _POOL, "CHANNELS")
+    ] = ""
+    degree: Annotated[int, option("--degree", "Highest degree of the monomials, products included.", _POOL)] = 1
+    terms: Annotated[str, option("--terms", "Terms added to the pool: alpha,alpha*de", _POOL, "TERMS")] = ""
+    spline: Annotated[
+        list[str] | None,
+        option("--spline", "Spline terms (alpha - knot)+, knots in SI; may be repeated.", _POOL, "CHANNEL:KNOTS"),
+    ] = None
+    include: Annotated[str, option("--include", "Terms always in the model; they join the pool.", _POOL, "TERMS")] = ""
+    force: Annotated[str, typer.Option("--force", hidden=True)] = ""
+
+    @property
+    def included(self) -> list[str]:
+        """Terms that are always in the model; of the deprecated ``--force`` where that is given."""
+        return split_names(self.force or self.include)
+
+    def build(self) -> Candidates:
+        """Return the candidate terms that the command line describes.
+
+        Raises
+        ------
+        BadParameter
+            It describes none, or a spline is not CHANNEL:KNOTS.
+        TermError
+            A term cannot be read.
+        """
+        channels = split_names(self.candidates)
+        pool = Candidates.polynomial(channels, self.degree) if channels else Candidates()
+        pool = pool + Candidates.parse([*split_names(self.terms), *self.included])
+        for text in self.spline or ():
+            channel, _, places = text.partition(":")
+            try:
+                knots = [float(knot) for knot in split_names(places)]
+            except ValueError:
+                knots = []
+            if not knots:
+                raise typer.BadParameter(f"--spline '{text}' is not CHANNEL:KNOT,KNOT such as alpha:0.1,0.2.")
+            pool = pool + Candidates.splines(channel.strip(), knots)
+        if len(pool) == 0:
+            raise typer.BadParameter("no candidate terms: give --candidates and --degree, --terms or --spline.")
+        return pool
+
+
+@dataclass(frozen=True)
+class SelectionOutputOptions:
+    """What is printed, and what is written to the folder of ``--out``."""
+
+    out: Annotated[
+        Path | None, option("--out", "Folder for model.json, report.html, tables and plots.", OUTPUT, "DIR")
+    ] = None
+    overwrite: Overwrite = False
+    plots: Plots = True
+    json: Json = False
+    trace: Annotated[bool, option("--trace", "Also print every step of the search.", OUTPUT)] = False
+    latex: Annotated[bool, option("--latex", "Print the model as a LaTeX table instead.", OUTPUT)] = False
 
 
 @takes_dataclass(SelectOptions, without=("method",), renamed=RENAMED_ARGUMENTS)
@@ -85,27 +138,14 @@ def run(
     responses: Annotated[
         str, option("--responses", "What to model: CX to Cn, CL, CD, or any channel.", metavar="NAMES")
     ],
-    channel_map: Map = None,
-    aircraft: AircraftFile = None,
-    reconstruct: Reconstruct = False,
-    v0: V0 = None,
-    candidates: Annotated[
-        str, option("--candidates", "Channels whose monomials are the pool: alpha,q_hat,de", _POOL, "CHANNELS")
-    ] = "",
-    degree: Annotated[int, option("--degree", "Highest degree of the monomials, products included.", _POOL)] = 1,
-    terms: Annotated[str, option("--terms", "Terms added to the pool: alpha,alpha*de", _POOL, "TERMS")] = "",
-    spline: Annotated[
-        list[str] | None,
-        option("--spline", "Spline terms (alpha - knot)+, knots in SI; may be repeated.", _POOL, "CHANNEL:KNOTS"),
-    ] = None,
-    include: Annotated[str, option("--include", "Terms always in the model; they join the pool.", _POOL, "TERMS")] = "",
-    force: Annotated[str, typer.Option("--force", hidden=True)] = "",
+    recorded: RecordingOptions,
+    candidates: CandidateOptions,
     method: Annotated[
         str,
         option(
             "--method",
             "stepwise: partial F; orthogonal: functions ranked by PSE; best_subset; all: compared.",
-            _SEARCH,
+            "The search",
             "METHOD",
         ),
     ] = "stepwise",
@@ -114,84 +154,63 @@ def run(
     held_out: Annotated[
         str,
         option(
-            "--held-out", "Validation recordings: not used for the selection, and scored afterwards.", _JUDGE, "NAMES"
+            "--held-out",
+            "Validation recordings: not used for the selection, and scored afterwards.",
+            "Uncertainty of the result",
+            "NAMES",
         ),
     ] = "",
-    out: Annotated[
-        Path | None, option("--out", "Folder for model.json, report.html, tables and plots.", _OUTPUT, "DIR")
-    ] = None,
-    overwrite: Overwrite = False,
-    plots: Plots = True,
-    json: Json = False,
-    trace: Annotated[bool, option("--trace", "Also print every move of the search.", _OUTPUT)] = False,
-    latex: Annotated[bool, option("--latex", "Print the model as a LaTeX table instead.", _OUTPUT)] = False,
-    stream: Stream = None,
-    checkpoint: CheckpointFile = None,
+    output: SelectionOutputOptions,
+    streaming: StreamingOptions,
 ) -> None:
     """Select the terms of the model of each response from candidates, and estimate their uncertainty."""
-    if json and latex:
+    if output.json and output.latex:
         raise typer.BadParameter("give one of --json and --latex, not both.")
     if method not in (*METHODS, "all"):
         raise typer.BadParameter(f"--method '{method}' is not one of {', '.join(METHODS)} or all.")
-    if force:
+    if candidates.force:
         say("warning", "--force is deprecated: use --include.")
-        include = force
     wanted = split_names(responses)
-    pool = build_pool(candidates, degree, terms, spline or [], include)
+    pool = candidates.build()
     if not wanted:
         raise typer.BadParameter("--responses names none.")
-    options = {**options, "include": split_names(include)}
-    refuse_existing(out, overwrite)
-    streamed = to_stream(files, stream, reconstruct)
+    options = {**options, "include": candidates.included}
+    refuse_existing(output.out, output.overwrite)
     needed = {*wanted, *pool.channels}
+    streamed = streaming.use_for(files, recorded.reconstruct)
     used: Sequence[Recording | StoredRecording]
     if streamed:
-        used, kept_aside = hold_out(stream_flights(files, channel_map, aircraft, v0, needed), held_out)
-        held = [flight.read() for flight in kept_aside]
+        used, stored = hold_out(stream_flights(files, recorded, needed), held_out)
+        held = [flight.read() for flight in stored]
     else:
-        used, held = hold_out(read_flights(files, channel_map, aircraft, v0, needed, reconstruct), held_out)
-    found = _select_by(method, used, wanted, pool, options, checkpoint_file(checkpoint, out, streamed))
+        used, held = hold_out(recorded.read(files, needed), held_out)
+    found = _select_by(method, used, wanted, pool, options, streaming.checkpoint_file(output.out, streamed))
     scores = {name: validate(s.model, held) for name, s in found.items()} if held else {}
+    _show(found, scores, used, held, output)
+
+
+def _show(
+    found: dict[str, Selections],
+    scores: dict[str, Validation],
+    used: Sequence[Recording | StoredRecording],
+    held: Sequence[Recording],
+    output: SelectionOutputOptions,
+) -> None:
+    """Write and print the selections."""
     written = []
-    if out is not None:
-        shown = to_show(used)
-        written = write_results(out, found, scores, [*shown, *held], held or shown, plots)
-    if json:
+    if output.out is not None:
+        shown = report_sample(used)
+        written = write_results(output.out, found, scores, [*shown, *held], held or shown, output.plots)
+    if output.json:
         print_json(_as_dict(found, scores))
-    elif latex:
+    elif output.latex:
         print("\n\n".join(f"% {name}\n{s.model.latex()}" for name, s in found.items()))
-        for doubt in (d for s in found.values() for one in s.values() for d in one.doubts):
-            say("warning", doubt)
+        for warning in (w for s in found.values() for one in s.values() for w in one.doubts):
+            say("warning", warning)
     else:
-        _print(found, scores, trace)
-        if out is not None:
-            print_files(stdout(), str(out), written)
-
-
-def build_pool(candidates: str, degree: int, terms: str, splines: Sequence[str], include: str) -> Candidates:
-    """Return the pool that the command line describes.
-
-    Raises
-    ------
-    BadParameter
-        It describes none, or a spline is not CHANNEL:KNOTS.
-    TermError
-        A term cannot be read.
-    """
-    pool = Candidates.polynomial(split_names(candidates), degree) if split_names(candidates) else Candidates()
-    pool = pool + Candidates.parse([*split_names(terms), *split_names(include)])
-    for text in splines:
-        channel, _, places = text.partition(":")
-        try:
-            knots = [float(knot) for knot in split_names(places)]
-        except ValueError:
-            knots = []
-        if not knots:
-            raise typer.BadParameter(f"--spline '{text}' is not CHANNEL:KNOT,KNOT such as alpha:0.1,0.2.")
-        pool = pool + Candidates.splines(channel.strip(), knots)
-    if len(pool) == 0:
-        raise typer.BadParameter("no candidate terms: give --candidates and --degree, --terms or --spline.")
-    return pool
+        _print(found, scores, output.trace)
+        if output.out is not None:
+            print_files(stdout(), str(output.out), written)
 
 
 def _select_by(
@@ -202,11 +221,11 @@ def _select_by(
     options: dict[str, Any],
     checkpoint: Path | None,
 ) -> dict[str, Selections]:
-    """Return the selections by the method asked for, or by all that can be made."""
+    """Return the selections by one method, or by all methods that can be used."""
     found: dict[str, Selections] = {}
     tried = tuple(METHODS) if method == "all" else (method,)
 
-    def kept(name: str) -> Path | None:
+    def checkpoint_of(name: str) -> Path | None:
         if checkpoint is None or method != "all":
             return checkpoint
         return checkpoint.with_name(f"{checkpoint.name}.{name}")
@@ -214,16 +233,16 @@ def _select_by(
     for name in tried:
         with Waiting(f"selecting, {name}") as waiting:
             try:
-                told = {"progress": waiting, "checkpoint": kept(name), **options}
-                found[name] = select(used, responses, pool, method=name, **told)  # type: ignore[arg-type]
+                given = {"progress": waiting, "checkpoint": checkpoint_of(name), **options}
+                found[name] = select(used, responses, pool, method=name, **given)  # type: ignore[arg-type]
             except SelectionError as error:
                 if method != "all" or name != "best_subset":
                     raise
                 say("warning", f"best_subset is left out of the comparison: {error}")
     if method == "all" and options["noise"] == "ar":
         with Waiting("selecting, white residuals") as waiting:
-            told = {"progress": waiting, "checkpoint": kept("white"), **options, "noise": "white"}
-            found["stepwise, white"] = select(used, responses, pool, method="stepwise", **told)
+            given = {"progress": waiting, "checkpoint": checkpoint_of("white"), **options, "noise": "white"}
+            found["stepwise, white"] = select(used, responses, pool, method="stepwise", **given)
     return found
 
 
