@@ -27,7 +27,7 @@ from scipy import linalg, stats
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
-from structsel.numerics.search_path import SearchPath, SearchStep
+from structsel.numerics.stepwise import SearchPath, SearchStep
 
 PERFECT = 1e-12  # of the response's sum of squares
 

@@ -16,7 +16,7 @@ from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import candidate_numbers, check_products, check_size, pse
 from structsel.numerics.search_model import ACTION, ENTER, INDEX, PARTIAL_R, UNEXPLAINED
-from structsel.numerics.search_path import SearchPath, SearchStep, run_kernel
+from structsel.numerics.stepwise import SearchPath, SearchStep, run_kernel
 from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
 
 

@@ -14,8 +14,7 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.cluster_stepwise import samples_per_independent_sample
 from structsel.numerics.collinearity import drop_correlated
 from structsel.numerics.cross_products import CrossProducts, centre, project, solve_normal_equations
-from structsel.numerics.search_path import SearchStep
-from structsel.numerics.stepwise import partial_f, stepwise
+from structsel.numerics.stepwise import SearchStep, partial_f, stepwise
 from structsel.selection.methods import METHODS, SearchConstraints, SearchProblem
 from structsel.selection.methods.method import Model
 from structsel.selection.settings import SelectOptions

@@ -13,7 +13,7 @@ from structsel.errors import SelectionError
 from structsel.numerics import criteria
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
-from structsel.numerics.search_path import SearchPath, SearchStep
+from structsel.numerics.stepwise import SearchPath, SearchStep
 
 Model = tuple[tuple[int, ...], float]
 """Candidates in a model, and its residual sum of squares."""

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from structsel.numerics.cluster_stepwise import cluster_stepwise, samples_per_independent_sample
-from structsel.numerics.search_path import SearchPath
-from structsel.numerics.stepwise import refine_subset, stepwise
+from structsel.numerics.stepwise import SearchPath, refine_subset, stepwise
 from structsel.selection.methods.method import SearchProblem, SelectionMethod, VisitedModels, thresholds, visited_on
 
 PAIRS_UP_TO = 40  # terms; exchanges of pairs in a larger model cost more than they have ever brought
