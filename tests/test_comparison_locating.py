@@ -17,7 +17,7 @@ from structsel.comparison.locating.windows import acting, find_intervals, stretc
 from structsel.comparison.noise import Noise, bins_of, edge_of
 from structsel.demo.aircraft import demo_aircraft
 from structsel.numerics.atmosphere import dryden_gusts
-from structsel.numerics.cosine_spectrum import spectrum
+from structsel.numerics.fourier_series import spectrum
 
 AIRCRAFT = demo_aircraft()
 DT = 0.04

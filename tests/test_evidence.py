@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from structsel.numerics.cosine_spectrum import fading, spectrum
 from structsel.numerics.evidence import Base, Further, NormalEquations, Projector, chi2_of, solve
+from structsel.numerics.fourier_series import fading, spectrum
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ from structsel.diagnosis.signatures import work_out
 from structsel.effects import EFFECTS
 from structsel.inputs import three_two_one_one
 from structsel.nomenclature import COEFFICIENTS
-from structsel.numerics.cosine_spectrum import spectrum
+from structsel.numerics.fourier_series import spectrum
 from structsel.report import render
 from tests.diagnoses import GROUND, diagnosis
 

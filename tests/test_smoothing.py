@@ -4,8 +4,9 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import BSpline, make_smoothing_spline
 
 from structsel.errors import DataError, StructselWarning
+from structsel.numerics.fourier_series import smooth_fourier
 from structsel.numerics.signal_quality import is_held, noise_level
-from structsel.numerics.smoothing import smooth_fourier, smooth_spline
+from structsel.numerics.smoothing import smooth_spline
 
 from .signals import sine, step_response
 

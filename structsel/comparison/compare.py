@@ -20,7 +20,7 @@ from structsel.comparison.noise import bins_of, edge_of
 from structsel.comparison.preparing import prepare
 from structsel.comparison.result import Mismatch, Size
 from structsel.nomenclature import COEFFICIENTS
-from structsel.numerics.cosine_spectrum import spectrum
+from structsel.numerics.fourier_series import spectrum
 from structsel.recording import Recording
 
 Progress = Callable[[str, int, int], None]

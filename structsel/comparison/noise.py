@@ -12,8 +12,8 @@ from scipy.linalg import cholesky, solve_triangular
 from structsel.comparison.flight import Flight
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.cosine_spectrum import length_of, spectrum
 from structsel.numerics.evidence import Further, Projector
+from structsel.numerics.fourier_series import length_of, spectrum
 
 HIGHEST = 6.0
 """Frequency [Hz] up to which an aircraft's responses are compared."""

@@ -14,8 +14,8 @@ from structsel.comparison.tolerances import Nuisance, biases_of, tolerances_of
 from structsel.diagnosis.signatures import Signature
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.cosine_spectrum import spectrum
 from structsel.numerics.evidence import Base, Further, Trial, alike
+from structsel.numerics.fourier_series import spectrum
 
 Spectra = Mapping[str, Array]
 _MOST_DILUTED = 0.3

@@ -21,8 +21,8 @@ from structsel.diagnosis.signatures import Library, work_out
 from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
 from structsel.numerics.arrays import Array
-from structsel.numerics.cosine_spectrum import spectrum
 from structsel.numerics.evidence import Base
+from structsel.numerics.fourier_series import spectrum
 from structsel.recording import Recording
 
 

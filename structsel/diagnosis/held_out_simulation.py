@@ -26,7 +26,7 @@ from structsel.metrics import compute_metrics, rms_error
 from structsel.nomenclature import COEFFICIENTS, unit_of
 from structsel.numerics.air_data import air_data_at_cg
 from structsel.numerics.arrays import Array
-from structsel.numerics.cosine_spectrum import fading
+from structsel.numerics.fourier_series import fading
 from structsel.validation import BANDS
 from structsel.validation.coefficient_tables import CoefficientTables, Windows
 

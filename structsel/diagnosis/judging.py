@@ -11,7 +11,7 @@ from scipy.fft import idct
 from structsel.comparison.noise import Rows, edge_of
 from structsel.diagnosis.bench import Bench
 from structsel.numerics.arrays import Array
-from structsel.numerics.cosine_spectrum import spectrum
+from structsel.numerics.fourier_series import spectrum
 
 _WHITE = 1.3  # chi-square per row, below which what is left counts as noise
 _STILL = 1e-9  # of the noise's power: what moves a response by less does not move it

@@ -11,7 +11,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.noise import bins_of, edge_of
 from structsel.effects.base import Effect, Variant
 from structsel.numerics.arrays import Array
-from structsel.numerics.cosine_spectrum import spectrum
+from structsel.numerics.fourier_series import spectrum
 
 _FAINT = 1e-6  # of the difference's rms for one prior standard deviation, below which a signature says nothing
 

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from structsel.errors import DataError, DomainError
-from structsel.numerics.smoothing import smooth_fourier, smooth_spline
+from structsel.numerics.fourier_series import smooth_fourier
+from structsel.numerics.smoothing import smooth_spline
 
 SMOOTHERS = ("spline", "fourier")
 METHODS = ("central", "forward", "backward", "local-polynomial", *SMOOTHERS)
@@ -43,7 +44,7 @@ def differentiate(
         Differences look both ways, ahead or back. Near an end, where one would reach beyond it, the
         nearest stencil inside of the same truncation order stands in. "local-polynomial" fits one
         through `window` samples about each (Savitzky-Golay), so it smooths as well. "spline" and "fourier" smooth by as
-        much as the noise they find calls for; `smoothing.smooth_spline` and `smooth_fourier` say
+        much as the noise they find calls for; `smoothing.smooth_spline` and `fourier_series.smooth_fourier` say
         how, and give the accuracy of the first two derivatives. "spline" bridges NaN samples.
     order : int
         Truncation order of a difference, the error being O(dt^order): 2 or 4 for central, 1, 2 or 4 for
@@ -105,7 +106,7 @@ def smooth_derivative(x: np.ndarray, t: np.ndarray, method: str = "spline", deri
     Raises
     ------
     DataError
-        As `smoothing.smooth_spline` and `smooth_fourier`.
+        As `smoothing.smooth_spline` and `fourier_series.smooth_fourier`.
     DomainError
         For a higher derivative.
     """

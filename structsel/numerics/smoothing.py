@@ -1,4 +1,4 @@
-"""Smoothing of one channel, with derivatives of stated accuracy: a spline and a Fourier series. Arrays only."""
+"""Smoothing spline of one channel, with derivatives of stated accuracy. Arrays only."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from dataclasses import dataclass, fields
 from math import factorial
 
 import numpy as np
-from scipy import fft
 from scipy.optimize import minimize_scalar
 
 from structsel.errors import DataError, StructselWarning
 from structsel.numerics.arrays import Array
-from structsel.numerics.signal_quality import noise_level
 from structsel.numerics.smoothing_kernel import eliminate, solve_back
 
 ORDERS = (2, 3, 4)
@@ -20,11 +18,6 @@ _SPLINE_SAMPLES = 12
 _SPLINE_CUTOFFS = 14  # cut-offs tried before the search is refined
 _FAINT = 1e-5  # of the signal, below which a residual is rounding and interpolation
 _LINE = 0.25  # share of the residual's power on one spectral line at which a motion was taken for noise
-_SERIES_SAMPLES = 32
-_SERIES_CUTOFFS = 40  # cut-offs tried before the search is refined
-_CLEAR = 2.5  # times the cut-off, from where a coefficient is noise alone
-_ROUNDS = 2
-_GAIN = 0.1  # of the expected error that another order than 3 must bring; less is within its scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,166 +230,3 @@ def _look_for_a_line(residual: Array) -> None:
             ),
             stacklevel=3,
         )
-
-
-def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> SmoothedSignal:
-    """Smooth one channel on an even clock, with its first two derivatives and their accuracy.
-
-    Less the straight line through its ends and reflected to an odd periodic signal, a smooth record has a sine
-    series whose amplitudes fall as k^-3, whereas white noise has a flat one. The coefficients pass through the Wiener
-    filter 1 / (1 + (k / k_c)^(2 order)); the line comes back, and derivatives are those of the series.
-
-    - The line is not drawn through the noisy end samples: it is estimated by generalised least squares from
-      all coefficients, those beyond the cut-off counting most, because a wrong line adds 1/k to them.
-    - The noise is first `noise_level`, then the median of the coefficients above 2.5 times the cut-off, where enough
-      are left.
-    - The cut-off is that of the least expected squared error (Stein's unbiased estimate: residual sum of squares
-      + 2 noise^2 degrees of freedom), which needs no law for the signal below it. It goes to
-      the Nyquist frequency and beyond when nothing is to be gained by smoothing.
-    - The order is 3; 2 (the derivative jumps) or 4 is taken where its expected squared error is less by a tenth.
-
-    Parameters
-    ----------
-    x : (n,) array
-        Finite.
-    dt : float [s]
-    order : {2, 3, 4}, optional
-        Power with which amplitudes fall; chosen as above if not given.
-
-    Returns
-    -------
-    SmoothedSignal
-        In the interior the actual rms error of values and first derivative is 0.75 to 1.3 times the rms of
-        the stated standard deviations (white noise, signals without kinks). The stated one is too small, by
-        up to two and a half times, for the derivative of a signal whose derivative jumps (the order-2 spline has
-        that one right), and within about two periods of the cut-off from either end where the signal's
-        second derivative is not small there: the series takes it for zero.
-
-    Raises
-    ------
-    DataError
-        With fewer than 32 samples, or one that is not finite.
-
-    References
-    ----------
-    C. Lanczos, *Applied Analysis*, Prentice-Hall, 1956; E. A. Morelli, *Estimating noise characteristics from flight
-    test data using optimal Fourier smoothing*, Journal of Aircraft 32(4), 1995; [KM16].
-    """
-    values = np.asarray(x, dtype=float)
-    lost = np.flatnonzero(~np.isfinite(values))
-    if values.size < _SERIES_SAMPLES or lost.size:
-        what = f"sample {lost[0]} is {values[lost[0]]}" if lost.size else f"there are {values.size}"
-        raise DataError(
-            f"smooth_fourier needs at least {_SERIES_SAMPLES} samples, all finite and on an even clock; {what}.\n"
-            "Use smooth_spline, which bridges missing samples, or take another stretch."
-        )
-    series = _Series(values, dt)
-    noise = noise_level(values, dt)
-    for _ in range(_ROUNDS):
-        risks = {m: series.least_risk(noise, m) for m in (ORDERS if order is None else (order,))}
-        chosen = 3 if order is None else order
-        best = min(risks, key=lambda m: risks[m][0])
-        if risks[best][0] < (1.0 - _GAIN) * risks[chosen][0]:
-            chosen = best
-        noise = series.noise_above(_CLEAR * risks[chosen][1], risks[chosen][1], chosen, noise)
-    return series.smoothed(risks[chosen][1], chosen, noise)
-
-
-class _Series:
-    """Sine series of one record and of the two ends of a straight line, orthonormal so that noise stays white.
-
-    Attributes
-    ----------
-    d : (n - 2,) array
-        Coefficients of the interior samples.
-    X : (n - 2, 2) array
-        Coefficients of a line that is one at the first sample and zero at the last, and the reverse.
-    """
-
-    def __init__(self, x: Array, dt: float):
-        self.n = x.size
-        self.length = float((self.n - 1) * dt)
-        self.ends = x[[0, -1]]
-        rise = np.arange(self.n) / (self.n - 1)
-        self.line = np.column_stack([1.0 - rise, rise])
-        self.d = fft.dst(x[1:-1], type=1, norm="ortho")
-        self.X = fft.dst(self.line[1:-1], type=1, norm="ortho", axis=0)
-        self.k = np.arange(1.0, self.n - 1)
-
-    def _passed(self, k_c: float, order: int) -> Array:
-        return 1.0 / (1.0 + (self.k / k_c) ** (2 * order))
-
-    def _line(self, passed: Array) -> tuple[Array, Array, Array]:
-        """Ends of the line, the coefficients less it, and the normal matrix (noise variance one)."""
-        # Signal and noise together have variance noise^2 / (1 - passed) in a coefficient.
-        weight = 1.0 - passed
-        normal = (self.X * weight[:, None]).T @ self.X + np.eye(2)
-        ends = np.linalg.solve(normal, self.X.T @ (weight * self.d) + self.ends)
-        return ends, self.d - self.X @ ends, normal
-
-    def risk(self, k_c: float, order: int, noise: float) -> float:
-        """Expected sum of squared errors, less a constant."""
-        passed = self._passed(k_c, order)
-        ends, rest, normal = self._line(passed)
-        stopped = 1.0 - passed
-        residual = np.sum((stopped * rest) ** 2) + np.sum((self.ends - ends) ** 2)
-        by_line = np.linalg.solve(normal, (self.X * (stopped**2)[:, None]).T @ self.X + np.eye(2))
-        degrees = passed.sum() + np.trace(by_line)
-        return float(residual + noise**2 * (2.0 * degrees - self.n))
-
-    def least_risk(self, noise: float, order: int) -> tuple[float, float]:
-        """Least risk and the cut-off k_c that has it."""
-        grid = np.linspace(np.log(1.0), np.log(3.0 * self.n), _SERIES_CUTOFFS)
-        at = int(np.argmin([self.risk(float(np.exp(g)), order, noise) for g in grid]))
-        bounds = grid[max(at - 1, 0)], grid[min(at + 1, _SERIES_CUTOFFS - 1)]
-        found = minimize_scalar(lambda g: self.risk(float(np.exp(g)), order, noise), bounds=bounds, method="bounded")
-        return float(found.fun), float(np.exp(found.x))
-
-    def noise_above(self, lowest: float, k_c: float, order: int, otherwise: float) -> float:
-        """Noise from the coefficients above `lowest`, or what it was where they are too few to judge by."""
-        _, rest, _ = self._line(self._passed(k_c, order))
-        beyond = rest[self.k > lowest]
-        # The square of a normal variable has its median at 0.4549.
-        return float(np.sqrt(np.median(beyond**2) / 0.4549)) if beyond.size > 0.2 * self.n else otherwise
-
-    def smoothed(self, k_c: float, order: int, noise: float) -> SmoothedSignal:
-        passed = self._passed(k_c, order)
-        ends, rest, normal = self._line(passed)
-        w = np.pi * self.k / self.length
-        # What an uncertain end moves at each sample: its line less what the filter takes of that for signal.
-        per_end = -passed[:, None] * self.X
-        spread = np.linalg.inv(normal)
-        slope = np.array([-1.0, 1.0]) / self.length
-
-        def std(of_line: Array, powers: Array, sign: float) -> Array:
-            own = (self._double(powers, sign) + np.einsum("ij,jk,ik->i", of_line, spread, of_line)).clip(0.0)
-            return noise * np.sqrt(own)
-
-        coefficients = passed * rest
-        return SmoothedSignal(
-            values=self.line @ ends + self._sines(coefficients),
-            values_std=std(self.line + self._sines(per_end), passed, -1.0),
-            derivative=self._cosines(w * coefficients) + slope @ ends,
-            derivative_std=std(self._cosines(w[:, None] * per_end) + slope, passed * w**2, 1.0),
-            second=self._sines(-(w**2) * coefficients),
-            second_std=std(self._sines(-(w**2)[:, None] * per_end), passed * w**4, -1.0),
-            noise=noise,
-            cutoff=k_c / (2.0 * self.length),
-            order=order,
-        )
-
-    def _sines(self, a: Array) -> Array:
-        """sum_k a_k sqrt(2/N) sin(pi k j / N) at j = 0 ... N = n - 1."""
-        made = np.zeros((self.n, *a.shape[1:]))
-        made[1:-1] = fft.dst(a, type=1, norm="ortho", axis=0)
-        return made
-
-    def _cosines(self, a: Array) -> Array:
-        padded = np.zeros((self.n, *a.shape[1:]))
-        padded[1:-1] = a
-        return fft.dct(padded, type=1, axis=0) / np.sqrt(2.0 * (self.n - 1))
-
-    def _double(self, a: Array, sign: float) -> Array:
-        """sum_k a_k (2/N) cos^2(pi k j / N) for sign 1, sin^2 for -1."""
-        doubled = fft.fft(np.concatenate(([0.0], a))).real
-        return (a.sum() + sign * np.append(doubled, doubled[0])) / (self.n - 1)

@@ -22,7 +22,7 @@ from proof.tables import page, table
 from structsel.diagnosis import EffectSignature
 from structsel.effects import EFFECTS
 from structsel.errors import DataError
-from structsel.numerics.cosine_spectrum import spectrum
+from structsel.numerics.fourier_series import spectrum
 
 
 def an_effect(name="ground-effect", **more):

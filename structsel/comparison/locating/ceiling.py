@@ -18,7 +18,7 @@ from structsel.comparison.locating.windows import Flags
 from structsel.comparison.noise import HIGHEST, bins_of, edge_of
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.cosine_spectrum import length_of, spectrum
+from structsel.numerics.fourier_series import length_of, spectrum
 
 _CHANNELS = (
     "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "V", "CT", "df", "gear", "h_agl", "mach", "throttle",

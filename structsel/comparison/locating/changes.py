@@ -14,7 +14,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.locating.windows import Intervals
 from structsel.comparison.noise import Noise, bins_of, edge_of
 from structsel.numerics.arrays import Array
-from structsel.numerics.cosine_spectrum import length_of, spectrum
+from structsel.numerics.fourier_series import length_of, spectrum
 
 _WINDOW = 2.0  # s
 _FALSE = 0.05  # share of the windows named that may be chance

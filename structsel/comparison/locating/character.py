@@ -12,7 +12,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.noise import Noise, bins_of, edge_of
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.cosine_spectrum import spectrum
+from structsel.numerics.fourier_series import spectrum
 
 Columns = Callable[[Flight], list[Array]]
 

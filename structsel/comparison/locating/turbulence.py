@@ -24,7 +24,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.noise import bins_of, edge_of, frequencies
 from structsel.numerics.arrays import Array
 from structsel.numerics.atmosphere import dryden_spectra
-from structsel.numerics.cosine_spectrum import fading, spectrum
+from structsel.numerics.fourier_series import fading, spectrum
 from structsel.numerics.signal_quality import white_std
 
 _AXES = {"u": "k_V", "v": "k_beta", "w": "k_alpha"}
