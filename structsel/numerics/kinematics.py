@@ -27,7 +27,7 @@ import numpy as np
 from numba import njit
 
 from structsel.numerics.arrays import UNCOUNTED
-from structsel.numerics.triangular import copy
+from structsel.numerics.square_root import copy
 
 STATES = (
     *("u", "v", "w", "phi", "theta", "psi", "x", "y", "h"),

@@ -2,10 +2,7 @@
 
 The covariance P = S S' is never formed: every update is an orthogonal triangularisation of an array of
 deviations, and each array only *adds* columns, so no downdate can lose what makes P positive. That
-holds because the weight of the centre point is not negative: with L states, spread a and beta = 2 [H17]::
-
-    sigma points  x, x +- a sqrt(L) S_i        W_i = 1 / (2 a^2 L)
-    W_0 (mean) = 1 - 1/a^2                     W_0 (covariance) = W_0 + 3 - a^2  >= 0  for 0.52 <= a <= 1.93
+holds because the weight of the centre point is not negative (`square_root` has the weights).
 
 Pairs of deviations are turned into their odd part O (a linearisation over the spread of S) and even part E
 (what curvature adds). With [E c N] the even parts, the centre and the process noise,
@@ -31,19 +28,15 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import UNCOUNTED, Array
 from structsel.numerics.kinematics import CIRCULAR, GUST, MEASUREMENTS, MOTION, STATES, noise_gain, observe, step
-from structsel.numerics.triangular import copy, lower_triangle, row_lengths, triangularise
+from structsel.numerics.square_root import copy, lower_triangle, row_lengths, triangularise
 from structsel.numerics.unscented_smoother import store_smoother_step
 
-SMALLEST_SPREAD, LARGEST_SPREAD = 0.52, 1.93
-"""Between them the centre point's weight is not negative."""
 STEEPEST = 1.55
 """Pitch attitude [rad] beyond which the Euler angles, and with them the filter, break down."""
 COMPLETE, STEEP, NOT_FINITE = 0, 1, 2
 """How a run ended."""
 THETA, X, Y, H = (STATES.index(name) for name in ("theta", "x", "y", "h"))
 WIND_NORTH, WIND_EAST, WIND_DOWN = (STATES.index(name) for name in ("wn", "we", "wd"))
-_BETA = 2.0  # [H17]: best for normal distributions
-_LINEAR = 1e-3  # step of the central differences, in standard deviations
 _INPUTS = 6  # accelerometers and gyros have noise
 _MOST_REJECTED = 25  # of one channel in a row; then the filter may be wrong, not the channel. Chosen, not critical
 
@@ -64,16 +57,6 @@ class FlightData(NamedTuple):
     gust_time: float
     located: bool
     gate: float
-
-
-class SigmaPoints(NamedTuple):
-    """Places and weights of the sigma points; `linear` for central differences instead."""
-
-    linear: bool
-    reach: float  # of a point from the centre, in columns of S
-    mean_weight: float
-    centre: float  # root of the centre point's weight in the covariance
-    odd: float  # factor of the difference of a pair, and of the sum of its deviations
 
 
 class FilterState(NamedTuple):
@@ -118,15 +101,6 @@ class FilterWorkspace(NamedTuple):
     O_y: Array  # (M, L)
     R_e: Array  # (M, L + 1 + M)
     joint: Array  # (M + L, M + L)
-
-
-def sigma_points(spread: float, L: int) -> SigmaPoints:
-    """Places and weights for L states; central differences for a spread of 0."""
-    if spread == 0.0:
-        return SigmaPoints(True, _LINEAR, 0.5, 0.0, 1.0 / (2.0 * _LINEAR))
-    weight = 1.0 / (2.0 * spread * spread * L)
-    centre = np.sqrt(max(1.0 - 1.0 / (spread * spread) + 1.0 - spread * spread + _BETA, 0.0))
-    return SigmaPoints(False, float(spread * np.sqrt(L)), weight, float(centre), float(np.sqrt(0.5 * weight)))
 
 
 def workspace(F: int, active: NDArray[np.int64], drift: Array, linear: bool) -> FilterWorkspace:

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.triangular import lower_triangle, row_lengths, solve_gain, triangularise
+from structsel.numerics.square_root import lower_triangle, row_lengths, solve_gain, triangularise
 
 
 class SmootherSteps(NamedTuple):

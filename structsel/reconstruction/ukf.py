@@ -13,6 +13,7 @@ import numpy as np
 from structsel.errors import DomainError
 from structsel.numerics import unscented_filter as kernel
 from structsel.numerics.kinematics import MEASUREMENTS, STATES
+from structsel.numerics.square_root import LARGEST_SPREAD, SMALLEST_SPREAD, sigma_points
 from structsel.numerics.unscented_smoother import SmootherOutput, SmootherSteps, smooth_samples, store_smoothed
 
 _BLOCK = 4096  # samples whose gains are held at once: 30 MB with 21 states; chosen, not critical
@@ -153,7 +154,7 @@ class _Run:
     """A run of the filter in pieces, so that the gains of one piece only are ever held."""
 
     def __init__(self, problem: KinematicsProblem, spread: float, gate: float):
-        smallest, largest = kernel.SMALLEST_SPREAD, kernel.LARGEST_SPREAD
+        smallest, largest = SMALLEST_SPREAD, LARGEST_SPREAD
         if spread and not smallest <= spread <= largest:
             raise DomainError(
                 f"the spread of the sigma points must be 0 (linearise) or {smallest} to {largest}, not {spread:g}."
@@ -163,7 +164,7 @@ class _Run:
             *(p.t, p.inputs, p.input_std, p.measurements, p.measurement_std, p.active, p.drift, p.place),
             *(bool(p.flank), float(p.g), float(p.gust_time), p.located, float(gate)),
         )
-        self.points = kernel.sigma_points(spread, L)
+        self.points = sigma_points(spread, L)
         self.work = kernel.workspace(len(STATES), p.active, p.drift, self.points.linear)
         self.estimate = kernel.FilterState(
             p.start.astype(float), np.diag(p.start_std).astype(float), np.zeros(M, dtype=np.int64)

@@ -1,11 +1,43 @@
-"""Orthogonal triangularisation and work with the triangular factors, compiled."""
+"""Square root S of a covariance P = S S': sigma points from its columns, and compiled work on triangular factors.
+
+With L states, spread a and beta = 2 [H17]::
+
+    sigma points  x, x +- a sqrt(L) S_i        W_i = 1 / (2 a^2 L)
+    W_0 (mean) = 1 - 1/a^2                     W_0 (covariance) = W_0 + 3 - a^2  >= 0  for 0.52 <= a <= 1.93
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from structsel.numerics.arrays import UNCOUNTED
+
+SMALLEST_SPREAD, LARGEST_SPREAD = 0.52, 1.93
+"""Between them the centre point's weight is not negative."""
+_BETA = 2.0  # [H17]: best for normal distributions
+_LINEAR = 1e-3  # step of the central differences, in standard deviations
+
+
+class SigmaPoints(NamedTuple):
+    """Places and weights of the sigma points; `linear` for central differences instead."""
+
+    linear: bool
+    reach: float  # of a point from the centre, in columns of S
+    mean_weight: float
+    centre: float  # root of the centre point's weight in the covariance
+    odd: float  # factor of the difference of a pair, and of the sum of its deviations
+
+
+def sigma_points(spread: float, L: int) -> SigmaPoints:
+    """Places and weights for L states; central differences for a spread of 0."""
+    if spread == 0.0:
+        return SigmaPoints(True, _LINEAR, 0.5, 0.0, 1.0 / (2.0 * _LINEAR))
+    weight = 1.0 / (2.0 * spread * spread * L)
+    centre = np.sqrt(max(1.0 - 1.0 / (spread * spread) + 1.0 - spread * spread + _BETA, 0.0))
+    return SigmaPoints(False, float(spread * np.sqrt(L)), weight, float(centre), float(np.sqrt(0.5 * weight)))
 
 
 @njit(**UNCOUNTED)
