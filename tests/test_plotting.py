@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
-from structsel import Candidates, Recording, select, validate
+from structsel import Candidates, Recording, plotting, select, validate
 from structsel.plotting import (
     draw_selection,
     label,
@@ -18,8 +18,8 @@ from structsel.plotting import (
     plot_fit,
     plot_inclusion,
     plot_intervals,
-    plot_path,
     plot_residual_against,
+    plot_search,
 )
 from tests.figures import assert_nothing_outside
 
@@ -45,7 +45,7 @@ def selections(recordings):
 
 
 def test_the_fit_shows_measured_modelled_and_their_difference(recordings, selections):
-    top, bottom = plot_fit(selections.model, recordings[0], "Cm", axes=Figure().subplots(2))
+    top, bottom = plot_fit(selections.model, recordings[0], "Cm", ax=Figure().subplots(2))
     modelled = selections.model.evaluate(recordings[0])["Cm"]
     measured, model = top.get_lines()[:2]
     assert_allclose(measured.get_xdata(), recordings[0].t)
@@ -56,7 +56,7 @@ def test_the_fit_shows_measured_modelled_and_their_difference(recordings, select
 
 
 def test_several_manoeuvres_stand_end_to_end_under_their_names(recordings, selections):
-    top, _ = plot_fit(selections.model, recordings, "Cm", axes=Figure().subplots(2))
+    top, _ = plot_fit(selections.model, recordings, "Cm", ax=Figure().subplots(2))
     clocks = [line.get_xdata() for line in top.get_lines() if len(line.get_xdata()) == 300][::2]
     t = np.concatenate(clocks)
     assert len(t) == 900
@@ -66,17 +66,17 @@ def test_several_manoeuvres_stand_end_to_end_under_their_names(recordings, selec
 
 def test_the_path_shows_the_residual_after_each_move(selections, ax):
     selection = selections["Cm"]
-    plot_path(selection, ax=ax)
+    plot_search(selection, ax=ax)
     lines = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
     assert_allclose(lines["$1 - R^2$"], [1.0 - s.R2 for s in selection.trace])
     assert_allclose(lines["PSE"], [s.PSE for s in selection.trace])
     assert [tick.get_text() for tick in ax.get_xticklabels()] == [f"+ {s.term}" for s in selection.trace]
-    assert f"chosen: {len(selection.terms)} terms" in lines
+    assert f"selected: {len(selection.terms)} terms" in lines
 
 
 def test_a_search_without_a_path_says_so(recordings, ax):
     selection = select(recordings, "Cm", Candidates(["alpha", "de"]), method="best_subset", bootstrap=0)["Cm"]
-    assert "no path" in plot_path(selection, ax=ax).texts[0].get_text()
+    assert "no path" in plot_search(selection, ax=ax).texts[0].get_text()
 
 
 def test_inclusion_bars_are_the_fractions_the_models_own_terms_first(selections, ax):
@@ -122,7 +122,7 @@ def test_bin_means_of_the_residual_show_the_term_left_out(recordings, selections
     assert_allclose(means, e[order].mean(axis=1), rtol=1e-9, atol=1e-12)
     # A parabola: both ends above the middle by far more than the noise of a mean, 0.004 / 10.
     assert min(means[0], means[-1]) - means[4] > 0.005
-    assert ax.get_xlabel() == r"$\alpha$ [rad]"
+    assert ax.get_xlabel() == r"$\alpha$ [deg]"
 
 
 def test_labels_carry_the_symbol_and_the_unit():
@@ -156,7 +156,21 @@ def test_a_move_of_every_kind_has_its_mark(ax):
     pool = Candidates.parse(["alpha", "alpha*V_ratio"])
     selection = select(flight, "CZ", pool, noise="white", F_in="auto", bootstrap=0)["CZ"]
     actions = {step.action for step in selection.trace}
-    plot_path(selection, ax=ax)
+    plot_search(selection, ax=ax)
     labels = [text.get_text() for text in ax.get_xticklabels()]
     assert "simplify" in actions
     assert any(label.startswith("→ alpha") for label in labels)
+
+
+def test_a_figure_with_several_axes_is_drawn_in_the_subfigure_that_is_given(recordings, selections):
+    left, right = Figure().subfigures(1, 2)
+    top, bottom = plot_fit(selections.model, recordings[0], "Cm", ax=right)
+    assert list(right.axes) == [top, bottom]
+    assert not left.axes
+
+
+def test_old_names_and_arguments_still_work_with_a_warning(recordings, selections):
+    with pytest.warns(DeprecationWarning, match="plot_search"):
+        assert plotting.plot_path is plot_search
+    with pytest.warns(DeprecationWarning, match="'axes'"):
+        plot_fit(selections.model, recordings[0], "Cm", axes=Figure().subplots(2))

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from structsel.diagnosis.views import acting_range, bin_residuals, driving_channel, moving_channels, residuals
 from structsel.errors import DataError
-from structsel.plotting.diagnosis import plot_bars, plot_residual_over, plot_shares, plot_time_history
+from structsel.plotting.diagnosis import plot_difference_against, plot_error_by_stage, plot_explained, plot_time_history
 from tests.diagnoses import GROUND, HEIGHT, LIFT, VANE, diagnosis
 
 pytestmark = pytest.mark.usefixtures("close_figures")
@@ -32,7 +32,7 @@ def test_the_time_history_shows_the_recording_where_the_effect_acts_longest_its_
 def test_the_residual_follows_the_height_before_and_not_after():
     # What the ground adds is LIFT exp(-h/HEIGHT); noise of 0.004 over some 40 samples in a bin leaves about 0.001.
     made = diagnosis()
-    ax = plot_residual_over(made)
+    ax = plot_difference_against(made)
     before, after = ax.containers
     x, y = before.lines[0].get_data()
     assert_allclose(y, LIFT * np.exp(-x / HEIGHT), atol=0.004)
@@ -45,28 +45,28 @@ def test_the_residual_follows_the_height_before_and_not_after():
 
 
 def test_angles_are_drawn_in_degrees():
-    ax = plot_residual_over(diagnosis(GROUND, VANE), finding=1)
+    ax = plot_difference_against(diagnosis(GROUND, VANE), finding=1)
     assert ax.get_xlabel() == r"$\alpha$ [deg]"
     (shade,) = ax.patches
     assert_allclose([shade.get_x(), shade.get_x() + shade.get_width()], np.rad2deg([0.05, 0.20]))
 
 
 def test_each_response_has_three_bars_as_high_as_its_errors():
-    ax = plot_bars(diagnosis())
+    ax = plot_error_by_stage(diagnosis())
     heights = np.array([[bar.get_height() for bar in container] for container in ax.containers])
     assert_allclose(heights, [[0.22, 0.31], [0.21, 0.30], [0.08, 0.19]])
     assert [text.get_text() for text in ax.get_xticklabels()] == ["$C_Z$", "$C_X$"]
 
 
 def test_each_finding_has_a_bar_of_the_explained_part_and_a_mark_of_the_explainable_part():
-    ax = plot_shares(diagnosis(GROUND, VANE))
+    ax = plot_explained(diagnosis(GROUND, VANE))
     assert_allclose([bar.get_width() for bar in ax.containers[0]], [90.0, 94.0])
     assert_allclose(ax.get_lines()[0].get_xdata(), [93.0, 95.0])
 
 
-@pytest.mark.parametrize("draw", [plot_bars, plot_shares, plot_residual_over])
+@pytest.mark.parametrize("draw", [plot_error_by_stage, plot_explained, plot_difference_against])
 def test_nothing_found_is_nothing_to_draw(draw):
-    with pytest.raises(DataError, match="names nothing"):
+    with pytest.raises(DataError, match="has no finding"):
         draw(diagnosis(verdict="consistent"))
 
 
@@ -81,9 +81,9 @@ def test_what_is_not_there_is_said_with_what_is():
     with pytest.raises(DataError, match=r"'Cn'; it has CZ, CX"):
         plot_time_history(diagnosis(), response="Cn")
     with pytest.raises(DataError, match="no finding 3"):
-        plot_residual_over(diagnosis(), finding=3)
+        plot_difference_against(diagnosis(), finding=3)
     with pytest.raises(DataError, match="channel 'mach'"):
-        plot_residual_over(diagnosis(), channel="mach")
+        plot_difference_against(diagnosis(), channel="mach")
 
 
 # --- what they are drawn from -----------------------------------------------------------------

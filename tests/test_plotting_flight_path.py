@@ -54,27 +54,30 @@ def band(axes, k=0):
 
 
 def test_measurements_are_drawn_with_reconstruction_and_residual(flight, result):
-    top, bottom = plot_readings(result, "alpha", axes=Figure().subplots(2))
-    measured, stated = top.get_lines()
-    assert_allclose(measured.get_ydata(), flight[0]["alpha"], atol=1e-12)
-    assert_allclose(stated.get_ydata(), result.readings["alpha"])
-    assert_allclose(bottom.get_lines()[0].get_ydata(), flight[0]["alpha"] - result.readings["alpha"], atol=1e-12)
-    assert top.get_ylabel() == r"$\alpha$ [rad]"
-    assert bottom.get_ylabel() == "residual [rad]"
+    top, bottom = plot_readings(result, "alpha", ax=Figure().subplots(2))
+    measured, reconstructed = top.get_lines()
+    assert_allclose(measured.get_ydata(), np.rad2deg(flight[0]["alpha"]), atol=1e-10)
+    assert_allclose(reconstructed.get_ydata(), np.rad2deg(result.readings["alpha"]))
+    residual = np.rad2deg(flight[0]["alpha"] - result.readings["alpha"])
+    assert_allclose(bottom.get_lines()[0].get_ydata(), residual, atol=1e-10)
+    assert top.get_ylabel() == r"$\alpha$ [deg]"
+    assert bottom.get_ylabel() == "residual [deg]"
     low, high = band(bottom)
-    assert_allclose(high[: len(result.recording)], 2.0 * result.innovation_std["alpha"][: len(high)], rtol=1e-6)
+    assert_allclose(
+        high[: len(result.recording)], 2.0 * np.rad2deg(result.innovation_std["alpha"][: len(high)]), rtol=1e-6
+    )
     assert_allclose(low, -high)
 
 
 def test_a_slow_channel_shows_its_readings_only(flight, result):
-    top, _ = plot_readings(result, "h", axes=Figure().subplots(2))
+    top, _ = plot_readings(result, "h", ax=Figure().subplots(2))
     drawn = top.get_lines()[0].get_ydata()
     assert_allclose(drawn, flight[0]["h"], atol=1e-9)
     assert np.isfinite(drawn).sum() == -(-len(drawn) // 12)
 
 
 def test_innovations_are_normalised_and_their_autocorrelation_is_statsmodels(result):
-    left, right = plot_innovations(result, "theta", axes=Figure().subplots(1, 2))
+    left, right = plot_innovations(result, "theta", ax=Figure().subplots(1, 2))
     e = result.innovations["theta"] / result.innovation_std["theta"]
     assert np.abs(e).max() < 6.0
     assert_allclose(left.get_lines()[0].get_ydata(), e)
@@ -115,7 +118,7 @@ def test_an_estimate_is_shown_as_the_filter_came_to_it_and_as_all_samples_have_i
 def test_motion_has_the_standard_deviation_of_its_samples(result):
     ax = plot_estimate(result, "theta", ax=Figure().add_subplot())
     low, high = band(ax, 1)
-    assert_allclose(high - low, 4.0 * result.std["theta"][: len(low)], rtol=1e-5)
+    assert_allclose(high - low, 4.0 * np.rad2deg(result.std["theta"][: len(low)]), rtol=1e-5)
 
 
 def test_a_constant_is_shown_manoeuvre_by_manoeuvre_with_its_interval(result, several):

@@ -75,14 +75,14 @@ def test_a_spectrum_peaks_where_the_motion_is(ax):
     plot_spectrum([flight("a", 1), flight("b", 2)], ["q"], segment=5.0, ax=ax)
     f, density = ax.get_lines()[0].get_data()
     assert_allclose(f[np.argmax(density)], 2.0)
-    assert_allclose(np.sum(density) * (f[1] - f[0]), 0.1**2 / 2.0, rtol=1e-2)
-    assert ax.get_ylabel() == "power density [(rad/s)$^2$/Hz]"
+    assert_allclose(np.sum(density) * (f[1] - f[0]), np.rad2deg(0.1) ** 2 / 2.0, rtol=1e-2)
+    assert ax.get_ylabel() == "power spectral density [(deg/s)$^2$/Hz]"
     with pytest.raises(DomainError, match="no piece is as long"):
         plot_spectrum(flight("a", 1), "q", segment=100.0, ax=ax)
 
 
 def test_spectra_of_different_units_claim_none(ax):
-    assert plot_spectrum(flight("a", 1), ["q", "load"], ax=ax).get_ylabel() == "power density"
+    assert plot_spectrum(flight("a", 1), ["q", "load"], ax=ax).get_ylabel() == "power spectral density"
 
 
 def test_coherence_has_a_line_for_each_input_and_one_for_probability(ax):
@@ -123,6 +123,6 @@ def test_figures_go_to_paper_as_vectors(tmp_path, kind, begins):
 def test_a_simulated_flight_alone_has_its_axes_and_lines_labelled():
     plt.close("all")
     ax = plot_flight(flight("a", 1, at=0.12), "alpha", recorded=flight("a", 1))
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("t [s]", r"$\alpha$ [rad]")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", r"$\alpha$ [deg]")
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["recorded", "simulated"]
     plt.close("all")

@@ -30,7 +30,7 @@ def test_derivatives_are_drawn_over_their_condition_in_degrees_with_the_truth():
         "alpha", at, (("m1",), ("m2",)), ("Cm:alpha",), ("two-step", "output error"), values, std, 0.95, {}
     )
     (ax,) = plot_derivatives(table, truth={"Cm:alpha": lambda alpha: -0.4 - 4.0 * alpha})
-    assert ax.get_xlabel() == "alpha [deg]"
+    assert ax.get_xlabel() == r"$\alpha$ [deg]"
     first, second = (container.lines[0].get_xdata() for container in ax.containers)
     np.testing.assert_allclose(0.5 * (first + second), np.rad2deg(at), rtol=1e-9)
     low, high = (cap.get_ydata() for cap in ax.containers[0].lines[1])

@@ -1,12 +1,13 @@
-"""Every figure; the only importer of matplotlib.
+"""All figures; the only room that imports Matplotlib.
 
-Each function draws one result on one Axes (or a pair), its own if none is given, and returns it; units stand on
-the axes. `draw_selection`, `draw_reconstructions`, `draw_flight`, `draw_replay`, `draw_refinement` and `draw_inputs`
-put them together, one figure per question, for files.
+Each ``plot_`` function draws one result and returns its Axes. It draws on ``ax=``, or in a new figure without it; a
+function with several Axes takes a Figure or SubFigure as ``ax`` too. Axes have labels with units, angles are in
+degrees. Each ``draw_`` function returns complete figures, for files.
 """
 
-from structsel.plotting.diagnosis import plot_bars, plot_residual_over, plot_shares, plot_time_history
-from structsel.plotting.inputs import draw_inputs, plot_bounds, plot_input
+from structsel.deprecation import renamed_names
+from structsel.plotting.diagnosis import plot_difference_against, plot_error_by_stage, plot_explained, plot_time_history
+from structsel.plotting.inputs import draw_inputs, plot_cramer_rao, plot_input
 from structsel.plotting.reconstruction import (
     draw_reconstruction,
     draw_reconstructions,
@@ -23,7 +24,7 @@ from structsel.plotting.recordings import (
     plot_mismatch_coherence,
     plot_spectrum,
 )
-from structsel.plotting.refinement import plot_comparison, plot_derivatives
+from structsel.plotting.refinement import draw_refinement, plot_comparison, plot_derivatives
 from structsel.plotting.selection import (
     draw_selection,
     plot_autocorrelation,
@@ -32,12 +33,18 @@ from structsel.plotting.selection import (
     plot_fit,
     plot_inclusion,
     plot_intervals,
-    plot_path,
     plot_residual_against,
+    plot_search,
 )
-from structsel.plotting.simulation import draw_flight, draw_refinement, draw_replay, plot_flight, plot_replay
+from structsel.plotting.simulation import draw_flight, draw_resimulation, plot_flight, plot_resimulation
 from structsel.plotting.style import label
-from structsel.plotting.terms import draw_addition, plot_across, plot_addition, plot_component, plot_residual_with
+from structsel.plotting.terms import (
+    draw_addition,
+    plot_addition,
+    plot_component,
+    plot_estimates_by_manoeuvre,
+    plot_residual_with,
+)
 
 __all__ = [
     "draw_addition",
@@ -46,23 +53,25 @@ __all__ = [
     "draw_reconstruction",
     "draw_reconstructions",
     "draw_refinement",
-    "draw_replay",
+    "draw_resimulation",
     "draw_selection",
     "label",
-    "plot_across",
     "plot_addition",
     "plot_autocorrelation",
-    "plot_bars",
-    "plot_bounds",
     "plot_coherence",
     "plot_collinearity",
     "plot_comparison",
     "plot_component",
     "plot_constant",
     "plot_coverage",
+    "plot_cramer_rao",
     "plot_criteria",
     "plot_derivatives",
+    "plot_difference_against",
+    "plot_error_by_stage",
     "plot_estimate",
+    "plot_estimates_by_manoeuvre",
+    "plot_explained",
     "plot_fit",
     "plot_flight",
     "plot_histories",
@@ -72,13 +81,25 @@ __all__ = [
     "plot_intervals",
     "plot_mismatch_coherence",
     "plot_nis",
-    "plot_path",
     "plot_readings",
-    "plot_replay",
     "plot_residual_against",
-    "plot_residual_over",
     "plot_residual_with",
-    "plot_shares",
+    "plot_resimulation",
+    "plot_search",
     "plot_spectrum",
     "plot_time_history",
 ]
+
+__getattr__ = renamed_names(
+    __name__,
+    {
+        "draw_replay": "draw_resimulation",
+        "plot_across": "plot_estimates_by_manoeuvre",
+        "plot_bars": "plot_error_by_stage",
+        "plot_bounds": "plot_cramer_rao",
+        "plot_path": "plot_search",
+        "plot_replay": "plot_resimulation",
+        "plot_residual_over": "plot_difference_against",
+        "plot_shares": "plot_explained",
+    },
+)

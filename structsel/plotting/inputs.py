@@ -1,4 +1,4 @@
-"""Figures of inputs: their shape, what they move, and what they tell."""
+"""Figures of inputs: time histories, response, and accuracy of the parameters."""
 
 from __future__ import annotations
 
@@ -8,46 +8,62 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from structsel.formatting import format_number
 from structsel.inputs import InputComparison, InputDesign
-from structsel.plotting.style import KEPT, MODELLED, OTHER, label, new_axes
+from structsel.plotting.style import (
+    MODEL,
+    SECONDARY,
+    SELECTED,
+    TIME,
+    add_grid,
+    display_values,
+    get_axes,
+    label,
+    line_colour,
+    plot_channel,
+    scale,
+)
 from structsel.recording import Recording
 from structsel.simulation import LinearModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_COLOURS = (KEPT, MODELLED, "#edae49", "#4d4d4d")
-
 
 def plot_input(inputs: Recording, *, ax: Axes | None = None) -> Axes:
-    """Draw a schedule of inputs over time, every control a line, held from sample to sample."""
-    ax = new_axes(ax)
+    """Draw inputs over time, one line for each control, constant between samples; angles are in degrees."""
+    ax = get_axes(ax)
     for i, name in enumerate(inputs.names):
-        ax.step(inputs.t, inputs[name], where="post", lw=1.0, color=_COLOURS[i % len(_COLOURS)], label=name)
-    ax.axhline(0.0, color=OTHER, lw=0.6)
-    one = len(inputs.names) == 1
-    ax.set_ylabel(label(inputs.names[0], inputs.units) if one else "departure from trim")
-    ax.set_xlabel("t [s]")
-    if not one:
+        values = display_values(inputs, name)
+        ax.step(inputs.t, values, where="post", lw=1.0, color=line_colour(i), label=label(name, inputs.units))
+    ax.axhline(0.0, color=SECONDARY, lw=0.6)
+    if len(inputs.names) == 1:
+        ax.set_ylabel(label(inputs.names[0], inputs.units))
+    else:
+        ax.set_ylabel("deviation from trim")
         ax.legend(fontsize="x-small")
+    ax.set_xlabel(TIME)
     return ax
 
 
-def plot_bounds(found: InputComparison, *, ax: Axes | None = None) -> Axes:
-    """Draw Cramer-Rao bounds by kind of input, as a share of each parameter; an input that cannot tell has no point."""
-    ax = new_axes(ax)
+def plot_cramer_rao(found: InputComparison, *, ax: Axes | None = None) -> Axes:
+    """Draw the Cramer-Rao bound of each parameter for each input, in percent of the parameter.
+
+    An input that does not determine a parameter has no point.
+    """
+    ax = get_axes(ax)
     names = [u.name for u in found.inputs]
     for j, parameter in enumerate(found.parameters):
-        shares = [100.0 * info.crlb[j] / found.sizes[j] for info in found.found]
-        ax.plot(shares, range(len(names)), "o", ms=5, color=f"C{j}", label=parameter)
+        percent = [100.0 * info.crlb[j] / found.sizes[j] for info in found.found]
+        ax.plot(percent, range(len(names)), "o", ms=5, color=line_colour(j), label=parameter)
     ax.set_yticks(range(len(names)), names, fontsize="small")
     ax.invert_yaxis()
     ax.set_xscale("log")
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.xaxis.set_minor_locator(NullLocator())
-    ax.set_xlabel("Cramer-Rao bound, % of the parameter")
-    ax.grid(axis="y", color=OTHER, lw=0.4)
+    ax.set_xlabel("Cramer-Rao bound [% of the parameter]")
+    add_grid(ax, axis="y")
     ax.legend(fontsize="x-small")
     return ax
 
@@ -59,7 +75,7 @@ def draw_inputs(found: Recording | InputDesign | InputComparison, model: LinearM
     ----------
     found : Recording, InputDesign or InputComparison
     model : LinearModel, optional
-        Then the motion that a single input makes is drawn below it; limits are dashed.
+        Model whose response to a single input is drawn below the input. Limits of a design are dashed.
 
     Returns
     -------
@@ -68,25 +84,26 @@ def draw_inputs(found: Recording | InputDesign | InputComparison, model: LinearM
     if isinstance(found, InputComparison):
         return _draw_comparison(found)
     inputs = found if isinstance(found, Recording) else found.inputs
-    flown = None if model is None else model.simulate(inputs)
-    shown = () if model is None else model.outputs
-    figure = Figure(figsize=(6.5, 2.0 + 1.5 * len(shown)), layout="constrained")
-    places = np.ravel(figure.subplots(1 + len(shown), 1, squeeze=False, sharex=True))
-    plot_input(inputs, ax=places[0])
+    outputs = () if model is None else model.outputs
+    figure = Figure(figsize=(6.5, 2.0 + 1.5 * len(outputs)), layout="constrained")
+    axes = np.ravel(figure.subplots(1 + len(outputs), 1, squeeze=False, sharex=True))
+    plot_input(inputs, ax=axes[0])
+    units = dict(inputs.units)
+    if model is not None:
+        response = model.simulate(inputs)
+        units |= response.units
+        for name, ax in zip(outputs, axes[1:]):
+            plot_channel(ax, response, name, color=SELECTED, lw=1.0)
+            ax.set_ylabel(label(name, units))
     limits = {} if isinstance(found, Recording) else {reached.what: reached.allowed for reached in found.limits}
-    for name, ax in zip(shown, places[1:]):
-        assert flown is not None
-        ax.plot(flown.t, flown[name], color=KEPT, lw=1.0)
-        ax.set_ylabel(label(name, flown.units))
-    for name, ax in zip((inputs.names[0], *shown), places):
+    for name, ax in zip((inputs.names[0], *outputs), axes):
         for side in (-1.0, 1.0):
             if name in limits:
-                ax.axhline(side * limits[name], color=MODELLED, lw=0.8, ls="--")
-    for ax in places[:-1]:
-        ax.set_xlabel("")
-    places[-1].set_xlabel("t [s]")
-    figure.suptitle(inputs.name if isinstance(found, Recording) else f"optimal input, criterion {found.criterion}",
-                    fontsize="medium")  # fmt: skip
+                ax.axhline(side * scale(name, units) * limits[name], color=MODEL, lw=0.8, ls="--")
+    axes[0].set_xlabel("")
+    axes[-1].set_xlabel(TIME)
+    title = inputs.name if isinstance(found, Recording) else f"optimal input, criterion {found.criterion}"
+    figure.suptitle(title, fontsize="medium")
     return figure
 
 
@@ -99,13 +116,16 @@ def _draw_comparison(found: InputComparison) -> Figure:
         ax = figure.add_subplot(grid[i, 0], sharex=first, sharey=first)
         first = first or ax
         plot_input(u, ax=ax)
-        ax.set_ylabel("")
+        if len(u.names) == 1:
+            ax.set_ylabel(ax.get_ylabel() if i == count // 2 else "")
+        else:
+            ax.set_ylabel("")
         ax.set_title(u.name, fontsize="x-small", loc="left", pad=2)
         if i < count - 1:
             ax.set_xlabel("")
             ax.tick_params(labelbottom=False)
         if i and (legend := ax.get_legend()) is not None:
             legend.remove()
-    plot_bounds(found, ax=figure.add_subplot(grid[:, 1]))
-    figure.suptitle(f"inputs of equal energy, {found.energy:.4g}", fontsize="medium")
+    plot_cramer_rao(found, ax=figure.add_subplot(grid[:, 1]))
+    figure.suptitle(f"inputs of equal energy, {format_number(found.energy)}", fontsize="medium")
     return figure

@@ -10,214 +10,219 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullLocator
 from scipy import stats
 
+from structsel.deprecation import renamed_arguments
+from structsel.formatting import format_number, format_percent
 from structsel.model import AeroModel
 from structsel.plotting.style import (
-    DOUBT,
-    KEPT,
+    HIGHLIGHT,
     MEASURED,
-    MODELLED,
-    OTHER,
-    draw_cloud,
+    MODEL,
+    SECONDARY,
+    SELECTED,
+    TIME,
+    add_grid,
+    as_list,
+    decimate,
+    display_values,
+    get_axes,
+    get_several_axes,
+    grid_figure,
     label,
-    new_axes,
-    several,
+    scale,
+    scatter_with_bin_means,
+    show_text_only,
     symbol,
-    thin,
-    unit_label,
 )
 from structsel.recording import Recording
 from structsel.selection import Selection, Selections
-from structsel.validation import Score, validate
+from structsel.validation import Score, Validation, validate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_MOVES = 40
-_MOST_NAMES = 8
-_MOST_CHANNELS = 5
-_WIDEST = 1.5  # relative intervals are cut here
+_MAX_MOVES = 40
+_MAX_NAMES = 8  # of recordings above a time axis
+_MAX_CHANNELS = 5
+_MAX_INTERVAL = 1.5  # relative half width at which intervals are cut
+_NO_SEARCH = "all model sizes were searched at once:\nthere is no path to show"
+_MARKS = {"enter": "+", "leave": "−", "swap": "⇄", "simplify": "→"}
 
 
+@renamed_arguments(axes="ax")
 def plot_fit(
-    model: AeroModel, recordings: Recording | Sequence[Recording], response: str, *, axes: Any = None
+    model: AeroModel, recordings: Recording | Sequence[Recording], response: str, *, ax: Any = None
 ) -> tuple[Axes, Axes]:
-    """Measured and modelled response over time, and what is left.
+    """Draw measured and modelled response over time, and the residual.
 
     Parameters
     ----------
     model : AeroModel
     recordings : Recording or sequence of Recording
-        Several stand end to end, their names (numbers, where many) above.
+        Several are drawn one after another, with their names above, or numbers if there are many.
     response : str
-    axes : pair of Axes, optional
+    ax : pair of Axes, Figure or SubFigure, optional
 
     Returns
     -------
     top, bottom : Axes
+        Angles are in degrees.
     """
-    flown = several(recordings)
-    if axes is None:
-        import matplotlib.pyplot as plt
-
-        _, axes = plt.subplots(2, 1, sharex=True, height_ratios=(2, 1), figsize=(9, 5), layout="constrained")
-    top, bottom = axes
-    start = 0.0
-    for i, recording in enumerate(flown):
-        keep = thin(len(recording))
-        t = recording.t if len(flown) == 1 else recording.t - recording.t[0] + start
-        measured = recording[response]
-        modelled = model.evaluate(recording, outside="ignore")[response]
-        first = i == 0
-        top.plot(t[keep], measured[keep], color=MEASURED, lw=1.0, label="measured" if first else None)
-        top.plot(t[keep], modelled[keep], color=MODELLED, lw=1.0, label="model" if first else None)
-        bottom.plot(t[keep], (measured - modelled)[keep], color=MEASURED, lw=0.7)
-        if len(flown) > 1:
-            # Names of many short manoeuvres would run into each other.
-            name = recording.name if len(flown) <= _MOST_NAMES else str(i + 1)
+    flights = as_list(recordings)
+    options = {"sharex": True, "height_ratios": (2, 1)}
+    top, bottom = get_several_axes(ax, 2, 1, figsize=(9.0, 5.0), **options)
+    units, start = flights[0].units, 0.0
+    factor = scale(response, units)
+    for i, recording in enumerate(flights):
+        some = decimate(len(recording))
+        t = recording.t if len(flights) == 1 else recording.t - recording.t[0] + start
+        measured = factor * recording[response]
+        modelled = factor * model.evaluate(recording, outside="ignore")[response]
+        top.plot(t[some], measured[some], color=MEASURED, lw=1.0, label=None if i else "measured")
+        top.plot(t[some], modelled[some], color=MODEL, lw=1.0, label=None if i else "model")
+        bottom.plot(t[some], (measured - modelled)[some], color=MEASURED, lw=0.7)
+        if len(flights) > 1:
+            # The names of many short manoeuvres would overlap.
+            name = recording.name if len(flights) <= _MAX_NAMES else str(i + 1)
             top.text(t[0], 1.01, f" {name}", transform=top.get_xaxis_transform(), fontsize="x-small")
-            for ax in (top, bottom):
-                ax.axvline(t[0], color=OTHER, lw=0.8)
+            for one in (top, bottom):
+                one.axvline(t[0], color=SECONDARY, lw=0.8)
             start = float(t[-1]) + recording.dt
-    bottom.axhline(0.0, color=OTHER, lw=0.8, zorder=0)
-    top.set_ylabel(label(response, flown[0].units))
-    bottom.set_ylabel("residual" + unit_label(response, flown[0].units))
-    bottom.set_xlabel("time [s]" if len(flown) == 1 else "time, manoeuvres end to end [s]")
+    bottom.axhline(0.0, color=SECONDARY, lw=0.8, zorder=0)
+    top.set_ylabel(label(response, units))
+    bottom.set_ylabel(label(response, units, text="residual"))
+    bottom.set_xlabel(TIME if len(flights) == 1 else f"{TIME}, manoeuvres one after another")
     top.legend(loc="best", fontsize="small", ncols=2)
-    for ax in (top, bottom):
-        ax.grid(alpha=0.25)
-        ax.margins(x=0.0)
+    for one in (top, bottom):
+        add_grid(one)
+        one.margins(x=0.0)
     return top, bottom
 
 
-def plot_path(selection: Selection, *, ax: Axes | None = None) -> Axes:
-    """Unexplained share of the response, 1 - R2, and PSE, after each move of the search."""
-    ax = new_axes(ax)
+def plot_search(selection: Selection, *, ax: Axes | None = None) -> Axes:
+    """Draw the unexplained fraction of the variance, 1 - R2, and the PSE after each move of the search."""
+    ax = get_axes(ax)
     steps = [s for s in selection.trace if s.action != "refuse"]
-    ax.set_title(f"{symbol(selection.response)}: the search, move by move", fontsize="medium")
+    ax.set_title(f"{symbol(selection.response)}: moves of the search", fontsize="medium")
     if not steps:
-        ax.text(0.5, 0.5, "every size searched at once:\nno path to show", ha="center", va="center")
-        ax.set_axis_off()
-        return ax
-    shown = steps[:_MOST_MOVES]
+        return show_text_only(ax, _NO_SEARCH)
+    shown = steps[:_MAX_MOVES]
     x = np.arange(1, len(shown) + 1)
-    ax.semilogy(x, [s.PSE for s in shown], "o-", color=DOUBT, ms=4, lw=1.0, label="PSE")
-    ax.semilogy(x, [1.0 - s.R2 for s in shown], "o-", color=KEPT, ms=4, lw=1.0, label="$1 - R^2$")
+    ax.semilogy(x, [s.PSE for s in shown], "o-", color=HIGHLIGHT, ms=4, lw=1.0, label="PSE")
+    ax.semilogy(x, [1.0 - s.R2 for s in shown], "o-", color=SELECTED, ms=4, lw=1.0, label="$1 - R^2$")
     final = len(selection.terms)
     ends = [i for i, s in enumerate(shown, 1) if s.n_terms == final]
     if ends:
-        ax.axvline(ends[-1], color=MODELLED, lw=0.8, ls="--", label=f"chosen: {final} terms")
+        ax.axvline(ends[-1], color=MODEL, lw=0.8, ls="--", label=f"selected: {final} terms")
     ax.xaxis.set_major_locator(FixedLocator(x.tolist()))
-    marks = {"enter": "+", "leave": "−", "swap": "⇄", "simplify": "→"}
     size = "small" if len(shown) <= 12 else "xx-small"
-    ax.set_xticklabels([f"{marks[s.action]} {s.term}" for s in shown], rotation=60, ha="right", fontsize=size)
-    whose = "whitened " if selection.noise_models else ""
-    ax.set_ylabel(f"share of the {whose}response's variance [-]")
+    ax.set_xticklabels([f"{_MARKS[s.action]} {s.term}" for s in shown], rotation=60, ha="right", fontsize=size)
+    ax.set_ylabel(f"fraction of the variance of the {_response_text(selection)} [-]")
     if len(shown) < len(steps):
         ax.set_xlabel(f"the first {len(shown)} of {len(steps)} moves")
-    ax.grid(alpha=0.25, which="both")
+    add_grid(ax, minor=True)
     ax.legend(fontsize="small")
     return ax
 
 
 def plot_criteria(selection: Selection, *, ax: Axes | None = None) -> Axes:
-    """PSE and R2 against the number of terms, the best model the search visited of each size.
+    """Draw PSE and R2 over the number of terms, for the best model of each size that the search visited.
 
     Returns
     -------
     Axes
-        PSE on a logarithmic scale; R2 has a scale of its own to the right.
+        PSE on a logarithmic scale; the scale of R2 is on the right.
     """
-    ax = new_axes(ax)
-    ax.set_title(f"{symbol(selection.response)}: how many terms", fontsize="medium")
+    ax = get_axes(ax)
+    ax.set_title(f"{symbol(selection.response)}: number of terms", fontsize="medium")
     visited = [s for s in selection.trace if s.action != "refuse"]
     if not visited:
-        ax.text(0.5, 0.5, "every size searched at once:\nno path to show", ha="center", va="center")
-        ax.set_axis_off()
-        return ax
+        return show_text_only(ax, _NO_SEARCH)
     best = {s.n_terms: s for s in sorted(visited, key=lambda s: -s.PSE)}
     sizes = sorted(best)
     right = ax.twinx()
-    lines = ax.semilogy(sizes, [best[k].PSE for k in sizes], "o-", color=DOUBT, ms=4, lw=1.0, label="PSE")
-    lines += right.plot(sizes, [best[k].R2 for k in sizes], "s-", color=KEPT, ms=4, lw=1.0, label="$R^2$")
+    lines = ax.semilogy(sizes, [best[k].PSE for k in sizes], "o-", color=HIGHLIGHT, ms=4, lw=1.0, label="PSE")
+    lines += right.plot(sizes, [best[k].R2 for k in sizes], "s-", color=SELECTED, ms=4, lw=1.0, label="$R^2$")
     final = len(selection.terms)
-    lines.append(ax.axvline(final, color=MODELLED, lw=0.8, ls="--", label=f"chosen: {final} terms"))
-    whose = "whitened " if selection.noise_models else ""
-    ax.set_xlabel("terms beside the constant")
-    ax.set_ylabel(f"PSE over the {whose}response's variance [-]")
+    lines.append(ax.axvline(final, color=MODEL, lw=0.8, ls="--", label=f"selected: {final} terms"))
+    ax.set_xlabel("number of terms without the constant")
+    ax.set_ylabel(f"PSE over the variance of the {_response_text(selection)} [-]")
     right.set_ylabel("$R^2$ [-]")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_locator(NullLocator())
-    ax.grid(alpha=0.25)
+    add_grid(ax)
     ax.legend(handles=lines, fontsize="small", loc="center right")
     return ax
 
 
-def plot_inclusion(selection: Selection, *, most: int = 15, ax: Axes | None = None) -> Axes:
-    """Share of the resampled selections that kept each candidate; the model's own terms are coloured."""
-    ax = new_axes(ax)
-    ax.set_title(f"{symbol(selection.response)}: inclusion", fontsize="medium")
-    kept = {str(term) for term in selection.terms}
-    found = {name: share for name, share in selection.inclusion.items() if share > 0 or name in kept}
+@renamed_arguments(most="max_terms")
+def plot_inclusion(selection: Selection, *, max_terms: int = 15, ax: Axes | None = None) -> Axes:
+    """Draw the selection frequency of each candidate; the terms of the model have another colour."""
+    ax = get_axes(ax)
+    ax.set_title(f"{symbol(selection.response)}: selection frequency", fontsize="medium")
+    own = {str(term) for term in selection.terms}
+    found = {name: frequency for name, frequency in selection.inclusion.items() if frequency > 0 or name in own}
     if not found:
-        ax.text(0.5, 0.5, "no bootstrap was made" if not selection.inclusion else "nothing kept", ha="center")
-        ax.set_axis_off()
-        return ax
-    ranked = sorted(found, key=lambda name: (name in kept, found[name]), reverse=True)[:most]
-    ax.barh(ranked, [found[name] for name in ranked], color=[KEPT if n in kept else OTHER for n in ranked], height=0.7)
-    ax.axvline(0.5, color=DOUBT, lw=1.0, ls="--")
+        return show_text_only(ax, "no bootstrap was made" if not selection.inclusion else "no candidate was selected")
+    ranked = sorted(found, key=lambda name: (name in own, found[name]), reverse=True)[:max_terms]
+    colours = [SELECTED if name in own else SECONDARY for name in ranked]
+    ax.barh(ranked, [found[name] for name in ranked], color=colours, height=0.7)
+    ax.axvline(0.5, color=HIGHLIGHT, lw=1.0, ls="--")
     ax.invert_yaxis()
     ax.set_xlim(0.0, 1.0)
-    ax.set_xlabel("share of resampled selections [-]")
+    ax.set_xlabel("fraction of bootstrap selections [-]")
     if len(found) > len(ranked):
-        ax.set_ylabel(f"{len(ranked)} of {len(found)} ever kept", fontsize="small")
+        ax.set_ylabel(f"{len(ranked)} of {len(found)} candidates that were ever selected", fontsize="small")
     return ax
 
 
 def plot_intervals(selection: Selection, *, level: float = 0.95, ax: Axes | None = None) -> Axes:
-    """Intervals of the parameters, relative to their values; thin: what white residuals would claim."""
-    ax = new_axes(ax)
+    """Draw the intervals of the parameters, relative to the estimates; thin bars assume white residuals."""
+    ax = get_axes(ax)
     names = ["1", *map(str, selection.terms)]
     values = selection.values
-    scale = np.where(values != 0.0, np.abs(values), 1.0)
-    half = np.nan_to_num((selection.intervals(level)[:, 1] - values) / scale)  # an unknown error draws no bar
-    textbook = stats.t.ppf(0.5 + level / 2, max(selection.dof, 1)) * selection.textbook_errors / scale
+    size = np.where(values != 0.0, np.abs(values), 1.0)
+    half = np.nan_to_num((selection.intervals(level)[:, 1] - values) / size)  # no bar for an unknown error
+    textbook = stats.t.ppf(0.5 + level / 2, max(selection.dof, 1)) * selection.textbook_errors / size
     y = np.arange(len(names))
-    cut = half > _WIDEST
-    ax.barh(y, 2 * np.minimum(half, _WIDEST), left=-np.minimum(half, _WIDEST), height=0.55, color=KEPT, alpha=0.45)
-    ax.barh(y, 2 * np.minimum(textbook, _WIDEST), left=-np.minimum(textbook, _WIDEST), height=0.14, color=MEASURED)
+    cut = half > _MAX_INTERVAL
+    for width, height, style in (
+        (half, 0.55, {"color": SELECTED, "alpha": 0.45}),
+        (textbook, 0.14, {"color": MEASURED}),
+    ):
+        shown = np.minimum(width, _MAX_INTERVAL)
+        ax.barh(y, 2 * shown, left=-shown, height=height, **style)
     for place in y[cut]:
-        ax.text(_WIDEST, place, f" ±{100 * half[place]:.0f} %", va="center", fontsize="x-small")
-    ax.set_yticks(y, [f"{name} = {value:.3g}" for name, value in zip(names, values)])
+        ax.text(_MAX_INTERVAL, place, f" ±{format_percent(half[place])}", va="center", fontsize="x-small")
+    ax.set_yticks(y, [f"{name} = {format_number(value, 3)}" for name, value in zip(names, values)])
     ax.invert_yaxis()
     ax.axvline(0.0, color=MEASURED, lw=0.8)
-    reach = 1.1 * float(min(half.max(), _WIDEST)) or 1.0
-    ax.set_xlim(-reach, 1.35 * reach if cut.any() else reach)
+    limit = 1.1 * float(min(half.max(), _MAX_INTERVAL)) or 1.0
+    ax.set_xlim(-limit, 1.35 * limit if cut.any() else limit)
     ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.xaxis.set_major_formatter(lambda x, _: f"{100 * x:g} %")
-    ax.set_xlabel(f"{100 * level:g} % interval about the value, relative to it")
-    ax.set_title(f"{symbol(selection.response)}: intervals (thin: textbook)", fontsize="medium")
-    ax.grid(alpha=0.25, axis="x")
+    ax.set_xlabel(f"{100 * level:g} % interval relative to the estimate")
+    ax.set_title(f"{symbol(selection.response)}: intervals (thin: white residuals)", fontsize="medium")
+    add_grid(ax, axis="x")
     return ax
 
 
 def plot_collinearity(selection: Selection, *, ax: Axes | None = None) -> Axes:
-    """Correlation of the estimated parameters; the variance inflation factors stand beside the terms."""
-    ax = new_axes(ax)
+    """Draw the correlation of the estimates; the labels have the variance inflation factors."""
+    ax = get_axes(ax)
     names = [str(term) for term in selection.terms]
     ax.set_title(f"{symbol(selection.response)}: parameter correlation", fontsize="medium")
     if not names:
-        ax.text(0.5, 0.5, "no terms kept", ha="center")
-        ax.set_axis_off()
-        return ax
+        return show_text_only(ax, "the model has no terms")
     covariance = selection.covariance[1:, 1:]
-    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    R = covariance / np.outer(spread, spread)
+    std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    R = covariance / np.outer(std, std)
     image = ax.imshow(R, vmin=-1, vmax=1, cmap="RdBu_r")
     size = "small" if len(names) <= 10 else "xx-small"
     ax.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=size)
-    ax.set_yticks(range(len(names)), [f"{n}  (VIF {v:.3g})" for n, v in zip(names, selection.vif)], fontsize=size)
+    labels = [f"{name}  (VIF {format_number(vif, 3)})" for name, vif in zip(names, selection.vif)]
+    ax.set_yticks(range(len(names)), labels, fontsize=size)
     if len(names) <= 10:
         for i, j in np.ndindex(*R.shape):
             colour = "white" if abs(R[i, j]) > 0.6 else "black"
@@ -227,13 +232,13 @@ def plot_collinearity(selection: Selection, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_autocorrelation(score: Score, *, ax: Axes | None = None) -> Axes:
-    """Autocorrelation of the residual with the 95 % bound of white noise."""
-    ax = new_axes(ax)
+    """Draw the autocorrelation of the residual with the 95 % limits of white noise."""
+    ax = get_axes(ax)
     rho = score.autocorrelation[1:]
     lags = np.arange(1, len(rho) + 1)
-    ax.axhspan(-score.bound, score.bound, color=OTHER, alpha=0.5, lw=0, label="95 % of white noise")
-    beyond = np.abs(rho) > score.bound
-    ax.vlines(lags, 0.0, rho, colors=[MODELLED if b else KEPT for b in beyond], lw=2.0)
+    ax.axhspan(-score.bound, score.bound, color=SECONDARY, alpha=0.5, lw=0, label="95 % of white noise")
+    outside = np.abs(rho) > score.bound
+    ax.vlines(lags, 0.0, rho, colors=[MODEL if one else SELECTED for one in outside], lw=2.0)
     ax.axhline(0.0, color=MEASURED, lw=0.8)
     ax.set_xlabel("lag [samples]")
     ax.set_ylabel("autocorrelation [-]")
@@ -253,7 +258,7 @@ def plot_residual_against(
     bins: int = 15,
     ax: Axes | None = None,
 ) -> Axes:
-    """Residual against a channel, with the mean of each bin; a trend in the means is a term left out.
+    """Draw the residual over a channel, with the mean of each bin; a trend of the means is a missing term.
 
     Parameters
     ----------
@@ -261,66 +266,74 @@ def plot_residual_against(
     recordings : Recording or sequence of Recording
     response : str
     channel : str
-        Any that the recordings have, in the model or not.
+        Any channel of the recordings; it need not be in the model.
     bins : int, optional
-        They hold equal numbers of samples.
+        Number of bins; each has the same number of samples.
     ax : Axes, optional
 
     Returns
     -------
     Axes
-        Bars are 95 % intervals of the means from the spread between recordings, or between stretches of few.
+        Bars are 95 % intervals of the means, from the scatter between recordings, or between segments of few
+        recordings. Angles are in degrees.
     """
-    ax = new_axes(ax)
-    flown = several(recordings)
-    x = np.concatenate([r[channel] for r in flown])
-    e = np.concatenate([r[response] - model.evaluate(r, outside="ignore")[response] for r in flown])
-    draw_cloud(ax, x, e, flown, bins)
-    ax.set_xlabel(label(channel, flown[0].units))
-    ax.set_ylabel(f"residual of {symbol(response)}" + unit_label(response, flown[0].units))
+    ax = get_axes(ax)
+    flights = as_list(recordings)
+    units = flights[0].units
+    x = np.concatenate([display_values(r, channel) for r in flights])
+    e = np.concatenate([r[response] - model.evaluate(r, outside="ignore")[response] for r in flights])
+    scatter_with_bin_means(ax, x, scale(response, units) * e, flights, bins)
+    ax.set_xlabel(label(channel, units))
+    ax.set_ylabel(label(response, units, text=f"residual of {symbol(response)}"))
     ax.xaxis.set_major_locator(MaxNLocator(6))
     ax.legend(fontsize="small", loc="best")
     return ax
 
 
 def draw_selection(selections: Selections, recordings: Sequence[Recording]) -> Iterator[tuple[str, Figure]]:
-    """Figures of a selection: per response the fit, the choice, and what is left.
+    """Figures of a selection: for each response the fit, the choice of the terms, and the residual.
 
     Parameters
     ----------
     selections : Selections
     recordings : sequence of Recording
-        Those selected from, or held out.
+        Those used for the selection, or validation recordings.
 
     Yields
     ------
     name : str
-        ``CZ_fit``, ``CZ_choice``, ``CZ_residual``: a file's stem.
+        ``CZ_fit``, ``CZ_choice``, ``CZ_residual``: stem of a file name.
     figure : Figure
     """
-    model = selections.model
-    scores = validate(model, recordings)
+    scores = validate(selections.model, recordings)
     for response, selection in selections.items():
         stem = "".join(c if c.isalnum() else "_" for c in response)
         figure = Figure(figsize=(10, 5), layout="constrained")
-        plot_fit(model, recordings, response, axes=figure.subplots(2, 1, sharex=True, height_ratios=(2, 1)))
+        plot_fit(selections.model, recordings, response, ax=figure)
         yield f"{stem}_fit", figure
         figure = Figure(figsize=(11, 8.5), layout="constrained")
         panels = figure.subplots(2, 2)
-        plot_path(selection, ax=panels[0, 0])
+        plot_search(selection, ax=panels[0, 0])
         plot_inclusion(selection, ax=panels[0, 1])
         plot_intervals(selection, ax=panels[1, 0])
         plot_collinearity(selection, ax=panels[1, 1])
         yield f"{stem}_choice", figure
-        used = {c for term in selection.terms for c in term.channels}
-        channels = sorted(selection.pool.channels, key=lambda c: (c not in used, c))[:_MOST_CHANNELS]
-        columns = min(3, len(channels) + 1)
-        rows = -(-(len(channels) + 1) // columns)
-        figure = Figure(figsize=(4.2 * columns, 3.4 * rows), layout="constrained")
-        places = list(np.ravel(figure.subplots(rows, columns, squeeze=False)))
-        plot_autocorrelation(scores.score(response), ax=places[0])
-        for channel, place in zip(channels, places[1:]):
-            plot_residual_against(model, recordings, response, channel, ax=place)
-        for spare in places[len(channels) + 1 :]:
-            spare.set_axis_off()
-        yield f"{stem}_residual", figure
+        yield f"{stem}_residual", _draw_residual(selections.model, selection, recordings, scores)
+
+
+def _draw_residual(
+    model: AeroModel, selection: Selection, recordings: Sequence[Recording], scores: Validation
+) -> Figure:
+    """Figure of the autocorrelation of a residual, and of the residual over channels."""
+    response = selection.response
+    used = {c for term in selection.terms for c in term.channels}
+    channels = sorted(selection.pool.channels, key=lambda c: (c not in used, c))[:_MAX_CHANNELS]
+    figure, axes = grid_figure(len(channels) + 1, height=3.3)
+    plot_autocorrelation(scores.score(response), ax=axes[0])
+    for channel, ax in zip(channels, axes[1:]):
+        plot_residual_against(model, recordings, response, channel, ax=ax)
+    return figure
+
+
+def _response_text(selection: Selection) -> str:
+    return "prewhitened response" if selection.noise_models else "response"

@@ -1,16 +1,30 @@
-"""Figures of simulated flights: against what was recorded, by output and over time."""
+"""Figures of simulated flights: outputs over time, with the recording that was simulated."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from structsel.plotting.style import DOUBT, KEPT, MEASURED, MODELLED, label, new_axes, thin
+from structsel.plotting.style import (
+    HIGHLIGHT,
+    MEASURED,
+    MODEL,
+    SELECTED,
+    TIME,
+    decimate,
+    display_values,
+    get_axes,
+    grid_figure,
+    label,
+    label_outer,
+    plot_channel,
+    r2_text,
+    scale,
+)
 from structsel.recording import Recording
-from structsel.refinement import Refinement
 from structsel.validation import Resimulation
 from structsel.validation.resimulate import window_rows
 
@@ -19,12 +33,12 @@ if TYPE_CHECKING:
 
 _MOTION = ("V", "alpha", "beta", "q", "p", "r", "theta", "phi", "h", "az", "ax", "ay")
 _CONTROLS = ("de", "da", "dr", "df", "throttle", "thrust", "dlon")
-_NAMED = 10  # lines a legend can name
-_BEYOND = 1.5  # measured ranges above and below which a flight that parted is not shown
+_MAX_OTHER = 12  # channels of a flight that has none of the motion
+_AXIS_MARGIN = 1.5  # measured ranges above and below the recording, beyond which a diverging simulation is not shown
 
 
 def plot_flight(flight: Recording, channel: str, *, recorded: Recording | None = None, ax: Axes | None = None) -> Axes:
-    """Draw one channel of a simulated flight over time, and of the recording whose inputs it flew.
+    """Draw one channel of a simulated flight over time, with the recording whose inputs were simulated.
 
     Parameters
     ----------
@@ -32,162 +46,105 @@ def plot_flight(flight: Recording, channel: str, *, recorded: Recording | None =
     channel : str
     recorded : Recording, optional
     ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+        Angles are in degrees.
     """
-    alone, ax = ax is None, new_axes(ax)
+    ax = get_axes(ax)
     if recorded is not None and channel in recorded:
-        _line(ax, recorded, channel, MEASURED, "recorded")
-        _line(ax, flight, channel, MODELLED, "simulated")
-        _frame(ax, recorded[channel])
+        plot_channel(ax, recorded, channel, color=MEASURED, lw=0.9, label="recorded")
+        plot_channel(ax, flight, channel, color=MODEL, lw=0.9, label="simulated")
+        _limit_to_recorded(ax, display_values(recorded, channel))
     else:
-        _line(ax, flight, channel, KEPT, "simulated")
-    ax.set_ylabel(label(channel, flight.units))
-    return _explain(ax) if alone else ax
+        plot_channel(ax, flight, channel, color=SELECTED, lw=0.9, label="simulated")
+    return _finish(ax, channel, flight)
 
 
-def plot_replay(result: Resimulation, recording: str, output: str, *, ax: Axes | None = None) -> Axes:
-    """Draw one output as recorded, flown whole, and flown in windows, with its proof-of-match band.
+def plot_resimulation(result: Resimulation, recording: str, output: str, *, ax: Axes | None = None) -> Axes:
+    """Draw one output as recorded, simulated over the complete recording, and simulated in windows.
 
     Parameters
     ----------
     result : Resimulation
     recording : str
-        Its name.
+        Name of the recording.
     output : str
     ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+        The band is the proof-of-match band of the output; a dotted line is the time of divergence. Angles are in
+        degrees.
     """
-    alone, ax = ax is None, new_axes(ax)
+    ax = get_axes(ax)
     place = [r.name for r in result.recordings].index(recording)
     measured, whole, windows = (part[place] for part in (result.recordings, result.whole, result.windows))
+    y = display_values(measured, output)
     if output in result.bands:
-        band, y, t = result.bands[output], measured[output], measured.t
-        some = thin(len(t))
-        ax.fill_between(t[some], (y - band)[some], (y + band)[some], color=MEASURED, alpha=0.15, lw=0, label="band")
-    _line(ax, measured, output, MEASURED, "recorded", 2.2)
+        band, some = scale(output, measured.units) * result.bands[output], decimate(len(y))
+        low, high = (y - band)[some], (y + band)[some]
+        ax.fill_between(measured.t[some], low, high, color=MEASURED, alpha=0.15, lw=0, label="band")
+    plot_channel(ax, measured, output, color=MEASURED, lw=2.2, label="recorded")
+    in_windows = display_values(windows, output)
     for rows in window_rows(windows, result.window):
-        ax.plot(windows.t[rows], windows[output][rows], color=DOUBT, lw=1.4)
-    ax.plot([], [], color=DOUBT, lw=1.4, label=f"windows of {result.window:g} s")
-    _line(ax, whole, output, MODELLED, "whole", 0.8)
-    _frame(ax, measured[output])
+        ax.plot(windows.t[rows], in_windows[rows], color=HIGHLIGHT, lw=1.4)
+    ax.plot([], [], color=HIGHLIGHT, lw=1.4, label=f"windows of {result.window:g} s")
+    plot_channel(ax, whole, output, color=MODEL, lw=0.8, label="complete")
+    _limit_to_recorded(ax, y)
     for one in result.divergences:
         if one.recording == recording and one.kind == "whole":
-            ax.axvline(one.at, color=MODELLED, lw=0.8, ls=":")
-    ax.set_ylabel(label(output, measured.units))
-    return _explain(ax) if alone else ax
+            ax.axvline(one.at, color=MODEL, lw=0.8, ls=":")
+    return _finish(ax, output, measured)
 
 
 def draw_flight(flight: Recording, recorded: Recording | None = None) -> Figure:
-    """Figure of a simulated flight: its motion, and the controls that made it."""
+    """Figure of a simulated flight: its motion and its controls."""
     names = [name for name in _MOTION if name in flight]
     moving = [name for name in _CONTROLS if name in flight and np.ptp(flight[name]) > 0.0]
-    names = names or [name for name in flight.names if name not in moving][:12]
-    figure, places = _grid(len(names) + len(moving))
-    for name, ax in zip((*names, *moving), places):
+    names = names or [name for name in flight.names if name not in moving][:_MAX_OTHER]
+    figure, axes = grid_figure(len(names) + len(moving), height=2.0, sharex=True)
+    for name, ax in zip((*names, *moving), axes):
         plot_flight(flight, name, recorded=recorded if name in names else None, ax=ax)
+    label_outer(axes)
     figure.suptitle(flight.name, fontsize="medium")
-    if recorded is not None:
-        places[0].legend(fontsize="x-small")
+    if recorded is None and (legend := axes[0].get_legend()) is not None:
+        legend.remove()
     return figure
 
 
-def draw_replay(result: Resimulation) -> Iterator[tuple[str, Figure]]:
-    """Figures of a replay, one for each recording.
+def draw_resimulation(result: Resimulation) -> Iterator[tuple[str, Figure]]:
+    """Figures of a re-simulation, one for each recording.
 
     Yields
     ------
     name : str
-        Of the recording.
+        Name of the recording.
     figure : Figure
     """
     for recording in result.recordings:
-        figure, places = _grid(len(result.outputs))
-        for output, ax in zip(result.outputs, places):
-            plot_replay(result, recording.name, output, ax=ax)
+        figure, axes = grid_figure(len(result.outputs), height=2.0, sharex=True)
+        for output, ax in zip(result.outputs, axes):
+            plot_resimulation(result, recording.name, output, ax=ax)
             whole, windows = (result.score(output, recording.name, kind).r2 for kind in ("whole", "windows"))
-            ax.set_title(f"R2: whole {_r2(whole)}, windows {_r2(windows)}", fontsize="x-small")
-        places[0].legend(fontsize="x-small")
+            ax.set_title(f"R2: complete {r2_text(whole)}, windows {r2_text(windows)}", fontsize="x-small")
+        label_outer(axes)
         figure.suptitle(f"{result.model or 'model'} with the inputs of {recording.name}", fontsize="medium")
         yield recording.name, figure
 
 
-def draw_refinement(result: Refinement, recordings: Sequence[Recording] = ()) -> Iterator[tuple[str, Figure]]:
-    """Figures of a refinement: outputs of each recording measured and simulated, and the history of the search.
-
-    Parameters
-    ----------
-    result : Refinement
-    recordings : sequence of Recording
-        Those it was made of.
-
-    Yields
-    ------
-    name : str
-        Of the recording; ``history``.
-    figure : Figure
-    """
-    outputs = list(result.noise_std)
-    verdict = "" if result.converged else ": NOT CONVERGED"
-    for flight in result.simulated:
-        figure, places = _grid(len(outputs))
-        fits = {fit.output: fit for fit in result.fits if fit.recording == flight.name}
-        for output, ax in zip(outputs, places):
-            for recording in recordings:
-                if recording.name == flight.name:
-                    _line(ax, recording, output, MEASURED, "recorded", 1.8)
-            _line(ax, flight, output, MODELLED, "refined")
-            ax.set_ylabel(label(output, flight.units))
-            ax.set_title(f"R2 {_r2(fits[output].r2)}", fontsize="x-small")
-        places[0].legend(fontsize="x-small")
-        figure.suptitle(f"{flight.name}{verdict}", fontsize="medium")
-        yield flight.name, figure
-    figure = Figure(figsize=(8.0, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    left.plot(np.arange(len(result.costs)), result.costs, "o-", ms=3, color=KEPT)
-    left.set_xlabel("step")
-    left.set_ylabel(f"cost, {result.cost}")
-    sizes = np.where(result.std > 0.0, result.std, np.nan)
-    with np.errstate(invalid="ignore"):
-        lines = right.plot(np.arange(len(result.costs)), (result.thetas - result.values) / sizes, lw=0.9)
-    if len(lines) <= _NAMED:
-        right.legend(lines, result.names, fontsize="x-small")
-    right.set_xlabel("step")
-    right.set_ylabel("parameters less their estimates, in std")
-    right.set_yscale("symlog", linthresh=1.0)
-    figure.suptitle(f"descent of {len(result.names)} parameters{verdict}", fontsize="medium")
-    yield "history", figure
-
-
-def _line(ax: Axes, recording: Recording, channel: str, colour: str, text: str, wide: float = 0.9) -> None:
-    some = thin(len(recording))
-    ax.plot(recording.t[some], recording[channel][some], color=colour, lw=wide, label=text)
-
-
-def _explain(ax: Axes) -> Axes:
-    """Label the time and name the lines of a figure that stands alone; in a grid this is said once."""
-    ax.set_xlabel("t [s]")
-    ax.legend(fontsize="small")
+def _finish(ax: Axes, channel: str, recording: Recording) -> Axes:
+    ax.set_ylabel(label(channel, recording.units))
+    ax.set_xlabel(TIME)
+    ax.legend(fontsize="x-small")
     return ax
 
 
-def _frame(ax: Axes, measured: np.ndarray) -> None:
-    """Keep a flight that grows without bound from hiding the recorded one."""
-    seen = measured[np.isfinite(measured)]
-    if len(seen) and (reach := float(np.ptp(seen))) > 0.0:
+def _limit_to_recorded(ax: Axes, measured: np.ndarray) -> None:
+    """Limit the y axis to the neighbourhood of the recording, so that a diverging simulation does not hide it."""
+    finite = measured[np.isfinite(measured)]
+    if len(finite) and (extent := float(np.ptp(finite))) > 0.0:
         low, high = ax.get_ylim()
-        ax.set_ylim(max(low, seen.min() - _BEYOND * reach), min(high, seen.max() + _BEYOND * reach))
-
-
-def _r2(value: float) -> str:
-    return f"{value:.3f}" if abs(value) < 10.0 else "-" if np.isnan(value) else f"{value:.1e}"
-
-
-def _grid(count: int) -> tuple[Figure, Sequence[Axes]]:
-    columns = min(3, count)
-    rows = -(-count // columns)
-    figure = Figure(figsize=(4.2 * columns, 2.0 * rows + 0.5), layout="constrained")
-    places = list(np.ravel(figure.subplots(rows, columns, squeeze=False, sharex=True)))
-    for spare in places[count:]:
-        spare.set_axis_off()
-    for ax in places[max(count - columns, 0) : count]:
-        ax.set_xlabel("t [s]")
-        ax.tick_params(labelbottom=True)
-    return figure, places[:count]
+        ax.set_ylim(max(low, finite.min() - _AXIS_MARGIN * extent), min(high, finite.max() + _AXIS_MARGIN * extent))

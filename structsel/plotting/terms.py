@@ -1,4 +1,4 @@
-"""Figures of single terms: what a model has in a channel, what one more would add, how it holds across manoeuvres."""
+"""Figures of single terms: contribution to a model, effect of adding one, and estimates over manoeuvres."""
 
 from __future__ import annotations
 
@@ -11,26 +11,28 @@ from matplotlib.ticker import MaxNLocator
 
 from structsel.candidates import Candidates, Term
 from structsel.errors import DataError, ModelError
+from structsel.formatting import format_number
 from structsel.model import AeroModel, ResponseModel
 from structsel.plotting.style import (
-    KEPT,
-    MODELLED,
-    draw_cloud,
-    draw_means,
+    MODEL,
+    SELECTED,
+    as_list,
+    bin_mean_errorbars,
+    decimate,
+    display_values,
+    get_axes,
     label,
-    new_axes,
-    several,
+    name_manoeuvres,
+    scale,
+    scatter_with_bin_means,
     symbol,
-    thin,
-    unit_label,
 )
 from structsel.recording import Recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_NOTHING_NEW = 1e-9  # share of a term's variance that the model's terms leave of it
-_MOST_NAMES = 20  # of manoeuvres under an axis
+_RANK_TOLERANCE = 1e-9  # fraction of a term's variance that the terms of the model must leave unexplained
 
 
 def plot_component(
@@ -42,10 +44,10 @@ def plot_component(
     bins: int = 15,
     ax: Axes | None = None,
 ) -> Axes:
-    """Component and partial residual: what the model has in a channel, with what it leaves unexplained about it.
+    """Component-plus-residual plot: what the terms in one channel contribute, and the partial residual.
 
-    Dots are the residual plus the component. Where their means leave the line, the component has another shape than
-    the model gives it.
+    Dots are the residual plus the component. Where their bin means leave the line, the dependence on the channel has
+    another shape than in the model.
 
     Parameters
     ----------
@@ -53,9 +55,15 @@ def plot_component(
     recordings : Recording or sequence of Recording
     response : str
     of : str
-        A channel: all terms in it alone, against it. Or one of the model's terms, against the term.
+        A channel: all terms in this channel alone are drawn over the channel. Or a term of the model, drawn over the
+        values of the term.
     bins : int, optional
     ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+        Angles are in degrees; the values of a term are in SI units and radians.
 
     Raises
     ------
@@ -66,24 +74,26 @@ def plot_component(
     ----------
     [KM16], ch. 5.
     """
-    ax = new_axes(ax)
-    flown, one = several(recordings), model[response]
+    ax = get_axes(ax)
+    flights, one = as_list(recordings), model[response]
     terms = [term for term in one.terms if term.channels == (of,)] or [term for term in one.terms if str(term) == of]
     if not terms:
         raise ModelError(
             f"the model of {response} has no term in '{of}' alone, and no term of that name. "
             f"It has {', '.join(map(str, one.terms))}."
         )
+    units, is_channel = flights[0].units, of in flights[0]
+    factor = scale(response, units)
     part = ResponseModel(tuple(terms), np.array([one[term] for term in terms]))
-    x = np.concatenate([_values(Term(of), r) for r in flown])
-    component = np.concatenate([part.evaluate(r) for r in flown])
-    left = np.concatenate([r[response] - model.evaluate(r, outside="ignore")[response] for r in flown])
-    draw_cloud(ax, x, component + left, flown, bins, text="mean of partial residual")
+    x = np.concatenate([display_values(r, of) if is_channel else _values(Term(of), r) for r in flights])
+    component = factor * np.concatenate([part.evaluate(r) for r in flights])
+    residual = factor * np.concatenate([r[response] - model.evaluate(r, outside="ignore")[response] for r in flights])
+    scatter_with_bin_means(ax, x, component + residual, flights, bins, text="mean of partial residual")
     order = np.argsort(x, kind="stable")
-    order = order[thin(len(order))]
-    ax.plot(x[order], component[order], color=KEPT, lw=1.6, label=" + ".join(map(str, terms)))
-    ax.set_xlabel(label(of, flown[0].units) if of in flown[0] else f"${Term(of).latex()}$")
-    ax.set_ylabel(f"component of {symbol(response)}{unit_label(response, flown[0].units)}")
+    order = order[decimate(len(order))]
+    ax.plot(x[order], component[order], color=SELECTED, lw=1.6, label=" + ".join(map(str, terms)))
+    ax.set_xlabel(label(of, units) if is_channel else f"${Term(of).latex()}$ [SI, rad]")
+    ax.set_ylabel(label(response, units, text=f"component of {symbol(response)}"))
     return _finish(ax)
 
 
@@ -96,12 +106,12 @@ def plot_addition(
     bins: int = 15,
     ax: Axes | None = None,
 ) -> Axes:
-    """Added-variable plot: what one more term could explain, the model's own terms taken out of both sides.
+    """Added-variable plot of a term: residual of the response over the residual of the term, both on the model's terms.
 
     Parameters
     ----------
     model : AeroModel
-        Its terms are refitted by least squares; its values do not matter.
+        Its terms are refitted by least squares; their values are not used.
     recordings : Recording or sequence of Recording
     response : str
     term : Term or str
@@ -111,21 +121,22 @@ def plot_addition(
     Returns
     -------
     Axes
-        The line's slope is the value the term would get. Means that bend away from it ask for another term.
+        In SI units and radians: the slope of the line is the estimate that the term would have in the model. If the
+        bin means curve away from the line, a further term is missing.
 
     Raises
     ------
     ModelError
-        The model's terms explain the term.
+        The term is a linear combination of the model's terms.
     """
-    ax = new_axes(ax)
-    flown, term = several(recordings), term if isinstance(term, Term) else Term(term)
-    new, left, value = _taken_out(model, flown, response, term)
-    draw_cloud(ax, new, left, flown, bins)
-    ends = np.array([new.min(), new.max()])
-    ax.plot(ends, value * ends, color=KEPT, lw=1.6, label=f"{value:.4g} {term}")
-    ax.set_xlabel(f"${term.latex()}$, the model's terms taken out")
-    ax.set_ylabel(f"{symbol(response)}, the same{unit_label(response, flown[0].units)}")
+    ax = get_axes(ax)
+    flights, term = as_list(recordings), term if isinstance(term, Term) else Term(term)
+    x, residual, value = _partial_out(model, flights, response, term)
+    scatter_with_bin_means(ax, x, residual, flights, bins)
+    ends = np.array([x.min(), x.max()])
+    ax.plot(ends, value * ends, color=SELECTED, lw=1.6, label=f"{format_number(value)} {term}")
+    ax.set_xlabel(f"residual of ${term.latex()}$ [SI, rad]")
+    ax.set_ylabel(f"residual of {symbol(response)} [SI, rad]")
     return _finish(ax)
 
 
@@ -139,7 +150,7 @@ def plot_residual_with(
     bins: int = 15,
     ax: Axes | None = None,
 ) -> Axes:
-    """Residual against a channel as it is, and the means of its bins with one more term in the model.
+    """Draw the residual over a channel, and its bin means without and with one more term in the model.
 
     Parameters
     ----------
@@ -151,23 +162,30 @@ def plot_residual_with(
     bins : int, optional
     ax : Axes, optional
 
+    Returns
+    -------
+    Axes
+        Angles are in degrees.
+
     Raises
     ------
     ModelError
-        The model's terms explain the term.
+        The term is a linear combination of the model's terms.
     """
-    ax = new_axes(ax)
-    flown, term = several(recordings), term if isinstance(term, Term) else Term(term)
-    new, left, value = _taken_out(model, flown, response, term)
-    x = np.concatenate([r[channel] for r in flown])
-    draw_cloud(ax, x, left, flown, bins, text="mean of each bin")
-    draw_means(ax, x, left - value * new, flown, bins, colour=KEPT, text=f"the same with {term}")
-    ax.set_xlabel(label(channel, flown[0].units))
-    ax.set_ylabel(f"residual of {symbol(response)}{unit_label(response, flown[0].units)}")
+    ax = get_axes(ax)
+    flights, term = as_list(recordings), term if isinstance(term, Term) else Term(term)
+    units = flights[0].units
+    x, residual, value = _partial_out(model, flights, response, term)
+    along, factor = np.concatenate([display_values(r, channel) for r in flights]), scale(response, units)
+    scatter_with_bin_means(ax, along, factor * residual, flights, bins, text="mean of each bin")
+    with_term = factor * (residual - value * x)
+    bin_mean_errorbars(ax, along, with_term, flights, bins, colour=SELECTED, text=f"with {term}")
+    ax.set_xlabel(label(channel, units))
+    ax.set_ylabel(label(response, units, text=f"residual of {symbol(response)}"))
     return _finish(ax)
 
 
-def plot_across(
+def plot_estimates_by_manoeuvre(
     models: Sequence[AeroModel],
     response: str,
     term: str,
@@ -176,48 +194,45 @@ def plot_across(
     level: float = 0.95,
     ax: Axes | None = None,
 ) -> Axes:
-    """One coefficient across manoeuvres, with its intervals.
+    """Draw the estimate of one parameter from each manoeuvre, with its interval.
 
     Parameters
     ----------
     models : sequence of AeroModel
-        One per manoeuvre, of one structure: `select` with its terms forced. Those without the term stay empty.
+        One model for each manoeuvre, all with the same structure: `select` with ``include`` of its terms. A model
+        without the term has no point.
     response, term : str
     together : AeroModel, optional
-        Of all manoeuvres; its interval is a band across.
+        Model identified from all manoeuvres together; its interval is a horizontal band.
     level : float, optional
     ax : Axes, optional
 
     Returns
     -------
     Axes
-        A manoeuvre that does not excite the term has a wide bar; those that do should agree within theirs.
+        In SI units and radians. A manoeuvre that does not excite the term has a wide interval; the other estimates
+        should agree within their intervals.
 
     Raises
     ------
     DataError
         No model has the term.
     """
-    ax = new_axes(ax)
+    ax = get_axes(ax)
     names = [", ".join(model.recordings) or model.name or str(i + 1) for i, model in enumerate(models)]
     at = [i for i, model in enumerate(models) if response in model and term in model[response]]
     if not at:
         raise DataError(f"none of the {len(models)} models has the term '{term}' of {response}.")
     values = np.array([models[i][response][term] for i in at])
-    ax.errorbar(at, values, [_half(models[i][response], term, level) for i in at], fmt="o", ms=4, lw=1.0, capsize=3,
-                color=KEPT, label=f"each, {100 * level:g} %")  # fmt: skip
+    half = [_half_interval(models[i][response], term, level) for i in at]
+    text = f"{100.0 * level:g} % interval"
+    ax.errorbar(at, values, half, fmt="o", ms=4, lw=1.0, capsize=3, color=SELECTED, label=f"each, {text}")
     if together is not None:
-        value, half = together[response][term], _half(together[response], term, level)
-        ax.axhspan(value - half, value + half, color=MODELLED, alpha=0.25, lw=0)
-        ax.axhline(value, color=MODELLED, lw=1.0, label=f"all together, {100 * level:g} %")
-    ax.set_xlim(-0.6, len(models) - 0.4)
-    if len(models) <= _MOST_NAMES:
-        ax.set_xticks(range(len(models)), names, rotation=40, ha="right", fontsize="small")
-    else:
-        ax.set_xlabel("manoeuvre, in order")
-    ax.set_ylabel(f"{symbol(response)}: ${Term(term).latex()}$ [-]")
-    ax.yaxis.set_major_locator(MaxNLocator(5))
-    ax.grid(alpha=0.25, axis="y")
+        value, width = together[response][term], _half_interval(together[response], term, level)
+        ax.axhspan(value - width, value + width, color=MODEL, alpha=0.25, lw=0)
+        ax.axhline(value, color=MODEL, lw=1.0, label=f"all together, {text}")
+    name_manoeuvres(ax, names)
+    ax.set_ylabel(f"{symbol(response)}: parameter of ${Term(term).latex()}$ [SI, rad]")
     ax.legend(fontsize="small")
     return ax
 
@@ -225,7 +240,7 @@ def plot_across(
 def draw_addition(
     model: AeroModel, recordings: Recording | Sequence[Recording], response: str, channel: str, term: Term | str
 ) -> Figure:
-    """Figure of what adding a term does: the residual against a channel without and with it, and what it adds to."""
+    """Figure of the effect of one more term: residual over a channel without and with it, and added-variable plot."""
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     plot_residual_with(model, recordings, response, channel, term, ax=left)
@@ -237,23 +252,23 @@ def _values(term: Term, recording: Recording) -> np.ndarray:
     return ResponseModel((term,), np.ones(1)).evaluate(recording)
 
 
-def _half(one: ResponseModel, term: str, level: float) -> float:
-    """Half of a term's interval; zero, so that no bar is drawn, where it is not known."""
+def _half_interval(one: ResponseModel, term: str, level: float) -> float:
+    """Half of the interval of a term; zero, so that no bar is drawn, if it is unknown."""
     return float(np.nan_to_num(one.intervals(level)[one.terms.index(Term(term)), 1] - one[term]))
 
 
-def _taken_out(
-    model: AeroModel, flown: Sequence[Recording], response: str, term: Term
+def _partial_out(
+    model: AeroModel, flights: Sequence[Recording], response: str, term: Term
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """A term and the response, less what the model's own terms explain of each, and the value the term would get."""
+    """Residuals of a term and of the response on the model's terms, and the estimate of the term in the model."""
     own = Candidates(model[response].terms)
-    X = np.concatenate([np.column_stack([np.ones(len(r)), own.evaluate(r)]) for r in flown])
-    both = np.concatenate([np.column_stack([_values(term, r), r[response]]) for r in flown])
-    new, left = (both - X @ np.linalg.lstsq(X, both, rcond=None)[0]).T
-    size = float(new @ new)
-    if size <= _NOTHING_NEW * float(np.sum((both[:, 0] - both[:, 0].mean()) ** 2)):
+    X = np.concatenate([np.column_stack([np.ones(len(r)), own.evaluate(r)]) for r in flights])
+    both = np.concatenate([np.column_stack([_values(term, r), r[response]]) for r in flights])
+    x, residual = (both - X @ np.linalg.lstsq(X, both, rcond=None)[0]).T
+    size = float(x @ x)
+    if size <= _RANK_TOLERANCE * float(np.sum((both[:, 0] - both[:, 0].mean()) ** 2)):
         raise ModelError(f"the terms of {response} explain '{term}' in these recordings: it cannot add anything.")
-    return new, left, float(new @ left) / size
+    return x, residual, float(x @ residual) / size
 
 
 def _finish(ax: Axes) -> Axes:
