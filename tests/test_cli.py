@@ -159,7 +159,7 @@ def test_gaps_make_manoeuvres_which_are_held_out_together(tmp_path):
     result = run("select", tmp_path, *SELECT, "--held-out", "two", "--json")
     held = json.loads(result.stdout)
     assert [s["recording"] for s in held["validation"]["scores"]] == ["two_1", "two_2"]
-    assert "taken as 2 manoeuvres" in result.stderr
+    assert "read as 2 manoeuvres" in result.stderr
 
 
 def test_forced_terms_join_the_pool_and_the_model(files):
@@ -369,8 +369,8 @@ def test_two_files_of_one_name_are_refused(files):
 
 
 def _wait(capsys, monkeypatch, patience):
-    monkeypatch.setattr(messages, "PATIENCE", patience)
-    with messages.Waiting("working") as waiting:
+    monkeypatch.setattr(messages, "PROGRESS_DELAY", patience)
+    with messages.ProgressBar("working") as waiting:
         time.sleep(0.3)
         waiting("moments", 1, 2)
         time.sleep(0.3)

@@ -163,7 +163,7 @@ def test_without_a_model_the_text_gives_the_reason_and_an_older_one_is_removed(c
     result = run_diagnose(*given(case), "--out", case / "out", "--overwrite")
     assert "thrust is none" in " ".join(result.stdout.split())
     assert "diagnosis.json, report.html." in " ".join(result.stdout.split())
-    assert "is not of this diagnosis" in " ".join(result.stderr.split())
+    assert "it is not a result of this diagnosis" in " ".join(result.stderr.split())
 
 
 def test_the_help_page_holds_the_command_and_fits_80_columns():
@@ -219,11 +219,11 @@ def test_files_that_exist_are_kept_unless_stated_otherwise(case, asked):
     assert (case / "out" / "notes.txt").read_text() == "mine"
 
 
-def test_the_simulation_itself_is_never_written_over(case, asked):
+def test_the_simulation_itself_is_never_overwritten(case, asked):
     model().to_json(case / "model.json")
     before = (case / "model.json").read_text()
     result = run_diagnose(*given(case, "model.json"), "--out", case, "--overwrite", code=1)
-    assert "would write over the simulation" in result.stderr
+    assert "would overwrite the simulation" in result.stderr
     assert (case / "model.json").read_text() == before
 
 

@@ -51,7 +51,7 @@ def test_a_file_of_defaults_sets_options_and_the_command_line_wins(tmp_path):
     stated = run("select", "flights", "--json")
     assert selected(stated.stdout) == ["1", "de", "alpha"]
     assert json.loads(stated.stdout)["responses"]["Cm"]["inclusion"] == {}
-    assert stated.stderr == "note: options not given are taken from 'structsel.toml'.\n"
+    assert stated.stderr == "note: defaults of options are from 'structsel.toml'.\n"
     assert selected(run("select", "flights", "--f-in", "1e9", "--json").stdout) == ["1"]
     (tmp_path / "other.toml").write_text('[select]\nresponses = "Cm"\nterms = "de"\n')
     stated = run("select", "flights", "--config", "other.toml", "--json")

@@ -220,8 +220,8 @@ def test_a_name_of_thousands_of_characters_is_cut_in_print(name):
 
 
 def test_the_second_of_two_runs_into_one_folder_is_refused_by_process(select):
-    with folders.claims():
-        folders.claim(select[-1])
+    with folders.folder_locks():
+        folders.lock_folder(select[-1])
         result = run_any(*select)
         assert result.exit_code == 1
         assert f"is being written to by another run, process {os.getpid()}. Wait until it has ended" in result.stderr
@@ -231,9 +231,9 @@ def test_the_second_of_two_runs_into_one_folder_is_refused_by_process(select):
 
 def test_a_folder_not_yet_there_is_claimed_too(tmp_path):
     out = tmp_path / "deep" / "out"
-    with folders.claims():
-        folders.claim(out)
-        with folders.claims(), pytest.raises(DataError, match="another run"):
+    with folders.folder_locks():
+        folders.lock_folder(out)
+        with folders.folder_locks(), pytest.raises(DataError, match="another run"):
             folders.refuse_existing(out, overwrite=True)
     assert list(tmp_path.iterdir()) == []
 
@@ -242,8 +242,8 @@ _HOLDS = """
 import sys, time
 from pathlib import Path
 from structsel.cli import folders
-with folders.claims():
-    folders.claim(Path(sys.argv[1]))
+with folders.folder_locks():
+    folders.lock_folder(Path(sys.argv[1]))
     print("claimed", flush=True)
     time.sleep(60)
 """
@@ -291,7 +291,7 @@ def test_ctrl_c_ends_a_command_with_130_and_words(select):
     program.send_signal(signal.SIGINT)
     _, stated = program.communicate(timeout=20)
     assert program.returncode == 130
-    assert stated.startswith("error: stopped by Ctrl-C. No file is half written")
+    assert stated.startswith("error: stopped by Ctrl-C. No file is incomplete")
     assert "Traceback" not in stated
     assert content(select[-1]) == before
 

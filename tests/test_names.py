@@ -52,14 +52,6 @@ LATER = ("structsel.comparison", "structsel.diagnosis", "structsel.effects")
 # Modules, and public parameters with their modules, that still use such a word. This list only shrinks; in plotting a
 # colour is a colour.
 REMAIN = {
-    "structsel.cli.models: craft",
-    "structsel.cli.models: crafts",
-    "structsel.cli.recordings: craft",
-    "structsel.cli.recordings: flown",
-    "structsel.cli.common_options: manners",
-    "structsel.cli.selection_files: beside",
-    "structsel.cli.simulate: craft",
-    "structsel.cli.streaming: flown",
     "structsel.numerics.kinematics: flank",
     "structsel.plotting.style: colour",
     "structsel.reconstruction.delays: told",

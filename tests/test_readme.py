@@ -34,7 +34,7 @@ def test_the_library_block_prints_what_the_readme_says():
 
 
 def test_the_demo_prints_the_table_the_readme_shows():
-    recordings, aircraft, truth = demo_flights(demo.FLOWN, turbulence=demo.TURBULENCE)
+    recordings, aircraft, truth = demo_flights(demo.TRAINING, turbulence=demo.TURBULENCE)
     pool = Candidates.polynomial(demo.CHANNELS, demo.DEGREE)
     chosen = select(compute_all(recordings, aircraft), "Cn", pool, F_in="auto", bootstrap=60)["Cn"]
     printed = io.StringIO()

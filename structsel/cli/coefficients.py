@@ -1,4 +1,4 @@
-"""``structsel coefficients``: flight-derived coefficients and candidate channels, as files."""
+"""``structsel coefficients``: files with aerodynamic coefficients and candidate channels of recordings."""
 
 from __future__ import annotations
 
@@ -8,25 +8,26 @@ from typing import Annotated, Literal
 import typer
 
 from structsel.cli.folders import output_folder, refuse_existing
-from structsel.cli.help_text import page
+from structsel.cli.help_text import epilog
 from structsel.cli.messages import print_json, stdout
 from structsel.cli.recordings import V0, Files, Json, Map, Overwrite, Reconstruct, option, read_flights
 from structsel.cli.tables import print_files, print_summary
 from structsel.recording import write_recording
 
-EPILOG = page(
+EPILOG = epilog(
     [
         (
             "One file per manoeuvre",
             "structsel coefficients flights/ --map map.toml \\\n    --aircraft aircraft.toml --out coefficients/",
         )
     ],
-    """[bold]Added[/bold] are CX CY CZ Cl Cm Cn, CL CD, CT, and the candidates' channels p_hat q_hat r_hat alpha_dot_hat
-    beta_dot_hat V_ratio qbar mach, as far as the recording has what they need; what was left out or taken as zero is
-    said. The files are read again by every command, without a map.""",
+    """The command adds CX CY CZ Cl Cm Cn, CL CD, CT, and the channels p_hat q_hat r_hat alpha_dot_hat beta_dot_hat
+    V_ratio qbar mach for candidate terms. A channel is left out if the recording lacks data for it. Channels that are
+    left out, and inputs that are assumed to be zero, are reported. All commands read these files without a channel
+    map.""",
 )
 
-_AIRCRAFT = "Geometry, mass, inertia, thrust line, places of the instruments."
+_AIRCRAFT = "Geometry, mass, inertia, thrust line, positions of the instruments."
 
 
 def run(
@@ -34,23 +35,23 @@ def run(
     aircraft: Annotated[Path, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)],
     out: Annotated[Path, option("--out", "Folder for one file per manoeuvre.", metavar="DIR")],
     channel_map: Map = None,
-    file_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Kind of file.")] = "csv",
+    file_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="File format.")] = "csv",
     reconstruct: Reconstruct = False,
     v0: V0 = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Compute the aerodynamic coefficients of recordings, and write them with their candidate channels."""
+    """Compute the aerodynamic coefficients of recordings, and write them with the channels of candidate terms."""
     refuse_existing(out, overwrite)
-    flown = read_flights(files, channel_map, aircraft, v0, reconstruct=reconstruct)
-    names = [f"{r.name}.{file_format}" for r in flown]
+    recordings = read_flights(files, channel_map, aircraft, v0, reconstruct=reconstruct)
+    names = [f"{r.name}.{file_format}" for r in recordings]
     with output_folder(out) as folder:
-        for recording, name in zip(flown, names):
+        for recording, name in zip(recordings, names):
             write_recording(recording, folder / name)
     if json:
-        print_json({"schema": "structsel.description/1", "recordings": [r.to_dict() for r in flown]})
+        print_json({"schema": "structsel.description/1", "recordings": [r.to_dict() for r in recordings]})
         return
     console = stdout()
-    for recording in flown:
+    for recording in recordings:
         print_summary(console, recording.summary())
     print_files(console, str(out), names)

@@ -1,4 +1,4 @@
-"""What every command takes besides its own options: a file of defaults, and how much is said."""
+"""Options of every command: a file of defaults, and how much is printed."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ import typer
 
 from structsel import __version__
 from structsel.cli.defaults import DEFAULTS, load_defaults
-from structsel.cli.input_files import reading
-from structsel.cli.messages import say, speaking, timed
+from structsel.cli.input_files import record_inputs
+from structsel.cli.messages import log_duration, say, set_verbosity
 
 _PANEL = "Every command"
 
 
 def _apply_defaults(ctx: typer.Context, path: Path | None) -> Path | None:
-    """Take the options of this command from a file; called before the others are read, which then win."""
+    """Take the defaults of this command from a file, before the other options are read, which have precedence."""
     if path is None and DEFAULTS.exists():
         path = DEFAULTS
     if path is not None and not ctx.resilient_parsing:
-        held = load_defaults(path, ctx.find_root().command.commands)[str(ctx.info_name)]  # type: ignore[attr-defined]
-        ctx.default_map = {**(ctx.default_map or {}), **held}
+        stated = load_defaults(path, ctx.find_root().command.commands)[str(ctx.info_name)]  # type: ignore[attr-defined]
+        ctx.default_map = {**(ctx.default_map or {}), **stated}
     return path
 
 
-_OWN: dict[str, tuple[Any, Any]] = {
+_COMMON: dict[str, tuple[Any, Any]] = {
     "config": (
         None,
         Annotated[
@@ -36,7 +36,7 @@ _OWN: dict[str, tuple[Any, Any]] = {
             typer.Option(
                 "--config",
                 metavar="FILE.TOML",
-                help=f"Defaults of options, in a table per command; {DEFAULTS} of this folder if not given.",
+                help=f"File with defaults of options, a table for each command; by default {DEFAULTS} in this folder.",
                 callback=_apply_defaults,
                 is_eager=True,
                 rich_help_panel=_PANEL,
@@ -49,7 +49,7 @@ _OWN: dict[str, tuple[Any, Any]] = {
             bool,
             typer.Option(
                 "--quiet",
-                help="Warnings, errors and the bare result; with --out not even that.",
+                help="Print warnings, errors and the result only; with --out no result.",
                 rich_help_panel=_PANEL,
             ),
         ],
@@ -58,31 +58,31 @@ _OWN: dict[str, tuple[Any, Any]] = {
         False,
         Annotated[
             bool,
-            typer.Option("--verbose", help="What is being done, and how long it took.", rich_help_panel=_PANEL),
+            typer.Option("--verbose", help="Print each step and its duration.", rich_help_panel=_PANEL),
         ],
     ),
 }
 
 
-def mannered(run: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that also takes ``--config``, ``--quiet`` and ``--verbose``."""
+def with_common_options(run: Callable[..., None]) -> Callable[..., None]:
+    """Return the command with the options ``--config``, ``--quiet`` and ``--verbose`` added."""
 
     @wraps(run)
-    def command(config: Path | None, quiet: bool, verbose: bool, **asked: Any) -> None:
+    def command(config: Path | None, quiet: bool, verbose: bool, **options: Any) -> None:
         if quiet and verbose:
             raise typer.BadParameter("give one of --quiet and --verbose, not both.")
-        with speaking(quiet, verbose, written=asked.get("out") is not None), reading(asked, config):
+        with set_verbosity(quiet, verbose, written=options.get("out") is not None), record_inputs(options, config):
             if config is not None:
-                say("note", f"options not given are taken from '{config}'.")
-            with timed(f"structsel {__version__} {run.__module__.rpartition('.')[2]}"):
-                run(**asked)
+                say("note", f"defaults of options are from '{config}'.")
+            with log_duration(f"structsel {__version__} {run.__module__.rpartition('.')[2]}"):
+                run(**options)
 
-    own = [
+    common = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-        for name, (default, annotation) in _OWN.items()
+        for name, (default, annotation) in _COMMON.items()
     ]
     kinds = get_type_hints(run, include_extras=True)
-    theirs = [one.replace(annotation=kinds[one.name]) for one in inspect.signature(run).parameters.values()]
-    command.__signature__ = inspect.Signature([*theirs, *own])  # type: ignore[attr-defined]
-    command.__annotations__ = {one.name: one.annotation for one in (*theirs, *own)}
+    declared = [one.replace(annotation=kinds[one.name]) for one in inspect.signature(run).parameters.values()]
+    command.__signature__ = inspect.Signature([*declared, *common])  # type: ignore[attr-defined]
+    command.__annotations__ = {one.name: one.annotation for one in (*declared, *common)}
     return command

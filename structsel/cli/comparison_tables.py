@@ -1,4 +1,4 @@
-"""Summaries that set several results side by side, as only the commands do."""
+"""Summaries of several results side by side, for the command line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from structsel.selection import Selection
 from structsel.tables import Cell, Column, Summary, Table, text_column
 
 _MOTION = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "h", "ax", "ay", "az")
-_TOGETHER = 5  # parameters in one table
+_MOST_PARAMETERS = 5  # in one table
 
 
 def summarise_methods(response: str, by_method: Mapping[str, Selection]) -> Summary:
@@ -33,11 +33,11 @@ def summarise_methods(response: str, by_method: Mapping[str, Selection]) -> Summ
         ("highest VIF", *(format_number(float(s.vif.max()), 2) if len(s.vif) else None for s in chosen)),
     ]
     table = Table((text_column("term"), *map(Column, by_method)), tuple(rows), rules=(len(terms),))
-    return Summary(response, "by every method: value, or . where the term is not kept", tables=(table,))
+    return Summary(response, "estimates of each method; . where the term is not selected", tables=(table,))
 
 
 def summarise_truth(selection: Selection, truth: Mapping[str, float]) -> Summary:
-    """Estimates of a demonstration beside the true values."""
+    """Estimates of a demonstration with the true values."""
     s = selection
     found = {row["term"]: row for row in s.to_frame().to_dict("records")}
     rows: list[tuple[Any, ...]] = []
@@ -62,7 +62,7 @@ def summarise_truth(selection: Selection, truth: Mapping[str, float]) -> Summary
 
 
 def summarise_reconstructions(by_method: Mapping[str, Reconstruction]) -> Summary:
-    """Constants and residuals of one manoeuvre by every method that could reconstruct it."""
+    """Constants and residuals of one manoeuvre, for each method that could reconstruct it."""
     results = list(by_method.values())
     names = [name for name in CONSTANTS if any(c.name == name for one in results for c in one.constants)]
     numbers = [column for method in by_method for column in (Column(method), Column("std", "2g"))]
@@ -99,7 +99,7 @@ def _unit(result: Reconstruction, channel: str) -> str:
 
 
 def summarise_simulation(simulated: Recording, recorded: Recording | None, error: str) -> Summary:
-    """Ranges of the channels of a simulation, beside those of the recording."""
+    """Ranges of the channels of a simulation and of the recording."""
     names = [n for n in _MOTION if n in simulated] or list(simulated.names)
     columns = [text_column("channel"), text_column("unit"), Column("start"), Column("min"), Column("max")]
     rows: list[tuple[Any, ...]] = [(n, simulated.unit(n), *_range(simulated[n])) for n in names]
@@ -120,11 +120,11 @@ def _range(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def summarise_scatter(found: Sequence[Scatter]) -> Summary:
-    """Scatter of the estimates of repeated simulations over the Cramer-Rao bound, input by input."""
+    """Scatter of the estimates of repeated simulations over the Cramer-Rao bound, for each input."""
     names = found[0].parameters
     tables = []
-    for first in range(0, len(names), _TOGETHER):
-        some = slice(first, first + _TOGETHER)
+    for first in range(0, len(names), _MOST_PARAMETERS):
+        some = slice(first, first + _MOST_PARAMETERS)
         rows = tuple((one.name, len(one.estimates), one.lost, *(one.std / one.crlb)[some]) for one in found)
         numbers = (Column("simulations"), Column("lost"), *(Column(name, "3f") for name in names[some]))
         tables.append(Table((text_column("input"), *numbers), rows))

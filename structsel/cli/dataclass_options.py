@@ -1,8 +1,8 @@
 """The options of a command, generated from the fields of options dataclasses.
 
-A field made by `structsel.options.option` with a help text becomes ``--its-name``, in the group that it names. How its
-text is read follows from the type of the field. Options that only the command line has stand in dataclasses too: a
-parameter of a command whose type is a dataclass is replaced by the options that the fields declare.
+A field made by `structsel.options.option` with a help text becomes the option ``--its-name``, in its group. The type of
+the field decides how the text is read. Options of the command line only are fields of dataclasses too: a parameter of a
+command whose type is a dataclass is replaced by the options that its fields declare.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PLAIN = (bool, int, float, str)
 
 @dataclasses.dataclass(frozen=True)
 class _Reader:
-    """How an option is declared, and how its text becomes the value of the field."""
+    """Declaration of an option, and the conversion of its text to the value of the field."""
 
     annotation: Any
     read: Callable[[str, Any], Any]
@@ -38,15 +38,15 @@ def takes_dataclass(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options of a dataclass in place of its parameter ``options``.
 
-    A parameter whose type is a dataclass is replaced by the fields of that dataclass. Their types are annotated with
-    what declares the option, as those of the command's other parameters are.
+    A parameter whose type is a dataclass is replaced by the fields of that dataclass. The annotations of their types
+    declare the options, as for the other parameters of the command.
 
     Parameters
     ----------
     options_class : type, optional
         A dataclass whose fields are made by `structsel.options.option`.
     without : collection of str
-        Fields that the command sets otherwise.
+        Fields that the command sets itself.
     renamed : mapping of str to str, optional
         Old names of fields; their options work for one release, hidden and with a warning.
 
@@ -131,12 +131,12 @@ def _parameter(name: str, field: Any, reader: _Reader, *, hidden: bool) -> inspe
 
 
 def _reader_of(kind: Any) -> _Reader:
-    """How a field of this type is declared and read.
+    """Declaration and conversion for a field of this type.
 
     Raises
     ------
     TypeError
-        Of a type that no command line can give.
+        The command line cannot give a value of this type.
     """
     parts = _parts_of(kind)
     required = [part for part in parts if part is not type(None)]
@@ -166,7 +166,7 @@ def _reader_of(kind: Any) -> _Reader:
             lambda _, text: "all" if takes_all and text.strip() == "all" else split_names(text) or empty,
             lambda default: default if isinstance(default, str) else "",
         )
-    raise TypeError(f"no option can be made of a field of type {kind}")
+    raise TypeError(f"a field of type {kind} cannot be an option of the command line")
 
 
 def _parts_of(kind: Any) -> tuple[Any, ...]:
@@ -183,7 +183,9 @@ def _numbers_or(name: str, text: str, choices: tuple[str, ...]) -> dict[str, flo
     except typer.BadParameter:
         found = {}
     if not found:
-        raise typer.BadParameter(f"{name} '{text}' is none of {', '.join(choices)}, nor NAME=NUMBER,... as alpha=0.12.")
+        raise typer.BadParameter(
+            f"{name} '{text}' is neither {' nor '.join(choices)} nor NAME=NUMBER,... as alpha=0.12."
+        )
     return found
 
 

@@ -1,4 +1,4 @@
-"""structsel.toml: options that need not be given on every command line."""
+"""structsel.toml: defaults of the options of the command line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from structsel.nomenclature import suggest
 from structsel.readers.toml import load_toml
 
 DEFAULTS = Path("structsel.toml")
-"""The file that is read without being asked for, in the folder one works in."""
+"""File in the working folder that is read if ``--config`` is not given."""
 
 _NEVER = ("config", "help")
 
@@ -19,24 +19,24 @@ _NEVER = ("config", "help")
 def load_defaults(path: Path, commands: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the options of each command that a file states, by the names of their parameters.
 
-    A key outside a table is for every command that has such an option; a table ``[select]`` is for one. Keys are
-    options without their dashes.
+    A key outside a table applies to every command that has such an option; a table ``[select]`` applies to one command.
+    Keys are options without their dashes.
 
     Parameters
     ----------
     path : Path
     commands : mapping of command to click.Command
-        All there are.
+        All commands.
 
     Raises
     ------
     DataError
-        The file cannot be read, names a command or an option that there is not, or gives an option what it cannot take;
-        the message names the nearest.
+        The file cannot be read, names an unknown command or option, or gives an option a value of a wrong type. The
+        message suggests the nearest name.
     """
     content = load_toml(path, "file of defaults", DataError)
     options = {name: _options(command) for name, command in commands.items()}
-    every = {option for held in options.values() for option in held}
+    every = {option for known in options.values() for option in known}
     found: dict[str, dict[str, Any]] = {name: {} for name in commands}
     for key, value in content.items():
         if isinstance(value, dict):
@@ -45,9 +45,9 @@ def load_defaults(path: Path, commands: Mapping[str, Any]) -> dict[str, dict[str
         elif key not in every:
             raise DataError(f"'{path}': no command has an option '{key}'.{suggest(key, every)}")
         else:
-            for name, held in options.items():
-                if key in held:
-                    found[name][held[key].name] = _given(path, key, value, held[key])
+            for name, known in options.items():
+                if key in known:
+                    found[name][known[key].name] = _given(path, key, value, known[key])
     for name in (key for key, value in content.items() if isinstance(value, dict)):
         for key, value in content[name].items():
             if key not in options[name]:
@@ -69,12 +69,12 @@ def _options(command: Any) -> dict[str, Any]:
 
 
 def _given(path: Path, key: str, value: Any, option: Any) -> Any:
-    """Return a value as if given on the command line; a list is joined by commas, or repeats the option.
+    """Return a value as the command line would give it; a list is joined by commas, or repeats the option.
 
     Raises
     ------
     DataError
-        A switch is given no truth value, or an option no text or number.
+        The value of a switch is neither true nor false, or that of an option neither text nor a number.
     """
     if option.is_flag:
         if not isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""``structsel demo``: selection on six simulated flights whose true parameters are known."""
+"""``structsel demo``: models selected from six simulated flights with known true parameters."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import typer
 
 from structsel.candidates import Candidates
 from structsel.cli.comparison_tables import summarise_truth
-from structsel.cli.folders import claim
-from structsel.cli.help_text import page
-from structsel.cli.messages import Waiting, print_json, stdout
+from structsel.cli.folders import lock_folder
+from structsel.cli.help_text import epilog
+from structsel.cli.messages import ProgressBar, print_json, stdout
 from structsel.cli.recordings import Json, option
 from structsel.cli.selection_files import write_results
 from structsel.cli.tables import print_files, print_summary
@@ -22,58 +22,63 @@ from structsel.recording import write_recording
 from structsel.selection import select
 from structsel.validation import validate
 
-EPILOG = page(
-    [("Tables here, model and plots in a folder", "structsel demo --out out/demo")],
-    """The flights are simulated in turbulence and recorded with instrument noise; from there on nothing knows the truth
-    until it is printed beside the result. Files of an earlier demo are replaced.""",
+EPILOG = epilog(
+    [("Print the tables, and write model and plots to a folder", "structsel demo --out out/demo")],
+    """The flights are simulated in turbulence and recorded with instrument noise. The selection does not use the true
+    parameters; they are only printed with the result. Files of an earlier demo are replaced.""",
 )
 
 CHANNELS = ("alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr")
 DEGREE = 3
-FLOWN, HELD_OUT = 6, 11
-TURBULENCE = 0.4  # share of a gust of 0.8 m/s
+TRAINING, VALIDATION = 6, 11  # number of recordings to select from; index of the one for validation
+TURBULENCE = 0.4  # fraction of a gust of 0.8 m/s
 
 
 def run(
     out: Annotated[Path | None, option("--out", "Folder for model, tables and plots.", metavar="DIR")] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of turbulence and instrument noise.")] = 1,
-    bootstrap: Annotated[int, option("--bootstrap", "Resampled selections; 0: none.", metavar="N")] = 200,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of turbulence and instrument noise.")] = 1,
+    bootstrap: Annotated[
+        int, option("--bootstrap", "Selections repeated on resampled data; 0: none.", metavar="N")
+    ] = 200,
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.")] = True,
     json: Json = False,
 ) -> None:
     """Select models of all six axes from six simulated flights, and print them with the true values."""
     console = stdout()
     if out is not None:
-        claim(out)
-    with Waiting("flying"):
-        # All at once costs hardly more than one, and a flight is the same however many are flown.
-        all_flown, aircraft, truth = demo_flights(HELD_OUT + 1, seed, turbulence=TURBULENCE)
-        recordings, another = all_flown[:FLOWN], all_flown[HELD_OUT]
+        lock_folder(out)
+    with ProgressBar("simulating"):
+        # A flight does not depend on how many are simulated, and twelve take hardly longer than one.
+        simulated, aircraft, truth = demo_flights(VALIDATION + 1, seed, turbulence=TURBULENCE)
+        recordings, another = simulated[:TRAINING], simulated[VALIDATION]
         *used, held = compute_all([*recordings, another], aircraft)
     pool = Candidates.polynomial(CHANNELS, DEGREE)
     if not json:
         seconds = sum(r.duration for r in used)
         console.print(
-            f"{aircraft.name}\n{FLOWN} manoeuvres, {seconds:.0f} s at {1 / held.dt:.0f} Hz, with light turbulence and "
-            f"instrument noise. {len(pool)} candidate terms for each of {len(truth)} responses: every product up to "
+            f"{aircraft.name}\n{TRAINING} manoeuvres, {seconds:.0f} s at {1 / held.dt:.0f} Hz, with light turbulence "
+            f"and instrument noise. {len(pool)} candidate terms for each of {len(truth)} responses: products up to "
             f"degree {DEGREE} of {', '.join(CHANNELS)}.\n"
-            "truth: what the simulation was given. freq.: fraction of the resampled selections that kept the term. "
+            "truth: true value in the simulation. freq.: fraction of the resampled selections that kept the term. "
             "inside: whether the true value is inside the interval. The interval allows for coloured residuals and for "
-            "the choice of terms, but not for noise on the candidates or for gusts fed back to the controls.\n"
+            "the choice of terms. It does not allow for noise on the candidates, nor for controls that respond to "
+            "gusts.\n"
         )
-    with Waiting("selecting") as waiting:
+    with ProgressBar("selecting") as waiting:
         found = select(used, list(truth), pool, F_in="auto", bootstrap=bootstrap, progress=waiting)
     scores = validate(found.model, [held])
     written = []
     if out is not None:
 
-        def beside(folder: Path) -> None:
+        def write_data(folder: Path) -> None:
             aircraft.to_toml(folder / "aircraft.toml")
             (folder / "flights").mkdir()
             for recording in [*recordings, another]:
                 write_recording(recording, folder / "flights" / f"{recording.name}.csv")
 
-        written = write_results(out, {"stepwise": found}, {"stepwise": scores}, [*used, held], [held], plots, beside)
+        written = write_results(
+            out, {"stepwise": found}, {"stepwise": scores}, [*used, held], [held], plots, write_data
+        )
     if json:
         print_json({**found.to_dict(), "truth": truth, "validation": scores.to_dict()})
         return
@@ -86,9 +91,9 @@ def run(
         print_files(console, str(out), written)
         flights, toml = f"{out / 'flights'}", f"{out / 'aircraft.toml'}"
     console.print(
-        f"\nTo go on, by hand:\n  structsel describe {flights}\n  structsel select {flights} --aircraft {toml} \\\n"
+        f"\nNext steps:\n  structsel describe {flights}\n  structsel select {flights} --aircraft {toml} \\\n"
         "      --responses CZ,Cm --candidates alpha,q_hat,de --degree 3 --f-in auto\n"
-        "Your own files need a channel map besides (--map); examples/ holds some. structsel select --help says more.",
+        "Your own files also need a channel map (--map); examples/ has some. For more see structsel select --help.",
         markup=False,
         soft_wrap=True,
     )

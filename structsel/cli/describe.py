@@ -1,4 +1,4 @@
-"""``structsel describe``: what is in the files, and what looks wrong."""
+"""``structsel describe``: channels of recordings, and faults in the data."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structsel.cli.help_text import page
+from structsel.cli.help_text import epilog
 from structsel.cli.messages import print_json, say, stdout
 from structsel.cli.recordings import Files, Json, Map, read_files
 from structsel.cli.tables import print_summary
@@ -19,31 +19,31 @@ from structsel.readers.channel_map import FileOptions, load_channel_map
 from structsel.readers.guess_map import SURE, UNSURE, GuessedMap, guess_map
 from structsel.tables import Cell, Summary, Table, Tone, text_column
 
-EPILOG = page(
+EPILOG = epilog(
     [
-        ("Columns under their own names, a log's by its standard map", "structsel describe flight.csv"),
-        ("Guess a map, for you to check and edit", "structsel describe flight.csv --guess-map map.toml"),
-        ("As the map makes them, SI and radians", "structsel describe flights/ --map map.toml"),
-        ("With every conversion made, under provenance", "structsel describe flight.csv --json"),
+        ("Columns by their own names; a flight log by its standard map", "structsel describe flight.csv"),
+        ("Guess a channel map, to be checked and edited", "structsel describe flight.csv --guess-map map.toml"),
+        ("Channels of the map, in SI units and radians", "structsel describe flights/ --map map.toml"),
+        ("With a record of every conversion, under provenance", "structsel describe flight.csv --json"),
     ],
-    """[bold]Found[/bold] are gaps, repeated or backward time, samples that are no numbers, channels that never move or
-    are frozen, and magnitudes that indicate a wrong unit or sign. The data are not changed.""",
+    """The command reports gaps, time that repeats or runs backwards, samples that are not numbers, channels that are
+    constant or frozen, and magnitudes that indicate a wrong unit or sign. The data are not changed.""",
 )
 GuessMap = Annotated[
     Path | None,
     typer.Option(
         "--guess-map",
         metavar="MAP.TOML",
-        help="Guess a channel map from names, units and values, say how sure each line is, and write it to this new "
-        "file. --map may give the [file] table to read by.",
+        help="Guess a channel map from names, units and values, rate the confidence of each line, and write it to this "
+        "new file. The [file] table of --map, if given, states how to read the file.",
     ),
 ]
 _TONES: dict[str, Tone] = {SURE: "good", UNSURE: "warning"}
-_NAMED = 20  # columns not placed that are named; the map lists them all
+_MOST_NAMES = 20  # unrecognised columns that are named; the map lists all
 
 
 def run(files: Files, channel_map: Map = None, guess: GuessMap = None, json: Json = False) -> None:
-    """Show the channels of recordings, their units and ranges, and what looks wrong."""
+    """Print the channels of recordings with units and ranges, and report faults in the data."""
     if guess is not None:
         _guess(files, channel_map, guess, json)
         return
@@ -58,9 +58,11 @@ def run(files: Files, channel_map: Map = None, guess: GuessMap = None, json: Jso
 
 def _guess(files: list[Path], channel_map: Path | None, target: Path, json: bool) -> None:
     if len(files) != 1 or files[0].is_dir():
-        raise typer.BadParameter("--guess-map takes one file, not several and no folder; its map then reads them all.")
+        raise typer.BadParameter(
+            "--guess-map takes one file, neither several nor a folder. The map then applies to all files of that kind."
+        )
     if target.exists():
-        raise DataError(f"--guess-map '{target}' exists already, and is never overwritten. Choose another name.")
+        raise DataError(f"--guess-map '{target}' exists already and is not overwritten. Choose another name.")
     options = FileOptions() if channel_map is None else load_channel_map(channel_map).file
     guessed = guess_map(read_table(files[0], options), options)
     _write(guessed, target)
@@ -82,10 +84,10 @@ def _summary(guessed: GuessedMap) -> Summary:
     columns = (text_column("channel"), text_column("sure"), text_column("column"), text_column("why"))
     rows = tuple((g.channel, Cell(g.sure, _TONES.get(g.sure, "")), " ".join(g.columns), g.why) for g in guessed.guesses)
     names = list(guessed.unplaced)
-    more = f", ... ({len(names)} in all)" if len(names) > _NAMED else ""
+    more = f", ... ({len(names)} in all)" if len(names) > _MOST_NAMES else ""
     return Summary(
         Path(guessed.path).name,
         f"{count_of(len(guessed.guesses), 'channel')} guessed",
         tables=(Table(columns, rows),),
-        notes=(f"not recognised: {', '.join(names[:_NAMED])}{more}",) if names else (),
+        notes=(f"not recognised: {', '.join(names[:_MOST_NAMES])}{more}",) if names else (),
     )

@@ -1,4 +1,4 @@
-"""``structsel diagnose``: what did the simulation leave out?"""
+"""``structsel diagnose``: effects that a simulation lacks."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from rich.text import Text
 
 from structsel.aircraft import Aircraft
 from structsel.cli.folders import output_folder, refuse_existing
-from structsel.cli.help_text import page
+from structsel.cli.help_text import epilog
 from structsel.cli.input_files import provenance
-from structsel.cli.messages import Waiting, json_text, print_json, quiet, say, stdout
+from structsel.cli.messages import ProgressBar, is_quiet, json_text, print_json, say, stdout
 from structsel.cli.recordings import (
     OUTPUT,
     Json,
@@ -32,36 +32,38 @@ if TYPE_CHECKING:
     from structsel.diagnosis.patching import Patched
     from structsel.diagnosis.result import Diagnosis
 
-EPILOG = page(
+EPILOG = epilog(
     [
         (
-            "What does the simulation leave out",
+            "Recordings against simulated files",
             "structsel diagnose --aircraft aircraft.toml --recordings recordings/ \\\n"
             "    --simulation simulated/ --out out/",
         ),
         (
-            "A model of structsel's own, judged by two flights",
+            "A model file; two recordings are for validation only",
             "structsel diagnose --aircraft aircraft.toml --recordings flights/ \\\n"
             "    --map map.toml --simulation model.json --held-out m05,m06 --out out/",
         ),
         (
-            "JSBSim's aircraft; a function of your own",
+            "An aircraft of JSBSim; a Python function",
             "structsel diagnose --aircraft aircraft.toml --recordings recordings/ \\\n"
             "    --simulation jsbsim:c172p --json\n"
             "  structsel diagnose --aircraft aircraft.toml --recordings recordings/ \\\n"
             "    --simulation python:mysim:coefficients",
         ),
     ],
-    """[bold]Simulated files[/bold] have the recordings' names. Those with t and any of CX CY CZ Cl Cm Cn hold what the
-    simulation says along the recorded path; those with V, alpha, ... hold its own flight with the recorded inputs from
-    the same start. Names and units are structsel's: --map is for the recordings.""",
-    """\\[tolerances] in the aircraft file say how far off the simulation and the instruments may be before it is
-    physics. Without --held-out each recording is judged by what the others say.""",
-    """[bold]--out[/bold] gets diagnosis.json, report.html, which opens in any browser without a network, and
-    model.json, the simulation with what was missing; of JSBSim's aircraft also the folder AIRCRAFT-corrected, where the
-    physics can be written into it. Where effects are tied, to-separate-N.csv has inputs that tell those of finding N
-    apart, as departures from trim. The verdict is mismatch, consistent or undecidable; all three end with exit code
-    0.""",
+    """[bold]Simulated files[/bold] have the names of the recordings. A file with t and any of CX CY CZ Cl Cm Cn has the
+    coefficients of the simulation along the recorded path. A file with V, alpha, ... has a simulation with the recorded
+    inputs from the same initial state. Channels have the names and units of structsel; --map applies to the recordings
+    only.""",
+    """The table \\[tolerances] of the aircraft file states the standard deviations of the parameters of the
+    simulation and of the instruments. Only differences beyond them are attributed to a missing effect. Without
+    --held-out each recording is predicted from the others.""",
+    """[bold]--out[/bold] is written with diagnosis.json, report.html (a page that needs no network) and model.json,
+    the simulation with the missing effect added. For an aircraft of JSBSim it also has the folder AIRCRAFT-corrected,
+    if the effect can be written in its format. If the effects of finding N cannot be distinguished, to-separate-N.csv
+    has inputs that distinguish them, as perturbations from trim. The verdict is mismatch, consistent or undecidable;
+    the exit code is 0 for all three.""",
 )
 _WRITTEN = ("diagnosis.json", "report.html", "model.json")
 
@@ -71,7 +73,7 @@ def run(
         Path,
         option(
             "--aircraft",
-            "Geometry, mass, inertia, thrust line, places of the instruments, tolerances.",
+            "Geometry, mass, inertia, thrust line, positions of the instruments, tolerances.",
             metavar="AIRCRAFT.TOML",
         ),
     ],
@@ -84,12 +86,12 @@ def run(
         option(
             "--simulation",
             "Simulated files or their folder, a model.json, jsbsim:AIRCRAFT, or python:MODULE:FUNCTION.",
-            metavar="WHAT",
+            metavar="SIMULATION",
         ),
     ],
     channel_map: Map = None,
     held_out: Annotated[
-        str, option("--held-out", "Validation recordings; by default each one in turn.", metavar="NAMES")
+        str, option("--held-out", "Validation recordings; by default each recording in turn.", metavar="NAMES")
     ] = "",
     out: Annotated[
         Path | None,
@@ -98,45 +100,45 @@ def run(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Say what a simulation leaves out: where, which physics, how sure, and what adding it brings."""
+    """Compare a simulation with recordings, and find the effects that it lacks, with their probabilities."""
     refuse_existing(out, overwrite)
     if out is not None:
-        _keep_simulation(out, simulation)
+        _refuse_overwriting(out, simulation)
     aircraft_model = load_aircraft(aircraft)
-    # A simulated file goes with a whole recording: only what can be asked anywhere is asked along parts of one.
-    flown = (
-        read_manoeuvres(recordings, channel_map) if _can_be_asked(simulation) else read_files(recordings, channel_map)
+    # A simulated file belongs to a complete recording; a model can be evaluated along any part of one.
+    recorded = (
+        read_manoeuvres(recordings, channel_map) if _is_model(simulation) else read_files(recordings, channel_map)
     )
-    judges = [r.name for r in hold_out(flown, held_out)[1]] if held_out else []
-    found = _diagnose(simulation, flown, aircraft_model, judges)
+    validation = [r.name for r in hold_out(recorded, held_out)[1]] if held_out else []
+    found = _diagnose(simulation, recorded, aircraft_model, validation)
     written = _write(out, found) if out is not None else []
     if json:
         print_json(found.to_dict())
     else:
-        _print_story(found)
+        _print_text(found)
         if out is not None:
             print_files(stdout(), str(out), written)
 
 
-def _can_be_asked(simulation: str) -> bool:
+def _is_model(simulation: str) -> bool:
     return simulation.startswith(("jsbsim:", "python:")) or simulation.endswith(".json")
 
 
-def _keep_simulation(out: Path, simulation: str) -> None:
-    """Refuse to write over the simulation that is diagnosed."""
+def _refuse_overwriting(out: Path, simulation: str) -> None:
+    """Refuse to overwrite the simulation that is diagnosed."""
     if not simulation.startswith(("jsbsim:", "python:")):
         given = Path(simulation).resolve()
         if given in {(out / name).resolve() for name in _WRITTEN}:
-            raise DataError(f"--out '{out}' would write over the simulation '{simulation}'. Choose another folder.")
+            raise DataError(f"--out '{out}' would overwrite the simulation '{simulation}'. Choose another folder.")
 
 
 def _diagnose(
-    simulation: str, flown: Sequence[Recording], aircraft_model: Aircraft, judges: Sequence[str]
+    simulation: str, recorded: Sequence[Recording], aircraft_model: Aircraft, validation: Sequence[str]
 ) -> Diagnosis:
-    from structsel.diagnosis.diagnose import diagnose  # all hypotheses: a while to load, and few commands need them
+    from structsel.diagnosis.diagnose import diagnose  # takes a while to load
 
-    with Waiting("diagnosing") as waiting:
-        return diagnose(simulation, flown, aircraft_model, held_out=judges, progress=waiting)
+    with ProgressBar("diagnosing") as waiting:
+        return diagnose(simulation, recorded, aircraft_model, held_out=validation, progress=waiting)
 
 
 def _write(out: Path, found: Diagnosis) -> list[str]:
@@ -155,22 +157,22 @@ def _write(out: Path, found: Diagnosis) -> list[str]:
                 write_recording(finding.manoeuvre, folder / f"to-separate-{number}.csv")
         written = [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
     if found.model is None and (out / "model.json").exists():
-        say("warning", f"'{out / 'model.json'}' stood there before, and is not of this diagnosis.")
+        say("warning", f"'{out / 'model.json'}' was there before; it is not a result of this diagnosis.")
     return written
 
 
 def _patched(found: Diagnosis) -> Patched | None:
-    """The simulation itself with the physics, where it is an aircraft of JSBSim that can hold it."""
+    """Aircraft of JSBSim with the effect added; None for other simulations and for effects it cannot express."""
     from structsel.diagnosis.modelling import CorrectedModel
 
     patched = found.model.patched if isinstance(found.model, CorrectedModel) else None
     return patched if patched is not None and patched.name else None
 
 
-def _print_story(found: Diagnosis) -> None:
+def _print_text(found: Diagnosis) -> None:
     from structsel.diagnosis.story import headline
 
-    text = Text(headline(found) if quiet() else str(found))
+    text = Text(headline(found) if is_quiet() else str(found))
     text.highlight_regex(r"^(MISMATCH|CONSISTENT|UNDECIDABLE)", "bold")
     text.highlight_regex(r"(?m)^\d+\. [^:]+", "bold")
     stdout().print(text, soft_wrap=True)

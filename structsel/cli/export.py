@@ -1,4 +1,4 @@
-"""``structsel export``: a model for the tools that others work in."""
+"""``structsel export``: a model as code, XML, table or text for other programs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structsel.cli.help_text import page
+from structsel.cli.help_text import epilog
 from structsel.cli.messages import stdout
 from structsel.cli.models import Define, read_definitions
 from structsel.cli.parsing import split_names
@@ -15,47 +15,48 @@ from structsel.cli.recordings import Overwrite, load_aircraft, option
 from structsel.exporting import Target, export_model
 from structsel.model import AeroModel
 
-EPILOG = page(
+EPILOG = epilog(
     [
         (
-            "An aircraft that JSBSim flies",
-            "structsel export out/model.json --to jsbsim \\\n    --aircraft aircraft.toml --out craft.xml\n"
-            "  structsel simulate jsbsim:$PWD/craft.xml --trim 45,600",
+            "A complete aircraft for JSBSim",
+            "structsel export out/model.json --to jsbsim \\\n    --aircraft aircraft.toml --out aircraft.xml\n"
+            "  structsel simulate jsbsim:$PWD/aircraft.xml --trim 45,600",
         ),
-        ("Its aerodynamics alone, for an aircraft you have", "structsel export out/model.json --out aero.xml"),
+        ("The aerodynamics only, for an existing aircraft of JSBSim", "structsel export out/model.json --out aero.xml"),
         ("A C function and its header", "structsel export out/model.json --to c --out aero.c"),
     ],
-    """[bold]jsbsim[/bold]: forces in body axes, as <aerodynamics file="..."> includes them, or a whole aircraft with
-    --aircraft. [bold]python[/bold], [bold]c[/bold], [bold]modelica[/bold]: a function of the model's channels, SI, that
-    needs nothing else. [bold]latex[/bold]: equations and table. [bold]csv[/bold]: a row per term.
-    [bold]summary[/bold]: text as statsmodels prints it.""",
-    """Each says the standard errors and the recorded ranges; no function clips its inputs to it.""",
+    """[bold]jsbsim[/bold]: an XML file for <aerodynamics file="...">, forces in body axes; with --aircraft a complete
+    aircraft. [bold]python[/bold], [bold]c[/bold], [bold]modelica[/bold]: a function of the channels of the model in SI
+    units, without dependencies. [bold]latex[/bold]: equations and table. [bold]csv[/bold]: one row for each term.
+    [bold]summary[/bold]: text in the layout of statsmodels.""",
+    """Every file states the standard errors and the recorded ranges. The functions do not clip their inputs to these
+    ranges.""",
 )
 
 _JSBSIM = "For JSBSim"
 _AIRCRAFT = (
-    "Geometry that the coefficients refer to; for JSBSim also mass, inertia and thrust line of a whole aircraft."
+    "Reference geometry of the coefficients; for a complete aircraft of JSBSim also mass, inertia and thrust line."
 )
 
 
 def run(
-    model: Annotated[Path, typer.Argument(metavar="MODEL.JSON", help="A model as select writes it.")],
+    model: Annotated[Path, typer.Argument(metavar="MODEL.JSON", help="Model file of select or refine.")],
     out: Annotated[Path, option("--out", "File to write.", metavar="FILE")],
-    to: Annotated[Target, typer.Option("--to", help="What to write.")] = "jsbsim",
+    to: Annotated[Target, typer.Option("--to", help="Format of the file.")] = "jsbsim",
     aircraft: Annotated[Path | None, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)] = None,
     define: Define = None,
     properties: Annotated[
         str,
         option(
             "--properties",
-            "Properties that hold channels, SI, which JSBSim lacks: rpm=aero/input/rpm",
+            "Properties, in SI units, for channels that JSBSim does not compute: rpm=aero/input/rpm",
             _JSBSIM,
             "NAME=PROPERTY,...",
         ),
     ] = "",
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a model for JSBSim, Python, C, Modelica, LaTeX, a spreadsheet, or to be read."""
+    """Write a model for JSBSim, Python, C, Modelica, LaTeX or a spreadsheet, or as text."""
     written = export_model(
         AeroModel.from_json(model),
         out,
@@ -71,8 +72,8 @@ def run(
 def _read_properties(text: str) -> dict[str, str]:
     found = {}
     for word in split_names(text):
-        name, _, held = (part.strip() for part in word.partition("="))
-        if not name or not held:
+        name, _, path = (part.strip() for part in word.partition("="))
+        if not name or not path:
             raise typer.BadParameter(f"--properties '{word}' is not NAME=PROPERTY.")
-        found[name] = held
+        found[name] = path
     return found

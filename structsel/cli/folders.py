@@ -1,4 +1,4 @@
-"""Folders of results, written whole or not at all, and by one run at a time."""
+"""Folders of results, written completely or not at all, and by one run only."""
 
 from __future__ import annotations
 
@@ -16,71 +16,71 @@ from structsel.errors import DataError
 
 log = logging.getLogger(__name__)
 
-_CLAIMS: ContextVar[ExitStack] = ContextVar("claims")
+_LOCKS: ContextVar[ExitStack] = ContextVar("locks")
 
 
 @contextmanager
-def claims() -> Iterator[None]:
-    """Within, a command may `claim` folders; at its end they are given back."""
-    with ExitStack() as held:
-        before = _CLAIMS.set(held)
+def folder_locks() -> Iterator[None]:
+    """Context in which a command may call `lock_folder`; the locks are released at its end."""
+    with ExitStack() as locks:
+        before = _LOCKS.set(locks)
         try:
             yield
         finally:
-            _CLAIMS.reset(before)
+            _LOCKS.reset(before)
 
 
-def claim(folder: Path) -> None:
-    """Keep other runs from writing to a folder until the command ends.
+def lock_folder(folder: Path) -> None:
+    """Lock a folder, so that no other run writes to it until the command ends.
 
-    The operating system gives up the lock of a run that was killed, so that none is ever stale.
+    The operating system releases the lock of a run that was killed, so that no lock is ever stale.
 
     Raises
     ------
     DataError
-        Another run writes there, or nothing can be written there.
+        Another run has the lock, or the folder cannot be written to.
     """
-    _CLAIMS.get().enter_context(_locked(folder))
+    _LOCKS.get().enter_context(_locked(folder))
 
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    path = _hidden(folder, "lock")
-    with _made(path.parent, folder), ExitStack() as held:
+    path = _sibling(folder, "lock")
+    with _created_parents(path.parent, folder), ExitStack() as locks:
         lock = FileLock(path, timeout=0)
         try:
             lock.acquire()
         except Timeout as error:
             raise DataError(
-                f"--out '{folder}' is being written to by another run{_told(path)}. "
+                f"--out '{folder}' is being written to by another run{_lock_owner(path)}. "
                 "Wait until it has ended, or choose another folder."
             ) from error
         except OSError as error:
             raise _unwritable(folder, error) from error
-        held.callback(lock.release)
-        held.callback(_remove, path)
-        with suppress(OSError):  # only a help to whoever comes next
+        locks.callback(lock.release)
+        locks.callback(_remove, path)
+        with suppress(OSError):  # only for the message of the next run
             path.write_text(str(os.getpid()), encoding="utf-8")
         yield
 
 
-def _told(path: Path) -> str:
-    """Which process holds a lock, as far as it says so."""
+def _lock_owner(path: Path) -> str:
+    """The process that has a lock, for the message; empty if unknown."""
     with suppress(OSError, UnicodeDecodeError):
-        said = path.read_text(encoding="utf-8")
-        if said.isdecimal():
-            return f", process {said}"
+        text = path.read_text(encoding="utf-8")
+        if text.isdecimal():
+            return f", process {text}"
     return ""
 
 
 def _remove(path: Path) -> None:
-    with suppress(OSError):  # some systems keep a file that is open; it is no harm
+    with suppress(OSError):  # some systems keep a file that is open, which does no harm
         path.unlink(missing_ok=True)
 
 
 @contextmanager
-def _made(place: Path, folder: Path) -> Iterator[None]:
-    """Make the folders above the one wanted; those still empty at the end go again."""
+def _created_parents(place: Path, folder: Path) -> Iterator[None]:
+    """Create the parents of a folder; those that are empty at the end are removed."""
     made = [p for p in (place, *place.parents) if not p.exists()]
     try:
         try:
@@ -90,12 +90,12 @@ def _made(place: Path, folder: Path) -> Iterator[None]:
         yield
     finally:
         for parent in made:
-            with suppress(OSError):  # what holds something stays
+            with suppress(OSError):  # not empty
                 parent.rmdir()
 
 
-def _hidden(folder: Path, what: str) -> Path:
-    """A name on the folder's own file system: within it if it is there, else beside it."""
+def _sibling(folder: Path, what: str) -> Path:
+    """Hidden path on the file system of the folder: in it if it exists, else in its parent."""
     folder = folder.resolve()
     return (folder if folder.is_dir() else folder.parent) / f".{folder.name}.{what}"
 
@@ -105,38 +105,38 @@ def _unwritable(folder: Path, error: OSError) -> DataError:
 
 
 def refuse_existing(folder: Path | None, overwrite: bool) -> None:
-    """Refuse, before any work, to write where something stands already or another run writes; else `claim` it.
+    """Refuse an output folder that has files or that another run writes to, before any work; else lock it.
 
     Raises
     ------
     DataError
-        The folder holds files and `overwrite` is False, it is a file, or it cannot be claimed.
+        The folder has files and `overwrite` is False, it is a file, or it cannot be locked.
     """
     if folder is None:
         return
     if folder.exists() and not folder.is_dir():
         raise DataError(f"--out '{folder}' is a file; give a folder.")
-    claim(folder)
-    own = {_hidden(folder, what).name for what in ("lock", "partial")}
+    lock_folder(folder)
+    own = {_sibling(folder, what).name for what in ("lock", "partial")}
     if not overwrite and folder.exists() and any(p.name not in own for p in folder.iterdir()):
-        raise DataError(f"--out '{folder}' holds files already. Choose another folder, or pass --overwrite.")
+        raise DataError(f"--out '{folder}' is not empty. Choose another folder, or pass --overwrite.")
 
 
 @contextmanager
 def output_folder(folder: Path) -> Iterator[Path]:
-    """Yield an empty folder; its files move to the one wanted when all are written.
+    """Yield an empty temporary folder, whose files move to `folder` when all are written.
 
-    Whatever stops the writing or the moving, Ctrl-C too, leaves the files that stood there.
+    If writing or moving fails or is interrupted, the files that were in `folder` before remain.
 
     Raises
     ------
     DataError
         The folder cannot be written to.
     """
-    partial = _hidden(folder, "partial")
-    with _made(partial.parent, folder):
+    partial = _sibling(folder, "partial")
+    with _created_parents(partial.parent, folder):
         try:
-            shutil.rmtree(partial, ignore_errors=True)  # of a run that was killed
+            shutil.rmtree(partial, ignore_errors=True)  # left by a run that was killed
             partial.mkdir()
             yield partial
             names = ", ".join(p.name for p in sorted(partial.iterdir()))
@@ -152,7 +152,7 @@ def output_folder(folder: Path) -> Iterator[Path]:
 
 
 def _move(partial: Path, folder: Path) -> None:
-    """Move files to a folder that is there; where one cannot be moved, put back what it held."""
+    """Move files to a folder that exists; if one cannot be moved, restore the files that were there."""
     targets = {p: folder / p.relative_to(partial) for p in sorted(partial.rglob("*")) if p.is_file()}
     kept = {target: partial / f".{i}" for i, target in enumerate(targets.values()) if target.is_file()}
     for target, copy in kept.items():

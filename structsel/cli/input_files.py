@@ -1,4 +1,4 @@
-"""Which files a command was given, for its results to say."""
+"""Input files of a command, for the provenance of its results."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from structsel.provenance import provenance_of
 from structsel.recording.reading import files_read
 
 _WRITTEN = ("out", "guess", "checkpoint")
-_PERHAPS_FILES = ("model", "simulation")  # texts that may name a file
-_TOLD: ContextVar[Callable[[], dict[str, Any]]] = ContextVar("told", default=provenance_of)
+_MODEL_OPTIONS = ("model", "simulation")  # texts that may be the name of a file
+_PROVENANCE: ContextVar[Callable[[], dict[str, Any]]] = ContextVar("provenance", default=provenance_of)
 
 
 @contextmanager
-def reading(asked: Mapping[str, Any], config: Path | None) -> Iterator[None]:
-    """Within, `provenance` is of the files among a command's options."""
+def record_inputs(options: Mapping[str, Any], config: Path | None) -> Iterator[None]:
+    """Context in which `provenance` lists the files among the options of a command."""
     paths = [] if config is None else [config]
-    for name, value in asked.items():
+    for name, value in options.items():
         for one in value if isinstance(value, list) else [value]:
             if isinstance(one, Path) and name not in _WRITTEN:
                 paths.append(one)
-            elif isinstance(one, str) and name in _PERHAPS_FILES:
+            elif isinstance(one, str) and name in _MODEL_OPTIONS:
                 paths.append(Path(one.removeprefix("jsbsim:")))
-    before = _TOLD.set(cache(lambda: provenance_of(_files(paths))))  # large files are read for it once
+    before = _PROVENANCE.set(cache(lambda: provenance_of(_files(paths))))  # hashes of large files are computed once
     try:
         yield
     finally:
-        _TOLD.reset(before)
+        _PROVENANCE.reset(before)
 
 
 def provenance() -> dict[str, Any]:
-    """Versions, and the files that the command was given, with their hashes."""
-    return _TOLD.get()()
+    """Versions, and the input files of the command with their hashes."""
+    return _PROVENANCE.get()()
 
 
 def _files(paths: Iterable[Path]) -> list[Path]:
-    """The files among these, and those in folders that hold recordings."""
+    """Files among these paths, and recordings in the folders among them."""
     files: list[Path] = []
     for path in paths:
         if path.is_dir():

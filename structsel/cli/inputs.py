@@ -1,4 +1,4 @@
-"""``structsel inputs``: designed inputs, and the information that they give."""
+"""``structsel inputs``: input signals, and the information that they give about parameters."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from structsel import inputs as signals
 from structsel.cli.comparison_tables import summarise_scatter
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import output_folder, refuse_existing
-from structsel.cli.help_text import page
-from structsel.cli.messages import Waiting, json_text, print_json, stdout
+from structsel.cli.help_text import epilog
+from structsel.cli.messages import ProgressBar, json_text, print_json, stdout
 from structsel.cli.models import (
     MODEL_HELP,
     AircraftModelOptions,
@@ -31,34 +31,34 @@ from structsel.inputs.settings import DesignOptions, InputOptions
 from structsel.recording import Recording, write_recording
 from structsel.simulation import LinearModel, PublishedAircraft
 
-EPILOG = page(
+EPILOG = epilog(
     [
         (
-            "A 3-2-1-1 of the elevator, for structsel simulate",
+            "A 3-2-1-1 of the elevator",
             "structsel inputs 3-2-1-1 --channel de --amplitude 0.03 --width 0.5 --out in/",
         ),
         (
-            "Three controls at once, none correlated with another",
+            "Uncorrelated multisines for three controls",
             "structsel inputs multisine --channel de,da,dr --amplitude 0.02 \\\n"
             "    --low 0.1 --high 2 --period 20 --out in/",
         ),
         (
-            "Which kind of input determines three derivatives best",
-            "structsel inputs compare --model ready:hawk:longitudinal \\\n"
+            "Comparison of inputs: which one determines three derivatives best",
+            "structsel inputs compare --model builtin:hawk:longitudinal \\\n"
             "    --noise w=0.5,q=0.005 --parameters mw,mq,mde --energy 0.01",
         ),
         (
-            "The input that best tells two of them apart, with a small angle of attack",
-            "structsel inputs optimal --model ready:beaver --noise alpha=0.002,q=0.002 \\\n"
+            "The input that best separates two derivatives, within limits",
+            "structsel inputs optimal --model builtin:beaver --noise alpha=0.002,q=0.002 \\\n"
             "    --parameters zw,mw,mq,mde --to-separate mw,mq \\\n"
             "    --energy 0.01 --limits alpha=0.06,de=0.08 --out in/",
         ),
     ],
-    """[bold]Inputs[/bold] are changes from trim, constant from sample to sample. With --model and --noise the
-    Cramer-Rao bounds of the model's parameters are printed: no unbiased estimate has a smaller standard deviation. A
-    nonlinear model is linearised about its trim (--trim, --axis) with its control surfaces or the --channel named as
-    inputs; its derivatives are then called xu, zw, mq, mde, ..., yv, lp, ndr.""",
-    """compare and optimal need --model, --noise and --energy (optimal: or --limits).""",
+    """[bold]Inputs[/bold] are perturbations from trim, constant between samples. With --model and --noise the command
+    prints the Cramer-Rao bounds of the parameters: no unbiased estimate has a smaller standard deviation. A nonlinear
+    model is linearised about its trim (--trim, --axis); its inputs are the control surfaces or those of --channel, and
+    its derivatives are named xu, zw, mq, mde, ..., yv, lp, ndr.""",
+    """compare and optimal need --model and --noise; compare needs --energy, optimal needs --energy or --limits.""",
 )
 _LINEAR, _OPTIMAL = "Model whose parameters are estimated", "compare and optimal"
 Kind = Literal["step", "impulse", "doublet", "3-2-1-1", "2-1-1-1", "multisine", "sweep", "optimal", "compare"]
@@ -74,34 +74,36 @@ _PULSES: dict[str, Callable[..., Recording]] = {
 
 @dataclass(frozen=True)
 class SignalOptions:
-    """Shape of an input that needs no model."""
+    """Shape of a classical input, which needs no model."""
 
     channel: Annotated[
-        str, option("--channel", "Control to be moved; several for multisine and optimal.", None, "NAMES")
+        str, option("--channel", "Control that moves; several for multisine and optimal.", None, "NAMES")
     ] = ""
-    amplitude: Annotated[float | None, option("--amplitude", "Change from trim; of an impulse its area.")] = None
+    amplitude: Annotated[
+        float | None, option("--amplitude", "Amplitude, in the unit of the control; for an impulse its area.")
+    ] = None
     width: Annotated[float | None, option("--width", "Length of one pulse, in s.")] = None
-    start: Annotated[float | None, option("--start", "Start of the input, in s; 1.")] = None
-    duration: Annotated[float | None, option("--duration", "Length of the record, in s; 20.")] = None
+    start: Annotated[float | None, option("--start", "Start of the input, in s. Default: 1.")] = None
+    duration: Annotated[float | None, option("--duration", "Length of the record, in s. Default: 20.")] = None
     dt: Annotated[float | None, option("--dt", "Sampling interval, in s.")] = None
     low: Annotated[float | None, option("--low", "Lowest frequency of multisine and sweep, in Hz.")] = None
     high: Annotated[float | None, option("--high", "Highest frequency, in Hz.")] = None
     law: Annotated[Literal["log", "linear"], option("--law", "Logarithmic or linear sweep.")] = "log"
-    period: Annotated[float | None, option("--period", "Period of a multisine, in s; 20.")] = None
+    period: Annotated[float | None, option("--period", "Period of a multisine, in s. Default: 20.")] = None
 
     @property
     def channels(self) -> list[str]:
-        """Controls that move."""
+        """Controls that the input moves."""
         return split_names(self.channel)
 
     def given(self, *names: str) -> dict[str, Any]:
-        """Those of these that the command line gives."""
+        """Those of these options that were given."""
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
 @dataclass(frozen=True)
 class LinearModelOptions:
-    """Linear model whose parameters are estimated, and what is measured of it."""
+    """Linear model whose parameters are estimated, and its measured outputs."""
 
     model: Annotated[str, option("--model", MODEL_HELP, _LINEAR, "MODEL")] = ""
     trim: TrimOption = ""
@@ -123,7 +125,9 @@ class LinearModelOptions:
 
 @takes_dataclass(DesignOptions, without=("duration", "dt"))
 def run(
-    kind: Annotated[Kind, typer.Argument(metavar="KIND", help="Kind of input; compare sets them side by side.")],
+    kind: Annotated[
+        Kind, typer.Argument(metavar="KIND", help="Kind of input; compare designs and compares several kinds.")
+    ],
     signal: SignalOptions,
     known: LinearModelOptions,
     source: AircraftModelOptions,
@@ -134,17 +138,17 @@ def run(
         int,
         option(
             "--runs",
-            "compare: simulations with different noise, whose estimates are compared with the bound.",
+            "compare: simulations with different noise, whose scatter of estimates is compared with the bound.",
             _OPTIMAL,
         ),
     ] = 0,
-    out: Annotated[Path | None, option("--out", "Folder for the inputs, a table and a picture.", OUTPUT, "DIR")] = None,
+    out: Annotated[Path | None, option("--out", "Folder for the inputs, a table and a plot.", OUTPUT, "DIR")] = None,
 ) -> None:
-    """Design inputs (classical, multisine, optimal) and compare the information that they give."""
+    """Design inputs (classical, multisine, optimal), and compare the information that they give about parameters."""
     refuse_existing(out, output.overwrite)
     measured = read_numbers("--noise", known.noise, "alpha=0.002,q=0.001")
     if known.model and not measured:
-        raise typer.BadParameter("--model needs --noise: which outputs are measured, and how well.")
+        raise typer.BadParameter("--model needs --noise: the measured outputs and their standard deviations.")
     model = _linear(known, source, signal.channels, measured) if known.model else None
     found: Recording | InputDesign | InputComparison
     info: Information | None = None
@@ -155,28 +159,28 @@ def run(
             raise typer.BadParameter(f"{kind} needs --model and --noise.")
         shape, timing = signal.given(*_SHAPE), signal.given(*_TIMING)
         limiting = (name for name in ("limits", "rate_limits", "to_separate") if options[name] and kind == "compare")
-        if strange := [*shape, *limiting]:
-            raise typer.BadParameter(f"{kind} has no --{strange[0].replace('_', '-')}.")
-        with Waiting("searching") as waiting:
+        if unwanted := [*shape, *limiting]:
+            raise typer.BadParameter(f"{kind} has no --{unwanted[0].replace('_', '-')}.")
+        with ProgressBar("searching") as progress:
             if kind == "optimal":
                 found = signals.design_inputs(model, noise=measured, **options, **timing)
             elif options["energy"] is None:
-                raise typer.BadParameter("compare needs --energy: inputs are compared at the same.")
+                raise typer.BadParameter("compare needs --energy: inputs of equal energy are compared.")
             else:
                 shared = {f.name: options[f.name] for f in fields(InputOptions) if f.name in options}
                 energy = options["energy"]
                 found = signals.compare_inputs(model, noise=measured, energy=energy, **shared, **timing)
                 for i, u in enumerate(found.inputs if runs else ()):
                     scattered.append(signals.scatter(model, u, noise=measured, parameters=wanted, runs=runs, seed=seed))
-                    waiting("simulations", i + 1, len(found.inputs))
+                    progress("simulations", i + 1, len(found.inputs))
     else:
         found = _classical(kind, signal, seed)
         if model is not None:
             info = signals.information(model, found, noise=measured, parameters=wanted)
-    told = _as_dict(found, info, scattered)
-    written = _write(out, found, told, model, output.plots) if out is not None else []
+    content = _as_dict(found, info, scattered)
+    written = _write(out, found, content, model, output.plots) if out is not None else []
     if output.json:
-        print_json(told)
+        print_json(content)
     else:
         _print(found, info)
         if scattered:
@@ -190,14 +194,16 @@ def run(
 def _linear(
     known: LinearModelOptions, source: AircraftModelOptions, channels: Sequence[str], measured: dict[str, float]
 ) -> LinearModel:
-    """A linear model whose parameters have names, with the outputs measured."""
+    """Linear model with named parameters and the measured outputs."""
     aircraft_model = source.open(known.model)
     if isinstance(aircraft_model, PublishedAircraft):
         trimmed = trim_model(aircraft_model, known.trim, known.controls)
         linear = aircraft_model.linearise(trimmed, axis=known.axis, inputs=channels or _SURFACES[known.axis])
         return signals.name_derivatives(linear, outputs=list(measured))
     if not isinstance(aircraft_model, LinearModel):
-        raise typer.BadParameter("inputs are designed for a model file, a ready aircraft or a linear model.")
+        raise typer.BadParameter(
+            "inputs are designed for model files, built-in aircraft and linear models, not for JSBSim."
+        )
     if set(measured) <= set(aircraft_model.outputs) and (not channels or set(channels) == set(aircraft_model.inputs)):
         return aircraft_model
     return signals.name_derivatives(aircraft_model, outputs=list(measured), inputs=channels or None)
@@ -209,10 +215,10 @@ def _classical(kind: str, signal: SignalOptions, seed: int) -> Recording:
     Raises
     ------
     BadParameter
-        An option it needs is not given, or one that it does not know is.
+        A required option is missing, or an option does not apply to this kind.
     """
     needs = {"multisine": ("amplitude", "low", "high"), "sweep": ("amplitude", "low", "high")}.get(kind, ("amplitude",))
-    knows = {
+    optional = {
         "step": ("start", "duration", "dt"),
         "impulse": ("start", "duration", "dt"),
         "multisine": ("period", "dt"),
@@ -223,20 +229,20 @@ def _classical(kind: str, signal: SignalOptions, seed: int) -> Recording:
         raise typer.BadParameter(f"{kind} needs --channel, the control that moves.")
     if missing := [name for name in needs if name not in given]:
         raise typer.BadParameter(f"{kind} needs --{missing[0]}.")
-    if strange := [name for name in given if name not in (*needs, *knows)]:
+    if unwanted := [name for name in given if name not in (*needs, *optional)]:
         raise typer.BadParameter(
-            f"{kind} has no --{strange[0]}; it has {', '.join(f'--{n}' for n in (*needs, *knows))}."
+            f"{kind} has no --{unwanted[0]}; it has {', '.join(f'--{n}' for n in (*needs, *optional))}."
         )
     if kind == "multisine":
         return signals.multisine(channels, given.pop("amplitude"), seed=seed, **given)
     if len(channels) > 1:
-        raise typer.BadParameter(f"{kind} moves one control; {', '.join(channels)} at once is a multisine's work.")
+        raise typer.BadParameter(f"{kind} moves one control; use a multisine for {', '.join(channels)}.")
     if kind == "sweep":
         return signals.frequency_sweep(channels[0], law=signal.law, **given)  # type: ignore[arg-type]
     if kind == "impulse":
         return signals.impulse(channels[0], given.pop("amplitude"), **given)
-    made = _PULSES.get(kind, signals.step)
-    return made(channels[0], given.pop("amplitude"), **given)
+    make = _PULSES.get(kind, signals.step)
+    return make(channels[0], given.pop("amplitude"), **given)
 
 
 def _inputs_of(found: Recording | InputDesign | InputComparison) -> tuple[Recording, ...]:
@@ -265,18 +271,18 @@ def _as_dict(
     found: Recording | InputDesign | InputComparison, info: Information | None, scattered: Sequence[Scatter]
 ) -> dict[str, Any]:
     if isinstance(found, Recording):
-        held = {"energy": signals.energy(found), "inputs": found.to_dict()}
-        held["information"] = None if info is None else info.to_dict()
+        content = {"energy": signals.energy(found), "inputs": found.to_dict()}
+        content["information"] = None if info is None else info.to_dict()
     else:
-        held = found.to_dict()
-        held["scatter"] = [one.to_dict() for one in scattered]
-    return {"schema": "structsel.inputs/1", **held}
+        content = found.to_dict()
+        content["scatter"] = [one.to_dict() for one in scattered]
+    return {"schema": "structsel.inputs/1", **content}
 
 
 def _write(
     out: Path,
     found: Recording | InputDesign | InputComparison,
-    told: dict[str, Any],
+    content: dict[str, Any],
     model: LinearModel | None,
     plots: bool,
 ) -> list[str]:
@@ -284,7 +290,7 @@ def _write(
     with output_folder(out) as folder:
         for one in _inputs_of(found):
             write_recording(one, folder / f"{one.name.replace(' ', '-')}.csv")
-        (folder / "inputs.json").write_text(json_text(told), encoding="utf-8")
+        (folder / "inputs.json").write_text(json_text(content), encoding="utf-8")
         if isinstance(found, InputComparison):
             found.to_frame().to_csv(folder / "comparison.csv", index=False)
         if plots:

@@ -1,4 +1,4 @@
-"""What is said besides the result: errors, warnings, notes and progress, all on stderr."""
+"""Errors, warnings, notes and progress on stderr, and JSON on stdout."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rich.text import Text
 
 from structsel.cli.input_files import provenance
 
-PATIENCE = 2.0
+PROGRESS_DELAY = 2.0
 """Seconds of work before a progress bar is shown."""
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
@@ -31,29 +31,29 @@ log = logging.getLogger("structsel")
 
 
 @dataclass(frozen=True)
-class _Manner:
+class _Verbosity:
     quiet: bool = False
     verbose: bool = False
     silent: bool = False
 
 
-_USUAL = _Manner()
-_MANNER: ContextVar[_Manner] = ContextVar("manner", default=_USUAL)
+_NORMAL = _Verbosity()
+_VERBOSITY: ContextVar[_Verbosity] = ContextVar("verbosity", default=_NORMAL)
 
 
 @contextmanager
-def speaking(quiet: bool, verbose: bool, *, written: bool) -> Iterator[None]:
-    """Within, so much is said.
+def set_verbosity(quiet: bool, verbose: bool, *, written: bool) -> Iterator[None]:
+    """Context that sets how much is printed.
 
     Parameters
     ----------
     quiet : bool
-        No progress and no notes; of a result that is also `written` nothing, else no explanations.
+        No progress, notes or explanations; no result if it is also `written` to files.
     verbose : bool
-        What the loggers of structsel say goes to stderr, with the time of day.
+        The log of structsel is printed on stderr, with the time of day.
     written : bool
     """
-    before = _MANNER.set(_Manner(quiet, verbose, silent=quiet and written))
+    before = _VERBOSITY.set(_Verbosity(quiet, verbose, silent=quiet and written))
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(asctime)s.%(msecs)03d %(message)s", "%H:%M:%S"))
     level = log.level
@@ -65,17 +65,17 @@ def speaking(quiet: bool, verbose: bool, *, written: bool) -> Iterator[None]:
     finally:
         log.removeHandler(handler)
         log.setLevel(level)
-        _MANNER.reset(before)
+        _VERBOSITY.reset(before)
 
 
-def quiet() -> bool:
-    """Whether explanations are to be left out."""
-    return _MANNER.get().quiet
+def is_quiet() -> bool:
+    """Whether explanations are left out."""
+    return _VERBOSITY.get().quiet
 
 
 @contextmanager
-def timed(what: str) -> Iterator[None]:
-    """Log the beginning and the end of a piece of work."""
+def log_duration(what: str) -> Iterator[None]:
+    """Log the begin, the end and the duration of a step."""
     start = time.perf_counter()
     log.info("%s", what)
     try:
@@ -87,20 +87,20 @@ def timed(what: str) -> Iterator[None]:
 
 
 def stdout() -> Console:
-    """Console of results; as wide as the terminal or COLUMNS say, 80 otherwise."""
-    return Console(highlight=False, quiet=_MANNER.get().silent)
+    """Console of results, of the width of the terminal or of COLUMNS, else 80."""
+    return Console(highlight=False, quiet=_VERBOSITY.get().silent)
 
 
 def explain(console: Console, text: str) -> None:
-    """Print what the tables above mean, unless little is to be said."""
-    if not quiet():
+    """Print the meaning of the columns above, unless --quiet is given."""
+    if not is_quiet():
         console.print(text, style="dim")
         console.print()
 
 
 def say(kind: str, message: str) -> None:
     """Print an error, warning or note on stderr."""
-    if kind == "note" and quiet():
+    if kind == "note" and is_quiet():
         return
     text = Text.assemble((f"{kind}: ", _STYLES[kind]), message)
     Console(stderr=True, highlight=False).print(text, soft_wrap=True)
@@ -108,12 +108,12 @@ def say(kind: str, message: str) -> None:
 
 @contextmanager
 def plain_warnings() -> Iterator[None]:
-    """Within, a warning is one line on stderr, each said once, without the place in the code."""
-    said: set[str] = set()
+    """Context in which each warning is printed once, as one line on stderr without its place in the code."""
+    printed: set[str] = set()
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        if str(message) not in said:
-            said.add(str(message))
+        if str(message) not in printed:
+            printed.add(str(message))
             say("warning", str(message))
 
     with warnings.catch_warnings():
@@ -121,24 +121,24 @@ def plain_warnings() -> Iterator[None]:
         yield
 
 
-class Waiting:
-    """A progress bar on stderr, if that is a terminal and the work takes a while; a line per stage if that is wanted.
+class ProgressBar:
+    """Progress bar on a terminal, for work that takes more than PROGRESS_DELAY; a log line for each stage.
 
-    Called as the library calls its ``progress``: with a stage's name, steps done and steps in all.
+    An instance is a ``progress`` of the library: it is called with a stage, its finished steps and all its steps.
     """
 
-    def __init__(self, what: str):
-        self._what, self._lock = what, threading.Lock()
+    def __init__(self, task: str):
+        self._task, self._lock = task, threading.Lock()
         self._bar: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
         self._timer: threading.Timer | None = None
-        self._timed = timed(what)
+        self._timed = log_duration(task)
 
-    def __enter__(self) -> Waiting:
+    def __enter__(self) -> ProgressBar:
         self._timed.__enter__()
-        manner = _MANNER.get()
-        if Console(stderr=True).is_terminal and not manner.quiet and not manner.verbose:
-            self._timer = threading.Timer(PATIENCE, self._show)
+        verbosity = _VERBOSITY.get()
+        if Console(stderr=True).is_terminal and not verbosity.quiet and not verbosity.verbose:
+            self._timer = threading.Timer(PROGRESS_DELAY, self._show)
             self._timer.daemon = True
             self._timer.start()
         return self
@@ -149,17 +149,17 @@ class Waiting:
             if self._timer is None:
                 return
             self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
-            self._tasks[self._what] = self._bar.add_task(self._what, total=None)
+            self._tasks[self._task] = self._bar.add_task(self._task, total=None)
             self._bar.start()
 
     def __call__(self, stage: str, done: int, of: int) -> None:
-        """Show that a stage has come so far."""
+        """Show the finished steps of a stage."""
         if done >= of:
-            log.info("%s: %s, %d of %d", self._what, stage, done, of)
+            log.info("%s: %s, %d of %d", self._task, stage, done, of)
         with self._lock:
             if self._bar is None:
                 return
-            name = f"{self._what}: {stage}"
+            name = f"{self._task}: {stage}"
             if name not in self._tasks:
                 self._tasks[name] = self._bar.add_task(name, total=of)
             self._bar.update(self._tasks[name], completed=done, total=of)
@@ -179,12 +179,12 @@ class Waiting:
 
 
 def print_json(content: Any) -> None:
-    """Write JSON, and nothing else, to stdout; what is not a finite number becomes null."""
+    """Write JSON, and nothing else, to stdout; numbers that are not finite become null."""
     sys.stdout.write(json_text(content))
 
 
 def json_text(content: Any) -> str:
-    """Return a result as JSON, with where it came from; null for what is not a finite number."""
+    """Return a result as JSON with its provenance; numbers that are not finite become null."""
     if isinstance(content, dict) and "schema" in content:
         content = {**content, "provenance": provenance()}
     return json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -1,4 +1,4 @@
-"""What the commands fly: a model file with its aircraft, a ready aircraft, one of JSBSim's, a linear model."""
+"""Models to simulate: a model file with its aircraft, a built-in aircraft, one of JSBSim, a linear model."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from structsel.cli.messages import say
 from structsel.cli.parsing import read_numbers, split_names
 from structsel.cli.recordings import load_aircraft, option, read_manoeuvres
 from structsel.errors import ChannelError, ModelError
@@ -22,14 +23,14 @@ if TYPE_CHECKING:
 SimulationModel: TypeAlias = "PublishedAircraft | LinearModel | JSBSimAircraft"
 
 MODEL_HELP = (
-    f"A model file; ready:NAME of {', '.join(PUBLISHED_AIRCRAFT)}, for linear ones with its axis, "
-    "ready:hawk:lateral; or jsbsim:AIRCRAFT, a name or PATH.xml."
+    f"A model file; builtin:NAME, one of {', '.join(PUBLISHED_AIRCRAFT)}, for linear models with axis or speed, "
+    "builtin:hawk:lateral; or jsbsim:AIRCRAFT, a name or PATH.xml."
 )
 AircraftOption = Annotated[
     Path | None,
     option(
         "--aircraft",
-        "With a model file: geometry, mass, inertia, thrust line, places of the instruments.",
+        "For a model file: geometry, mass, inertia, thrust line, positions of the instruments.",
         metavar="AIRCRAFT.TOML",
     ),
 ]
@@ -38,38 +39,42 @@ TrimOption = Annotated[
     typer.Option(
         "--trim",
         metavar="V,H,...",
-        help="Steady flight at V in m/s and altitude h in m, and if so wished climb=, turn_rate=, bank=, sideslip= "
+        help="Steady flight at airspeed V in m/s and altitude H in m; optionally climb=, turn_rate=, bank=, sideslip= "
         "in rad and rad/s: 45,600,climb=0.05",
     ),
 ]
 Controls = Annotated[
     str,
-    option("--controls", "Controls held in the trim: df=0.1,rpm=1800", metavar="NAME=VALUE,..."),
+    option("--controls", "Controls with given values in the trim: df=0.1,rpm=1800", metavar="NAME=VALUE,..."),
 ]
 Free = Annotated[
     str,
-    option("--free", "Controls the trim finds; of de da dr throttle thrust those the model flies on.", metavar="NAMES"),
+    option(
+        "--free",
+        "Controls that the trim determines; by default those of de da dr throttle thrust that the model has.",
+        metavar="NAMES",
+    ),
 ]
 Define = Annotated[
     list[str] | None,
     typer.Option(
         "--define",
         metavar="NAME=FORMULA",
-        help='Channels that follow from others; may be repeated: "thrust=9000*throttle*rho/1.225"',
+        help='Channel computed from others; may be repeated: "thrust=9000*throttle*rho/1.225"',
     ),
 ]
 Rho = Annotated[
-    float | None, typer.Option("--rho", help="Density held throughout, in kg/m^3, instead of the atmosphere's.")
+    float | None, typer.Option("--rho", help="Constant air density in kg/m^3. Default: standard atmosphere.")
 ]
 RecordingsOption = Annotated[
     list[Path] | None,
-    option("--recordings", "Recordings or folders of them, one manoeuvre each; may be repeated.", metavar="FILES"),
+    option("--recordings", "Files with one manoeuvre each, or folders of them; may be repeated.", metavar="FILES"),
 ]
 
 
 @dataclass(frozen=True)
 class AircraftModelOptions:
-    """What a model file needs to be simulated: its aircraft, and the channels and the air that it flies on."""
+    """Aircraft, derived channels and air density for the simulation of a model file."""
 
     aircraft: AircraftOption = None
     define: Define = None
@@ -93,7 +98,7 @@ _TRIM = ("V", "h", "climb", "turn_rate", "bank", "sideslip")
 
 
 def read_trim(text: str) -> dict[str, float]:
-    """Arguments of a trim: V and h, by place or name, and others by name.
+    """Arguments of a trim: V and h, by position or name, and others by name.
 
     Raises
     ------
@@ -128,27 +133,30 @@ def read_definitions(texts: Sequence[str] | None) -> dict[str, str]:
 def open_model(
     text: str, aircraft: Path | None, definitions: Mapping[str, str] | None = None, rho: float | None = None
 ) -> SimulationModel:
-    """What ``MODEL.json``, ``ready:...`` or ``jsbsim:...`` names.
+    """Model named by ``MODEL.json``, ``builtin:...`` or ``jsbsim:...``; the old ``ready:...`` works with a warning.
 
     Raises
     ------
     BadParameter
-        A model file without --aircraft, or --aircraft where the aircraft is known.
+        A model file without --aircraft, or --aircraft for a model that has its own.
     ModelError, SimulationError
         There is no such model.
     """
     kind, colon, name = text.partition(":")
-    if colon and kind in ("ready", "jsbsim") and aircraft is not None:
-        raise typer.BadParameter(f"'{text}' brings its own aircraft; leave --aircraft out.")
+    if colon and kind == "ready":
+        say("warning", f"'{text}' is deprecated: use 'builtin:{name}'.")
+        kind = "builtin"
+    if colon and kind in ("builtin", "jsbsim") and aircraft is not None:
+        raise typer.BadParameter(f"'{text}' has its own aircraft: leave --aircraft out.")
     if colon and kind == "jsbsim":
         from structsel.simulation.jsbsim import open_jsbsim  # an optional package
 
         return open_jsbsim(name, rho=rho)
-    if colon and kind == "ready":
-        return _open_ready(name, definitions or {}, rho)
+    if colon and kind == "builtin":
+        return _open_builtin(name, definitions or {}, rho)
     model = AeroModel.from_json(text)
     if aircraft is None:
-        raise typer.BadParameter("a model file flies with its aircraft: give --aircraft AIRCRAFT.TOML.")
+        raise typer.BadParameter("a model file is simulated with its aircraft: give --aircraft AIRCRAFT.TOML.")
     return PublishedAircraft(
         model.name or Path(text).stem,
         load_aircraft(aircraft),
@@ -158,14 +166,14 @@ def open_model(
     )
 
 
-def _open_ready(name: str, definitions: Mapping[str, str], rho: float | None) -> PublishedAircraft | LinearModel:
+def _open_builtin(name: str, definitions: Mapping[str, str], rho: float | None) -> PublishedAircraft | LinearModel:
     name, _, which = name.partition(":")
     aircraft_model = published_aircraft(name)
     if aircraft_model.model is None or which:
         if which not in aircraft_model.linear:
-            choice = ", ".join(f"ready:{name}:{key}" for key in aircraft_model.linear)
+            choice = ", ".join(f"builtin:{name}:{key}" for key in aircraft_model.linear)
             raise ModelError(
-                f"'ready:{name}{which and ':' + which}' is no model; there are {choice or 'ready:' + name}."
+                f"'builtin:{name}{which and ':' + which}' is not a model; there are {choice or 'builtin:' + name}."
             )
         return aircraft_model.linear[which]
     if definitions or rho is not None:
@@ -180,34 +188,34 @@ def trim_model(aircraft_model: PublishedAircraft | JSBSimAircraft, trim: str, co
     Raises
     ------
     BadParameter
-        No V and h, and no usual condition to take instead.
+        V and h are neither given nor known for this model, or an option does not apply to it.
     SimulationError
-        There is none.
+        There is no trim.
     """
-    asked: dict[str, Any] = dict(read_trim(trim))
+    condition: dict[str, Any] = dict(read_trim(trim))
     given = read_numbers("--controls", controls, "df=0.1,rpm=1800")
-    usual = aircraft_model.condition if isinstance(aircraft_model, PublishedAircraft) else {}
-    V, h = asked.pop("V", usual.get("V")), asked.pop("h", usual.get("h"))
+    default = aircraft_model.condition if isinstance(aircraft_model, PublishedAircraft) else {}
+    V, h = condition.pop("V", default.get("V")), condition.pop("h", default.get("h"))
     if V is None or h is None:
         raise typer.BadParameter("--trim needs an airspeed and an altitude: --trim V,H.")
     if not isinstance(aircraft_model, PublishedAircraft) and (
-        wrong := [n for n in asked if n not in ("climb", "sideslip")]
+        wrong := [n for n in condition if n not in ("climb", "sideslip")]
     ):
-        raise typer.BadParameter(f"an aircraft of JSBSim is trimmed straight only, without {wrong[0]}.")
+        raise typer.BadParameter(f"an aircraft of JSBSim is trimmed in straight flight only: leave {wrong[0]} out.")
     if isinstance(aircraft_model, PublishedAircraft):
-        asked["free"] = split_names(free) or aircraft_model.free or None
+        condition["free"] = split_names(free) or aircraft_model.free or None
     elif free:
         raise typer.BadParameter("an aircraft of JSBSim is trimmed with all its controls: leave --free out.")
-    return aircraft_model.trim(V, h, controls=given, **asked)
+    return aircraft_model.trim(V, h, controls=given, **condition)
 
 
-def read_schedules(files: Sequence[Path], channel_map: Path | None, option: str) -> list[Recording]:
+def read_inputs(files: Sequence[Path], channel_map: Path | None, option: str) -> list[Recording]:
     """Recordings of files and folders.
 
     Raises
     ------
     BadParameter
-        A file that is not there.
+        A file does not exist.
     """
     for path in files:
         if not path.exists():
@@ -215,22 +223,21 @@ def read_schedules(files: Sequence[Path], channel_map: Path | None, option: str)
     return read_manoeuvres(files, channel_map) if files else []
 
 
-def departures(schedule: Recording, controls: Mapping[str, float]) -> Recording:
-    """A schedule of departures from a trim, as controls; channels that are no controls are left out.
+def add_perturbations(inputs: Recording, controls: Mapping[str, float]) -> Recording:
+    """Controls of a trim with perturbations added; channels that are not controls are left out.
 
     Raises
     ------
     ChannelError
-        None of them is a control.
+        None of the perturbed channels is a control.
     """
-    moved = [name for name in controls if name in schedule]
+    moved = [name for name in controls if name in inputs]
     if not moved:
         raise ChannelError(
-            f"'{schedule.name}' moves {', '.join(schedule.names)}, none of which the model flies on: "
-            f"{', '.join(controls)}."
+            f"'{inputs.name}' has {', '.join(inputs.names)}, but the controls of the model are {', '.join(controls)}."
         )
-    made: dict[str, Any] = {
-        name: controls[name] + schedule[name] if name in moved else controls[name] for name in controls
+    values: dict[str, Any] = {
+        name: controls[name] + inputs[name] if name in moved else controls[name] for name in controls
     }
-    channels = {name: value + 0.0 * schedule.t for name, value in made.items()}
-    return Recording(schedule.name, schedule.t, channels, provenance=(*schedule.provenance, "departures from trim"))
+    channels = {name: value + 0.0 * inputs.t for name, value in values.items()}
+    return Recording(inputs.name, inputs.t, channels, provenance=(*inputs.provenance, "perturbations from trim"))

@@ -1,4 +1,4 @@
-"""Values of options that are more than a number or a word: names, numbers by name, ranges."""
+"""Parsing of option values: names, numbers by name, ranges."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import typer
 
 
 def split_names(text: str) -> list[str]:
-    """Names between commas, stripped, empty ones left out."""
+    """Names separated by commas; empty names are left out."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 

@@ -1,4 +1,4 @@
-"""The program: its commands, its exit codes, and how it says what went wrong."""
+"""The program: its commands, exit codes and error messages."""
 
 from __future__ import annotations
 
@@ -22,59 +22,59 @@ from structsel.cli import (
     simulate,
     validate,
 )
-from structsel.cli.common_options import mannered
-from structsel.cli.folders import claims
-from structsel.cli.help_text import page
+from structsel.cli.common_options import with_common_options
+from structsel.cli.folders import folder_locks
+from structsel.cli.help_text import epilog
 from structsel.cli.messages import plain_warnings, say
 from structsel.errors import StructselError
 
-_EPILOG = page(
+_EPILOG = epilog(
     [
         ("Six simulated flights with known true parameters", "structsel demo --out out/demo"),
-        ("Is the file read as you meant", "structsel describe flight.csv --map map.toml"),
+        ("Check how a file is read", "structsel describe flight.csv --map map.toml"),
         (
-            "What is wrong with the instruments, and the flight without it",
+            "Estimate instrument errors, and write the recordings without them",
             "structsel reconstruct flights/ --map map.toml --aircraft aircraft.toml \\\n    --out path/",
         ),
         (
-            "Select the terms, two manoeuvres for validation",
+            "Select the terms of a model; two manoeuvres are for validation",
             "structsel select flights/ --map map.toml --aircraft aircraft.toml \\\n"
             "    --responses CZ,Cm --candidates alpha,q_hat,de --degree 3 \\\n"
             "    --held-out m05,m06 --out out/",
         ),
         (
-            "Score the model on other flights",
+            "Score the model on other recordings",
             "structsel validate out/model.json m07.csv --map map.toml \\\n    --aircraft aircraft.toml",
         ),
         (
-            "Simulate it with the recorded inputs, and refine it on complete manoeuvres",
+            "Simulate the model with recorded inputs, and refine it on complete manoeuvres",
             "structsel validate out/model.json m07.csv --map map.toml \\\n    --aircraft aircraft.toml --replay\n"
             "  structsel refine out/model.json --recordings flights/ --map map.toml \\\n"
             "    --aircraft aircraft.toml --starts w,q,theta --out refined/",
         ),
         (
-            "What is missing in a simulation",
+            "Find the effects that a simulation lacks",
             "structsel diagnose --aircraft aircraft.toml --recordings recordings/ \\\n"
             "    --simulation simulated/ --out out/",
         ),
     ],
-    """[bold]Results[/bold] go to stdout, everything else to stderr; --json prints JSON and nothing else. Inside, units
-    are SI and radians; a channel map brings others in. NO_COLOR=1 turns colours off. Every command takes --quiet and
+    """[bold]Results[/bold] are printed on stdout, messages on stderr; --json prints JSON only. Units are SI and
+    radians; a channel map converts other units. NO_COLOR=1 turns colours off. Every command has --quiet and
     --verbose.""",
-    """[bold]structsel.toml[/bold] in the folder you work in, or a file given with --config, holds options that need not
-    be repeated: a table per command, \\[select] with f-in = "auto" and degree = 3, and above the tables what is for
-    every command that has the option, aircraft = "aircraft.toml". The command line wins.""",
-    """[bold]Exit code[/bold] 0: done. 1: the data or the request cannot be used; the message says why and what to do.
-    2: the command line cannot be read. 130: stopped by Ctrl-C; no file is half written.""",
+    """[bold]structsel.toml[/bold] in the working folder, or the file of --config, has defaults of options: one table
+    for each command, such as \\[select] with f-in = "auto" and degree = 3. Options above the tables, such as aircraft
+    = "aircraft.toml", apply to every command that has them. The command line has precedence.""",
+    """[bold]Exit code[/bold] 0: success. 1: the data or the options cannot be used; the message gives the reason and a
+    remedy. 2: the command line cannot be read. 130: stopped by Ctrl-C; no file is incomplete.""",
 )
 
 
 class Program(TyperGroup):
-    """Says structsel's own errors and warnings plainly, without a traceback."""
+    """Group of commands that prints errors and warnings without a traceback."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; exit code 1 for an error of the data or the request, 130 for Ctrl-C."""
-        with plain_warnings(), claims():
+        with plain_warnings(), folder_locks():
             try:
                 return super().invoke(ctx)
             except StructselError as error:
@@ -84,17 +84,17 @@ class Program(TyperGroup):
                 error.message += _origin(error)
                 raise
             except KeyboardInterrupt as error:
-                say("error", "stopped by Ctrl-C. No file is half written; what was finished before stays.")
+                say("error", "stopped by Ctrl-C. No file is incomplete; files that were finished remain.")
                 raise typer.Exit(130) from error
             except OSError as error:
-                if error.errno == EPIPE:  # whoever read the output has enough of it
+                if error.errno == EPIPE:  # the reader of a pipe has closed it
                     raise
-                say("error", f"{error}. Nothing more can be read or written there; free space, or check permissions.")
+                say("error", f"{error}. The file cannot be read or written: free disk space, or check the permissions.")
                 raise typer.Exit(1) from error
 
 
 def _origin(error: Any) -> str:
-    """Where the value at fault came from, if not from the command line."""
+    """File that has the wrong value, for the message; empty if it was given on the command line."""
     if error.ctx is None or error.param is None:
         return ""
     source = error.ctx.get_parameter_source(error.param.name)
@@ -113,8 +113,8 @@ app = typer.Typer(
 )
 
 
-def _version(asked: bool) -> None:
-    if asked:
+def _version(wanted: bool) -> None:
+    if wanted:
         typer.echo(f"structsel {__version__}")
         raise typer.Exit
 
@@ -122,7 +122,7 @@ def _version(asked: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Identify aerodynamic models from flight-test recordings, and find what a simulation is missing."""
@@ -141,13 +141,13 @@ for _name, _command in {
     "export": export,
     "demo": demo,
 }.items():
-    app.command(_name, epilog=_command.EPILOG)(mannered(_command.run))
+    app.command(_name, epilog=_command.EPILOG)(with_common_options(_command.run))
 
 
 @app.command("prove", hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
 def _prove(ctx: typer.Context) -> None:
     """Moved: ``python -m proof``, from a clone of the repository."""
-    say("error", "'structsel prove' has left the package. Run 'python -m proof' from a clone of the repository.")
+    say("error", "'structsel prove' is no longer a command. Run 'python -m proof' from a clone of the repository.")
     raise typer.Exit(2)
 
 

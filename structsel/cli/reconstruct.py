@@ -1,4 +1,4 @@
-"""``structsel reconstruct``: the errors of each instrument, and the flight without them."""
+"""``structsel reconstruct``: errors of the instruments, and recordings without them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from structsel.aircraft import Aircraft
 from structsel.cli.comparison_tables import summarise_reconstructions
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import output_folder, refuse_existing
-from structsel.cli.help_text import page
+from structsel.cli.help_text import epilog
 from structsel.cli.input_files import provenance
-from structsel.cli.messages import Waiting, explain, json_text, print_json, say, stdout
+from structsel.cli.messages import ProgressBar, explain, json_text, print_json, say, stdout
 from structsel.cli.recordings import (
     OUTPUT,
     Files,
@@ -36,36 +36,37 @@ from structsel.reconstruction.result import COLUMN_NOTES
 from structsel.recording import Recording, write_recording
 from structsel.report import write_report
 
-EPILOG = page(
+EPILOG = epilog(
     [
         (
-            "Errors of the instruments",
+            "Estimate the errors of the instruments",
             "structsel reconstruct flights/ --map map.toml --aircraft aircraft.toml",
         ),
         (
-            "One consistent recording per manoeuvre, and plots; then the model",
+            "Write consistent recordings and plots; then select a model",
             "structsel reconstruct flights/ --map map.toml --aircraft aircraft.toml \\\n    --out path/\n"
             "  structsel select path/flights --aircraft aircraft.toml \\\n"
             "    --responses CZ,Cm --candidates alpha,q_hat,de --degree 3",
         ),
         (
-            "One long recording; channels that lag are advanced",
+            "One long recording; delays of channels are estimated and corrected",
             "structsel reconstruct flight.csv --aircraft aircraft.toml \\\n"
             "    --find-manoeuvres --delays estimate --out path/",
         ),
         (
-            "Three methods side by side",
+            "Compare three methods",
             "structsel reconstruct m01.csv --aircraft aircraft.toml --method all",
         ),
     ],
-    """[bold]Needed[/bold] are V ax az q, for the lateral motion ay p r, and as many of alpha beta phi theta psi h x y
-    vn ve vd as there are. The aircraft file says where the instruments stand and, under noise, how accurate they are;
-    what it does not say is estimated. What these data cannot determine is named and not estimated.""",
-    """[bold]NOT TRUSTED[/bold] means that the instruments contradict one another: the reasons stand first, and on
-    stderr. The files are written all the same. A manoeuvre that fails is said, and the others go on.""",
+    """[bold]Required[/bold] are V ax az q, for lateral motion also ay p r. Each of alpha beta phi theta psi h x y vn
+    ve vd is used if recorded. The aircraft file gives the positions of the instruments and, under noise, their
+    accuracy; noise levels that it does not state are estimated. Constants that the data cannot determine are named
+    and not estimated.""",
+    """[bold]NOT TRUSTED[/bold] means that the instruments contradict each other. The reasons are printed first, and on
+    stderr; the files are written nevertheless. A manoeuvre that cannot be reconstructed is reported and skipped.""",
 )
 
-_AIRCRAFT = "Places of the instruments and, if known, their noise."
+_AIRCRAFT = "Positions of the instruments and, if known, their noise."
 
 
 @takes_dataclass(ReconstructOptions, without=("method",))
@@ -77,8 +78,8 @@ def run(
         Literal["unscented", "extended", "output-error", "all"],
         option(
             "--method",
-            "unscented or extended: Kalman filter and smoother; output-error: inertial readings free of noise; "
-            "all: compared.",
+            "unscented or extended: Kalman filter and smoother; output-error: inertial readings without noise; "
+            "all: compare these.",
             "What is estimated",
             "METHOD",
         ),
@@ -87,26 +88,28 @@ def run(
     options: dict[str, Any],
     find_manoeuvres: Annotated[
         bool,
-        option("--find-manoeuvres", "Cut long recordings into the parts where controls move.", "What is estimated"),
+        option("--find-manoeuvres", "Cut long recordings into the parts in which controls move.", "What is estimated"),
     ] = False,
     out: Annotated[
         Path | None,
         option("--out", "Folder for the reconstructed recordings, tables, report and plots.", OUTPUT, "DIR"),
     ] = None,
     file_format: Annotated[
-        Literal["csv", "parquet"], option("--format", "Kind of the recordings' files.", OUTPUT)
+        Literal["csv", "parquet"], option("--format", "File format of the recordings.", OUTPUT)
     ] = "csv",
     overwrite: Overwrite = False,
     plots: Plots = True,
     json: Json = False,
-    workers: Annotated[int | None, option("--workers", "Processes; as many as cores.", "Fine tuning", "N")] = None,
+    workers: Annotated[
+        int | None, option("--workers", "Number of processes; by default the number of cores.", "Fine tuning", "N")
+    ] = None,
 ) -> None:
-    """Reconstruct flight paths: sensor biases, wind and vane errors, and states free of them."""
+    """Reconstruct flight paths: estimate sensor biases, wind and vane errors, and the states without these errors."""
     refuse_existing(out, overwrite)
     aircraft_model = load_aircraft(aircraft)
     recorded = read_manoeuvres(files, channel_map, find_manoeuvres)
     methods = METHODS if method == "all" else (method,)
-    found = _by_each(methods, recorded, aircraft_model, {**options, "workers": workers})
+    found = _reconstruct_by_each(methods, recorded, aircraft_model, {**options, "workers": workers})
     written = _write(out, found, file_format, plots) if out is not None else []
     if json:
         print_json(_as_dict(found))
@@ -116,10 +119,10 @@ def run(
         print_files(stdout(), str(out), written)
 
 
-def _by_each(
+def _reconstruct_by_each(
     methods: Sequence[str], recorded: Sequence[Recording], aircraft_model: Aircraft, options: Mapping[str, Any]
 ) -> dict[str, Reconstructions]:
-    """Return the reconstructions by each method that could make one."""
+    """Return the reconstructions by each method that succeeds."""
     found: dict[str, Reconstructions] = {}
     for method in methods:
         try:
@@ -183,7 +186,7 @@ def _write_plots(folder: Path, results: Reconstructions) -> None:
     from structsel.plotting import draw_reconstructions  # matplotlib takes a while to load
 
     folder.mkdir()
-    with Waiting("drawing") as waiting:
+    with ProgressBar("drawing") as waiting:
         for i, (name, figure) in enumerate(draw_reconstructions(results), 1):
             figure.savefig(folder / f"{name}.png", dpi=110)
             waiting("plots", i, 4 * len(results) + 1)

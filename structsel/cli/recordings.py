@@ -1,4 +1,4 @@
-"""Recordings as the commands take them: read, cut at gaps, with coefficients, some held out."""
+"""Recordings for the commands: read, split at gaps, with coefficients, some for validation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from structsel.aircraft import Aircraft
-from structsel.cli.messages import Waiting, say
+from structsel.cli.messages import ProgressBar, say
 from structsel.cli.parsing import split_names
 from structsel.coefficients import compute_all
 from structsel.errors import DataError, ReconstructionError, SelectionError
@@ -27,7 +27,7 @@ Files = Annotated[
     list[Path],
     typer.Argument(
         metavar="FILES",
-        help="Recordings, one manoeuvre each, or folders of them: text, Parquet, MATLAB, NumPy, HDF5, flight logs.",
+        help="Files with one manoeuvre each, or folders of them: text, Parquet, MATLAB, NumPy, HDF5, flight logs.",
     ),
 ]
 Map = Annotated[
@@ -35,7 +35,7 @@ Map = Annotated[
     typer.Option(
         "--map",
         metavar="MAP.TOML",
-        help="Channel map: which column is which channel, its unit and sign. Without it columns keep their names.",
+        help="Channel map: columns, units and signs of the channels. Without it columns keep their names.",
     ),
 ]
 AircraftFile = Annotated[
@@ -43,29 +43,34 @@ AircraftFile = Annotated[
     typer.Option(
         "--aircraft",
         metavar="AIRCRAFT.TOML",
-        help="Geometry, mass, inertia, thrust line, places of the instruments. With it the coefficients are computed "
-        "first; without it the responses must be channels of the files.",
+        help="Geometry, mass, inertia, thrust line, positions of the instruments. If given, coefficients are computed "
+        "first; else the responses must be channels of the files.",
     ),
 ]
 V0 = Annotated[
     float | None,
-    typer.Option("--v0", help="Reference airspeed of V_ratio, in m/s; else the aircraft's, else the first mean V."),
+    typer.Option(
+        "--v0",
+        help="Reference airspeed of V_ratio, in m/s. Default: that of the aircraft file, else the first mean V.",
+    ),
 ]
 Reconstruct = Annotated[
     bool,
     typer.Option(
         "--reconstruct",
-        help="Reconstruct the flight paths first, as structsel reconstruct does by itself. Needs --aircraft.",
+        help="Reconstruct the flight paths first, with the defaults of structsel reconstruct. Needs --aircraft.",
     ),
 ]
-Plots = Annotated[bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.", rich_help_panel=OUTPUT)]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.", rich_help_panel=OUTPUT)]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.", rich_help_panel=OUTPUT)]
+Plots = Annotated[
+    bool, typer.Option("--plots/--no-plots", help="Whether to write plots to --out.", rich_help_panel=OUTPUT)
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON only.", rich_help_panel=OUTPUT)]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing files.", rich_help_panel=OUTPUT)]
 
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """How recordings become manoeuvres with coefficients."""
+    """Channel map, aircraft and preparation of recordings."""
 
     channel_map: Map = None
     aircraft: AircraftFile = None
@@ -73,13 +78,13 @@ class RecordingOptions:
     v0: V0 = None
 
     def read(self, files: Iterable[Path], wanted: Iterable[str] | None = None) -> list[Recording]:
-        """Read the manoeuvres of these files, as `read_flights`."""
+        """Read the manoeuvres of these files; see `read_flights`."""
         return read_flights(files, self.channel_map, self.aircraft, self.v0, wanted, self.reconstruct)
 
 
 @dataclass(frozen=True)
 class OutputOptions:
-    """What is printed, and what may be written to the folder of ``--out``."""
+    """Format of the output, and whether files are replaced."""
 
     overwrite: Overwrite = False
     plots: Plots = True
@@ -105,15 +110,15 @@ def read_files(files: Iterable[Path], channel_map: Path | None) -> list[Recordin
         for recording in read_recordings(path, mapped):
             if recording.name in {other.name for other in found}:
                 raise DataError(
-                    f"two of the files would both be called '{recording.name}'; the second is in '{path}'.\n"
-                    "Rename one, or give it once."
+                    f"two recordings have the name '{recording.name}'; the second is in '{path}'.\n"
+                    "Rename one, or give each file once."
                 )
             found.append(recording)
     return found
 
 
 def load_aircraft(path: Path) -> Aircraft:
-    """Aircraft of a file, its remarks said on stderr."""
+    """Aircraft of a file; remarks about it are printed on stderr."""
     aircraft_model = Aircraft.from_toml(path)
     for remark in aircraft_model.remarks:
         say("warning", f"aircraft '{aircraft_model.name}': {remark}.")
@@ -121,27 +126,27 @@ def load_aircraft(path: Path) -> Aircraft:
 
 
 def read_manoeuvres(files: Iterable[Path], channel_map: Path | None, find: bool = False) -> list[Recording]:
-    """Recordings cut at gaps in time and, to `find`, into the stretches where controls move.
+    """Recordings split at gaps in time and, with `find`, into the parts in which controls move.
 
     Raises
     ------
     DataError
-        None is found to move, or whatever reading raises.
+        No control moves, or whatever reading raises.
     """
-    flown: list[Recording] = []
+    recordings: list[Recording] = []
     for recording in read_files(files, channel_map):
         parts = recording.split()
         if len(parts) > 1:
             names = f"{parts[0].name} to {parts[-1].name}"
-            say("note", f"'{recording.name}' has gaps in time: taken as {len(parts)} manoeuvres, {names}.")
+            say("note", f"'{recording.name}' has gaps in time and is read as {len(parts)} manoeuvres, {names}.")
         if find:
             parts = split_manoeuvres(recording)
-            said = ", ".join(part.name for part in parts) or "none is used"
-            say("note", f"'{recording.name}': {len(parts)} manoeuvres found: {said}.")
-        flown += parts
-    if not flown:
-        raise DataError("--find-manoeuvres found no part in which controls move.\nWithout it files are used whole.")
-    return flown
+            names = ", ".join(part.name for part in parts) or "none"
+            say("note", f"'{recording.name}': {len(parts)} manoeuvres found: {names}.")
+        recordings += parts
+    if not recordings:
+        raise DataError("--find-manoeuvres found no part in which controls move.\nLeave it out to use complete files.")
+    return recordings
 
 
 def read_flights(
@@ -152,9 +157,9 @@ def read_flights(
     wanted: Iterable[str] | None = None,
     reconstruct: bool = False,
 ) -> list[Recording]:
-    """Manoeuvres ready to be modelled: files read, cut at gaps in time, reconstructed if so wished, with coefficients.
+    """Manoeuvres of files, split at gaps in time, with coefficients, and reconstructed first if `reconstruct` is True.
 
-    What the checks doubt is said on stderr; what they note of `wanted` channels (all if None), too.
+    Warnings of the checks are printed on stderr, and notes on `wanted` channels (all if None).
 
     Raises
     ------
@@ -162,27 +167,27 @@ def read_flights(
         `reconstruct` without an aircraft.
     """
     if reconstruct and aircraft is None:
-        raise typer.BadParameter("--reconstruct needs --aircraft, which says where the instruments stand.")
+        raise typer.BadParameter("--reconstruct needs --aircraft, which gives the positions of the instruments.")
     aircraft_model = None if aircraft is None else load_aircraft(aircraft)
-    flown = read_manoeuvres(files, channel_map)
+    recordings = read_manoeuvres(files, channel_map)
     if aircraft_model is not None:
         if reconstruct:
-            flown = reconstruct_paths(flown, aircraft_model).recordings
-        flown = compute_all(flown, aircraft_model, V0=v0)
-    say_findings(flown, None if wanted is None else set(wanted))
-    return flown
+            recordings = reconstruct_paths(recordings, aircraft_model).recordings
+        recordings = compute_all(recordings, aircraft_model, V0=v0)
+    report_findings(recordings, None if wanted is None else set(wanted))
+    return recordings
 
 
-def reconstruct_paths(flown: Sequence[Recording], aircraft_model: Aircraft, **options: Any) -> Reconstructions:
-    """Reconstruct manoeuvres; what failed, and what should not be used, is said on stderr.
+def reconstruct_paths(recordings: Sequence[Recording], aircraft_model: Aircraft, **options: Any) -> Reconstructions:
+    """Reconstruct manoeuvres; those that fail or are not trusted are reported on stderr.
 
     Raises
     ------
     ReconstructionError
-        None could be reconstructed.
+        No manoeuvre could be reconstructed.
     """
-    with Waiting(f"reconstructing, {options.get('method', METHODS[0])}") as waiting:
-        results = reconstruct_all(flown, aircraft_model, progress=waiting, **options)
+    with ProgressBar(f"reconstructing, {options.get('method', METHODS[0])}") as waiting:
+        results = reconstruct_all(recordings, aircraft_model, progress=waiting, **options)
     by = f" by {options['method']}" if "method" in options else ""
     if not len(results):
         whys = (f"'{name}': {why}" for name, why in results.failed.items())
@@ -196,41 +201,41 @@ def reconstruct_paths(flown: Sequence[Recording], aircraft_model: Aircraft, **op
     return results
 
 
-def say_findings(recordings: Sequence[Recording | StoredRecording], wanted: set[str] | None = None) -> None:
-    """Say what was found in the recordings, alike findings once."""
-    idle = set() if wanted is None else {"V_ratio", "mach", "CT"} - wanted
-    # Samples that are no numbers stop the command where it needs them, and matter to nobody elsewhere.
-    told = {"warning"} if wanted is not None else {"warning", "error"}
-    alike: dict[tuple[str, str, str], list[tuple[str, str]]] = {}
+def report_findings(recordings: Sequence[Recording | StoredRecording], wanted: set[str] | None = None) -> None:
+    """Print the findings of the checks on stderr; equal findings of several recordings once."""
+    unused = set() if wanted is None else {"V_ratio", "mach", "CT"} - wanted
+    # Samples that are not numbers raise an error where a command needs them, and do not matter elsewhere.
+    severities = {"warning"} if wanted is not None else {"warning", "error"}
+    same: dict[tuple[str, str, str], list[tuple[str, str]]] = {}
     for recording in recordings:
         for f in recording.findings:
-            if f.severity in told or (f.kind in ("left-out", "assumed") and f.channel not in idle):
+            if f.severity in severities or (f.kind in ("left-out", "assumed") and f.channel not in unused):
                 kind = "note" if f.severity == "note" else "warning"
                 text = str(f).removeprefix(f"{f.severity}: ")
-                alike.setdefault((kind, f.kind, f.channel), []).append((recording.name, text))
-    for (kind, _, _), found in sorted(alike.items(), reverse=True):
+                same.setdefault((kind, f.kind, f.channel), []).append((recording.name, text))
+    for (kind, _, _), found in sorted(same.items(), reverse=True):
         name, text = found[0]
         more = f" (and in {len(found) - 1} more)" if len(found) > 1 else ""
         say(kind, f"{name}{more}: {text}")
 
 
 def hold_out(recordings: Sequence[Flight], names: str) -> tuple[list[Flight], list[Flight]]:
-    """Recordings to select from, and those of these names (or parts of them) to judge by.
+    """Recordings for the fit, and those of these names (or parts of them) for validation.
 
     Raises
     ------
     SelectionError
-        No recording has one of the names, or none would be left.
+        No recording has one of the names, or none remains for the fit.
     """
     held: list[Flight] = []
     for name in split_names(names):
         mine = [r for r in recordings if r.name == name]
         mine = mine or [r for r in recordings if any(note.endswith(f" of '{name}'") for note in r.provenance)]
         if not mine:
-            have = ", ".join(r.name for r in recordings)
-            raise SelectionError(f"--held-out names '{name}', but no recording is called that. There are: {have}.")
+            there = ", ".join(r.name for r in recordings)
+            raise SelectionError(f"--held-out names '{name}', but no recording has this name. There are: {there}.")
         held += [r for r in mine if r not in held]
     used = [r for r in recordings if r not in held]
     if not used:
-        raise SelectionError("--held-out leaves no recording to select from. Hold out fewer, or give more files.")
+        raise SelectionError("--held-out leaves no recording for the fit. Name fewer recordings, or give more files.")
     return used, held

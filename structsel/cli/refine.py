@@ -1,4 +1,4 @@
-"""``structsel refine``: parameters whose simulated flights come nearest the recorded ones."""
+"""``structsel refine``: parameters of a model, estimated by output error or filter error."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import typer
 
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import output_folder, refuse_existing
-from structsel.cli.help_text import page
+from structsel.cli.help_text import epilog
 from structsel.cli.input_files import provenance
-from structsel.cli.messages import Waiting, json_text, print_json, say, stdout
+from structsel.cli.messages import ProgressBar, json_text, print_json, say, stdout
 from structsel.cli.models import (
     MODEL_HELP,
     AircraftModelOptions,
     RecordingsOption,
     SimulationModel,
-    read_schedules,
+    read_inputs,
 )
 from structsel.cli.recordings import OUTPUT, Map, OutputOptions, hold_out, option
 from structsel.cli.tables import print_files, print_summary
@@ -32,30 +32,31 @@ from structsel.report import write_report
 from structsel.simulation import LinearModel, PublishedAircraft
 from structsel.validation import Resimulation, resimulate
 
-EPILOG = page(
+EPILOG = epilog(
     [
         (
-            "Pitching moment, on whole manoeuvres; two validate the result",
+            "Pitching moment, on complete manoeuvres; two are for validation",
             "structsel refine out/model.json --aircraft aircraft.toml --recordings flights/ \\\n"
             "    --free Cm: --starts w,q,theta --biases az --held-out m05,m06 --out refined/",
         ),
         (
-            "Far from the truth: between bounds, evolution first",
+            "With poor start values: a global search between bounds first",
             "structsel refine out/model.json --aircraft aircraft.toml --recordings flights/ \\\n"
             "    --free Cm:alpha,Cm:q_hat,Cm:de --bounds Cm:alpha=-3,0 \\\n"
             "    --bounds Cm:q_hat=-60,0 --search global --seed 1",
         ),
         (
-            "A linear model with the delay of its input",
-            "structsel refine ready:as355:80kt --recordings heli.csv --references all --delay all",
+            "A linear model with delays of its inputs",
+            "structsel refine builtin:as355:80kt --recordings heli.csv --references all --delay all",
         ),
     ],
-    """[bold]Parameters[/bold] of a model file are called response:term, as Cm:alpha and Cm:1; Cm: alone stands for all
-    of them. Besides, each recording's first states (--starts), biases of outputs, their references and scale factors
-    over all recordings, and a delay of the inputs can be estimated.""",
-    """[bold]std error[/bold] allows for coloured residuals, CRLB is the Cramer-Rao bound of white ones. A search that
-    did not converge says so, and its best is written with that mark. What the flights do not determine is named, the
-    rest is written, and the exit code is 1.""",
+    """[bold]Parameters[/bold] of a model file are named response:term, such as Cm:alpha and Cm:1; Cm: means all terms
+    of Cm. Initial states of each recording (--starts), biases of the outputs, biases and scale factors common to all
+    recordings, and delays of the inputs can be estimated as well.""",
+    """[bold]std error[/bold] allows for coloured residuals; CRLB is the Cramer-Rao bound for white residuals. If a
+    search does not converge, a warning is printed and the best result is written with the mark NOT CONVERGED. If the
+    recordings do not determine a parameter, its name is printed, the other results are written, and the exit code is
+    1.""",
 )
 
 
@@ -68,40 +69,43 @@ def run(
     channel_map: Map = None,
     *,
     options: dict[str, Any],
-    stable: Annotated[bool, option("--stable", "No mode of a linear model may be unstable.", "Search")] = False,
+    stable: Annotated[bool, option("--stable", "Allow no unstable mode of a linear model.", "Search")] = False,
     held_out: Annotated[
-        str, option("--held-out", "Validation recordings: simulated with the model before and after.", metavar="NAMES")
+        str,
+        option(
+            "--held-out", "Validation recordings: simulated with the model before and after the fit.", metavar="NAMES"
+        ),
     ] = "",
     out: Annotated[
         Path | None,
         option("--out", "Folder for model, report.html, tables and plots.", OUTPUT, "DIR"),
     ] = None,
 ) -> None:
-    """Estimate the parameters of a model by output error: its simulated outputs come nearest the recorded ones."""
+    """Estimate the parameters of a model by output error or filter error, from complete recorded manoeuvres."""
     refuse_existing(out, output.overwrite)
     aircraft_model = source.open(model)
     if not recordings:
         raise typer.BadParameter("refine needs --recordings.")
-    flown, judges = hold_out(read_schedules(recordings, channel_map, "--recordings"), held_out)
+    training, validation = hold_out(read_inputs(recordings, channel_map, "--recordings"), held_out)
     options |= {"free": _free(aircraft_model, options["free"]), "constraint": "stable" if stable else None}
     failed: RefinementError | None = None
     try:
-        found = _refine(aircraft_model, flown, options)
+        found = _refine(aircraft_model, training, options)
     except RefinementError as error:
         if not isinstance(error.partial, Refinement):
             raise
         found, failed = error.partial, error
     if failed is None and not found.converged:
-        say("warning", f"NOT CONVERGED: {found.message}. What follows is the best found.")
-    judged = _judge(aircraft_model, found, judges) if failed is None else {}
-    written = _write(out, found, flown, judged, failed, output.plots) if out is not None else []
+        say("warning", f"NOT CONVERGED: {found.message}. The best result is printed.")
+    replays = _validate(aircraft_model, found, validation) if failed is None else {}
+    written = _write(out, found, training, replays, failed, output.plots) if out is not None else []
     if output.json:
-        print_json(_as_dict(found, judged, failed))
+        print_json(_as_dict(found, replays, failed))
     else:
         console = stdout()
         print_summary(console, found.summary())
-        for name, one in judged.items():
-            title = f"{name} the refinement, on the recordings held out"
+        for name, one in replays.items():
+            title = f"{name} the refinement, on the validation recordings"
             print_summary(console, replace(one.summary(), title=title, about=""))
         if out is not None:
             print_files(console, str(out), written)
@@ -110,40 +114,40 @@ def run(
 
 
 def _free(aircraft_model: SimulationModel, names: list[str] | Literal["all"]) -> list[str] | Literal["all"]:
-    """Names, those that end in a colon spelled out."""
+    """Names of parameters; a name that ends in a colon becomes all terms of that response."""
     model = aircraft_model.model if isinstance(aircraft_model, PublishedAircraft) else None
     if names == "all" or model is None:
         return names
-    every = [f"{response}:{term}" for response, held in model.responses.items() for term in held.terms]
+    every = [f"{response}:{term}" for response, one in model.responses.items() for term in one.terms]
     found: list[str] = []
     for name in names:
         found += [one for one in every if one.startswith(name)] if name.endswith(":") else [name]
     return found or list(names)
 
 
-def _refine(aircraft_model: SimulationModel, flown: Sequence[Recording], options: Mapping[str, Any]) -> Refinement:
-    """The refinement of what can be refined.
+def _refine(aircraft_model: SimulationModel, training: Sequence[Recording], options: Mapping[str, Any]) -> Refinement:
+    """Refine a model file, a built-in aircraft or a linear model.
 
     Raises
     ------
     BadParameter
-        JSBSim's aircraft have no parameters of ours.
+        The model is an aircraft of JSBSim.
     """
-    with Waiting("refining") as waiting:
+    with ProgressBar("refining") as bar:
         limits = {"evolution": options["generations"], "descent": options["iterations"]}
 
         def progress(stage: str, count: int, value: float) -> None:
-            waiting(f"{stage}, cost {value:.5g}" if stage not in limits else stage, count, limits.get(stage, count + 1))
+            bar(f"{stage}, cost {value:.5g}" if stage not in limits else stage, count, limits.get(stage, count + 1))
 
         if isinstance(aircraft_model, LinearModel):
-            return refine(aircraft_model, None, flown, **options, progress=progress)
+            return refine(aircraft_model, None, training, **options, progress=progress)
         if not isinstance(aircraft_model, PublishedAircraft):
-            raise typer.BadParameter("JSBSim's aircraft have no parameters to refine; give a model file.")
+            raise typer.BadParameter("aircraft of JSBSim have no parameters to refine; give a model file.")
         assert aircraft_model.model is not None
         return refine(
             aircraft_model.model,
             aircraft_model.aircraft,
-            flown,
+            training,
             **options,
             air=aircraft_model.air,
             definitions=aircraft_model.definitions,
@@ -151,29 +155,31 @@ def _refine(aircraft_model: SimulationModel, flown: Sequence[Recording], options
         )
 
 
-def _judge(aircraft_model: SimulationModel, found: Refinement, judges: Sequence[Recording]) -> dict[str, Resimulation]:
-    """Replays of what was held out, before and after.
+def _validate(
+    aircraft_model: SimulationModel, found: Refinement, validation: Sequence[Recording]
+) -> dict[str, Resimulation]:
+    """Simulate the validation recordings with the model before and after the fit.
 
     Raises
     ------
     BadParameter
-        A linear model, which has no start to be replayed from.
+        The model is linear, and has no recorded initial state.
     """
-    if not judges:
+    if not validation:
         return {}
     if (
         not isinstance(aircraft_model, PublishedAircraft)
         or aircraft_model.model is None
         or aircraft_model.aircraft is None
     ):
-        raise typer.BadParameter("--held-out is judged by replay, which flies model files and ready aircraft only.")
-    flies = {"air": aircraft_model.air, "definitions": aircraft_model.definitions}
+        raise typer.BadParameter("--held-out is available for model files and built-in aircraft only.")
+    environment = {"air": aircraft_model.air, "definitions": aircraft_model.definitions}
     pair = {"before": aircraft_model.model, "after": found.model}
-    return {name: resimulate(model, aircraft_model.aircraft, judges, **flies) for name, model in pair.items()}  # type: ignore[arg-type]
+    return {name: resimulate(model, aircraft_model.aircraft, validation, **environment) for name, model in pair.items()}  # type: ignore[arg-type]
 
 
-def _as_dict(found: Refinement, judged: Mapping[str, Resimulation], failed: RefinementError | None) -> dict[str, Any]:
-    more: dict[str, Any] = {"held_out": {name: one.to_dict() for name, one in judged.items()}}
+def _as_dict(found: Refinement, replays: Mapping[str, Resimulation], failed: RefinementError | None) -> dict[str, Any]:
+    more: dict[str, Any] = {"held_out": {name: one.to_dict() for name, one in replays.items()}}
     return {**found.to_dict(), **more, "error": None if failed is None else str(failed)}
 
 
@@ -181,7 +187,7 @@ def _write(
     out: Path,
     found: Refinement,
     recordings: Sequence[Recording],
-    judged: Mapping[str, Resimulation],
+    replays: Mapping[str, Resimulation],
     failed: RefinementError | None,
     plots: bool,
 ) -> list[str]:
@@ -190,20 +196,20 @@ def _write(
         if isinstance(found.model, AeroModel):
             mark = "" if found.converged and failed is None else ", NOT CONVERGED" if failed is None else ", FAILED"
             marked = {name: replace(one, method=one.method + mark) for name, one in found.model.responses.items()}
-            flown = tuple(r.name for r in found.simulated)
-            refined = AeroModel(marked, found.model.name, flown)
+            names = tuple(r.name for r in found.simulated)
+            refined = AeroModel(marked, found.model.name, names)
             refined.to_json(folder / "model.json", provenance=provenance())
-        (folder / "refinement.json").write_text(json_text(_as_dict(found, judged, failed)), encoding="utf-8")
+        (folder / "refinement.json").write_text(json_text(_as_dict(found, replays, failed)), encoding="utf-8")
         found.to_frame().to_csv(folder / "parameters.csv", index=False)
         found.history().to_csv(folder / "history.csv", index=False)
-        report = [str(found), *(f"{name} the refinement\n{one}" for name, one in judged.items())]
+        report = [str(found), *(f"{name} the refinement\n{one}" for name, one in replays.items())]
         (folder / "report.txt").write_text("\n\n".join(report) + "\n", encoding="utf-8")
         reasons = [] if failed is None else [str(failed)]
         write_report(
             found,
             folder / "report.html",
             recordings=recordings,
-            judged=judged,
+            judged=replays,
             reasons=reasons,
             provenance=provenance(),
         )

@@ -1,4 +1,4 @@
-"""``structsel select``: which terms belong in the model."""
+"""``structsel select``: terms of the model of each response."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from structsel.candidates import Candidates
 from structsel.cli.comparison_tables import summarise_methods
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import refuse_existing
-from structsel.cli.help_text import page
-from structsel.cli.messages import Waiting, explain, print_json, say, stdout
+from structsel.cli.help_text import epilog
+from structsel.cli.messages import ProgressBar, explain, print_json, say, stdout
 from structsel.cli.parsing import split_names
 from structsel.cli.recordings import (
     OUTPUT,
@@ -37,21 +37,21 @@ from structsel.selection.result import COLUMN_NOTES
 from structsel.selection.settings import RENAMED_ARGUMENTS, SelectOptions
 from structsel.validation import Validation, validate
 
-EPILOG = page(
+EPILOG = epilog(
     [
         (
-            "From raw recordings, two of them for validation",
+            "From raw recordings; two are for validation",
             "structsel select flights/ --map map.toml --aircraft aircraft.toml \\\n"
             "    --responses CZ,Cm --candidates alpha,q_hat,de --degree 3 \\\n"
             "    --held-out m05,m06 --out out/",
         ),
         (
-            "Splines, included terms, an entry threshold fit for the pool, and why",
+            "Splines, included terms, automatic F_in, and each step of the search",
             "structsel select coefficients/ --responses Cm --candidates alpha,q_hat,de \\\n"
             "    --degree 2 --spline alpha:0.2,0.25 --include alpha,de --f-in auto --trace",
         ),
         (
-            "Every method side by side",
+            "Compare all methods",
             "structsel select coefficients/ --responses CX --candidates alpha,q_hat,de \\\n    --degree 3 --method all",
         ),
         (
@@ -60,11 +60,11 @@ EPILOG = page(
         ),
     ],
     """[bold]Terms[/bold] are products of powers, alpha^2*de, of channels, offsets (alpha - 0.1), splines
-    (alpha - 0.2)+,
-    and abs, sign, sqrt, sin, cos, tan, exp, log, tanh, step of formulas. The constant is always in the model.""",
-    """[bold]Instruments[/bold] have biases, and vanes stand in disturbed air: --reconstruct takes that out first, with
-    the defaults of structsel reconstruct, which shows what was found and should be run by itself once.""",
-    """[bold]Warnings[/bold] stand under each table, marked !: read them before the numbers.""",
+    (alpha - 0.2)+, and abs, sign, sqrt, sin, cos, tan, exp, log, tanh, step of formulas. The constant is always in the
+    model.""",
+    """[bold]Instruments[/bold] have biases, and flow disturbances affect vanes: --reconstruct corrects for both first,
+    with the defaults of structsel reconstruct. Run structsel reconstruct once to see the corrections.""",
+    """[bold]Warnings[/bold] are printed below each table and marked with !.""",
 )
 
 _POOL = "Candidate terms"
@@ -75,15 +75,15 @@ class CandidateOptions:
     """Terms that may be in the model."""
 
     candidates: Annotated[
-        str, option("--candidates", "Channels whose monomials are the pool: alpha,q_hat,de", _POOL, "CHANNELS")
+        str, option("--candidates", "Channels whose monomials are candidates: alpha,q_hat,de", _POOL, "CHANNELS")
     ] = ""
     degree: Annotated[int, option("--degree", "Highest degree of the monomials, products included.", _POOL)] = 1
-    terms: Annotated[str, option("--terms", "Terms added to the pool: alpha,alpha*de", _POOL, "TERMS")] = ""
+    terms: Annotated[str, option("--terms", "Further candidate terms: alpha,alpha*de", _POOL, "TERMS")] = ""
     spline: Annotated[
         list[str] | None,
         option("--spline", "Spline terms (alpha - knot)+, knots in SI; may be repeated.", _POOL, "CHANNEL:KNOTS"),
     ] = None
-    include: Annotated[str, option("--include", "Terms always in the model; they join the pool.", _POOL, "TERMS")] = ""
+    include: Annotated[str, option("--include", "Terms that are always in the model.", _POOL, "TERMS")] = ""
     force: Annotated[str, typer.Option("--force", hidden=True)] = ""
 
     @property
@@ -136,7 +136,7 @@ class SelectionOutputOptions:
 def run(
     files: Files,
     responses: Annotated[
-        str, option("--responses", "What to model: CX to Cn, CL, CD, or any channel.", metavar="NAMES")
+        str, option("--responses", "Responses to model: CX to Cn, CL, CD, or any channel.", metavar="NAMES")
     ],
     recorded: RecordingOptions,
     candidates: CandidateOptions,
@@ -231,7 +231,7 @@ def _select_by(
         return checkpoint.with_name(f"{checkpoint.name}.{name}")
 
     for name in tried:
-        with Waiting(f"selecting, {name}") as waiting:
+        with ProgressBar(f"selecting, {name}") as waiting:
             try:
                 given = {"progress": waiting, "checkpoint": checkpoint_of(name), **options}
                 found[name] = select(used, responses, pool, method=name, **given)  # type: ignore[arg-type]
@@ -240,7 +240,7 @@ def _select_by(
                     raise
                 say("warning", f"best_subset is left out of the comparison: {error}")
     if method == "all" and options["noise"] == "ar":
-        with Waiting("selecting, white residuals") as waiting:
+        with ProgressBar("selecting, white residuals") as waiting:
             given = {"progress": waiting, "checkpoint": checkpoint_of("white"), **options, "noise": "white"}
             found["stepwise, white"] = select(used, responses, pool, method="stepwise", **given)
     return found
@@ -270,5 +270,5 @@ def _print(found: dict[str, Selections], scores: dict[str, Validation], trace: b
                 print_summary(console, selection.search_summary())
         explain(console, COLUMN_NOTES)
     for name, validation in scores.items():
-        title = f"Recordings held out, not used for the selection ({name})"
+        title = f"Validation recordings, not used for the selection ({name})"
         print_summary(console, replace(validation.summary(), title=title, about=""))

@@ -1,4 +1,4 @@
-"""What ``select`` and ``demo`` leave in a folder: models, selections, tables, plots."""
+"""Files that ``select`` and ``demo`` write: models, selections, tables, plots."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from structsel.cli.folders import output_folder
 from structsel.cli.input_files import provenance
-from structsel.cli.messages import Waiting, json_text
+from structsel.cli.messages import ProgressBar, json_text
 from structsel.recording import Recording
 from structsel.report import write_comparison, write_report
 from structsel.selection import Selections
@@ -22,7 +22,7 @@ def write_results(
     recordings: Sequence[Recording],
     shown: Sequence[Recording],
     plots: bool,
-    beside: Callable[[Path], None] | None = None,
+    extra_files: Callable[[Path], None] | None = None,
 ) -> list[str]:
     """Write everything, or nothing; return the names written, plots as one.
 
@@ -30,30 +30,30 @@ def write_results(
     ----------
     out : Path
     found : mapping of method to Selections
-        Several methods get a file each, the method in its name, and a page that compares them.
+        Several methods have one file each, with the method in its name, and a page that compares them.
     scores : mapping of method to Validation
     recordings : sequence of Recording
-        The reports' data: those selected from, and those that judge.
+        Data of the reports: the recordings of the selection and of the validation.
     shown : sequence of Recording
-        The plots' time histories.
+        Recordings whose time histories are plotted.
     plots : bool
-    beside : callable, optional
-        Writes what else belongs into the folder it is given.
+    extra_files : callable, optional
+        Writes further files to the folder that it is called with.
     """
     with output_folder(out) as folder:
-        made: dict[str, Any] = {"recordings": recordings, "provenance": provenance()}
+        context: dict[str, Any] = {"recordings": recordings, "provenance": provenance()}
         marks = {method: "" if len(found) == 1 else "_" + method.replace(", ", "_") for method in found}
         for method, selections in found.items():
             mark = marks[method]
             _write_one(folder, mark, selections, scores.get(method))
-            write_report(selections, folder / f"report{mark}.html", judged=scores.get(method), **made)
+            write_report(selections, folder / f"report{mark}.html", judged=scores.get(method), **context)
             if plots:
                 _write_plots(folder / f"plots{mark}", selections, shown)
         if len(found) > 1:
             pages = {method: f"report{mark}.html" for method, mark in marks.items()}
-            write_comparison(found, folder / "report.html", judged=scores, pages=pages, **made)
-        if beside is not None:
-            beside(folder)
+            write_comparison(found, folder / "report.html", judged=scores, pages=pages, **context)
+        if extra_files is not None:
+            extra_files(folder)
         return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
 
 
@@ -69,10 +69,10 @@ def _write_one(folder: Path, mark: str, selections: Selections, scores: Validati
 
 
 def _write_plots(folder: Path, selections: Selections, shown: Sequence[Recording]) -> None:
-    from structsel.plotting import draw_selection  # matplotlib takes a while to load, and few commands plot
+    from structsel.plotting import draw_selection  # matplotlib takes a while to load
 
     folder.mkdir()
-    with Waiting("drawing") as waiting:
+    with ProgressBar("drawing") as waiting:
         for i, (name, figure) in enumerate(draw_selection(selections, shown), 1):
             figure.savefig(folder / f"{name}.png", dpi=110)
             waiting("plots", i, 3 * len(selections))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,16 +13,16 @@ import typer
 from structsel.cli.comparison_tables import summarise_simulation
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import output_folder, refuse_existing
-from structsel.cli.help_text import page
-from structsel.cli.messages import Waiting, json_text, print_json, say, stdout
+from structsel.cli.help_text import epilog
+from structsel.cli.messages import ProgressBar, json_text, print_json, say, stdout
 from structsel.cli.models import (
     MODEL_HELP,
     AircraftModelOptions,
     RecordingsOption,
     SimulationModel,
     SteadyFlightOptions,
-    departures,
-    read_schedules,
+    add_perturbations,
+    read_inputs,
     trim_model,
 )
 from structsel.cli.parsing import read_numbers
@@ -35,52 +36,52 @@ from structsel.simulation.flight_setup import start_from
 from structsel.simulation.modes import Modes
 from structsel.tables import Summary
 
-EPILOG = page(
+EPILOG = epilog(
     [
-        ("Trim and modes of a ready aircraft", "structsel simulate ready:beaver --trim 45,600 --modes"),
+        ("Trim and modes of a built-in aircraft", "structsel simulate builtin:beaver --trim 45,600 --modes"),
         (
-            "A doublet of the elevator, simulated and recorded with noise",
+            "Response to a doublet of the elevator, with measurement noise and turbulence",
             "structsel inputs doublet --channel de --amplitude 0.03 --out in/\n"
-            "  structsel simulate ready:beaver --inputs in/doublet.csv \\\n"
+            "  structsel simulate builtin:beaver --inputs in/doublet.csv \\\n"
             "    --noise alpha=0.002,q=0.001 --turbulence 3 --out simulated/",
         ),
         (
-            "Your model with recorded inputs, from the recorded start",
+            "A model file with recorded inputs, from the recorded initial state",
             "structsel simulate out/model.json --aircraft aircraft.toml \\\n    --recordings flights/ --out simulated/",
         ),
         (
-            "An aircraft of JSBSim with a light stabiliser",
+            "An aircraft of JSBSim with a stabilising feedback",
             "structsel simulate jsbsim:c172p --trim 55,1000 --inputs in/doublet.csv \\\n"
             "    --stabilise --out simulated/",
         ),
     ],
-    """[bold]--inputs[/bold] are departures from the trim, as structsel inputs writes them; a ready aircraft has a usual
-    trim, a linear model none. [bold]--recordings[/bold] holds the inputs as they were; the states are flown, from the
-    first sample on. Without either, only the trim is found.""",
-    """A flight that blows up is said with the time, its part to there is written, and the exit code is 1.""",
+    """[bold]--inputs[/bold] are perturbations from trim, as structsel inputs writes them. A built-in aircraft has a
+    default trim; a linear model needs none. [bold]--recordings[/bold] gives the recorded inputs; the states are
+    simulated from the first sample on. Without either option only the trim is computed.""",
+    """If a simulation diverges, its time is printed, the part up to there is written, and the exit code is 1.""",
 )
 
 _AIR = "Air and instruments"
 
 
 @dataclass
-class _Flown:
-    """What there is to show and to write."""
+class _SimulationRun:
+    """Results of the command."""
 
     trim: Trim | None = None
     modes: dict[str, Modes] = field(default_factory=dict)
     flights: list[Recording] = field(default_factory=list)
     recorded: dict[str, Recording] = field(default_factory=dict)
-    broken: dict[str, str] = field(default_factory=dict)
+    stopped_early: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class ScheduleOptions:
-    """Inputs of the simulation."""
+class InputFileOptions:
+    """Files with the inputs of the simulation."""
 
     inputs: Annotated[
         list[Path] | None,
-        option("--inputs", "Schedules, departures from the trim; may be repeated.", metavar="FILES"),
+        option("--inputs", "Input time histories, as perturbations from trim; may be repeated.", metavar="FILES"),
     ] = None
     recordings: RecordingsOption = None
     channel_map: Map = None
@@ -88,18 +89,18 @@ class ScheduleOptions:
 
 @dataclass(frozen=True)
 class EnvironmentOptions:
-    """Air, instruments, and how inputs are followed."""
+    """Air, instruments, and interpolation of the inputs."""
 
-    between: Annotated[Literal["linear", "hold"], typer.Option("--between", help="What inputs do between samples.")] = (
-        "linear"
-    )
-    stabilise: Annotated[bool, typer.Option("--stabilise", help="JSBSim only: a light stabiliser on.")] = False
+    between: Annotated[
+        Literal["linear", "hold"], typer.Option("--between", help="Interpolation of the inputs between samples.")
+    ] = "linear"
+    stabilise: Annotated[bool, typer.Option("--stabilise", help="JSBSim only: add a stabilising feedback.")] = False
     noise: Annotated[
         str,
         typer.Option(
             "--noise",
             metavar="STD",
-            help="stated: instruments at their places with the noise of the aircraft file; or NAME=STD,...",
+            help="stated: instruments with the positions and the noise of the aircraft file; or NAME=STD,...",
             rich_help_panel=_AIR,
         ),
     ] = ""
@@ -108,13 +109,16 @@ class EnvironmentOptions:
         typer.Option(
             "--turbulence",
             metavar="W20",
-            help="Dryden, by the wind at 20 ft in m/s: 7.7 light, 15 moderate, 23 severe.",
+            help="Dryden turbulence, given by the wind at 20 ft in m/s: 7.7 light, 15 moderate, 23 severe.",
             rich_help_panel=_AIR,
         ),
     ] = None
-    wind: Annotated[str, option("--wind", "Steady wind in m/s, where to.", _AIR, "N,E,D")] = ""
+    wind: Annotated[str, option("--wind", "Steady wind in m/s, towards north, east, down.", _AIR, "N,E,D")] = ""
     seed: Annotated[
-        int, typer.Option("--seed", help="Of noise and turbulence; each flight's own after it.", rich_help_panel=_AIR)
+        int,
+        typer.Option(
+            "--seed", help="Seed of noise and turbulence; increased by 1 for each flight.", rich_help_panel=_AIR
+        ),
     ] = 0
 
 
@@ -122,53 +126,58 @@ class EnvironmentOptions:
 def run(
     model: Annotated[str, typer.Argument(metavar="MODEL", help=MODEL_HELP)],
     source: AircraftModelOptions,
-    schedule: ScheduleOptions,
+    files: InputFileOptions,
     steady: SteadyFlightOptions,
     environment: EnvironmentOptions,
     output: OutputOptions,
-    modes: Annotated[bool, typer.Option("--modes", help="The modes of small motions about the trim.")] = False,
+    modes: Annotated[
+        bool, typer.Option("--modes", help="Print the modes of small perturbations about the trim.")
+    ] = False,
     out: Annotated[
         Path | None,
         option("--out", "Folder for flights, table and plots.", OUTPUT, "DIR"),
     ] = None,
 ) -> None:
-    """Fly a model: trim, modes, and the motion that inputs make, as recordings."""
+    """Simulate a model: trim, modes, and the response to inputs, as recordings."""
     refuse_existing(out, output.overwrite)
     aircraft_model = source.open(model)
-    schedules = read_schedules(schedule.inputs or (), schedule.channel_map, "--inputs")
-    followed = read_schedules(schedule.recordings or (), schedule.channel_map, "--recordings")
-    air = _Environment(environment)
-    flown = _Flown(recorded={r.name: r for r in followed})
+    perturbed = read_inputs(files.inputs or (), files.channel_map, "--inputs")
+    recorded = read_inputs(files.recordings or (), files.channel_map, "--recordings")
+    conditions = _Conditions(environment)
+    found = _SimulationRun(recorded={r.name: r for r in recorded})
     if isinstance(aircraft_model, LinearModel):
         if steady.trim or steady.controls:
-            raise typer.BadParameter("a linear model flies about its reference; leave --trim and --controls out.")
-    elif steady.trim or schedules or not followed:
-        flown.trim = _trim(aircraft_model, steady)
-    if modes or (isinstance(aircraft_model, LinearModel) and not schedules and not followed):
-        flown.modes = _modes(aircraft_model, flown.trim)
-    with Waiting("flying") as waiting:
-        for i, r in enumerate((*schedules, *followed)):
-            _keep(flown, r, lambda: air.fly(aircraft_model, r, flown.trim if i < len(schedules) else None, i))  # noqa: B023
-            waiting("flights", i + 1, len(schedules) + len(followed))
-    written = _write(out, flown, _as_dict(aircraft_model, flown), output.plots) if out is not None else []
+            raise typer.BadParameter(
+                "a linear model is simulated about its reference condition: leave --trim and --controls out."
+            )
+    elif steady.trim or perturbed or not recorded:
+        found.trim = _trim(aircraft_model, steady)
+    if modes or (isinstance(aircraft_model, LinearModel) and not perturbed and not recorded):
+        found.modes = _modes(aircraft_model, found.trim)
+    with ProgressBar("simulating") as progress:
+        for i, r in enumerate((*perturbed, *recorded)):
+            start = found.trim if i < len(perturbed) else None
+            _run_one(found, r, partial(conditions.simulate, aircraft_model, r, start, i))
+            progress("flights", i + 1, len(perturbed) + len(recorded))
+    written = _write(out, found, _as_dict(aircraft_model, found), output.plots) if out is not None else []
     if output.json:
-        print_json(_as_dict(aircraft_model, flown))
+        print_json(_as_dict(aircraft_model, found))
     else:
-        _print(aircraft_model, flown)
+        _print(aircraft_model, found)
         if out is not None:
             print_files(stdout(), str(out), written)
-    if flown.broken:
-        raise SimulationError("\n".join(flown.broken.values()))
+    if found.stopped_early:
+        raise SimulationError("\n".join(found.stopped_early.values()))
 
 
 def _trim(aircraft_model: Any, steady: SteadyFlightOptions) -> Trim:
     try:
-        found: Trim = trim_model(aircraft_model, steady.trim, steady.controls, steady.free)
+        trim: Trim = trim_model(aircraft_model, steady.trim, steady.controls, steady.free)
     except SimulationError as error:
         if isinstance(error.partial, Trim):
-            say("note", f"the nearest to a trim:\n{error.partial}")
+            say("note", f"nearest condition to a trim:\n{error.partial}")
         raise
-    return found
+    return trim
 
 
 def _modes(aircraft_model: SimulationModel, trim: Trim | None) -> dict[str, Modes]:
@@ -177,28 +186,28 @@ def _modes(aircraft_model: SimulationModel, trim: Trim | None) -> dict[str, Mode
     Raises
     ------
     BadParameter
-        There is no trim, or JSBSim's aircraft, whose equations are its own.
+        There is no trim, or the model is an aircraft of JSBSim.
     """
     if isinstance(aircraft_model, LinearModel):
         return {"": aircraft_model.modes()}
     if trim is None or not isinstance(aircraft_model, PublishedAircraft) or aircraft_model.model is None:
-        raise typer.BadParameter("--modes needs --trim, and a model of ours.")
+        raise typer.BadParameter("--modes needs --trim, and a model file or a built-in aircraft.")
     axes = ["longitudinal"] + ["lateral"] * any(name in aircraft_model.model for name in LATERAL_COEFFICIENTS)
     return {axis: aircraft_model.linearise(trim, axis=axis).modes() for axis in axes}
 
 
-def _keep(flown: _Flown, recording: Recording, fly: Callable[[], Recording]) -> None:
-    """Fly, and keep what there is of a flight that broke off."""
+def _run_one(found: _SimulationRun, recording: Recording, simulate: Callable[[], Recording]) -> None:
+    """Simulate; of a simulation that stops early keep the part up to there."""
     try:
-        flown.flights.append(fly())
+        found.flights.append(simulate())
     except SimulationError as error:
-        flown.broken[recording.name] = error.cli_message
+        found.stopped_early[recording.name] = error.cli_message
         if isinstance(error.partial, Recording):
-            flown.flights.append(error.partial)
+            found.flights.append(error.partial)
 
 
-class _Environment:
-    """Air, instruments and how inputs are followed."""
+class _Conditions:
+    """Air, instruments and interpolation of the inputs, as the simulation takes them."""
 
     def __init__(self, options: EnvironmentOptions):
         self.options = options
@@ -212,17 +221,19 @@ class _Environment:
         if len(self.wind) != 3:
             raise typer.BadParameter(f"--wind '{wind}' is not three numbers, north, east and down.")
 
-    def fly(self, aircraft_model: SimulationModel, recording: Recording, trim: Trim | None, place: int) -> Recording:
-        """One flight; of departures from a trim, or with what was recorded."""
+    def simulate(
+        self, aircraft_model: SimulationModel, recording: Recording, trim: Trim | None, place: int
+    ) -> Recording:
+        """Response to perturbations from a trim, or to recorded inputs."""
         seed = self.options.seed + place
         if isinstance(aircraft_model, LinearModel):
             return aircraft_model.simulate(recording, hold=self.options.between, noise=self.noise, seed=seed)
-        given = recording if trim is None else departures(recording, trim.controls)
+        given = recording if trim is None else add_perturbations(recording, trim.controls)
         if not isinstance(aircraft_model, PublishedAircraft):
             self._refuse_air()
             return aircraft_model.fly(given, start=trim, stabilise=self.options.stabilise)
         if self.options.stabilise:
-            raise typer.BadParameter("--stabilise is JSBSim's; fly departures small enough for the aircraft alone.")
+            raise typer.BadParameter("--stabilise is available for JSBSim only; use smaller inputs.")
         assert aircraft_model.model is not None
         assert aircraft_model.aircraft is not None
         start: Any = (
@@ -230,8 +241,8 @@ class _Environment:
             if trim is not None
             else start_from(aircraft_model.model, aircraft_model.aircraft, given, aircraft_model.air)
         )
-        rough = None if self.options.turbulence is None else Turbulence(self.options.turbulence, seed)
-        air = replace(aircraft_model.air, wind=self.wind, turbulence=rough)
+        gusts = None if self.options.turbulence is None else Turbulence(self.options.turbulence, seed)
+        air = replace(aircraft_model.air, wind=self.wind, turbulence=gusts)
         return aircraft_model.simulate(
             given,
             start=start,
@@ -248,30 +259,32 @@ class _Environment:
 
     def _refuse_air(self) -> None:
         if self.noise or self.stated or self.options.turbulence is not None or any(self.wind):
-            raise typer.BadParameter("JSBSim flies in calm air, without instruments: no --noise, --turbulence, --wind.")
+            raise typer.BadParameter(
+                "JSBSim is simulated in calm air without instruments: leave --noise, --turbulence and --wind out."
+            )
 
 
-def _print(aircraft_model: SimulationModel, flown: _Flown) -> None:
+def _print(aircraft_model: SimulationModel, found: _SimulationRun) -> None:
     console = stdout()
-    if flown.trim is not None:
-        print_summary(console, replace(flown.trim.summary(), title=aircraft_model.name))
-    for axis, modes in flown.modes.items():
+    if found.trim is not None:
+        print_summary(console, replace(found.trim.summary(), title=aircraft_model.name))
+    for axis, modes in found.modes.items():
         print_summary(
             console, Summary(f"{aircraft_model.name}{axis and ', ' + axis}", "modes", tables=(modes.table(),))
         )
-    for flight in flown.flights:
-        recorded, error = flown.recorded.get(flight.name), flown.broken.get(flight.name, "")
+    for flight in found.flights:
+        recorded, error = found.recorded.get(flight.name), found.stopped_early.get(flight.name, "")
         print_summary(console, summarise_simulation(flight, recorded, error))
 
 
-def _as_dict(aircraft_model: SimulationModel, flown: _Flown) -> dict[str, Any]:
+def _as_dict(aircraft_model: SimulationModel, found: _SimulationRun) -> dict[str, Any]:
     return {
         "schema": "structsel.simulation/1",
         "model": aircraft_model.name,
-        "trim": None if flown.trim is None else flown.trim.to_dict(),
-        "modes": {axis or aircraft_model.name: _modes_as_dict(modes) for axis, modes in flown.modes.items()},
-        "flights": [flight.to_dict() for flight in flown.flights],
-        "unfinished": flown.broken,
+        "trim": None if found.trim is None else found.trim.to_dict(),
+        "modes": {axis or aircraft_model.name: _modes_as_dict(modes) for axis, modes in found.modes.items()},
+        "flights": [flight.to_dict() for flight in found.flights],
+        "unfinished": found.stopped_early,
     }
 
 
@@ -284,16 +297,16 @@ def _modes_as_dict(modes: Modes) -> list[dict[str, Any]]:
     ]
 
 
-def _write(out: Path, flown: _Flown, told: Mapping[str, Any], plots: bool) -> list[str]:
+def _write(out: Path, found: _SimulationRun, content: Mapping[str, Any], plots: bool) -> list[str]:
     """Write everything, or nothing; return the names written."""
     with output_folder(out) as folder:
-        if flown.flights:
+        if found.flights:
             (folder / "flights").mkdir()
-        for flight in flown.flights:
+        for flight in found.flights:
             write_recording(flight, folder / "flights" / f"{flight.name}.csv")
-        (folder / "simulation.json").write_text(json_text(told), encoding="utf-8")
-        if plots and flown.flights:
-            _draw(folder / "plots", flown.flights, flown.recorded)
+        (folder / "simulation.json").write_text(json_text(content), encoding="utf-8")
+        if plots and found.flights:
+            _draw(folder / "plots", found.flights, found.recorded)
         return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
 
 

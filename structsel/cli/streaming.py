@@ -11,8 +11,8 @@ from typing import Annotated
 
 import typer
 
-from structsel.cli.messages import Waiting, say
-from structsel.cli.recordings import RecordingOptions, load_aircraft, option, say_findings
+from structsel.cli.messages import ProgressBar, say
+from structsel.cli.recordings import RecordingOptions, load_aircraft, option, report_findings
 from structsel.coefficients import compute_coefficients
 from structsel.errors import DataError
 from structsel.readers.channel_map import load_channel_map
@@ -95,14 +95,14 @@ def stream_flights(files: Iterable[Path], recorded: RecordingOptions, wanted: se
             speed = float(compute_coefficients(first, aircraft_model)["V"].mean())
             say("note", f"V0 = {speed:.4f} m/s is the mean V of '{first.name}'; give --v0, or V0 in aircraft.toml.")
         prepare = partial(compute_coefficients, aircraft=aircraft_model, V0=speed)
-    with Waiting("looking through the files") as waiting:
+    with ProgressBar("looking through the files") as waiting:
         found = stream_recordings(paths, mapped, prepare=prepare, split=True, progress=partial(waiting, "files"))
     place = {path: i for i, path in enumerate(paths)}
     found.sort(key=lambda flight: place[flight.origin.path])  # the order of the command line, as without streaming
     for path, parts in Counter(flight.origin.path for flight in found).items():
         if parts > 1:
             say("note", f"'{path}' has gaps in time and is read as {parts} manoeuvres.")
-    say_findings(found, wanted)
+    report_findings(found, wanted)
     return found
 
 

@@ -11,12 +11,12 @@ from rich.text import Text
 
 from structsel.tables import Cell, Column, Summary, Table
 
-_LEAST_WIDTH = 10  # characters that a column of words keeps where the table is too wide
+_LEAST_WIDTH = 10  # characters of a column of words if the table is too wide
 _STYLES = {"good": "green", "bad": "bold red", "warning": "yellow", "dim": "dim", "": ""}
 
 
 def print_summary(console: Console, summary: Summary) -> None:
-    """Print what a result shows: title, facts, tables, notes and warnings, then those of its parts."""
+    """Print the summary of a result: title, facts, tables, notes and warnings, then the summaries of its parts."""
     if summary.head:
         about = Text(f"  {summary.about}" if summary.title else summary.about)
         console.print(Text(summary.title, "bold") + about)
@@ -35,7 +35,7 @@ def print_summary(console: Console, summary: Summary) -> None:
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Print a table; columns of detail are left out, the last first, as far as they do not fit."""
+    """Print a table; columns of detail that do not fit are left out, the last one first."""
     shown = table
     while _width(shown) > console.width and any(column.detail for column in shown.columns):
         shown = _without_last_detail(shown)
@@ -68,7 +68,7 @@ def _width(table: Table) -> int:
 
 
 def _folding_column(table: Table) -> int | None:
-    """The widest column of words, which wraps where the table is too wide."""
+    """The widest column of words, which is wrapped if the table is too wide."""
     words = [j for j, column in enumerate(table.columns) if column.align == "left"]
     return max(words, key=lambda j: _width_of(table, j), default=None)
 
@@ -81,7 +81,7 @@ def _without_last_detail(table: Table) -> Table:
 
 
 def indented(console: Console, mark: str, style: str, text: str) -> None:
-    """Print a paragraph behind a mark."""
+    """Print a paragraph after a mark."""
     grid = RichTable.grid(padding=(0, 1, 0, 0))
     grid.add_column(no_wrap=True)
     grid.add_column(overflow="fold")
@@ -90,11 +90,11 @@ def indented(console: Console, mark: str, style: str, text: str) -> None:
 
 
 def print_warnings(console: Console, warnings: Iterable[str]) -> None:
-    """Print warnings, a paragraph each."""
+    """Print each warning as a paragraph."""
     for text in warnings:
         indented(console, "!", "yellow", text)
 
 
 def print_files(console: Console, folder: str, names: Sequence[str]) -> None:
-    """Print what was written where."""
+    """Print the names of the files that were written."""
     console.print(Text(f"Written to {folder}: {', '.join(names)}."), soft_wrap=True)

@@ -1,4 +1,4 @@
-"""``structsel validate``: a model against recordings it need not have seen."""
+"""``structsel validate``: predictions of a model against recordings."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import typer
 
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import output_folder, refuse_existing
-from structsel.cli.help_text import page
-from structsel.cli.messages import Waiting, json_text, print_json, stdout
+from structsel.cli.help_text import epilog
+from structsel.cli.messages import ProgressBar, json_text, print_json, stdout
 from structsel.cli.models import Define, Rho, read_definitions
 from structsel.cli.parsing import split_names
 from structsel.cli.recordings import (
@@ -31,72 +31,74 @@ from structsel.model import AeroModel
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.validation import Resimulation, resimulate, validate
 
-EPILOG = page(
+EPILOG = epilog(
     [
         (
-            "On flights held back",
+            "Recordings that were not used for the fit",
             "structsel validate out/model.json m05.csv m06.csv --map map.toml \\\n    --aircraft aircraft.toml",
         ),
-        ("On files with coefficients", "structsel validate model.json coefficients/ --responses Cm"),
+        ("Files with coefficients", "structsel validate model.json coefficients/ --responses Cm"),
         (
-            "Does it fly: the recorded inputs, from the recorded start",
+            "Simulation with the recorded inputs, from the recorded initial state",
             "structsel validate out/model.json flights/ --aircraft aircraft.toml \\\n    --replay --out resimulated/",
         ),
     ],
-    """Validate with complete manoeuvres that were not used to identify the model.""",
-    """[bold]--replay[/bold] flies the model with the recorded inputs, whole from the first sample and in short windows
-    that each start from what was recorded, and scores every output: an aircraft unstable without its pilot parts from
-    the record when flown whole, and the windows judge it. Where a flight parted or blew up is said.""",
+    """Use complete manoeuvres that were not used to identify the model.""",
+    """[bold]--replay[/bold] simulates the model with the recorded inputs and scores every output. Each recording is
+    simulated over its complete length, and in consecutive windows that each start from the recorded state. Use the
+    windows for an aircraft that is unstable without its pilot. The time at which a simulation diverges is printed.""",
 )
 _REPLAY = "With --replay"
 
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """How a model is simulated with the recorded inputs."""
+    """Simulation of a model with the recorded inputs."""
 
     replay: Annotated[
-        bool, typer.Option("--replay", help="Fly the model with the recorded inputs. Needs --aircraft.")
+        bool, typer.Option("--replay", help="Simulate the model with the recorded inputs. Needs --aircraft.")
     ] = False
     outputs: Annotated[str, option("--outputs", "Channels to compare.", _REPLAY, "NAMES")] = ""
-    window: Annotated[float, typer.Option("--window", help="Of short flights, in s.", rich_help_panel=_REPLAY)] = 4.0
+    window: Annotated[float, typer.Option("--window", help="Length of a window, in s.", rich_help_panel=_REPLAY)] = 4.0
     define: Define = None
     rho: Rho = None
 
 
 @takes_dataclass()
 def run(
-    model: Annotated[Path, typer.Argument(metavar="MODEL.JSON", help="A model as select writes it.")],
+    model: Annotated[Path, typer.Argument(metavar="MODEL.JSON", help="Model file of select or refine.")],
     files: Files,
     recorded: RecordingOptions,
     replay: ReplayOptions,
     output: OutputOptions,
-    responses: Annotated[str, typer.Option("--responses", help="Those to score; all of the model's if absent.")] = "",
+    responses: Annotated[
+        str, typer.Option("--responses", help="Responses to score; by default all responses of the model.")
+    ] = "",
     normaliser: Annotated[
-        Literal["rms", "std", "range"], typer.Option("--normaliser", help="What RRMSE is relative to.")
+        Literal["rms", "std", "range"], typer.Option("--normaliser", help="Denominator of RRMSE.")
     ] = "rms",
     out: Annotated[
         Path | None,
         option("--out", "With --replay: folder for table and plots.", OUTPUT, "DIR"),
     ] = None,
 ) -> None:
-    """Score a model on recordings: R2, relative rms error, Theil's coefficient, whiteness of the residual."""
-    held = AeroModel.from_json(model)
+    """Score the predictions of a model on recordings: R2, relative rms error, Theil's coefficient, whiteness."""
+    loaded = AeroModel.from_json(model)
     if replay.replay:
         if responses or recorded.v0 is not None:
-            raise typer.BadParameter("--responses and --v0 are of no use with --replay, which compares --outputs.")
+            raise typer.BadParameter("--responses and --v0 do not apply to --replay, which compares --outputs.")
         refuse_existing(out, output.overwrite)
-        found = _resimulate(held, files, recorded, replay, normaliser)
-        _tell(found, model.name, out, output)
+        found = _resimulate(loaded, files, recorded, replay, normaliser)
+        _show(found, model.name, out, output)
         return
     if out is not None or replay.outputs or replay.define or replay.rho is not None:
-        raise typer.BadParameter("--out, --outputs, --define and --rho go with --replay.")
-    flown = recorded.read(files, {*held, *held.channels})
-    result = validate(held, flown, responses=split_names(responses) or None, normaliser=normaliser)
+        raise typer.BadParameter("--out, --outputs, --define and --rho need --replay.")
+    recordings = recorded.read(files, {*loaded, *loaded.channels})
+    result = validate(loaded, recordings, responses=split_names(responses) or None, normaliser=normaliser)
     if output.json:
         print_json(result.to_dict())
     else:
-        about = f"compared with {count_of(len(flown), 'recording')}"
+        about = f"compared with {count_of(len(recordings), 'recording')}"
         print_summary(stdout(), replace(result.summary(), title=model.name, about=about))
 
 
@@ -115,12 +117,12 @@ def _resimulate(
         There is no aircraft.
     """
     if recorded.aircraft is None:
-        raise typer.BadParameter("--replay needs --aircraft: mass, inertia, and where the instruments stand.")
+        raise typer.BadParameter("--replay needs --aircraft: mass, inertia and positions of the instruments.")
     aircraft = load_aircraft(recorded.aircraft)
     flights = read_manoeuvres(files, recorded.channel_map)
     if recorded.reconstruct:
         flights = reconstruct_paths(flights, aircraft).recordings
-    with Waiting("simulating") as waiting:
+    with ProgressBar("simulating") as waiting:
         return resimulate(
             model, aircraft, flights, outputs=split_names(replay.outputs) or None, window=replay.window,
             normaliser=normaliser, air=Atmosphere(rho=replay.rho), definitions=read_definitions(replay.define),
@@ -128,7 +130,7 @@ def _resimulate(
         )  # fmt: skip
 
 
-def _tell(found: Resimulation, model: str, out: Path | None, output: OutputOptions) -> None:
+def _show(found: Resimulation, model: str, out: Path | None, output: OutputOptions) -> None:
     written = _write(out, found, output.plots) if out is not None else []
     if output.json:
         print_json(found.to_dict())
@@ -144,9 +146,9 @@ def _write(out: Path, found: Resimulation, plots: bool) -> list[str]:
         (folder / "replay.json").write_text(json_text(found.to_dict()), encoding="utf-8")
         found.to_frame().to_csv(folder / "replay.csv", index=False)
         if plots:
-            from structsel.plotting import draw_replay  # matplotlib takes a while to load
+            from structsel.plotting import draw_resimulation  # matplotlib takes a while to load
 
             (folder / "plots").mkdir()
-            for name, figure in draw_replay(found):
+            for name, figure in draw_resimulation(found):
                 figure.savefig(folder / "plots" / f"{name}.png", dpi=110)
         return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
