@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from structsel.numerics.signal_quality import white_part
+from structsel.numerics.signal_quality import estimate_white_noise
 
 T = np.arange(0.0, 30.0, 0.02)
 
@@ -16,7 +16,7 @@ def _doublets() -> np.ndarray:
 def test_of_steps_only_the_noise_is_taken(sd):
     rng = np.random.default_rng(1)
     noise = sd * rng.standard_normal(len(T))
-    taken = white_part(_doublets() + noise)
+    taken = estimate_white_noise(_doublets() + noise)
     assert np.std(taken) == pytest.approx(sd, rel=0.12)
     assert np.corrcoef(taken, noise)[0, 1] > 0.9
     # At the steps themselves a spline would be off by a tenth of them and more.
@@ -28,7 +28,7 @@ def test_a_sweep_keeps_its_size_to_the_end():
     rng = np.random.default_rng(2)
     sweep = 0.03 * np.sin(2.0 * np.pi * (0.1 * T + 0.05 * T**2))
     noise = 0.0005 * rng.standard_normal(len(T))
-    left = sweep + noise - white_part(sweep + noise)
+    left = sweep + noise - estimate_white_noise(sweep + noise)
     assert np.std(left - sweep) < 0.0005
     fastest = T > 25.0
     assert left[fastest] @ sweep[fastest] / (sweep[fastest] @ sweep[fastest]) == pytest.approx(1.0, abs=0.005)
@@ -36,9 +36,9 @@ def test_a_sweep_keeps_its_size_to_the_end():
 
 def test_of_noise_alone_hardly_anything_is_left():
     noise = np.random.default_rng(3).standard_normal(3000)
-    assert np.std(noise - white_part(noise)) < 0.3
+    assert np.std(noise - estimate_white_noise(noise)) < 0.3
 
 
 @pytest.mark.parametrize("held", [np.zeros(200), np.repeat([0.0, 1.0, 0.5, 2.0], 50), np.arange(3.0)])
 def test_what_is_held_or_too_short_has_none(held):
-    np.testing.assert_array_equal(white_part(held), 0.0)
+    np.testing.assert_array_equal(estimate_white_noise(held), 0.0)

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
 from structsel.numerics.evidence import Base, Further, NormalEquations, Projector, chi2_of, solve
-from structsel.numerics.fourier_series import fading, spectrum
+from structsel.numerics.fourier_series import spectrum, taper
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_the_likeliest_factors_are_chosen_and_kept_with_further_columns(rows):
     base = Base(small, B, scales=np.array([[1.0] * 4, [0.01] * 4]))
     assert base.chosen == 1
     assert_allclose(base.B[0], 0.01 * B[0])
-    extended = base.beside(H)
+    extended = base.with_columns(H)
     assert_allclose(extended.scales[:, 4:], 1.0)
     in_full = Base(small, extended.given, scales=extended.scales[:1])
     assert_allclose(in_full.posterior.mean, Base(small, [np.hstack(x) for x in zip(B, H)]).posterior.mean, rtol=1e-9)
@@ -121,7 +121,7 @@ def test_the_projector_is_the_inverse_root_of_the_noise_with_its_nuisances():
 def test_a_constant_stands_in_the_level_alone():
     made = spectrum(np.full(200, 3.0), 50, edge=20)
     assert_allclose(made[1:], 0.0, atol=1e-12)
-    assert_allclose(made[0], 3.0 * np.linalg.norm(fading(200, 20)), rtol=1e-12)
+    assert_allclose(made[0], 3.0 * np.linalg.norm(taper(200, 20)), rtol=1e-12)
 
 
 def test_white_noise_has_a_flat_spectrum_and_its_derivative_one_that_rises():

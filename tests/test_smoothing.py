@@ -5,7 +5,7 @@ from scipy.interpolate import BSpline, make_smoothing_spline
 
 from structsel.errors import DataError, StructselWarning
 from structsel.numerics.fourier_series import smooth_fourier
-from structsel.numerics.signal_quality import is_held, noise_level
+from structsel.numerics.signal_quality import is_sample_and_hold, noise_level
 from structsel.numerics.smoothing import smooth_spline
 
 from .signals import sine, step_response
@@ -220,7 +220,7 @@ def test_the_order_follows_how_sharply_the_signal_moves(response):
 def test_a_motion_too_fast_for_the_spline_is_reported_and_the_fourier_smoother_follows_it():
     t, x, rate = sine(0.2, DT)
     noisy = x + 0.02 * np.random.default_rng(7).standard_normal(t.size)
-    with pytest.warns(StructselWarning, match=r"one steady oscillation of 5\.0 samples a cycle"):
+    with pytest.warns(StructselWarning, match=r"one steady oscillation of 5\.0 samples per cycle"):
         smooth_spline(noisy, t)
     assert np.std((smooth_fourier(noisy, DT).derivative - rate)[50:-50]) < 0.05 * rate.std()
 
@@ -259,8 +259,8 @@ def test_a_held_channel_has_the_noise_of_its_own_samples(hold):
     rng = np.random.default_rng(hold)
     slow = np.sin(0.02 * hold * np.arange(600)) + 0.1 * rng.standard_normal(600)
     held = np.repeat(slow, hold)
-    assert is_held(held)
-    assert not is_held(slow)
+    assert is_sample_and_hold(held)
+    assert not is_sample_and_hold(slow)
     assert noise_level(held, DT) == pytest.approx(0.1, rel=0.2)
 
 

@@ -20,7 +20,7 @@ from structsel.numerics import rigid_body as rb
 from structsel.numerics.air_data import air_data_at_cg, air_data_at_sensor
 from structsel.numerics.arrays import Array
 from structsel.numerics.atmosphere import standard_atmosphere
-from structsel.numerics.signal_quality import white_part
+from structsel.numerics.signal_quality import estimate_white_noise
 from structsel.numerics.smoothing import smooth_spline
 from structsel.recording import Recording
 
@@ -273,7 +273,7 @@ def _smooth(name: str, x: Array, t: Array) -> Array:
     if name in _AS_THEY_ARE or np.ptp(x) == 0.0 or len(np.unique(x)) < 0.1 * len(x):
         return x
     if name in _SHARP:
-        return x - white_part(x)  # a smoother would round what jumps
+        return x - estimate_white_noise(x)  # a smoother would round what jumps
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructselWarning)  # what it doubts, the comparison's noise will hold

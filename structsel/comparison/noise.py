@@ -13,7 +13,7 @@ from structsel.comparison.flight import Flight
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Further, Projector
-from structsel.numerics.fourier_series import length_of, spectrum
+from structsel.numerics.fourier_series import fast_length, spectrum
 
 HIGHEST = 6.0
 """Frequency [Hz] up to which an aircraft's responses are compared."""
@@ -70,7 +70,7 @@ class Noise:
 
 def bins_of(flight: Flight) -> int:
     """Cosine coefficients of one flight that are compared."""
-    return max(8, int(2.0 * length_of(len(flight)) * flight.dt * highest_of(flight)))
+    return max(8, int(2.0 * fast_length(len(flight)) * flight.dt * highest_of(flight)))
 
 
 def highest_of(flight: Flight) -> float:
@@ -103,7 +103,7 @@ def edge_of(flight: Flight) -> int:
 
 def frequencies(flight: Flight, bins: int) -> Array:
     """Frequency [Hz] of each coefficient."""
-    return np.arange(1, bins + 1) / (2.0 * length_of(len(flight)) * flight.dt)
+    return np.arange(1, bins + 1) / (2.0 * fast_length(len(flight)) * flight.dt)
 
 
 def estimate_noise(

@@ -14,7 +14,7 @@ from structsel.comparison.tolerances import Nuisance, biases_of, tolerances_of
 from structsel.diagnosis.signatures import Signature
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.evidence import Base, Further, Trial, alike
+from structsel.numerics.evidence import Base, Further, Trial, group_by_width
 from structsel.numerics.fourier_series import spectrum
 
 Spectra = Mapping[str, Array]
@@ -156,7 +156,7 @@ class Bench:
     def try_signatures(self, signatures: Sequence[Signature]) -> list[Trial]:
         """Evidence for each of several forms of effects beyond what is taken in."""
         made: dict[int, tuple[Further, ...]] = {}
-        for same in alike([s.width for s in signatures]):
+        for same in group_by_width([s.width for s in signatures]):
             width, spectra = signatures[same[0]].width, zip(*(signatures[k].spectra for k in same))
             told = [r.against(x, width, Z) for r, x, Z in zip(self.rows, spectra, self._twice)]
             made |= zip(same, zip(*told))
@@ -186,7 +186,7 @@ class Bench:
     def beside(self, signature: Signature) -> Bench:
         """Bench with one more effect, the noise as it is."""
         more = [r.whiten(s, signature.width) for r, s in zip(self.rows, signature.spectra)]
-        return replace(self, accepted=(*self.accepted, signature), base=self.base.beside(more))
+        return replace(self, accepted=(*self.accepted, signature), base=self.base.with_columns(more))
 
     @cached_property
     def as_delivered(self) -> Bench:
@@ -213,7 +213,7 @@ class Bench:
         """Bench with some of the effects taken in, in this order, the noise as it is."""
         at = [self.place(k) for k in range(len(self.accepted))]
         columns = [*range(len(self.nuisances)), *(j for k in kept for j in range(at[k].start, at[k].stop))]
-        return replace(self, accepted=tuple(self.accepted[k] for k in kept), base=self.base.keeping(columns))
+        return replace(self, accepted=tuple(self.accepted[k] for k in kept), base=self.base.select_columns(columns))
 
     def place(self, k: int) -> slice:
         """Columns of the k-th effect taken in."""

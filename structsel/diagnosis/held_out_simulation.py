@@ -26,7 +26,7 @@ from structsel.metrics import compute_metrics, rms_error
 from structsel.nomenclature import COEFFICIENTS, unit_of
 from structsel.numerics.air_data import air_data_at_cg
 from structsel.numerics.arrays import Array
-from structsel.numerics.fourier_series import fading
+from structsel.numerics.fourier_series import taper
 from structsel.validation import BANDS
 from structsel.validation.coefficient_tables import CoefficientTables, Windows
 
@@ -124,7 +124,7 @@ def predicted_differences(bench: Bench, g: int, m: int) -> dict[str, Array]:
 
 def _levelled(flight: Flight, more: Mapping[str, Array]) -> dict[str, Array]:
     """Responses with something added, moved to the level measured as it is compared: the ends count little."""
-    weight = fading(len(flight), edge_of(flight)) ** 2
+    weight = taper(len(flight), edge_of(flight)) ** 2
     weight = weight / weight.sum()
     none = np.zeros(len(flight))
     predicted = {c: flight.simulated.get(c, none) + more.get(c, none) for c in flight.measured}

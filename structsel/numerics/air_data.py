@@ -1,7 +1,7 @@
 """Body axes and air data: vectors, rotation to earth axes, airspeed and flow angles, coefficients in wind axes.
 
 Arrays only, SI units and radians, body axes x forward, y right, z down. Every function broadcasts over its arguments.
-The functions ``..._compiled`` are the same formulas for one state at a time, for use in compiled loops.
+The functions ``..._compiled`` are the same formulas for a single state, for use in compiled loops.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Manoeuvres cut into blocks of samples, and the jobs on them: in threads of this process or on a Dask cluster."""
+"""Division of manoeuvres into blocks of samples, and jobs on the blocks in threads or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import DataSource
 
-ROOM = 64 << 20  # bytes of cross-products kept apart, per response
-MIN_BLOCKS, MAX_BLOCKS = 48, 512  # blocks that manoeuvres are joined into, however many or few candidates there are
-SHORTEST = 64  # samples of a segment
+ROOM = 64 << 20  # bytes of cross-products stored block by block, per response
+MIN_BLOCKS, MAX_BLOCKS = 48, 512  # limits of the number of blocks that many manoeuvres are joined into
+SHORTEST = 64  # samples of the shortest segment
 Progress = Callable[[int, int], None]
-"""Called with the number of jobs done, and of all."""
+"""Called with the number of completed jobs and the total number."""
 
-MULTIPLICATIONS_FOR_TWO = 2e9  # of a pass; a second thread pays from here on
+MULTIPLICATIONS_FOR_TWO = 2e9  # of a pass; above it a second thread saves time
 
 
 class Segment(NamedTuple):
@@ -50,12 +50,12 @@ class Samples:
 
 
 def max_blocks(p: int) -> int:
-    """Blocks of cross-products of p candidates that there is room for."""
+    """Maximum number of blocks whose cross-products of p candidates are stored."""
     return min(max(MIN_BLOCKS, ROOM // (4 * (p + 2) * (p + 3))), MAX_BLOCKS)
 
 
 def cut_blocks(lengths: Sequence[int], wanted: int, p: int) -> list[Block]:
-    """Cut manoeuvres into about ``wanted`` blocks in all; join very many into as many as there is room for.
+    """Cut manoeuvres into about ``wanted`` blocks in total, or join them if they are more than `max_blocks`.
 
     Parameters
     ----------
@@ -71,14 +71,14 @@ def cut_blocks(lengths: Sequence[int], wanted: int, p: int) -> list[Block]:
 
 
 def complete_manoeuvres(lengths: Sequence[int]) -> list[Block]:
-    """Every manoeuvre in a block of its own, very many joined: for what must see a manoeuvre from its start."""
+    """Blocks of complete manoeuvres: one each, or several if there are more than `MAX_BLOCKS`."""
     if len(lengths) <= MAX_BLOCKS:
         return [(Segment(k, 0, n),) for k, n in enumerate(lengths)]
     return join_manoeuvres(lengths, MAX_BLOCKS)
 
 
 def split_manoeuvres(lengths: Sequence[int], wanted: int) -> list[Segment]:
-    """Cut manoeuvres into about ``wanted`` segments in all, at least one each and none shorter than necessary."""
+    """Cut manoeuvres into about ``wanted`` segments in total, at least one each, of at least `SHORTEST` samples."""
     total = sum(lengths)
     segments = []
     for k, n in enumerate(lengths):
@@ -89,7 +89,7 @@ def split_manoeuvres(lengths: Sequence[int], wanted: int) -> list[Segment]:
 
 
 def join_manoeuvres(lengths: Sequence[int], limit: int) -> list[Block]:
-    """Complete manoeuvres in at most ``limit`` blocks of about as many samples each; none is cut."""
+    """Join complete manoeuvres into at most ``limit`` blocks with about equal numbers of samples."""
     ends = np.cumsum(lengths)
     middle = ends - np.asarray(lengths) / 2.0
     of = np.minimum((middle / ends[-1] * limit).astype(int), limit - 1)
@@ -98,7 +98,7 @@ def join_manoeuvres(lengths: Sequence[int], limit: int) -> list[Block]:
 
 
 def count_samples(blocks: Sequence[Block], reach: Sequence[int] | None = None) -> NDArray[np.int64]:
-    """(B,) samples of each block, without those with which a filter of this reach starts on each manoeuvre."""
+    """(B,) samples of each block, without the first ``reach`` samples of a manoeuvre, which start a filter."""
     return np.array(
         [sum(max(s.stop - max(s.start, reach[s.manoeuvre] if reach else 0), 0) for s in block) for block in blocks]
     )
@@ -115,23 +115,23 @@ def attach_data(
 
 
 class PassStore(Protocol):
-    """Keeps the results of complete passes, so that an interrupted run can continue."""
+    """Storage of the results of complete passes, so that an interrupted run can continue."""
 
     def load(self, size: int) -> Array | None:
-        """Result of the next pass, if it is there."""
+        """Result of the next pass, or None if it is not stored."""
 
     def save(self, result: Array) -> None:
-        """Keep the result of the pass that was asked for last."""
+        """Store the result of the pass for which `load` was called last."""
 
 
 @dataclass(frozen=True)
 class JobRunner:
-    """Who does the jobs, and what keeps the results of passes over the data.
+    """Execution of jobs, and storage of the results of passes over the data.
 
     Attributes
     ----------
     client : distributed.Client, optional
-        Of a Dask cluster. Functions and items travel to its workers; a job whose worker dies is done again by another.
+        Of a Dask cluster. Functions and items are sent to its workers; a job whose worker dies is repeated by another.
     store : PassStore, optional
     """
 
@@ -141,7 +141,7 @@ class JobRunner:
     def map(
         self, function: Callable[[Any], Any], items: Sequence[Any], workers: int = 1, progress: Progress | None = None
     ) -> Iterator[Any]:
-        """Results of a function of one item, in the order of the items; an error ends the other jobs."""
+        """Results of a function of one item, in the order of the items; an error cancels the other jobs."""
         if self.client is None:
             with _one_blas_thread():
                 yield from _counted(_in_threads(function, items, workers), len(items), progress)
@@ -156,7 +156,7 @@ class JobRunner:
         workers: int = 1,
         progress: Progress | None = None,
     ) -> Array:
-        """Vectors that a function makes of every item, end to end; taken from the store if they are there.
+        """Concatenated vectors that a function returns for the items; read from the store if they are in it.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ class JobRunner:
 
 
 def choose_workers(workers: int | None, n: int, p: int) -> int:
-    """Number of threads for n samples and p columns: as asked for, or one where there is little to do, else two."""
+    """Number of threads for n samples and p columns: as given, or one for a small problem and two for a large one."""
     if workers is not None:
         if workers < 1:
             raise SelectionError(f"workers must be 1 or more, not {workers}.")
@@ -199,7 +199,7 @@ def _blas() -> ThreadpoolController:
 
 
 def _one_blas_thread() -> Any:
-    """Within, linear algebra uses one thread: the workers share the cores among themselves."""
+    """Context with one thread for linear algebra, because the workers occupy the cores."""
     return _blas().limit(limits=1, user_api="blas")
 
 

@@ -61,7 +61,7 @@ def vif(C: ArrayLike) -> Array:
         return value
     size, vectors = eigh(correlation(C[np.ix_(varying, varying)]))
     dead = size <= varying.size * 1e-15
-    # A candidate is in a dependent group if a direction without variance has a part of it.
+    # A candidate is in a dependent group if it has a component in a direction without variance.
     alone = (vectors[:, dead] ** 2).sum(axis=1) < 1e-12
     inverse = (vectors[:, ~dead] ** 2 / size[~dead]).sum(axis=1)
     value[varying[alone]] = inverse[alone]
@@ -70,7 +70,7 @@ def vif(C: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class ConditionIndices:
-    """Condition indices and what each dimension contributes to each coefficient's variance.
+    """Condition indices and the contribution of each dimension to the variance of each coefficient.
 
     Attributes
     ----------
@@ -78,8 +78,8 @@ class ConditionIndices:
         Largest singular value of the scaled columns over each one, ascending; above about 30 a
         dependence does harm.
     proportions : (m, m) array [-]
-        Row i: fraction of each coefficient's variance that comes with index i; columns sum to 1. Two or more
-        above 0.5 in a row of a high index name the columns that depend on one another.
+        Row i: fraction of each coefficient's variance that belongs to index i; columns sum to 1. Values above
+        0.5 in a row with a high index identify the columns that depend on one another.
     centred : bool
         Whether the constant was swept out first; if not, column 0 is the constant.
     """
@@ -100,13 +100,13 @@ def condition_indices(products: ArrayLike, *, centred: bool = False) -> Conditio
     products : (1+p, 1+p) array
         Z'Z of [1, x_1 ... x_p], *not* centred, the constant first (no response).
     centred : bool
-        Sweep the constant out first: what the candidates have in common besides their means.
+        Sweep the constant out first, which leaves the dependence of the candidates without their means.
 
     Returns
     -------
     ConditionIndices
-        Without the constant if ``centred``. From products an index beyond 3e7 (1 / sqrt(eps)) cannot
-        be told from an exact dependence and is inf.
+        Without the constant if ``centred``. Computed from products, an index beyond 3e7 (1 / sqrt(eps))
+        cannot be distinguished from an exact dependence and is inf.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def condition_indices(products: ArrayLike, *, centred: bool = False) -> Conditio
         )
     size, V = eigh(A / np.outer(np.sqrt(length), np.sqrt(length)))
     size, V = size[::-1], V[:, ::-1]
-    # Rounding can push the smallest eigenvalue below zero; what it leaves is no variance at all.
+    # Rounding can push the smallest eigenvalue below zero; such a direction has no variance.
     tiny = size[0] * np.finfo(float).eps
     dead = size <= tiny
     parts = V**2 / np.maximum(size, tiny)

@@ -1,4 +1,4 @@
-"""Criteria for the size of a model, entry thresholds for a number of candidates, and the checks that searches share.
+"""Criteria for the size of a model, entry thresholds for a number of candidates, and argument checks of the searches.
 
 In every criterion ``n`` is the number of samples (or the effective number), ``rss`` the residual sum of squares,
 ``tss`` the sum of squares of the response about its mean, and ``k`` the number of terms *without the constant*: the
@@ -47,7 +47,7 @@ def pse(rss: ArrayLike, tss: float, n: float, k: ArrayLike, sigma_max2: float | 
 def bic(rss: ArrayLike, n: float, k: ArrayLike) -> NDArray[np.float64]:
     """Bayesian information criterion, n log(rss / n) + (k + 1) log n.
 
-    Up to a constant of the data, so only differences mean anything. -inf for a perfect fit.
+    Defined up to a constant of the data, so only differences are meaningful. -inf for a perfect fit.
 
     Parameters
     ----------
@@ -197,9 +197,9 @@ def check_products(C: ArrayLike, dof: float, who: str) -> Array:
             f"{who} needs square cross-products of at least one candidate and the response; found shape "
             f"{C.shape}. Pass the centred Z'Z of [candidates, response]."
         )
-    # One sum sees every NaN and infinity; the exact place is looked for only to report it.
+    # One sum detects every NaN and infinity; their place is needed for the message only.
     if not np.isfinite(C.sum()) and not np.isfinite(C).all():
-        # A bad column spoils its product with every other, but on the diagonal only its own.
+        # One NaN makes all products of its column NaN; the diagonal shows which column it is.
         wrong = ~np.isfinite(np.diag(C))
         bad = int(np.argmax(wrong if wrong.any() else ~np.isfinite(C).all(axis=0)))
         what = "the response" if bad == C.shape[0] - 1 else f"candidate {bad}"

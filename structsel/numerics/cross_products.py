@@ -1,8 +1,8 @@
 """Cross-products of candidates and responses: one pass over the data, additive, in memory that does not grow.
 
 Columns are always ``z = [1, x_1 .. x_p, y_1 .. y_m]``. Each block of consecutive samples contributes ``Z'Z``; blocks
-add up to manoeuvres and manoeuvres to the whole, so that leaving one out, or weighting them at random, needs no data
-again. Least squares on them are the normal equations of scaled columns.
+add up to manoeuvres and manoeuvres to the total, so that leaving one out, or weighting them at random, needs no second
+pass. Least squares on them are the normal equations of scaled columns.
 
 References
 ----------
@@ -50,11 +50,11 @@ class CrossProducts:
     Attributes
     ----------
     scale : (1 + p + m,) array
-        What each column was divided by.
+        Divisor of each column.
     n : (B,) int array
         Samples each block contributed.
     manoeuvre, last : (B,) int array
-        Which manoeuvre each block belongs to; where it holds several, the first of them, and the last.
+        First and last manoeuvre of each block; equal unless it holds several.
     packed : (B, q (q + 1) / 2) array
         Upper triangles, row by row, q = 1 + p + m.
     n_candidates, n_responses : int
@@ -74,7 +74,7 @@ class CrossProducts:
         return int(self.n.size)
 
     def members(self, blocks: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Every manoeuvre of which samples are in these blocks."""
+        """Numbers of the manoeuvres with samples in these blocks."""
         ranges = zip(self.manoeuvre[blocks], self.last[blocks], strict=True)
         return np.unique(np.concatenate([np.arange(first, last + 1) for first, last in ranges]))
 
@@ -95,7 +95,7 @@ class CrossProducts:
         return self.total((self.manoeuvre != manoeuvre).astype(float))
 
     def samples(self, weights: Array | None = None) -> float:
-        """Samples behind `total` with the same weights."""
+        """Number of samples in `total` with the same weights."""
         return float(self.n.sum() if weights is None else weights @ self.n)
 
     def of_response(self, response: int) -> CrossProducts:
@@ -143,7 +143,7 @@ class Projection:
     coefficients : (k, q) array
         Of each column on the k.
     remaining : (q,) array
-        Sum of squares of each column that the k leave.
+        Residual sum of squares of each column.
     """
 
     inverse: Array
@@ -213,15 +213,16 @@ def cross_products(
     exponents : (p, s) int array
         Each candidate's powers of the base signals; the constant is always added.
     blocks : int
-        About how many blocks to cut the manoeuvres into, at least one each; very many manoeuvres share blocks.
+        Approximate number of blocks, at least one for each manoeuvre; if there are very many manoeuvres, they are
+        joined in blocks.
     workers : int, optional
-        Threads. By default one where there is little to do, else two.
+        Threads; by default one for a small problem and two for a large one.
     progress : callable, optional
-        Called with blocks done and blocks in all.
+        Called with the number of completed blocks and the total number.
     scales : (s,) array, (m,) array, optional
-        Of base signals and responses; as `find_scales` finds them where absent.
+        Of base signals and responses; by default those of `find_scales`.
     runner : JobRunner, optional
-        Who goes through the data; this process where absent.
+        Executes the pass; by default this process.
 
     Returns
     -------
@@ -244,7 +245,7 @@ def cross_products(
 
 
 def _products_of_block(words: tuple[Word, ...], scales: Scales, block: Sequence[Samples]) -> Array:
-    """Upper triangle of Z'Z, through distinct sums where that is cheaper."""
+    """Upper triangle of Z'Z, from the distinct sums where that is faster."""
     if plan_polynomial_products(words, scales[0].size) is not None:
         polynomial = PolynomialProducts(words, scales)
         return reduce(np.add, (polynomial.over(part.source, part.start, part.stop) for part in block))
@@ -273,8 +274,8 @@ def prewhitened_cross_products(
     Parameters
     ----------
     noise : sequence over responses of sequences over manoeuvres
-        Model of each response's residual in each manoeuvre. The constant is filtered like every other column; the
-        first samples of a manoeuvre, as many as the filter is long, start the filter and do not count.
+        Model of each response's residual in each manoeuvre. The constant is filtered like every other column. The
+        first samples of a manoeuvre, as many as the filter has coefficients, start the filter and are not counted.
     blocks, workers, progress, scales, runner
         As for `cross_products`.
 

@@ -2,7 +2,7 @@
 
 Arrays only. The derivatives a flight-test coefficient needs (p', q', r') are differences of noisy
 signals: a difference of order h^4 follows fast motion best and amplifies noise most, a local
-polynomial trades one for the other, and the smoothers find the trade in the samples themselves.
+polynomial is a compromise, and the smoothers determine the compromise from the samples.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ def differentiate(
     x : (n, ...) array
     dt : float [s]
     method : {"central", "forward", "backward", "local-polynomial", "spline", "fourier"}
-        Differences look both ways, ahead or back. Near an end, where one would reach beyond it, the
-        nearest stencil inside of the same truncation order stands in. "local-polynomial" fits one
-        through `window` samples about each (Savitzky-Golay), so it smooths as well. "spline" and "fourier" smooth by as
-        much as the noise they find calls for; `smoothing.smooth_spline` and `fourier_series.smooth_fourier` say
-        how, and give the accuracy of the first two derivatives. "spline" bridges NaN samples.
+        Near an end, where the stencil of a difference would extend beyond the record, the nearest stencil inside
+        with the same truncation order is used. "local-polynomial" fits a polynomial to `window` samples around
+        each sample (Savitzky-Golay) and so smooths as well. "spline" and "fourier" estimate the noise and smooth
+        accordingly; `smoothing.smooth_spline` and `fourier_series.smooth_fourier` have the method and give the
+        accuracy of the first two derivatives. "spline" interpolates over NaN samples.
     order : int
         Truncation order of a difference, the error being O(dt^order): 2 or 4 for central, 1, 2 or 4 for
-        the others. For "local-polynomial" the degree of the polynomial. Not used by the smoothers, which choose theirs.
+        the others. For "local-polynomial" the degree of the polynomial. The smoothers do not use it.
     derivative : int
         First (1) to fourth (4); of the smoothers first or second.
     window : int, optional
@@ -112,8 +112,8 @@ def smooth_derivative(x: np.ndarray, t: np.ndarray, method: str = "spline", deri
     """
     if derivative not in (1, 2):
         raise DomainError(
-            f"{method} gives the first and the second derivative, not number {derivative}: beyond that little but "
-            'the penalty speaks. Take differences ("central") of a smooth derivative.'
+            f"{method} gives the first and the second derivative, not number {derivative}: higher ones depend "
+            'on the penalty more than on the samples. Take differences ("central") of a smooth derivative.'
         )
     columns = x.reshape(len(x), -1)
     made = np.empty(columns.shape)
@@ -123,7 +123,7 @@ def smooth_derivative(x: np.ndarray, t: np.ndarray, method: str = "spline", deri
         else:
             smooth = smooth_spline(column, t)
             if derivative == 2 and smooth.order == 2:
-                # Order 2 takes the second derivative for white noise and has no estimate of it.
+                # Order 2 assumes that the second derivative is white noise and has no estimate of it.
                 smooth = smooth_spline(column, t, order=3)
         made[:, j] = smooth.derivative if derivative == 1 else smooth.second
     return made.reshape(x.shape)
@@ -140,7 +140,7 @@ def difference_weights(offsets: tuple[int, ...], derivative: int = 1) -> tuple[f
     derivative : int
         m.
     """
-    # In whole fractions, so that the weights carry no rounding: the Lagrange polynomial of each offset.
+    # The Lagrange polynomial of each offset, in exact fractions, so that the weights have no rounding error.
     weights = []
     for k in offsets:
         poly = [Fraction(1)]
@@ -160,7 +160,7 @@ def _stencils(method: str, order: int, derivative: int) -> tuple[tuple[int, ...]
         return tuple(range(width)), width
     if method == "backward":
         return tuple(range(1 - width, 1)), width
-    # Symmetry gives a central stencil of an even derivative one order for nothing.
+    # By symmetry a central stencil of an even derivative has one order more.
     half = (derivative + 1) // 2 - 1 + order // 2
     return tuple(range(-half, half + 1)), width
 

@@ -20,10 +20,10 @@ from structsel.numerics.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Projector:
-    """Takes out what one manoeuvre's own nuisances may explain, so that what is left is white again.
+    """Whitening of the rows of one manoeuvre, whose noise includes nuisance parameters P of its own.
 
-    ``I + P P'`` is the covariance of the noise with those nuisances; its inverse square root changes only their
-    directions, so it is kept as those (`basis`) and by how much each shrinks.
+    ``I + P P'`` is the covariance of noise and nuisances. Its inverse square root shrinks the directions of P only:
+    `basis` holds these directions, `shrink` the fraction that each loses.
     """
 
     basis: Array
@@ -38,7 +38,7 @@ class Projector:
         return cls(U, 1.0 - 1.0 / np.sqrt(1.0 + s**2))
 
     def __call__(self, X: Array) -> Array:
-        """Rows without what the nuisances may explain."""
+        """Whitened rows."""
         inside = self.basis.T @ X
         return X - self.basis @ (inside * (self.shrink[:, None] if X.ndim == 2 else self.shrink))
 
@@ -50,7 +50,7 @@ class Projector:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Sums of products of one or several sets of rows; they add.
+    """Sums of products over one or several sets of rows; they can be added and subtracted.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Posterior:
     log_evidence : float
         Without the constant of 2 pi.
     chi2 : float
-        Sum of squares that the mean leaves.
+        Residual sum of squares at the mean.
     """
 
     mean: Array
@@ -130,15 +130,15 @@ def solve(products: NormalEquations) -> Posterior:
 
 
 def chi2_of(products: NormalEquations, coefficients: Array) -> float:
-    """Sum of squares that given coefficients leave on (other) rows."""
+    """Residual sum of squares of given coefficients on these rows."""
     return products.c - 2.0 * float(products.b @ coefficients) + float(coefficients @ products.A @ coefficients)
 
 
 class Base:
     """Rows and nuisances of each manoeuvre, factored once for all trials: with all manoeuvres and without each.
 
-    The prior standard deviations of the nuisances are uncertain: they are as given times one of several sets of
-    factors, equally likely a priori.
+    The prior standard deviations of the nuisances are uncertain: they are the given ones times one of several sets
+    of factors with equal prior probabilities.
 
     Parameters
     ----------
@@ -156,9 +156,9 @@ class Base:
     evidence : (t, 1 + m) array
         Log evidence at each set of factors, of all manoeuvres and without each.
     chosen : int
-        The likeliest set of factors.
+        The most probable set of factors.
     solved : (1 + m, k) array
-        Coefficients at that, from all manoeuvres and without each.
+        Coefficients with these factors, from all manoeuvres and without each.
     posterior : Posterior
     """
 
@@ -189,23 +189,23 @@ class Base:
 
     @cached_property
     def B(self) -> list[Array]:
-        """(rows, k) nuisances per manoeuvre, scaled by the likeliest factors too."""
+        """(rows, k) nuisances per manoeuvre, scaled by the most probable factors too."""
         return [X * self.scales[self.chosen] for X in self.given]
 
-    def beside(self, more: Sequence[Array]) -> Base:
-        """With further columns (rows, j), whose priors stay as they are."""
+    def with_columns(self, more: Sequence[Array]) -> Base:
+        """Base with further columns (rows, j), whose priors have no factors."""
         given = [np.column_stack(pair) for pair in zip(self.given, more)]
         ones = np.ones((len(self.scales), given[0].shape[1] - self.scales.shape[1]))
         return Base(self.y, given, self.groups, np.column_stack([self.scales, ones]))
 
-    def keeping(self, columns: Sequence[int]) -> Base:
-        """With some of the columns, in this order."""
+    def select_columns(self, columns: Sequence[int]) -> Base:
+        """Base with some of the columns, in this order."""
         at = list(columns)
         return Base(self.y, [X[:, at] for X in self.given], self.groups, self.scales[:, at])
 
     @cached_property
     def freed(self) -> Array:
-        """(k,) increase of the log evidence by each column at the first set of factors, all others at the last."""
+        """(k,) increase of the log evidence if one column has the first set of factors and all others the last."""
         first, last = self.scales[0], self.scales[-1]
         inverse = self._inverse[-1, 0]
         mean = inverse.T @ self._rotated[-1, 0]
@@ -216,21 +216,21 @@ class Base:
         return -0.5 * (np.log(wider) + np.log(held) + less * mean**2 / held)
 
     def try_each(self, sets: Sequence[Sequence[Further]]) -> list[Trial]:
-        """Evidence for each set of further columns (scaled by their priors), over all and with each manoeuvre left out.
+        """Evidence for each set of further columns (scaled by their priors), with all manoeuvres and without each.
 
         Parameters
         ----------
         sets : sequence of sequence of Further
-            Each set, alone in addition to the base, per manoeuvre.
+            For each set, added to the base alone, the products by manoeuvre.
         """
         made: list[Trial | None] = [None] * len(sets)
-        for same in alike([one[0].cross.shape[1] for one in sets]):
-            for i, trial in zip(same, self._try_alike([sets[i] for i in same])):
+        for same in group_by_width([one[0].cross.shape[1] for one in sets]):
+            for i, trial in zip(same, self._evaluate_group([sets[i] for i in same])):
                 made[i] = trial
         return [trial for trial in made if trial is not None]
 
-    def _try_alike(self, sets: Sequence[Sequence[Further]]) -> list[Trial]:
-        """Trials of sets of equally many columns, all of them turned by the base's factors at once."""
+    def _evaluate_group(self, sets: Sequence[Sequence[Further]]) -> list[Trial]:
+        """Trials of sets with equal numbers of columns, computed together."""
 
         def all_and_without(parts: Array) -> Array:  # (sets, m, ...) to (1 + m, sets, ...)
             total = parts.sum(axis=1)
@@ -267,8 +267,8 @@ class Base:
         ]
 
 
-def alike(widths: Sequence[int]) -> list[list[int]]:
-    """Places of equally wide sets, for each width: such sets are worked out at once."""
+def group_by_width(widths: Sequence[int]) -> list[list[int]]:
+    """Indices of the sets with equal numbers of columns, for each number; such sets are computed together."""
     return [[i for i, w in enumerate(widths) if w == width] for width in set(widths)]
 
 

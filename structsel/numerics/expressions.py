@@ -1,4 +1,4 @@
-"""Formulas as short programs over a vector of slots, evaluated inside compiled loops for one state at a time.
+"""Formulas as short programs over a vector of slots, evaluated for single states inside compiled loops.
 
 A program is a list of instructions. The first `inputs` slots hold channels; instruction i writes slot ``inputs + i``
 from slots before it. An expression that occurs twice is computed once, so terms with common factors cost less::
@@ -38,7 +38,7 @@ class TermProgram(NamedTuple):
     inputs : int
         Slots filled by the caller.
     operation, left, right : (k,) int array
-        Operation by number, and the slots it takes; `right` is -1 where one is enough.
+        Operation by number, and the slots of its arguments; `right` is -1 for a function of one argument.
     value : (k,) array
         Of a number, or the exponent of a power.
     """
@@ -56,7 +56,7 @@ class TermProgram(NamedTuple):
 
 
 class ProgramMaker:
-    """Collects instructions, each distinct one once.
+    """Collects instructions without repetition.
 
     Parameters
     ----------

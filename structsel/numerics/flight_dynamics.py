@@ -1,4 +1,4 @@
-"""Equations of motion of a rigid aircraft with six degrees of freedom, for one state at a time, compiled.
+"""Compiled equations of motion of a rigid aircraft with six degrees of freedom, for a single state.
 
 Body axes; v is the velocity relative to a steady wind W0 (that at the initial altitude), f the specific force, I the
 inertia tensor, h_r = (H, 0, 0) the angular momentum of the rotors and M the moment of air and thrust about the centre
@@ -105,7 +105,7 @@ def _motion_through_air(x, air, work):  # type: ignore[no-untyped-def]  # pragma
     rotation[0, 0], rotation[0, 1], rotation[0, 2] = r00, r01, r02
     rotation[1, 0], rotation[1, 1], rotation[1, 2] = r10, r11, r12
     rotation[2, 0], rotation[2, 1], rotation[2, 2] = r20, r21, r22
-    # Velocity relative to the air: less the wind here beyond the reference, less the gust
+    # Velocity relative to the air: minus the change of the wind from the reference, minus the gust
     wind = work.derived[OUT_WIND : OUT_WIND + 3]
     wind_at(x[HEIGHT], air.heights, air.wind, wind)
     north, east, down = wind[0] - reference[0], wind[1] - reference[1], wind[2] - reference[2]
@@ -115,7 +115,7 @@ def _motion_through_air(x, air, work):  # type: ignore[no-untyped-def]  # pragma
     wind[0] = wind[0] + r00 * gust[0] + r01 * gust[1] + r02 * gust[2]
     wind[1] = wind[1] + r10 * gust[0] + r11 * gust[1] + r12 * gust[2]
     wind[2] = wind[2] + r20 * gust[0] + r21 * gust[1] + r22 * gust[2]
-    # Air data; a step that ends outside the atmosphere is reported at its end, inside one the nearest air will do
+    # Air data; the altitude is checked at the end of each step, and within a step it is limited to the table
     speed = np.sqrt(u * u + v * v + w * w)
     atmosphere = standard_air(min(max(x[HEIGHT], LOWEST), HIGHEST), air.isa_offset)
     rho = atmosphere[2] if np.isnan(given_rho) else given_rho
@@ -202,7 +202,7 @@ def _write_outputs(x, thrust, qS, aircraft, work, out):  # type: ignore[no-untyp
 
 @njit(**UNCOUNTED, forceinline=True)
 def _evaluate_coefficients(values, aircraft, work):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Body-axis coefficients without the flow's rates, and their derivatives with respect to these."""
+    """Body-axis coefficients without the flow-angle rates, and their derivatives with respect to these."""
     slots, c = work.slots, work.coefficients
     slot, response, rate = aircraft.term_slot, aircraft.term_response, aircraft.term_rate
     controls = work.controls
@@ -216,7 +216,7 @@ def _evaluate_coefficients(values, aircraft, work):  # type: ignore[no-untyped-d
         u, v, w, speed = slots[0], slots[1], slots[2], slots[AIRSPEED]
         ground = np.sqrt(u * u + w * w)
         for i in range(3 if aircraft.implicit else 1):
-            # CD, CY, CL stand where CX, CY, CZ will.
+            # CD and CL are in the columns of CX and CZ.
             c[i, 0], c[i, 2] = body_from_wind_compiled(
                 c[i, 2], c[i, 0], c[i, 1], w / ground, u / ground, v / speed, ground / speed
             )
@@ -224,7 +224,7 @@ def _evaluate_coefficients(values, aircraft, work):  # type: ignore[no-untyped-d
 
 @njit(**UNCOUNTED, forceinline=True)
 def _solve_for_flow_rates(bu, bv, bw, k, aircraft, work):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Add to the coefficients what the two dimensionless rates r contribute: r = r0 + J r, two equations."""
+    """Add the contributions of the two dimensionless rates r to the coefficients; they solve r = r0 + J r."""
     slots, c = work.slots, work.coefficients
     u, v, w, speed = slots[0], slots[1], slots[2], slots[AIRSPEED]
     half_c, half_b = aircraft.cbar / (2.0 * speed), aircraft.b / (2.0 * speed)
@@ -254,7 +254,7 @@ def _with_memory(x, parameters, aircraft, air, work, out):  # type: ignore[no-un
 
 @njit(**UNCOUNTED)
 def _run_memory_program(aircraft, work):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Inputs x of the states, with the flow's rates as last computed."""
+    """Inputs x of the states, with the last values of the flow-angle rates."""
     memory, slots, speed = aircraft.memory, work.memory_slots, work.slots[AIRSPEED]
     for i in range(FIRST_CONTROL):
         slots[i] = work.slots[i]
@@ -269,7 +269,7 @@ def _run_memory_program(aircraft, work):  # type: ignore[no-untyped-def]  # prag
 
 @njit(**UNCOUNTED)
 def _set_memory_values(x, aircraft, work):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """The controls that hold the states' values, at this instant."""
+    """Set the controls that hold the values of the states, at this instant."""
     memory, history = aircraft.memory, work.history
     _run_memory_program(aircraft, work)
     for i in range(memory.slot.size):
@@ -283,7 +283,7 @@ def _set_memory_values(x, aircraft, work):  # type: ignore[no-untyped-def]  # pr
 
 @njit(**UNCOUNTED)
 def _memory_derivative(x, aircraft, work, out):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Derivatives of the lags and of the distance, with the flow's rates of this instant."""
+    """Derivatives of the lags and of the distance, with the present flow-angle rates."""
     memory, speed = aircraft.memory, work.slots[AIRSPEED]
     _run_memory_program(aircraft, work)
     for i in range(memory.slot.size):
@@ -296,7 +296,7 @@ def _memory_derivative(x, aircraft, work, out):  # type: ignore[no-untyped-def] 
 
 @njit(**UNCOUNTED)
 def _delayed(clock, value, count, now, given, delay):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Value of an input `delay` before now, where its value is `given`; before the first step, that of the first."""
+    """Value of an input at now - delay; `given` is its value now, and it is constant before the first step."""
     wanted = now - delay
     if count == 0:
         return given

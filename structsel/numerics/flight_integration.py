@@ -94,13 +94,13 @@ class Scratch(NamedTuple):
     Attributes
     ----------
     rate, trial, total : (size,) array
-        Of the Runge-Kutta rule.
+        Of the Runge-Kutta step.
     path, inputs : (26,), (9,) array
-        State and inputs of the sensors' equations, see `flight_path`.
+        State and inputs of the sensor equations, see `kinematics`.
     wanted : (12,) bool array
-        All of its readings.
+        All readings.
     intervals : (2,) int array
-        Where the controls, prompt and delayed, were found last.
+        Sampling intervals in which the undelayed and the delayed controls were last; the search starts there.
     """
 
     rate: Array
@@ -134,7 +134,7 @@ def _parts(full, terms, controls):  # type: ignore[no-untyped-def]  # pragma: no
 
 @njit(**UNCOUNTED)
 def _control_at(t, table, tau, before, hold, bias, j, column, eps):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """One control at a time, and the interval it was found in; `before` means just before the time."""
+    """Value of one control at time tau, and its sampling interval; `before` takes the limit from the left."""
     n = t.size
     if hold:
         tau = tau - eps if before else tau + eps
@@ -154,11 +154,8 @@ def _control_at(t, table, tau, before, hold, bias, j, column, eps):  # type: ign
 
 @njit(**UNCOUNTED, forceinline=True)
 def _set_instant(clock, k, tau, part, before, parameters, intervals, work):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Controls at the time tau and conditions at the fraction `part` of the sample k.
-
-    `intervals` (2,) remembers where the controls, prompt and delayed, were found last.
-    """
-    # Arrays are taken out of their tuples before a loop: inside, every access would count references.
+    """Controls at the time tau, and conditions at the fraction `part` of the interval after sample k."""
+    # Arrays are taken out of their tuples before a loop; inside it, every access would count references.
     t, table, delayed, biases, delay = clock.t, clock.controls, clock.delayed, parameters.biases, parameters.delay
     controls = work.controls
     eps = 1e-9 * (t[t.size - 1] - t[0]) / (t.size - 1)
@@ -176,7 +173,7 @@ def _set_instant(clock, k, tau, part, before, parameters, intervals, work):  # t
 
 @njit(**UNCOUNTED)
 def _trouble(x, airspeed, given_rho):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Number of the reason why a simulation cannot go on from a state; 0 where it can."""
+    """Index in `REASONS` if the simulation cannot continue from a state, otherwise 0."""
     for i in range(x.size):
         if not np.isfinite(x[i]):
             return 1
@@ -193,7 +190,7 @@ def _trouble(x, airspeed, given_rho):  # type: ignore[no-untyped-def]  # pragma:
 def _read_sensors(x, vanes, sensors, scratch, derived):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Readings of the instruments at their positions, into `derived`."""
     path, inputs = scratch.path, scratch.inputs
-    # The sensors' equations are those of the flight path, with no errors but the vanes'.
+    # The sensor equations are those of the kinematics, with the errors of the vanes only.
     path[:] = 0.0
     for i in range(3):
         path[i] = derived[i]
@@ -235,7 +232,7 @@ def _start_memory(x, parameters, aircraft, environment, work, rate):  # type: ig
 
 @njit(**UNCOUNTED)
 def _remember(x, work):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Keep the inputs of the states with a memory at the beginning of a step."""
+    """Store the inputs of the states with a memory at the beginning of a step."""
     history = work.history
     k = history.steps[0]
     if k < history.time.size:
@@ -247,14 +244,14 @@ def _remember(x, work):  # type: ignore[no-untyped-def]  # pragma: no cover - co
 
 @njit(**UNCOUNTED)
 def _advance(x, k, parameters, setup, known, work, scratch):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Integrate from sample k to the next; the rate at its beginning may be `known` already."""
+    """Integrate from sample k to the next; `known` if the rate at its beginning is already computed."""
     rate, trial, total, intervals = scratch.rate, scratch.trial, scratch.total, scratch.intervals
     aircraft, environment, clock = setup.aircraft, setup.environment, setup.clock
     t, substeps = clock.t, clock.substeps
     dt = (t[k + 1] - t[k]) / substeps
     for s in range(substeps):
         begin = t[k] + s * dt
-        # Runge and Kutta's four rates: at the beginning, twice in the middle, at the end.
+        # Four stages of Runge-Kutta: at the beginning, twice in the middle, at the end.
         for stage in range(4):
             ahead = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
             if stage or s or not known:
@@ -275,7 +272,7 @@ def _advance(x, k, parameters, setup, known, work, scratch):  # type: ignore[no-
 
 @njit(**UNCOUNTED)
 def _simulate_one(j, x, parameters, setup, work, scratch, result):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Parameter set j, from its initial state; fills its row of the results."""
+    """Simulate parameter set j from its initial state; fills its row of the results."""
     outputs, samples, reason, values = result
     clock, sensors, correction, observed = setup.clock, setup.sensors, setup.correction, setup.observed
     memory, states, rate, n = setup.aircraft.memory.control, correction.states, scratch.rate, clock.t.size
@@ -311,7 +308,7 @@ def _simulate_one(j, x, parameters, setup, work, scratch, result):  # type: igno
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def simulate_all(full, setup, result):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Every parameter set, one after another; `result` is outputs, samples, reason, memory, filled."""
+    """Simulate every parameter set; fills `result`, which is outputs, samples, reason and memory."""
     aircraft, clock = setup.aircraft, setup.clock
     controls, count = clock.controls.shape[1], aircraft.memory.slot.size
     steps = (clock.t.size - 1) * clock.substeps + 1 if count else 0

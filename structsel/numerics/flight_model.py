@@ -42,7 +42,7 @@ _AT_CG = (
     *("vn", "ve", "vd", "rho", "qbar", "mach", "thrust", "mass", *COEFFICIENTS),
 )
 READINGS = (*kinematics.MEASUREMENTS, "ax", "ay", "az")
-"""What the instruments read at their positions, without noise: air data at the vanes, specific force at the
+"""Readings of the instruments at their positions, without noise: air data at the vanes, specific force at the
 accelerometer, height at the static port, ground position and velocity at the antenna."""
 OUTPUTS = (*_AT_CG, *(f"{name} at instrument" for name in READINGS))
 """Columns that `simulate_batch` can return: at the centre of gravity (u, v, w relative to the air), then at the
@@ -55,9 +55,9 @@ REASONS = (
     "the pitch attitude reached 90 degrees",
     "the altitude left the standard atmosphere (-5 to 32 km)",
 )
-"""Why a simulation stopped, by number."""
+"""Reason why a simulation stopped, by number."""
 
-# Places in STATES, CHANNELS, CONDITIONS and OUTPUTS, as the compiled functions use them.
+# Indices in STATES, CHANNELS, CONDITIONS and OUTPUTS for the compiled functions.
 P, Q, R, PHI, THETA, PSI, HEIGHT = (STATES.index(name) for name in ("p", "q", "r", "phi", "theta", "psi", "h"))
 AIRSPEED = CHANNELS.index("V")
 ALPHA_DOT_HAT, BETA_DOT_HAT = CHANNELS.index("alpha_dot_hat"), CHANNELS.index("beta_dot_hat")
@@ -77,17 +77,17 @@ def outputs_index(names: Sequence[str], *, instruments: bool = False) -> np.ndar
     ----------
     names : sequence of str
     instruments : bool
-        As the instruments at their positions read them, for those in `READINGS`; the rest are true values.
+        Readings at the positions of the instruments, for channels in `READINGS`; the others are true values.
 
     Raises
     ------
     ChannelError
-        For a channel that no flight gives.
+        For a channel that is not an output of a simulation.
     """
     found = []
     for name in names:
         if name not in _AT_CG:
-            raise ChannelError(f"A flight gives no output {name!r}.\nIt gives: {', '.join(_AT_CG)}.")
+            raise ChannelError(f"A simulation has no output {name!r}.\nIt has: {', '.join(_AT_CG)}.")
         found.append(FIRST_READING + READINGS.index(name) if instruments and name in READINGS else _AT_CG.index(name))
     return np.array(found, dtype=np.int64)
 
@@ -100,9 +100,9 @@ class Memory(NamedTuple):
     program : TermProgram
         Its inputs are those of the terms' program, with the rates alpha_dot_hat and beta_dot_hat themselves.
     slot : (M,) int array
-        Where the program leaves the input x of each state.
+        Slot of the program with the input x of each state.
     control : (M,) int array
-        The control that holds the state's value.
+        Control that holds the value of each state.
     is_delay : (M,) bool array
         A delay, y(t) = x(t - constant); otherwise a lag, constant y' + y = x.
     constant : (M,) array
@@ -125,7 +125,7 @@ class Memory(NamedTuple):
 
 
 def no_memory(inputs: int) -> Memory:
-    """The memory of a model without such states; `inputs` are those of its program."""
+    """Memory of a model without such states; `inputs` is the number of inputs of its program."""
     nothing, none, never = np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
     return Memory(TermProgram(inputs, none, none, none, nothing), none, none, never, nothing, never, nothing, False)
 
@@ -138,7 +138,7 @@ class AircraftArrays(NamedTuple):
     program : TermProgram
         Its inputs are `CHANNELS`, then the controls.
     term_slot : (T,) int array
-        Where the program leaves each term.
+        Slot of the program with each term.
     term_response : (T,) int array
         Row of `COEFFICIENTS` it adds to.
     term_rate : (T,) int array
@@ -214,7 +214,7 @@ class CompiledAircraft:
         return np.concatenate([self.values, m.start, np.zeros(len(STATES)), m.biases, [m.delay], m.vanes])
 
     def parameter_index(self, names: Sequence[str]) -> NDArray[np.int64]:
-        """(k,) places of parameters in the full vector.
+        """(k,) indices of parameters in the full vector.
 
         Raises
         ------

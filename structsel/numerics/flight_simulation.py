@@ -5,8 +5,8 @@ Arrays in, arrays out. `CompiledAircraft` is the aircraft, `ManoeuvreInputs` one
     simulate_batch(aircraft, manoeuvre, theta, index, observed, *, substeps=1, correction=None) -> BatchResult
 
     theta     (m, k) array      one row for each parameter set
-    index     (k,) int array    which entry of the full parameter vector each column of theta replaces
-    observed  (c,) int array    which columns of `OUTPUTS` are wanted, see `outputs_index`
+    index     (k,) int array    entry of the full parameter vector that each column of theta replaces
+    observed  (c,) int array    columns of `OUTPUTS` to return, see `outputs_index`
 
 The full parameter vector (`CompiledAircraft.parameters(manoeuvre)`, names by `CompiledAircraft.parameter_names`)::
 
@@ -58,11 +58,11 @@ class BatchResult:
     Attributes
     ----------
     outputs : (m, n, c) array
-        NaN from where a simulation stopped.
+        NaN after a simulation has stopped.
     samples : (m,) int array
         Valid samples; n where the simulation reached its end.
     reason : (m,) int array
-        Why it stopped: `REASONS` by number, 0 at the end.
+        Why it stopped: index in `REASONS`, 0 if it reached the end.
     memory : (m, n, M) array
         Values of the model's states with a memory.
     """
@@ -91,7 +91,7 @@ def simulate_batch(
     manoeuvre : ManoeuvreInputs
     theta : (m, k) array
     index : (k,) int array
-        Which entry of the full parameter vector each column replaces; see `CompiledAircraft.parameter_index`.
+        Entry of the full parameter vector that each column replaces; see `CompiledAircraft.parameter_index`.
     observed : (c,) int array
         Columns of `OUTPUTS`; see `outputs_index`.
     substeps : int
@@ -106,7 +106,7 @@ def simulate_batch(
     Raises
     ------
     DataError
-        When the sizes do not fit.
+        When the sizes do not agree.
     DomainError
         When `substeps` is below 1.
     """
@@ -146,7 +146,7 @@ def state_derivatives(
     controls: Array,
     parameters: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Derivatives and outputs at given states, each with its own controls, in the conditions of the first sample.
+    """Derivatives and outputs at given states and controls, in the conditions of the first sample.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ class History(NamedTuple):
     Attributes
     ----------
     steps : (1,) int array
-        How many so far.
+        Number of steps so far.
     time, distance : (N,) array [s, m]
     value : (M, N) array
     """
@@ -47,7 +47,7 @@ class History(NamedTuple):
 
 
 class Parameters(NamedTuple):
-    """One full parameter vector by its parts: terms, start, drift, biases of the controls, delay, vanes."""
+    """Parts of one full parameter vector: terms, start, drift, biases of the controls, delay, vanes."""
 
     terms: Array
     start: Array
@@ -73,7 +73,7 @@ class Workspace(NamedTuple):
     slots, memory_slots : arrays
         Of the two programs.
     coefficients : (3, 6) array
-        Without the flow's rates, and their derivatives with respect to each of the two rates.
+        Without the flow-angle rates, and their derivatives with respect to each of the two rates.
     memory_input : (M,) array
         Inputs x of the states with a memory.
     derived : (DERIVED,) array
@@ -96,7 +96,7 @@ class Workspace(NamedTuple):
 
 @njit(cache=True)
 def new_workspace(aircraft, controls, conditions, history):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Scratch arrays for this many controls and conditions."""
+    """Scratch arrays for a number of controls and conditions."""
     program, memory = aircraft.program, aircraft.memory
     return Workspace(
         np.zeros(1), np.empty(controls), np.empty(conditions), np.empty(4), np.empty((3, 3)),

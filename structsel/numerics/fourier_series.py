@@ -16,9 +16,9 @@ from structsel.numerics.smoothing import ORDERS, SmoothedSignal
 
 _SERIES_SAMPLES = 32
 _SERIES_CUTOFFS = 40  # cut-offs tried before the search is refined
-_CLEAR = 2.5  # times the cut-off, from where a coefficient is noise alone
+_CLEAR = 2.5  # times the cut-off; above it coefficients are noise alone
 _ROUNDS = 2
-_GAIN = 0.1  # of the expected error that another order than 3 must bring; less is within its scatter
+_GAIN = 0.1  # least relative reduction of the expected error by another order than 3; less is within its scatter
 
 
 # ---------------------------------------------------------------- smoothing by a sine series
@@ -27,18 +27,18 @@ _GAIN = 0.1  # of the expected error that another order than 3 must bring; less 
 def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> SmoothedSignal:
     """Smooth one channel on an even clock, with its first two derivatives and their accuracy.
 
-    Less the straight line through its ends and reflected to an odd periodic signal, a smooth record has a sine
-    series whose amplitudes fall as k^-3, whereas white noise has a flat one. The coefficients pass through the Wiener
-    filter 1 / (1 + (k / k_c)^(2 order)); the line comes back, and derivatives are those of the series.
+    Without the linear trend between its ends, and reflected to an odd periodic signal, a smooth record has a sine
+    series whose amplitudes fall as k^-3; the amplitudes of white noise are constant. The coefficients are multiplied
+    by the Wiener filter 1 / (1 + (k / k_c)^(2 order)). The trend is then added; derivatives are those of the series.
 
-    - The line is not drawn through the noisy end samples: it is estimated by generalised least squares from
-      all coefficients, those beyond the cut-off counting most, because a wrong line adds 1/k to them.
-    - The noise is first `noise_level`, then the median of the coefficients above 2.5 times the cut-off, where enough
-      are left.
+    - The trend does not pass through the noisy end samples: it is estimated by generalised least squares from
+      all coefficients. Those beyond the cut-off have the largest weight: an error of the trend adds 1/k to them.
+    - The noise is first `noise_level`, then the median of the coefficients above 2.5 times the cut-off, if there are
+      enough of them.
     - The cut-off is that of the least expected squared error (Stein's unbiased estimate: residual sum of squares
-      + 2 noise^2 degrees of freedom), which needs no law for the signal below it. It goes to
-      the Nyquist frequency and beyond when nothing is to be gained by smoothing.
-    - The order is 3; 2 (the derivative jumps) or 4 is taken where its expected squared error is less by a tenth.
+      + 2 noise^2 degrees of freedom), which needs no model of the signal below it. It lies at the Nyquist frequency
+      or beyond if smoothing does not reduce the error.
+    - The order is 3; 2 (the derivative jumps) or 4 is chosen if its expected squared error is less by a tenth.
 
     Parameters
     ----------
@@ -46,16 +46,16 @@ def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> Smo
         Finite.
     dt : float [s]
     order : {2, 3, 4}, optional
-        Power with which amplitudes fall; chosen as above if not given.
+        Power of frequency with which amplitudes fall; chosen as above if not given.
 
     Returns
     -------
     SmoothedSignal
         In the interior the actual rms error of values and first derivative is 0.75 to 1.3 times the rms of
         the stated standard deviations (white noise, signals without kinks). The stated one is too small, by
-        up to two and a half times, for the derivative of a signal whose derivative jumps (the order-2 spline has
-        that one right), and within about two periods of the cut-off from either end where the signal's
-        second derivative is not small there: the series takes it for zero.
+        up to two and a half times, for the derivative of a signal whose derivative jumps (that of the order-2 spline
+        is right). It is also too small within about two periods of the cut-off from either end if the second
+        derivative is not small there, because the series assumes that it is zero.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> Smo
         what = f"sample {lost[0]} is {values[lost[0]]}" if lost.size else f"there are {values.size}"
         raise DataError(
             f"smooth_fourier needs at least {_SERIES_SAMPLES} samples, all finite and on an even clock; {what}.\n"
-            "Use smooth_spline, which bridges missing samples, or take another stretch."
+            "Use smooth_spline, which interpolates over missing samples, or another segment."
         )
     series = _Series(values, dt)
     noise = noise_level(values, dt)
@@ -88,14 +88,14 @@ def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> Smo
 
 
 class _Series:
-    """Sine series of one record and of the two ends of a straight line, orthonormal so that noise stays white.
+    """Orthonormal sine series of one record and of its linear trend; white noise has white coefficients.
 
     Attributes
     ----------
     d : (n - 2,) array
         Coefficients of the interior samples.
     X : (n - 2, 2) array
-        Coefficients of a line that is one at the first sample and zero at the last, and the reverse.
+        Coefficients of a trend that is one at the first sample and zero at the last, and of the reverse.
     """
 
     def __init__(self, x: Array, dt: float):
@@ -112,7 +112,7 @@ class _Series:
         return 1.0 / (1.0 + (self.k / k_c) ** (2 * order))
 
     def _line(self, passed: Array) -> tuple[Array, Array, Array]:
-        """Ends of the line, the coefficients less it, and the normal matrix (noise variance one)."""
+        """Ends of the trend, the coefficients without it, and the normal matrix (noise variance one)."""
         # Signal and noise together have variance noise^2 / (1 - passed) in a coefficient.
         weight = 1.0 - passed
         normal = (self.X * weight[:, None]).T @ self.X + np.eye(2)
@@ -120,7 +120,7 @@ class _Series:
         return ends, self.d - self.X @ ends, normal
 
     def risk(self, k_c: float, order: int, noise: float) -> float:
-        """Expected sum of squared errors, less a constant."""
+        """Expected sum of squared errors, up to a constant."""
         passed = self._passed(k_c, order)
         ends, rest, normal = self._line(passed)
         stopped = 1.0 - passed
@@ -130,7 +130,7 @@ class _Series:
         return float(residual + noise**2 * (2.0 * degrees - self.n))
 
     def least_risk(self, noise: float, order: int) -> tuple[float, float]:
-        """Least risk and the cut-off k_c that has it."""
+        """Least risk and its cut-off k_c."""
         grid = np.linspace(np.log(1.0), np.log(3.0 * self.n), _SERIES_CUTOFFS)
         at = int(np.argmin([self.risk(float(np.exp(g)), order, noise) for g in grid]))
         bounds = grid[max(at - 1, 0)], grid[min(at + 1, _SERIES_CUTOFFS - 1)]
@@ -138,7 +138,7 @@ class _Series:
         return float(found.fun), float(np.exp(found.x))
 
     def noise_above(self, lowest: float, k_c: float, order: int, otherwise: float) -> float:
-        """Noise from the coefficients above `lowest`, or what it was where they are too few to judge by."""
+        """Noise from the coefficients above `lowest`, or `otherwise` if these are too few."""
         _, rest, _ = self._line(self._passed(k_c, order))
         beyond = rest[self.k > lowest]
         # The square of a normal variable has its median at 0.4549.
@@ -148,7 +148,7 @@ class _Series:
         passed = self._passed(k_c, order)
         ends, rest, normal = self._line(passed)
         w = np.pi * self.k / self.length
-        # What an uncertain end moves at each sample: its line less what the filter takes of that for signal.
+        # Effect of an error of one end at each sample: its trend minus the part that the filter passes as signal.
         per_end = -passed[:, None] * self.X
         spread = np.linalg.inv(normal)
         slope = np.array([-1.0, 1.0]) / self.length
@@ -191,57 +191,57 @@ class _Series:
 
 
 def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
-    """Level and first cosine coefficients of each column, faded at both ends.
+    """Mean level and first cosine coefficients of each column, tapered at both ends.
 
     The orthonormal cosine transform (type II) of a stationary process has nearly independent coefficients whose
     variances are its two-sided spectrum, and no leakage from a step between its ends; a relation that holds sample by
-    sample holds coefficient by coefficient. Fading matters for what was differentiated: the noise of the first and
-    the last reading would enter every coefficient. A constant is faded as well and would leak into them, so it is
-    removed first and is the first entry of the result.
+    sample holds coefficient by coefficient. The taper is needed for differentiated signals, where the noise of the
+    first and the last sample would enter every coefficient. A tapered constant would leak into the coefficients:
+    it is removed, and is the first entry of the result.
 
     Parameters
     ----------
     x : (n,) or (n, k) array
     bins : int
-        Coefficient j has the frequency j / (2 `length_of(n)` dt).
+        Coefficient j has the frequency j / (2 `fast_length(n)` dt).
     edge : int
-        Samples over which each end is faded.
+        Samples over which each end is tapered.
 
     Returns
     -------
     (1 + bins,) or (1 + bins, k) array
-        The level (times the root of the samples it counts) and coefficients 1 to `bins`.
+        The level (times the root of the weighted number of samples) and coefficients 1 to `bins`.
     """
-    n = length_of(len(x))
-    fade = fading(n, edge)
+    n = fast_length(len(x))
+    weight = taper(n, edge)
     # Columns contiguous in memory: the transform of interleaved columns takes longer.
-    faded = np.multiply(np.asarray(x, dtype=float)[:n].T, fade, order="C")
-    level = faded @ fade / (fade @ fade)
-    made = dct(faded, norm="ortho", overwrite_x=True)[..., : bins + 1]
-    made = made - np.multiply.outer(level, _leaked(n, edge)[: bins + 1])
-    made[..., 0] = level * np.sqrt(fade @ fade)
-    return np.array(made.T, order="C")
+    tapered = np.multiply(np.asarray(x, dtype=float)[:n].T, weight, order="C")
+    level = tapered @ weight / (weight @ weight)
+    coefficients = dct(tapered, norm="ortho", overwrite_x=True)[..., : bins + 1]
+    coefficients = coefficients - np.multiply.outer(level, _constant_coefficients(n, edge)[: bins + 1])
+    coefficients[..., 0] = level * np.sqrt(weight @ weight)
+    return np.array(coefficients.T, order="C")
 
 
 @lru_cache(maxsize=256)
-def _leaked(n: int, edge: int) -> Array:
-    """(n,) coefficients that a faded constant has; not to be written to."""
-    return np.asarray(dct(fading(n, edge), norm="ortho"))
+def _constant_coefficients(n: int, edge: int) -> Array:
+    """(n,) coefficients of a tapered constant; not to be written to."""
+    return np.asarray(dct(taper(n, edge), norm="ortho"))
 
 
 @lru_cache(maxsize=256)
-def length_of(n: int) -> int:
-    """Samples of n that a spectrum uses: a few at the end are left out where that saves much work."""
+def fast_length(n: int) -> int:
+    """Number of samples that a spectrum of n samples uses: it leaves out a few at the end for a fast transform."""
     return int(prev_fast_len(n, real=True))
 
 
 @lru_cache(maxsize=256)
-def fading(n: int, edge: int) -> Array:
+def taper(n: int, edge: int) -> Array:
     """(n,) weights that rise from 0 to 1 over `edge` samples and fall again (cosine squared); not to be written to."""
-    fade = np.ones(n)
+    weight = np.ones(n)
     if edge > 0:
         rise = np.sin(0.5 * np.pi * (np.arange(edge) + 0.5) / edge) ** 2
-        fade[:edge] = rise
-        fade[n - edge :] = rise[::-1]
-    fade.setflags(write=False)
-    return fade
+        weight[:edge] = rise
+        weight[n - edge :] = rise[::-1]
+    weight.setflags(write=False)
+    return weight

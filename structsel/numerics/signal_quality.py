@@ -1,4 +1,4 @@
-"""Quality of one channel: its white noise, runs of repeated samples, spikes. Arrays only."""
+"""Quality of one channel: white noise, repeated samples, spikes. Arrays only."""
 
 from __future__ import annotations
 
@@ -10,28 +10,26 @@ from structsel.errors import DataError, DomainError
 from structsel.numerics.arrays import Array
 
 _MIN_SAMPLES = 16
-_REPEATS = 0.1  # share of repeated samples from which a channel counts as coarse
-_SIDE = 4  # samples of the local fit on either side
-_LOCAL = 51  # samples whose median deviation is the local scale
-_CLEAR = 1.35  # times the largest step nearby: what the steps into and out of a spike must exceed
+_REPEATS = 0.1  # fraction of repeated samples above which a channel is coarse
+_SIDE = 4  # samples of the local fit on each side
+_LOCAL = 51  # samples of the local median deviation
+_CLEAR = 1.35  # least ratio of the steps into and out of a spike to the largest step nearby
 _MAD = 1.4826  # standard deviation over the median absolute deviation, normal distribution
 _NARROWEST, _WIDER, _WIDEST = 0.7, 1.6, 0.125
 """Widths of the smoothers, in samples: of the first, of each over the last, and of the widest over the length."""
-_AROUND = 3.0  # widths, over which the power of a band is counted
-_MODEST = 2.5  # of the noise's power, up to which all there is counts as noise
+_AROUND = 3.0  # widths over which the power of a band is averaged
+_MODEST = 2.5  # ratio of power to that of the noise up to which a band is noise
 
 
 def noise_level(x: np.ndarray, dt: float, *, above: float | None = None) -> float:
     """Standard deviation of the white noise on a channel.
 
     The level is the median power in the upper half of the spectrum (after a Hann window, whose leakage falls
-    as the third power), so it stands against narrow lines, and against motion that stays below a quarter of the
-    sampling rate.
+    as the third power). It is robust against narrow lines, and against motion below a quarter of the sampling rate.
 
-    Two kinds of channel have fewer values than samples. One that is *held*, because its instrument is slower than the
-    recorder, is judged by the samples at which it changes: between them it says nothing about noise. One that is
-    *coarse* has an error of step / sqrt(12) even where it stands still, and no less is reported. Neither is thus
-    called noise-free; a constant channel is.
+    Two kinds of channel have fewer values than samples. Of a *held* channel, whose instrument is slower than the
+    recorder, only the samples at which it changes are used. A *coarse* channel has a quantisation error of
+    step / sqrt(12), which is the least value reported for it. Only a constant channel is free of noise.
 
     Parameters
     ----------
@@ -39,13 +37,13 @@ def noise_level(x: np.ndarray, dt: float, *, above: float | None = None) -> floa
         On an even clock; samples that are NaN are left out.
     dt : float [s]
     above : float, optional [Hz]
-        Lower edge of the band to judge by; half the Nyquist frequency if not given.
+        Lower edge of the band that is used; half the Nyquist frequency if not given.
 
     Returns
     -------
     float [unit of x]
-        Its own scatter is about 1.3 / sqrt(n) of it. Noise that an anti-alias filter has shaped is understated: it
-        is the level in that band that counts.
+        Its relative standard error is about 1.3 / sqrt(n). Noise after an anti-alias filter is underestimated, because
+        the level in that band is used.
 
     Raises
     ------
@@ -60,20 +58,20 @@ def noise_level(x: np.ndarray, dt: float, *, above: float | None = None) -> floa
         return 0.0
     runs = starts_of_runs(values)
     period = dt
-    if is_held(values):
+    if is_sample_and_hold(values):
         period *= values.size / runs.size
         values = values[runs]
     if values.size < _MIN_SAMPLES:
         raise DataError(
             f"noise_level needs {_MIN_SAMPLES} samples that are finite and not held; there are {values.size}.\n"
-            "Take a longer stretch, or give the noise."
+            "Use a longer segment, or give the noise."
         )
     coarse = float(moving.min()) / np.sqrt(12.0) if moving.size < (1.0 - _REPEATS) * steps.size else 0.0
     return max(_floor(values, period, above), coarse)
 
 
-def is_held(x: Array) -> bool:
-    """Whether a channel repeats its samples in runs of about equal length, as one does whose instrument is slow."""
+def is_sample_and_hold(x: Array) -> bool:
+    """Whether a channel repeats its samples in runs of about equal length, as with an instrument of a lower rate."""
     lengths = np.diff(starts_of_runs(x))[1:]
     if lengths.size < 4:
         return False
@@ -89,29 +87,28 @@ def starts_of_runs(x: Array) -> np.ndarray:
 
 def _floor(x: Array, dt: float, above: float | None) -> float:
     n = x.size
-    # A straight line has a spectrum of its own; what is left at the ends goes with the window.
+    # A linear trend would leak into the spectrum; the window removes the remaining difference of the ends.
     line = np.polynomial.Polynomial.fit(np.arange(n), x, 1)
     window = np.hanning(n + 2)[1:-1]
     power = np.abs(np.fft.rfft((x - line(np.arange(n))) * window)) ** 2 / np.sum(window**2)
     frequency = np.fft.rfftfreq(n, dt)
-    # The last bin of an even length is real: another distribution.
+    # The last bin of an even length is real and has another distribution.
     inside = (frequency >= (0.25 / dt if above is None else above)) & (frequency < 0.5 / dt * (1.0 - 1e-9))
     if inside.sum() < 4:
         raise DataError(f"noise_level finds {int(inside.sum())} spectral lines above {above} Hz; it needs 4.")
     return float(np.sqrt(np.median(power[inside]) / np.log(2.0)))
 
 
-def white_std(steps: Array) -> float:
-    """Standard deviation of white noise by third differences of a signal, which leave nothing of slow motion."""
+def noise_std_from_differences(steps: Array) -> float:
+    """Standard deviation of white noise from third differences of a signal, which remove slow motion."""
     return float(np.sqrt(np.median(steps**2) / 0.4549 / 20.0))  # the median of chi squared, and 1 + 9 + 9 + 1
 
 
-def white_part(x: Array) -> Array:
+def estimate_white_noise(x: Array) -> Array:
     """Estimate of the white noise in a signal, band by band and moment by moment.
 
-    What lies between smoothers of two widths is noise where its power is no more than white noise of the signal's
-    finest scale has in that band, and signal where it is much more: a local Wiener filter. A signal at rest is all
-    noise at every scale; one that moves keeps what it does.
+    A local Wiener filter. The difference of two smoothers of different widths is a band. It is noise where its power is
+    at most that of white noise with the level of the finest band, and signal where it is much more.
 
     Parameters
     ----------
@@ -121,12 +118,12 @@ def white_part(x: Array) -> Array:
     Returns
     -------
     (n,) array
-        Zeros where most samples are as the last (a signal that was held, or a coarse digital one).
+        Zeros if most samples repeat the one before (a held or a coarse channel).
     """
     steps = np.diff(x, 3)
     if not len(steps) or np.mean(steps != 0.0) < 0.5:
         return np.zeros(len(x))
-    sd = white_std(steps[steps != 0.0])
+    sd = noise_std_from_differences(steps[steps != 0.0])
     one = np.zeros(2 * len(x) + 1)
     one[len(x)] = 1.0
     noise = np.zeros(len(x))
@@ -136,35 +133,35 @@ def white_part(x: Array) -> Array:
         band = above - below
         expected = sd**2 * float(((of_one - passed) ** 2).sum())
         power = gaussian_filter1d(band**2, _AROUND * width, mode="nearest")
-        share = np.minimum(1.0, _MODEST * expected / np.maximum(power, 1e-300)) ** 2
-        noise += share * band
+        fraction = np.minimum(1.0, _MODEST * expected / np.maximum(power, 1e-300)) ** 2
+        noise += fraction * band
         above, of_one, width = below, passed, _WIDER * width
     return noise
 
 
 def find_spikes(x: np.ndarray, *, threshold: float = 5.0, longest: int = 3) -> tuple[NDArray[np.intp], Array]:
-    """Samples that leave the signal for one to three samples and come back, and what stood there instead.
+    """Spikes of one to three samples, and the values of a local fit to replace them.
 
     A group of up to `longest` samples is a spike when
 
-    - each differs by more than `threshold` noise standard deviations from a parabola through four samples on
-      either side,
-    - each lies beyond the samples next to the group, on the side where it differs, by more than half of that, and
-    - the steps into the group and out of it exceed 1.35 times the largest step among those neighbours,
+    - each sample differs by more than `threshold` noise standard deviations from a parabola through four samples
+      on each side,
+    - each sample differs from both neighbours of the group, in the same direction, by more than half of that, and
+    - the steps into the group and out of it exceed 1.35 times the largest step among those neighbours.
 
-    the slope of the stretch taken off both times.
-    The noise is the median absolute deviation from such fits, in the 51 samples about or in the whole record,
-    whichever is more. A step has one side it agrees with, a doublet has its other edges beside it, a pulse of more
-    than `longest` samples is no group, and the peak of a fast motion is approached in steps of its own
-    size: none of them is a spike. Of spikes of 8 standard deviations on white noise nine in ten are found, of
-    12 all; false alarms come less than once in 10,000 samples. Where the motion itself is rough, a
-    spike has to stand out from that.
-    Groups are judged in rounds, clearest first, so that one does not hide the next.
+    The last two are tested after subtraction of the local slope. The noise is the median absolute deviation from such
+    fits, in the 51 samples around or in the complete record, whichever is more.
+
+    A step agrees with one of its neighbours, a doublet has further edges of the same size, a pulse of more than
+    `longest` samples is no group, and the peak of a fast motion has neighbouring steps of its own size: none of
+    them is a spike. Of spikes of 8 standard deviations on white noise nine in ten are found, of 12 all; there is less
+    than one false alarm in 10,000 samples. If the motion itself is rough, smaller spikes are not found.
+    Groups are tested in rounds, the largest first, so that one does not conceal the next.
 
     Parameters
     ----------
     x : (n,) array
-        NaN samples are missing, and never spikes. A channel held over several samples is judged by its changes.
+        NaN samples are missing, and never spikes. Of a held channel the samples at which it changes are tested.
     threshold : float [-]
         In standard deviations of the noise.
     longest : {1, 2, 3}
@@ -173,9 +170,9 @@ def find_spikes(x: np.ndarray, *, threshold: float = 5.0, longest: int = 3) -> t
     Returns
     -------
     samples : (k,) int array
-        Ascending. The first and last four samples are not judged: they have no two sides.
+        Ascending. The first and last four samples are not tested.
     values : (k,) array [unit of x]
-        Of the local fit, to stand in their place.
+        Of the local fit, as a replacement.
 
     Raises
     ------
@@ -188,7 +185,7 @@ def find_spikes(x: np.ndarray, *, threshold: float = 5.0, longest: int = 3) -> t
         )
     values = np.asarray(x, dtype=float)
     there = np.flatnonzero(np.isfinite(values))
-    starts = starts_of_runs(values[there]) if is_held(values[there]) else np.arange(there.size)
+    starts = starts_of_runs(values[there]) if is_sample_and_hold(values[there]) else np.arange(there.size)
     found, instead = _judge(values[there[starts]], _coarseness(values[there]), threshold, longest)
     ends = np.append(starts, there.size)
     counts = ends[found + 1] - ends[found]
@@ -197,30 +194,30 @@ def find_spikes(x: np.ndarray, *, threshold: float = 5.0, longest: int = 3) -> t
 
 
 def _coarseness(x: Array) -> float:
-    """Least noise of a channel that repeats samples: as much as makes its smallest step no spike."""
+    """Least noise of a channel that repeats samples, so that its smallest step is no spike."""
     steps = np.abs(np.diff(x))
     moving = steps[steps > 0.0]
     return 0.25 * float(moving.min()) if 0 < moving.size < 0.9 * steps.size else 0.0
 
 
 def _judge(x: Array, least: float, threshold: float, longest: int) -> tuple[NDArray[np.intp], Array]:
-    mended = x.copy()
+    repaired = x.copy()
     marked = np.zeros(x.size, dtype=bool)
-    # Every round marks at least one sample more, so the rounds end.
+    # Every round marks at least one more sample, so the loop ends.
     while True:
-        groups = [group for width in range(1, longest + 1) for group in _groups(mended, least, width, threshold)]
+        groups = [group for width in range(1, longest + 1) for group in _groups(repaired, least, width, threshold)]
         taken = np.zeros(x.size, dtype=bool)
         for _, first, width, fit in sorted(groups, key=lambda group: -group[0]):
             near = slice(max(0, first - _SIDE), first + width + _SIDE)
             if taken[near].any() or marked[first : first + width].any():
                 continue
-            mended[first : first + width] = fit
+            repaired[first : first + width] = fit
             taken[first : first + width] = True
         if not taken.any():
             break
         marked |= taken
     found = np.flatnonzero(marked)
-    return found, mended[found]
+    return found, repaired[found]
 
 
 def _groups(x: Array, least: float, width: int, threshold: float) -> list[tuple[float, int, int, Array]]:
@@ -234,21 +231,21 @@ def _groups(x: Array, least: float, width: int, threshold: float) -> list[tuple[
     weights, gain = _parabola(outside, inside)
     fit = windows[:, outside] @ weights.T
     deviation = windows[:, inside] - fit
-    # Rounding of the values is no noise, but no spike either.
+    # The rounding of the values is not a spike.
     scale = np.maximum(_scale(x), max(least, 2.0 * np.finfo(float).eps * np.abs(x).max()))[_SIDE : _SIDE + len(windows)]
-    # Steps less the slope of the stretch: on a steep one a spike's own steps would not stand out.
+    # Steps minus the local slope: on a steep slope those of a spike would not be the largest.
     steps = np.diff(windows, axis=1)
     others = np.concatenate([steps[:, : _SIDE - 1], steps[:, _SIDE + width :]], axis=1)
     steps = steps - np.median(others, axis=1)[:, None]
     others = np.concatenate([steps[:, : _SIDE - 1], steps[:, _SIDE + width :]], axis=1)
     jump = np.minimum(np.abs(steps[:, _SIDE - 1]), np.abs(steps[:, _SIDE + width - 1]))
-    # Away from both neighbours on the side where it is away from the fit: a step agrees with one of them.
+    # Difference from both neighbours in the direction of the deviation; a step agrees with one of them.
     rise = np.cumsum(steps[:, _SIDE - 1 : _SIDE + width], axis=1)
     sign = np.sign(deviation)
-    apart = np.minimum(sign * rise[:, :-1], sign * (rise[:, :-1] - rise[:, -1:])).min(axis=1)
+    separation = np.minimum(sign * rise[:, :-1], sign * (rise[:, :-1] - rise[:, -1:])).min(axis=1)
     size_of = np.abs(deviation).min(axis=1)
     bar = threshold * scale
-    spikes = np.flatnonzero((size_of > bar) & (apart > 0.5 * bar) & (jump > _CLEAR * np.abs(others).max(axis=1)))
+    spikes = np.flatnonzero((size_of > bar) & (separation > 0.5 * bar) & (jump > _CLEAR * np.abs(others).max(axis=1)))
     return [(float(size_of[i] / (gain * scale[i])), int(i) + _SIDE, width, fit[i]) for i in spikes]
 
 

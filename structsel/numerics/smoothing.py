@@ -11,18 +11,18 @@ from scipy.optimize import minimize_scalar
 
 from structsel.errors import DataError, StructselWarning
 from structsel.numerics.arrays import Array
-from structsel.numerics.smoothing_kernel import eliminate, solve_back
+from structsel.numerics.smoothing_kernel import backward_sweep, forward_sweep
 
 ORDERS = (2, 3, 4)
 _SPLINE_SAMPLES = 12
 _SPLINE_CUTOFFS = 14  # cut-offs tried before the search is refined
-_FAINT = 1e-5  # of the signal, below which a residual is rounding and interpolation
-_LINE = 0.25  # share of the residual's power on one spectral line at which a motion was taken for noise
+_FAINT = 1e-5  # of the signal; a residual below this is rounding and interpolation
+_LINE = 0.25  # fraction of the residual's power on one spectral line above which it may be motion
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothedSignal:
-    """One channel without its noise, its derivatives, and how sure they are. Arrays are read-only.
+    """Smoothed channel, its derivatives, and their standard deviations. Arrays are read-only.
 
     Attributes
     ----------
@@ -30,13 +30,13 @@ class SmoothedSignal:
         The smooth signal and its standard deviation at each sample.
     derivative, derivative_std : (n,) arrays [unit of x / s]
     second, second_std : (n,) arrays [unit of x / s^2]
-        Second derivative; NaN where the smoother assumes no more than that it is white (order 2).
+        Second derivative; NaN for order 2, which assumes that it is white noise.
     noise : float [unit of x]
-        Standard deviation of the white noise that was taken off.
+        Standard deviation of the white noise that was removed.
     cutoff : float [Hz]
-        Frequency of which half the amplitude passes.
+        Frequency at which the smoother passes half the amplitude.
     order : int
-        Sharpness that was assumed: beyond the cut-off the signal's amplitude falls with this power of frequency.
+        Beyond the cut-off the amplitude of the signal is assumed to fall with this power of frequency.
     """
 
     values: Array
@@ -72,11 +72,11 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
 
     which is the estimate of x when its m-th derivative is white noise of intensity q (splines of degree
     2m - 1; m = 2 is the cubic one). q / sigma^2, sigma and m are those of the largest likelihood of the samples,
-    given four of them: unlike cross-validation it seldom undersmooths a short record, gives the noise with the
-    smoothing, and compares orders. The order says how sharply the signal moves: the pitch rate after a step of
-    the elevator calls for 2 (its derivative jumps), angle of attack for 3, slow motion for 4. No penalty that varies
-    along the record is used: on 3-2-1-1 responses it gained 5 to 15 % of the error and cost the calibration
-    of the standard deviation.
+    given four of them. Unlike cross-validation, the likelihood seldom undersmooths a short record, estimates the
+    noise together with the smoothing, and compares orders. The order depends on how smooth the signal is: 2 for the
+    pitch rate after a step of the elevator (its derivative jumps), 3 for the angle of attack, 4 for slow motion. The
+    penalty is constant along the record: a variable one reduced the error of 3-2-1-1 responses by 5 to 15 %, but its
+    standard deviations were wrong.
 
     Work and memory are O(n); scipy's make_smoothing_spline gives the same curve for m = 2 at the same penalty,
     but no standard deviations and no other order.
@@ -84,7 +84,7 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
     Parameters
     ----------
     x : (n,) array
-        NaN samples are missing: they are bridged, with the standard deviation that bridging deserves.
+        NaN samples are missing; they are interpolated, with the standard deviation of the interpolation.
     t : (n,) array [s]
         Strictly increasing, not necessarily even.
     order : {2, 3, 4}, optional
@@ -97,18 +97,18 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
         the stated standard deviations (white noise of 1 % and more of the signal; 0.7 where the motion is a
         single sine). That does not hold where the noise is coloured or the channel is held over several
         samples, nor sample by sample: at a kink the error is larger than stated, in quiet flight smaller. With
-        noise below a thousandth of the signal what is left is interpolation, whose error is overstated.
+        noise below a thousandth of the signal the error is that of interpolation, and is overstated.
 
     Raises
     ------
     DataError
-        With fewer than 12 finite samples, or a clock that does not increase.
+        With fewer than 12 finite samples, or times that do not increase.
 
     Warns
     -----
     StructselWarning
-        When a steady oscillation is left in the residual: one faster than about a sixth of the sampling rate looks
-        like noise to a spline. smooth_fourier, which has the noise from the spectrum's floor, may follow it.
+        When the residual contains a steady oscillation: the spline treats one above about a sixth of the sampling
+        rate as noise. smooth_fourier, which estimates the noise from the upper half of the spectrum, may follow it.
 
     References
     ----------
@@ -121,7 +121,7 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
     if values.shape != clock.shape or finite.size < _SPLINE_SAMPLES or not np.all(step > 0.0):
         raise DataError(
             f"smooth_spline needs at least {_SPLINE_SAMPLES} finite samples on an increasing clock of as many; there "
-            f"are {finite.size} of {values.size}, on {clock.size} times.\nTake a longer stretch."
+            f"are {finite.size} of {values.size}, on {clock.size} times.\nUse a longer segment."
         )
     centre = float(values[finite].mean())
     y = np.where(np.isfinite(values), values - centre, np.nan)
@@ -131,14 +131,14 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
     residual = (y - states[:, 0])[finite]
     if residual.std() > _FAINT * values[finite].std():
         _look_for_a_line(residual)
-    lacking = np.full(values.size, np.nan)
+    unknown = np.full(values.size, np.nan)
     return SmoothedSignal(
         values=states[:, 0] + centre,
         values_std=stds[:, 0].copy(),
         derivative=states[:, 1].copy(),
         derivative_std=stds[:, 1].copy(),
-        second=states[:, 2].copy() if best.m > 2 else lacking,
-        second_std=stds[:, 2].copy() if best.m > 2 else lacking.copy(),
+        second=states[:, 2].copy() if best.m > 2 else unknown,
+        second_std=stds[:, 2].copy() if best.m > 2 else unknown.copy(),
         noise=float(np.sqrt(best.variance)),
         cutoff=best.cutoff,
         order=best.m,
@@ -154,7 +154,7 @@ class _SplineFit:
     variance : float
         Of the noise.
     profile : float
-        -2 log likelihood at that, less constants.
+        -2 log likelihood at that cut-off, up to a constant.
     """
 
     def __init__(self, y: Array, step: Array, m: int):
@@ -166,7 +166,7 @@ class _SplineFit:
         transition = np.array([[1.0 / factorial(b - a) if b >= a else 0.0 for b in range(m)] for a in range(m)])
         self.factors = inverse, inverse @ transition
         self.count = int(np.isfinite(y).sum())
-        # Rounding of the samples themselves: a perfect fit has this much noise, not none.
+        # Rounding of the samples: the least noise of a perfect fit.
         self.least = self.count * (np.finfo(float).eps * float(np.nanmax(np.abs(y)))) ** 2 + np.finfo(float).tiny
         self.dt = float(np.median(step))
         lowest, highest = np.log(0.1 / step.sum()), np.log(5.0 / self.dt)
@@ -181,24 +181,24 @@ class _SplineFit:
     @property
     def misfit(self) -> float:
         """-2 log likelihood of the samples given four of them, which makes orders comparable."""
-        return self.profile + (self.count - self.m) - self._spent()
+        return self.profile + (self.count - self.m) - self._likelihood_of_four()
 
     def _drive(self, log_cutoff: float) -> float:
         # White noise of variance s^2 has density s^2 dt, and x^(m) of intensity q gives x q / w^2m: equal at cut-off.
         return float(np.sqrt((2.0 * np.pi * np.exp(log_cutoff)) ** (2 * self.m) * self.dt))
 
     def _sweep(self, y: Array, step: Array, log_cutoff: float) -> tuple[float, float]:
-        rss, logdet = eliminate(step, y, self._drive(log_cutoff), *self.factors, np.empty((1, 1, 1)), False)
+        rss, logdet = forward_sweep(step, y, self._drive(log_cutoff), *self.factors, np.empty((1, 1, 1)), False)
         return max(rss, self.least), logdet
 
     def _profile(self, log_cutoff: float) -> float:
-        """-2 log likelihood, less constants, with the noise variance at its best."""
+        """-2 log likelihood, up to a constant, with the most likely noise variance."""
         rss, logdet = self._sweep(self.y, self.step, log_cutoff)
         free = self.count - self.m
         return free * np.log(rss / free) + 2.0 * logdet
 
-    def _spent(self) -> float:
-        """-2 log likelihood of four samples, spread so that none has to be extrapolated; order 4 uses them up."""
+    def _likelihood_of_four(self) -> float:
+        """-2 log likelihood of four samples over the complete record; a spline of order 4 passes through them."""
         there = np.flatnonzero(np.isfinite(self.y))
         kept = there[np.linspace(0, there.size - 1, max(ORDERS)).round().astype(int)]
         alone = np.full(self.y.size, np.nan)
@@ -210,9 +210,9 @@ class _SplineFit:
         """States (n, m) and their standard deviations."""
         n = self.y.size
         store = np.empty((n, self.m, 2 * self.m + 1))
-        eliminate(self.step, self.y, self._drive(np.log(self.cutoff)), *self.factors, store, True)
+        forward_sweep(self.step, self.y, self._drive(np.log(self.cutoff)), *self.factors, store, True)
         states, variances = np.empty((n, self.m)), np.empty((n, self.m))
-        solve_back(store, states, variances)
+        backward_sweep(store, states, variances)
         return states, np.sqrt(variances * self.variance)
 
 
@@ -224,9 +224,9 @@ def _look_for_a_line(residual: Array) -> None:
     if power.size > 40 and total > 0.0 and lines.max() > _LINE * total:
         warnings.warn(
             StructselWarning(
-                f"smooth_spline: {lines.max() / total:.0%} of what was taken for noise (rms {residual.std():.3g}) "
-                f"is one steady oscillation of {residual.size / (int(np.argmax(lines)) + 1):.1f} samples a cycle. "
-                'If that is motion, use method "fourier", or sample faster.'
+                f"smooth_spline: {lines.max() / total:.0%} of the power removed as noise (rms {residual.std():.3g}) "
+                f"is one steady oscillation of {residual.size / (int(np.argmax(lines)) + 1):.1f} samples per cycle. "
+                'If it is motion, use method "fourier", or a higher sampling rate.'
             ),
             stacklevel=3,
         )

@@ -5,12 +5,12 @@ With the state s = (x, x', ..., x^(m-1)) the spline is the least-squares problem
 * x_k - y_k, one per sample that is there, in units of the noise;
 * C^-1 (s_{k+1} - F s_k), m per step, with C C' the covariance that white noise in x^(m) gives in a step.
 
-Rows enter one sample at a time and are triangularised by Householder reflections, so a state is eliminated as
-soon as nothing more refers to it, in O(n). Where steps are even the triangle settles, and from there on only
-right-hand sides need turning. Working on the rows, not on their products, keeps twice the digits, and a state about
-which nothing is known yet is a triangle of zeros: no large starting variance is needed.
+Rows are added sample by sample and triangularised by Householder reflections. A state is eliminated after the last
+row that contains it, so the work is O(n). Where steps are even the triangle converges, and from there on only the
+right-hand sides change. Rows, unlike their products, keep all digits. An unknown initial state is a triangle of zeros,
+so no large initial variance is needed.
 
-The kernels share one file because numba's cache does not notice changes in kernels imported from another.
+The kernels are in one file because numba's cache does not detect changes in kernels imported from another.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -21,12 +21,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-_EVEN = 1e-9  # of a step, by which steps that count as even may differ: clocks are rounded
-_STILL = 1e-13  # of the diagonal, below which a triangle no longer changes
+_EVEN = 1e-9  # relative difference of steps that are treated as even; times are rounded
+_STILL = 1e-13  # of the diagonal; a smaller change of the triangle is none
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def eliminate(step, y, drive, L, LF, store, keep):
+def forward_sweep(step, y, drive, L, LF, store, keep):
     """Forward sweep.
 
     Parameters
@@ -46,7 +46,7 @@ def eliminate(step, y, drive, L, LF, store, keep):
     rss : float
         Residual sum of squares, noise units squared times the noise variance.
     logdet : float
-        log |det| of the whole triangle less that of the step rows' own factors.
+        log |det| of the complete triangle minus that of the factors of the step rows.
     """
     m = L.shape[0]
     n = y.size
@@ -60,7 +60,7 @@ def eliminate(step, y, drive, L, LF, store, keep):
         last = k == n - 1
         there = not np.isnan(y[k])
         if there and not last and abs(step[k] - even) < _EVEN * even:
-            # The triangle stays as it is: only the right-hand sides turn.
+            # The triangle has converged: only the right-hand sides change.
             for i in range(0 if keep else m, width):
                 rows[i, 2 * m] = turn[i, m] * y[k]
                 for j in range(m):
@@ -74,7 +74,7 @@ def eliminate(step, y, drive, L, LF, store, keep):
                 _reflect(rows, j, m)
             for i in range(m):
                 logs += np.log(abs(rows[i, i]))
-            even = step[k] if there and not last and _settled(rows[m : 2 * m, m : 2 * m], carried) else 0.0
+            even = step[k] if there and not last and _converged(rows[m : 2 * m, m : 2 * m], carried) else 0.0
             if even > 0.0:
                 with_turn[:] = 0.0
                 _fill(with_turn, carried, step, k, drive, L, LF)
@@ -100,7 +100,7 @@ def eliminate(step, y, drive, L, LF, store, keep):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _fill(rows, carried, step, k, drive, L, LF):
-    """Fill in what is carried and the step after sample k, if any; minus log |det| of the step rows' own factors."""
+    """Fill in the carried rows and the step after sample k, if any; minus log |det| of the factors of the step rows."""
     m = L.shape[0]
     rows[:] = 0.0
     rows[:m, :m] = carried[:, :m]
@@ -118,8 +118,8 @@ def _fill(rows, carried, step, k, drive, L, LF):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _settled(triangle, carried):
-    """Whether a step has left the triangle as it was, so that even steps will."""
+def _converged(triangle, carried):
+    """Whether a step did not change the triangle; further even steps will not either."""
     for i in range(triangle.shape[0]):
         for j in range(i, triangle.shape[0]):
             if not abs(triangle[i, j] - carried[i, j]) < _STILL * abs(triangle[i, i]):
@@ -154,7 +154,7 @@ def _reflect(rows, j, m):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def solve_back(store, states, variances):
+def backward_sweep(store, states, variances):
     """Backward sweep: states (n, m) and the diagonal of their covariance (n, m), over the noise variance."""
     n, m = states.shape
     cov = np.zeros((m, m))

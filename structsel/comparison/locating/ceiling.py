@@ -18,7 +18,7 @@ from structsel.comparison.locating.windows import Flags
 from structsel.comparison.noise import HIGHEST, bins_of, edge_of
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.fourier_series import length_of, spectrum
+from structsel.numerics.fourier_series import fast_length, spectrum
 
 _CHANNELS = (
     "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "V", "CT", "df", "gear", "h_agl", "mach", "throttle",
@@ -103,7 +103,7 @@ def _in_band(x: Array, f: Flight) -> Array:
     """Columns in the band that is compared, faded at the ends."""
     made = np.zeros_like(x)
     coefficients = spectrum(x, bins_of(f), edge_of(f))
-    n = length_of(len(x))
+    n = fast_length(len(x))
     made[1 : len(coefficients)] = coefficients[1:]
     made[:n] = idct(made[:n], axis=0, norm="ortho")
     return made

@@ -14,7 +14,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.locating.windows import Intervals
 from structsel.comparison.noise import Noise, bins_of, edge_of
 from structsel.numerics.arrays import Array
-from structsel.numerics.fourier_series import length_of, spectrum
+from structsel.numerics.fourier_series import fast_length, spectrum
 
 _WINDOW = 2.0  # s
 _FALSE = 0.05  # share of the windows named that may be chance
@@ -83,7 +83,7 @@ def whitened(spectrum: Array, std: Array, n: int) -> Array:
     made = np.zeros(n)
     bins = len(spectrum) - 1
     made[1 : bins + 1] = spectrum[1:] / std[1:] * np.sqrt(n / bins)
-    m = length_of(n)
+    m = fast_length(n)
     made[:m] = idct(made[:m], norm="ortho")
     return made
 

@@ -24,8 +24,8 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.noise import bins_of, edge_of, frequencies
 from structsel.numerics.arrays import Array
 from structsel.numerics.atmosphere import dryden_spectra
-from structsel.numerics.fourier_series import fading, spectrum
-from structsel.numerics.signal_quality import white_std
+from structsel.numerics.fourier_series import spectrum, taper
+from structsel.numerics.signal_quality import noise_std_from_differences
 
 _AXES = {"u": "k_V", "v": "k_beta", "w": "k_alpha"}
 _DRIVING = ("de", "da", "dr", "throttle", "thrust", "df", "gear")
@@ -169,7 +169,7 @@ def _quick(f: Flight, channel: str) -> float:
     """Noise of a channel from its third differences, which leave nothing of motion; the quieter half of the flight."""
     if channel not in f.raw:
         return 0.0
-    return white_std(np.diff(f.raw[channel], 3))
+    return noise_std_from_differences(np.diff(f.raw[channel], 3))
 
 
 def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float) -> _Bands:
@@ -182,7 +182,7 @@ def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float)
     edges = np.geomspace(_LOWEST, highest, _BANDS + 1)
     rows = []
     for k, (f, e, h) in enumerate(zip(flights, left, hz)):
-        power = 2.0 * f.dt * e**2 / float(np.mean(fading(len(f), edge_of(f)) ** 2))
+        power = 2.0 * f.dt * e**2 / float(np.mean(taper(len(f), edge_of(f)) ** 2))
         for low, high in pairwise(edges):
             near = (h >= low) & (h < high)
             if near.any():
