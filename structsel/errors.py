@@ -10,13 +10,13 @@
     ├── MapError (ValueError)            a channel map does not fit the file
     ├── TermError (ValueError)           a candidate term cannot be read
     ├── ModelError (ValueError)          a model file or a model's use is wrong
-    ├── SelectionError (ValueError)      a selection was asked for that cannot be made
-    └── UnfinishedError (RuntimeError)   a run broke down; carries what was found so far
-        ├── SimulationError              a flight could not be flown to its end
-        ├── ReconstructionError          a flight path could not be found
+    ├── SelectionError (ValueError)      a selection that cannot be made
+    └── UnfinishedError (RuntimeError)   a run stopped early; has the partial result
+        ├── SimulationError              a flight could not be simulated to its end
+        ├── ReconstructionError          a flight path could not be estimated
         └── RefinementError              parameters could not be estimated from flights
 
-    StructselWarning (UserWarning)       the result stands, but should be doubted
+    StructselWarning (UserWarning)       the result is valid, but should be checked
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class StructselError(Exception):
         self.cli_text = f"{message}\n{cli_remedy}" if cli_remedy else ""
 
     def __str__(self) -> str:
-        """What went wrong; of a name or a line that fills a screen, as a damaged file has them, both ends."""
+        """The message; very long names and lines, as in damaged files, are shortened to both ends."""
         return _shortened(super().__str__())
 
     @property
@@ -91,33 +91,33 @@ class ModelError(StructselError, ValueError):
 
 
 class SelectionError(StructselError, ValueError):
-    """A selection was asked for that cannot be made."""
+    """A selection that cannot be made with these data or options."""
 
 
 class UnfinishedError(StructselError, RuntimeError):
-    """Base of the errors that carry what was found before a run broke down.
+    """Base of the errors that have the partial result of a run.
 
     Attributes
     ----------
     partial : object
-        None where there was nothing.
+        Partial result; None if there is none.
     """
 
     def __init__(self, message: str, partial: object = None, *, remedy: str = "", cli_remedy: str = ""):
         super().__init__(message, remedy=remedy, cli_remedy=cli_remedy)
         self.partial = partial
 
-    def __reduce__(self) -> tuple[type, tuple[str, object], dict[str, object]]:  # so that a worker process can raise it
+    def __reduce__(self) -> tuple[type, tuple[str, object], dict[str, object]]:  # for errors of worker processes
         return type(self), (str(self), self.partial), {"cli_text": self.cli_text}
 
 
 class SimulationError(UnfinishedError):
-    """A flight could not be flown to its end, or a trim found.
+    """A flight could not be simulated to its end, or there is no trim.
 
     Attributes
     ----------
     partial : object
-        What was found before it broke down: a `structsel.recording.Recording` to that sample, or None.
+        Partial result: a `structsel.recording.Recording` to that sample, or None.
     """
 
 
@@ -127,19 +127,19 @@ class ReconstructionError(UnfinishedError):
     Attributes
     ----------
     partial : object
-        What was found before it broke down: a `structsel.reconstruction.ukf.FilterResult`, or None.
+        Partial result: a `structsel.reconstruction.ukf.FilterResult`, or None.
     """
 
 
 class RefinementError(UnfinishedError):
-    """Parameters could not be estimated from whole manoeuvres.
+    """Parameters could not be estimated from complete manoeuvres.
 
     Attributes
     ----------
     partial : object
-        What was found before it broke down: a `structsel.refinement.Refinement`, or None.
+        Partial result: a `structsel.refinement.Refinement`, or None.
     """
 
 
 class StructselWarning(UserWarning):
-    """A result stands, but should be doubted."""
+    """A result is valid, but should be checked."""

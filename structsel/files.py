@@ -1,4 +1,4 @@
-"""Files written whole or not at all."""
+"""Files written completely or not at all."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a name beside a file's; what is written there becomes the file when all of it is on the disk.
+    """Yield a temporary path next to a file; it replaces the file when it is completely on the disk.
 
-    Whatever stops the writing, Ctrl-C too, leaves the file that stood there, and nothing else.
+    If writing fails or is interrupted, the previous file remains, and the temporary one is removed.
 
     Parameters
     ----------
@@ -21,16 +21,16 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises
     ------
     OSError
-        The file cannot be written; a full disk may show only as the last of it is brought there.
+        The file cannot be written; a full disk may be noticed only at the end of writing.
     """
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         yield partial
         with partial.open("rb+") as stream:
-            os.fsync(stream.fileno())  # or a loss of power could leave the new name on an empty file
+            os.fsync(stream.fileno())  # else a loss of power could leave an empty file
         os.replace(partial, path)
     finally:
-        with suppress(OSError):  # the first error is the one to tell
+        with suppress(OSError):  # the first error is the one to raise
             partial.unlink(missing_ok=True)
 
 

@@ -1,4 +1,4 @@
-"""Options of a verb as one frozen dataclass, from which the command line's options are generated.
+"""Options of a function as one frozen dataclass, from which the command line's options are generated.
 
 A field made by `option` carries in its metadata
 
@@ -26,15 +26,15 @@ _Result = TypeVar("_Result")
 
 
 def option(default: Any = dataclasses.MISSING, *, help: str = "", group: str = "", metavar: str = "") -> Any:
-    """Field of an options dataclass, with what the command line needs to show it."""
+    """Field of an options dataclass, with its help text for the command line."""
     return dataclasses.field(default=default, metadata={"help": help, "group": group, "metavar": metavar})
 
 
 def takes_options(options_class: type) -> Callable[[Callable[..., _Result]], Callable[..., _Result]]:
-    """Let a verb with a parameter ``options`` take the fields of a dataclass as keywords too.
+    """Let a function with a parameter ``options`` take the fields of a dataclass as keywords too.
 
-    The verb is called with complete options. Keywords replace the fields of options given beside them. The signature
-    that `help` shows has one keyword for each field.
+    The function is called with complete options. Keywords replace the fields of `options`, if both are given. The
+    signature that `help` shows has one keyword for each field.
     """
 
     def decorate(verb: Callable[..., _Result]) -> Callable[..., _Result]:
@@ -58,7 +58,7 @@ def takes_options(options_class: type) -> Callable[[Callable[..., _Result]], Cal
             for f in fields.values()
         ]  # fmt: skip
         given = list(signature.parameters.values())
-        ordered = sorted([*given, *flat], key=lambda p: p.kind)  # stable: what Python wants first comes first
+        ordered = sorted([*given, *flat], key=lambda p: p.kind)  # stable, in the order that Python requires
         call.__signature__ = signature.replace(parameters=ordered)  # type: ignore[attr-defined]
         return call
 
@@ -66,12 +66,12 @@ def takes_options(options_class: type) -> Callable[[Callable[..., _Result]], Cal
 
 
 def check_choices(options: Any, verb: str) -> None:
-    """Refuse a value that is none of its field's Literal type.
+    """Refuse a value that the Literal type of its field does not allow.
 
     Raises
     ------
     ModelError
-        Names the option and the values there are.
+        The message names the option and the allowed values.
     """
     types = typing.get_type_hints(type(options))
     for field in dataclasses.fields(options):
@@ -84,7 +84,7 @@ def check_choices(options: Any, verb: str) -> None:
 
 
 def choices_of(annotation: Any) -> tuple[str, ...]:
-    """Strings that a Literal type allows, alone or beside None; empty where other values are possible too."""
+    """Strings that a Literal type allows, with or without None; empty if other values are possible too."""
     origin = typing.get_origin(annotation)
     if origin is typing.Literal:
         return typing.get_args(annotation)

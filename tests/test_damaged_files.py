@@ -141,21 +141,21 @@ def test_a_reader_that_fills_the_memory_is_stopped(tmp_path, monkeypatch):
 
 @pytest.fixture
 def small(monkeypatch):
-    monkeypatch.setattr(compressed, "LARGEST", 1 << 20)
+    monkeypatch.setattr(compressed, "MAX_BYTES", 1 << 20)
 
 
 def test_a_text_that_grows_a_thousandfold_is_refused(small, tmp_path):
     text = b"t,alpha\n" + b"\n".join(b"%d,0" % k for k in range(100)) + b"\n" * 8_000_000
     (tmp_path / "bomb.csv.gz").write_bytes(gzip.compress(text))
     with pytest.raises(
-        DataError, match=r"bomb\.csv\.gz' cannot be read.*would grow to \d+, more than 100 times as many"
+        DataError, match=r"bomb\.csv\.gz' cannot be read.*would expand to \d+, more than 100 times as many"
     ):
         read_recording(tmp_path / "bomb.csv.gz")
 
 
 def test_arrays_that_grow_a_thousandfold_are_refused(small, tmp_path):
     np.savez_compressed(tmp_path / "bomb.npz", t=np.arange(10.0), alpha=np.zeros(1_000_000))
-    with pytest.raises(DataError, match=r"bomb\.npz' is no NumPy file that can be read: alpha\.npy takes"):
+    with pytest.raises(DataError, match=r"bomb\.npz' is no NumPy file that can be read: alpha\.npy has"):
         read_recording(tmp_path / "bomb.npz")
     with zipfile.ZipFile(tmp_path / "bomb.npz") as archive:
         assert archive.getinfo("alpha.npy").file_size > 100 * archive.getinfo("alpha.npy").compress_size
@@ -165,5 +165,5 @@ def test_what_is_large_but_no_more_than_recordings_are_is_read(small, tmp_path):
     t = np.arange(50_000) * 0.01
     rows = "\n".join(f"{a:.2f},{b:.17g}" for a, b in zip(t, np.sin(t)))
     (tmp_path / "r.csv.gz").write_bytes(gzip.compress(f"t,alpha\n{rows}\n".encode()))
-    assert len(rows) > compressed.LARGEST
+    assert len(rows) > compressed.MAX_BYTES
     assert np.array_equal(read_recording(tmp_path / "r.csv.gz")["alpha"], np.sin(t))

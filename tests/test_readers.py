@@ -128,7 +128,7 @@ def test_repeated_headers_are_numbered(tmp_path):
     ("name", "content", "words"),
     [
         ("empty.csv", b"", r"empty\.csv' is empty \(0 bytes\)"),
-        ("blank.csv", b"\n\n  \n", r"blank\.csv' holds nothing"),
+        ("blank.csv", b"\n\n  \n", r"blank\.csv' is empty"),
         ("header.csv", b"t,alpha,V\n", r"header\.csv' has no samples"),
         ("prose.txt", b"this is not\na table of\nnumbers at all\n", r"prose\.txt' has no samples"),
         ("one.csv", b"t,alpha\n0.0,0.1\n", r"one\.csv' has 1 sample; a recording needs at least 2"),

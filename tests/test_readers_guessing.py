@@ -130,7 +130,7 @@ def test_a_file_without_headers_gives_its_clock_and_the_ranges_of_the_others(tmp
 
 def test_a_file_that_says_nothing_is_refused(tmp_path):
     path = write(tmp_path / "m.csv", {"foo": np.sin(T), "bar": np.cos(T)})
-    with pytest.raises(DataError, match=r"no column of .*m\.csv' can be placed by its name\.\nIt has: foo, bar"):
+    with pytest.raises(DataError, match=r"no column of .*m\.csv' is recognised by its name\.\nIt has: foo, bar"):
         guess(path)
 
 
@@ -166,7 +166,7 @@ def test_describe_gives_the_guesses_as_json(foreign, tmp_path):
 def test_a_map_that_is_there_is_never_overwritten(foreign, tmp_path):
     (tmp_path / "map.toml").write_text("mine\n")
     done = describe(foreign, "--guess-map", tmp_path / "map.toml", code=1)
-    assert "exists already, and is never overwritten" in done.stderr
+    assert "exists already and is not overwritten" in done.stderr
     assert (tmp_path / "map.toml").read_text() == "mine\n"
 
 

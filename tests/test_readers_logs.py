@@ -216,7 +216,7 @@ def test_ulogs_that_hold_nothing_are_named(tmp_path, ulog):
     for name, content, words in (
         ("other.ulg", b"PK\x03\x04" * 20, r"other\.ulg' is no ULog: it does not begin as one"),
         ("short.ulg", ulog.read_bytes()[:10], r"short\.ulg' is no ULog that can be read: Invalid file format"),
-        ("head.ulg", ulog.read_bytes()[:60], r"head\.ulg' is a ULog without a single sample"),
+        ("head.ulg", ulog.read_bytes()[:60], r"head\.ulg' is a ULog without samples"),
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(DataError, match=words):
@@ -360,7 +360,7 @@ def test_a_dataflash_log_cut_off_is_read_to_its_end_and_said_so(dataflash, tmp_p
 def test_dataflash_logs_that_hold_nothing_are_named(tmp_path):
     for name, content, words in (
         ("other.bin", b"\x7fELF" * 100, r"other\.bin' is no binary DataFlash log: it does not begin as one"),
-        ("head.bin", head()[: 89 * len(FORMATS)], r"head\.bin' is a DataFlash log without a single sample"),
+        ("head.bin", head()[: 89 * len(FORMATS)], r"head\.bin' is a DataFlash log without samples"),
         ("magic.bin", b"\xa3\x95\x80", r"magic\.bin' is (no|a) DataFlash log (that can be read|without)"),
     ):
         (tmp_path / name).write_bytes(content)
@@ -444,7 +444,7 @@ def test_mdf_files_that_hold_nothing_are_named(tmp_path):
 def test_a_package_that_is_not_installed_is_named_with_its_extra(package, extra, name, request, tmp_path, monkeypatch):
     path = make_mdf(tmp_path / "log.mf4", GROUPS) if name == "mdf" else request.getfixturevalue(name)
     monkeypatch.setattr("structsel.readers.standard_maps.import_module", _without(package))
-    with pytest.raises(DataError, match=rf'package {package}, and that is not installed\.\n.*"structsel\[{extra}\]"'):
+    with pytest.raises(DataError, match=rf'package {package}, which is not installed\.\n.*"structsel\[{extra}\]"'):
         read_recording(path)
 
 

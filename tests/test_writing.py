@@ -159,7 +159,7 @@ def test_a_newer_schema_is_refused_in_words(small, tmp_path, suffix):
     with pytest.raises(DataError, match=message):
         read_recording(path)
     path.unlink()
-    with pytest.raises(DataError, match=r"says that it is 'structsel\.model/1'; the only such files read are"):
+    with pytest.raises(DataError, match=r"has the schema 'structsel\.model/1'; the only such files read are"):
         read_recording(with_schema(small, tmp_path, suffix, "structsel.model/1"))
 
 

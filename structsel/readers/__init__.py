@@ -1,6 +1,6 @@
-"""One small file per format; each returns the columns of a file as they stand in it.
+"""Readers of recording files, one module for each format; each returns the columns of a file unchanged.
 
-`read_table` picks the reader by the file's suffix.
+`read_table` chooses the reader by the suffix of the file.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ READERS: dict[str, Callable[[Path, FileOptions], FileTable]] = {
 
 
 def format_of(path: Path) -> str:
-    """Suffix that says the format, lower case; ``.csv.gz`` counts as ``.csv``."""
+    """Suffix that states the format, in lower case; ``.csv.gz`` counts as ``.csv``."""
     suffixes = [suffix.lower() for suffix in path.suffixes]
     if suffixes[-1:] == [".gz"] and READERS.get("".join(suffixes[-2:-1])) is read_text:
         return suffixes[-2]
@@ -56,7 +56,7 @@ def format_of(path: Path) -> str:
 
 
 def read_table(path: Path, options: FileOptions) -> FileTable:
-    """Columns of a file as they stand in it.
+    """Columns of a file, unchanged.
 
     Parameters
     ----------
@@ -89,5 +89,5 @@ def read_table(path: Path, options: FileOptions) -> FileTable:
     )
     if not table.columns:
         left = "; ".join(f"'{name}': {why}" for name, why in list(table.unusable.items())[:5])
-        raise DataError(f"'{path}' holds no columns of numbers." + (f" Left out: {left}." if left else ""))
+        raise DataError(f"'{path}' has no columns of numbers." + (f" Left out: {left}." if left else ""))
     return with_xplane_map(with_jsbsim_map(table)) if reader is read_text else table

@@ -8,7 +8,7 @@ A map is a TOML file::
     az    = { column = 11, sign = -1 }
     da    = { columns = { 28 = -0.5, 29 = 0.5 }, unit = "deg" }   # weighted sum of columns
     V     = "TAS"                                            # short for { column = "TAS" }
-    de    = { column = "servo.out", unit = "deg", hold = true }   # a command, in a log of many rates
+    de    = { column = "servo.out", unit = "deg", hold = true }   # a command, in a log with several sample rates
     [file]
     dt = 0.04                                                # s, if there is no time column
 
@@ -57,8 +57,8 @@ class ChannelEntry(BaseModel):
     sign : 1 or -1
     scale, offset : float
     hold : bool
-        In a log of many rates: a command, which stays until the next one, rather than a signal that passes between
-        its samples in a straight line.
+        In a log with several sample rates: a command, which stays constant until the next one (zero-order hold). Other
+        channels are interpolated linearly.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -105,7 +105,7 @@ class FileOptions(BaseModel):
     transpose : bool
         Signals run along the rows of a matrix.
     separator : str
-        Text: found by itself if not given; "whitespace" and "tab" are words for it.
+        Text: detected if not given; may be "whitespace" or "tab".
     decimal : str
         Text: "." or ",".
     skip_rows : int

@@ -1,57 +1,57 @@
-"""Compressed data that grows out of all proportion: damaged, or made to fill the memory."""
+"""Limits on the expansion of compressed data, against damaged files and files made to fill the memory."""
 
 from __future__ import annotations
 
 import gzip
 from pathlib import Path
 
-LARGEST = 1 << 31
-"""Bytes that anything may grow to; what is larger must not be more than `MOST` times as large as it was."""
-MOST = 100
+MAX_BYTES = 1 << 31
+"""Bytes to which data may expand in any case; larger data may expand by `MAX_RATIO` at most."""
+MAX_RATIO = 100
 
 
-def grows_too_much(packed: int, grown: int) -> bool:
-    """Whether so many bytes cannot be what was recorded."""
-    return grown > LARGEST and grown > MOST * packed
+def exceeds_expansion_limit(packed: int, expanded: int) -> bool:
+    """Whether data expands by more than recordings do."""
+    return expanded > MAX_BYTES and expanded > MAX_RATIO * packed
 
 
-def require_bounded(what: str, packed: int, grown: int) -> None:
-    """Refuse what `grows_too_much`.
+def require_bounded(name: str, packed: int, expanded: int) -> None:
+    """Refuse data that exceeds the limit.
 
     Raises
     ------
     OSError
-        The message says what, and to which size.
+        The data exceeds the limit; the message states its name and both sizes.
     """
-    if grows_too_much(packed, grown):
+    if exceeds_expansion_limit(packed, expanded):
         raise OSError(
-            f"{what} takes {packed} bytes and would grow to {grown}, more than {MOST} times as many. "
-            "Unpack it by other means and look at it"
+            f"{name} has {packed} bytes and would expand to {expanded}, more than {MAX_RATIO} times as many. "
+            "Decompress it with another program and check it"
         )
 
 
 class BoundedGzip(gzip.GzipFile):
-    """A file under gzip that is read only as long as it `grows_too_much` not.
+    """A gzip file whose reading stops at the expansion limit.
 
     Raises
     ------
     OSError
-        On reading, where it does.
+        On reading, if the limit is exceeded.
     """
 
     def __init__(self, path: Path):
         super().__init__(path, "rb")
-        self._packed, self._grown = path.stat().st_size, 0
+        self._packed, self._expanded = path.stat().st_size, 0
 
     def read(self, size: int | None = -1) -> bytes:
-        """As of any file."""
+        """Read, as from any file."""
         return self._counted(super().read(size))
 
     def read1(self, size: int = -1) -> bytes:
-        """As of any file."""
+        """Read, as from any file."""
         return self._counted(super().read1(size))
 
     def _counted(self, data: bytes) -> bytes:
-        self._grown += len(data)
-        require_bounded("the file", self._packed, self._grown)
+        self._expanded += len(data)
+        require_bounded("the file", self._packed, self._expanded)
         return data

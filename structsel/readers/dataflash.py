@@ -1,6 +1,6 @@
 """ArduPilot logs (DataFlash, ``.bin``): every field of every message is a column, ``ATT.Roll``, ``IMU[0].GyrX``.
 
-ArduPilot keeps body axes forward, right, down and earth axes north, east, down, as structsel does. The clock of a
+ArduPilot keeps body axes forward, right, down and earth axes north, east, down, as structsel does. The time of a
 message is its ``TimeUS``. Units are those the log itself states (FMTU, UNIT, MULT), where it does.
 """
 
@@ -120,7 +120,7 @@ def read_dataflash(path: Path, options: FileOptions) -> FileTable:
         ) from error
     if not columns:
         raise DataError(
-            f"'{path}' is a DataFlash log without a single sample: it only says what messages would look like.\n"
+            f"'{path}' is a DataFlash log without samples: it has definitions of messages only.\n"
             "Check LOG_BITMASK and LOG_DISARMED, or fetch the log from the vehicle again."
         )
     table = FileTable(str(path), columns, units=units, clocks=clocks, notes=tuple(notes), faults=faults)
@@ -137,7 +137,7 @@ def read_dataflash(path: Path, options: FileOptions) -> FileTable:
 
 
 def _index(reader: ModuleType, path: Path) -> Any:
-    """Log of which pymavlink has found formats, units and where messages stand."""
+    """Log in which pymavlink has found the formats, the units and the positions of the messages."""
 
     class Index(reader.DFReader_binary):  # type: ignore[name-defined, misc]
         def init_clock(self) -> None:
@@ -166,7 +166,7 @@ def _fault(log: Any) -> tuple[str, ...]:
         return ("the log ends within a message, as when power was lost; it is read up to there",)
     lost = log.data_len - sum(size * len(log.offsets[number]) for number, size in there.items())
     if lost > _PADDING:
-        return (f"the log is damaged: {lost} of its {log.data_len} bytes belong to no message that could be followed",)
+        return (f"the log is damaged: {lost} of its {log.data_len} bytes belong to no readable message",)
     return ()
 
 
@@ -207,12 +207,12 @@ def _parameters(messages: Mapping[str, tuple[Any, np.ndarray]]) -> dict[str, flo
 
 
 def _add_true_airspeed(columns: dict[str, np.ndarray], units: dict[str, str], clocks: dict[str, str]) -> list[str]:
-    """Add ``.TAS`` to each airspeed sensor; the density ratio, which changes slowly, is drawn in straight lines."""
+    """Add ``.TAS`` to each airspeed sensor; the density ratio, which varies slowly, is interpolated linearly."""
     baro = next((name for name in _of("BARO", "Press") if name in columns), None)
     notes = []
     for name in [name for name in columns if name.startswith("ARSP") and name.endswith(".Airspeed")]:
         if baro is None:
-            notes.append(f"'{name}' is equivalent airspeed and the log has no static pressure: no V is made of it")
+            notes.append(f"'{name}' is equivalent airspeed; V is not computed, because the log has no static pressure")
             continue
         sigma = _density_ratio(columns[baro].astype(np.float64))
         seen = np.isfinite(sigma)
@@ -237,7 +237,7 @@ def _density_ratio(pressure: np.ndarray) -> np.ndarray:
 def _add_servos(
     columns: dict[str, np.ndarray], units: dict[str, str], clocks: dict[str, str], parameters: Mapping[str, float]
 ) -> list[str]:
-    """Add what the outputs drive, as shares of their travel, by the parameters SERVOn_FUNCTION, _MIN, _TRIM, _MAX."""
+    """Add the outputs as fractions of their travel, by the parameters SERVOn_FUNCTION, _MIN, _TRIM, _MAX."""
     notes = []
     for i in range(1, 15):
         function = _SERVOS.get(int(np.nan_to_num(parameters.get(f"SERVO{i}_FUNCTION", -1))))
@@ -250,12 +250,12 @@ def _add_servos(
         if not low < trim < high and function not in ("throttle", "flap"):
             continue
         if function in ("throttle", "flap"):
-            share = (pwm - low) / (high - low)
-            share = 1.0 - share if turned else share
+            fraction = (pwm - low) / (high - low)
+            fraction = 1.0 - fraction if turned else fraction
         else:
-            share = np.where(pwm >= trim, (pwm - trim) / (high - trim), (pwm - trim) / (trim - low))
-            share = -share if turned else share
-        share[pwm == 0.0] = np.nan  # no pulse is sent, as when disarmed
-        columns[made], units[made], clocks[made] = share, "-", clocks[column]
+            fraction = np.where(pwm >= trim, (pwm - trim) / (high - trim), (pwm - trim) / (trim - low))
+            fraction = -fraction if turned else fraction
+        fraction[pwm == 0.0] = np.nan  # no pulse is sent, as when disarmed
+        columns[made], units[made], clocks[made] = fraction, "-", clocks[column]
         notes.append(f"'{made}': '{column}' by {', '.join(needed)} ({low:g}, {trim:g}, {high:g}, {turned:g})")
     return notes

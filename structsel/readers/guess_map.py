@@ -32,8 +32,8 @@ _RANK = {SURE: 0, LIKELY: 1, UNSURE: 2}
 _KINDS = (CONTROL_SURFACES, BODY_RATES, SPECIFIC_FORCES, ("alpha", "beta"), EULER_ANGLES)
 _SPELT = Counter(channel.name.lower().replace("_", "") for channel in list_channels())
 _ANY_CASE = {key: c.name for c in list_channels() if _SPELT[key := c.name.lower().replace("_", "")] == 1}
-"""Channels by their names in lower case, but for those that differ in case only (Cl and CL, V and v)."""
-_ENOUGH = 20_000  # samples that tell a range
+"""Channels by their names in lower case, except those that differ in case only (Cl and CL, V and v)."""
+_ENOUGH = 20_000  # samples, from which a range is estimated
 _SIDES = ("left", "right")
 
 
@@ -47,7 +47,7 @@ class Guess:
     entry : ChannelEntry
     sure : {"sure", "likely", "unsure"}
     why : str
-        What it was guessed from, and what to check.
+        Reason of the guess, and what to check.
     """
 
     channel: str
@@ -57,7 +57,7 @@ class Guess:
 
     @property
     def columns(self) -> list[str]:
-        """Columns it is made of."""
+        """Columns of the channel."""
         return [str(self.entry.column)] if self.entry.column is not None else list(self.entry.columns or ())
 
 
@@ -72,7 +72,7 @@ class GuessedMap:
     guesses : tuple of Guess
         In the nomenclature's order, the clock first.
     unplaced : dict of str to str
-        Columns of no channel, and their range or what speaks against them.
+        Columns that are not recognised, with their range or the reason.
     file : FileOptions
         How the file is read.
     """
@@ -100,7 +100,7 @@ class GuessedMap:
             lines += ["", "[file]", *(f"{key} = {_value(value)}" for key, value in options.items())]
         if self.unplaced:
             kept = "kept under their own names" if self.file.others == "keep" else "left out"
-            lines += ["", f"# Not placed, and {kept}:"]
+            lines += ["", f"# Not recognised, and {kept}:"]
         lines += [f"#   {json.dumps(column, ensure_ascii=False)}: {what}" for column, what in self.unplaced.items()]
         return "\n".join(lines) + "\n"
 
@@ -131,7 +131,7 @@ def guess_map(table: FileTable, options: FileOptions | None = None) -> GuessedMa
     Raises
     ------
     DataError
-        When no column can be placed; the message says what the file has.
+        When no column is recognised; the message lists the columns of the file.
     """
     standard = table.standard_map.channels if table.standard_map is not None else {}
     placed: dict[str, list[Guess]] = {}
@@ -155,7 +155,7 @@ def guess_map(table: FileTable, options: FileOptions | None = None) -> GuessedMa
     chosen = _harmonise_units(table, [_choose(guesses) for guesses in placed.values()])
     if not chosen:
         raise DataError(
-            f"no column of '{table.path}' can be placed by its name.\nIt has: {table.describe()}.\n"
+            f"no column of '{table.path}' is recognised by its name.\nIt has: {table.describe()}.\n"
             "Write the map by hand: [channels] alpha = { column = ..., unit = ... }."
         )
     order = {name: i for i, name in enumerate(["t", *BY_NAME.values()])}
@@ -199,11 +199,11 @@ def _by_name(table: FileTable, column: str, against: dict[str, str]) -> Guess | 
     elif stated is None:
         why = f"the name{f'; {why}' if why else ''}"
     elif target != "-" and is_convertible(stated, "-"):
-        sure, assumption = UNSURE, assumption or f"a share of what, in [{target}]?"
+        sure, assumption = UNSURE, assumption or f"a fraction of which value, in [{target}]?"
     values = convert(_some(table.columns[column]), unit, target)
     row = find_channel(channel)
     if channel == "az" and values.size and np.median(values) > 0.0:
-        sign, assumption = -1, "it reads up, as load factors do, so its sign is reversed; are ax and ay turned too?"
+        sign, assumption = -1, "it reads up, as load factors do, so its sign is reversed; are ax and ay reversed too?"
         sure = max(sure, LIKELY, key=_RANK.__getitem__)
     if values.size and np.mean((values < row.low) | (values > row.high)) > 0.01:
         sure, assumption = UNSURE, assumption or f"values out of what is plausible; {row.hint or 'a wrong unit'}?"
@@ -229,7 +229,7 @@ def _name_and_tail(column: str) -> tuple[str, str | None]:
 
 
 def _unit_by_size(table: FileTable, column: str, channel: str) -> tuple[str, str]:
-    """Unit that the size of the values speaks for, and why; our own without a reason where they are silent."""
+    """Unit that the size of the values indicates, and the reason; the SI unit without a reason if it indicates none."""
     values = _some(table.columns[column])
     target = find_channel(channel).unit
     if not values.size:
@@ -302,26 +302,28 @@ def _time_by_values(table: FileTable, used: Collection[str]) -> list[Guess]:
 
 
 def _choose(guesses: list[Guess]) -> Guess:
-    """Best of the columns that may be one channel; which others there are makes it unsure."""
+    """Best of the columns that may be one channel; it is unsure if there are others."""
     best = min(guesses, key=lambda guess: _RANK[guess.sure])
-    rivals = [repr(str(g.entry.column)) for g in guesses if g is not best and _RANK[g.sure] <= _RANK[best.sure] + 1]
-    if not rivals:
+    others = [repr(str(g.entry.column)) for g in guesses if g is not best and _RANK[g.sure] <= _RANK[best.sure] + 1]
+    if not others:
         return best
-    return Guess(best.channel, best.entry, UNSURE, f"{best.why}; or {', '.join(rivals[:3])}")
+    return Guess(best.channel, best.entry, UNSURE, f"{best.why}; or {', '.join(others[:3])}")
 
 
 def _harmonise_units(table: FileTable, chosen: list[Guess]) -> list[Guess]:
-    """Guesses in which channels of one kind, where no unit is stated, share the one that any of them speaks for."""
-    silent = {g.channel: g for g in chosen if g.entry.unit is not None and not _is_stated(table, g.columns)}
+    """Guesses in which channels of one kind without a stated unit have the unit that one of them indicates."""
+    unstated = {g.channel: g for g in chosen if g.entry.unit is not None and not _is_stated(table, g.columns)}
     for kind in _KINDS:
-        spoken = {silent[c].entry.unit: c for c in kind if c in silent and silent[c].entry.unit != find_channel(c).unit}
-        if len(spoken) != 1:
+        indicated = {
+            unstated[c].entry.unit: c for c in kind if c in unstated and unstated[c].entry.unit != find_channel(c).unit
+        }
+        if len(indicated) != 1:
             continue
-        unit, teller = next(iter(spoken.items()))
+        unit, source = next(iter(indicated.items()))
         for i, guess in enumerate(chosen):
-            if guess.channel in kind and guess.channel in silent and guess.entry.unit != unit:
+            if guess.channel in kind and guess.channel in unstated and guess.entry.unit != unit:
                 entry = guess.entry.model_copy(update={"unit": unit})
-                chosen[i] = Guess(guess.channel, entry, UNSURE, f"the name; no unit stated, [{unit}] as {teller}")
+                chosen[i] = Guess(guess.channel, entry, UNSURE, f"the name; no unit stated, [{unit}] as {source}")
     return chosen
 
 

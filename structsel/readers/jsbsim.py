@@ -1,4 +1,4 @@
-"""JSBSim's CSV output: what its properties and its groups of columns are called, and mean.
+"""CSV output of JSBSim: names and meaning of its properties and of its groups of columns.
 
 A property's last word is its unit, ``/fdm/jsbsim/velocities/vt-fps``; the columns of a group such as ``<rates>`` state
 theirs in brackets. Body axes are forward, right, down.
@@ -18,7 +18,7 @@ _UNITS = {
     "slugs_ft3": "slug/ft^3", "kts": "kt", "norm": "-", "rpm": "rpm", "sec": "s", "R": "degR", "lbsft": "lbf*ft",
     "in": "inch", "slugs_ft2": "slug*ft^2", "sqft": "ft^2", "m": "m", "mps": "m/s",
 }  # fmt: skip
-_LATE = "JSBSim's Nx, Ny, Nz, which its log gives a frame late"
+_DELAYED = "JSBSim's Nx, Ny, Nz, which its log gives one frame delayed"
 _SURFACE = "as the aircraft's own files define it; most make a positive deflection a negative moment"
 
 
@@ -43,9 +43,9 @@ _USUAL = (
         for name in "pqr"
     ),
     *(StandardChannel(f"a{axis}", (f"BodyAccel_{axis.upper()}",), "ft/s^2") for axis in "xyz"),
-    StandardChannel("ax", _of("accelerations/Nx"), "g", assumption=_LATE),
-    StandardChannel("ay", _of("accelerations/Ny"), "g", assumption=_LATE),
-    StandardChannel("az", _of("accelerations/Nz"), "g", sign=-1, assumption=_LATE),
+    StandardChannel("ax", _of("accelerations/Nx"), "g", assumption=_DELAYED),
+    StandardChannel("ay", _of("accelerations/Ny"), "g", assumption=_DELAYED),
+    StandardChannel("az", _of("accelerations/Nz"), "g", sign=-1, assumption=_DELAYED),
     *(
         StandardChannel(name, (*_of(f"velocities/{name}-aero-fps"), f"Aero V_{{{axis} Body}} (ft/s)"), "ft/s")
         for name, axis in zip("uvw", "XYZ")
@@ -71,13 +71,13 @@ _USUAL = (
     StandardChannel("alpha_dot", _of("aero/alphadot-rad_sec"), "rad/s"),
     StandardChannel("beta_dot", _of("aero/betadot-rad_sec"), "rad/s"),
 )
-_TELLING = {"V_{Total} (ft/s)", "P (deg/s)", "BodyAccel_X"}
-"""Columns of JSBSim's groups by which its output is known where it lists no property."""
+_MARKS = {"V_{Total} (ft/s)", "P (deg/s)", "BodyAccel_X"}
+"""Columns of JSBSim's groups by which its output is recognised if it lists no property."""
 
 
 def with_jsbsim_map(table: FileTable) -> FileTable:
     """Table with units and the standard channel map of JSBSim's output, if it is one; else the table as it is."""
-    if not any(name.startswith(ROOT) for name in table.columns) and not table.columns.keys() >= _TELLING:
+    if not any(name.startswith(ROOT) for name in table.columns) and not table.columns.keys() >= _MARKS:
         return table
     tails = {name: _UNITS.get(name.rpartition("-")[2].partition("[")[0]) for name in table.columns if ROOT in name}
     units = {name: unit for name, unit in tails.items() if unit is not None and "-" in name}

@@ -15,7 +15,7 @@ from structsel.readers.table import FileTable, as_float, channels_at_cg, require
 from structsel.readers.units import is_unit
 
 METADATA = b"structsel"
-"""Key of the schema's metadata under which `write_recording` says what was done, as JSON."""
+"""Key of the metadata under which `write_recording` stores the provenance, as JSON."""
 
 
 def read_parquet(path: Path, options: FileOptions) -> FileTable:

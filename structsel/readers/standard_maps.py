@@ -1,4 +1,4 @@
-"""Ready channel maps: what a format's own names mean, written down once for every file of that format."""
+"""Standard channel maps: the meaning of the names that every file of a format has."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from structsel.readers.table import FileTable
 
 @dataclass(frozen=True)
 class StandardChannel:
-    """Where a format usually keeps one channel.
+    """Columns that usually have one channel in a format.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class StandardChannel:
     hold : bool
         A command, see `ChannelEntry`.
     assumption : str
-        What is taken on trust, said wherever the channel is made.
+        Assumption about the channel, which is reported with it.
     """
 
     channel: str
@@ -45,7 +45,7 @@ class StandardChannel:
 def with_standard_map(
     table: FileTable, source: str, usual: Sequence[StandardChannel], *, others: str = "leave"
 ) -> FileTable:
-    """Table with the standard channel map of its format: the usual places of which the file has one.
+    """Table with the standard channel map of its format, of the columns that the file has.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def with_standard_map(
         Whose map it is, for messages: "PX4's usual topics".
     usual : sequence of StandardChannel
     others : {"leave", "keep"}
-        What becomes of the columns the map does not list.
+        Whether columns that the map does not list are left out or kept.
     """
     channels: dict[str, ChannelEntry] = {}
     assumptions: dict[str, str] = {}
@@ -86,19 +86,19 @@ def import_extra(module: str, extra: str, path: Path, kind: str) -> ModuleType:
     Raises
     ------
     DataError
-        When it is not installed; the message says how to.
+        When it is not installed; the message gives the command that installs it.
     """
     try:
         return import_module(module)
     except ImportError as error:
         package = module.partition(".")[0]
         raise DataError(
-            f"'{path}' is {kind}, which structsel reads by the package {package}, and that is not installed.\n"
+            f"'{path}' is {kind}, which structsel reads with the package {package}, which is not installed.\n"
             f'Install it with: pip install "structsel[{extra}]"'
         ) from error
 
 
 def densest_time(clocks: Mapping[str, str], columns: Mapping[str, np.ndarray], among: Collection[str] = ()) -> str:
-    """Clock with the most samples among those of some columns (of all, if none are given)."""
+    """Time column with the most samples among those of some columns (of all, if none are given)."""
     found = {clocks[column] for column in (among or clocks)}
     return max(sorted(found), key=lambda clock: len(columns[clock]))

@@ -1,4 +1,4 @@
-"""What every reader returns: the columns of one file, as they stand in it."""
+"""Result of a reader: the columns of one file, unchanged."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ UNIT_SUFFIXES = {
     "psi": "psi", "K": "K", "degC": "degC", "degF": "degF", "kg": "kg", "lb": "lb", "lbs": "lb", "slug": "slug",
     "slugs": "slug", "N": "N", "kN": "kN", "lbf": "lbf", "rpm": "rpm", "pct": "%", "percent": "%", "kg_m3": "kg/m^3",
 }  # fmt: skip
-"""Units as the tail of a name writes them, ``alpha_deg``; a list, because a tail is more often no unit than one."""
+"""Units as suffixes of a name, ``alpha_deg``; a list, because most suffixes are not units."""
 
 
 def split_header(text: str) -> tuple[str, str | None]:
     """Name and unit of a header such as ``"alpha [deg]"``, ``"V (kt)"`` or ``"alpha_deg"``.
 
-    What stands in brackets is a unit only if it can be read as one, and a tail after an underscore only if what is
-    before it is a channel of the nomenclature that is measured in such a unit (``h_agl`` and ``alpha_left`` stay
-    whole). Otherwise the whole text is the name and the unit is None.
+    Text in brackets is a unit if it can be read as one. A suffix after an underscore is a unit if the name before it is
+    a channel of the nomenclature that is measured in such a unit (``h_agl`` and ``alpha_left`` are names). Otherwise
+    the complete text is the name and the unit is None.
     """
     match = _WITH_UNIT.match(text)
     if match:
         unit = match["square"] if match["square"] is not None else match["round"]
         if not unit.strip().isdigit() and is_unit(unit):  # "acc[1]" is an index
             return match["name"].strip(), unit.strip()
-    whole = text.strip()
-    at = whole.find("_")
-    while at > 0 and not is_known(whole):
-        name, tail = whole[:at], UNIT_SUFFIXES.get(whole[at + 1 :])
-        if tail is not None and is_known(name) and is_convertible(tail, find_channel(name).unit):
-            return name, tail
-        at = whole.find("_", at + 1)
-    return whole, None
+    complete = text.strip()
+    at = complete.find("_")
+    while at > 0 and not is_known(complete):
+        name, suffix = complete[:at], UNIT_SUFFIXES.get(complete[at + 1 :])
+        if suffix is not None and is_known(name) and is_convertible(suffix, find_channel(name).unit):
+            return name, suffix
+        at = complete.find("_", at + 1)
+    return complete, None
 
 
 SCHEMA = "structsel.recording/1"
-"""Schema of the files `write_recording` writes: CSV and Parquet that say what was done to the recording."""
+"""Schema of the CSV and Parquet files of `write_recording`, which have the provenance of the recording."""
 
 
 def require_schema(path: str, schema: str) -> None:
-    """Refuse a recording written to a schema that is not ours.
+    """Refuse a recording of another schema.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def require_schema(path: str, schema: str) -> None:
             f"'{path}' was written by a newer structsel, as {schema}; this one reads {SCHEMA}.\n"
             "Update structsel, or write the file again with this one."
         )
-    raise DataError(f"'{path}' says that it is {schema!r}; the only such files read are {SCHEMA}.\nWrite it again.")
+    raise DataError(f"'{path}' has the schema {schema!r}; the only such files read are {SCHEMA}.\nWrite it again.")
 
 
 MOVED_TO_CG = "carried to the centre of gravity: "
@@ -78,7 +78,7 @@ MOVED_TO_CG = "carried to the centre of gravity: "
 
 
 def channels_at_cg(provenance: Iterable[str]) -> frozenset[str]:
-    """Channels at the centre of gravity by the notes of a file of structsel 0.1.0, which has nothing else to say so."""
+    """Channels at the centre of gravity by the provenance of a file of structsel 0.1.0, which has no list of them."""
     lists = (note.removeprefix(MOVED_TO_CG).split(";")[0] for note in provenance if note.startswith(MOVED_TO_CG))
     return frozenset(name.strip() for listed in lists for name in listed.split(","))
 
@@ -105,19 +105,19 @@ class FileTable:
     unusable : dict of str to str
         Columns that hold no numbers, and why.
     notes : tuple of str
-        What was done or left out in reading.
+        Changes and omissions in reading.
     provenance : tuple of str
-        What was done before the file was written, as it says itself; see `require_schema`.
+        Provenance that the file states; see `require_schema`.
     at_cg : frozenset of str
         Channels that the file states to be at the centre of gravity already.
     clocks : mapping of str to str
-        Name of the column that holds the times of each column, in a log of many rates; empty where one clock serves.
+        Name of the time column of each column, in a log with several sample rates; empty if there is one time column.
     standard_map : ChannelMap or None
         How columns become channels in a format whose names mean the same in every file; used where no map is given.
     assumptions : mapping of str to str
-        What is taken on trust about a channel that `standard_map` makes.
+        Assumptions about channels of `standard_map`.
     faults : tuple of str
-        What is wrong with the file itself, though it can be read.
+        Faults of the file, which can be read nevertheless.
     """
 
     path: str
@@ -136,7 +136,7 @@ class FileTable:
     faults: tuple[str, ...] = ()
 
     def describe(self) -> str:
-        """What the file has, for messages: its column names, or how many it numbers."""
+        """Columns of the file for messages: their names, or their number."""
         if not self.named:
             return f"columns 1 to {len(self.columns)}"
         names = list(self.columns)

@@ -26,7 +26,7 @@ from structsel.readers.table import FileTable, as_float, channels_at_cg, require
 from structsel.readers.units import is_unit
 
 PROVENANCE = "# provenance: "
-"""Begins a line above the table in which `write_recording` says, as a JSON string, what was done."""
+"""Begins a line above the table in which `write_recording` stores one note of the provenance, as a JSON string."""
 AT_CG = "# at_cg: "
 """Begins the line in which `write_recording` lists, as JSON, the channels that are at the centre of gravity."""
 _HEAD_LINES = 200
@@ -41,7 +41,7 @@ _DECIMAL_COMMA = re.compile(r"^[+-]?\d+,\d+(?:[eE][+-]?\d+)?$")
 def read_text(path: Path, options: FileOptions) -> FileTable:
     """Table of a text file.
 
-    Separator, header and units are found by themselves; ``[file]`` may state ``separator``,
+    Separator, header and units are detected; ``[file]`` may state ``separator``,
     ``decimal`` and ``skip_rows``.
 
     Raises
@@ -53,7 +53,7 @@ def read_text(path: Path, options: FileOptions) -> FileTable:
     (provenance, at_cg), skipped = _own_notes(path, own), options.skip_rows + len(own)
     body = [line for line in lines if line.strip()]
     if not body:
-        raise DataError(f"'{path}' holds nothing" + (" after skip_rows." if options.skip_rows else "."))
+        raise DataError(f"'{path}' is empty" + (" after skip_rows." if options.skip_rows else "."))
     separator, width = _layout(body, options)
     decimal = options.decimal or _decimal(body, separator)
     start = next(
@@ -62,8 +62,8 @@ def read_text(path: Path, options: FileOptions) -> FileTable:
     )
     if start is None:
         raise DataError(
-            f"'{path}' has no samples: none of its first {len(lines)} lines is made of numbers.\n"
-            "Check that it is the right file; [file] separator and skip_rows say how to read it."
+            f"'{path}' has no samples: none of its first {len(lines)} lines has numbers.\n"
+            "Check that it is the right file; [file] separator and skip_rows state how to read it."
         )
     names, units, named, notes = _header(lines[:start], separator, width)
     try:
@@ -85,7 +85,7 @@ def read_text(path: Path, options: FileOptions) -> FileTable:
         reason = str(error).removeprefix("Error tokenizing data. C error: ").strip()
         raise DataError(
             f"'{path}' cannot be read as text in {width} columns: {reason}.\n"
-            "Mend the line, or state [file] separator and skip_rows in a channel map."
+            "Correct the line, or state [file] separator and skip_rows in a channel map."
         ) from error
     table = _table(path, frame, names, units, named, skipped + start + 1, notes)
     return replace(table, provenance=provenance, at_cg=at_cg)
@@ -136,7 +136,7 @@ def _own_notes(path: Path, own: list[str]) -> tuple[tuple[str, ...], frozenset[s
         except (ValueError, TypeError, RecursionError) as error:
             raise DataError(
                 f"'{path}': a line above the table cannot be read: {line!r}.\nIt should hold one note in double "
-                "quotes. Mend it, or write the file again; without it what was done to the recording is lost."
+                "quotes. Correct it, or write the file again; without it the provenance of the recording is lost."
             ) from error
     return tuple(notes), channels_at_cg(notes) if at_cg is None else at_cg
 
@@ -161,11 +161,11 @@ def _layout(lines: list[str], options: FileOptions) -> tuple[str, int]:
         candidates = [_SEPARATORS.get(options.separator, options.separator)]
         if len(candidates[0]) != 1 and candidates[0] != r"\s+":
             raise MapError(f"[file] separator = {options.separator!r}: one character, 'tab' or 'whitespace' is wanted.")
-    for share in (1.0, 0.5):
+    for fraction in (1.0, 0.5):
         best = (0, "", 0)
         for separator in candidates:
             rows = [_fields(line, separator) for line in lines]
-            widths = Counter(len(row) for row in rows if _is_data(row, len(row), share))
+            widths = Counter(len(row) for row in rows if _is_data(row, len(row), fraction))
             for width, count in widths.items():
                 # One column is what remains when nothing separates.
                 score = count if width > 1 else min(count, 1)
@@ -192,13 +192,13 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _is_data(cells: list[str], width: int, share: float = 0.5) -> bool:
-    """Whether a line has `width` cells of which at least a `share` are numbers, missing ones aside."""
+def _is_data(cells: list[str], width: int, fraction: float = 0.5) -> bool:
+    """Whether a line has `width` cells, and at least a `fraction` of those that are not missing are numbers."""
     if len(cells) != width:
         return False
-    telling = [cell for cell in cells if cell.lower() not in _MISSING]
-    numbers = sum(map(_is_number, telling))
-    return numbers > 0 and numbers >= share * len(telling)
+    given = [cell for cell in cells if cell.lower() not in _MISSING]
+    numbers = sum(map(_is_number, given))
+    return numbers > 0 and numbers >= fraction * len(given)
 
 
 def _header(lines: list[str], separator: str, width: int) -> tuple[list[str], dict[str, str], bool, tuple[str, ...]]:

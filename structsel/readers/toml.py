@@ -1,4 +1,4 @@
-"""TOML files: reading, with messages for whatever is wrong with one, and writing."""
+"""Reading TOML files, with messages for faults in them, and writing."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """PX4 logs (ULog, ``.ulg``): every field of every topic is a column, ``vehicle_attitude.q[0]``.
 
-PX4 keeps body axes forward, right, down and earth axes north, east, down, as structsel does. A topic's clock is the
-time its raw data was sampled, where it says so, because the time it was published is later by what the computing took;
-that of a command is the time it was published. The second instance of a topic is ``vehicle_imu(1)``, and so on.
+PX4 keeps body axes forward, right, down and earth axes north, east, down, as structsel does. The time of a topic is
+that at which its raw data was sampled, if stated; it is published later, after the computation. The time of a command
+is that of its publication. The second instance of a topic is ``vehicle_imu(1)``, and so on.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _USUAL = (
 
 
 def _commands(columns: Mapping[str, np.ndarray]) -> list[StandardChannel]:
-    """StandardChannel places of the commands: those of PX4 1.14 and later, else the earlier ones."""
+    """Standard channels of the commands: those of PX4 1.14 and later, else the earlier ones."""
     motors = [c for i in range(12) if np.isfinite(columns.get(c := f"actuator_motors.control[{i}]", np.nan)).any()]
     throttle = (*motors[: len(motors) == 1], "vehicle_thrust_setpoint.xyz[0]", "actuator_controls_0.control[3]")
     rows = [StandardChannel("throttle", throttle, "-", hold=True, assumption="the command of the motor, not its speed")]
@@ -94,7 +94,7 @@ def read_ulog(path: Path, options: FileOptions) -> FileTable:
             raise DataError(f"'{path}' is no ULog: it does not begin as one.\nCheck that it is the right file.")
     pyulog = import_extra("pyulog", "ulog", path, "a ULog")
     try:
-        # pyulog prints what it comes across
+        # pyulog prints messages
         with contextlib.redirect_stdout(io.StringIO()), path.open("rb") as stream:
             log = pyulog.ULog(stream)
     except Exception as error:  # pyulog's own, and whatever a broken header makes of struct, KeyError, ...
@@ -115,7 +115,7 @@ def read_ulog(path: Path, options: FileOptions) -> FileTable:
                 units[f"{name}.{field}"] = "us"
     if not columns:
         raise DataError(
-            f"'{path}' is a ULog without a single sample: logging stopped before it began, or the file was cut off.\n"
+            f"'{path}' is a ULog without samples: logging stopped before it began, or the file was cut off.\n"
             "Fetch it from the vehicle again, or log another flight."
         )
     table = FileTable(str(path), columns, units=units, clocks=clocks, notes=_dropouts(log), faults=_faults(path, log))
@@ -163,7 +163,7 @@ def _faults(path: Path, log: Any) -> tuple[str, ...]:
 
 
 def _is_cut_off(content: bytes) -> bool:
-    """Whether the last message is longer than what is left; pyulog reads such a file without a word."""
+    """Whether the last message is longer than the rest of the file; pyulog reads such a file without a warning."""
     at = 16  # the header
     while at + 3 <= len(content):
         at += 3 + int.from_bytes(content[at : at + 2], "little")

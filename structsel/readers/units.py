@@ -1,4 +1,4 @@
-"""Units as files write them, brought to SI and radians by pint.
+"""Units as files write them, converted to SI and radians by pint.
 
 An angle counts as a dimension of its own here, so a deflection in percent or a throttle in
 degrees is refused although pint calls both dimensionless.

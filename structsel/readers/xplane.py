@@ -1,6 +1,6 @@
 """X-Plane's data output to disk (Data.txt): columns such as ``Vtrue,_ktas |``, two words filled up with ``_``.
 
-The second word is mostly the unit. Signs that differ from ours, and that the file cannot tell: loads count up, aft and
+The second word is mostly the unit. The file does not state signs; these differ from ours: loads count up, aft and
 left; sideslip is heading less path, so positive with the nose right; the rudder's trailing edge goes right.
 """
 
@@ -17,7 +17,7 @@ _UNITS = {
     "ftAGL": "ft", "lb": "lbf", "ftlb": "lbf*ft", "lb-ft": "lbf*ft", "true": "deg", "mag": "deg", "ratio": "-",
     "degC": "degC", "inHG": "inHg", "norml": "g", "axial": "g", "side": "g", "engin": "rpm", "prop": "rpm",
 }  # fmt: skip
-_SIGN = "X-Plane's sign, as its descriptions and others' use of it have it, is turned to ours; the file cannot tell"
+_SIGN = "X-Plane's sign, by its documentation, is converted to that of structsel; the file does not state it"
 
 
 def _key(column: str) -> str:
@@ -47,18 +47,18 @@ _USUAL = (
     StandardChannel("thrust", ("thrst,1,lb",), "lbf"),
     StandardChannel("rpm", ("rpm_1,prop", "rpm_1,engin"), "rpm"),
 )
-_TELLING = {"real,time", "totl,time", "missn,time", "Vtrue,ktas", "alpha,deg", "pitch,deg", "Vind,kias"}
+_MARKS = {"real,time", "totl,time", "missn,time", "Vtrue,ktas", "alpha,deg", "pitch,deg", "Vind,kias"}
 
 
 def with_xplane_map(table: FileTable) -> FileTable:
     """Table with units and the standard channel map of X-Plane's output, if it is one; else the table as it is.
 
-    Of a header that the file repeats none is taken for a surface, since which one it is cannot be told.
+    A header that occurs more than once is not used, because its surface is ambiguous.
     """
     keys: dict[str, list[str]] = {}
     for column in table.columns:
         keys.setdefault(_key(column.partition(" (column ")[0]), []).append(column)
-    if len(_TELLING & keys.keys()) < 2:
+    if len(_MARKS & keys.keys()) < 2:
         return table
     once = {key: columns[0] for key, columns in keys.items() if len(columns) == 1}
     stated = {column: _UNITS.get(key.rpartition(",")[2]) for key, columns in keys.items() for column in columns}
@@ -74,6 +74,6 @@ def with_xplane_map(table: FileTable) -> FileTable:
         found.append(replace(row, columns=columns))
     twice = [repr(key) for key, columns in keys.items() if len(columns) > 1]
     if twice:
-        note = f"headers that X-Plane wrote more than once, and that no channel is made of: {', '.join(twice)}"
+        note = f"headers that occur more than once and are not used: {', '.join(twice)}"
         table = replace(table, notes=(*table.notes, note))
     return with_standard_map(table, "X-Plane's usual columns", found, others="keep")
