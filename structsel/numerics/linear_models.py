@@ -1,4 +1,4 @@
-"""Linear systems with names, and linear systems that depend on named parameters, with exact sensitivities."""
+"""Linear systems with named states and outputs, and with named parameters and exact sensitivities."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from structsel.numerics.linear_systems import (
 )
 
 SHAPES = {"A": "xx", "B": "xu", "C": "yx", "D": "yu", "bias": "x", "y_ref": "y", "delay": ""}
-"""What each array of one system runs over: x states, u inputs, y outputs."""
+"""Axes of each array of one system: x states, u inputs, y outputs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class LinearSystem:
     Raises
     ------
     DomainError
-        Where shapes and names disagree.
+        If shapes and names do not agree.
     """
 
     states: tuple[str, ...]
@@ -125,7 +125,7 @@ class LinearFamily:
     names : tuple of str
         The k parameters.
     base : LinearSystem
-        What remains when every parameter is zero; one system.
+        One system, for which every parameter is zero.
     dA : (k, ns, ns) array
     dB : (k, ns, ni) array
     dC : (k, no, ns) array
@@ -165,7 +165,7 @@ class LinearFamily:
 
     @classmethod
     def of(cls, base: LinearSystem, derivatives: dict[str, dict[str, np.ndarray]]) -> LinearFamily:
-        """Family from what each parameter adds: name to {"A": ..., "delay": ...}; parts not named do not depend on it.
+        """Family from the derivatives by each parameter, name to {"A": ..., "delay": ...}; others are zero.
 
         Raises
         ------
@@ -233,9 +233,9 @@ class LinearFamily:
 
             s_j' = A s_j + dA_j x + dB_j u + dbias_j        dy/dtheta_j = C s_j + dC_j x + dD_j u + dy_ref_j
 
-        so that x and s_j together are one system of twice the size, solved as exactly as x. A later input arrives
-        later: the delay's derivative is the response to minus the slope of the input. For held inputs, D u jumps at
-        their edges and its derivative by the delay is left out.
+        so that x and s_j together are one system of twice the size, solved as exactly as x. The derivative by the
+        delay is the response to minus the slope of the input. For held inputs, D u jumps at the edges, and its
+        derivative by the delay is left out.
 
         Parameters
         ----------
@@ -279,10 +279,10 @@ class LinearFamily:
 
     @staticmethod
     def _by_delay(s: LinearSystem, u: np.ndarray, dt: float, hold: Hold) -> np.ndarray:
-        whole_steps, part = split_delay(s.delay, dt)
+        delay_steps, part = split_delay(s.delay, dt)
         Phi, after, _ = interval(s.A, s.B, dt, part, hold)
         G = np.zeros((3, *s.B.shape))
-        if hold == "hold":  # one edge in every interval, which comes later
+        if hold == "hold":  # one edge in every interval moves
             G[0] = after @ s.B
             G[1] = -G[0]
         else:
@@ -291,14 +291,14 @@ class LinearFamily:
             G[0], G[1], G[2] = first, second - first, -second
         m, ns = len(s.A), len(s.states)
         x = np.empty((m, len(u), ns))
-        advance(Phi, G, np.zeros((m, ns)), whole_steps, np.ascontiguousarray(u[None]), np.zeros((1, ns)), x)
+        advance(Phi, G, np.zeros((m, ns)), delay_steps, np.ascontiguousarray(u[None]), np.zeros((1, ns)), x)
         slope = np.zeros((1, *u.shape))
         if hold == "linear":
             slope[0, 1:] = -np.diff(u, axis=0) / dt
-        return read_outputs(x, s.C, s.D, np.zeros((1, len(s.outputs))), slope, whole_steps, np.zeros(m), hold)
+        return read_outputs(x, s.C, s.D, np.zeros((1, len(s.outputs))), slope, delay_steps, np.zeros(m), hold)
 
 
 def _stack(common: np.ndarray, own: np.ndarray, axis: int) -> np.ndarray:
-    """Each set's own array (m, ...) over each parameter's (k, ...), (m, k, ...)."""
+    """Array of each set (m, ...) above that of each parameter (k, ...), (m, k, ...)."""
     m, k = len(common), len(own)
     return np.concatenate([np.repeat(common[:, None], k, 1), np.broadcast_to(own, (m, *own.shape))], axis=axis)

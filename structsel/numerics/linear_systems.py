@@ -5,8 +5,8 @@
     x'(t) = A x(t) + B u(t - delay) + bias          y(t) = C x(t) + D u(t - delay) + y_ref
 
 Between samples the input is held or linear, and the solution over one interval is a matrix exponential. A delay of
-d + s intervals, d whole and s a fraction, moves the corner of the input into the interval, to s of it. The interval is
-solved in two parts, and
+d + s intervals, d an integer and s a fraction, moves the corner of the input to the fraction s of the interval. The
+interval is solved in two parts, and
 
     x[k+1] = Phi x[k] + G0 u[k-d-1] + G1 u[k-d] + G2 u[k-d+1] + g
 
@@ -27,7 +27,7 @@ from structsel.errors import DomainError
 Hold = Literal["hold", "linear"]
 
 _DIVERGED = 1e100
-"""A state beyond this has diverged: its square would overflow soon after."""
+"""A state beyond this has diverged; its square would overflow."""
 
 
 def discretise(A: np.ndarray, B: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -87,7 +87,7 @@ def discretise_noise(A: np.ndarray, intensity: np.ndarray, dt: float) -> tuple[n
 
 
 def _exponential(block: np.ndarray) -> np.ndarray:
-    """(m, k, k) exponentials; NaN where a matrix is not finite, or so fast that its exponential overflows."""
+    """(m, k, k) exponentials; NaN where a matrix is not finite or its exponential overflows."""
     finite = np.isfinite(block).all(axis=(1, 2))
     step = np.full_like(block, np.nan)
     with np.errstate(all="ignore"):
@@ -106,7 +106,7 @@ def interval(
     B : (m, ns, ni) array
     dt : float [s]
     part : (m,) array [-]
-        From 0 up to, but not, 1.
+        From 0 to below 1.
     hold : {"hold", "linear"}
 
     Returns
@@ -136,16 +136,16 @@ def interval(
 
 
 def split_delay(delay: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Whole intervals and the remaining part of one; a delay within 1e-9 of a whole number is that number."""
+    """Complete intervals of a delay, and the remaining fraction of one; integers have a tolerance of 1e-9."""
     intervals = np.asarray(delay, dtype=float) / dt
-    whole_steps = np.floor(intervals + 1e-9)
-    return whole_steps.astype(np.int64), np.clip(intervals - whole_steps, 0.0, None)
+    delay_steps = np.floor(intervals + 1e-9)
+    return delay_steps.astype(np.int64), np.clip(intervals - delay_steps, 0.0, None)
 
 
 def previous_input(u: np.ndarray, dt: float, delay: float, hold: Hold = "hold") -> np.ndarray:
-    """Input as it reaches the system: u(t - delay) at the samples, (n, ni).
+    """Delayed input u(t - delay) at the samples, (n, ni).
 
-    Before the record every input has its first value. At the very edge of a held input the later value counts.
+    Before the record every input has its first value. At an edge of a held input the later value is used.
     """
     d, s = split_delay(np.asarray(delay), dt)
     k = np.arange(len(u)) - int(d)
@@ -187,7 +187,7 @@ def simulate_linear(
     y_ref : (no,) or (m, no) array
     hold : {"hold", "linear"}
     return_states : bool
-        Give the states as well.
+        Return the states as well.
 
     Returns
     -------
@@ -217,19 +217,19 @@ def simulate_linear(
         a, plain = given[name]
         return a if a.ndim > plain else a[None]
 
-    # Steps are found once where A, B and the delay are common to all members.
+    # Steps are computed once if A, B and the delay are common to all members.
     step_from = [members(name) for name in ("A", "B", "delay", "bias")]
     k = max(a.shape[0] for a in step_from)
     A_, B_, delay_, bias_ = (np.broadcast_to(a, (k, *a.shape[1:])) for a in step_from)
-    whole_steps, part = split_delay(delay_, dt)
+    delay_steps, part = split_delay(delay_, dt)
     Phi, _, G = interval(A_, B_, float(dt), part, hold)
     drift = np.zeros((k, ns))
     if (bias_ != 0.0).any():
         drift = discretise(A_, bias_[:, :, None], np.full(k, float(dt)))[1][:, :, 0]
     x = np.empty((m, n, ns))
     start, inputs = members("x0"), members("u")
-    advance(Phi, G, drift, whole_steps, np.ascontiguousarray(inputs), np.ascontiguousarray(start), x)
-    y = read_outputs(x, members("C"), members("D"), members("y_ref"), inputs, whole_steps, part, hold)
+    advance(Phi, G, drift, delay_steps, np.ascontiguousarray(inputs), np.ascontiguousarray(start), x)
+    y = read_outputs(x, members("C"), members("D"), members("y_ref"), inputs, delay_steps, part, hold)
     if not sizes:
         y, x = y[0], x[0]
     return (y, x) if return_states else y
@@ -259,7 +259,7 @@ def read_outputs(
     D: np.ndarray,
     y_ref: np.ndarray,
     u: np.ndarray,
-    whole_steps: np.ndarray,
+    delay_steps: np.ndarray,
     part: np.ndarray,
     hold: Hold,
 ) -> np.ndarray:
@@ -267,7 +267,7 @@ def read_outputs(
     y = x @ np.swapaxes(C, -1, -2)
     y += y_ref[:, None, :]
     if (D != 0.0).any():
-        k = np.arange(u.shape[1])[None, :] - whole_steps[:, None]
+        k = np.arange(u.shape[1])[None, :] - delay_steps[:, None]
         rows = np.arange(max(len(u), len(k)))[:, None]
         which = rows if len(u) > 1 else 0
         now = u[which, np.clip(k, 0, None)]
@@ -285,7 +285,7 @@ def advance(
     Phi: np.ndarray,
     G: np.ndarray,
     drift: np.ndarray,
-    whole_steps: np.ndarray,
+    delay_steps: np.ndarray,
     u: np.ndarray,
     x0: np.ndarray,
     x: np.ndarray,
@@ -297,7 +297,7 @@ def advance(
         a = j if Phi.shape[0] > 1 else 0
         b = j if u.shape[0] > 1 else 0
         c = j if x0.shape[0] > 1 else 0
-        d = whole_steps[a]
+        d = delay_steps[a]
         for i in range(ns):
             x[j, 0, i] = x0[c, i]
         for k in range(n - 1):

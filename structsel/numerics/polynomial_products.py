@@ -5,9 +5,9 @@ the products of all candidates: 164 candidates of degree 3 in 8 signals make 13,
 sorted word of length above d splits uniquely into its first d letters and the rest, whose first letter is not below the
 last of the prefix; grouping the rests by first letter gives one small matrix product each.
 
-These products are tall by narrow, 45 by 3 to 120 by 3 over some hundred samples. For such shapes NumPy's take 3.6 times
-as long as the tiles below (164 candidates, 200,000 samples; a whole selection then takes 15 % longer), so that the
-kernel is our own.
+These products are tall and narrow, 45 by 3 to 120 by 3 over some hundred samples. For such shapes NumPy takes 3.6 times
+as long as the tiles below (164 candidates, 200,000 samples; a complete selection then takes 15 % longer). The kernel
+here is therefore our own.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from numpy.typing import NDArray
 from structsel.numerics.arrays import Array
 from structsel.numerics.regressors import SLAB, DataSource, MonomialPlan, Scales, Word, fill_rows, plan_monomials
 
-_CHUNK = 256  # samples that rows hold: two streams of a tile stay in the first-level cache, all rows in the second
-_TALL, _WIDE = 4, 3  # rows of a tile of sums: twelve sums and the rows they are made of fill the registers
+_CHUNK = 256  # samples of the rows: two rows of a tile fit in the first-level cache, all rows in the second
+_TALL, _WIDE = 4, 3  # size of a tile of sums: twelve sums and their rows fill the registers
 
 
 @dataclass(frozen=True)
 class PolynomialPlan:
-    """Which rows are multiplied with which.
+    """Rows, and the pairs of rows that are multiplied.
 
     Attributes
     ----------
     rows : MonomialPlan
         All monomials of degree 1..d, grouped by first letter.
     prefix : (n,) int array
-        Of these the monomials of degree d, grouped by last letter.
+        Rows of the monomials of degree d, grouped by last letter.
     groups : tuple of (n_prefix, start, stop)
         For each first letter: prefixes ``[:n_prefix]`` against rows ``[start:stop]``.
     gather : (p, p) int array
-        Where each entry of X'X lies in the vector [sums of rows, group products].
+        Index of each entry of X'X in the vector [sums of rows, group products].
     member : (p,) int array
         Row of each candidate.
     """
@@ -66,7 +66,7 @@ def plan_polynomial_products(words: tuple[Word, ...], n_base: int) -> Polynomial
     p = len(words)
     degree = max(map(len, words), default=0)
     n_sums = comb(n_base + 2 * degree, n_base) - 1
-    # A sum costs less than twice an entry of a well-blocked product; below that ratio the product wins.
+    # A sum costs less than twice an entry of a blocked product; below that ratio the product is faster.
     if degree < 2 or len(set(words)) < p or 2 * n_sums > p * (p + 1) / 2:
         return None
     letters = range(n_base)
@@ -95,7 +95,7 @@ def plan_polynomial_products(words: tuple[Word, ...], n_base: int) -> Polynomial
 
 @lru_cache(maxsize=8)
 def _triangle_of(words: tuple[Word, ...], n_base: int, m: int) -> NDArray[np.int32]:
-    """Where each entry of the triangle of Z'Z lies in [products of 1 and responses, theirs with rows, the groups']."""
+    """Index of each entry of the triangle of Z'Z in [1 and responses, these with rows, products of the groups]."""
     plan = plan_polynomial_products(words, n_base)
     assert plan is not None
     p, rows, above = len(words), plan.rows.target.size, 1 + m
@@ -114,7 +114,7 @@ def _triangle_of(words: tuple[Word, ...], n_base: int, m: int) -> NDArray[np.int
 def add_tiles(
     rows: NDArray[np.float64], left: NDArray[np.int32], right: int, c: int, out: NDArray[np.float64]
 ) -> None:  # pragma: no cover - compiled
-    """Add the sums over ``c`` samples of rows ``left`` times rows from ``right`` on to ``out``; whole tiles only."""
+    """Add the sums over ``c`` samples of rows ``left`` times rows from ``right`` on to ``out``; complete tiles only."""
     for i in range(0, out.shape[0], _TALL):
         a, b, d, e = rows[left[i]], rows[left[i + 1]], rows[left[i + 2]], rows[left[i + 3]]
         for j in range(0, out.shape[1], _WIDE):
@@ -159,7 +159,7 @@ def add_groups(
 class PolynomialProducts:
     """Upper triangle of Z'Z of any range of a manoeuvre, from the distinct sums; owns its workspace.
 
-    Above the rows of the monomials stand the constant and the responses, whose sums come out of the same products.
+    The constant and the responses are the rows above the monomials; the same products have their sums.
 
     Parameters
     ----------
@@ -179,12 +179,12 @@ class PolynomialProducts:
         self.rows[above + plan.rows.n_rows :] = 1.0
         left = np.concatenate([np.arange(above), above + plan.prefix, np.zeros(_TALL - 1)])
         self.left = left.astype(np.int32)
-        # The products of [1, responses] come first. Rows of the next group, or of ones, fill the last tiles.
+        # The products of [1, responses] are first. Rows of the next group, or of ones, fill the last tiles.
         self.sizes = [(above, above), *((above + n, stop - start) for n, start, stop in plan.groups)]
-        whole = [(_whole(tall, _TALL), _whole(wide, _WIDE)) for tall, wide in self.sizes]
-        ends = np.cumsum([0, *(tall * wide for tall, wide in whole)])
+        padded = [(_round_up(tall, _TALL), _round_up(wide, _WIDE)) for tall, wide in self.sizes]
+        ends = np.cumsum([0, *(tall * wide for tall, wide in padded)])
         first = [0, *(above + start for _, start, _ in plan.groups)]
-        self.groups = np.column_stack([np.array(whole), first, ends[:-1]])
+        self.groups = np.column_stack([np.array(padded), first, ends[:-1]])
         self.n_sums = int(ends[-1])
 
     def over(self, source: DataSource, start: int, stop: int) -> Array:
@@ -208,5 +208,6 @@ class PolynomialProducts:
         return np.concatenate([own.ravel(), cross.ravel(), *(s[above:].ravel() for s in each)])[self.gather]
 
 
-def _whole(n: int, tile: int) -> int:
+def _round_up(n: int, tile: int) -> int:
+    """Next multiple of the tile size."""
     return -(-n // tile) * tile

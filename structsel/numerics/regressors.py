@@ -1,8 +1,8 @@
-"""Rows of regressors from any manoeuvre, a few hundred samples at a time.
+"""Rows of regressors of a manoeuvre, in chunks of a few hundred samples.
 
 Every candidate is a monomial in *base signals* (a channel, an offset channel, a spline, a user's function), so that a
-pool is a small table of exponents. Time runs along the last axis: a row is one candidate, made from its parent row
-by one multiplication with a base signal. The regressor matrix is never formed: rows are made for a few hundred
+pool is a small table of exponents. Time runs along the last axis: a row is one candidate, computed from its parent
+row by one multiplication with a base signal. The regressor matrix is never formed: rows are computed for a few hundred
 samples, used and overwritten.
 """
 
@@ -26,8 +26,8 @@ Scales = tuple[Array, Array]
 Word = tuple[int, ...]
 """A monomial as the sorted numbers of its base signals: alpha^2 de is (0, 0, 1)."""
 
-CHUNK = 512  # samples of a workspace: its rows stay in the second-level cache
-SLAB = 2048  # samples asked of a manoeuvre at a time
+CHUNK = 512  # samples of a workspace, so that its rows fit in the second-level cache
+SLAB = 2048  # samples read from a manoeuvre in one call
 
 
 class DataSource(Protocol):
@@ -99,7 +99,7 @@ def scales_of(squares: Sequence[tuple[Array, Array, int]]) -> Scales:
 
 
 def column_scale(exponents: NDArray[np.integer], scales: Scales) -> Array:
-    """Scale of [1, candidates, responses] that follows from those of the base signals."""
+    """Scales of [1, candidates, responses] from those of the base signals."""
     base, response = scales
     return np.concatenate([[1.0], np.exp(np.asarray(exponents) @ np.log(base)), response])
 
@@ -109,14 +109,14 @@ def column_scale(exponents: NDArray[np.integer], scales: Scales) -> Array:
 
 @dataclass(frozen=True)
 class MonomialPlan:
-    """The multiplications that make a set of monomials.
+    """Multiplications that compute a set of monomials.
 
     Attributes
     ----------
     target, parent, factor : (m,) int array
         Row ``target[i]`` is row ``parent[i]`` (or one, where -1) times base signal ``factor[i]``, in this order.
     n_rows : int
-        Rows the workspace needs; those past the monomials asked for are parents needed on the way.
+        Rows of the workspace; those after the monomials are parents that are not candidates.
     """
 
     target: NDArray[np.int32]
@@ -144,7 +144,7 @@ def words_of(exponents: NDArray[np.integer]) -> tuple[Word, ...]:
 
 @lru_cache(maxsize=32)
 def plan_monomials(words: tuple[Word, ...]) -> MonomialPlan:
-    """The cheapest way to make these monomials, one multiplication each, parents first.
+    """Plan with one multiplication for each monomial, parents first.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def plan_monomials(words: tuple[Word, ...]) -> MonomialPlan:
             n_rows += 1
     order = sorted(seen, key=lambda w: (len(w), w))
     steps = [(row_of[w], row_of[w[:-1]] if len(w) > 1 else -1, w[-1]) for w in order]
-    # A repeated candidate is made as a copy of its twin's parent times factor, like the twin itself.
+    # A repeated candidate is computed like its first occurrence.
     steps += [(i, row_of[w[:-1]] if len(w) > 1 else -1, w[-1]) for i, w in enumerate(words) if row_of[w] != i]
     target, parent, factor = np.array(steps, dtype=np.int32).reshape(-1, 3).T.copy()
     return MonomialPlan(target, parent, factor, n_rows)
@@ -196,9 +196,9 @@ def fill_rows(
 
 
 class RegressorChunks:
-    """Scaled rows [1, x_1 .. x_p, y_1 .. y_m] of any range of a manoeuvre, ``chunk`` samples at a time.
+    """Scaled rows [1, x_1 .. x_p, y_1 .. y_m] of any range of a manoeuvre, in chunks.
 
-    Owns its workspace: every job makes one of its own.
+    It owns its workspace, so every job creates its own.
 
     Parameters
     ----------
@@ -206,8 +206,9 @@ class RegressorChunks:
         The candidates.
     scales : (s,) array, (m,) array
     reach : int
-        Samples before the first that every chunk has too, for a filter.
+        Past samples that every chunk has in addition, for a filter.
     chunk : int
+        Samples of a chunk.
     """
 
     def __init__(self, words: tuple[Word, ...], scales: Scales, reach: int = 0, chunk: int = CHUNK):

@@ -5,20 +5,20 @@ a search holds
 
 * ``W`` = U'^-1 R[A, :], one row per kept term, its last column belonging to the response;
 * ``T`` = U^-1, so that theta = T W[:, -1] and (R_AA)^-1 = T T';
-* ``d`` = 1 - column sums of W^2: what of every column the kept ones do not explain (its tolerance, the Schur complement
-  relative to the column's own centred variance; the response's is 1 - R^2);
-* ``b`` = R[:p, -1] - W[:, :p]' W[:, -1]: what is left of every candidate's correlation with the response.
+* ``d`` = 1 - column sums of W^2: tolerance of every column, the fraction of its centred variance that the kept terms do
+  not explain (1 - R^2 for the response);
+* ``b`` = R[:p, -1] - W[:, :p]' W[:, -1]: remaining correlation of every candidate with the response.
 
-Candidate j explains b_j^2 / d_j more. A kept term m explains theta_m^2 / (T T')_mm; without it, each column gets back
-its part c of the direction that m alone spans::
+Candidate j reduces 1 - R^2 by b_j^2 / d_j. A kept term m reduces it by theta_m^2 / (T T')_mm. Without term m, each
+column regains its component c along the direction that only m spans::
 
     c = T[m] W / |T[m]|,    d + c^2,    b + c c_y
 
 A term enters in O(p k) operations, leaves by Givens rotations in O(p k), and all k p exchanges of one term for another
-are weighed in O(p k^2). Nothing here forms a p x p matrix except the pair moves of `penalised_search`. Everything
-releases the interpreter lock, so resamples may run in threads.
+are evaluated in O(p k^2). No p x p matrix is formed except in the pair moves of `penalised_search`. All functions
+release the interpreter lock, so resamples may run in threads.
 
-Numba's cache does not notice changes in kernels imported from another file: after an edit here, delete the cache of
+Numba's cache does not detect changes in kernels imported from another file: after an edit here, delete the cache of
 `stepwise_kernel` and `penalised_search`.
 """
 
@@ -38,13 +38,26 @@ from structsel.numerics.arrays import Array
 ZERO, NONE = np.int64(0), np.int64(-1)
 ENTER, LEAVE, SWAP, REFUSE = np.int64(0), np.int64(1), np.int64(2), np.int64(3)
 NO_F, PERFECT, MAX_TERMS, NO_DOF, MOVE_LIMIT, CONSTANT, NO_GAIN, NONE_LEFT, OPTIMUM = range(9)
+ACTIONS = ("enter", "leave", "swap", "refuse")
+STOPS = (
+    "no term outside reaches F_in",
+    "perfect fit",
+    "max_terms reached",
+    "no degrees of freedom left",
+    "move limit reached",
+    "constant response",
+    "the best term outside gains too little",
+    "no candidate left",
+    "no move lowers the criterion",
+)
+"""Names of the actions ENTER to REFUSE, and of the reasons NO_F to OPTIMUM."""
 ACTION, INDEX, OTHER, PARTIAL_F, PARTIAL_R, UNEXPLAINED, TERMS = range(7)  # columns of a trace
 ROUNDING = 1e-14  # largest error assumed in an entry of the correlation matrix
-MARGIN = 1e-10  # relative fall of rss an exchange must bring, so that rounding cannot make it cycle
+MARGIN = 1e-10  # least relative reduction of rss by an exchange, so that rounding cannot cause a cycle
 
 
 class Model(NamedTuple):
-    """Kept terms of a search and what they leave, in the letters of this file; k rows of W and T are in use."""
+    """Kept terms of a search and the remaining correlations, in the letters of this file; k rows are used."""
 
     C: Array  # (p+1, p+1) centred cross-products
     scale: Array  # (p+1,) 1 / sqrt(C_jj), 0 for a constant column
@@ -107,7 +120,7 @@ def _enter(model, j, k):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _leave(model, m, k):
-    """Rotate term m to the last row and take that off; returns the new k."""
+    """Rotate term m to the last row and remove that row; returns the new k."""
     W, T, d, b, chosen = model.W, model.T, model.d, model.b, model.chosen
     p = b.size
     for i in range(m, k - 1):
@@ -138,7 +151,7 @@ def _leave(model, m, k):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def estimates(model, k, theta, loss):
-    """Standardised theta, and what dropping each term would add to 1 - R^2; returns the rounding floor."""
+    """Standardised theta, and the increase of 1 - R^2 without each term; returns the rounding error of 1 - R^2."""
     W, T = model.W, model.T
     p = W.shape[1] - 1
     size = 1.0
@@ -155,7 +168,7 @@ def estimates(model, k, theta, loss):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def initial_model(C, dof, forced, initial, limit, tol, trace):
-    """Let the forced and then the initial terms in; a dependent one is refused."""
+    """Enter the forced and then the initial terms; a dependent one is refused."""
     model = _empty_model(C, limit)
     k, step = ZERO, ZERO
     for part in range(2):
@@ -173,7 +186,7 @@ def initial_model(C, dof, forced, initial, limit, tol, trace):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def search_result(model, k, tol):
-    """Rebuild in the order of entry, which sheds the rounding of the moves: chosen, theta, rss, refused."""
+    """Recompute in the order of entry, without the rounding of the moves: chosen, theta, rss, refused."""
     C, scale, d, b = model.C, model.scale, model.d, model.b
     p = b.size
     for j in range(p + 1):
@@ -217,7 +230,7 @@ def _partial_f_and_r(loss, rss, freedom):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def record_entry(model, j, k, dof, trace, step, action, other):
-    """Let candidate j in and record it; returns the new k and step."""
+    """Enter candidate j and record it; returns the new k and step."""
     d, b = model.d, model.b
     sign = np.sign(b[j])
     gain = b[j] * b[j] / d[j]
@@ -228,7 +241,7 @@ def record_entry(model, j, k, dof, trace, step, action, other):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def record_exit(model, m, k, dof, theta, loss, trace, step):
-    """Take term m out and record it; returns the new k and step."""
+    """Remove term m and record it; returns the new k and step."""
     j = model.chosen[m]
     F, r = _partial_f_and_r(loss[m], model.d[-1], dof - k)
     r *= np.sign(theta[m])

@@ -24,23 +24,23 @@ from structsel.errors import DataError, DomainError
 from structsel.numerics.arrays import Array
 
 OVERLAP = 0.5
-"""Share of a segment that the next one has too."""
+"""Fraction of a segment that overlaps the next one."""
 FEWER = 0.75
-"""Independent segments for each overlapping one, Hann window."""
+"""Number of independent segments for each overlapping one, with a Hann window."""
 _FEWEST = 16  # samples of a segment
-_LONG = 1 << 22  # products in an explicit transform; above that a chirp-z transform takes over
+_LONG = 1 << 22  # products in an explicit transform; above it the chirp-z transform is used
 
 
 def cross_spectrum(x: Sequence[Array], y: Sequence[Array], dt: float, segment: float) -> tuple[Array, Array, int]:
-    """One-sided cross-spectral density by Welch's method, the segments of all pieces together.
+    """One-sided cross-spectral density by Welch's method, averaged over the segments of all pieces.
 
-    Segments overlap by half, under a Hann window, each less its own straight line. The density of a signal with
-    itself is its power spectrum: real, and its integral over the frequencies is the signal's variance.
+    Segments overlap by half and have a Hann window; the linear trend of each is removed. The density of a signal with
+    itself is its power spectrum: it is real, and its integral over the frequencies is the variance of the signal.
 
     Parameters
     ----------
     x, y : sequence of (n_i,) arrays
-        Piece by piece; those shorter than a segment are left out.
+        One array for each piece; pieces shorter than a segment are not used.
     dt : float [s]
         Of all pieces.
     segment : float [s]
@@ -51,7 +51,7 @@ def cross_spectrum(x: Sequence[Array], y: Sequence[Array], dt: float, segment: f
         Above zero.
     density : (m,) complex array [unit of x times unit of y / Hz]
     segments : int
-        How many went into it.
+        Number of segments.
 
     Raises
     ------
@@ -76,26 +76,27 @@ def cross_spectrum(x: Sequence[Array], y: Sequence[Array], dt: float, segment: f
 
 
 def coherence(
-    x: Sequence[Array], y: Sequence[Array], dt: float, segment: float, chance: float = 0.01
+    x: Sequence[Array], y: Sequence[Array], dt: float, segment: float, probability: float = 0.01
 ) -> tuple[Array, Array, float]:
-    """Magnitude squared coherence, and what signals without relation pass by chance.
+    """Magnitude squared coherence, and its significance threshold.
 
-    With K independent segments two signals without relation pass 1 - a^(1/(K - 1)) at one frequency with
-    probability a; here a is `chance` over the number of frequencies. Overlapping segments count three quarters.
+    With K independent segments the coherence of two independent signals exceeds 1 - a^(1/(K - 1)) at one frequency
+    with probability a. Here a is `probability` over the number of frequencies, and K is three quarters of the number
+    of overlapping segments.
 
     Parameters
     ----------
     x, y, dt, segment
         As `cross_spectrum` takes them.
-    chance : float
-        That it is passed anywhere.
+    probability : float
+        Of a coherence above the threshold at any frequency, for independent signals.
 
     Returns
     -------
     f : (m,) array [Hz]
     squared : (m,) array [-]
     threshold : float [-]
-        1 where there are too few segments to tell.
+        1 if there are too few segments.
 
     Raises
     ------
@@ -110,33 +111,33 @@ def coherence(
     own, other = (cross_spectrum(each, each, dt, segment)[1].real for each in (x, y))
     squared = np.abs(cross) ** 2 / np.maximum(own * other, np.finfo(float).tiny)
     free = FEWER * segments
-    return f, squared, passed_by_chance(free, len(f), chance) if free > 1.0 else 1.0
+    return f, squared, coherence_threshold(free, len(f), probability) if free > 1.0 else 1.0
 
 
-def passed_by_chance(free: float, frequencies: int, chance: float) -> float:
-    """Squared coherence that signals without relation pass, anywhere, with a given probability.
+def coherence_threshold(free: float, frequencies: int, probability: float) -> float:
+    """Squared coherence that independent signals exceed at any frequency with a given probability.
 
     Parameters
     ----------
     free : float
-        Independent segments, more than one.
+        Number of independent segments, more than one.
     frequencies : int
-    chance : float
+    probability : float
 
     References
     ----------
     [CKN73]
     """
-    return float(1.0 - (chance / frequencies) ** (1.0 / (free - 1.0)))
+    return float(1.0 - (probability / frequencies) ** (1.0 / (free - 1.0)))
 
 
 def choose_frequencies(duration: float, low: float, high: float) -> np.ndarray:
-    """Whole multiples of 1/T between two frequencies [Hz], at which the transforms of white noise are unrelated.
+    """Integer multiples of 1/T between two frequencies [Hz], at which the transforms of white noise are uncorrelated.
 
     Raises
     ------
     DomainError
-        No multiple lies there.
+        There is no multiple between them.
     """
     first, last = int(np.ceil(low * duration - 1e-9)), int(np.floor(high * duration + 1e-9))
     if not (first >= 0 and last >= first):
@@ -158,7 +159,7 @@ def transform(x: np.ndarray, dt: float, frequencies: np.ndarray, detrend: bool =
     frequencies : (f,) array [Hz]
         Below half the sampling frequency.
     detrend : bool
-        Take the straight line through the samples out first, which would leak into every frequency.
+        Remove the linear trend of the samples first, which would leak into every frequency.
 
     Returns
     -------
@@ -174,7 +175,7 @@ def transform(x: np.ndarray, dt: float, frequencies: np.ndarray, detrend: bool =
     x, f = np.asarray(x, dtype=float), np.asarray(frequencies, dtype=float)
     n = len(x)
     if not np.isfinite(x).all():
-        raise DataError("a Fourier transform needs finite samples throughout; take a stretch without gaps.")
+        raise DataError("a Fourier transform needs finite samples throughout; use a segment without gaps.")
     if f.size and not (np.abs(f).max() <= 0.5 / dt * (1.0 + 1e-9)):
         raise DomainError(f"{f.max():g} Hz is above half the sampling frequency, {0.5 / dt:g} Hz.")
     flat = x.reshape(n, -1)
@@ -201,11 +202,11 @@ class FrequencyFit:
     covariance : (k, k) array
         For noise that is white over the band, whatever the spacing of the frequencies.
     noise_std : float
-        Of the response in time, were its noise as strong outside the band.
+        Of the response in time, if its noise outside the band has the same density.
     fit : (f,) complex array
         Transform of the model's response, manoeuvre after manoeuvre.
     r2 : float
-        Share of the response's power at these frequencies.
+        Fraction of the power of the response that is explained at these frequencies.
     """
 
     theta: np.ndarray
@@ -245,12 +246,12 @@ def equation_error(
     response : (n,) array, or one for each manoeuvre
     dt : float [s], or one for each manoeuvre
     frequencies : (f,) array [Hz], or one for each manoeuvre
-        Above zero: a constant is not a term here, the detrending takes it out.
+        Above zero; the detrending removes the constant term.
 
     Raises
     ------
     DataError
-        Fewer frequencies than it takes, or regressors that depend on each other over them.
+        Too few frequencies, or regressors that are linearly dependent at these frequencies.
     DomainError
         As `transform`.
 
@@ -260,15 +261,15 @@ def equation_error(
     """
     if isinstance(response, np.ndarray):
         regressors, response, dt, frequencies = [regressors], [response], [dt], [frequencies]  # type: ignore[list-item]
-    flown = [
+    manoeuvres = [
         (np.asarray(X, dtype=float), np.asarray(y, dtype=float), float(step), np.asarray(f, dtype=float))
         for X, y, step, f in zip(regressors, response, dt, frequencies, strict=True)  # type: ignore[arg-type]
     ]
-    k, equations = flown[0][0].shape[1], 2 * sum(f.size for *_, f in flown)
+    k, equations = manoeuvres[0][0].shape[1], 2 * sum(f.size for *_, f in manoeuvres)
     if equations <= k:
         raise DataError(f"{equations // 2} frequencies give {equations} equations for {k} parameters; ask for more.")
-    z = [transform(y, step, f) for _, y, step, f in flown]
-    X = [transform(X_t, step, f) for X_t, _, step, f in flown]
+    z = [transform(y, step, f) for _, y, step, f in manoeuvres]
+    X = [transform(X_t, step, f) for X_t, _, step, f in manoeuvres]
     stacked = np.vstack([part for one in X for part in (one.real, one.imag)])
     length = np.linalg.norm(stacked, axis=0)
     singular = np.linalg.svd(stacked / np.where(length > 0.0, length, 1.0), compute_uv=False)
@@ -280,7 +281,7 @@ def equation_error(
     inverse = linalg.pinv(stacked / length) / length[:, None]
     theta = inverse @ np.concatenate([part for one in z for part in (one.real, one.imag)])
     fit = np.concatenate([one @ theta for one in X])
-    noise = linalg.block_diag(*(_noise_gram(len(y), step, f) for _, y, step, f in flown))
+    noise = linalg.block_diag(*(_noise_gram(len(y), step, f) for _, y, step, f in manoeuvres))
     left = np.eye(equations) - stacked @ inverse
     lost = float(np.sum(np.abs(np.concatenate(z) - fit) ** 2))
     variance = lost / float(np.sum((left @ noise) * left))
@@ -310,11 +311,11 @@ def sampled_response(
 ) -> np.ndarray:
     """Transforms of the outputs of ``x[k+1] = Phi x[k] + p[k]``, ``y[k] = C x[k] + d[k]``, many systems at once.
 
-    At whole multiples of 1 / (n dt) the sums over n samples are related exactly, with z = exp(i w dt)::
+    At integer multiples of 1 / (n dt) the sums over n samples are related exactly, with z = exp(i w dt)::
 
         y~ = C (z I - Phi)^-1 [p~ + z (x[0] - x[n])] + d~
 
-    so that nothing is lost by sampling, up to half the sampling frequency.
+    so that sampling introduces no error up to half the sampling frequency.
 
     Parameters
     ----------
@@ -341,9 +342,9 @@ def sampled_response(
 
 
 def as_real(transforms: np.ndarray) -> np.ndarray:
-    """(..., 2 f, c) real parts above imaginary parts, the outputs output error can be asked to fit.
+    """(..., 2 f, c) real parts above imaginary parts, as the outputs of an output-error problem.
 
-    At whole multiples of 1/T the transforms of white noise are unrelated and their two parts equally strong, so
-    `fit_output_error` on these is maximum likelihood in the frequency domain.
+    At integer multiples of 1/T the transforms of white noise are uncorrelated and their two parts have equal variances,
+    so `fit_output_error` on these is maximum likelihood in the frequency domain.
     """
     return np.concatenate([transforms.real, transforms.imag], axis=-2)

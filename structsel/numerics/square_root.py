@@ -22,7 +22,7 @@ _LINEAR = 1e-3  # step of the central differences, in standard deviations
 
 
 class SigmaPoints(NamedTuple):
-    """Places and weights of the sigma points; `linear` for central differences instead."""
+    """Positions and weights of the sigma points; `linear` for central differences instead."""
 
     linear: bool
     reach: float  # of a point from the centre, in columns of S
@@ -32,7 +32,7 @@ class SigmaPoints(NamedTuple):
 
 
 def sigma_points(spread: float, L: int) -> SigmaPoints:
-    """Places and weights for L states; central differences for a spread of 0."""
+    """Positions and weights for L states; central differences for a spread of 0."""
     if spread == 0.0:
         return SigmaPoints(True, _LINEAR, 0.5, 0.0, 1.0 / (2.0 * _LINEAR))
     weight = 1.0 / (2.0 * spread * spread * L)
@@ -56,7 +56,7 @@ def triangularise(A, rows, columns):  # type: ignore[no-untyped-def]
         A[i, i] = head
         inverse = 2.0 / (head * head + scale)
         k = i + 1
-        while k + 4 <= rows:  # four rows at a time: four sums that do not wait for one another
+        while k + 4 <= rows:  # four rows together: four independent sums
             a, b, c, d = 0.0, 0.0, 0.0, 0.0
             for j in range(i, columns):
                 h = A[i, j]

@@ -1,8 +1,8 @@
-"""Structure search on the centred cross-products of candidates and response.
+"""Structure search on the centred cross-products of candidates and response: modified stepwise regression.
 
 Arrays only. Every search takes C = Z'Z of the centred columns Z = [x_1 ... x_p, y] and ``dof``, the samples less those
-swept out for the constant (N - 1), so it costs the same for a minute of flight or a day. It works on the correlation
-form, so scaling a candidate changes nothing but its coefficient.
+swept out for the constant (N - 1), so its cost does not depend on the number of samples. It works on the correlation
+form, so scaling a candidate changes its coefficient only.
 """
 
 from __future__ import annotations
@@ -18,20 +18,8 @@ from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import candidate_numbers, check_products, check_size
 from structsel.numerics.penalised_search import penalised_search
+from structsel.numerics.search_model import ACTIONS, STOPS
 from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
-
-ACTIONS = ("enter", "leave", "swap", "refuse")
-STOPS = (
-    "no term outside reaches F_in",
-    "perfect fit",
-    "max_terms reached",
-    "no degrees of freedom left",
-    "move limit reached",
-    "constant response",
-    "the best term outside gains too little",
-    "no candidate left",
-    "no move lowers the criterion",
-)
 
 
 @dataclass(frozen=True)
@@ -41,14 +29,13 @@ class SearchStep:
     Attributes
     ----------
     action : {"enter", "leave", "swap", "refuse"}
-        Included and initial terms enter too. "refuse": such a term that is constant or that the terms already in
-        explain.
+        Included and initial terms enter too. "refuse": such a term is constant or depends on the terms before.
     index : int
-        Candidate (column of C) that moved; of a swap the one that came in.
+        Candidate (column of C); of a swap the one that enters.
     other : int
-        Candidate a swap put out, else -1.
+        Candidate that leaves in a swap, else -1.
     F : float [-]
-        Partial F of the candidate given the other terms; inf if it leaves nothing unexplained.
+        Partial F of the candidate given the other terms; inf for a perfect fit.
     partial_r : float [-]
         Its partial correlation with the response, given the other terms.
     rss : float [response^2]
@@ -68,20 +55,20 @@ class SearchStep:
 
 @dataclass(frozen=True)
 class SearchPath:
-    """What a search kept, and how it came to it.
+    """Selected terms of a search, and its steps.
 
     Attributes
     ----------
     selected : tuple of int
-        Candidates kept, in order of entry.
+        Candidates in the model, in order of entry.
     theta : (k,) array [response per candidate]
         Their least-squares coefficients, in that order.
     rss : float [response^2]
     steps : tuple of SearchStep
     refused : tuple of int
-        Candidates outside that are constant, or aliased with the kept ones within the tolerance.
+        Other candidates that are constant, or aliased with the selected ones within the tolerance.
     stopped : str
-        Why the search ended, in words.
+        Reason why the search ended.
     tss : float [response^2]
         Sum of squares of the response about its mean.
     dof : float [-]
@@ -104,7 +91,7 @@ class SearchPath:
 
 
 def search_path(answer: Any, trace: Array, tss: float, dof: float) -> SearchPath:
-    """Path of a kernel's answer and trace."""
+    """Path from the results and the trace of a kernel."""
     chosen, theta, rss, refused, why, moves = answer
     theta.setflags(write=False)
     steps = tuple(
@@ -146,9 +133,9 @@ def stepwise(
 
     The candidate with the largest partial correlation enters if its partial F reaches F_in; after
     each entry the kept term with the smallest partial F leaves if it is below F_out; when nothing enters
-    or leaves, exchanging one kept term for one outside is tried, and the search goes on if that lowers the
-    residual sum of squares. With b_j and d_j what the kept terms leave of the candidate's product with
-    the response and of its own sum of squares::
+    or leaves, exchanges of one kept term for one outside are tried, and the search continues if one lowers
+    the residual sum of squares. With b_j and d_j the candidate's product with the response and its sum of
+    squares, both after regression on the kept terms::
 
         inside   F_j = theta_j^2 / s^2(theta_j),           s^2 = rss / (dof - k)
         outside  F_j = g_j / ((rss - g_j) / (dof - k - 1)),  g_j = b_j^2 / d_j
@@ -164,10 +151,10 @@ def stepwise(
     include : sequence of int
         Candidates that enter first and never leave.
     initial : sequence of int
-        Candidates in at the start, free to leave: the linear terms [TP1916], or all [C89]. Of
-        dependent ones the later is refused.
+        Terms of the first model, which may leave: the linear terms [TP1916], or all [C89]. Of dependent ones
+        the later is refused.
     max_terms : int, optional
-        Most terms kept, the constant not counted.
+        Maximum number of terms, the constant not counted.
     swap : bool
     min_gain : float [-]
         Fraction of tss that a term must explain to enter, besides F_in: a rise of R^2, or sigma_max2 / tss where
@@ -176,10 +163,10 @@ def stepwise(
         The candidate to enter is the one whose weight times what it explains is largest; min_gain is compared with
         that product. Prior preference of some candidates; all 1 by default.
     min_tolerance : float [-]
-        Refuse a candidate of whose centred variance the kept terms leave at most this fraction.
+        Refuse a candidate if at most this fraction of its centred variance is not explained by the kept terms.
     entry_thresholds : (p,) array [-], optional
-        In place of F_in: what the first, second, ... term needs to enter (:func:`fdr_F_in`). With k
-        terms in, F_out is at most the k-th of them.
+        In place of F_in: partial F that the first, second, ... term needs (:func:`fdr_F_in`). With k terms,
+        F_out is at most the k-th of them.
 
     Returns
     -------
@@ -193,9 +180,9 @@ def stepwise(
 
     Notes
     -----
-    It ends: log rss + sum_{i<=k} log(1 + F_in / (dof - i)) does not rise on entry and falls when a
-    term leaves or is exchanged, so no model returns. What is within rounding
-    (1 - R^2 below about 1e-14 times the squared size of the standardised coefficients) is a perfect fit.
+    The search ends, because log rss + sum_{i<=k} log(1 + F_in / (dof - i)) does not increase on entry and decreases
+    when a term leaves or is exchanged, so no model recurs. A fit with 1 - R^2 within rounding error (about 1e-14
+    times the squared size of the standardised coefficients) is perfect.
 
     References
     ----------
@@ -242,17 +229,16 @@ def forward_selection(
     weights: ArrayLike | None = None,
     min_tolerance: float = 1e-9,
 ) -> SearchPath:
-    """Add the best candidate while it explains at least a fraction of what the kept terms leave; none leaves.
+    """Add the best candidate while it reduces the residual sum of squares by at least a fraction; no term leaves.
 
     Parameters
     ----------
     C, include, max_terms, min_gain, weights, min_tolerance
         As in :func:`stepwise`.
     dof : float [-]
-        As in :func:`stepwise`; without influence on what is chosen while it exceeds the number of terms.
+        As in :func:`stepwise`; it does not affect the choice while it exceeds the number of terms.
     min_fraction : float [-]
-        g_j / rss that a term needs to enter, from 0 to below 1; a / n for g_j above a times the mean square left
-        of n samples.
+        g_j / rss that a term needs to enter, from 0 to below 1.
 
     Returns
     -------
@@ -264,7 +250,7 @@ def forward_selection(
         As :func:`stepwise`.
     """
     left = np.maximum(float(dof) - np.arange(np.shape(C)[0] - 1) - 1.0, 0.0)
-    # g / (rss - g) >= f / (1 - f) is g >= f rss; nothing explains more than all.
+    # g / (rss - g) >= f / (1 - f) is g >= f rss; no term reaches a fraction of 1.
     thresholds = min_fraction / (1.0 - min_fraction) * left if min_fraction < 1.0 else np.full(left.size, np.inf)
     return stepwise(
         C, dof, F_out=0.0, include=include, max_terms=max_terms, swap=False, min_gain=min_gain, weights=weights,
@@ -283,7 +269,7 @@ def refine_subset(
     depth: int = 2,
     min_tolerance: float = 1e-9,
 ) -> SearchPath:
-    """Improve a selection until no small move lowers dof log(rss) + penalty k.
+    """Improve a selection by small moves while dof log(rss) + penalty k decreases.
 
     Parameters
     ----------
@@ -292,10 +278,9 @@ def refine_subset(
     selected : sequence of int
         Terms to start from.
     penalty : float [-]
-        What one term costs: (dof / N) log(N) gives BIC exactly, 2 about AIC.
+        Penalty of one term: (dof / N) log(N) is exactly BIC, 2 is about AIC.
     depth : {1, 2, 3}
-        1: one term in, out or exchanged. 2: also two in, two out, two for one and one for two. 3: also two
-        for two.
+        1: one term in, out or exchanged. 2: also two in, two out, two for one, one for two. 3: also two for two.
 
     Returns
     -------
@@ -347,7 +332,7 @@ def partial_f(C: ArrayLike, dof: float, selected: Sequence[int]) -> tuple[Array,
     begin = candidate_numbers(selected, p, "partial_f", "selected")
     none = np.empty(0, np.int64)
     check_size(none, begin, dof, p, "partial_f")
-    # Nothing passes these thresholds: the search only takes the terms in and estimates.
+    # No candidate reaches these thresholds: the search enters the given terms and estimates.
     rules = StepwiseRules(np.full(p, np.inf), -1.0, begin.size, 0.0, np.ones(p), False, 1e-12)
     chosen, theta, rss, *_ = stepwise_search(C, float(dof), rules, begin, none, np.empty((0, 7)))
     if chosen.size < begin.size:

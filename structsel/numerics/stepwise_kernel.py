@@ -35,13 +35,13 @@ from structsel.numerics.search_model import (
 
 
 class StepwiseRules(NamedTuple):
-    """When a term enters, stays, or is exchanged."""
+    """Rules for the entry, exit and exchange of terms."""
 
     F_in: Array  # (p,) partial F that the first, second, ... term needs to enter
     F_out: float  # partial F a term needs to stay; with k terms in, never more than F_in[k-1]
     max_terms: int
     min_gain: float  # fraction of the total sum of squares that a term must explain to enter, times its weight
-    weights: Array  # (p,) the candidate to enter is the one whose weight times what it explains is largest
+    weights: Array  # (p,) the candidate with the largest product of weight and reduction of 1 - R^2 enters
     swap: bool  # try exchanges when nothing enters or leaves
     tolerance: float  # smallest d of a term that may enter
 
@@ -58,7 +58,7 @@ def _weakest(model, k, loss):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _best_entry(model, weights, tol):
-    """The candidate outside that explains most, times its weight; what it explains."""
+    """Largest product of weight and reduction of 1 - R^2: the reduction, and the candidate."""
     d, b, inside = model.d, model.b, model.inside
     best, gain, at = -1.0, -1.0, -1
     for j in range(b.size):
@@ -71,7 +71,7 @@ def _best_entry(model, weights, tol):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _direction_of(model, m, k, c):
-    """Write what each column has of the direction that term m alone spans; (p+1,)."""
+    """Component (p+1,) of each column along the direction that only term m spans."""
     W, T = model.W, model.T
     norm = 0.0
     for i in range(m, k):
@@ -86,7 +86,7 @@ def _direction_of(model, m, k, c):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _best_swap(model, k, tol, c):
-    """The exchange of one kept term for one outside that leaves the least 1 - R^2: that, the term, the candidate."""
+    """Exchange of one kept term for one outside with the least 1 - R^2: its value, the term, the candidate."""
     d, b, inside = model.d, model.b, model.inside
     p = b.size
     best, out, new = np.inf, -1, -1
@@ -109,17 +109,17 @@ def _best_swap(model, k, tol, c):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def stepwise_search(C, dof, rules, forced, initial, trace):
-    """Modified stepwise search; the fast form of :func:`structsel.numerics.stepwise.stepwise`.
+    """Modified stepwise search; see :func:`structsel.numerics.stepwise.stepwise`.
 
     Parameters
     ----------
     C : (p+1, p+1) array, C-contiguous float64, writeable
         Centred cross-products of the candidates and, last, the response.
     dof : float
-        Samples less what was swept out of C (the constant).
+        Samples less those swept out of C (the constant).
     rules : StepwiseRules
     forced, initial : (any,) int64 array
-        Terms always in; terms in at the start.
+        Terms that are always in the model; terms of the first model.
     trace : (t, 7) array, written
         First t moves: action, index, other, F, partial r, 1 - R^2 after it, terms after it.
 
@@ -130,9 +130,9 @@ def stepwise_search(C, dof, rules, forced, initial, trace):
     theta : (k,) array [response per candidate]
     rss : float [response^2]
     refused : (p,) bool array
-        Outside, and dependent on the kept terms within tol (or constant).
+        Not in the model, and dependent on its terms within tol (or constant).
     why : int
-        One of the reasons named at the top of this file.
+        One of the reasons in `search_model`.
     moves : int
     """
     p = C.shape[0] - 1
@@ -146,7 +146,7 @@ def stepwise_search(C, dof, rules, forced, initial, trace):
         k = ZERO
     perfect, rounding = False, 0.0
     while why == MOVE_LIMIT and step < 50 * p + 1000:
-        # A kept term leaves that explains too little; once nothing is left to explain, one that explains nothing.
+        # A kept term leaves if it explains too little; after a perfect fit, if it explains nothing.
         floor = estimates(model, k, theta, loss)
         if d[p] <= floor and not perfect:
             perfect, rounding = True, floor
@@ -172,7 +172,7 @@ def stepwise_search(C, dof, rules, forced, initial, trace):
         else:
             k, step = record_entry(model, j, k, dof, trace, step, ENTER, NONE)
             continue
-        # Nothing enters or leaves: an exchange that lowers rss lets the search go on.
+        # No term enters or leaves: the search continues if an exchange lowers rss.
         if rules.swap and j >= 0:
             rss, m, j = _best_swap(model, k, tol, c)
             if m >= 0 and rss < d[p] * (1.0 - MARGIN) - ROUNDING:

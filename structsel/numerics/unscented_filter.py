@@ -1,11 +1,11 @@
 """Square-root filter and smoother over the kinematics of a flight path, compiled: unscented, or linearised.
 
 The covariance P = S S' is never formed: every update is an orthogonal triangularisation of an array of
-deviations, and each array only *adds* columns, so no downdate can lose what makes P positive. That
-holds because the weight of the centre point is not negative (`square_root` has the weights).
+deviations. Each array only *adds* columns; no column is subtracted, so P stays positive definite. This is
+possible because the weight of the centre point is not negative (`square_root` has the weights).
 
 Pairs of deviations are turned into their odd part O (a linearisation over the spread of S) and even part E
-(what curvature adds). With [E c N] the even parts, the centre and the process noise,
+(the curvature). With [E c N] the even parts, the centre and the process noise,
 
     prediction   S- = tria [O E c N]
     update       tria [R_e O_y; 0 S-] = [S_y 0; K S_y  S+],   R_e = tria [E_y c_y R],   K the gain
@@ -38,7 +38,7 @@ COMPLETE, STEEP, NOT_FINITE = 0, 1, 2
 THETA, X, Y, H = (STATES.index(name) for name in ("theta", "x", "y", "h"))
 WIND_NORTH, WIND_EAST, WIND_DOWN = (STATES.index(name) for name in ("wn", "we", "wd"))
 _INPUTS = 6  # accelerometers and gyros have noise
-_MOST_REJECTED = 25  # of one channel in a row; then the filter may be wrong, not the channel. Chosen, not critical
+_MAX_REJECTED = 25  # of one channel in a row; then the filter may be wrong, not the channel. Chosen, not critical
 
 
 class FlightData(NamedTuple):
@@ -104,7 +104,7 @@ class FilterWorkspace(NamedTuple):
 
 
 def workspace(F: int, active: NDArray[np.int64], drift: Array, linear: bool) -> FilterWorkspace:
-    """Scratch for a full vector of F entries of which some are active, and some of those drift."""
+    """Scratch for a full vector of F entries; `active` are estimated, and those with `drift` above zero drift."""
     L, M = len(active), len(MEASUREMENTS)
     C = (L if linear else 2 * L + 1) + _INPUTS + int(np.sum(drift[active] > 0.0))
     return FilterWorkspace(
@@ -123,7 +123,7 @@ def workspace(F: int, active: NDArray[np.int64], drift: Array, linear: bool) -> 
 
 @njit(cache=True)
 def filter_samples(first, last, data, points, estimate, output, steps, work):  # type: ignore[no-untyped-def]
-    """Filter samples first to last - 1; the estimate is that of the sample before, and is moved on.
+    """Filter samples first to last - 1, from the estimate of the sample before, which is updated.
 
     Returns
     -------
@@ -177,7 +177,7 @@ def propagate(k, data, points, estimate, work):  # type: ignore[no-untyped-def]
             if active[i] < WIND_NORTH:
                 step(point, before, now, dt, data.place, data.g, data.located, work.runge_kutta, target)
                 continue
-            # What moves only wind and instruments moves no motion but the position, and that linearly.
+            # Wind and instrument errors change no motion but the position, and that linearly.
             for j in range(len(full)):
                 target[j] = middle[j] if j < MOTION else point[j]
             target[H] -= dt * (point[WIND_DOWN] - full[WIND_DOWN])
@@ -199,7 +199,7 @@ def fill_deviations(k, data, points, estimate, work):  # type: ignore[no-untyped
     for j in range(L):
         a = active[j]
         mean[j] = middle[a]
-        if a >= MOTION:  # constants stay where they are, to the last digit, and gusts die away
+        if a >= MOTION:  # constants stay exactly the same, and gusts decay
             for i in range(j + 1):
                 A[j, i] = S[j, i] if a < GUST else fade * S[j, i]
             continue
@@ -224,7 +224,7 @@ def fill_deviations(k, data, points, estimate, work):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def adopt_prediction(active, estimate, work):  # type: ignore[no-untyped-def]
-    """Make the prediction the estimate; states that are held move as the centre does."""
+    """Replace the estimate by the prediction; inactive states are those of the centre point."""
     estimate.full[:] = work.middle
     for j in range(len(active)):
         estimate.full[active[j]] = work.mean[j]
@@ -289,7 +289,7 @@ def compare(k, count, data, points, estimate, output, work):  # type: ignore[no-
         output.innovation_std[k, c] = np.sqrt(variance)
         # Gate.
         outside = data.gate > 0.0 and abs(innovation) > data.gate * np.sqrt(variance)
-        if outside and waiting[c] < _MOST_REJECTED:
+        if outside and waiting[c] < _MAX_REJECTED:
             output.rejected[k, c] = True
             waiting[c] += 1
             continue

@@ -12,7 +12,7 @@ from structsel.numerics.square_root import lower_triangle, row_lengths, solve_ga
 
 
 class SmootherSteps(NamedTuple):
-    """What the smoother needs of each step (c of them; none are stored if c = 0).
+    """Results of each filter step that the smoother uses (c steps; none are stored if c = 0).
 
     predicted (c, L), gain G (c, L, L), and the root (c, L, L) of [S - G O, G [E c N]].
     """
@@ -85,7 +85,7 @@ def smooth_samples(first, last, x, S, filtered, steps, work, output):  # type: i
 
 @njit(cache=True)
 def store_smoothed(k, x, S, output):  # type: ignore[no-untyped-def]
-    """Write one smoothed sample, with its covariance if it is one of those asked for."""
+    """Write one smoothed sample, with its covariance at every stride-th sample."""
     output.x[k] = x
     row_lengths(S, output.std[k])
     if k % output.stride == 0:

@@ -11,7 +11,7 @@ from scipy.signal import stft
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import HIGHEST
 from structsel.numerics.arrays import Array
-from structsel.numerics.spectra import FEWER, OVERLAP, passed_by_chance
+from structsel.numerics.spectra import FEWER, OVERLAP, coherence_threshold
 
 CHANNELS = ("de", "da", "dr", "throttle", "df", "alpha", "beta", "V")
 """As read. Gyros and accelerometers are left out: the coefficients are made of them, and share their noise."""
@@ -83,7 +83,7 @@ def coherences(
     told = {c: [r[c] for r in kept] for c in responses} | {f" {c}": [f.raw[c] for f in same] for c in moving}
     dt = flights[0].dt
     f_hz, Z = _transforms(told, dt, per)
-    threshold = passed_by_chance(free, len(f_hz), _CHANCE)
+    threshold = coherence_threshold(free, len(f_hz), _CHANCE)
     for c in responses:
         y = Z[c]
         for channel in moving:
