@@ -118,11 +118,11 @@ def test_a_recording_differentiates_by_smoother_on_any_clock_the_smoother_takes(
     recording = Recording("flight", t, {"p": p})
     got = recording.differentiate("p", method="spline")
     assert np.std((got["p_dot"] - 2 * np.cos(2 * t))[20:-20]) < 0.1
-    assert got.provenance[-1].endswith("method spline, an uneven clock, 3 missing samples of p bridged")
+    assert got.provenance[-1].endswith("method spline, non-uniform sampling, 3 missing samples of p interpolated")
     with pytest.raises(DataError, match="finite samples of channel 'p'"):
         recording.differentiate("p", method="fourier")
     complete = recording.with_channels(p=np.sin(2 * t))
-    with pytest.raises(DataError, match="fourier needs an even clock"):
+    with pytest.raises(DataError, match="fourier needs uniform sampling"):
         complete.differentiate("p", method="fourier")
     even = Recording("flight", 0.02 * np.arange(600), {"p": np.sin(0.04 * np.arange(600))})
     assert np.std((even.differentiate("p", method="fourier")["p_dot"] - 2 * np.cos(2 * even.t))[20:-20]) < 0.01

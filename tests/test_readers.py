@@ -183,7 +183,7 @@ def test_without_a_clock_the_likely_column_is_offered(tmp_path):
 def test_a_clock_that_is_no_number_throughout_is_named_with_its_line(tmp_path):
     path = write(tmp_path / "m.csv", "t,V\n0,1\n1,2\n# end\n")
     with pytest.raises(
-        DataError, match=r"column 't' holds something else than numbers: sample 2 \(line 4\) reads '# end'"
+        DataError, match=r"column 't' contains something other than numbers: sample 2 \(line 4\) reads '# end'"
     ):
         read_recording(path)
     path = write(tmp_path / "m.csv", "t,V\n2024-05-01T12:00:00,1\n2024-05-01T12:00:01,2\n")
@@ -222,7 +222,7 @@ def test_a_map_renames_converts_and_turns_signs(tmp_path):
     assert_allclose(recording["alpha"], -np.radians(2.0 * ALPHA + 0.5), rtol=1e-14)
     assert_allclose(recording["V"], V * 1852.0 / 3600.0, rtol=1e-14)
     assert "map.toml" in recording.provenance[0]
-    assert "alpha: column 'AoA', times 2, plus 0.5, sign turned, [deg] to [rad]" in recording.provenance
+    assert "alpha: column 'AoA', times 2, plus 0.5, sign reversed, [deg] to [rad]" in recording.provenance
 
 
 def test_weighted_columns_are_added_by_number_or_name(tmp_path):
@@ -276,14 +276,14 @@ def test_a_map_that_contradicts_the_header_is_followed_and_said_so(tmp_path):
     recording = read_recording(path, {"channels": {"alpha": {"column": "alpha", "unit": "deg"}}})
     assert_allclose(recording["alpha"], np.radians(ALPHA), rtol=1e-15)
     (finding,) = [f for f in recording.findings if f.kind == "header"]
-    assert "the file says [rad], the map [deg]" in finding.message
+    assert "the unit is [rad] in the file and [deg] in the map" in finding.message
 
 
 def test_a_misspelt_unit_in_a_header_is_reported_and_its_column_gets_no_channel(tmp_path):
     recording = read_recording(write(tmp_path / "m.csv", "t,alpha [degg],V\n" + lines()))
     assert "alpha" not in recording
     (finding,) = recording.findings
-    assert "'degg' is no unit" in finding.message
+    assert "'degg' is not a known unit" in finding.message
     with pytest.raises(ChannelError, match=r"Did you mean 'alpha \[degg\]' for 'alpha'"):
         recording.require("alpha")
 
@@ -341,7 +341,7 @@ def test_a_folder_is_read_in_the_order_of_names(tmp_path):
 
 
 def test_empty_folders_empty_lists_and_equal_names_are_refused(tmp_path):
-    with pytest.raises(DataError, match=r"holds no recordings\.\nFormats read: \.csv"):
+    with pytest.raises(DataError, match=r"contains no recordings\.\nFormats read: \.csv"):
         read_recordings(tmp_path)
     with pytest.raises(DataError, match=r"was given no files"):
         read_recordings([])

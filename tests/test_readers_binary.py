@@ -58,7 +58,7 @@ def test_a_mat_file_of_named_vectors_leaves_out_what_is_no_signal(tmp_path):
     recording = read_recording(tmp_path / "m.mat")
     assert set(recording.names) == {"alpha", "acc[1]", "acc[2]", "acc[3]"}
     assert_array_equal(recording["acc[3]"], V)
-    assert any("short left out: 3 values against 8" in note for note in recording.provenance)
+    assert any("short left out: 3 values, the time axis has 8" in note for note in recording.provenance)
 
 
 def test_structs_are_reached_by_path_or_by_variable(tmp_path):
@@ -67,7 +67,7 @@ def test_structs_are_reached_by_path_or_by_variable(tmp_path):
     assert_array_equal(by_path["alpha"], ALPHA)
     inside = {"channels": {"t": "time", "alpha": "AoA"}, "file": {"variable": "el_2"}}
     assert_array_equal(read_recording(tmp_path / "m.mat", inside)["alpha"], V[:5])
-    with pytest.raises(DataError, match=r"channel 'alpha' of .* has 8 samples, its clock 5"):
+    with pytest.raises(DataError, match=r"channel 'alpha' of .* has 8 samples, the time axis 5"):
         read_recording(tmp_path / "m.mat", {"channels": {"t": "el_2.time", "alpha": "el_1.AoA"}})
     with pytest.raises(DataError, match=r"variable = 'el_3'.*\nIt has: el_1, el_2\. Did you mean"):
         read_recording(tmp_path / "m.mat", {**inside, "file": {"variable": "el_3"}})

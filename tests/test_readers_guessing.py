@@ -187,5 +187,5 @@ def test_a_column_that_is_placed_is_not_taken_for_time_and_text_times_are_named(
     guessed = guess_map(read_table(path, FileOptions()))
     assert {guess.channel for guess in guessed.guesses} == {"alpha", "de"}
     assert "text, such as '12:00:00.000'" in guessed.unplaced["Time"]
-    with pytest.raises(DataError, match=r"column 'Time' holds no numbers: text, such as '12:00:00\.000'.*dt = "):
+    with pytest.raises(DataError, match=r"column 'Time' contains no numbers: text, such as '12:00:00\.000'.*dt = "):
         read_recording(path)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from structsel.errors import DataError, MapError
 from structsel.recording import read_recording, read_recordings
-from structsel.recording.resampling import Topic, sample
+from structsel.recording.resampling import Topic, resample
 
 asammdf = pytest.importorskip("asammdf")
 pyulog = pytest.importorskip("pyulog")
@@ -31,36 +31,36 @@ def kinds(recording, kind):
 
 def test_a_straight_line_is_met_exactly_and_a_command_is_held():
     clock = np.arange(0.0, 10.0, 0.013)
-    topic = Topic.of("x", np.arange(0.0, 10.2, 0.1))
-    assert_allclose(sample(topic, 3.0 * topic.times - 1.0, clock), 3.0 * clock - 1.0, atol=1e-12)
+    topic = Topic.from_times("x", np.arange(0.0, 10.2, 0.1))
+    assert_allclose(resample(topic, 3.0 * topic.times - 1.0, clock), 3.0 * clock - 1.0, atol=1e-12)
     steps = np.floor(topic.times)
-    held = sample(topic, steps, clock, hold=True)
+    held = resample(topic, steps, clock, hold=True)
     assert set(held) == set(range(10))
     assert_array_equal(held, steps[np.floor(clock / 0.1 + 1e-9).astype(int)])
 
 
 def test_nothing_is_interpolated_across_a_gap_nor_beyond_a_topics_ends():
     times = np.concatenate([np.arange(1.0, 3.0, 0.1), np.arange(5.0, 8.0, 0.1)])
-    topic, clock = Topic.of("x", times), np.arange(0.0, 10.0, 0.01)
-    drawn, held = sample(topic, times, clock), sample(topic, times, clock, hold=True)
+    topic, clock = Topic.from_times("x", times), np.arange(0.0, 10.0, 0.01)
+    drawn, held = resample(topic, times, clock), resample(topic, times, clock, hold=True)
     assert_array_equal(
         np.isfinite(drawn), ((clock >= 1.0) & (clock <= times[19])) | ((clock >= 5.0) & (clock <= times[-1]))
     )
     assert not np.isfinite(held[(clock > times[19] + 0.301) & (clock < 5.0)]).any()
-    assert topic.silences(0.0, 10.0) == [(0.0, 1.0), (times[19], 5.0), (times[-1], 10.0)]
+    assert topic.dropouts(0.0, 10.0) == [(0.0, 1.0), (times[19], 5.0), (times[-1], 10.0)]
 
 
 def test_a_single_lost_sample_is_bridged_and_a_delayed_one_left_out():
-    topic = Topic.of("x", np.array([0.0, 0.1, 0.2, 0.4, 0.3, 0.5]))
+    topic = Topic.from_times("x", np.array([0.0, 0.1, 0.2, 0.4, 0.3, 0.5]))
     assert_array_equal(topic.kept, [True, True, True, True, False, True])
-    assert_allclose(sample(topic, np.array([0.0, 1.0, 2.0, 4.0, 99.0, 5.0]), np.array([0.3])), [3.0])
+    assert_allclose(resample(topic, np.array([0.0, 1.0, 2.0, 4.0, 99.0, 5.0]), np.array([0.3])), [3.0])
 
 
 def test_a_heading_runs_on_through_north():
-    topic = Topic.of("yaw", np.arange(0.0, 4.0, 0.1))
+    topic = Topic.from_times("yaw", np.arange(0.0, 4.0, 0.1))
     heading = np.mod(6.0 + 0.5 * topic.times, 2.0 * np.pi)
     clock = np.arange(0.0, 3.9, 0.01)
-    assert_allclose(sample(topic, heading, clock, turn=2.0 * np.pi), 6.0 + 0.5 * clock, atol=1e-12)
+    assert_allclose(resample(topic, heading, clock, turn=2.0 * np.pi), 6.0 + 0.5 * clock, atol=1e-12)
 
 
 # --- ULog ----------------------------------------------------------------------------------------
@@ -157,16 +157,19 @@ def test_a_gap_of_the_airspeed_is_not_bridged_and_reported(ulog):
     assert_allclose(recording["V"][ok], FLIGHT.V(recording.t[ok]), atol=2e-4)
     (silent,) = kinds(recording, "silent")
     assert silent.channel == "V"
-    assert "is silent for 2.1 s in all, first from 6.9 to 9 s, and that is not bridged: V" in silent.message
+    assert (
+        "has no samples for 2.1 s in all, first from 6.9 to 9 s; these dropouts are not interpolated: V"
+        in silent.message
+    )
     (clock,) = kinds(recording, "clock")
     assert "'vehicle_angular_velocity.timestamp_sample', 200 Hz" in clock.message
-    assert "commands held until the next: throttle (50 Hz), servo1 (50 Hz)" in clock.message
-    assert re.search("straight lines between neighbouring samples: [^;]*phi \\(50 Hz\\).*V \\(10 Hz\\)", clock.message)
+    assert "zero-order hold: throttle (50 Hz), servo1 (50 Hz)" in clock.message
+    assert re.search("linear interpolation: [^;]*phi \\(50 Hz\\).*V \\(10 Hz\\)", clock.message)
 
 
 def test_assumptions_of_the_built_in_map_are_reported(ulog):
     stated = {f.channel: f.message for f in kinds(read_recording(ulog), "assumed")}
-    assert stated["phi"] == "PX4's estimate, not a reading of an instrument; so of theta, psi, vn, ve, vd, x, y"
+    assert stated["phi"] == "PX4's estimate, not a reading of an instrument; also for theta, psi, vn, ve, vd, x, y"
     assert "not a deflection" in stated["servo1"]
 
 
@@ -187,7 +190,7 @@ def test_another_clock_thins_and_says_so(ulog):
     recording = read_recording(ulog, own)
     assert recording.dt == pytest.approx(0.02)
     assert_allclose(recording["p"], np.sin(recording.t), atol=1e-5)
-    assert "thinned without a filter" in kinds(recording, "clock")[0].message
+    assert "without an anti-alias filter" in kinds(recording, "clock")[0].message
 
 
 def test_columns_of_two_clocks_do_not_add(ulog):
@@ -197,7 +200,7 @@ def test_columns_of_two_clocks_do_not_add(ulog):
 
 
 def test_a_map_that_names_an_empty_instrument_is_refused(ulog):
-    with pytest.raises(DataError, match=r"'h_agl' .*holds no number at all.*\nTake 'h_agl' out of the map"):
+    with pytest.raises(DataError, match=r"'h_agl' .*contains no numbers.*\nRemove 'h_agl' from the map"):
         read_recording(ulog, {"channels": {"h_agl": "distance_sensor.current_distance"}})
     with pytest.raises(MapError, match=r"'vehicle_atitude\.phi'.*does not have"):
         read_recording(ulog, {"channels": {"phi": "vehicle_atitude.phi"}})

@@ -93,7 +93,7 @@ def test_a_short_hole_in_an_inertial_channel_is_bridged_and_said_a_long_one_refu
     found = change(flight, **edited(flight, name, missing(8.0, 8.3)))
     assert_as_good_as_without_fault(found, flight)
     assert kinds(found, name) == {"missing", "bridged"}
-    assert any(f"{name}: 15 samples in 1 hole bridged" in warning for warning in found.doubts)
+    assert any(f"{name}: 15 samples in 1 gap interpolated" in warning for warning in found.doubts)
     with pytest.raises(DataError, match=f"'{name}'.* lacks it for 4.98 s, from sample 400"):
         change(flight, **edited(flight, name, missing(8.0, 13.0)))
 
@@ -246,9 +246,9 @@ def test_a_gap_is_refused_with_its_place_dropped_samples_are_not(flight):
 def test_too_short_dead_or_standing_recordings_are_refused(flight):
     with pytest.raises(DataError, match="at least 20 samples; 'all-axes' has 16"):
         reconstruct(flight.measured.between(5.0, 5.3), flight.aircraft)
-    with pytest.raises(DataError, match=r"'q'.* stands at .* throughout"):
+    with pytest.raises(DataError, match=r"'q'.* constant at .* in all samples"):
         change(flight, q=np.full(len(flight.measured), 0.01))
-    with pytest.raises(DataError, match=r"'V'.* 40 throughout"):
+    with pytest.raises(DataError, match=r"'V'.* constant at 40 in all samples"):
         change(flight, V=np.full(len(flight.measured), 40.0))
     airspeed = np.where(flight.measured.t < 4.0, 0.0, flight.measured["V"])
     with pytest.raises(DataError, match=r"V of 'all-axes' is 0 m/s at sample 0[^$]*between\(4, 30\)"):
@@ -258,7 +258,7 @@ def test_too_short_dead_or_standing_recordings_are_refused(flight):
 def test_a_dead_vane_is_named_and_done_without(flight):
     found = change(flight, alpha=np.full(len(flight.measured), 0.1))
     assert found.trusted
-    assert "alpha: stands at 0.1 throughout" in found.doubts[0]
+    assert "alpha: is constant at 0.1 in all samples" in found.doubts[0]
 
 
 @pytest.mark.slow

@@ -77,9 +77,9 @@ def test_a_recording_survives_pickling_read_only():
 
 
 def test_channels_of_another_length_and_a_channel_called_dt_are_refused():
-    with pytest.raises(DataError, match=r"'flight_07': channel 'de' has shape \(7,\), the clock \(201,\)"):
+    with pytest.raises(DataError, match=r"'flight_07': channel 'de' has shape \(7,\), the time axis \(201,\)"):
         flight(de=np.zeros(7))
-    with pytest.raises(DataError, match="'dt' is the clock's own name"):
+    with pytest.raises(DataError, match="'dt' is the name of the time axis"):
         Recording("x", np.arange(3.0), {"dt": np.zeros(3)})
 
 
@@ -88,7 +88,7 @@ def test_channels_of_another_length_and_a_channel_called_dt_are_refused():
     [
         ([0.0], r"'x' has 1 sample; a recording needs at least 2"),
         ([], r"'x' has 0 samples"),
-        ([0.0, 1.0, 1.0], r"repeats 1 s at sample 2 \(1 such places\)"),
+        ([0.0, 1.0, 1.0], r"repeats 1 s at sample 2 \(1 such samples\)"),
         ([0.0, 1.0, 0.5], r"runs backward from 1 to 0\.5 s at sample 2"),
         ([0.0, np.inf, 2.0], r"channel 't' is inf at sample 1"),
     ],
@@ -130,7 +130,7 @@ def test_a_misspelt_channel_is_answered_with_the_nearest():
 
 
 def test_a_channel_nobody_makes_points_to_the_channel_map():
-    with pytest.raises(ChannelError, match="say so in a channel map"):
+    with pytest.raises(ChannelError, match="map it in a channel map"):
         flight().require("de", by="select")
 
 
@@ -168,7 +168,7 @@ def test_split_cuts_at_gaps_and_keeps_every_sample():
 
 def test_a_sample_alone_between_gaps_is_left_out_with_a_warning():
     t = np.concatenate([np.arange(20), [40], 80 + np.arange(20)]) * 0.1
-    with pytest.warns(StructselWarning, match=r"1 samples of 'run' stand alone .* sample 20 \(t = 4 s\)"):
+    with pytest.warns(StructselWarning, match=r"1 sample of 'run' between two gaps left out.* sample 20 \(t = 4 s\)"):
         assert [len(p) for p in Recording("run", t, {"V": t}).split()] == [20, 20]
 
 
@@ -198,7 +198,7 @@ def test_replacing_a_channel_drops_what_was_found_in_it():
 
 
 def test_what_was_not_found_in_the_samples_outlives_a_new_check():
-    said = Finding("header", "V", "the file says [kt], the map [m/s]; the map was followed")
+    said = Finding("header", "V", "the unit is [kt] in the file and [m/s] in the map; that of the map is used")
     recording = Recording("x", np.arange(50.0), {"V": np.arange(50.0), "beta": np.full(50, 0.1)}, findings=(said,))
     part = recording.check().between(10.0, 30.0)
     assert [f.kind for f in part.findings] == ["header", "constant"]
@@ -229,7 +229,7 @@ def test_an_uneven_clock_is_allowed_for():
     t = even + 0.0004 * np.sin(6.5 * even)
     recording = Recording("x", t, {"h": t**2}).differentiate("h")
     assert recording.unit("h_dot") == "m/s"
-    assert "uneven clock" in recording.provenance[-1]
+    assert "non-uniform sampling" in recording.provenance[-1]
     # Taking the steps for even would err by up to 2 t * 0.0004 * 6.5 = 0.05.
     assert_allclose(recording["h_dot"], 2.0 * t, rtol=0.0, atol=1e-6)
 
@@ -352,7 +352,7 @@ def test_the_report_is_a_table_with_the_findings_below():
     assert beta.split() == ["beta", "rad", "0.1", "0.1", "0.1", "constant"]
     (n1,) = [line for line in lines if line.startswith("  n1 ")]
     assert n1.split() == ["n1", "?", "0", "0.5", "1"]
-    assert lines[-1].startswith("  ! warning: beta: is 0.1 throughout.")
+    assert lines[-1].startswith("  ! warning: beta: is constant at 0.1 in all samples.")
     assert recording.to_dict()["channels"]["n1"] == {"unit": "?", "min": 0.0, "mean": 0.5, "max": 1.0}
 
 

@@ -84,10 +84,13 @@ def test_masked_samples_are_nan_and_a_masked_clock_is_refused():
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        (T + 1j, r"'m': channel 'alpha' holds complex numbers; a channel holds real ones"),
-        (START + MICROSECONDS.astype("timedelta64[us]"), r"'m': channel 'alpha' holds times; only the clock 't' may"),
-        (["up"] * 50, r"'m': channel 'alpha' holds something else than numbers: could not convert"),
-        ([{}] * 50, r"'m': channel 'alpha' holds something else than numbers"),
+        (T + 1j, r"'m': channel 'alpha' contains complex numbers; a channel has real numbers"),
+        (
+            START + MICROSECONDS.astype("timedelta64[us]"),
+            r"'m': channel 'alpha' contains times; only the time axis 't' may",
+        ),
+        (["up"] * 50, r"'m': channel 'alpha' contains something other than numbers: could not convert"),
+        ([{}] * 50, r"'m': channel 'alpha' contains something other than numbers"),
     ],
     ids=["complex", "dates", "text", "objects"],
 )
@@ -95,5 +98,5 @@ def test_what_is_no_real_number_is_refused_with_recording_and_channel(values, wo
     with pytest.raises(DataError, match=words):
         Recording("m", T, {"alpha": values})
     if np.asarray(values).dtype.kind != "M":
-        with pytest.raises(DataError, match="'m': channel 't' holds"):
+        with pytest.raises(DataError, match="'m': channel 't' contains"):
             Recording("m", values, {"alpha": T})

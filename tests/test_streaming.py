@@ -116,7 +116,7 @@ def test_a_file_that_changes_meanwhile_is_named(folder, tmp_path):
     path = write_recording(a, tmp_path / "x.parquet")
     flights = stream_recordings(tmp_path)
     write_recording(b, path, overwrite=True)
-    with pytest.raises(DataError, match=r"x\.parquet' is not what it was when it was listed: 1500 samples, not 900"):
+    with pytest.raises(DataError, match=r"x\.parquet' has changed since it was listed: 1500 samples, not 900"):
         select(flights, "CZ", POOL)
 
 

@@ -149,9 +149,9 @@ def _inertial_readings(
         findings += channel.findings
         inputs[:, j] = channel.values
         level[name] = stated.get(name) or _estimate_noise(name, channel.values, recording.dt)
-        scatter = max(float(channel.values.std()), level[name])
-        # A bridge is wrong in one direction for all of a hole, noise in both: as large after the hole.
-        input_std[:, j] = np.where(channel.bridged > 0, scatter * np.sqrt(channel.bridged), level[name])
+        std = max(float(channel.values.std()), level[name])
+        # Interpolation errors of one gap have one sign, those of noise do not: the factor makes the integrals equal.
+        input_std[:, j] = np.where(channel.interpolated > 0, std * np.sqrt(channel.interpolated), level[name])
         if j >= 3:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", StructselWarning)

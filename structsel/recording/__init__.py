@@ -1,11 +1,12 @@
-"""Recording: named SI channels on one clock; reading, checking, cutting and writing them.
+"""Recording: named SI channels on one time axis; reading, checking, splitting and writing them.
 
-Measured, reconstructed and simulated flights are all Recordings, so any two compare. A
-*manoeuvre* is one continuous Recording.
+Measured, reconstructed and simulated flights are all Recordings, so that any two can be compared. A *manoeuvre* is one
+continuous Recording.
 """
 
-from structsel.recording.checks import Finding
-from structsel.recording.manoeuvres import Stretch, find_manoeuvres, split_manoeuvres
+from structsel.deprecation import renamed_names
+from structsel.recording.finding import Finding
+from structsel.recording.manoeuvres import FlightSegment, find_manoeuvres, split_manoeuvres
 from structsel.recording.reading import read_recording, read_recordings
 from structsel.recording.recording import Recording
 from structsel.recording.sets import require_recordings
@@ -14,9 +15,9 @@ from structsel.recording.writing import write_recording
 
 __all__ = [
     "Finding",
+    "FlightSegment",
     "Recording",
     "StoredRecording",
-    "Stretch",
     "find_manoeuvres",
     "read_recording",
     "read_recordings",
@@ -25,3 +26,5 @@ __all__ = [
     "stream_recordings",
     "write_recording",
 ]
+
+__getattr__ = renamed_names(__name__, {"Stretch": "FlightSegment"})

@@ -1,4 +1,4 @@
-"""The arrays of a recording: clock and channels as read-only float64 in the nomenclature's units, or refused."""
+"""The arrays of a recording: time and channels as read-only float64 in the units of the nomenclature, or refused."""
 
 from __future__ import annotations
 
@@ -16,56 +16,56 @@ from structsel.readers.units import convert, is_convertible
 _TIMES = ("datetime64", "datetime", "timedelta64", "timedelta")
 
 
-def checked_clock(t: Any, name: str) -> np.ndarray:
-    """Clock of the recording `name` in seconds, (n,); dates become seconds since the first sample.
+def checked_time(t: Any, name: str) -> np.ndarray:
+    """Time axis of the recording `name` in seconds, (n,); dates become seconds since the first sample.
 
     Raises
     ------
     DataError
-        It is no vector, or holds neither real numbers nor times.
+        It is not a vector, or contains neither real numbers nor times.
     """
     if _holds_times(t):
         index = pd.Index(np.asarray(t))
         t = np.asarray((index - index[0] if index.dtype.kind != "m" else index) / np.timedelta64(1, "s"))
-    clock = read_only(t, name, "t")
-    if clock.ndim != 1:
-        raise DataError(f"'{name}': the clock 't' must be a vector, not of shape {clock.shape}.")
-    return clock
+    seconds = read_only(t, name, "t")
+    if seconds.ndim != 1:
+        raise DataError(f"'{name}': the time axis 't' must be a vector, not of shape {seconds.shape}.")
+    return seconds
 
 
 def checked_channels(
     channels: Mapping[str, Any], units: Mapping[str, str], t: np.ndarray, name: str
 ) -> tuple[Mapping[str, np.ndarray], Mapping[str, str]]:
-    """Channels of the recording `name`, those of the nomenclature in its units; and the units of the others.
+    """Channels of the recording `name`, those of the nomenclature in its units, and the units of the other channels.
 
     Raises
     ------
     DataError
-        A channel is named as the clock, has another length than it, or does not hold real numbers.
+        A channel has the name or not the length of the time axis, or does not contain real numbers.
     ChannelError
-        A unit does not measure what its channel is.
+        A unit is not of the quantity of its channel.
     """
-    held, others = {}, {}
+    arrays, own_units = {}, {}
     for channel, values in channels.items():
         if channel in ("t", "dt"):
-            raise DataError(f"'{name}': '{channel}' is the clock's own name, not a channel's.")
+            raise DataError(f"'{name}': '{channel}' is the name of the time axis, not of a channel.")
         array = read_only(values, name, channel)
         if array.shape != t.shape:
             raise DataError(
-                f"'{name}': channel '{channel}' has shape {array.shape}, the clock {t.shape}.\n"
-                "All channels of a recording share one clock."
+                f"'{name}': channel '{channel}' has shape {array.shape}, the time axis {t.shape}.\n"
+                "All channels of a recording have one time axis."
             )
         if channel in units:
             if is_known(channel):
                 array = _in_nomenclature_unit(array, units[channel], name, channel)
             else:
-                others[channel] = units[channel]
-        held[channel] = array
-    return MappingProxyType(held), MappingProxyType(others)
+                own_units[channel] = units[channel]
+        arrays[channel] = array
+    return MappingProxyType(arrays), MappingProxyType(own_units)
 
 
 def read_only(values: Any, name: str, channel: str) -> np.ndarray:
-    """Float64 array that nobody can write to; copied unless it already is one. Masked samples become NaN.
+    """Read-only float64 array, copied unless it is one already. Masked samples become NaN.
 
     Raises
     ------
@@ -77,19 +77,20 @@ def read_only(values: Any, name: str, channel: str) -> np.ndarray:
     array = np.asarray(values)
     if array.dtype.kind == "c":
         raise DataError(
-            f"'{name}': channel '{channel}' holds complex numbers; a channel holds real ones.\n"
-            "Give real and imaginary part, or magnitude and phase, as channels of their own."
+            f"'{name}': channel '{channel}' contains complex numbers; a channel has real numbers.\n"
+            "Make two channels: real and imaginary part, or magnitude and phase."
         )
     if _holds_times(array):
         raise DataError(
-            f"'{name}': channel '{channel}' holds times; only the clock 't' may.\nConvert it to a number of seconds."
+            f"'{name}': channel '{channel}' contains times; only the time axis 't' may.\n"
+            "Convert it to a number of seconds."
         )
     try:
         array = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise DataError(
-            f"'{name}': channel '{channel}' holds something else than numbers: {error}.\n"
-            "Convert it to floats, with NaN where there is no value."
+            f"'{name}': channel '{channel}' contains something other than numbers: {error}.\n"
+            "Convert it to floats, with NaN for missing values."
         ) from error
     if array.flags.writeable or not array.flags.c_contiguous:
         array = np.array(array, dtype=np.float64)
@@ -111,6 +112,6 @@ def _in_nomenclature_unit(values: np.ndarray, unit: str, name: str, channel: str
     if not is_convertible(unit, row.unit):
         raise ChannelError(
             f"'{name}': units gives channel '{channel}' the unit '{unit}', but {row.meaning} is measured in "
-            f"[{row.unit}].\nCorrect the unit, or give the channel another name."
+            f"[{row.unit}].\nCorrect the unit, or rename the channel."
         )
     return read_only(convert(values, unit, row.unit), name, channel)

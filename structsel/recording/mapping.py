@@ -1,4 +1,4 @@
-"""From the columns of a file to named SI channels on one clock, every conversion written down."""
+"""From the columns of a file to named SI channels on one time axis, with a note for every conversion."""
 
 from __future__ import annotations
 
@@ -9,31 +9,33 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from structsel.errors import ChannelError, DataError, MapError
+from structsel.formatting import join_names
 from structsel.nomenclature import find_channel, is_known
 from structsel.readers.channel_map import ChannelEntry, ChannelMap, check_unit
 from structsel.readers.table import FileTable, as_float, split_header
 from structsel.readers.units import convert, is_convertible, is_unit, si_unit
-from structsel.recording.checks import Finding, require_clock
+from structsel.recording.checks import require_time
+from structsel.recording.finding import Finding
 from structsel.recording.resampling import Topic, resample_all
 
 
 @dataclass
 class Channels:
-    """What a file gives once names, units and signs are ours.
+    """Content of a file with the names, units and signs of the nomenclature.
 
     Attributes
     ----------
     t : (n,) array [s]
     values : dict of str to (n,) array
-        In the nomenclature's units; channels it does not hold in the SI unit of `units`.
+        In the units of the nomenclature; other channels in the SI unit given in `units`.
     units : dict of str to str
-        Of channels the nomenclature does not hold and whose unit is known.
+        Of channels that are not in the nomenclature and whose unit is known.
     notes : list of str
-        One line per conversion made or column left out.
+        One line for each conversion and for each column that was left out.
     findings : list of Finding
-        What the header and the map do not agree on, and what was done to bring channels to one clock.
+        Contradictions between the header and the map, and the resampling to one time axis.
     clocks : dict of str to (str, bool)
-        In a log of many rates: the column that holds each channel's times, and whether the channel is held.
+        In a log of several rates: the column with each channel's times, and whether the channel is held.
     """
 
     t: np.ndarray
@@ -45,16 +47,16 @@ class Channels:
 
 
 def to_channels(table: FileTable, channel_map: ChannelMap | None) -> Channels:
-    """Apply a channel map to a table; without a map, names are taken as they are, or as the format's own map says.
+    """Apply a channel map to a table; without one, the standard map of the format, or the names as they are.
 
     Raises
     ------
     MapError
-        When the map names a column the file does not have, or a unit does not fit.
+        If the map names a column that is not in the file, or a unit does not fit.
     ChannelError
-        When a header's own unit does not fit its channel and there is no map.
+        If the unit in a header does not fit its channel and there is no map.
     DataError
-        When there is no clock, or columns differ in length.
+        If there is no time column, or columns differ in length.
     """
     made = Channels(np.empty(0), {}, notes=list(table.notes))
     made.findings += [Finding("file", "t", fault) for fault in table.faults]
@@ -62,11 +64,11 @@ def to_channels(table: FileTable, channel_map: ChannelMap | None) -> Channels:
     standard = table.standard_map
     if channel_map is None and standard is not None:
         channel_map = standard
-        made.notes.append(f"no map given: columns taken as {standard.source} has them")
+        made.notes.append(f"no map given: columns are read with {standard.source}")
         made.findings += _assumed(table)
     elif channel_map is not None and standard is not None and channel_map.file.dt is None:
-        clock = {"t": standard.channels["t"]} if "t" in standard.channels else {}
-        channel_map = channel_map.model_copy(update={"channels": clock | channel_map.channels})
+        time = {"t": standard.channels["t"]} if "t" in standard.channels else {}
+        channel_map = channel_map.model_copy(update={"channels": time | channel_map.channels})
     if channel_map is not None:
         for name, entry in channel_map.channels.items():
             _add_mapped(made, table, name, entry, channel_map.source, used)
@@ -77,51 +79,44 @@ def to_channels(table: FileTable, channel_map: ChannelMap | None) -> Channels:
         used.add("t")
     left = [name for name in table.columns if name not in used]
     if left and channel_map is not None and channel_map.file.others == "leave":
-        made.notes.append(f"left out, not in the map: {_listed(left)}")
+        made.notes.append(f"left out, not in the map: {join_names(left, 20)}")
     _align(made, table, channel_map)
     if not made.values:
-        raise DataError(f"'{table.path}' holds time and nothing else.")
+        raise DataError(f"'{table.path}' has a time axis and no channels.")
     return made
 
 
 def _assumed(table: FileTable) -> list[Finding]:
-    """What a standard map takes on trust, each said once of the first channel it holds for."""
+    """Assumptions of a standard map: one finding each, for the first channel that it concerns."""
     alike: dict[str, list[str]] = {}
     for name, why in table.assumptions.items():
         alike.setdefault(why, []).append(name)
     return [
-        Finding("assumed", first, why + (f"; so of {', '.join(more)}" if more else ""), severity="note")
+        Finding("assumed", first, why + (f"; also for {', '.join(more)}" if more else ""), severity="note")
         for why, (first, *more) in alike.items()
     ]
 
 
 def _add_mapped(made: Channels, table: FileTable, name: str, entry: ChannelEntry, source: str, used: set[str]) -> None:
-    weights: list[tuple[str, float]]
-    if entry.columns:
-        weights = [(table.resolve(column, name), weight) for column, weight in entry.columns.items()]
-    else:
-        assert entry.column is not None
+    """Add one channel of the map: a column, or a weighted sum of columns, with scale, offset, sign and unit."""
+    weights = [(table.resolve(column, name), weight) for column, weight in (entry.columns or {}).items()]
+    if entry.column is not None:
         weights = [(table.resolve(entry.column, name), 1.0)]
-    used.update(column for column, _ in weights)
-    lengths = {len(table.columns[column]) for column, _ in weights}
-    if len(lengths) > 1:
-        raise DataError(
-            f"channel '{name}' adds columns of '{table.path}' that differ in length: "
-            + ", ".join(f"{column} ({len(table.columns[column])})" for column, _ in weights)
-        )
+    columns = [column for column, _ in weights]
+    used.update(columns)
     if entry.columns:
-        _require_one_clock(table, name, [column for column, _ in weights])
+        _require_same_times(table, name, columns)
         values = np.sum([weight * as_float(table.columns[column]) for column, weight in weights], axis=0)
         origin = " ".join(f"{weight:+g}*'{column}'" for column, weight in weights)
     else:
-        values = as_float(table.columns[weights[0][0]])
-        origin = f"'{weights[0][0]}'"
-    if weights[0][0] in table.clocks:
-        made.clocks[name] = (table.clocks[weights[0][0]], entry.hold)
+        values = as_float(table.columns[columns[0]])
+        origin = f"'{columns[0]}'"
+    if columns[0] in table.clocks:
+        made.clocks[name] = (table.clocks[columns[0]], entry.hold)
         if not np.isfinite(values).any():
             raise DataError(
-                f"channel '{name}' of '{table.path}': column {origin} holds no number at all, as when its instrument "
-                f"was not there.\nTake '{name}' out of the map, or name another column."
+                f"channel '{name}' of '{table.path}': column {origin} contains no numbers; perhaps the instrument was "
+                f"not installed.\nRemove '{name}' from the map, or name another column."
             )
     steps = []
     if entry.scale != 1.0:
@@ -132,31 +127,33 @@ def _add_mapped(made: Channels, table: FileTable, name: str, entry: ChannelEntry
         steps.append(f"plus {entry.offset:g}")
     if entry.sign == -1:
         values = -values
-        steps.append("sign turned")
-    stated = {table.units[column] for column, _ in weights if column in table.units}
-    unit = entry.unit
+        steps.append("sign reversed")
+    stated = {table.units[column] for column in columns if column in table.units}
+    unit = _unit_of(made, table, name, entry.unit, stated, origin)
+    _store(made, name, values, unit, f"column {origin}", steps, source)
+
+
+def _unit_of(
+    made: Channels, table: FileTable, name: str, unit: str | None, stated: set[str], origin: str
+) -> str | None:
+    """Unit of a mapped channel: that of the map, else the one stated in the header of its columns."""
     if unit is None and len(stated) > 1:
         raise MapError(
             f"the map gives channel '{name}' columns of '{table.path}' in different units "
-            f"({', '.join(sorted(stated))}).\nBring them to one unit by their weights and state it."
+            f"({', '.join(sorted(stated))}).\nConvert them to one unit with their weights, and state that unit."
         )
     if unit is None and stated:
         unit = stated.pop()
         check_unit(name, unit, f"the header of '{table.path}'")
     elif unit is not None and stated and not _same(unit, stated):
-        made.findings.append(
-            Finding(
-                "header",
-                name,
-                f"the file says [{', '.join(sorted(stated))}], the map [{unit}]; the map was followed",
-                severity="warning",
-                remedy=f"make sure of the unit of {origin}",
-            )
-        )
-    _store(made, name, values, unit, f"column {origin}", steps, source)
+        listed = ", ".join(sorted(stated))
+        message = f"the unit is [{listed}] in the file and [{unit}] in the map; that of the map is used"
+        made.findings.append(Finding("header", name, message, remedy=f"check the unit of {origin}"))
+    return unit
 
 
 def _same(unit: str, stated: set[str]) -> bool:
+    """Whether other units are different names of this unit."""
     return all(
         is_convertible(other, unit) and np.isclose(convert(np.ones(1), other, unit)[0], 1.0, rtol=1e-9)
         for other in stated
@@ -164,36 +161,38 @@ def _same(unit: str, stated: set[str]) -> bool:
 
 
 def _add_others(made: Channels, table: FileTable, used: set[str]) -> None:
+    """Add the columns that the map does not name, and a note for each that has no numbers."""
     times = set(table.clocks.values()) - {"t"}
     for column in table.columns:
         if column in used or column in times:
             continue
         name = split_header(column)[0] if column in table.units else column
         if name == "dt":
-            made.notes.append("column 'dt' left out: that name is kept for the sampling interval")
+            made.notes.append("column 'dt' left out: this name is reserved for the sampling interval")
             continue
         if name in made.values:
             raise DataError(
                 f"'{table.path}' has more than one column for channel '{name}'.\n"
-                f"It has: {table.describe()}.\nSay in a channel map which is meant."
+                f"It has: {table.describe()}.\nName one of them in a channel map."
             )
         used.add(column)
         _add_named(made, table, column, name)
     for column, reason in table.unusable.items():
         made.notes.append(f"column '{column}' left out: {reason}")
         if reason.startswith("sample"):
-            message = f"left out, because not every sample is a number: {reason}"
-            remedy = "mend the file if the column is wanted"
+            message = f"left out, because not all samples are numbers: {reason}"
+            remedy = "correct the file if the column is needed"
             made.findings.append(Finding("text", column, message, remedy=remedy))
 
 
 def _add_named(made: Channels, table: FileTable, column: str, name: str) -> None:
+    """Add a column as the channel of its name, in the unit of its header."""
     unit = table.units.get(column)
     if unit is not None and is_known(name) and not is_convertible(unit, find_channel(name).unit):
         row = find_channel(name)
         raise ChannelError(
             f"the header of '{table.path}' gives channel '{name}' the unit '{unit}', but {row.meaning} is "
-            f"measured in [{row.unit}].\nCorrect the header, or say in a channel map what the column is."
+            f"measured in [{row.unit}].\nCorrect the header, or map the column in a channel map."
         )
     base, _, tail = column.partition("[")
     if unit is None and tail and is_known(base.strip()) and not is_unit(tail.rstrip("] ")):
@@ -201,12 +200,12 @@ def _add_named(made: Channels, table: FileTable, column: str, name: str) -> None
             Finding(
                 "header",
                 column,
-                f"'{tail.rstrip('] ')}' is no unit that can be read, so this is not '{base.strip()}'",
+                f"'{tail.rstrip('] ')}' is not a known unit, so the column is not read as '{base.strip()}'",
                 severity="warning",
                 remedy="correct the header, or use a channel map",
             )
         )
-    origin = f"column '{column}'" if column != name else "own name"
+    origin = f"column '{column}'" if column != name else "column of the same name"
     if column in table.clocks:
         made.clocks[name] = (table.clocks[column], False)
     _store(made, name, as_float(table.columns[column]), unit, origin, [], table.path)
@@ -221,12 +220,13 @@ def _store(
     steps: list[str],
     source: str,
 ) -> None:
+    """Convert a channel to the unit of the nomenclature, or to SI, and add it with its note."""
     if name in made.values:
         raise MapError(f"'{source}' gives channel '{name}' twice.")
     if is_known(name):
         target = find_channel(name).unit
         if unit is None:
-            steps.append(f"taken as [{target}], no unit stated" if target != "-" else "as it stands")
+            steps.append(f"taken as [{target}], no unit stated" if target != "-" else "unchanged")
         elif not _same(unit, {target}):
             steps.append(f"[{unit}] to [{target}]")
             values = convert(values, unit, target)
@@ -245,84 +245,94 @@ def _store(
 
 
 def _align(made: Channels, table: FileTable, channel_map: ChannelMap | None) -> None:
-    """Take the clock out of the channels, and hold every channel to its length."""
-    clock = made.values.pop("t", None)
+    """Separate the time axis from the channels, which must all have its length."""
+    t = made.values.pop("t", None)
     dt = channel_map.file.dt if channel_map is not None else None
-    if clock is not None:
+    if t is not None:
         if table.clocks:
-            clock = _to_one_clock(made, table, clock)
-        length = len(clock)
+            t = _resample(made, table, t)
+        length = len(t)
         if dt is not None:
             raise MapError(
                 f"'{table.path}' has a time column 't', and the map a dt.\n"
-                "Leave dt out, or leave 't' out by listing the channels wanted."
+                "Remove dt from the map, or list the channels in the map without 't'."
             )
     elif dt is not None:
         length = Counter(len(values) for values in made.values.values()).most_common(1)[0][0]
-        clock = np.arange(length) * dt
-        made.notes.append(f"t: made from dt = {dt:g} s, no time column")
+        t = np.arange(length) * dt
+        made.notes.append(f"t: computed from dt = {dt:g} s, no time column")
     else:
-        raise DataError(_no_clock(table, channel_map))
+        raise DataError(_no_time(table, channel_map))
     unequal = [name for name, values in made.values.items() if len(values) != length]
     mapped = set(channel_map.channels) if channel_map is not None else set()
     for name in unequal:
         if name in mapped:
             raise DataError(
                 f"channel '{name}' of '{table.path}' has {len(made.values[name])} samples, "
-                f"its clock {length}.\nAll channels of a recording share one clock: "
+                f"the time axis {length}.\nAll channels of a recording have one time axis: "
                 "map columns of one length, or resample first."
             )
-        made.notes.append(f"{name} left out: {len(made.values[name])} values against {length} on the clock")
+        made.notes.append(f"{name} left out: {len(made.values[name])} values, the time axis has {length}")
         del made.values[name]
     if channel_map is not None and channel_map.file.rows is not None:
         first, last = channel_map.file.rows
         if last > length:
             raise MapError(f"the map keeps rows {first} to {last} of '{table.path}', which has {length} samples.")
-        clock = clock[first - 1 : last]
+        t = t[first - 1 : last]
         made.values = {name: values[first - 1 : last] for name, values in made.values.items()}
         made.notes.append(f"rows {first} to {last} of {length} kept")
     if channel_map is not None and channel_map.file.time_offset:
-        clock = clock + channel_map.file.time_offset
+        t = t + channel_map.file.time_offset
         made.notes.append(f"t: {channel_map.file.time_offset:+g} s added")
-    made.t = clock
+    made.t = t
 
 
-def _require_one_clock(table: FileTable, name: str, columns: list[str]) -> None:
-    clocks = {table.clocks[column] for column in columns if column in table.clocks}
-    if len(clocks) > 1:
+def _require_same_times(table: FileTable, name: str, columns: list[str]) -> None:
+    """Refuse a sum of columns that differ in length or in sample times."""
+    lengths = [len(table.columns[column]) for column in columns]
+    if len(set(lengths)) > 1:
+        raise DataError(
+            f"channel '{name}' adds columns of '{table.path}' that differ in length: "
+            + ", ".join(f"{column} ({length})" for column, length in zip(columns, lengths))
+        )
+    times = {table.clocks[column] for column in columns if column in table.clocks}
+    if len(times) > 1:
         raise DataError(
             f"channel '{name}' adds columns of '{table.path}' that were not sampled together: "
-            f"{', '.join(sorted(clocks))}.\nMap each to a channel of its own."
+            f"{', '.join(sorted(times))}.\nMap each to its own channel."
         )
 
 
-def _to_one_clock(made: Channels, table: FileTable, clock: np.ndarray) -> np.ndarray:
-    """Bring every channel to the clock's samples; return those that are left of the clock."""
+def _resample(made: Channels, table: FileTable, t: np.ndarray) -> np.ndarray:
+    """Resample every channel to the time axis; return the samples of the time axis that all topics cover."""
     own = made.clocks.pop("t", ("", False))[0]
     if not own:
-        raise MapError(f"the clock 't' of '{table.path}' is no column of sample times.\nName one of them.")
+        raise MapError(f"the time axis 't' of '{table.path}' is not a column of sample times.\nName one of them.")
     topics = {
-        column: Topic.of(column, convert(as_float(table.columns[column]), table.units.get(column, "s"), "s"))
+        column: Topic.from_times(column, convert(as_float(table.columns[column]), table.units.get(column, "s"), "s"))
         for column in {own: False, **dict(made.clocks.values())}
     }
     for name in [name for name, (column, _) in made.clocks.items() if len(topics[column].times) < 2]:
         made.notes.append(f"{name} left out: '{made.clocks.pop(name)[0]}' has fewer than two times")
         del made.values[name]
-    met = {name: (topics[column], hold) for name, (column, hold) in made.clocks.items()}
-    require_clock(topics[own].times, f"{table.path}, {own}")
-    samples, made.values, told, notes = resample_all(topics[own], met, made.values)
-    made.findings += told
+    channels = {name: (topics[column], hold) for name, (column, hold) in made.clocks.items()}
+    require_time(topics[own].times, f"{table.path}, {own}")
+    samples, made.values, findings, notes = resample_all(topics[own], channels, made.values)
+    made.findings += findings
     made.notes += notes
-    return clock[samples]
+    return t[samples]
 
 
-def _no_clock(table: FileTable, channel_map: ChannelMap | None) -> str:
+def _no_time(table: FileTable, channel_map: ChannelMap | None) -> str:
+    """Message for a file without a time axis, with the most likely remedy."""
     message = f"'{table.path}' has no channel 't' [s].\nIt has: {table.describe()}.\n"
     if "t" in table.unusable:
-        return message + f"Its column 't' holds something else than numbers: {table.unusable['t']}. Correct the file."
+        return (
+            message + f"Its column 't' contains something other than numbers: {table.unusable['t']}. Correct the file."
+        )
     times = re.compile(r"(t|time.*|t_.*|clock|sec.*|date.*)", re.IGNORECASE)
     if text := [name for name in table.unusable if times.fullmatch(name)]:
-        why = f"Its column '{text[0]}' holds no numbers: {table.unusable[text[0]]}."
+        why = f"Its column '{text[0]}' contains no numbers: {table.unusable[text[0]]}."
         return message + f"{why} Convert it to seconds, or give [file] dt = ... in a channel map."
     likely = [name for name in table.columns if times.fullmatch(name)]
     nested = [name.rpartition(".")[0] for name in table.columns if name.rpartition(".")[2] in ("t", "time")]
@@ -336,7 +346,3 @@ def _no_clock(table: FileTable, channel_map: ChannelMap | None) -> str:
         verb = "Write" if channel_map is None else "Add"
         message += f'{verb} {where} t = {{ column = "{column}" }}, or [file] dt = ... if there is no time column.'
     return message
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:20]) + (f", ... ({len(names)} in all)" if len(names) > 20 else "")

@@ -9,7 +9,7 @@ from typing import Any
 from structsel.errors import DataError
 from structsel.readers import READERS, format_of, read_table
 from structsel.readers.channel_map import ChannelMap, FileOptions, load_channel_map
-from structsel.recording.checks import require_clock
+from structsel.recording.checks import require_time
 from structsel.recording.mapping import to_channels
 from structsel.recording.recording import Recording
 
@@ -22,31 +22,31 @@ def read_recording(
 ) -> Recording:
     """Read one file: CSV and other text, Parquet, MATLAB v4 to v7.3, NumPy, HDF5, and logs.
 
-    Logs are those of PX4 (ULog), ArduPilot (DataFlash) and ASAM (MDF), whose many rates are brought to one clock:
-    signals in straight lines between neighbouring samples, commands held, nothing across a silence. The findings say
-    what was done. They need the extras ``ulog``, ``dataflash`` and ``mdf``.
+    Logs are those of PX4 (ULog), ArduPilot (DataFlash) and ASAM (MDF). Their channels of several rates are resampled
+    to one time axis: signals by linear interpolation, commands by zero-order hold, dropouts as missing samples. The
+    findings describe the resampling. Logs need the extras ``ulog``, ``dataflash`` and ``mdf``.
 
     Parameters
     ----------
     path : str or Path
     channel_map : str, Path, mapping or ChannelMap, optional
-        How the file's columns become ours. Without it a log, and what JSBSim and X-Plane write, is read by the
-        standard channel map of its format; otherwise names are taken as they are: those of the nomenclature are ours,
-        others are kept with the unit their header states, or an unknown one.
+        Assigns the columns of the file to channels. Without it, logs and the files of JSBSim and X-Plane are read with
+        the standard channel map of the format. In other files the columns keep their names: those in the nomenclature
+        are its channels, others have the unit in their header, or an unknown one.
     name : str, optional
-        The file's name without its suffix, if not given.
+        If absent, the file name without its suffix.
 
     Returns
     -------
     Recording
-        Checked: ``str()`` of it lists what was found. The provenance of a file that `write_recording` wrote
-        begins with its own.
+        With findings, which ``str()`` lists. The provenance of a file from `write_recording` begins with the
+        provenance in the file.
 
     Raises
     ------
     DataError
         The file is missing, empty, unreadable or of an unknown format, or the package that reads it is not
-        installed; it has no clock, one sample, or a time that repeats or runs backward.
+        installed; it has no time, one sample, or time that does not increase strictly.
     MapError
         The map does not fit the file, or a unit does not fit its channel.
     ChannelError
@@ -57,10 +57,10 @@ def read_recording(
 
 
 def load(path: Path, mapped: ChannelMap | None, name: str | None = None) -> Recording:
-    """What a file gives, as `read_recording`, but with no check of its samples."""
+    """Recording of a file, without findings from its samples."""
     table = read_table(path, mapped.file if mapped is not None else FileOptions())
     channels = to_channels(table, mapped)
-    require_clock(channels.t, table.path)
+    require_time(channels.t, table.path)
     origin = f"read from '{path}'" + (f" through '{mapped.source}'" if mapped is not None else "")
     return Recording(
         name or _stem(path),
@@ -86,9 +86,9 @@ def read_recordings(
     Parameters
     ----------
     source : folder, file, or iterable of files
-        Of a folder, the files whose suffix a reader knows.
+        In a folder, the files in a known format.
     channel_map : optional
-        One map for all; as `read_recording` takes it.
+        One map for all files, as in `read_recording`.
 
     Returns
     -------
@@ -98,42 +98,45 @@ def read_recordings(
     Raises
     ------
     DataError
-        No file to read, two recordings of one name, or whatever `read_recording` raises.
+        There is no file, two recordings have one name, or a file cannot be read (`read_recording`).
     """
     paths = list_files(source)
     mapped = None if channel_map is None else load_channel_map(channel_map)
     read = [read_recording(path, mapped) for path in paths]
-    by_name: dict[str, Path] = {}
-    for recording, path in zip(read, paths):
-        if recording.name in by_name:
-            raise DataError(
-                f"'{by_name[recording.name]}' and '{path}' would both be called '{recording.name}'.\n"
-                "Rename one, or read them one by one with read_recording(path, name=...)."
-            )
-        by_name[recording.name] = path
+    remedy = "Rename one, or read them one by one with read_recording(path, name=...)."
+    refuse_same_name(((recording.name, path) for recording, path in zip(read, paths)), remedy)
     return sorted(read, key=lambda recording: recording.name)
 
 
+def refuse_same_name(named: Iterable[tuple[str, Path]], remedy: str) -> None:
+    """Raise an error if recordings of two files have one name."""
+    by_name: dict[str, Path] = {}
+    for name, path in named:
+        if name in by_name:
+            raise DataError(f"'{by_name[name]}' and '{path}' would both be called '{name}'.\n{remedy}")
+        by_name[name] = path
+
+
 def files_read(folder: Path) -> list[Path]:
-    """Files of a folder that a reader knows, sorted; hidden ones are not read."""
+    """Files of a folder in a known format, sorted, without hidden files."""
     known = (p for p in sorted(folder.iterdir()) if p.is_file() and format_of(p) in READERS)
     return [p for p in known if not p.name.startswith(".")]
 
 
 def list_files(source: str | Path | Iterable[str | Path]) -> list[Path]:
-    """Files of a folder that a reader knows, sorted; or the one file, or those given.
+    """Files of a folder in a known format, sorted; or the one file, or those of the list.
 
     Raises
     ------
     DataError
-        There is none.
+        There is no file.
     """
     if isinstance(source, str | Path):
         folder = Path(source)
         if folder.is_dir():
             paths = files_read(folder)
             if not paths:
-                raise DataError(f"folder '{folder}' holds no recordings.\nFormats read: {', '.join(READERS)}.")
+                raise DataError(f"folder '{folder}' contains no recordings.\nFormats read: {', '.join(READERS)}.")
             return paths
         return [folder]
     paths = [Path(path) for path in source]

@@ -1,34 +1,44 @@
-"""Recording: named SI channels on one clock.
+"""Recording: named SI channels on one time axis.
 
-Measured, reconstructed and simulated flights are all Recordings, so any two compare. A
-*manoeuvre* is one continuous Recording.
+Measured, reconstructed and simulated flights are all Recordings, so that any two can be compared. A *manoeuvre* is one
+continuous Recording.
 """
 
 from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from structsel.errors import ChannelError, DataError, StructselWarning
+from structsel.errors import DataError, StructselWarning
 from structsel.formatting import count_of
-from structsel.nomenclature import close_names, find_channel, is_known, unit_of
+from structsel.nomenclature import unit_of
 from structsel.recording import signals
-from structsel.recording.arrays import checked_channels, checked_clock
-from structsel.recording.checks import FROM_SAMPLES, GAP, Finding, check_channel, check_recording, require_clock
+from structsel.recording.arrays import checked_channels, checked_time
+from structsel.recording.channel_errors import missing_channels_error, not_finite_error
+from structsel.recording.checks import (
+    GAP,
+    RECOMPUTED_KINDS,
+    check_channel,
+    check_recording,
+    find_gaps,
+    parts_between,
+    require_time,
+)
+from structsel.recording.finding import Finding
+from structsel.recording.summary import range_of, summarise
 from structsel.results import Result
-from structsel.tables import Cell, Column, Summary, Table, text_column
+from structsel.tables import Summary
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Result):
-    """Named channels on one clock, read-only.
+    """Named channels on one time axis, read-only.
 
     Attributes
     ----------
@@ -37,23 +47,23 @@ class Recording(Result):
         Finite, strictly increasing, n at least 2. Dates and time differences (datetime64, timedelta64, datetime) are
         converted: seconds since the first sample, and seconds.
     channels : mapping of str to (n,) array
-        SI and radians, signs as in the nomenclature; ``t`` is not among them. Masked samples become NaN.
+        In SI units and radians, with the signs of the nomenclature; without ``t``. Masked samples become NaN.
     units : mapping of str to str
-        Units of channels the nomenclature does not hold. A unit given for a channel that it holds is that of the
-        values given: they are converted to the nomenclature's, and the unit is not kept.
+        Units of channels that are not in the nomenclature. If a unit is given for one that is, the values are
+        converted from it to the unit of the nomenclature.
     provenance : tuple of str
-        File, map, and every conversion made since.
+        File, map, and every conversion since.
     findings : tuple of Finding
-        What the checks found; see `check`.
+        Results of the checks; see `check`.
     at_cg : frozenset of str
         Channels that have been moved from their sensor to the centre of gravity, or were computed there.
 
     Raises
     ------
     DataError
-        When the clock cannot be used, or a channel has another length than it or holds no real numbers.
+        If the time axis cannot be used, or a channel has not its length or contains other than real numbers.
     ChannelError
-        When a unit does not measure what its channel is.
+        If a unit is not of the quantity of its channel.
     """
 
     name: str
@@ -65,8 +75,8 @@ class Recording(Result):
     at_cg: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
-        t = checked_clock(self.t, self.name)
-        require_clock(t, self.name)
+        t = checked_time(self.t, self.name)
+        require_time(t, self.name)
         channels, units = checked_channels(self.channels, self.units, t, self.name)
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "channels", channels)
@@ -81,31 +91,30 @@ class Recording(Result):
     def __contains__(self, name: object) -> bool:
         return name == "t" or name in self.channels
 
-    __iter__ = None  # len() counts samples, so iterating over names would mislead; use .names
+    __iter__ = None  # len() is the number of samples; .names are the channels
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Channel by name, (n,), read-only; ``"t"`` is the clock.
+        """Channel by name, (n,), read-only; ``"t"`` is the time axis.
 
         Raises
         ------
         ChannelError
-            When there is none; the message says what there is.
+            If there is none; the message lists the channels.
         """
         if name == "t":
             return self.t
         if name not in self.channels:
-            text = f"channel '{name}' [{self.unit(name)}]; {self._lacks((name,))}"
-            raise ChannelError(text, remedy=self._ways((name,)), cli_remedy=self._ways((name,), cli=True))
+            raise missing_channels_error(f"channel '{name}' [{self.unit(name)}]", self.name, (name,), self.names)
         return self.channels[name]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the channels, the clock not among them."""
+        """Names of the channels, without the time axis."""
         return tuple(self.channels)
 
     @property
     def dt(self) -> float:
-        """Sampling interval [s]: the median step of the clock."""
+        """Sampling interval [s]: the median time step."""
         return float(np.median(np.diff(self.t)))
 
     @property
@@ -114,26 +123,26 @@ class Recording(Result):
         return float(self.t[-1] - self.t[0])
 
     def unit(self, name: str) -> str:
-        """Unit of a channel: the nomenclature's, else the recording's own, else ``"?"``."""
+        """Unit of a channel: that of the nomenclature, else that in `units`, else ``"?"``."""
         return unit_of(name, self.units)
 
     def require(self, *names: str, finite: bool = False, by: str | None = None) -> None:
-        """Refuse to go on without these channels.
+        """Raise an error if one of these channels is missing.
 
         Parameters
         ----------
         *names : str
         finite : bool
-            Also refuse NaN and infinite samples in them.
+            Raise an error for NaN and infinite samples, too.
         by : str, optional
-            Who needs them, for the message; the calling function if not given.
+            Function that needs them, for the message; the calling function if not given.
 
         Raises
         ------
         ChannelError
-            When a channel is missing.
+            If a channel is missing.
         DataError
-            When `finite` and a sample is not.
+            If `finite` is set and a sample is not finite.
         """
         who = by or sys._getframe(1).f_code.co_name
         needs = "this script needs" if who == "<module>" else f"{who} needs"
@@ -141,48 +150,11 @@ class Recording(Result):
         if missing:
             which = ", ".join(f"'{name}' [{self.unit(name)}]" for name in missing)
             plural = "s" if len(missing) > 1 else ""
-            text = f"{needs} channel{plural} {which}; {self._lacks(missing)}"
-            raise ChannelError(text, remedy=self._ways(missing), cli_remedy=self._ways(missing, cli=True))
+            raise missing_channels_error(f"{needs} channel{plural} {which}", self.name, missing, self.names)
         for name in names if finite else ():
-            lost = np.flatnonzero(~np.isfinite(self[name]))
-            if lost.size:
-                i = int(lost[0])
-                raise DataError(
-                    f"{needs} finite samples of channel '{name}' [{self.unit(name)}]; in '{self.name}' it is "
-                    f"{self[name][i]} at sample {i} (t = {self.t[i]:g} s), {lost.size} in all.",
-                    remedy="Take a part without them with recording.between(), or correct the file.",
-                    cli_remedy="Take a part without them with [file] rows = [first, last] in a channel map.",
-                )
-
-    def _lacks(self, missing: Sequence[str]) -> str:
-        return f"'{self.name}' has none.\nIt has: {', '.join(('t', *self.names))}."
-
-    def _ways(self, missing: Sequence[str], *, cli: bool = False) -> str:
-        """What adds the missing channels."""
-        commands = {
-            "reconstruct": "Run structsel reconstruct first, or give --reconstruct, which adds it.",
-            "compute_coefficients": "Give --aircraft, and the coefficients are computed first.",
-        }
-        ways: dict[str, None] = {}
-        to_differentiate = []
-        for name in missing:
-            source = find_channel(name).source if is_known(name) else ""
-            if source == "differentiate":
-                if name.removesuffix("_dot") in self:
-                    to_differentiate.append(name.removesuffix("_dot"))
-            elif source:
-                ways[commands.get(source, "") if cli else f"Run {source}() first, which adds it."] = None
-        if to_differentiate:
-            quoted = ", ".join(f'"{name}"' for name in to_differentiate)
-            run = f"Run reconstruct() first, which adds it, or recording.differentiate({quoted})."
-            ways[commands["reconstruct"] if cli else run] = None
-        for name in missing:
-            near = [other for other in close_names(name, self.names) if not is_known(other) or not is_known(name)]
-            if near:
-                ways[f"Did you mean {' or '.join(repr(other) for other in near)} for '{name}'?"] = None
-        if not ways:
-            ways["If the file holds it under another name, say so in a channel map."] = None
-        return " ".join(way for way in ways if way)
+            if not np.isfinite(self[name]).all():
+                text = f"{needs} finite samples of channel '{name}' [{self.unit(name)}]"
+                raise not_finite_error(text, self.name, self.t, self[name])
 
     def with_channels(
         self,
@@ -192,18 +164,18 @@ class Recording(Result):
         at_cg: Iterable[str] = (),
         **arrays: np.ndarray | float,
     ) -> Recording:
-        """Recording with channels added or replaced.
+        """Recording with additional or replaced channels.
 
         Parameters
         ----------
         note : str
-            Added to the provenance: how the channels came about.
+            Added to the provenance: where the channels are from.
         units : mapping of str to str, optional
-            Units of the channels added; see `Recording`.
+            Units of the new channels; see `Recording`.
         at_cg : iterable of str
-            Channels that are now at the centre of gravity, in addition to those that were.
+            Channels that are at the centre of gravity, in addition to those that were there.
         **arrays : (n,) array or float
-            In the nomenclature's unit and sign unless `units` gives another unit; a number is held throughout.
+            In the nomenclature's unit and sign unless `units` gives another unit; a number is a constant channel.
         """
         added = {
             name: np.broadcast_to(a, self.t.shape) if np.ndim(a) == 0 else np.asarray(a) for name, a in arrays.items()
@@ -223,12 +195,12 @@ class Recording(Result):
         return made
 
     def between(self, start: float, end: float) -> Recording:
-        """Samples with start <= t <= end [s], checked anew.
+        """Samples with start <= t <= end [s], with new findings.
 
         Raises
         ------
         DataError
-            When fewer than two samples lie there.
+            If there are fewer than two.
         """
         inside = np.flatnonzero((self.t >= start) & (self.t <= end))
         if inside.size < 2:
@@ -236,32 +208,46 @@ class Recording(Result):
                 f"'{self.name}' has {inside.size} samples between {start:g} and {end:g} s; it runs from "
                 f"{self.t[0]:g} to {self.t[-1]:g} s."
             )
-        return self._rows(self.name, int(inside[0]), int(inside[-1]) + 1)
+        return self._slice(self.name, int(inside[0]), int(inside[-1]) + 1)
 
     def split(self, gap: float = GAP) -> list[Recording]:
-        """Manoeuvres between the gaps, each a Recording.
+        """Split the recording at gaps in time.
 
-        A gap is a step longer than `gap` times the median step. Without one, the list holds this
-        recording alone; otherwise the parts are named ``name_1``, ``name_2``, ... A part of a
-        single sample is left out, with a warning.
+        A gap is a time step longer than `gap` times the median time step. Each part becomes a recording of its own,
+        named ``name_1``, ``name_2``, ... A recording without gaps is returned unchanged.
+
+        Parameters
+        ----------
+        gap : float, default 3.0
+            Threshold, in median time steps.
+
+        Returns
+        -------
+        list of Recording
+            In order of time. Parts of a single sample are left out.
+
+        Warns
+        -----
+        StructselWarning
+            If parts of a single sample are left out.
         """
-        cuts = np.flatnonzero(np.diff(self.t) > gap * self.dt) + 1
-        if not cuts.size:
+        gaps = find_gaps(self.t, gap * self.dt)
+        if not gaps.size:
             return [self]
-        edges = [0, *cuts.tolist(), len(self)]
-        parts = [(a, b) for a, b in pairwise(edges) if b - a >= 2]
-        lone = [a for a, b in pairwise(edges) if b - a < 2]
-        if lone:
+        parts = parts_between(gaps, len(self))
+        single = [part.start for part in parts if part.stop - part.start < 2]
+        if single:
             warnings.warn(
                 StructselWarning(
-                    f"split: {len(lone)} samples of '{self.name}' stand alone between gaps and are left out, "
-                    f"the first is sample {lone[0]} (t = {self.t[lone[0]]:g} s)."
+                    f"split: {count_of(len(single), 'sample')} of '{self.name}' between two gaps left out, "
+                    f"the first is sample {single[0]} (t = {self.t[single[0]]:g} s)."
                 ),
                 stacklevel=2,
             )
-        return [self._rows(f"{self.name}_{k}", a, b) for k, (a, b) in enumerate(parts, 1)]
+        parts = [part for part in parts if part.stop - part.start >= 2]
+        return [self._slice(f"{self.name}_{k}", part.start, part.stop) for k, part in enumerate(parts, 1)]
 
-    def _rows(self, name: str, first: int, last: int) -> Recording:
+    def _slice(self, name: str, first: int, last: int) -> Recording:
         made = replace(
             self,
             name=name,
@@ -272,20 +258,20 @@ class Recording(Result):
         return made.check()
 
     def check(self) -> Recording:
-        """Recording whose findings are made anew from its samples.
+        """Recording with findings computed from its samples.
 
-        What was found otherwise, in the file or by a station, is kept.
+        Findings about the file, and those of other functions, are kept.
         """
         found = check_recording(self.t, self.channels)
-        kept = tuple(f for f in self.findings if f.kind not in FROM_SAMPLES)
+        kept = tuple(f for f in self.findings if f.kind not in RECOMPUTED_KINDS)
         return replace(self, findings=kept + found)
 
     def differentiate(self, *names: str, method: str = "central", order: int = 4) -> Recording:
         """Add the time derivatives ``p_dot``, ... of channels.
 
-        An uneven clock is allowed for by the chain rule over the sample number, and by the spline
-        directly ("fourier" refuses it); a gap is not. The spline also bridges samples that are NaN, and the
-        provenance says how many.
+        If the sampling is not uniform, the chain rule over the sample number is used; the spline needs no such rule,
+        and "fourier" needs uniform sampling. The spline also interpolates samples that are NaN; the provenance has
+        their number.
 
         Parameters
         ----------
@@ -296,79 +282,78 @@ class Recording(Result):
         Raises
         ------
         ChannelError
-            When a channel is missing.
+            If a channel is missing.
         DataError
-            When there is a gap in time, or a sample is not finite.
+            If there is a gap in time, or a sample is not finite.
         """
         return signals.differentiate(self, names, method, order)
 
     def remove_spikes(self, *names: str, threshold: float = 5.0) -> Recording:
-        """Replace isolated wrong samples of channels by a local fit, and report every one.
+        """Replace isolated wrong samples of channels by a local fit, and report each.
 
-        Each channel touched gets a finding of kind "spike" and a line in the provenance with the number, time and
-        old value of every sample replaced.
+        A channel with replaced samples gets a finding of kind "spike" and a line in the provenance with the number,
+        time and old value of every replaced sample.
 
         Parameters
         ----------
         *names : str
         threshold : float [-]
-            In standard deviations of the channel's noise; `structsel.numerics.signal_quality.find_spikes` says what
-            else a spike must be.
+            In standard deviations of the channel's noise; the other criteria are those of
+            `structsel.numerics.signal_quality.find_spikes`.
 
         Raises
         ------
         ChannelError
-            When a channel is missing.
+            If a channel is missing.
         """
         return signals.remove_spikes(self, names, threshold)
 
     def unwrap(self, *names: str, turn: float = 2.0 * np.pi) -> Recording:
-        """Take the jumps of whole turns out of angles, so that they run on beyond pi (or 360 degrees).
+        """Remove jumps by complete turns from angles, which then continue beyond pi (or 360 degrees).
 
-        A jump within a quarter turn of a whole number of turns is a wrap; others are left. NaN samples
-        are passed over.
+        A jump within a quarter turn of a multiple of a turn is a wrap; other jumps are kept. NaN samples are ignored.
 
         Parameters
         ----------
         *names : str
         turn : float [rad]
-            What the channel wraps by: pi for a bank angle logged in half turns.
+            Jump of the channel where it wraps: pi for a bank angle that is recorded in half turns.
 
         Raises
         ------
         ChannelError
-            When a channel is missing.
+            If a channel is missing.
         """
         return signals.unwrap(self, names, turn)
 
     def align(self, delays: Mapping[str, float]) -> Recording:
-        """Advance late channels, each by its own delay.
+        """Advance delayed channels, each by its own delay.
 
         Parameters
         ----------
         delays : mapping of str to float [s]
-            Positive where the channel is delayed; `reconstruct` estimates the delays of a recording.
+            Positive if the channel is delayed; `reconstruct` estimates the delays of a recording.
 
         Returns
         -------
         Recording
-            Samples about which nothing is known, at the end of an advanced channel, are NaN and found "not-finite".
+            The last samples of an advanced channel are unknown: they are NaN, with a finding "not-finite".
 
         Raises
         ------
         ChannelError
-            When a channel is missing.
+            If a channel is missing.
         DomainError
-            When a delay is not finite.
+            If a delay is not finite.
         """
         return signals.align(self, delays)
 
     def to_frame(self) -> pd.DataFrame:
-        """Columns ``t`` and the channels, one row per sample."""
+        """Columns ``t`` and the channels, one row for each sample."""
         return pd.DataFrame({"t": self.t, **self.channels})
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the samples, with a summary of each channel."""
+        """All fields without the samples, with a summary of each channel."""
         return {
             "name": self.name,
             "samples": len(self),
@@ -376,7 +361,7 @@ class Recording(Result):
             "end": float(self.t[-1]),
             "dt": self.dt,
             "channels": {
-                name: {"unit": self.unit(name), **dict(zip(("min", "mean", "max"), _summary(values)))}
+                name: {"unit": self.unit(name), **dict(zip(("min", "mean", "max"), range_of(values)))}
                 for name, values in self.channels.items()
             },
             "findings": [finding.to_dict() for finding in self.findings],
@@ -385,28 +370,5 @@ class Recording(Result):
         }
 
     def summary(self) -> Summary:
-        """Channels with their units and ranges, and what the checks found."""
-        kinds: dict[str, list[str]] = {}
-        for finding in self.findings:
-            kinds.setdefault(finding.channel, []).append(finding.kind)
-        columns = [text_column("channel"), text_column("unit"), Column("min"), Column("mean"), Column("max")]
-        rows: list[list[Any]] = [[name, self.unit(name), *_summary(values)] for name, values in self.channels.items()]
-        if kinds:
-            columns.append(text_column("found"))
-            for row in rows:
-                row.append(Cell(", ".join(dict.fromkeys(kinds.get(str(row[0]), []))), "warning"))
-        return Summary(
-            self.name,
-            f"{len(self)} samples, t = {self.t[0]:g} to {self.t[-1]:g} s, every {self.dt:g} s, "
-            f"{count_of(len(self.channels), 'channel')}",
-            tables=(Table(tuple(columns), tuple(map(tuple, rows))),),
-            notes=tuple(f"- {f}" for f in self.findings if f.severity == "note"),
-            warnings=tuple(str(f) for f in self.findings if f.severity != "note"),
-        )
-
-
-def _summary(values: np.ndarray) -> tuple[float, float, float]:
-    finite = values[np.isfinite(values)]
-    if not finite.size:
-        return float("nan"), float("nan"), float("nan")
-    return float(finite.min()), float(finite.mean()), float(finite.max())
+        """Channels with their units and ranges, and the findings."""
+        return summarise(self.name, self.t, self.channels, self.units, self.findings)

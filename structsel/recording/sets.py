@@ -9,12 +9,12 @@ from structsel.recording.recording import Recording
 
 
 def require_recordings(recordings: Sequence[Recording], *, samples: int = 1, by: str) -> None:
-    """Refuse no recordings, two of one name, and recordings shorter than so many samples.
+    """Refuse an empty list, two recordings of one name, and recordings of fewer than `samples` samples.
 
     Raises
     ------
     DataError
-        Names the function that needs them, `by`.
+        The message names the function `by`.
     """
     if not recordings:
         raise DataError(f"{by} needs at least one recording; it was given none.")

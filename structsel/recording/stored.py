@@ -1,4 +1,4 @@
-"""Recordings left in their files: known by name, length and findings, read whenever their samples are wanted."""
+"""Recordings that stay in their files: name, length and findings are in memory, samples are read when needed."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from structsel.errors import DataError
 from structsel.nomenclature import unit_of
 from structsel.numerics.blocks import JobRunner, Progress
 from structsel.readers.channel_map import ChannelMap, load_channel_map
-from structsel.recording.checks import Finding
-from structsel.recording.reading import list_files, load, read_recording
+from structsel.recording.finding import Finding
+from structsel.recording.reading import list_files, load, read_recording, refuse_same_name
 from structsel.recording.recording import Recording
 
 Prepare = Callable[[Recording], Recording]
@@ -24,16 +24,16 @@ Prepare = Callable[[Recording], Recording]
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """Where a manoeuvre comes from, and how it is made of what is read.
+    """File of a manoeuvre, and the steps from the file to the recording.
 
     Attributes
     ----------
     path : Path
     channel_map : ChannelMap, optional
     rows : (int, int), optional
-        First sample and last plus one; all where absent.
+        First and last-plus-one sample; all if absent.
     prepare : callable, optional
-        Applied to the recording read.
+        Applied to the recording that was read.
     """
 
     path: Path
@@ -42,28 +42,28 @@ class Origin:
     prepare: Prepare | None
 
     def read(self) -> Recording:
-        """The manoeuvre, not checked: it was when it was listed."""
-        made = load(self.path, self.channel_map)
+        """The manoeuvre, without new findings: those are from the listing."""
+        recording = load(self.path, self.channel_map)
         if self.rows is not None:
             first, last = self.rows
-            channels = {name: values[first:last] for name, values in made.channels.items()}
-            made = replace(made, t=made.t[first:last], channels=channels, findings=())
-        return made if self.prepare is None else self.prepare(made)
+            channels = {name: values[first:last] for name, values in recording.channels.items()}
+            recording = replace(recording, t=recording.t[first:last], channels=channels, findings=())
+        return recording if self.prepare is None else self.prepare(recording)
 
 
-class _Recent(threading.local):
-    """The manoeuvre a thread read last: a worker goes from one to the next, and memory holds one for each worker."""
+class _Cache(threading.local):
+    """The last manoeuvre that a thread read, so that memory contains one for each worker."""
 
     origin: Origin | None = None
-    read: Recording | None = None
+    recording: Recording | None = None
 
 
-_recent = _Recent()
+_cache = _Cache()
 
 
 @dataclass(frozen=True, eq=False)
 class StoredRecording:
-    """A recording in its file; what is known of it without reading, and its channels, which are read when asked for.
+    """A recording that stays in its file; its channels are read when they are needed.
 
     Attributes
     ----------
@@ -71,9 +71,9 @@ class StoredRecording:
     samples : int
     dt : float [s]
     names : tuple of str
-        Channels, the clock not among them.
+        Channels, without the time axis.
     units : mapping of str to str
-        Of channels the nomenclature does not hold.
+        Of channels that are not in the nomenclature.
     provenance : tuple of str
     findings : tuple of Finding
     origin : Origin
@@ -98,34 +98,34 @@ class StoredRecording:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Channel by name, (n,), read-only."""
-        return self._held()[name]
+        return self._load()[name]
 
     def unit(self, name: str) -> str:
         """Unit of a channel; see `Recording.unit`."""
         return unit_of(name, self.units)
 
     def require(self, *names: str, finite: bool = False, by: str) -> None:
-        """Refuse to go on without these channels; see `Recording.require`."""
-        self._held().require(*names, finite=finite, by=by)
+        """Raise an error if a channel is missing; see `Recording.require`."""
+        self._load().require(*names, finite=finite, by=by)
 
     def read(self) -> Recording:
-        """The recording itself, with its findings."""
-        made = self.origin.read()
-        return replace(made, name=self.name, provenance=self.provenance, findings=self.findings)
+        """The recording in memory, with its findings."""
+        return replace(self.origin.read(), name=self.name, provenance=self.provenance, findings=self.findings)
 
-    def _held(self) -> Recording:
-        if _recent.origin is not self.origin:
-            _recent.origin = _recent.read = None  # given up before the next is read
-            made = self.origin.read()
-            if len(made) != self.samples or not set(self.names) <= set(made.names):
+    def _load(self) -> Recording:
+        """The recording without findings, from memory if it is the last one that was read."""
+        if _cache.origin is not self.origin:
+            _cache.origin = _cache.recording = None  # frees the memory before the next is read
+            recording = self.origin.read()
+            if len(recording) != self.samples or not set(self.names) <= set(recording.names):
                 raise DataError(
-                    f"'{self.origin.path}' is not what it was when it was listed: {len(made)} samples, not "
-                    f"{self.samples}, or other channels.\nLet nothing write to the files, and start again."
+                    f"'{self.origin.path}' has changed since it was listed: {len(recording)} samples, not "
+                    f"{self.samples}, or other channels.\nStart again, and do not write to the files in use."
                 )
-            _recent.read = replace(made, name=self.name, provenance=self.provenance, findings=())
-            _recent.origin = self.origin
-        assert _recent.read is not None
-        return _recent.read
+            _cache.recording = replace(recording, name=self.name, provenance=self.provenance, findings=())
+            _cache.origin = self.origin
+        assert _cache.recording is not None
+        return _cache.recording
 
 
 def stream_recordings(
@@ -138,31 +138,31 @@ def stream_recordings(
     client: Any = None,
     progress: Progress | None = None,
 ) -> list[StoredRecording]:
-    """List the recordings of a folder, or of files, without holding their samples.
+    """List the recordings of a folder, or of files, without their samples in memory.
 
-    Every file is read and checked once, one for each worker at a time, and again whenever something is made of it:
-    `structsel.select` takes what comes back as it takes recordings, and needs memory for one manoeuvre for each worker.
+    Each worker reads and checks one file after another, and reads a file again whenever its samples are needed.
+    `structsel.select` accepts the result in place of recordings, and needs memory for one manoeuvre for each worker.
 
     Parameters
     ----------
     source, channel_map
-        As `read_recordings` takes them.
+        As in `read_recordings`.
     prepare : callable, optional
-        From the recording read to the one wanted: ``partial(compute_coefficients, aircraft=aircraft, V0=80.0)``. It is
-        called at every reading; where it takes long, write the recordings it makes and stream those.
+        Applied to each recording that is read: ``partial(compute_coefficients, aircraft=aircraft, V0=80.0)``. It is
+        called at every reading; if it takes long, write its results to files and stream those.
     split : bool
-        Cut files at gaps in time, as `Recording.split`.
+        Split files at gaps in time, as `Recording.split`.
     workers : int
         Threads.
     client : distributed.Client, optional
-        Of a Dask cluster, whose workers then read the files.
+        Client of a Dask cluster, whose workers then read the files.
     progress : callable, optional
-        Called with files done and files in all.
+        Called with the number of files done and the number of all files.
 
     Returns
     -------
     list of StoredRecording
-        Sorted by the files' names; parts of one file in order of time.
+        Sorted by file name; parts of one file in order of time.
 
     Raises
     ------
@@ -173,35 +173,28 @@ def stream_recordings(
     paths = list_files(source)
     one = partial(_list_file, channel_map=mapped, prepare=prepare, split=split)
     listed = list(JobRunner(client).map(one, paths, workers, progress))
-    by_name: dict[str, StoredRecording] = {}
     in_order = sorted(range(len(paths)), key=lambda i: paths[i].stem)
-    for recording in (r for i in in_order for r in listed[i]):
-        if recording.name in by_name:
-            raise DataError(
-                f"'{by_name[recording.name].origin.path}' and '{recording.origin.path}' would both be called "
-                f"'{recording.name}'.\nRename one."
-            )
-        by_name[recording.name] = recording
-    return list(by_name.values())
+    recordings = [recording for i in in_order for recording in listed[i]]
+    refuse_same_name(((recording.name, recording.origin.path) for recording in recordings), "Rename one.")
+    return recordings
 
 
 def _list_file(
     path: Path, *, channel_map: ChannelMap | None, prepare: Prepare | None, split: bool
 ) -> list[StoredRecording]:
-    whole = read_recording(path, channel_map)
-    parts = whole.split() if split else [whole]
-    found = []
-    for part in parts:
-        made = part if prepare is None else prepare(part)
-        if part is whole:
-            rows = None
-        else:
-            first = int(np.searchsorted(whole.t, part.t[0]))
+    """Recordings of one file."""
+    complete = read_recording(path, channel_map)
+    listed = []
+    for part in complete.split() if split else [complete]:
+        rows = None
+        if part is not complete:
+            first = int(np.searchsorted(complete.t, part.t[0]))
             rows = (first, first + len(part))
         origin = Origin(path, channel_map, rows, prepare)
-        found.append(
+        one = part if prepare is None else prepare(part)
+        listed.append(
             StoredRecording(
-                part.name, len(made), made.dt, made.names, dict(made.units), made.provenance, made.findings, origin
+                part.name, len(one), one.dt, one.names, dict(one.units), one.provenance, one.findings, origin
             )
         )
-    return found
+    return listed

@@ -1,4 +1,4 @@
-"""Writing Recordings to files that remember what was done to them."""
+"""Writing Recordings to files, with their provenance."""
 
 from __future__ import annotations
 
@@ -21,20 +21,19 @@ from structsel.recording.recording import Recording
 def write_recording(recording: Recording, path: str | Path, *, overwrite: bool = False) -> Path:
     """Write a recording as CSV or Parquet, with its provenance.
 
-    A CSV begins with lines that start with ``#``: the schema, then one note each, as a JSON string; any program that
-    skips such lines reads the table (``pandas.read_csv(path, comment="#")``). A Parquet file holds the same as
-    metadata of its schema. One more line, ``# at_cg:``, lists the channels that are at the centre of gravity already.
-    Channels outside the nomenclature carry their unit in the header. `read_recording` gives
-    the notes back as they were, so that no station does its work twice. What the checks found is not written; it is
-    found again.
+    A CSV file begins with lines that start with ``#``: the schema, one note on each line as a JSON string, and in the
+    line ``# at_cg:`` the channels that are at the centre of gravity. A program that skips these lines can read the
+    table (``pandas.read_csv(path, comment="#")``). A Parquet file has the same content as metadata of its schema.
+    The header has the units of channels that are not in the nomenclature. `read_recording` restores the notes, so that
+    no correction is applied twice. Findings are not written: reading computes them again.
 
     Parameters
     ----------
     recording : Recording
     path : str or Path
-        Its suffix, ``.csv`` or ``.parquet``, says the format.
+        The suffix, ``.csv`` or ``.parquet``, is the format.
     overwrite : bool
-        Replace a file that is there. It stays until the new one is whole.
+        Replace an existing file, after the new one is complete.
 
     Returns
     -------
@@ -44,14 +43,12 @@ def write_recording(recording: Recording, path: str | Path, *, overwrite: bool =
     Raises
     ------
     DataError
-        The file exists and `overwrite` is False, its suffix is another, or it cannot be written.
+        The file exists and `overwrite` is False, the suffix is not one of these, or the file cannot be written.
     """
     path = Path(path)
     write = {".csv": _write_csv, ".parquet": _write_parquet}.get(path.suffix.lower())
     if write is None:
-        raise DataError(
-            f"write_recording was given '{path}'; it writes .csv and .parquet.\nGive the file one of these suffixes."
-        )
+        raise DataError(f"write_recording was given '{path}'; it writes .csv and .parquet.\nUse one of these suffixes.")
     if path.exists() and not overwrite:
         raise DataError(
             f"'{path}' exists already.",
@@ -72,6 +69,7 @@ def write_recording(recording: Recording, path: str | Path, *, overwrite: bool =
 
 
 def _write_csv(frame: pd.DataFrame, recording: Recording, path: Path) -> None:
+    """Table with the provenance in comment lines."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         stream.write(f"# {SCHEMA}\n")
         stream.writelines(f"{PROVENANCE}{json.dumps(note, ensure_ascii=False)}\n" for note in recording.provenance)
@@ -83,6 +81,6 @@ def _write_csv(frame: pd.DataFrame, recording: Recording, path: Path) -> None:
 def _write_parquet(frame: pd.DataFrame, recording: Recording, path: Path) -> None:
     table = pa.Table.from_pandas(frame, preserve_index=False)
     about = {"schema": SCHEMA, "provenance": recording.provenance, "at_cg": sorted(recording.at_cg)}
-    said = json.dumps(about, ensure_ascii=False).encode()
+    metadata = json.dumps(about, ensure_ascii=False).encode()
     with path.open("wb") as stream:
-        pq.write_table(table.replace_schema_metadata({**(table.schema.metadata or {}), METADATA: said}), stream)
+        pq.write_table(table.replace_schema_metadata({**(table.schema.metadata or {}), METADATA: metadata}), stream)
