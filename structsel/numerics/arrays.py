@@ -22,11 +22,11 @@ def read_only(array: Array) -> Array:
 
 
 def centred(arrays: Iterable[Array]) -> Array:
-    """Arrays end to end, each about its own mean."""
+    """Concatenated arrays, each minus its own mean."""
     return np.concatenate([x - x.mean() for x in arrays])
 
 
 def rms_within(arrays: Iterable[Array]) -> float:
-    """Rms of arrays, each about its own mean, over all; zero of none."""
-    held = list(arrays)
-    return float(np.sqrt(np.mean(centred(held) ** 2))) if held else 0.0
+    """Rms of all arrays, each minus its own mean; zero if there are none."""
+    given = list(arrays)
+    return float(np.sqrt(np.mean(centred(given) ** 2))) if given else 0.0

@@ -190,7 +190,7 @@ def dryden_gusts(
     """Turbulence along a flight of constant airspeed, with the spectra of `dryden_spectra`, stationary from the start.
 
     White noise through the forming filters, exact from sample to sample. The rates are those of a frozen field:
-    q = -(dw/dt)/V and r = (dv/dt)/V, each behind the span's lag; p has a noise of its own.
+    q = -(dw/dt)/V and r = (dv/dt)/V, each after the lag of the span; p has an independent noise.
 
     Parameters
     ----------
@@ -282,10 +282,10 @@ def _first_order(lag: float, dt: float, n: int, rng: np.random.Generator) -> NDA
 def _transverse(
     T: float, sigma: float, lag: float, dt: float, n: int, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A gust of spectrum (1 + 3 (T w)^2)/(1 + (T w)^2)^2, and its derivative behind a lag.
+    """Gust of spectrum (1 + 3 (T w)^2)/(1 + (T w)^2)^2, and its derivative after a first-order lag.
 
-    States: the two of the forming filter in units of sigma, and the gust behind the lag; the lagged derivative is
-    what is left over the lag.
+    States: the two of the forming filter in units of sigma, and the gust after the lag. The lagged derivative is the
+    difference of gust and lagged gust over the time constant.
     """
     k = math.sqrt(1.0 / T)
     # The filter is sqrt(T)/(1 + T s) (sqrt(3) + (1 - sqrt(3))/(1 + T s)); the first state is the gust.
@@ -299,14 +299,14 @@ def _transverse(
 
 
 def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A square root of a covariance that may have lost rank."""
+    """Square root of a covariance that may be singular."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 @njit(cache=True)
 def _march(A, root, start, white):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Every next x is A x + root noise, from a start; the first noise is not used."""
+    """States x[k] = A x[k-1] + root white[k] from a start; the first noise is not used."""
     out = np.empty((white.shape[0], start.size))
     out[0] = start
     for k in range(1, white.shape[0]):

@@ -1,15 +1,14 @@
 """The best subset of every size, exactly, by branch and bound on the centred cross-products.
 
 Arrays only. The tree is that of leaps and bounds [FW74]. A node keeps some candidates, has dropped others and is
-undecided on the rest; S holds what the kept ones leave of the products of the undecided ones and, last, the response.
+undecided on the rest; S has the products of the undecided ones and, last, the response, after regression on the kept.
 No model below a node fits better than its kept and undecided candidates together. So the branch that keeps the first
 undecided candidates and drops candidate a has the bound::
 
     rss(all undecided) + theta_a^2 / (S^-1)_aa
 
-the residual without a. It is left out when that is no better than the best model known of the smallest size in the
-branch. Undecided candidates are sorted at every node by what dropping them costs, which makes the largest branches the
-first to go.
+the residual without a. The branch is cut if its bound is not below the best known model of its smallest size.
+Undecided candidates are sorted at every node by the loss without them, so that the largest branches are cut first.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ class Subset:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _drop_explained(S, active, m, tol):  # type: ignore[no-untyped-def]
-    """Close the gaps of candidates that the kept ones explain; returns how many are left."""
+    """Remove candidates that the kept ones explain; returns the number of the others."""
     left = 0
     for a in range(m + 1):
         if a == m or S[a, a] > tol:
@@ -91,7 +90,7 @@ def _factor(S, m, tol):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _losses(U, m):  # type: ignore[no-untyped-def]
-    """What dropping each candidate adds to rss, theta_a^2 / (S^-1)_aa, by row a of T = U^-1."""
+    """Increase of rss without each candidate, theta_a^2 / (S^-1)_aa, by row a of T = U^-1."""
     loss, T = np.zeros(m), np.zeros(m)
     for a in range(m):
         theta = norm = 0.0
@@ -108,7 +107,7 @@ def _losses(U, m):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _prepare(S, active, m, tol, bound):  # type: ignore[no-untyped-def]
-    """Drop explained candidates, bound each branch, sort by what dropping costs; returns how many are left."""
+    """Remove explained candidates, bound each branch, sort by the losses; returns the number of candidates."""
     m = _drop_explained(S, active, m, tol)
     U, smallest = _factor(S, m, tol)
     rss = S[m, m]
@@ -119,7 +118,7 @@ def _prepare(S, active, m, tol, bound):  # type: ignore[no-untyped-def]
         worth = loss
         # The losses carry a rounding error of about eps / smallest pivot; a bound must not be too high.
         trust = max(0.0, 1.0 - 1e-13 / smallest)
-    else:  # dependent candidates: nothing is known of the losses, and each is judged alone
+    else:  # dependent candidates: the losses are unknown, and each candidate is ranked alone
         loss, worth, trust = np.zeros(m), np.zeros(m), 0.0
         for a in range(m):
             worth[a] = S[a, m] * S[a, m] / S[a, a]
@@ -137,7 +136,7 @@ def _prepare(S, active, m, tol, bound):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _leaps(R, max_size, best, sets, tol):  # type: ignore[no-untyped-def]
-    """Improve best (max_size+1,) and sets (max_size+1, q) until they are exact; returns the nodes visited."""
+    """Improve best (max_size+1,) and sets (max_size+1, q) until they are exact; returns the number of nodes."""
     q = R.shape[0] - 1
     work = np.empty((q + 1, q + 1, q + 1))
     active = np.empty((q + 1, q + 1), np.int64)
@@ -218,8 +217,8 @@ def best_subset(
     include : sequence of int
         Candidates in every model.
     min_tolerance : float [-]
-        Models in which a candidate keeps at most this fraction of its centred variance given the
-        others are refused.
+        Refuse models with a candidate of which at most this fraction of the centred variance is not explained by
+        the others.
 
     Returns
     -------
@@ -277,7 +276,7 @@ def _good_start(
     sets: NDArray[np.bool_],
     tol: float,
 ) -> None:
-    """Models good enough to cut most branches: forward, with exchanges, one size after another."""
+    """Models by forward selection with exchanges, which cut most branches."""
     p = C.shape[0] - 1
     begin = np.empty(0, np.int64)
     for k in range(1, best.size):

@@ -1,4 +1,4 @@
-"""Biased estimation: principal-components and ridge regression, which trade bias for variance.
+"""Biased estimation: principal-components and ridge regression, which reduce variance at the cost of a bias.
 
 Arrays only. ``C`` is, as everywhere in the search, the (p+1, p+1) centred cross-product matrix of
 [x_1 ... x_p, y] and ``dof`` the samples less those swept out for the constant (N - 1). Held-out folds come as pairs of
@@ -34,15 +34,15 @@ from structsel.numerics.criteria import check_products, pse
 
 @dataclass(frozen=True)
 class BiasedEstimate:
-    """Coefficients that accept a bias to reduce variance.
+    """Biased estimate of the coefficients.
 
     Attributes
     ----------
     method : str
-        What was done, in words; it always says that the estimate is biased.
+        Name of the method with its setting; it states that the estimate is biased.
     theta : (p,) array [response per candidate]
     covariance : (p, p) array
-        Of theta about its own mean: the bias is *not* in it.
+        Of theta about its expected value, without the bias.
     rss : float [response^2]
     effective_terms : float [-]
         Trace of the hat matrix, the constant not counted.
@@ -154,13 +154,13 @@ def principal_components(C: ArrayLike, dof: float, n_components: int) -> BiasedE
 
 
 def components_by_variance(C: ArrayLike, fraction: float = 0.99) -> int:
-    """Fewest principal components that hold a fraction of the standardised candidates' variance; C (p+1, p+1)."""
+    """Least number of principal components with a fraction of the standardised candidates' variance; C (p+1, p+1)."""
     if not 0.0 < fraction <= 1.0:
         raise SelectionError(
             f"components_by_variance needs a fraction between 0 and 1; found {fraction:g}. 0.99 is usual."
         )
     l = _principal_axes(C, np.inf, "components_by_variance").l
-    # Slightly below, so that rounding does not ask for a component more.
+    # Slightly below, so that rounding does not add a component.
     return int(np.searchsorted(np.cumsum(l) / l.sum(), fraction - 1e-12) + 1)
 
 
@@ -223,7 +223,7 @@ def ridge(C: ArrayLike, dof: float, k: float) -> BiasedEstimate:
 def ridge_by_gcv(C: ArrayLike, dof: float) -> float:
     """Ridge constant of least generalised cross-validation error, between 1e-10 and 1e2.
 
-    N rss(k) / (N - 1 - tr H(k))^2 with N = dof + 1. Samples must be independent for this to be fair; with
+    N rss(k) / (N - 1 - tr H(k))^2 with N = dof + 1. It assumes independent samples; with
     coloured residuals use prewhitened products or :func:`ridge_by_folds`.
     """
     axes = _principal_axes(C, dof, "ridge_by_gcv")

@@ -11,7 +11,7 @@ from scipy import stats
 from structsel.errors import DomainError
 from structsel.numerics.arrays import Array
 
-_FEWEST = 3  # segments in a bin, for an interval; of two, Student's t makes one that says nothing
+_MIN_SEGMENTS = 3  # in a bin with an interval; with two, Student's t has one degree of freedom and a useless interval
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class BinMeans:
     means : (m,) array
         Mean of y.
     half : (m,) array
-        Half of the interval of the mean; nan where fewer than three segments fill the bin.
+        Half width of the interval of the mean; nan if fewer than three segments are in the bin.
     counts : (m,) array of int
         Samples.
     """
@@ -37,7 +37,7 @@ class BinMeans:
 
 
 def split_into_segments(lengths: ArrayLike, least: int = 20) -> np.ndarray:
-    """Number the segments that recordings end to end are cut into, as many in all as `least`, or one for each.
+    """Cut concatenated recordings into at least `least` segments in total, at least one for each recording.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def split_into_segments(lengths: ArrayLike, least: int = 20) -> np.ndarray:
     Returns
     -------
     (n,) array of int
-        For each sample the number of its segment.
+        Number of the segment of each sample.
     """
     lengths = np.asarray(lengths, dtype=int)
     each = -(-least // len(lengths))
@@ -59,9 +59,9 @@ def split_into_segments(lengths: ArrayLike, least: int = 20) -> np.ndarray:
 def bin_means(x: ArrayLike, y: ArrayLike, segment: ArrayLike, bins: int = 15, level: float = 0.95) -> BinMeans:
     """Mean of y over bins of x that hold equal numbers of samples.
 
-    Samples of one segment are correlated, so that a bin of n samples holds less than n independent ones. The
-    interval comes from the spread between segments: with c_s samples of segment s in a bin, and S_s the sum of
-    their departures from the bin's mean, over m segments::
+    Samples of one segment are correlated, so a bin of n samples has less than n independent ones. The interval
+    follows from the scatter between segments. With c_s samples of segment s in a bin, and S_s the sum of their
+    deviations from the mean of the bin, over m segments::
 
         variance of the mean = m / (m - 1) sum_s S_s^2 / (sum_s c_s)^2
 
@@ -71,9 +71,9 @@ def bin_means(x: ArrayLike, y: ArrayLike, segment: ArrayLike, bins: int = 15, le
     ----------
     x, y : (n,) array
     segment : (n,) array of int
-        Which segment each sample is of, from zero; see `split_into_segments`.
+        Number of the segment of each sample, from zero; see `split_into_segments`.
     bins : int
-        At least 1; there are fewer where samples are few.
+        At least 1; fewer are used if there are few samples.
     level : float
         Of the interval.
 
@@ -101,7 +101,7 @@ def bin_means(x: ArrayLike, y: ArrayLike, segment: ArrayLike, bins: int = 15, le
     held = np.bincount(both, minlength=bins * owners).reshape(bins, owners) > 0
     off = np.bincount(both, y - means[cell], minlength=bins * owners).reshape(bins, owners)
     m = held.sum(axis=1)
-    several = m >= _FEWEST
+    several = m >= _MIN_SEGMENTS
     half = np.full(bins, np.nan)
     spread = np.sqrt(m[several] / (m[several] - 1.0) * (off[several] ** 2).sum(axis=1)) / counts[several]
     half[several] = stats.t.ppf(0.5 + level / 2.0, m[several] - 1) * spread

@@ -1,10 +1,10 @@
 """Stepwise search with cluster-robust F-tests: the clusters are blocks of samples.
 
 Prewhitening is the efficient way to deal with coloured residuals that are noise. Where they are misfit instead (a
-delayed channel, noise in the signals themselves, dynamics that were left out) it weighs what the terms cannot explain.
+delayed channel, noise in the signals themselves, missing dynamics) it changes the weights of a misfit.
 Here the fit stays ordinary least squares, and only the tests change: the variance of a term's score is taken from its
-scatter over blocks, whatever the residual does inside them. With A the kept columns (and the constant), x_j|A what they
-leave of candidate j, e their residual, and theta_j the value of candidate j if it entered::
+scatter over blocks, for any correlation inside them. With A the kept columns (and the constant), x_j|A the residual of
+candidate j on them, e that of the response, and theta_j the coefficient of candidate j if it entered::
 
     d_j  = sum_t x_j|A^2,     theta_j = sum_t x_j|A e / d_j
     u_bj = sum_{t in b} x_j|A (e - theta_j x_j|A)
@@ -33,7 +33,7 @@ PERFECT = 1e-12  # of the response's sum of squares
 
 
 class _Clusters:
-    """Weighted cross-products of every block, unpacked column by column when they are first used."""
+    """Weighted cross-products of every block; a column is unpacked when it is first used."""
 
     def __init__(self, products: CrossProducts, weights: Array | None):
         q = products.scale.size
@@ -71,9 +71,9 @@ class _ClusterFit:
     F_kept : (k,) array
         Cluster-robust partial F of the kept ones.
     F, gain, sign : (p,) array
-        Of every candidate: cluster-robust partial F if it entered, what it would take off rss, sign of its value.
+        Of every candidate if it entered: cluster-robust partial F, reduction of rss, sign of its coefficient.
     tolerance : (p,) array
-        Fraction of each candidate's sum of squares that the kept ones leave.
+        Fraction of each candidate's sum of squares that the kept ones do not explain.
     """
 
     rss: float
@@ -126,7 +126,7 @@ def _fit(G: Array, clusters: _Clusters, kept: Sequence[int]) -> _ClusterFit:
 
 
 def cluster_F_threshold(F: float, dof: float, clusters: int) -> float:
-    """The F of 1 and B - 1 degrees of freedom that is as improbable as ``F`` of 1 and ``dof``."""
+    """F of 1 and B - 1 degrees of freedom with the probability of ``F`` of 1 and ``dof``."""
     return float(stats.f.isf(stats.f.sf(F, 1, dof), 1, max(clusters - 1, 1)))
 
 
@@ -161,9 +161,9 @@ def cluster_stepwise(
 ) -> SearchPath:
     """Modified stepwise regression with cluster-robust partial F.
 
-    Of the candidates whose F reaches F_in, the one that explains most enters; kept terms below F_out leave; when
-    nothing enters, exchanges that lower the residual are tried. A term that has left, or was exchanged, does not come
-    back, so the search ends.
+    Of the candidates whose F reaches F_in, the one with the largest reduction of rss enters; kept terms below F_out
+    leave; if none enters, exchanges that lower rss are tried. A term that has left, or was exchanged, does not enter
+    again, so the search ends.
 
     Parameters
     ----------
@@ -174,11 +174,11 @@ def cluster_stepwise(
     dof : float
         Samples less one.
     F_in, F_out : float
-        As for `stepwise`; turned into equally improbable values for the number of blocks.
+        As for `stepwise`; converted to values of equal probability for the number of blocks.
     include, initial : sequence of int
     max_terms : int, optional
     min_tolerance : float
-        Least fraction of a candidate's own sum of squares that the kept terms must leave.
+        Least fraction of a candidate's sum of squares that the kept terms do not explain.
 
     Returns
     -------
@@ -225,7 +225,7 @@ class _Search:
         return _fit(self.G, self.clusters, kept)
 
     def begin(self, initial: Sequence[int]) -> None:
-        """Let the included and the initial terms in."""
+        """Enter the included and the initial terms."""
         for j in dict.fromkeys([*self.include, *initial]):
             if self.fit.tolerance[j] <= self.min_tolerance:
                 self.steps.append(SearchStep("refuse", j, -1, np.nan, np.nan, self.fit.rss, len(self.kept)))
@@ -233,10 +233,10 @@ class _Search:
                 self.enter(j)
 
     def move(self) -> None:
-        """One move, or the reason why there is none."""
+        """Make one move, or set the reason why there is none."""
         free = [m for m, j in enumerate(self.kept) if j not in self.include]
         if self.fit.rss <= PERFECT * self.tss:
-            # Only rounding is left, and F means nothing; what can go without loss goes.
+            # Only rounding error is left, and F is meaningless; terms without a loss leave.
             idle = (m for m in free if self.fit_of(self.kept[:m] + self.kept[m + 1 :]).rss <= PERFECT * self.tss)
             m = next(idle, None)
             if m is None:
@@ -259,7 +259,7 @@ class _Search:
             self.stopped = "no term outside reaches F_in"
 
     def best_entry(self, fit: _ClusterFit) -> int | None:
-        """The candidate that explains most, of those whose F and tolerance suffice."""
+        """Candidate with the largest reduction of rss, of those whose F and tolerance suffice."""
         able = (self.F_in <= fit.F) & (fit.tolerance > self.min_tolerance)
         able[[*self.kept, *self.left]] = False
         return int(np.argmax(np.where(able, fit.gain, -1.0))) if able.any() else None
@@ -274,7 +274,7 @@ class _Search:
         self.record("leave", j, -1, F, sign, self.fit_of(self.kept))
 
     def swap(self) -> bool:
-        """Make the exchange of a kept term for one outside that leaves least, if it lowers the residual."""
+        """Make the exchange of a kept term for one outside with the least rss, if it lowers rss."""
         best: tuple[float, int, int] | None = None
         for m, old in enumerate(self.kept):
             if old in self.include:

@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 from structsel.errors import DomainError
 from structsel.numerics.arrays import Array
 
-_PARTS = 20  # steps per time constant; the step itself is exact, so this only resolves a limit's beginning and end
-_GAP = 3.0  # median steps: what lies further apart is not interpolated
+_PARTS = 20  # steps per time constant; a step is exact, so this resolves the begin and end of a limit only
+_GAP = 3.0  # median steps; longer gaps are not interpolated
 
 
 def first_order_lag(x: Array, dt: float, tau: float) -> Array:
@@ -45,7 +45,7 @@ def _varying_lag(rate, dt, decay, out):  # type: ignore[no-untyped-def]  # pragm
 
 
 def delayed(x: Array, clock: float | Array, delay: float, *, hold: bool = False) -> Array:
-    """x(t - delay), linear between samples or held from each; beyond the ends the first or last value.
+    """x(t - delay), linear or held between samples; beyond the ends the first or last value.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def delayed(x: Array, clock: float | Array, delay: float, *, hold: bool = False)
     clock : float or (n,) array
         Sample interval, or the times of the samples; in the unit of the delay, which may be a distance.
     delay : float
-        Below zero an advance.
+        An advance if negative.
     hold : bool
     """
     if not isinstance(clock, np.ndarray):
@@ -84,10 +84,10 @@ def first_order_noise(white: Array, step: float) -> Array:
 
 
 def shift(x: np.ndarray, t: np.ndarray, delay: float) -> Array:
-    """Advance a late channel: what it showed `delay` later, so that it is on time.
+    """Advance a delayed channel: x(t + delay).
 
-    Between samples by a cubic spline through each unbroken segment, which a whole number of samples of an even
-    clock reproduces exactly. A step between two samples makes it overshoot.
+    By a cubic spline through each segment without gaps; a delay of an integer number of samples on an even clock is
+    exact. The spline overshoots at a step between two samples.
 
     Parameters
     ----------
@@ -95,13 +95,13 @@ def shift(x: np.ndarray, t: np.ndarray, delay: float) -> Array:
     t : (n,) array [s]
         Strictly increasing.
     delay : float [s]
-        Positive advances, negative holds back.
+        Positive to advance, negative to delay.
 
     Returns
     -------
     (n,) array
-        x(t + delay). NaN where no samples are about that time: at the end (at the start for a negative
-        delay), next to NaN samples, and in a gap of more than three median steps.
+        NaN where there are no samples around that time: at the end (at the start for a negative delay), next to
+        NaN samples, and in a gap of more than three median steps.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def shift(x: np.ndarray, t: np.ndarray, delay: float) -> Array:
     values, clock = np.asarray(x, dtype=float), np.asarray(t, dtype=float)
     made = np.full(values.size, np.nan)
     step = np.diff(clock)
-    # Sums of decimal times miss each other by rounding; a thousandth of a step is the same time.
+    # Times differ by rounding; within a thousandth of a step they are equal.
     slack = 1e-3 * float(np.median(step))
     there = np.flatnonzero(np.isfinite(values))
     far = (np.diff(there) > 1) | (np.diff(clock[there]) > _GAP * float(np.median(step)))
@@ -142,18 +142,18 @@ def actuate(
 
         x' = clip((c - x) / lag, -rate, rate)       low <= x <= high
 
-    where c is the command after backlash: it stays until the command has moved half the backlash beyond it. The
-    command starts in the middle of the backlash, the actuator at rest there.
+    where c is the command after backlash: it is constant until the command differs by half the backlash. At the start
+    the command is in the middle of the backlash and the actuator at rest.
 
     Parameters
     ----------
     t : (n,) array [s]
     command : (n,) array
     lag : float [s]
-        Time constant; without one the command is followed as fast as the rate allows.
+        Time constant; with zero the position follows the command as fast as the rate allows.
     rate : float [command's unit / s]
     backlash : float [command's unit]
-        Complete width.
+        Total width.
     low, high : float [command's unit]
     hold : bool
         Command held from sample to sample; otherwise linear between them.
@@ -204,14 +204,14 @@ def _actuate(t, command, lag, rate, half_backlash, low, high, hold, out):  # typ
 
 
 def steady_separation_point(alpha: Array, a1: float, alpha_star: float) -> Array:
-    """x0 at an angle of attack [rad]; a1 [1/rad], alpha_star [rad]."""
+    """Steady separation point x0 at an angle of attack [rad]; a1 [1/rad], alpha_star [rad]."""
     return 0.5 * (1.0 - np.tanh(a1 * (alpha - alpha_star)))
 
 
 def separation_point(
     alpha: Array, alpha_dot: Array, dt: float, tau1: float, tau2: float, a1: float, alpha_star: float
 ) -> Array:
-    """X along a record on an even clock, from rest; tau1 and tau2 [s]."""
+    """Separation point X along a record on an even clock, from rest; tau1 and tau2 [s]."""
     steady = steady_separation_point(alpha - tau2 * alpha_dot, a1, alpha_star)
     return first_order_lag(steady, dt, tau1) if tau1 > 0.0 else steady
 

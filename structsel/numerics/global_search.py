@@ -11,27 +11,27 @@ from scipy import optimize
 from structsel.errors import DomainError
 from structsel.numerics.output_error_problem import OutputErrorProblem
 
-_DIVERGED = 1e12  # cost of a simulation that diverges, and more the sooner it does
-_FORBIDDEN = 1e15  # cost of what the constraint forbids, and more the further
+_DIVERGED = 1e12  # cost of a simulation that diverges; larger if it diverges earlier
+_FORBIDDEN = 1e15  # cost of a set that violates the constraint; it increases with the violation
 
 
 @dataclass(frozen=True)
 class GlobalSearch:
-    """The best of an evolution.
+    """Best parameters of a differential evolution.
 
     Attributes
     ----------
     theta : (k,) array
     cost : float
-        Infinite where the simulation diverges with every parameter set.
+        Infinite if the simulation diverges with every parameter set.
     costs : (g,) array
-        Best of each generation.
+        Least cost of each generation.
     evaluations : int
         Parameter sets simulated.
     message : str
         How the search ended.
     members : (p, k) array
-        The last generation without sets that diverge, the best first.
+        Last generation without sets that diverge, the best first.
     """
 
     theta: np.ndarray
@@ -52,10 +52,10 @@ def search_globally(
     tolerance: float = 1e-3,
     progress: Callable[[int, float], None] | None = None,
 ) -> GlobalSearch:
-    """Parameters with about the least output error anywhere between bounds.
+    """Parameters with about the least output error between bounds.
 
-    Parameter sets that diverge are ranked by how long they were simulated, and those the constraint forbids by how
-    far they are from it, so that a population that starts there finds its way out.
+    Parameter sets that diverge are ranked by the time of divergence, and those that violate the constraint by the
+    size of the violation. So the search can start from a population of such sets.
 
     Parameters
     ----------
@@ -69,14 +69,14 @@ def search_globally(
     generations : int
         Maximum number.
     tolerance : float
-        Converged where the standard deviation of the costs is below this fraction of their mean size.
+        Converged if the standard deviation of the costs is below this fraction of their mean.
     progress : callable, optional
-        Called with the generation's number and its best cost.
+        Called with the number of the generation and its least cost.
 
     Raises
     ------
     DomainError
-        Bounds that are infinite or cross.
+        Bounds that are infinite, or a lower bound not below the upper one.
 
     References
     ----------

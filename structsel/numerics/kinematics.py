@@ -5,10 +5,10 @@ Compiled; arrays in, arrays out. One *full vector* holds everything that may be 
     u v w | phi theta psi | x y h | bax bay baz bp bq br | wn we wd | Cup Calpha0 Csi Cbeta0 KV | ug vg wg
 
 velocity relative to the steady air [m/s], attitude [rad], position north, east and up [m]; biases of the
-accelerometers [m/s^2] and gyros [rad/s] (reading = truth + bias); wind, the air's velocity north, east and
+accelerometers [m/s^2] and gyros [rad/s] (reading = truth + bias); wind, the velocity of the air north, east and
 down [m/s]; upwash scale and offset of the angle-of-attack vane, sidewash scale and offset of the sideslip vane,
-scale error of the airspeed; and gusts, what moving air adds to u v w [m/s]: seen by vanes and pitot, not by the
-instruments of inertia or position. With f the specific force at the centre of gravity and W the wind [M86]::
+scale error of the airspeed; and gusts, which add to u v w [m/s] at the vanes and the pitot tube, but not in the
+inertial or position measurements. With f the specific force at the centre of gravity and W the wind [M86]::
 
     u' = fx - g sin(theta) - q w + r v                phi'   = p + (q sin(phi) + r cos(phi)) tan(theta)
     v' = fy + g cos(theta) sin(phi) - r u + p w       theta' = q cos(phi) - r sin(phi)
@@ -37,17 +37,17 @@ STATES = (
 )
 """Order of the full vector."""
 MOTION = 9
-"""The first so many entries move; the rest are constants, or drift slowly."""
+"""Number of entries of the motion; the others are constants, or drift slowly."""
 GUST = 23
 """The entries from here on are gusts."""
 INPUTS = ("ax", "ay", "az", "p", "q", "r", "p_dot", "q_dot", "r_dot")
-"""Columns of the inputs: as read at the instruments; the derivatives carry the accelerometers to the centre."""
+"""Columns of the inputs, as measured; the derivatives transfer the accelerometers to the centre of gravity."""
 MEASUREMENTS = ("V", "alpha", "beta", "phi", "theta", "psi", "h", "x", "y", "vn", "ve", "vd")
 """Columns of the measurements; ground velocity is vn, ve, vd."""
 PLACES = ("accelerometer", "alpha_vane", "beta_vane", "pitot", "static", "gps")
-"""Rows of the instruments' places."""
+"""Rows of the sensor positions."""
 CIRCULAR = np.array([name in ("phi", "psi") for name in MEASUREMENTS])
-"""Which measurements are angles that may be a whole turn off."""
+"""Measurements that are angles modulo 2 pi."""
 
 
 @njit(cache=True, inline="always")
@@ -65,7 +65,7 @@ def _force_and_rates(x, a, place):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, inline="always")
 def _slope(x, a, place, g, located, out):  # type: ignore[no-untyped-def]
-    """Derivatives of the first nine entries; x and y only where they are wanted."""
+    """Derivatives of the first nine entries; those of x and y are zero unless `located`."""
     fx, fy, fz, p, q, r = _force_and_rates(x, a, place)
     u, v, w = x[0], x[1], x[2]
     sf, cf, st, ct = np.sin(x[3]), np.cos(x[3]), np.sin(x[4]), np.cos(x[4])
@@ -114,7 +114,7 @@ def step(x, a0, a1, dt, place, g, located, work, out):  # type: ignore[no-untype
 
 @njit(cache=True, inline="always")
 def _moving(u, v, w, p, q, r, place, i):  # type: ignore[no-untyped-def]
-    """Velocity of the place in row i where the centre of gravity has u, v, w."""
+    """Velocity at the position in row i from u, v, w at the centre of gravity."""
     return (
         u + q * place[i, 2] - r * place[i, 1],
         v + r * place[i, 0] - p * place[i, 2],
@@ -135,8 +135,8 @@ def observe(x, a, place, flank, wanted, out):  # type: ignore[no-untyped-def]
         out[1] = np.arctan2(w, u) + x[18] * np.arctan2(x[2], x[0]) + x[19]
     if wanted[2]:
         u, v, w = _moving(ua, va, wa, p, q, r, place, 2)
-        # asin(v/V), without its edge; upwash and sidewash are those of steady air, or the size of the gusts would
-        # pass for them
+        # asin(v/V), without its singularity. Upwash and sidewash are those of steady air; otherwise they could not be
+        # distinguished from the size of the gusts.
         here = np.arctan2(v, u) if flank else np.arctan2(v, np.sqrt(u * u + w * w))
         out[2] = here + x[20] * np.arctan2(x[1], np.sqrt(x[0] * x[0] + x[2] * x[2])) + x[21]
     out[3], out[4], out[5] = x[3], x[4], x[5]
@@ -158,7 +158,7 @@ def observe(x, a, place, flank, wanted, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def noise_gain(x, a, gain):  # type: ignore[no-untyped-def]
-    """(26, 6) change of the full vector's rate with noise on ax ay az p q r; `gain` is filled."""
+    """Fill `gain` (26, 6), the derivative of the rate of the full vector by noise on ax ay az p q r."""
     gain[:] = 0.0
     sf, cf, tt, ct = np.sin(x[3]), np.cos(x[3]), np.tan(x[4]), np.cos(x[4])
     gain[0, 0] = gain[1, 1] = gain[2, 2] = 1.0
@@ -184,7 +184,7 @@ def fly(t, inputs, start, place, g, located):  # type: ignore[no-untyped-def]
         Rows as `PLACES`.
     g : float [m/s^2]
     located : bool
-        Whether x and y are wanted.
+        Whether x and y are computed.
 
     Returns
     -------
@@ -211,7 +211,7 @@ def slopes(path, inputs, place, g):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def readings(path, inputs, place, flank):  # type: ignore[no-untyped-def]
-    """(n, 12) what every instrument reads along a path (n, 26), without noise; columns as `MEASUREMENTS`."""
+    """(n, 12) readings of all instruments along a path (n, 26), without noise; columns as `MEASUREMENTS`."""
     n = path.shape[0]
     wanted = np.ones(12, dtype=np.bool_)
     out = np.empty((n, 12))
@@ -222,7 +222,7 @@ def readings(path, inputs, place, flank):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def forces(path, inputs, place):  # type: ignore[no-untyped-def]
-    """(n, 6) specific force at the centre of gravity and rates along a path, biases taken out."""
+    """(n, 6) specific force at the centre of gravity and rates along a path, without biases."""
     n = path.shape[0]
     out = np.empty((n, 6))
     for k in range(n):

@@ -1,4 +1,4 @@
-"""Least squares over complete recordings by triangular factors, in memory that does not grow with the samples.
+"""Least squares over complete recordings by triangular factors, with memory independent of the number of samples.
 
 Cross-products choose the terms; their accuracy is eps cond^2. The terms chosen are fitted once more through
 ``Z = Q R``, whose error is eps cond: ``R`` of everything so far is stacked on the next rows and factored again, so
@@ -46,7 +46,7 @@ class LeastSquaresFit:
     rss : float
         Residual sum of squares of the (prewhitened) response.
     n : int
-        Samples that counted.
+        Number of samples.
     condition : float
         Condition number of the regressors scaled to unit length, constant included.
     """
@@ -110,7 +110,7 @@ def fit_each(
     noise : sequence of (sequence of ARNoise, or None)
         Of each response, one per manoeuvre; white where None.
     responses : sequence of int
-        Which.
+        Number of each response.
     scales, runner, workers, progress
         As for `cross_products`.
 
@@ -122,7 +122,7 @@ def fit_each(
     scales = scales or find_scales(manoeuvres)
     lengths = [m.n for m in manoeuvres]
     models = [of if of is not None else [WHITE_NOISE] * len(manoeuvres) for of in noise]
-    blocks = min(BLOCKS, sum(lengths) // BLOCK_ROWS)  # a block more is a factor more
+    blocks = min(BLOCKS, sum(lengths) // BLOCK_ROWS)  # every block has its own factor
     cut = cut_blocks(lengths, blocks, max(len(terms) for terms in exponents))
     size = sum((2 + len(terms)) ** 2 for terms in exponents)
     levels = [pooled_innovation_std(of, lengths) for of in models]
@@ -164,7 +164,7 @@ def _factors_of_block(
     factors = []
     for r, (terms, response, level) in enumerate(zip(exponents, responses, levels, strict=True)):
         q = len(terms) + 2
-        # A variable in each row, the factor so far before the samples: transposed, it is as LAPACK wants it.
+        # Each row is a variable, the factor so far before the samples; the transpose has the order of LAPACK.
         buffer, filled = np.zeros((q, q + SLAB)), q
         for part in block:
             model = part.noise[r]
@@ -182,9 +182,9 @@ def _factors_of_block(
 def response_rows(
     part: Samples, exponents: NDArray[np.integer], scales: Scales, response: int, reach: int = 0
 ) -> Iterator[Array]:
-    """Scaled rows [1, x, y] of one response, slab by slab, each with its reach of past samples."""
+    """Scaled rows [1, x, y] of one response by slabs, each with `reach` past samples."""
     p = len(exponents)
-    chunks = RegressorChunks(words_of(exponents), scales, reach, SLAB)  # few rows: all of a slab's stay in the cache
+    chunks = RegressorChunks(words_of(exponents), scales, reach, SLAB)  # few rows: those of a slab fit in the cache
     for rows in chunks.over(part.source, max(part.start, reach), part.stop):
         rows[1 + p] = rows[1 + p + response]
         yield rows[: p + 2]

@@ -1,7 +1,7 @@
 """Coloured residuals: autoregressive noise models, prewhitening, autocovariance, and covariances that allow for them.
 
 Samples of one manoeuvre are not independent: turbulence, smoothing and unmodelled dynamics leave residuals that
-resemble their neighbours. Two remedies stand here.
+are correlated with their neighbours. There are two remedies.
 
 **Prewhitening** (generalised least squares). An AR model of each manoeuvre's residual::
 
@@ -10,7 +10,7 @@ resemble their neighbours. Two remedies stand here.
 is fitted by least squares, its order chosen by BIC. The same filter applied to response and regressors keeps the
 parameters of the regression and makes its residuals white.
 
-**The sandwich covariance.** Ordinary least squares or output error keeps its estimates; their covariance is::
+**The sandwich covariance.** The estimates of ordinary least squares or output error stay; their covariance is::
 
     D = [sum_i S_i' S_i]^-1                          white residuals: the Cramer-Rao bound
     D [sum_ij S_i' w(i - j) R(i - j) S_j] D          coloured residuals, R their autocovariance
@@ -27,14 +27,13 @@ One window serves all standard errors of the package. It was chosen by the cover
 of a flight and for slow sensitivities such as those of flight-path reconstruction (``benchmarks/lag_windows.py``):
 
 - All lags to n/5, without a window [KM16] or with Bartlett's or Parzen's, cover 85 to 89 % with slow sensitivities and
-  white residuals, where Politis's lag covers 93 to 94 %: the fit takes the slow part out of its residuals.
+  white residuals, and 93 to 94 % with Politis's lag: the fit removes the slow part from its residuals.
 - Bartlett's window to four times the first lag within 2 sigma of zero covers 2 to 4 percentage points less where a slow
   disturbance and a 3 Hz mode add up: there the autocorrelation crosses zero early.
-- Andrews' automatic bandwidth covers 52 to 77 % where white noise hides a slow disturbance, since it looks at one lag
-  only; Politis's lag covers 69 to 94 %, a fixed fifth 77 to 94 %.
+- Andrews' automatic bandwidth uses one lag only. It covers 52 to 77 % where white noise conceals a slow disturbance;
+  Politis's lag covers 69 to 94 %, a fixed fifth 77 to 94 %.
 
-Records that are short against the correlation time of their residuals have intervals that are too narrow with any
-window.
+If a record is short compared with the correlation time of its residuals, the intervals are too narrow with any window.
 
 References
 ----------
@@ -57,7 +56,7 @@ from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 
 LONGEST_SEGMENT = 1 << 16
-"""Most samples correlated together, which bounds the memory; lags across the ends of a segment are not counted."""
+"""Maximum number of samples of a segment, which bounds the memory; lags across the ends of segments are not counted."""
 _IN_A_ROW = 5
 
 
@@ -96,14 +95,14 @@ def prewhiten(rows: Array, ar: Array, weight: float, start: int, out: Array) -> 
         x, y = rows[i], out[i]
         for t in range(n):
             y[t] = weight * x[start + t]
-        for lag in range(1, ar.size + 1):  # one lag after the other: the inner loop has unit stride
+        for lag in range(1, ar.size + 1):  # by lag, so that the inner loop has unit stride
             a = weight * ar[lag - 1]
             for t in range(n):
                 y[t] -= a * x[start + t - lag]
 
 
 class LagProducts:
-    """Products of a residual with its own past, added up segment by segment.
+    """Products of a residual with its past, accumulated segment by segment.
 
     Parameters
     ----------
@@ -140,7 +139,7 @@ def fit_ar(lags: LagProducts, floor: float = 0.0) -> ARNoise:
     lags : LagProducts
         Of one manoeuvre's residual (mean removed by the regression's constant).
     floor : float
-        Least innovation standard deviation, response units; keeps a noise-free fit from dividing by nothing.
+        Least standard deviation of the innovation, in units of the response; a noise-free fit would divide by zero.
 
     Raises
     ------
@@ -232,11 +231,11 @@ def score_covariance(S: Array, residuals: Array) -> Array:
     Returns
     -------
     (k, k) array
-        Symmetric, not negative.
+        Symmetric, positive semidefinite.
     """
     segments = split_for_correlation(residuals.shape[0])
     total = np.sum([_score_covariance(S[:, a:b], residuals[a:b]) for a, b in segments], axis=0)
-    # Pairs of samples are counted, so missing samples may leave it a little short of positive.
+    # With missing samples the number of pairs varies with the lag, and small negative eigenvalues are possible.
     values, vectors = linalg.eigh(0.5 * (total + total.T))
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
@@ -303,7 +302,7 @@ def parzen_window(u: Array) -> Array:
 
 
 def spectral_score_covariance(S: Array, residuals: Array) -> Array:
-    """Covariance of the score where samples are Fourier transforms: uncorrelated, but not equally strong.
+    """Covariance of the score for Fourier transforms, which are uncorrelated but have different variances.
 
     Parameters
     ----------
@@ -315,7 +314,7 @@ def spectral_score_covariance(S: Array, residuals: Array) -> Array:
     Returns
     -------
     (k, k) array
-        With the spectrum of the residuals, averaged over neighbours, in place of one level for all frequencies.
+        With the spectrum of the residuals, averaged over neighbouring frequencies.
     """
     half = residuals.shape[0] // 2
     v = residuals[:half] + 1j * residuals[half:]
@@ -329,8 +328,7 @@ def spectral_score_covariance(S: Array, residuals: Array) -> Array:
 def random_block_weights(units: NDArray[np.int64], replicates: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Bootstrap weights (replicates, B) of mean and variance one, the same for all blocks of a unit.
 
-    Exponential weights rather than counts: no unit ever drops out altogether, so a replicate is never singular
-    where the data are not.
+    Exponential weights instead of counts: no unit has zero weight, so a replicate is singular only if the data are.
     """
     n_units = int(units.max()) + 1
     weights = rng.exponential(size=(replicates, n_units))

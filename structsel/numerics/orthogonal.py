@@ -22,14 +22,14 @@ from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
 
 @dataclass(frozen=True)
 class OrthogonalPath(SearchPath):
-    """A :class:`SearchPath` that also holds every model on the way, to choose another size.
+    """A :class:`SearchPath` with the models of all sizes.
 
     Attributes
     ----------
     order : tuple of int
         All ranked candidates, best first (included ones before them).
     cost_reduction : (m,) array [response^2]
-        (p_j'y)^2 / (p_j'p_j) of each, as it was ranked.
+        (p_j'y)^2 / (p_j'p_j) of each.
     rss_path : (m+1,) array [response^2]
         Least-squares residual of the first 0, 1, ... m ranked terms.
     pse_path : (m+1,) array [response^2]
@@ -94,13 +94,13 @@ def orthogonal(
         Default tss / N, as in [H17].
     order : {"greedy", "given"}
         "greedy": the next function is always the one that reduces the cost most [M95]. "given":
-        orthogonalise in the candidates' order, then rank by cost reduction [H17]; the ranking depends
-        on that order, since what two candidates have in common is credited to the first.
+        orthogonalise in the order of the candidates, then rank by cost reduction [H17]. The ranking depends on
+        that order, since the common part of two candidates is attributed to the first.
     include : sequence of int
-        Candidates that come first and always stay.
+        Candidates that are first and always stay.
     max_terms : int, optional
     min_tolerance : float [-]
-        Refuse a candidate of whose centred variance the earlier ones leave at most this fraction.
+        Refuse a candidate if at most this fraction of its centred variance is not explained by the earlier ones.
 
     Returns
     -------

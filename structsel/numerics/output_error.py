@@ -1,14 +1,14 @@
-"""Output error: parameters whose simulated outputs come nearest the measured ones, over complete manoeuvres.
+"""Output error: parameters whose simulated outputs are nearest the measured ones, over complete manoeuvres.
 
 Gauss-Newton steps, damped after Levenberg and Marquardt, between bounds. Each step is that of least squares weighted
-with the noise covariance R of the last residuals; the cost it must lower has R at its best for the new ones.
+with the noise covariance R of the last residuals; the cost, which must decrease, has the R of the new ones.
 
-``scipy.optimize.least_squares`` (trf, the same batched Jacobian, R updated between its calls) was tried in its place
-on the published cases. Parameter sets simulated, ours and trf: HFB-320 from the book's start 229 and 690 to 897 (207
-with one step per call); AS 355 with 23 parameters 565 and 1,434 to 1,558 (with one or two steps per call it stops
-far from the minimum); HFB-320 by filter error from a poor start 1,406, where trf meets sensitivities that are not
-finite. It needs 2.2 to 3.9 times the simulations, so this one is the only one: `refine`, the data compatibility check
-and the Monte Carlo test of inputs use it.
+``scipy.optimize.least_squares`` (trf, the same batched Jacobian, R updated between its calls) was compared on the
+published cases. Parameter sets simulated, ours and trf: HFB-320 from the start values of the book 229 and 690 to 897
+(207 with one step per call); AS 355 with 23 parameters 565 and 1,434 to 1,558 (with one or two steps per call it stops
+far from the minimum); HFB-320 by filter error from a poor start 1,406, where trf finds sensitivities that are not
+finite. It needs 2.2 to 3.9 times the simulations. `refine`, the data compatibility check and the Monte Carlo test of
+inputs therefore use the search here.
 
 References
 ----------
@@ -43,7 +43,7 @@ class OutputErrorFit:
     Attributes
     ----------
     theta : (k,) array
-        The best found.
+        Estimates with the least cost.
     crlb : (k, k) array
         Covariance for white residuals: the Cramer-Rao bound; for the cost "weighted", that of its estimator.
         Infinite on the diagonal where the data do not determine a parameter.
@@ -54,16 +54,16 @@ class OutputErrorFit:
     outputs, residuals : tuple of (n, c) array
         Of each manoeuvre; residuals are measured less predicted, NaN where not sampled.
     costs : (i,) array
-        J at the start and after each accepted step.
+        Cost J at the start and after each accepted step.
     thetas : (i, k) array
-        The parameters there.
+        Parameters at the start and after each accepted step.
     converged : bool
     message : str
         How the search ended.
     at_bound : (k,) int array
         -1 at the lower bound, 1 at the upper, else 0.
     undetermined : (k,) bool array
-        Parameters the outputs do not depend on, alone or in some combination.
+        Parameters that the outputs do not depend on, alone or in a linear combination.
     evaluations : int
         Parameter sets simulated.
     """
@@ -121,44 +121,44 @@ def fit_output_error(
     score: ScoreCovariance = score_covariance,
     progress: Callable[[int, float], None] | None = None,
 ) -> OutputErrorFit:
-    """Parameters with the least output error near a start.
+    """Parameters with the least output error, by a local search.
 
-    A parameter at a bound that the step would leave is held there until the gradient changes sign.
+    A parameter stays at a bound until the gradient changes sign.
 
     Parameters
     ----------
     problem : OutputErrorProblem
     theta0 : (k,) array
     scale : (k,) array, optional
-        Typical size of each parameter, for differences and to find what is not determined; ``|theta0|`` by default,
-        or 1 where that is zero.
+        Typical size of each parameter, for differences and to detect undetermined parameters; ``|theta0|`` by
+        default, or 1 where that is zero.
     method : {"levenberg-marquardt", "gauss-newton"}
-        Gauss-Newton halves its step where the cost rises.
+        Gauss-Newton halves its step if the cost increases.
     iterations : int
         Maximum number of steps.
     tolerance : float
-        Converged where every parameter's undamped step is below this fraction of it, or below a thousandth of its
-        standard deviation.
+        Converged if the undamped step of every parameter is below this fraction of the parameter, or below a
+        thousandth of its standard deviation.
     damping, factor : float
         First damping, a fraction of the information's diagonal, and the factor by which it changes.
     score : callable
         `score_covariance`, or `spectral_score_covariance` for transforms.
     progress : callable, optional
-        Called with the step's number and the cost.
+        Called with the number of the step and the cost.
 
     Returns
     -------
     OutputErrorFit
-        The best found; where the search did not converge, `converged` is False and `message` says why.
+        If the search did not converge, `converged` is False and `message` has the reason.
 
     Raises
     ------
     DomainError
-        A start outside its bounds, or bounds that cross.
+        Start values outside the bounds, or a lower bound above the upper one.
 
     References
     ----------
-    [KM16], [A10]: damping from 1e-3 by tens until five digits agree.
+    [KM16], [A10]: damping from 1e-3, changed by factors of 10, until five digits agree.
     """
     theta = np.array(theta0, dtype=float)
     bounds = np.tile([-np.inf, np.inf], (theta.size, 1)) if problem.bounds is None else problem.bounds
@@ -246,7 +246,7 @@ class _LocalSearch:
         return H, g, S, v
 
     def step(self, theta: np.ndarray, H: np.ndarray, g: np.ndarray, damping: float) -> np.ndarray:
-        """Damped step between the bounds: what would leave them is held there and the rest solved again."""
+        """Damped step within the bounds: parameters that would leave them stay there, and the others are recomputed."""
         low, high = self.bounds[:, 0] - theta, self.bounds[:, 1] - theta
         move = np.zeros(theta.size)
         free = ~(((low >= 0.0) & (g < 0.0)) | ((high <= 0.0) & (g > 0.0)))

@@ -1,7 +1,7 @@
-"""Output error as a problem in numbers: measured outputs, their model, the noise covariance and the cost.
+"""Output-error problem: measured outputs, their model, the noise covariance, the cost and its derivatives.
 
-The model is a function of the parameters alone, ``predict(thetas (m, k)) -> outputs (m, n, c)``, many parameter sets
-in one call. With v = z - y(theta) over all manoeuvres and R the noise covariance::
+The model is a function of the parameters, ``predict(thetas (m, k)) -> outputs (m, n, c)``, for many parameter sets in
+one call. With v = z - y(theta) over all manoeuvres and R the noise covariance::
 
     J = 1/2 sum v' R^-1 v + N/2 ln det R         R = 1/N sum v v'          cost "ml"
     J = 1/2 sum v' R^-1 v                        R as given                cost "weighted"
@@ -29,7 +29,7 @@ Constraint: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """Parameter sets (m, k) to margins (m,) or (m, g), none below zero where the set is allowed."""
 
 _DIFFERENCE = 1e-4  # step of the central differences, relative to the parameter or its scale
-_LEAST_STD = 1e-7  # of a channel's own: a channel fitted to the last digit would outweigh all others
+_LEAST_STD = 1e-7  # of that of the channel: a channel with a perfect fit would outweigh all others
 _BATCH = 1 << 22  # numbers in one batch of outputs
 
 
@@ -62,9 +62,9 @@ class OutputErrorProblem:
     Raises
     ------
     DataError
-        Shapes that do not fit, a channel never sampled, or samples missing where R is full.
+        Shapes that do not agree, a channel without samples, or missing samples with a full R.
     DomainError
-        An R that is no covariance, or given with the cost "ml".
+        An R that is not a covariance, or an R with the cost "ml".
     """
 
     def __init__(
@@ -162,7 +162,7 @@ class OutputErrorProblem:
     # --- the cost ---------------------------------------------------------------------------------
 
     def costs(self, thetas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """J of each parameter set, infinite where the simulation diverges, and the fraction of samples after that."""
+        """J of each parameter set, infinite if the simulation diverges, and the fraction of samples after that."""
         m = len(thetas)
         at_once = max(1, _BATCH // max(y.size for y in self.y))
         parts = [self._some_costs(thetas[a : a + at_once]) for a in range(0, m, at_once)]
@@ -198,7 +198,7 @@ class OutputErrorProblem:
             return 0.5 * float(self.counts[0] * (logarithm + np.sum(linalg.inv(R) * covariance) - self.c))
         variance = np.diag(products) / self.counts
         held = np.maximum(variance, self.floor)
-        # Where the floor raises R the two terms of the likelihood no longer cancel.
+        # If the floor raises R, the two terms of the likelihood do not cancel.
         return 0.5 * float(self.counts @ (np.log(held) + variance / held - 1.0))
 
     def cost_of(self, theta: np.ndarray, residuals: Sequence[np.ndarray]) -> float:
@@ -257,16 +257,18 @@ class OutputErrorProblem:
 
 
 _RANK = 1e-11  # of the eigenvalues of the information scaled to unit diagonal: singular values 3e-6
-_INSENSITIVE = 1e-6  # standard deviations of all the noise that a parameter as large as its scale moves the outputs
+_INSENSITIVE = (
+    1e-6  # least change of the outputs by a parameter of the size of its scale, in standard deviations of noise
+)
 
 
 def sandwich(D: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """D middle D, infinite where D is."""
-    lost = np.isinf(np.diag(D))
-    held = np.where(np.isinf(D), 0.0, D)
-    found = held @ middle @ held
-    found[lost, lost] = np.inf
-    return found
+    """D middle D, infinite on the diagonal where D is."""
+    undetermined = np.isinf(np.diag(D))
+    finite = np.where(np.isinf(D), 0.0, D)
+    product = finite @ middle @ finite
+    product[undetermined, undetermined] = np.inf
+    return product
 
 
 def _decompose(H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -278,7 +280,7 @@ def _decompose(H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def solve_damped(H: np.ndarray, g: np.ndarray, damping: float) -> np.ndarray:
-    """(H + damping diag(H))^-1 g, without the directions that H says nothing about."""
+    """(H + damping diag(H))^-1 g, without the null directions of H."""
     inverse, values, vectors = _decompose(H)
     kept = values > _RANK * values[-1]
     V = vectors[:, kept]
@@ -286,7 +288,7 @@ def solve_damped(H: np.ndarray, g: np.ndarray, damping: float) -> np.ndarray:
 
 
 def invert_information(H: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse of H, infinite on the diagonal where it has none, and which parameters these are."""
+    """Inverse of H, infinite on the diagonal for undetermined parameters, and a mask of these parameters."""
     with np.errstate(all="ignore"):
         insensitive = np.sqrt(np.diag(H)) * scale < _INSENSITIVE
     kept = ~insensitive

@@ -1,4 +1,4 @@
-"""Search by moves of up to two terms in and two out, while a criterion falls, compiled; letters of `search_model`."""
+"""Compiled search by moves of up to two terms in and two out that lower a criterion; letters of `search_model`."""
 
 # mypy: disable-error-code="no-untyped-def"
 # Compiled kernels: the types of their arguments are those of the arrays passed in.
@@ -31,15 +31,15 @@ class Outside(NamedTuple):
     """Candidates that may enter and, last, the response; q + 1 columns."""
 
     columns: Array  # (q+1,) int64
-    V: Array  # (k, q+1) T W of these columns: row m spans what term m alone holds of them
-    S: Array  # (q, q) what the kept terms leave of the correlations among them, above the diagonal; for pairs only
+    V: Array  # (k, q+1) T W of these columns: row m is the component that only term m explains
+    S: Array  # (q, q) remaining correlations among them, above the diagonal; for pairs only
     d: Array  # (q,)
     b: Array  # (q,)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _look_outside(model, k, pairs, S):
-    """Gather the columns outside; S is workspace, filled where pairs are to be tried."""
+def _columns_outside(model, k, pairs, S):
+    """Columns that are not in the model; S is workspace, filled if pairs are tried."""
     C, scale, W, T = model.C, model.scale, model.W, model.T
     p = model.b.size
     index = np.empty(p + 1, np.int64)
@@ -73,7 +73,7 @@ def _look_outside(model, k, pairs, S):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _direction_beyond(model, outside, m, k, g_before, c_before, g, c):
-    """Direction g (k,) that term m alone spans, orthogonal to g_before, and what each column has of it, c (q+1,)."""
+    """Direction g (k,) that only term m spans, orthogonal to g_before, and the component c (q+1,) of each column."""
     if m < 0:
         g[:] = 0.0
         c[:] = 0.0
@@ -95,7 +95,7 @@ def _direction_beyond(model, outside, m, k, g_before, c_before, g, c):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _give_back(d, b, c, D, B):
+def _after_exit(d, b, c, D, B):
     """D = d + c^2 and B = b + c c_y; the last entry of c is the response's."""
     c_y = c[D.size]
     for a in range(D.size):
@@ -105,8 +105,8 @@ def _give_back(d, b, c, D, B):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _best_single(D, B, tol, needed):
-    """The one that explains most, B^2 / D, if more than needed."""
-    count = 0  # most often none does, which a loop without branches finds out fastest
+    """Candidate with the largest B^2 / D above `needed`, or -1."""
+    count = 0  # usually there is none, which a loop without branches detects fastest
     for a in range(D.size):
         count += B[a] * B[a] > needed * D[a]
     best, one = needed, -1
@@ -119,9 +119,9 @@ def _best_single(D, B, tol, needed):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _best_pair(S, D, B, c1, c2, tol, needed):
-    """The two that together explain most, if more than needed.
+    """Pair of candidates with the largest reduction of 1 - R^2 above `needed`, or -1.
 
-    With s = S_ij + c1_i c1_j + c2_i c2_j::
+    With s = S_ij + c1_i c1_j + c2_i c2_j the reduction is::
 
         (B_i^2 D_j - 2 B_i B_j s + B_j^2 D_i) / (D_i D_j - s^2)
     """
@@ -131,8 +131,8 @@ def _best_pair(S, D, B, c1, c2, tol, needed):
         D_i, B_i, f1, f2 = D[i], B[i], c1[i], c2[i]
         if D_i <= tol:
             continue
-        # Most often no pair is good enough, which a loop without branches and divisions finds out fastest. Its views
-        # begin at zero: the compiler takes several at once only where no index can be negative.
+        # Usually there is no such pair, which a loop without branches and divisions detects fastest. Its views begin
+        # at zero, because the compiler vectorises only if no index can be negative.
         row, D_j, B_j, g1, g2 = S[i, i + 1 : q], D[i + 1 :], B[i + 1 :], c1[i + 1 :], c2[i + 1 :]
         count = 0
         for j in range(row.size):
@@ -154,11 +154,11 @@ def _best_pair(S, D, B, c1, c2, tol, needed):
 def _best_move(model, k, dof, penalty, floor, max_terms, tol, level, S):
     """Best move of at most level + 1 terms, at most two of them out and two in: (out, out, in, in), -1 for none.
 
-    Taking two terms out gives two directions back, c1 and, orthogonal to it, c2: every candidate has
-    d + c1^2 + c2^2 and b + c1 c1_y + c2 c2_y.
+    Without two terms every candidate has d + c1^2 + c2^2 and b + c1 c1_y + c2 c2_y, with the components c1 and,
+    orthogonal to it, c2.
     """
     n_max = min(level, 2)
-    outside = _look_outside(model, k, n_max > 1, S)
+    outside = _columns_outside(model, k, n_max > 1, S)
     q = outside.d.size
     D1, B1, D, B = np.empty(q), np.empty(q), np.empty(q), np.empty(q)
     g0, g1, g2 = np.zeros(k), np.zeros(k), np.zeros(k)
@@ -169,12 +169,12 @@ def _best_move(model, k, dof, penalty, floor, max_terms, tol, level, S):
         if out1 >= 0 and model.forced[model.chosen[out1]]:
             continue
         _direction_beyond(model, outside, out1, k, g0, c0, g1, c1)
-        _give_back(outside.d, outside.b, c1, D1, B1)
+        _after_exit(outside.d, outside.b, c1, D1, B1)
         for out2 in range(-1, max(out1, 0) if n_max > 1 else 0):
             if out2 >= 0 and model.forced[model.chosen[out2]]:
                 continue
             _direction_beyond(model, outside, out2, k, g1, c1, g2, c2)
-            _give_back(D1, B1, c2, D, B)
+            _after_exit(D1, B1, c2, D, B)
             n_out = (out1 >= 0) + (out2 >= 0)
             base = model.d[-1] + c1[q] * c1[q] + c2[q] * c2[q]
             for n_in in range(n_max + 1):
@@ -203,7 +203,7 @@ def _best_move(model, k, dof, penalty, floor, max_terms, tol, level, S):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def penalised_search(C, dof, penalty, forced, initial, max_terms, depth, tol, trace):
-    """Add, drop and exchange terms while dof log(rss) + penalty k falls; best move first.
+    """Add, drop and exchange terms while dof log(rss) + penalty k decreases; the best move first.
 
     Parameters
     ----------

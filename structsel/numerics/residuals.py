@@ -15,7 +15,7 @@ from structsel.numerics.least_squares import LeastSquaresFit, response_rows
 from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar, score_covariance, split_for_correlation
 from structsel.numerics.regressors import DataSource, RegressorChunks, Scales, column_scale, find_scales, words_of
 
-SAMPLES_PER_ORDER = 12  # of a manoeuvre, for each order of its noise model
+SAMPLES_PER_ORDER = 12  # least number of samples of a manoeuvre for each order of its noise model
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Residuals:
     scales: Scales
 
     def over(self, part: Samples) -> Iterator[Array]:
-        """Residuals of these samples, slab by slab."""
+        """Residuals of these samples, by slabs."""
         scale = column_scale(self.exponents, self.scales)
         unit = scale[len(self.theta) + self.response]
         weights = self.theta * scale[: len(self.theta)] / unit
@@ -65,11 +65,11 @@ def fit_residual_noise(
     exponents, theta : sequence of (k, s) int array, of (1 + k,) array
         Terms and parameters of each response.
     responses : sequence of int
-        Which.
+        Number of each response.
     max_order : int
-        Highest order offered; shorter manoeuvres are offered lower ones.
+        Maximum order; it is lower for short manoeuvres.
     floors : sequence of float
-        Least innovation of each response.
+        Least standard deviation of the innovation of each response.
     scales, runner, workers, progress
         As for `cross_products`.
 

@@ -85,8 +85,8 @@ def force_coefficients(
 ) -> Three:
     """Body-axis aerodynamic force coefficients CX, CY, CZ.
 
-    An accelerometer at the centre of gravity feels every force except gravity, so its reading less the
-    thrust is the aerodynamic force::
+    An accelerometer at the centre of gravity measures every force except gravity, so its reading minus the thrust
+    is the aerodynamic force::
 
         CX = (m ax - T cos i)/(qbar S)    CY = m ay/(qbar S)    CZ = (m az + T sin i)/(qbar S)
 
@@ -232,7 +232,7 @@ def euler_rates(p: Values, q: Values, r: Values, phi: Values, theta: Values) -> 
     Raises
     ------
     DomainError
-        Within 1e-6 rad of vertical, where yaw and roll are the same turn.
+        Within 1e-6 rad of vertical, where yaw and roll are the same rotation.
 
     References
     ----------
@@ -241,7 +241,7 @@ def euler_rates(p: Values, q: Values, r: Values, phi: Values, theta: Values) -> 
     sf, cf, ct = np.sin(phi), np.cos(phi), np.cos(theta)
     if np.any(np.abs(ct) < 1e-6):
         i = int(np.argmax(np.abs(np.ravel(ct)) < 1e-6))
-        raise DomainError(f"euler_rates has no answer at theta = +-90 deg; sample {i} is there.\nCut it out.")
+        raise DomainError(f"euler_rates is not defined at theta = +-90 deg, as in sample {i}.\nCut it out.")
     turn = (np.asarray(q) * sf + np.asarray(r) * cf) / ct
     return p + turn * np.sin(theta), np.asarray(q) * cf - np.asarray(r) * sf, turn
 
