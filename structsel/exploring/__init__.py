@@ -1,4 +1,4 @@
-"""Looking at what a model leaves: what adding a term would do, in numbers and in a notebook."""
+"""Residuals of a model, and the effect of one more term, in numbers and in a notebook."""
 
 from structsel.exploring.added_terms import Additions, try_additions
 from structsel.exploring.explore import explore_residuals

@@ -1,4 +1,4 @@
-"""What adding a term to a model would do, for every candidate at once."""
+"""Effect of adding a term to a model, for all candidates at once."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pandas as pd
 
 from structsel.candidates import Candidates, Term
 from structsel.errors import SelectionError
+from structsel.formatting import count_of
 from structsel.model import AeroModel
 from structsel.numerics.arrays import Array
 from structsel.numerics.binning import split_into_segments
@@ -20,29 +21,29 @@ from structsel.recording import Recording
 from structsel.results import Result
 from structsel.tables import Summary, table_of_frame
 
-_NOTHING_NEW = 1e-9  # share of a candidate's variance that the model's terms leave of it
-_PARTS = 8  # held out in turn where there is one recording
-_SHOWN = 10
+_RANK_TOLERANCE = 1e-9  # fraction of a candidate's variance that the terms of the model must leave unexplained
+_SEGMENTS = 8  # for cross-validation with a single recording
+_MAX_SHOWN = 10  # candidates in the table and in messages
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Additions(Result):
-    """A model's fit as it is, and with each candidate added; its terms are refitted by least squares each time.
+    """Fit of a model, and of the model with each candidate added; the terms are refitted by least squares.
 
     Attributes
     ----------
     response : str
     terms : tuple of Term
-        The candidates, best held-out R2 first; those the model's own terms explain are not among them.
+        Candidates, the largest held-out R2 first, without linear combinations of the model's terms.
     values : (m,) array
-        What each would get.
+        Estimate of each candidate in the extended model.
     r2, pse, held_out_r2 : (m,) array [-]
-        PSE as a share of the response's variance. Held out are whole recordings in turn; of one alone, eight
-        segments of it.
+        PSE as a fraction of the variance of the response. For the held-out R2, complete recordings are left out in
+        turn, or eight segments of a single one.
     before : tuple of float
-        r2, pse and held_out_r2 of the model as it is.
+        r2, pse and held_out_r2 of the model without a further term.
     n : int
-        Samples.
+        Number of samples.
     """
 
     response: str
@@ -55,30 +56,30 @@ class Additions(Result):
     n: int
 
     def __getitem__(self, term: Term | str) -> tuple[float, float, float]:
-        """R2, PSE and held-out R2 with one term added.
+        """Return R2, PSE and held-out R2 with one term added.
 
         Raises
         ------
         SelectionError
-            It is not among the candidates that tell anything new.
+            The term is no candidate, or a linear combination of the model's terms.
         """
         wanted = term if isinstance(term, Term) else Term(term)
         if wanted not in self.terms:
-            have = ", ".join(map(str, self.terms[:_SHOWN]))
+            have = ", ".join(map(str, self.terms[:_MAX_SHOWN]))
             raise SelectionError(f"'{wanted}' was not tried, or the model's terms explain it. There are {have}, ...")
         i = self.terms.index(wanted)
         return float(self.r2[i]), float(self.pse[i]), float(self.held_out_r2[i])
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per candidate, the model as it is before them: term, value, r2, pse, held_out_r2."""
-        r2, share, ahead = self.before
+        """One row for the model, then one for each candidate: term, value, r2, pse, held_out_r2."""
+        r2, pse_before, held_out_r2 = self.before
         return pd.DataFrame(
             {
                 "term": ["(as it is)", *map(str, self.terms)],
                 "value": [np.nan, *self.values],
                 "r2": [r2, *self.r2],
-                "pse": [share, *self.pse],
-                "held_out_r2": [ahead, *self.held_out_r2],
+                "pse": [pse_before, *self.pse],
+                "held_out_r2": [held_out_r2, *self.held_out_r2],
             }
         )
 
@@ -90,26 +91,30 @@ class Additions(Result):
 
     def summary(self) -> Summary:
         """Effect of each candidate on fit and prediction."""
-        table = table_of_frame(self.to_frame().head(_SHOWN + 1), digits=5)
-        return Summary(self.response, f"one more term, of {len(self.terms)}; n {self.n}", tables=(table,))
+        table = table_of_frame(self.to_frame().head(_MAX_SHOWN + 1), digits=5)
+        return Summary(
+            self.response,
+            f"effect of one more term, {count_of(len(self.terms), 'candidate')}; n {self.n}",
+            tables=(table,),
+        )
 
 
 def try_additions(
     model: AeroModel, recordings: Recording | Sequence[Recording], response: str, candidates: Candidates
 ) -> Additions:
-    """Say for each candidate what adding it to a model would do to its fit and its prediction.
+    """Compute for each candidate how adding it to a model changes fit and prediction.
 
-    The candidates' products with the model's terms and the response are summed once for each recording; all else
-    is algebra on them: the terms swept out of the candidates [KM16, ch. 5], a recording left out by subtraction.
+    The cross-products of candidates, terms and response are summed once for each recording. The effect of a candidate
+    follows from partial regression on these sums [KM16, ch. 5]; a recording is left out by subtraction of its sums.
 
     Parameters
     ----------
     model : AeroModel
     recordings : Recording or sequence of Recording
-        With the channels of the model and the candidates, and the response.
+        Recordings with the channels of the model and of the candidates, and with the response.
     response : str
     candidates : Candidates
-        Terms the model has already, and those its terms explain, are passed over.
+        Terms of the model, and linear combinations of them, are left out.
 
     Returns
     -------
@@ -122,27 +127,27 @@ def try_additions(
     ChannelError, DataError
         A channel is missing, or not finite.
     SelectionError
-        No candidate tells anything new.
+        Every candidate is in the model, or a linear combination of its terms.
     """
-    flown = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    kept = [term for term in model[response].terms if not term.is_constant]
-    tried = [term for term in candidates if term not in kept and not term.is_constant]
+    flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    own = [term for term in model[response].terms if not term.is_constant]
+    tried = [term for term in candidates if term not in own and not term.is_constant]
     if not tried:
         raise SelectionError(f"every candidate is in the model of {response} already. Offer others.")
-    pool = Candidates([*kept, *tried])
-    X = np.concatenate([pool.evaluate(recording) for recording in flown])
-    X = X[:, [pool.names.index(str(term)) for term in (*kept, *tried)]]
-    y = np.concatenate([recording[response] for recording in flown])
+    pool = Candidates([*own, *tried])
+    X = np.concatenate([pool.evaluate(recording) for recording in flights])
+    X = X[:, [pool.names.index(str(term)) for term in (*own, *tried)]]
+    y = np.concatenate([recording[response] for recording in flights])
     scale = X.std(axis=0)
     scale[scale == 0.0] = 1.0
     Z = np.column_stack([np.ones(len(y)), (X - X.mean(axis=0)) / scale, y - y.mean()])
-    part = split_into_segments([len(r) for r in flown], 1 if len(flown) > 1 else _PARTS)
+    part = split_into_segments([len(r) for r in flights], 1 if len(flights) > 1 else _SEGMENTS)
     products = np.stack([Z[part == k].T @ Z[part == k] for k in range(int(part.max()) + 1)])
     total = products.sum(axis=0)
-    base, n = 1 + len(kept), len(y)
-    swept = _sweep(total, base)
-    left = swept[base:-1, base:-1].diagonal()
-    new = np.flatnonzero(left > _NOTHING_NEW * n)
+    base, n = 1 + len(own), len(y)
+    swept = _partial_out(total, base)
+    variances = swept[base:-1, base:-1].diagonal()
+    new = np.flatnonzero(variances > _RANK_TOLERANCE * n)
     if not new.size:
         raise SelectionError(f"the terms of {response} explain every candidate in these recordings. Offer others.")
     columns = np.r_[:base, base + new, Z.shape[1] - 1]
@@ -150,43 +155,43 @@ def try_additions(
     swept = swept[base:, base:][np.ix_(np.r_[new, -1], np.r_[new, -1])]
     gains = swept[:-1, -1] ** 2 / swept[:-1, :-1].diagonal()
     tss, rss = total[-1, -1], swept[-1, -1]
-    ahead, without = _held_out(total, products, base)
-    order = np.argsort(-ahead, kind="stable")
-    k, variance = len(kept), tss / n
+    held_out_r2, without = _held_out_r2(total, products, base)
+    order = np.argsort(-held_out_r2, kind="stable")
+    k, variance = len(own), tss / n
     return Additions(
         response,
         tuple(tried[new[i]] for i in order),
-        (swept[:-1, -1] / swept[:-1, :-1].diagonal() / scale[len(kept) + new])[order],
+        (swept[:-1, -1] / swept[:-1, :-1].diagonal() / scale[len(own) + new])[order],
         1.0 - (rss - gains[order]) / tss,
         pse(rss - gains[order], tss, n, k + 1) / variance,
-        ahead[order],
+        held_out_r2[order],
         (1.0 - rss / tss, float(pse(rss, tss, n, k) / variance), without),
         n,
     )
 
 
-def _sweep(product: Array, base: int) -> Array:
-    """Products of the columns less what the first `base` ones explain of them."""
+def _partial_out(product: Array, base: int) -> Array:
+    """Cross-products of the residuals of all columns on the first `base` ones."""
     return product - product[:, :base] @ project(product, range(base)).coefficients
 
 
-def _held_out(total: Array, products: Array, base: int) -> tuple[Array, float]:
-    """R2 of parts predicted by the others, about each part's own mean: with each candidate, and without any."""
+def _held_out_r2(total: Array, products: Array, base: int) -> tuple[Array, float]:
+    """R2 of recordings that are predicted from the others, about their means: with each candidate, and without one."""
     error = np.zeros(len(total) - base - 1)
-    bare = spread = 0.0
+    error_without = tss = 0.0
     for own in products:
         others = total - own
         B = project(others, range(base)).coefficients
         swept = others - others[:, :base] @ B
         variances = swept[base:-1, base:-1].diagonal()
-        # A candidate that stands still in all the other parts gets no value from them.
-        moves = variances > _NOTHING_NEW * others[0, 0]
-        values = np.where(moves, swept[base:-1, -1] / np.where(moves, variances, 1.0), 0.0)
-        # Columns of the part itself, less what the others' coefficients make of the base.
+        # The other recordings give no estimate of a candidate that is constant in all of them.
+        varies = variances > _RANK_TOLERANCE * others[0, 0]
+        values = np.where(varies, swept[base:-1, -1] / np.where(varies, variances, 1.0), 0.0)
+        # Cross-products of this recording's prediction errors, with the coefficients of the others.
         cross = own - own[:, :base] @ B
-        ahead = cross - B.T @ cross[:base]
-        squares = ahead[base:-1, base:-1].diagonal()
-        error += ahead[-1, -1] - 2.0 * values * ahead[base:-1, -1] + values**2 * squares
-        bare += float(ahead[-1, -1])
-        spread += float(own[-1, -1] - own[0, -1] ** 2 / own[0, 0])
-    return 1.0 - error / spread, 1.0 - bare / spread
+        errors = cross - B.T @ cross[:base]
+        squares = errors[base:-1, base:-1].diagonal()
+        error += errors[-1, -1] - 2.0 * values * errors[base:-1, -1] + values**2 * squares
+        error_without += float(errors[-1, -1])
+        tss += float(own[-1, -1] - own[0, -1] ** 2 / own[0, 0])
+    return 1.0 - error / tss, 1.0 - error_without / tss

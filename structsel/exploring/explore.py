@@ -1,4 +1,4 @@
-"""explore_residuals(): what a model leaves, looked at in a notebook."""
+"""explore_residuals(): residuals of a model in a notebook."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from structsel.selection import Selection, Selections
 if TYPE_CHECKING:
     from structsel.exploring.notebook_explorer import ResidualExplorer
 
-_DEGREE = 2  # of the terms offered where nobody named candidates
+_DEGREE = 2  # of the candidates by default
 
 
 def explore_residuals(
@@ -23,33 +23,34 @@ def explore_residuals(
     *,
     candidates: Candidates | None = None,
 ) -> ResidualExplorer:
-    """Look at what a model leaves unexplained, and at what adding a term would do, in a notebook.
+    """Show the residuals of a model, and the effect of one more term, in a notebook.
 
-    Pick a response, a channel and a candidate: the residual stands against the channel with the mean of each bin,
-    as it is and with the term; beside it the added-variable plot of the term; below, R2, PSE and the R2 of
-    recordings held out in turn, before and after.
+    Choose a response, a channel and a candidate. The left figure shows the residual over the channel with bin means,
+    without and with the term. The right one is the added-variable plot of the term. The table below has R2, PSE and
+    cross-validated R2, without and with the term.
 
     Parameters
     ----------
     selection_or_model : Selections, Selection or AeroModel
     recordings : Recording or sequence of Recording
-        Those identified from, or others: with the channels of the model and the candidates, and the responses.
+        Recordings with the channels of the model and of the candidates, and with the responses.
     candidates : Candidates, optional
-        What may be added. Else the pool of the selection; of a model, products of two of its channels.
+        Terms that may be added. By default the candidates of the selection; for a model, products of two of its
+        channels.
 
     Returns
     -------
     ResidualExplorer
-        A widget, shown where it is a cell's last line. ``.additions`` has the numbers of all candidates.
+        A widget, shown if it is the last line of a cell. ``.additions`` has the numbers of all candidates.
 
     Raises
     ------
     StructselError
-        ipywidgets is not installed; the message says how to.
+        ipywidgets is not installed.
     ChannelError, DataError
         A channel is missing, or not finite.
     SelectionError
-        No candidate tells anything that the terms of the model do not.
+        Every candidate is in the model, or a linear combination of its terms.
     """
     try:
         import ipywidgets  # noqa: F401
@@ -61,8 +62,8 @@ def explore_residuals(
     from structsel.exploring.notebook_explorer import ResidualExplorer
 
     model, pool = _model_and_pool(selection_or_model)
-    flown = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    return ResidualExplorer(model, flown, candidates or pool)
+    flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    return ResidualExplorer(model, flights, candidates or pool)
 
 
 def _model_and_pool(given: Selections | Selection | AeroModel) -> tuple[AeroModel, Candidates]:

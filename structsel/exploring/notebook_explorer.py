@@ -1,4 +1,4 @@
-"""The widget of explore_residuals(); the only importer of ipywidgets."""
+"""The widget of explore_residuals(); the only module that imports ipywidgets."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ _DPI = 90
 
 
 class ResidualExplorer(ipywidgets.VBox):
-    """Three choices, a figure, and what the term chosen would do; see `explore_residuals`.
+    """Three menus, a figure, and the effect of the term; see `explore_residuals`.
 
     Attributes
     ----------
     response, channel, term : ipywidgets.Dropdown
-        What is looked at: set their ``value`` to do so from code.
+        Menus; set their ``value`` to change the choice from code.
     figure : ipywidgets.Image
     effect : ipywidgets.HTML
     additions : structsel.exploring.Additions
-        Numbers of all candidates for the response chosen.
+        Numbers of all candidates for the response.
     """
 
     def __init__(self, model: AeroModel, recordings: Sequence[Recording], candidates: Candidates):
         self._model, self._recordings, self._candidates = model, list(recordings), candidates
         self.response = ipywidgets.Dropdown(options=list(model), description="response")
-        self.channel = ipywidgets.Dropdown(options=_moving(self._recordings), description="against")
+        self.channel = ipywidgets.Dropdown(options=_varying_channels(self._recordings), description="against")
         self.term = ipywidgets.Dropdown(description="adding")
         self.figure = ipywidgets.Image(format="png")
         self.effect = ipywidgets.HTML()
-        self._offer()
+        self._list_candidates()
         first = [name for name in self.additions.terms[0].channels if name in self.channel.options]
         self.channel.value = next(iter(first), self.channel.value)
         super().__init__([ipywidgets.HBox([self.response, self.channel, self.term]), self.figure, self.effect])
@@ -48,15 +48,15 @@ class ResidualExplorer(ipywidgets.VBox):
         for choice in (self.channel, self.term):
             choice.observe(self._show, "value")
 
-    def _offer(self) -> None:
-        """Try the candidates on the response chosen, and offer them best first."""
+    def _list_candidates(self) -> None:
+        """Compute the effect of the candidates on the response, and list them, the best first."""
         self.additions = try_additions(self._model, self._recordings, self.response.value, self._candidates)
         self.term.options = [str(term) for term in self.additions.terms]
         self.term.value = self.term.options[0]
 
     def _change_response(self, _: Any) -> None:
-        self.term.unobserve(self._show, "value")  # or each step of the change would be drawn
-        self._offer()
+        self.term.unobserve(self._show, "value")  # otherwise every step of the change would be drawn
+        self._list_candidates()
         self.term.observe(self._show, "value")
         self._show()
 
@@ -67,12 +67,12 @@ class ResidualExplorer(ipywidgets.VBox):
         self.figure.value = drawn.getvalue()
         rows = self.additions.to_frame()
         table = table_of_frame(rows[rows["term"].isin(["(as it is)", term])], digits=5)
-        note = "Cross-validation leaves out whole recordings in turn, or parts of a single one. Use its R2 to choose."
+        note = "Held out are complete recordings in turn, or segments of a single one. Choose terms by this R2."
         self.effect.value = Summary(f"{response}: adding {term}", tables=(table,), notes=(note,)).to_html()
 
 
-def _moving(recordings: Sequence[Recording]) -> list[str]:
-    """Channels of every recording that move in some, finite throughout."""
+def _varying_channels(recordings: Sequence[Recording]) -> list[str]:
+    """Channels of every recording that are finite, and not constant in all of them."""
     shared = [name for name in recordings[0].names if all(name in one for one in recordings)]
     finite = [name for name in shared if all(np.isfinite(one[name]).all() for one in recordings)]
     return [name for name in finite if any(np.ptp(one[name]) > 0.0 for one in recordings)]
