@@ -290,13 +290,13 @@ def test_the_segment_drawn_is_that_of_the_channel_with_the_largest_gain(ground):
 @needs_examples
 def test_the_page_shows_the_table_and_the_windows(ground):
     page = render(diagnosis(GROUND, replayed=simulate_held_out(ground)))
-    assert "Flown again in short windows" in page
+    assert "Re-simulation in short windows" in page
     assert '<div id="windows" class="chart">' in page
     assert "theta of m0" in page or "alpha of m0" in page
 
 
 def test_the_page_says_why_nothing_was_simulated_and_leaves_out_what_was_not_asked():
-    assert "Flown again" not in render(diagnosis(GROUND))
+    assert "Re-simulation" not in render(diagnosis(GROUND))
     assert "Not done: no inertia." in render(diagnosis(GROUND, replayed=HeldOutSimulation(reason="no inertia")))
 
 

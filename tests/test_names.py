@@ -56,7 +56,6 @@ REMAIN = {
     "structsel.plotting.style: colour",
     "structsel.reconstruction.delays: told",
     "structsel.reconstruction.reconstruct: late",
-    "structsel.report.chart_data: surprise",
 }
 
 

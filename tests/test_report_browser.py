@@ -130,7 +130,7 @@ def test_dragging_zooms_and_the_buttons_move_and_show_all_again(opened):
     assert part != complete
     page.get_by_role("button", name="later").click()
     assert page.evaluate(LABELS) not in (part, complete)
-    page.get_by_role("button", name="Whole range").click()
+    page.get_by_role("button", name="Full range").click()
     assert page.evaluate(LABELS) == complete
 
 

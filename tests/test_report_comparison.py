@@ -32,13 +32,13 @@ def test_methods_stand_side_by_side_with_their_values_and_scores(compared):
     kept = {response: [set(s[response].terms) for s in compared.found.values()] for response in ("Cm", "CZ")}
     different = [response for response, (a, b) in kept.items() if a != b]
     assert different  # or the page would have nothing to show
-    assert all(f"{response}: all keep" in stated for response in different)
+    assert all(f"{response}: all select" in stated for response in different)
     values = " ".join(format_number(float(one["Cm"].values[0])) for one in compared.found.values())
     assert f"1 {values} 2 of 2" in stated
     for response in ("Cm", "CZ"):
         scores = [one.score(response) for one in compared.scores.values()]
-        assert f"R², held out {' '.join(f'{s.r2:.4f}' for s in scores)}" in stated
-        assert f"RRMSE, held out {' '.join(f'{s.rrmse:.4f}' for s in scores)}" in stated
+        assert f"R², validation {' '.join(f'{s.r2:.4f}' for s in scores)}" in stated
+        assert f"RRMSE, validation {' '.join(f'{s.rrmse:.4f}' for s in scores)}" in stated
 
 
 def test_a_term_that_one_method_leaves_out_shows_as_a_dash(compared):

@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 
 from structsel import Candidates, Reconstructions, Recording, read_recording, select, write_recording, write_report
 from structsel.errors import DomainError
+from structsel.formatting import format_number
 from structsel.report import render
 from structsel.report.downsampling import keep_extremes
 from tests.report_pages import manoeuvre, pages, reconstructed, refined, selected
@@ -50,14 +51,14 @@ def test_nothing_is_fetched_from_anywhere(kind):
 @pytest.mark.parametrize(
     ("kind", "order"),
     {
-        "selection": ("Of 9 candidate terms, Cm needs 3 and CZ needs 2", "Terms", "On recordings held out"),
+        "selection": ("Of 9 candidate terms, 3 for Cm and 2 for CZ were selected", "Terms", "Validation These"),
         "reconstruction": ("1 of 3 manoeuvres can be trusted", "All manoeuvres", "Errors of the instruments"),
-        "refinement": ("The search converged: the model flies alpha, q, theta and az", "Parameters", "Outputs"),
+        "refinement": ("The search converged: the model simulates alpha, q, theta and az", "Parameters", "Outputs"),
     }.items(),
 )
 def test_the_finding_comes_first_then_figures_warnings_and_what_was_done(kind, order):
     stated = Page(pages()[kind]).words()
-    ends = ("Time history", "Doubts and warnings", "What was done", "The data")
+    ends = ("Time history", "Warnings", "Method and data", "SHA-256")
     places = [stated.find(word) for word in (*order, *ends)]
     assert -1 not in places
     assert places == sorted(places)
@@ -85,7 +86,7 @@ def test_a_reconstructions_page_says_what_is_not_trusted_and_what_was_found():
         "second: theta and the accelerometers contradict.",
         "third: not reconstructed: no channel 'V' [m/s]",
         "Cbeta0 was not estimated: never observable in flight",
-        "Nothing but what stands at the top",
+        "No warnings except those at the top",
     ):
         assert word in stated
     one = next(iter(reconstructed()))
@@ -97,17 +98,17 @@ def test_a_reconstructions_page_says_what_is_not_trusted_and_what_was_found():
     # Read four times a second only: drawn as a line through these readings, not as gaps.
     assert len(unpack(held["t"])) == len(known)
     assert_allclose(unpack(held["y"]["measured"]), (one.readings["h"] + one.residuals["h"])[known], rtol=1e-6)
-    assert_allclose(unpack(held["y"]["surprise"]), (one.innovations["h"] / one.innovation_std["h"])[known], rtol=1e-5)
+    assert_allclose(unpack(held["y"]["innovation"]), (one.innovations["h"] / one.innovation_std["h"])[known], rtol=1e-5)
 
 
 def test_a_refinements_page_holds_estimates_their_errors_and_flights_held_out():
     found, _, replays = refined()
     stated = Page(pages()["refinement"]).words()
     for e in found.estimates[:4]:
-        assert f"{e.name} {e.value:.4g} ± {e.std:.2g}".replace("e-05", "e-5") in stated
+        assert f"{e.name} {format_number(e.value)} {format_number(e.std, 2)}" in stated
     ratios = {o: replays["after"].score(o).rms_error / replays["before"].score(o).rms_error for o in found.noise_std}
     worst = max(ratios, key=ratios.get)
-    assert f"{100.0 * ratios[worst]:.0f} % of what it was ({worst})" in stated
+    assert f"and {100.0 * ratios[worst]:.0f} % ({worst}) of the error before the refinement" in stated
     bad = replace(found, converged=False, message="60 iterations")
     text = Page(render(bad, reasons=["the flights do not determine Cm:q_hat"])).words()
     assert text.index("the flights do not determine Cm:q_hat") < text.index("NOT CONVERGED: 60 iterations")

@@ -1,4 +1,4 @@
-const NS = "http://www.w3.org/2000/svg", ROOM = {left: 68, right: 12, top: 10, bottom: 40};
+const NS = "http://www.w3.org/2000/svg", MARGIN = {left: 74, right: 12, top: 10, bottom: 40};
 const CURSOR = {}, LINKED = {};
 
 const byId = id => document.getElementById(id);
@@ -6,9 +6,13 @@ const data = JSON.parse(byId("data").textContent);
 const HIDDEN = new Set(data.hidden);
 const unpack = text => new Float32Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);
 const unit = name => data.units[name] ? ` [${data.units[name]}]` : "";
-const short = x => x === null || !isFinite(x) ? "–" : String(+x.toPrecision(4)).replace("-", "−");
-
-const label = x => short(x).length > 6 ? (+x.toPrecision(3)).toExponential().replaceAll("-", "−") : short(x);
+/* Number with significant digits, without an exponent from 0.0001 to 100000. */
+function formatNumber(x, digits = 4) {
+  if (x === null || !isFinite(x)) return "–";
+  const size = Math.abs(x), plain = size === 0 || (size >= 1e-4 && size < 1e5);
+  const text = plain ? String(size >= 10 ** digits ? Math.round(x) : +x.toPrecision(digits)) : (+x.toPrecision(3)).toExponential().replace("e+", "e");
+  return text.replaceAll("-", "−");
+}
 
 function make(tag, attributes, parent, text) {
   const node = document.createElementNS(NS, tag);
@@ -43,7 +47,7 @@ function nearest(x, value) {
   return value - x[low] < x[high] - value ? low : high;
 }
 
-/* Path of a line between two values of x, with a neighbour on either side so that it meets the frame. */
+/* SVG path of a line between two values of x, with one more sample on either side so that it reaches the frame. */
 function trace(line, x0, x1, px, py) {
   let path = "", pen = false;
   const {x, y} = line, sorted = !line.dots;
@@ -58,45 +62,45 @@ function trace(line, x0, x1, px, py) {
   return path;
 }
 
-/* One figure: lines with x and y, dots, means with intervals, shaded stretches of x (spans) and of y (bands).
-   chart.zoom is called with a range of x, or with null for all of it; chart.redraw after a line was hidden. */
+/* One figure: lines with x and y, dots, means with intervals, shaded intervals of x (spans) and of y (bands).
+   chart.zoom is called with a range of x, or with null for the full range; chart.redraw after a line was hidden. */
 function draw(id, chart) {
   const box = byId(id), wide = Math.max(280, box.clientWidth), high = chart.high;
-  const held = box.contains(document.activeElement) ? document.activeElement.dataset.key : undefined;
-  const seen = chart.lines.filter(line => !HIDDEN.has(line.kind)), means = (chart.means || []).filter(m => !HIDDEN.has(m.kind));
-  const [x0, x1] = chart.range, [y0, y1] = extent([...seen, ...means], chart.range);
-  const right = wide - ROOM.right, floor = high - ROOM.bottom;
-  const px = x => ROOM.left + (x - x0) / (x1 - x0) * (right - ROOM.left);
-  const py = y => floor - (y - y0) / (y1 - y0) * (floor - ROOM.top);
+  const focused = box.contains(document.activeElement) ? document.activeElement.dataset.key : undefined;
+  const shown = chart.lines.filter(line => !HIDDEN.has(line.kind)), means = (chart.means || []).filter(m => !HIDDEN.has(m.kind));
+  const [x0, x1] = chart.range, [y0, y1] = extent([...shown, ...means], chart.range);
+  const right = wide - MARGIN.right, floor = high - MARGIN.bottom;
+  const px = x => MARGIN.left + (x - x0) / (x1 - x0) * (right - MARGIN.left);
+  const py = y => floor - (y - y0) / (y1 - y0) * (floor - MARGIN.top);
   const clip = `clip-${id}`, caption = byId(`${id}-text`);
   box.replaceChildren();
-  if (chart.lines.length > 1) box.appendChild(keys(chart));
+  if (chart.lines.length > 1) box.appendChild(legend(chart));
   const svg = make("svg", {viewBox: `0 0 ${wide} ${high}`, role: "application", "aria-roledescription": "chart",
-    "aria-label": chart.says, "aria-describedby": "chart-keys", tabindex: 0, "data-key": "chart"}, null);
+    "aria-label": chart.caption, "aria-describedby": "chart-keys", tabindex: 0, "data-key": "chart"}, null);
   box.appendChild(svg);
-  make("rect", {x: ROOM.left, y: ROOM.top, width: right - ROOM.left, height: floor - ROOM.top}, make("clipPath", {id: clip}, make("defs", {}, svg)));
+  make("rect", {x: MARGIN.left, y: MARGIN.top, width: right - MARGIN.left, height: floor - MARGIN.top}, make("clipPath", {id: clip}, make("defs", {}, svg)));
   for (const y of ticks(y0, y1, 4)) {
-    make("line", {class: "grid", x1: ROOM.left, x2: right, y1: py(y), y2: py(y)}, svg);
-    make("text", {x: ROOM.left - 6, y: py(y) + 4, "text-anchor": "end"}, svg, label(chart.log ? +(10 ** y).toPrecision(2) : y));
+    make("line", {class: "grid", x1: MARGIN.left, x2: right, y1: py(y), y2: py(y)}, svg);
+    make("text", {x: MARGIN.left - 6, y: py(y) + 4, "text-anchor": "end"}, svg, formatNumber(chart.log ? +(10 ** y).toPrecision(2) : y, 6));
   }
   for (const x of ticks(x0, x1, Math.max(3, Math.min(10, wide / 70)))) {
-    if (chart.whole && x % 1) continue;
-    make("line", {class: "grid", x1: px(x), x2: px(x), y1: ROOM.top, y2: floor}, svg);
-    make("text", {x: px(x), y: floor + 16, "text-anchor": "middle"}, svg, short(x));
+    if (chart.integers && x % 1) continue;
+    make("line", {class: "grid", x1: px(x), x2: px(x), y1: MARGIN.top, y2: floor}, svg);
+    make("text", {x: px(x), y: floor + 16, "text-anchor": "middle"}, svg, formatNumber(x, 6));
   }
   const inside = make("g", {"clip-path": `url(#${clip})`}, svg);
   for (const s of chart.spans || []) {
     const a = px(Math.max(x0, s.from)), b = px(Math.min(x1, s.to));
-    if (b > a) make("title", {}, make("rect", {class: `shade f${s.place % 4}`, x: a, width: b - a, y: ROOM.top, height: floor - ROOM.top}, inside), s.name);
+    if (b > a) make("title", {}, make("rect", {class: `shade f${s.place % 4}`, x: a, width: b - a, y: MARGIN.top, height: floor - MARGIN.top}, inside), s.name);
   }
   for (const s of chart.bands || []) {
     const a = py(Math.min(y1, s.to)), b = py(Math.max(y0, s.from));
-    if (b > a) make("title", {}, make("rect", {class: `shade f${s.place % 4}`, x: ROOM.left, width: right - ROOM.left, y: a, height: b - a}, inside), s.name);
+    if (b > a) make("title", {}, make("rect", {class: `shade f${s.place % 4}`, x: MARGIN.left, width: right - MARGIN.left, y: a, height: b - a}, inside), s.name);
   }
-  if (y0 < 0 && y1 > 0 && !chart.log) make("line", {class: "axis", x1: ROOM.left, x2: right, y1: py(0), y2: py(0)}, inside);
-  for (const line of seen) make("path", {class: `${line.dots ? "dots " : ""}${line.ink || line.kind}`, d: trace(line, x0, x1, px, py)}, inside);
-  if (chart.whole) for (const line of seen) for (let i = 0; i < line.x.length; i++) {
-    if (line.y[i] !== null) make("circle", {class: line.ink, cx: px(line.x[i]), cy: py(line.y[i]), r: 2.6}, inside);
+  if (y0 < 0 && y1 > 0 && !chart.log) make("line", {class: "axis", x1: MARGIN.left, x2: right, y1: py(0), y2: py(0)}, inside);
+  for (const line of shown) make("path", {class: `${line.dots ? "dots " : ""}${line.style || line.kind}`, d: trace(line, x0, x1, px, py)}, inside);
+  if (chart.integers) for (const line of shown) for (let i = 0; i < line.x.length; i++) {
+    if (line.y[i] !== null) make("circle", {class: line.style, cx: px(line.x[i]), cy: py(line.y[i]), r: 2.6}, inside);
   }
   for (const m of means) {
     const known = m.y.map((y, i) => i).filter(i => m.y[i] !== null);
@@ -106,10 +110,10 @@ function draw(id, chart) {
       make("circle", {class: m.kind, cx: px(m.x[i]), cy: py(m.y[i]), r: 3.2}, inside);
     }
   }
-  make("text", {x: (ROOM.left + right) / 2, y: high - 6, "text-anchor": "middle"}, svg, chart.xLabel);
-  make("text", {x: 12, y: (floor + ROOM.top) / 2, "text-anchor": "middle", transform: `rotate(-90 12 ${(floor + ROOM.top) / 2})`}, svg, chart.yLabel);
+  make("text", {x: (MARGIN.left + right) / 2, y: high - 6, "text-anchor": "middle"}, svg, chart.xLabel);
+  make("text", {x: 12, y: (floor + MARGIN.top) / 2, "text-anchor": "middle", transform: `rotate(-90 12 ${(floor + MARGIN.top) / 2})`}, svg, chart.yLabel);
 
-  const cursor = make("line", {class: "cursor", y1: ROOM.top, y2: floor, visibility: "hidden"}, svg);
+  const cursor = make("line", {class: "cursor", y1: MARGIN.top, y2: floor, visibility: "hidden"}, svg);
   const group = chart.group || id;
   (LINKED[group] ||= {})[id] = x => {
     cursor.setAttribute("visibility", x === null || x < x0 || x > x1 ? "hidden" : "visible");
@@ -118,22 +122,22 @@ function draw(id, chart) {
   const point = x => {
     CURSOR[group] = x;
     for (const move of Object.values(LINKED[group])) move(x);
-    caption.textContent = x === null ? chart.says : chart.read(x);
+    caption.textContent = x === null ? chart.caption : chart.read(x);
   };
   drag(svg, chart, event => {
     const frame = svg.getBoundingClientRect(), at = (event.clientX - frame.left) * wide / frame.width;
-    return Math.min(x1, Math.max(x0, x0 + (at - ROOM.left) / (right - ROOM.left) * (x1 - x0)));
+    return Math.min(x1, Math.max(x0, x0 + (at - MARGIN.left) / (right - MARGIN.left) * (x1 - x0)));
   }, px, floor, point);
-  svg.addEventListener("keydown", event => steer(event, chart, point, group));
-  caption.textContent = chart.says;
-  if (held === "chart") {
+  svg.addEventListener("keydown", event => onKey(event, chart, point, group));
+  caption.textContent = chart.caption;
+  if (focused === "chart") {
     svg.focus({preventScroll: true});
     if (CURSOR[group] !== undefined && CURSOR[group] !== null) point(Math.min(x1, Math.max(x0, CURSOR[group])));
-  } else if (held) [...box.querySelectorAll("button")].find(b => b.dataset.key === held)?.focus({preventScroll: true});
+  } else if (focused) [...box.querySelectorAll("button")].find(b => b.dataset.key === focused)?.focus({preventScroll: true});
 }
 
 function drag(svg, chart, at, px, floor, point) {
-  const pulled = make("rect", {class: "pull", y: ROOM.top, height: floor - ROOM.top, visibility: "hidden"}, svg);
+  const selected = make("rect", {class: "selected", y: MARGIN.top, height: floor - MARGIN.top, visibility: "hidden"}, svg);
   let from = null;
   svg.addEventListener("pointerdown", event => {
     if (event.pointerType === "mouse" && event.button === 0) { from = at(event); svg.setPointerCapture(event.pointerId); }
@@ -143,55 +147,55 @@ function drag(svg, chart, at, px, floor, point) {
     const x = at(event);
     point(x);
     if (from === null) return;
-    pulled.setAttribute("x", px(Math.min(from, x)));
-    pulled.setAttribute("width", Math.abs(px(x) - px(from)));
-    pulled.setAttribute("visibility", "visible");
+    selected.setAttribute("x", px(Math.min(from, x)));
+    selected.setAttribute("width", Math.abs(px(x) - px(from)));
+    selected.setAttribute("visibility", "visible");
   });
   svg.addEventListener("pointerup", event => {
     const x = at(event), a = from;
     from = null;
-    pulled.setAttribute("visibility", "hidden");
+    selected.setAttribute("visibility", "hidden");
     if (a !== null && Math.abs(px(x) - px(a)) > 6) chart.zoom([Math.min(a, x), Math.max(a, x)]);
   });
   svg.addEventListener("pointerleave", event => { if (event.pointerType === "mouse") point(null); });
   svg.addEventListener("dblclick", () => chart.zoom(null));
 }
 
-/* Part of a range: about a point, wider (factor above 1) or closer; or moved by a share of itself. */
-const scaled = ([a, b], factor, x) => [x - (x - a) * factor, x + (b - x) * factor];
-const moved = ([a, b], share) => [a + share * (b - a), b + share * (b - a)];
-const kept = (range, [low, high]) => {
+/* A range scaled about x (a factor above 1 zooms out); shifted by a fraction of its width; limited to the full range. */
+const scaleRange = ([a, b], factor, x) => [x - (x - a) * factor, x + (b - x) * factor];
+const shiftRange = ([a, b], fraction) => [a + fraction * (b - a), b + fraction * (b - a)];
+const clampRange = (range, [low, high]) => {
   const [a, b] = range, size = Math.min(b - a, high - low), from = Math.min(Math.max(a, low), high - size);
   return size >= 0.999 * (high - low) ? null : [from, from + size];
 };
 
-function steer(event, chart, point, group) {
+function onKey(event, chart, point, group) {
   const [a, b] = chart.range, x = CURSOR[group] ?? 0.5 * (a + b), step = (b - a) * (event.shiftKey ? 0.1 : 0.01);
   const moves = {
     ArrowLeft: () => point(Math.max(a, x - step)), ArrowRight: () => point(Math.min(b, x + step)),
     Home: () => point(a), End: () => point(b),
-    "+": () => chart.zoom(kept(scaled(chart.range, 0.5, x), chart.all)), "=": () => moves["+"](),
-    "-": () => chart.zoom(kept(scaled(chart.range, 2, x), chart.all)),
-    PageUp: () => chart.zoom(kept(moved(chart.range, -0.5), chart.all)),
-    PageDown: () => chart.zoom(kept(moved(chart.range, 0.5), chart.all)),
+    "+": () => chart.zoom(clampRange(scaleRange(chart.range, 0.5, x), chart.all)), "=": () => moves["+"](),
+    "-": () => chart.zoom(clampRange(scaleRange(chart.range, 2, x), chart.all)),
+    PageUp: () => chart.zoom(clampRange(shiftRange(chart.range, -0.5), chart.all)),
+    PageDown: () => chart.zoom(clampRange(shiftRange(chart.range, 0.5), chart.all)),
     0: () => chart.zoom(null), Escape: () => { point(null); chart.zoom(null); },
   };
-  const does = moves[event.key];
-  if (!does || event.ctrlKey || event.metaKey || event.altKey) return;
+  const action = moves[event.key];
+  if (!action || event.ctrlKey || event.metaKey || event.altKey) return;
   event.preventDefault();
-  does();
+  action();
 }
 
-function keys(chart) {
+function legend(chart) {
   const row = document.createElement("div");
-  row.className = "keys";
+  row.className = "legend";
   for (const line of new Map([...chart.lines, ...(chart.means || [])].map(l => [l.kind, l])).values()) {
-    const key = document.createElement("button"), ink = document.createElement("span");
+    const key = document.createElement("button"), sample = document.createElement("span");
     key.type = "button";
     key.dataset.key = line.kind;
     key.setAttribute("aria-pressed", String(!HIDDEN.has(line.kind)));
-    ink.className = `ink ${line.ink || line.kind}`;
-    key.append(ink, line.name);
+    sample.className = `sample ${line.style || line.kind}`;
+    key.append(sample, line.name);
     key.addEventListener("click", () => { HIDDEN.has(line.kind) ? HIDDEN.delete(line.kind) : HIDDEN.add(line.kind); chart.redraw(); });
     row.appendChild(key);
   }

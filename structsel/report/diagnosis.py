@@ -1,4 +1,4 @@
-"""A diagnosis as a page: the findings, their figures, and what stays open."""
+"""Page of a diagnosis: the findings, their figures, and what could not be decided."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from structsel.diagnosis.held_out_result import ChannelScores, ExampleWindows, HeldOutSimulation
-from structsel.diagnosis.result import Bars, Diagnosis, EffectFinding, Trace
+from structsel.diagnosis.result import Diagnosis, EffectFinding, Pull, Trace
 from structsel.diagnosis.story import HARD_PULL, about, headline, no_model, tied, together, untested
 from structsel.diagnosis.views import (
     STAGES,
@@ -23,7 +23,6 @@ from structsel.diagnosis.views import (
 )
 from structsel.formatting import (
     display_unit,
-    format_decimals,
     format_estimate,
     format_in_unit,
     format_number,
@@ -32,32 +31,37 @@ from structsel.formatting import (
     format_range,
 )
 from structsel.nomenclature import unit_of
-from structsel.report.chart_data import ChartFlight, chart, chart_data, pack_number
+from structsel.report.chart_data import ChartFlight, chart_data, pack_number, single_chart
+from structsel.report.page_model import Section
+from structsel.tables import Bar, Cell, Column, Table, text_column
 
-_STAGES = dict(zip(STAGES, ("as delivered", "refitted", "with the physics")))
+_STAGES = dict(zip(STAGES, ("as given", "retuned", "with the effects")))
+_LEAST_PROBABILITY = 0.005  # of the remaining probability that has a row
+_LEGEND = (
+    "RRMSE: rms error over the rms of the measured response. R² = 1 − RRMSE². TIC: Theil's inequality coefficient, 0 "
+    "perfect, 1 useless. All are computed in the compared frequency band, on recordings not used for fitting. Retuned: "
+    "the simulation with its own parameters adjusted within their tolerances. Angles are in degrees."
+)
 
 
 def page_of(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What the template of a diagnosis is filled with."""
+    """Content of the template of a diagnosis."""
     return {
         "diagnosis": diagnosis,
         "headline": headline(diagnosis),
         "about": about(diagnosis),
+        "seconds": format_number(diagnosis.seconds, 2) if diagnosis.seconds > 0.0 else "",
         "findings": [_finding(k, f) for k, f in enumerate(diagnosis.findings)],
-        "shares": [_share(k, f) for k, f in enumerate(diagnosis.findings)],
+        "sections": [s for s in (_explained(diagnosis), _resimulation(diagnosis.replayed)) if s],
         "data": figures_of(diagnosis),
-        "shaded": "Shaded: where a finding acts.",
-        "remaining": [(c, format_decimals(r, 3), white) for c, (r, white) in diagnosis.remaining.items()],
-        "pulls": [_pull(p.name, p.sigmas, p.value, p.std, p.unit) for p in diagnosis.pulls],
-        "untested": untested(diagnosis),
-        "detects": _detects(diagnosis),
-        "no_model": no_model(diagnosis),
-        "replayed": _replayed(diagnosis.replayed),
+        "shaded": "Shaded: the intervals in which a finding acts.",
+        "details": [s for s in (f(diagnosis) for f in (_remaining, _tolerances, _untested, _detectability)) if s],
+        "legend": _LEGEND,
     }
 
 
 def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Data of the figures, in the units that people read; plain values that JSON holds."""
+    """Data of the charts, in display units; plain values that JSON holds."""
     responses, channels = shown_responses(diagnosis), moving_channels(diagnosis)
     units = {name: display_unit(unit_shown(name)) for name in (*responses, *channels)}
     ranges = {c: _range(diagnosis, c) for c in channels}
@@ -66,12 +70,12 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
         for r in responses
     }
     flights = {name: _flight(one, responses, channels) for name, one in diagnosis.traces.items()}
-    stretch = diagnosis.replayed.stretch if diagnosis.replayed else None
-    charts = [_windows(diagnosis.replayed, stretch)] if diagnosis.replayed and stretch else []
+    replayed = diagnosis.replayed
+    charts = [_windows_chart(replayed, replayed.stretch)] if replayed and replayed.stretch else []
     data = chart_data(flights, _STAGES, units, verb="simulated", hidden=["refitted"], binned=binned, charts=charts)
     return {
         **data,
-        "first": {c: _first(diagnosis, c, ranges[c], units[c][0]) for c in channels},
+        "first": {c: _first_range(diagnosis, c, ranges[c], units[c][0]) for c in channels},
         "findings": [
             {
                 "effect": f.effect,
@@ -85,68 +89,46 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _windows(replay: HeldOutSimulation, stretch: ExampleWindows) -> dict[str, Any]:
-    """Time history of the channel that gained most, with its band, in windows of the first and the last stage."""
-    band = next(row.band for row in replay.rows if row.channel == stretch.channel)
-    factor, unit = display_unit(unit_of(stretch.channel))
-    first, last = (list(stretch.simulated)[i] for i in (0, -1))
-    lines = [("band", "other", stretch.smoothed + edge) for edge in (-band, band)]
-    lines += [("measured", "measured", stretch.measured)]
-    lines += [(_STAGES[stage], stage, stretch.simulated[stage]) for stage in (first, last)]
-    says = (
-        f"{stretch.channel} of {stretch.recording} in windows that start from the recorded state: measured, with its "
-        f"band of ± {format_in_unit(band, unit_of(stretch.channel), 2)}, {_STAGES[first]} and {_STAGES[last]}."
+def _windows_chart(result: HeldOutSimulation, example: ExampleWindows) -> dict[str, Any]:
+    """Time history of the most improved channel with its band, in windows of the first and the last stage."""
+    band = next(row.band for row in result.rows if row.channel == example.channel)
+    unit = unit_of(example.channel)
+    factor, shown = display_unit(unit)
+    first, last = (list(example.simulated)[i] for i in (0, -1))
+    lines = [("band", "other", example.smoothed + edge) for edge in (-band, band)]
+    lines += [("measured", "measured", example.measured)]
+    lines += [(_STAGES[stage], stage, example.simulated[stage]) for stage in (first, last)]
+    caption = (
+        f"{example.channel} of {example.recording} in windows that start from the recorded state: measured, with its "
+        f"band of ± {format_in_unit(band, unit, 2)}, {_STAGES[first]} and {_STAGES[last]}."
     )
-    return chart(
+    return single_chart(
         "windows",
-        [pack_number(t) or 0.0 for t in stretch.t],
-        [(name, ink, [factor * float(y) for y in values]) for name, ink, values in lines],
-        x_label="t [s]",
-        y_label=f"{stretch.channel} [{unit}]" if unit else stretch.channel,
-        says=says,
-        whole=False,
+        [pack_number(t) or 0.0 for t in example.t],
+        [(name, style, [factor * float(y) for y in values]) for name, style, values in lines],
+        x_label="time [s]",
+        y_label=f"{example.channel} [{shown or '-'}]",
+        caption=caption,
+        integers=False,
     )
-
-
-def _replayed(replay: HeldOutSimulation | None) -> dict[str, Any] | None:
-    """Table of what was flown again; None where nothing was asked to fly."""
-    if replay is None:
-        return None
-    return {
-        "reason": replay.reason,
-        "seconds": f"{replay.seconds:.1f} s",
-        "windows": replay.windows,
-        "stages": list(replay.rows[0].stages) if replay.rows else [],
-        "rows": [_replay_row(row) for row in replay.rows],
-        "drawn": replay.stretch is not None,
-    }
-
-
-def _replay_row(row: ChannelScores) -> dict[str, Any]:
-    factor, _ = display_unit(row.unit)
-    each = row.stages.values()
-    return {
-        "channel": row.channel,
-        "rms": [format_number(factor * near.rms, 2) for near in each],
-        "tic": [format_decimals(near.tic, 3) for near in each],
-        "inside": [format_percent(near.inside) for near in each],
-        "band": f"± {format_in_unit(row.band, row.unit, 2)}",
-    }
 
 
 def _flight(trace: Trace, responses: list[str], channels: list[str]) -> ChartFlight:
-    held = {"measured": trace.measured} | dict(zip(STAGES, (trace.simulated, trace.refitted, trace.explained)))
-    each = {r: {kind: values[r] for kind, values in held.items()} for r in responses}
+    lines = {"measured": trace.measured} | dict(zip(STAGES, (trace.simulated, trace.refitted, trace.explained)))
+    each = {r: {kind: values[r] for kind, values in lines.items()} for r in responses}
     return ChartFlight(trace.t, each, {c: trace.channels[c] for c in channels})
 
 
 def _range(diagnosis: Diagnosis, channel: str) -> tuple[float, float] | None:
-    """Where on a channel the first finding that is bounded there acts."""
+    """Range of a channel in which the first finding that it bounds acts."""
     each = (acting_range(diagnosis, f, channel) for f in diagnosis.findings)
     return next((one for one in each if one is not None), None)
 
 
-def _first(diagnosis: Diagnosis, channel: str, region: tuple[float, float] | None, factor: float) -> list[float | None]:
+def _first_range(
+    diagnosis: Diagnosis, channel: str, region: tuple[float, float] | None, factor: float
+) -> list[float | None]:
+    """Range of a channel that the chart shows first."""
     x = np.concatenate([one.channels[channel] for one in diagnosis.traces.values()])
     return [pack_number(factor * end) for end in worth_showing(x, region)]
 
@@ -159,92 +141,205 @@ def _pack_bins(binned: Binned, response: float, channel: float) -> dict[str, Any
 
 def _finding(place: int, finding: EffectFinding) -> dict[str, Any]:
     first = finding.physics[0]
+    values = [(name, format_estimate(e.value, e.std, e.unit, "±")) for name, e in first.parameters.items()]
+    intervals = [
+        (name, ", ".join(f"{a:.1f} to {b:.1f}" for a, b in each)) for name, each in finding.intervals.items() if each
+    ]
     return {
         "place": place,
         "number": place + 1,
         "effect": finding.effect,
         "kind": finding.kind,
         "axes": ", ".join(finding.axes),
-        "chance": format_probability(first.probability),
-        "percent": format_percent(first.probability),
-        "share": format_percent(finding.share),
-        "says": first.says,
-        "plausible": first.plausible,
+        "probability": format_probability(first.probability),
+        "description": first.says,
+        "implausible": first.plausible,
         "check": first.check,
         "terms": ", ".join(first.terms),
         "regions": [format_range(c, limits) for c, limits in finding.region.items()],
-        "stretches": [
-            (name, ", ".join(f"{a:.1f} to {b:.1f}" for a, b in each))
-            for name, each in finding.intervals.items()
-            if each
-        ],
-        "parameters": [(name, format_estimate(e.value, e.std, e.unit, "±")) for name, e in first.parameters.items()],
-        "rivals": [
-            (p.effect, format_probability(p.probability), format_percent(p.probability), p.says)
-            for p in finding.physics
-        ],
-        "ties": tied(finding),
+        "intervals": intervals,
+        "estimates": Table((text_column("parameter"), Column("estimate")), tuple(values), "Values"),
+        "effects": _possible_effects(finding),
+        "ambiguous_with": tied(finding),
         "together": format_probability(together(finding)),
         "to_separate": finding.to_separate,
-        "bars": _bars(finding),
-        "explained": format_percent(finding.explained),
-        "explainable": format_percent(finding.explainable),
+        "errors": _errors(place, finding),
+        "explained": _explained_text(place, finding),
     }
 
 
-def _bars(finding: EffectFinding) -> list[dict[str, Any]]:
-    """Rows of the three bars, responses in which it shows first; lengths in percent of the longest."""
+def _possible_effects(finding: EffectFinding) -> Table:
+    """Probabilities of the effects that may cause a finding; they add up to 1."""
+    rows = [(p.effect, p.probability, p.says) for p in finding.physics]
+    rest = 1.0 - sum(p.probability for p in finding.physics)
+    if rest > _LEAST_PROBABILITY:
+        rows.append(("another effect, or none", rest, ""))
+    cells = []
+    for k, (name, probability, description) in enumerate(rows):
+        text = f"{name}: {format_probability(probability)}"
+        bar = Bar(0.0, _percent(probability) or 0.0, f"{text}. {description}", "other" if k else "physics")
+        cells.append((name, bar, format_probability(probability)))
+    return Table((text_column("effect"), Column(""), Column("probability")), tuple(cells), "Possible effects")
+
+
+def _explained_text(place: int, finding: EffectFinding) -> str:
+    """Sentence on the explained variance."""
+    with_others = " with the findings before it" if place else ""
+    regression = (
+        f"; a regression on all recorded channels explains {format_percent(finding.explainable)}"
+        if math.isfinite(finding.explainable)
+        else ""
+    )
+    return (
+        f"Explains {format_percent(finding.explained)} of the variance of the differences{with_others}{regression}. "
+        f"Its fraction of the explained variance is {format_percent(finding.share)}."
+    )
+
+
+def _errors(place: int, finding: EffectFinding) -> Table:
+    """Errors at the three stages, responses in which the finding shows first; the longest bar is the largest error."""
     order = [c for c in finding.axes if c in finding.bars]
     order += [c for c in finding.bars if c not in order]
-    longest = max((getattr(b, s).rrmse for b in finding.bars.values() for s in STAGES), default=1.0) or 1.0
-    return [{"response": c, "stages": _stages(finding.bars[c], longest)} for c in order]
+    largest = max((getattr(b, s).rrmse for b in finding.bars.values() for s in STAGES), default=1.0) or 1.0
+    rows = []
+    for c in order:
+        for k, (stage, name) in enumerate(_STAGES.items()):
+            fit = getattr(finding.bars[c], stage)
+            bar = Bar(0.0, round(100.0 * fit.rrmse / largest, 1), f"{c} {name}: {fit.rrmse:.3f}", stage)
+            rows.append(("" if k else c, name, fit.rrmse, bar, fit.r2, fit.tic))
+    numbers = (Column("RRMSE", "3f"), Column("error"), Column("R2", "3f"), Column("TIC", "3f"))
+    together_text = f", findings 1 to {place + 1} together" if place else ""
+    rules = tuple(range(0, len(rows), len(STAGES)))
+    return Table((text_column("response"), text_column("simulation"), *numbers), tuple(rows),
+                 f"Errors in validation{together_text}", rules)  # fmt: skip
 
 
-def _stages(bars: Bars, longest: float) -> list[dict[str, Any]]:
-    made = []
-    for stage, name in _STAGES.items():
-        fit = getattr(bars, stage)
-        numbers = {
-            "rrmse": format_decimals(fit.rrmse, 3),
-            "r2": format_decimals(fit.r2, 3),
-            "tic": format_decimals(fit.tic, 3),
-        }
-        made.append({"stage": stage, "name": name, "long": round(100.0 * fit.rrmse / longest, 1), **numbers})
-    return made
-
-
-def _share(place: int, finding: EffectFinding) -> dict[str, Any]:
-    """How much of the mismatch is explained where a finding shows, and how much could be."""
-    told, most = (
-        round(100.0 * float(np.clip(x, 0.0, 1.0)), 1) if np.isfinite(x) else None
-        for x in (finding.explained, finding.explainable)
+def _explained(diagnosis: Diagnosis) -> Section | None:
+    """Explained variance of all findings."""
+    if not diagnosis.findings:
+        return None
+    rows = []
+    for k, f in enumerate(diagnosis.findings):
+        text = f"{format_percent(f.explained)} explained, {format_percent(f.explainable)} explainable"
+        bar = Bar(0.0, _percent(f.explained) or 0.0, text, f"f{k % 4}", mark=_percent(f.explainable))
+        rows.append((f"{k + 1}. {f.effect}", ", ".join(f.axes), f.explained, bar, f.explainable, f.share))
+    numbers = (
+        Column("explained", "%"),
+        Column("mark: regression"),
+        Column("explainable", "%"),
+        Column("fraction", "%"),
     )
-    return {"place": place, "name": finding.effect, "axes": ", ".join(finding.axes), "told": told, "most": most,
-            "explained": format_percent(finding.explained), "explainable": format_percent(finding.explainable),
-            "share": format_percent(finding.share)}  # fmt: skip
+    note = (
+        "Fractions of the variance of the differences in the responses in which a finding shows, in validation, with "
+        "this finding and those before it. Explainable: by a regression on all recorded channels. Fraction: of the "
+        "variance that all findings explain."
+    )
+    table = Table((text_column("finding"), text_column("responses"), *numbers), tuple(rows), note=note)
+    return Section("Explained variance of the differences", tables=(table,))
 
 
-def _pull(name: str, sigmas: float, value: float, std: float, unit: str) -> dict[str, Any]:
-    factor, shown = display_unit(unit)
-    return {
-        "name": name,
-        "sigmas": f"{sigmas:+.1f}",
-        "long": round(min(50.0, 12.5 * abs(sigmas)), 1),  # half of the cell is four sigma
-        "side": "up" if sigmas >= 0.0 else "down",
-        "hard": abs(sigmas) >= HARD_PULL,
-        "value": f"{factor * value:+.2g} ± {factor * std:.1g} {shown}".strip(),
-    }
+def _percent(fraction: float) -> float | None:
+    """Position on a bar; None if the fraction is unknown."""
+    return round(100.0 * float(np.clip(fraction, 0.0, 1.0)), 1) if math.isfinite(fraction) else None
 
 
-def _detects(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Self-test, smallest size first, with the rival hardest to tell apart."""
-    made = []
+def _resimulation(result: HeldOutSimulation | None) -> Section | None:
+    """Simulation of recordings that were not used for fitting, in short windows."""
+    title = "Re-simulation in short windows"
+    if result is None:
+        return None
+    if not result.rows:
+        reason = result.reason or "no channel that the simulation computes was recorded"
+        return Section(title, text=(f"Not done: {reason}.",))
+    text = (
+        f"The recordings that were not used for fitting are divided into {result.windows} windows of "
+        f"{format_number(result.seconds, 2)} s. Each window is simulated from the recorded state, with the "
+        "coefficients of the simulation along the recorded path and their derivatives for deviations from it."
+    )
+    stages = [_STAGES.get(stage, stage) for stage in result.rows[0].stages]
+    columns = [Column(f"{quantity}, {stage}") for quantity in ("rms error", "TIC", "in band") for stage in stages]
+    note = (
+        "rms errors are relative to the smoothed recording, in the unit of the band. TIC is of the change since the "
+        "start of a window. The band is two standard deviations of the measurement noise: 95 % of the measurements are "
+        "within the band of a perfect simulation."
+    )
+    rows = tuple(map(_resimulation_row, result.rows))
+    table = Table((text_column("channel"), Column("band"), *columns), rows, note=note)
+    return Section(title, text=(text,), tables=(table,), charts=("windows",) if result.stretch else ())
+
+
+def _resimulation_row(row: ChannelScores) -> tuple[Any, ...]:
+    factor, _ = display_unit(row.unit)
+    each = row.stages.values()
+    rms = (format_number(factor * one.rms, 2) for one in each)
+    tic = (f"{one.tic:.3f}" if math.isfinite(one.tic) else "-" for one in each)
+    inside = (format_percent(one.inside) for one in each)
+    return (row.channel, f"± {format_in_unit(row.band, row.unit, 2)}", *rms, *tic, *inside)
+
+
+def _remaining(diagnosis: Diagnosis) -> Section:
+    """Errors that remain after all findings."""
+    rows = tuple(
+        (c, rrmse, Cell("white", "good") if white else Cell("coloured: an effect may be missing", "warning"))
+        for c, (rrmse, white) in diagnosis.remaining.items()
+    )
+    tables = (Table((text_column("response"), Column("RRMSE", "3f"), text_column("residual")), rows),) if rows else ()
+    text = [] if rows else ["No response could be validated."]
+    if reason := no_model(diagnosis):
+        text.append(f"No model: {reason}.")
+    return Section("Remaining differences", text=tuple(text), tables=tables)
+
+
+def _tolerances(diagnosis: Diagnosis) -> Section | None:
+    """Estimated deviations of parameters with a tolerance."""
+    if not diagnosis.pulls:
+        return None
+    text = (
+        "Estimated deviations of the parameters of the simulation and the instruments, in their stated standard "
+        "deviations (σ)."
+    )
+    heads = (text_column("parameter"), Column("σ"), Column("−4 σ to +4 σ"), Column("deviation"))
+    return Section("Deviations from the stated values", text=(text,),
+                   tables=(Table(heads, tuple(map(_tolerance_row, diagnosis.pulls))),))  # fmt: skip
+
+
+def _tolerance_row(one: Pull) -> tuple[Any, ...]:
+    factor, unit = display_unit(one.unit)
+    large = abs(one.sigmas) >= HARD_PULL
+    length = round(min(50.0, 12.5 * abs(one.sigmas)), 1)  # half of the width is 4 sigma
+    low, high = (50.0, 50.0 + length) if one.sigmas >= 0.0 else (50.0 - length, 50.0)
+    value = f"{format_number(factor * one.value, 2, signed=True)} ± {format_number(factor * one.std, 1)} {unit}".strip()
+    sigmas, tone = f"{one.sigmas:+.1f}", "bad" if large else ""
+    bar = Bar(low, high, f"{one.name}: {sigmas} standard deviations", "delivered" if large else "other", 50.0)
+    return one.name, Cell(sigmas, tone), bar, Cell(value, tone)  # type: ignore[arg-type]
+
+
+def _untested(diagnosis: Diagnosis) -> Section | None:
+    """Effects that these recordings cannot test."""
+    found = untested(diagnosis)
+    if not found:
+        return None
+    rows = tuple((", ".join(effects), needs) for needs, effects in found.items())
+    table = Table((text_column("effects", wrap=True), text_column("needed", wrap=True)), rows)
+    return Section("Effects that could not be tested", tables=(table,))
+
+
+def _detectability(diagnosis: Diagnosis) -> Section | None:
+    """Smallest detectable size of each effect, the smallest first."""
+    rows = []
     for effect, found in diagnosis.detects.items():
-        rivals = sorted((nats, name) for name, nats in found.items() if name != "size")
-        near = f"{rivals[0][1].removeprefix('nats against ')} ({rivals[0][0]:.3g} nats)" if rivals else "-"
-        size = found.get("size", float("nan"))
-        made.append((size if math.isfinite(size) else math.inf, effect, near))
-    return [
-        {"effect": effect, "size": f"{100.0 * size:.1f} %" if math.isfinite(size) else "not at any size", "near": near}
-        for size, effect, near in sorted(made)
-    ]
+        size = found.get("size", math.nan)
+        others = sorted((gain, name) for name, gain in found.items() if name != "size")
+        similar = f"{others[0][1].removeprefix('nats against ')} ({format_number(others[0][0], 3)})" if others else "-"
+        known = math.isfinite(size)
+        rows.append((size if known else math.inf, effect, f"{100.0 * size:.1f} %" if known else "at no size", similar))
+    if not rows:
+        return None
+    text = (
+        "Each effect was added to these recordings with increasing size. The size is the smallest one that is "
+        "identified, in percent of the rms of the response in which the effect is largest. The last column is the most "
+        "similar effect, with the log Bayes factor that separates the two."
+    )
+    heads = (text_column("effect"), Column("identified from"), text_column("most similar effect"))
+    table = Table(heads, tuple(row[1:] for row in sorted(rows)))
+    return Section("Detectability", text=(text,), tables=(table,), folded=diagnosis.verdict == "mismatch")

@@ -1,4 +1,4 @@
-"""Which samples of a long recording are drawn."""
+"""Decimation of long recordings for charts."""
 
 from __future__ import annotations
 
@@ -9,40 +9,39 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 
-_GAP = 5.0  # times the usual step between readings, beyond which a line breaks
+_GAP = 5.0  # multiple of the median interval between measurements, beyond which a line is interrupted
 
 
-def keep_extremes(series: Sequence[Array], most: int) -> NDArray[np.intp]:
-    """Samples at which to draw several series of one clock, so that none of their peaks is lost.
+def keep_extremes(series: Sequence[Array], maximum: int) -> NDArray[np.intp]:
+    """Samples at which several series on the same time axis are drawn, with all their peaks.
 
     Parameters
     ----------
     series : sequence of (n,) arrays
-        The readings of the first say where there are samples: where they are NaN nothing is drawn, and a line breaks
-        where they fail for long.
-    most : int
-        About how many samples to keep.
+        Where the first one is NaN nothing is drawn; its line is interrupted at a long gap.
+    maximum : int
+        Approximate number of samples to keep.
 
     Returns
     -------
     (k,) array of int
-        Ascending. All readings where they are few; else, in stretches of alike many, the least and the greatest of
-        each series.
+        Ascending indices: all samples if they are few; else the minimum and the maximum of each series in segments
+        with the same number of samples.
     """
     there = np.flatnonzero(np.isfinite(series[0]))
     if not there.size:
         return there
     kept = there
-    if there.size > most:
-        count = max(1, most // (2 * len(series)))
+    if there.size > maximum:
+        count = max(1, maximum // (2 * len(series)))
         wide = -(-there.size // count)
-        # The last stretch is filled up with the last sample, which is kept anyway.
+        # The last segment is padded with the last sample, which is kept in any case.
         rows = np.pad(there, (0, -there.size % wide), mode="edge").reshape(-1, wide)
         picked = [there[[0, -1]]]
         for values in series:
             y = values[rows]
-            for least in (np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), np.inf, -y)):
-                picked.append(rows[np.arange(len(rows)), least.argmin(axis=1)])
+            for minimised in (np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), np.inf, -y)):
+                picked.append(rows[np.arange(len(rows)), minimised.argmin(axis=1)])
         kept = np.unique(np.concatenate(picked))
     steps = np.diff(there)
     if steps.size:

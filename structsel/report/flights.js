@@ -1,26 +1,26 @@
-/* Time histories of every flight and what the differences follow; then the figures that stand alone. */
+/* Time histories of every recording and differences over a channel; then the further charts. */
 const STAGES = data.stages.map(([kind]) => kind), NAMES = {measured: "measured", ...Object.fromEntries(data.stages)};
 const pick = {};
 let zoom = null, overZoom = null;
 
 function flight(name) {
   const one = data.recordings[name];
-  if (one.held) return one.held;
-  const clock = text => Float64Array.from(unpack(text), x => x + one.start);
-  const t = clock(one.t), own = series => series.t ? clock(series.t) : t;
-  one.held = {t, channels: {}, responses: {}};
-  for (const [c, held] of Object.entries(one.channels)) one.held.channels[c] = {x: own(held), y: unpack(held.y)};
+  if (one.unpacked) return one.unpacked;
+  const times = text => Float64Array.from(unpack(text), x => x + one.start);
+  const t = times(one.t), own = series => series.t ? times(series.t) : t;
+  one.unpacked = {t, channels: {}, responses: {}};
+  for (const [c, held] of Object.entries(one.channels)) one.unpacked.channels[c] = {x: own(held), y: unpack(held.y)};
   for (const [r, held] of Object.entries(one.responses)) {
-    one.held.responses[r] = {x: own(held)};
-    for (const [kind, y] of Object.entries(held.y)) one.held.responses[r][kind] = unpack(y);
+    one.unpacked.responses[r] = {x: own(held)};
+    for (const [kind, y] of Object.entries(held.y)) one.unpacked.responses[r][kind] = unpack(y);
   }
-  return one.held;
+  return one.unpacked;
 }
 
-const less = (a, b) => a.map((x, i) => x - b[i]);
-const reads = (lines, label, u) => x => {
+const minus = (a, b) => a.map((x, i) => x - b[i]);
+const reader = (lines, label, u) => x => {
   const i = nearest(lines[0].x, x);
-  return `${label(lines[0].x[i])}: ` + lines.filter(l => !HIDDEN.has(l.kind)).map(l => `${l.name} ${short(l.y[i])}`).join(", ") + (u ? ` ${u}` : "");
+  return `${label(lines[0].x[i])}: ` + lines.filter(l => !HIDDEN.has(l.kind)).map(l => `${l.name} ${formatNumber(l.y[i])}`).join(", ") + (u ? ` ${u}` : "");
 };
 
 function show() {
@@ -28,46 +28,46 @@ function show() {
   const one = flight(name), y = one.responses[r];
   const all = [one.t[0], one.t[one.t.length - 1]], range = zoom || all;
   const spans = data.findings.flatMap((f, place) => (f.intervals[name] || []).map(([from, to]) => ({from, to, place, name: f.effect})));
-  const told = spans.length ? `; shaded: ${spans.map(s => `${s.name} ${short(s.from)} to ${short(s.to)} s`).join(", ")}` : "";
-  const time = x => `${name}, t = ${short(x)} s`;
+  const shading = spans.length ? `; shaded: ${spans.map(s => `${s.name} ${formatNumber(s.from)} to ${formatNumber(s.to)} s`).join(", ")}` : "";
+  const time = x => `${name}, t = ${formatNumber(x)} s`;
   const shared = {group: "time", range, all, spans, zoom: z => { zoom = z; show(); }, redraw: show, xLabel: "time [s]"};
   const line = (kind, values) => ({x: y.x, y: values, kind, name: NAMES[kind]});
   const lines = ["measured", ...STAGES].map(kind => line(kind, y[kind]));
   draw("history", {...shared, lines, high: 300, yLabel: r + unit(r),
-    read: reads(lines, time, data.units[r]), says: `${r} of ${name} over time, measured and ${data.verb}${told}.`});
-  const left = STAGES.map(kind => line(kind, less(y.measured, y[kind])));
-  draw("left", {...shared, lines: left, high: 220, yLabel: `difference${unit(r)}`,
-    read: reads(left, time, data.units[r]), says: `Measured less ${data.verb} ${r} of ${name}${told}.`});
-  if (data.surprise) {
-    const lines = [{x: y.x, y: y.surprise, kind: "plainline", name: data.surprise}];
-    draw("surprise", {...shared, lines, bands: [{from: -2, to: 2, place: 0, name: "95 % if the filter is right"}], high: 200, yLabel: "innovation [std]",
-      read: reads(lines, time, "standard deviations"), says: `${data.surprise} of ${r} of ${name}; shaded: within two, where 95 % should lie.`});
+    read: reader(lines, time, data.units[r]), caption: `${r} of ${name} over time, measured and ${data.verb}${shading}.`});
+  const difference = STAGES.map(kind => line(kind, minus(y.measured, y[kind])));
+  draw("difference", {...shared, lines: difference, high: 220, yLabel: `difference${unit(r)}`,
+    read: reader(difference, time, data.units[r]), caption: `Measured minus ${data.verb} ${r} of ${name}${shading}.`});
+  if (data.innovation) {
+    const lines = [{x: y.x, y: y.innovation, kind: "plainline", name: data.innovation}];
+    draw("innovation", {...shared, lines, bands: [{from: -2, to: 2, place: 0, name: "95 % if the filter model is correct"}], high: 200, yLabel: "innovation [std]",
+      read: reader(lines, time, "standard deviations"), caption: `${data.innovation} of ${r} of ${name}; shaded: two standard deviations, which should contain 95 %.`});
   }
   if (!c) return;
   const driving = [{...one.channels[c], kind: "plainline", name: c}];
   const region = data.findings.flatMap((f, place) => f.region[c] ? [{from: f.region[c][0] ?? -Infinity, to: f.region[c][1] ?? Infinity, place, name: f.effect}] : []);
   const where = region.map(s => `; shaded: where ${s.name} acts`).join("");
   draw("channel", {...shared, lines: driving, bands: region, high: 200, yLabel: c + unit(c),
-    read: reads(driving, time, data.units[c]), says: `${c} of ${name} over time${where}.`});
+    read: reader(driving, time, data.units[c]), caption: `${c} of ${name} over time${where}.`});
   const bins = data.binned[r][c], stages = STAGES;
   const means = stages.map(kind => ({x: bins.at, y: bins.means[kind], half: bins.half[kind], kind, name: NAMES[kind]}));
   const ends = [...new Set([stages[0], stages[stages.length - 1]])];
-  const dots = ends.map(kind => ({x: cloud("channels", c), y: cloud("left", r, kind), kind, name: NAMES[kind], dots: true}));
-  const whole = data.first[c][1] > data.first[c][0] ? data.first[c] : [data.first[c][0] - 1, data.first[c][0] + 1];
-  const pad = 0.02 * (whole[1] - whole[0]), wide = [whole[0] - pad, whole[1] + pad];
+  const dots = ends.map(kind => ({x: scatter("channels", c), y: scatter("residuals", r, kind), kind, name: NAMES[kind], dots: true}));
+  const full = data.first[c][1] > data.first[c][0] ? data.first[c] : [data.first[c][0] - 1, data.first[c][0] + 1];
+  const pad = 0.02 * (full[1] - full[0]), wide = [full[0] - pad, full[1] + pad];
   draw("over", {range: overZoom || wide, all: wide, lines: dots, means, spans: region, high: 340,
-    zoom: z => { overZoom = z; show(); }, redraw: show, xLabel: c + unit(c), yLabel: `measured less ${data.verb} ${r}${unit(r)}`,
+    zoom: z => { overZoom = z; show(); }, redraw: show, xLabel: c + unit(c), yLabel: `measured minus ${data.verb} ${r}${unit(r)}`,
     read: x => {
       const k = nearest(bins.at, x);
-      return `Bin at ${c} ${short(bins.at[k])}${data.units[c] ? ` ${data.units[c]}` : ""}: ` + means.filter(m => !HIDDEN.has(m.kind)).map(m => `${m.name} ${short(m.y[k])}${m.half[k] === null ? "" : ` ± ${short(+m.half[k].toPrecision(2))}`}`).join(", ") + (data.units[r] ? ` ${data.units[r]}` : "");
+      return `Bin at ${c} ${formatNumber(bins.at[k])}${data.units[c] ? ` ${data.units[c]}` : ""}: ` + means.filter(m => !HIDDEN.has(m.kind)).map(m => `${m.name} ${formatNumber(m.y[k])}${m.half[k] === null ? "" : ` ± ${formatNumber(+m.half[k].toPrecision(2))}`}`).join(", ") + (data.units[r] ? ` ${data.units[r]}` : "");
     },
-    says: `Measured less ${data.verb} ${r} over ${c}, all recordings${where}.`});
+    caption: `Measured minus ${data.verb} ${r} over ${c}, all recordings${where}.`});
 }
 
-function cloud(part, name, kind) {
-  const held = kind ? data.cloud[part][name] : data.cloud[part], key = kind || name;
-  if (typeof held[key] === "string") held[key] = unpack(held[key]);
-  return held[key];
+function scatter(part, name, kind) {
+  const packed = kind ? data.scatter[part][name] : data.scatter[part], key = kind || name;
+  if (typeof packed[key] === "string") packed[key] = unpack(packed[key]);
+  return packed[key];
 }
 
 function fill(id, names) {
@@ -77,7 +77,7 @@ function fill(id, names) {
   pick[id] = select;
 }
 
-function choose(place) {
+function showFinding(place) {
   const f = data.findings[place];
   if (!f) return;
   const acts = name => (f.intervals[name] || []).reduce((sum, [a, b]) => sum + b - a, 0);
@@ -88,12 +88,12 @@ function choose(place) {
   zoom = overZoom = null;
 }
 
-function alone(chart, range) {
+function drawSingle(chart, range) {
   const x = chart.x, all = [x[0], x[x.length - 1] > x[0] ? x[x.length - 1] : x[0] + 1];
-  const lines = chart.lines.map(l => ({x, y: l.y, kind: `${chart.id}-${l.name}`, ink: l.ink, name: l.name}));
+  const lines = chart.lines.map(l => ({x, y: l.y, kind: `${chart.id}-${l.name}`, style: l.style, name: l.name}));
   const value = y => chart.log ? 10 ** y : y;
-  draw(chart.id, {...chart, lines, high: 240, range: range || all, all, zoom: z => alone(chart, z), redraw: () => alone(chart, range),
-    read: at => { const k = nearest(x, at); return `${chart.labels ? chart.labels[k] : `${chart.xLabel} ${x[k]}`}: ` + lines.map(l => `${l.name} ${l.y[k] === null ? "–" : short(value(l.y[k]))}`).join(", "); }});
+  draw(chart.id, {...chart, lines, high: 240, range: range || all, all, zoom: z => drawSingle(chart, z), redraw: () => drawSingle(chart, range),
+    read: at => { const k = nearest(x, at); return `${chart.labels ? chart.labels[k] : `${chart.xLabel} ${x[k]}`}: ` + lines.map(l => `${l.name} ${l.y[k] === null ? "–" : formatNumber(value(l.y[k]))}`).join(", "); }});
 }
 
 function whenResized(box, redraw) {
@@ -109,25 +109,25 @@ function whenResized(box, redraw) {
 const folded = [...document.querySelectorAll("details:not([open])")];
 addEventListener("beforeprint", () => { for (const one of folded) { one.dataset.was = one.open; one.open = true; } });
 addEventListener("afterprint", () => { for (const one of folded) one.open = one.dataset.was === "true"; });
-for (const chart of data.charts) { alone(chart); whenResized(byId(chart.id), () => alone(chart)); }
+for (const chart of data.charts) { drawSingle(chart); whenResized(byId(chart.id), () => drawSingle(chart)); }
 if (byId("history")) {
   fill("recording", Object.keys(data.recordings));
   fill("response", data.responses);
   fill("channel", data.channels);
-  choose(0);
+  showFinding(0);
   show();
   const steps = {
-    closer: (range) => scaled(range, 0.5, 0.5 * (range[0] + range[1])), wider: (range) => scaled(range, 2, 0.5 * (range[0] + range[1])),
-    earlier: (range) => moved(range, -0.5), later: (range) => moved(range, 0.5),
+    closer: (range) => scaleRange(range, 0.5, 0.5 * (range[0] + range[1])), wider: (range) => scaleRange(range, 2, 0.5 * (range[0] + range[1])),
+    earlier: (range) => shiftRange(range, -0.5), later: (range) => shiftRange(range, 0.5),
   };
   for (const [id, step] of Object.entries(steps)) byId(id).addEventListener("click", () => {
     const t = flight(pick.recording.value).t, all = [t[0], t[t.length - 1]];
-    zoom = kept(step(zoom || all), all);
+    zoom = clampRange(step(zoom || all), all);
     show();
   });
   byId("reset").addEventListener("click", () => { zoom = overZoom = null; show(); });
   for (const button of document.querySelectorAll("[data-finding]")) button.addEventListener("click", () => {
-    choose(+button.dataset.finding);
+    showFinding(+button.dataset.finding);
     show();
     byId("figures").scrollIntoView({behavior: "smooth"});
   });

@@ -1,4 +1,4 @@
-"""A result as one page: the finding first, then figures and tables, doubts, and what was done."""
+"""write_report(): one HTML file with the result first, then figures and tables, warnings, method and data."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from structsel.reconstruction import Reconstruction, Reconstructions
 from structsel.recording import Recording
 from structsel.refinement import Refinement
 from structsel.report import comparison, diagnosis, reconstruction, refinement, selection
-from structsel.report.page_model import Sheet
+from structsel.report.page_model import Page, bar_columns
 from structsel.selection import Selection, Selections
+from structsel.tables import Bar, Cell, Link
 from structsel.validation import Resimulation, Validation
 
 Result = Diagnosis | Selection | Selections | Reconstruction | Reconstructions | Refinement
@@ -33,31 +34,33 @@ def write_report(
     reasons: Sequence[str] = (),
     provenance: Mapping[str, Any] | None = None,
 ) -> Path:
-    """Write a result as one HTML file that holds all it needs.
+    """Write a result as one HTML file that needs no other file.
 
     Parameters
     ----------
     result : Diagnosis, Selection, Selections, Reconstruction, Reconstructions or Refinement
     path : str or Path
     recordings : sequence of Recording
-        Those a selection or a refinement was made from: they are drawn, and their files named. Long ones are thinned
-        for the figures, by their least and greatest samples. The other results hold their own.
+        Recordings used for a selection or a refinement: the page shows their time histories and lists their files.
+        Long ones are decimated in the figures by minimum and maximum. The other results hold their recordings.
     judged : Validation, or mapping of str to Resimulation, optional
-        What held-out recordings say of a selection; of a model before and after its refinement.
+        Scores of a selection on validation recordings; re-simulations by the model ``"before"`` and ``"after"`` its
+        refinement.
     reasons : sequence of str
-        Why not to believe a selection or a refinement; said first.
+        Reasons why a selection or a refinement is not valid; shown first.
     provenance : mapping, optional
-        As `structsel.provenance.provenance_of` all files that went in; of the recordings' if not given.
+        Return value of `structsel.provenance.provenance_of` for all input files; by default, for the files of the
+        recordings.
 
     Returns
     -------
     Path
-        Where it stands.
+        The file.
 
     Raises
     ------
     DomainError
-        The result is none of these.
+        The result is of another type.
     OSError
         The file cannot be written.
     """
@@ -76,25 +79,25 @@ def write_comparison(
     pages: Mapping[str, str] | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> Path:
-    """Write selections of the same responses by several methods, side by side, as one HTML file.
+    """Write selections of the same responses by several methods as one HTML file.
 
     Parameters
     ----------
     found : mapping of method to Selections
-        Four at most are drawn.
+        The figures show the first four.
     path : str or Path
     recordings : sequence of Recording
-        Those they were made from, and those that judge them.
+        Recordings used for the selections, and validation recordings.
     judged : mapping of method to Validation, optional
     pages : mapping of method to str, optional
-        File beside this one that tells of the method alone.
+        File in the same folder with the report of each method.
     provenance : mapping, optional
-        As `write_report` takes it.
+        See `write_report`.
 
     Returns
     -------
     Path
-        Where it stands.
+        The file.
 
     Raises
     ------
@@ -102,13 +105,13 @@ def write_comparison(
         The file cannot be written.
     """
     path = Path(path)
-    sheet = comparison.sheet_of(found, recordings, judged or {}, pages or {})
-    write_text(path, _fill_sheet(sheet, _provenance(provenance, recordings)))
+    page = comparison.page_of(found, recordings, judged or {}, pages or {})
+    write_text(path, _fill_page(page, _provenance(provenance, recordings)))
     return path
 
 
 def _provenance(given: Mapping[str, Any] | None, recordings: Sequence[Recording]) -> Mapping[str, Any]:
-    """As given; or of the recordings' files, as far as they are known."""
+    """Provenance that was given, or that of the known files of the recordings."""
     if given is not None:
         return given
     return provenance_of(path for one in recordings if (path := file_of(one.provenance)) is not None)
@@ -122,47 +125,55 @@ def render(
     reasons: Sequence[str] = (),
     provenance: Mapping[str, Any] | None = None,
 ) -> str:
-    """HTML of a result, as `write_report` takes it; whatever comes from its data is escaped."""
-    made = _provenance(provenance, recordings)
+    """HTML of a result, see `write_report`; text from data is escaped."""
+    versions_and_files = _provenance(provenance, recordings)
     if isinstance(result, Diagnosis):
-        return _fill("diagnosis.html", diagnosis.page_of(result), made)
+        return _fill("diagnosis.html", diagnosis.page_of(result), versions_and_files)
     if isinstance(result, Selection):
         result = Selections({result.response: result})
     if isinstance(result, Reconstruction):
         result = Reconstructions((result,), {})
     if isinstance(result, Selections):
-        sheet = selection.sheet_of(result, recordings, judged if isinstance(judged, Validation) else None, reasons)
+        page = selection.page_of(result, recordings, judged if isinstance(judged, Validation) else None, reasons)
     elif isinstance(result, Reconstructions):
-        sheet = reconstruction.sheet_of(result)
+        page = reconstruction.page_of(result)
     elif isinstance(result, Refinement):
-        sheet = refinement.sheet_of(result, recordings, judged if isinstance(judged, Mapping) else {}, reasons)
+        page = refinement.page_of(result, recordings, judged if isinstance(judged, Mapping) else {}, reasons)
     else:
         raise DomainError(
-            f"write_report was given a {type(result).__name__}; it writes what select, reconstruct, reconstruct_all, "
-            "refine and diagnose return."
+            f"write_report was given a {type(result).__name__}; it writes results of select, reconstruct, "
+            "reconstruct_all, refine and diagnose."
         )
-    return _fill_sheet(sheet, made)
+    return _fill_page(page, versions_and_files)
 
 
-def _fill_sheet(sheet: Sheet, provenance: Mapping[str, Any]) -> str:
-    context = {"sheet": sheet, "headline": sheet.headline, "data": sheet.data, "shaded": ""}
-    return _fill("sheet.html", context, provenance)
+def _fill_page(page: Page, provenance: Mapping[str, Any]) -> str:
+    context = {"page": page, "headline": page.headline, "data": page.data, "shaded": ""}
+    return _fill("results.html", context, provenance)
 
 
 def _fill(template: str, context: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
-    # Templates take a while to load, and few commands make a page.
+    # Jinja takes a while to import, and few commands write a page.
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    pages = Environment(
+    templates = Environment(
         loader=FileSystemLoader(_HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
     )
-    # A page is sent to others, whom the folders of this machine do not concern.
+    templates.globals |= {"cell_kind": _cell_kind, "bar_columns": bar_columns}
+    # Reports are sent to others: they have file names without folders.
     inputs = [{**one, "file": Path(one["file"]).name} for one in provenance["inputs"]]
     style, *scripts = ((_HERE / name).read_text(encoding="utf-8") for name in ("page.css", "charts.js", "flights.js"))
-    return pages.get_template(template).render(
+    return templates.get_template(template).render(
         **context,
         versions=provenance["versions"],
         inputs=inputs,
         style=Markup(style),
         script=Markup("\n".join(scripts)),
     )
+
+
+def _cell_kind(value: Any) -> str:
+    """Kind of a cell: bar, link, or the tone of a value."""
+    if isinstance(value, Cell):
+        return value.tone
+    return "bar" if isinstance(value, Bar) else "link" if isinstance(value, Link) else ""

@@ -1,9 +1,10 @@
-"""A refinement as a page: the parameters found, how sure they are, and how near the simulated flights come."""
+"""Page of a refinement: estimated parameters, their standard errors, and the fit of the simulated outputs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,189 +18,182 @@ from structsel.formatting import (
     format_percent,
     join_names,
 )
+from structsel.metrics import in_tables
 from structsel.nomenclature import unit_of
 from structsel.recording import Recording
 from structsel.refinement import Estimate, Refinement
-from structsel.report.chart_data import ChartFlight, chart, chart_data, moving
+from structsel.report.chart_data import ChartFlight, chart_data, is_varying, single_chart
 from structsel.report.page_model import (
-    PageTable,
+    INTERVAL,
+    INTERVAL_NOTE,
+    Page,
     Section,
-    Sheet,
-    columns,
-    conversions,
     interval_bar,
+    list_history,
     list_sources,
-    merge_remarks,
-    metric_columns,
+    merge_notes,
 )
+from structsel.tables import Column, Table, text_column
 from structsel.validation import Resimulation
-from structsel.validation.resimulation import KINDS
+from structsel.validation.resimulation import KINDS, table_heads
 
-_PER_RECORDING = ("start", "jump", "drift", "bias")
 _INPUTS = ("de", "da", "dr", "df", "throttle", "thrust")
-_MOST_CHANNELS = 14
-_SURE = 1.96
+_MAX_CHANNELS = 14
+_Z95 = 1.96
+_KINDS = {"windows": "in windows", "whole": "complete"}
 _LEGEND = (
-    "±: one standard deviation, residuals as coloured as they are; CRLB: the Cramer-Rao bound, residuals white. "
-    "R²: share of the variance explained; TIC: Theil's coefficient, 0 perfect, 1 useless. Values of parameters are in "
-    "SI and radians, of outputs in the unit shown."
+    "Std error: with allowance for coloured residuals. CRLB: Cramer-Rao lower bound, which assumes white residuals. "
+    "R²: explained fraction of the variance. TIC: Theil's inequality coefficient, 0 perfect, 1 useless. Parameters are "
+    "in SI units and radians, outputs in the unit shown."
 )
 
 
-def sheet_of(
+def page_of(
     found: Refinement, recordings: Sequence[Recording], judged: Mapping[str, Resimulation], reasons: Sequence[str]
-) -> Sheet:
-    """The page of a refinement; `recordings` are those it was made of, `judged` replays of others."""
+) -> Page:
+    """Page of a refinement; `recordings` are those it used, `judged` re-simulations of others."""
     converged = found.converged and not reasons
-    said = [("", text) for text in found.doubts]
+    warnings = [("", text) for text in found.doubts]
     for name, one in judged.items():
-        said += [(f"{name} the refinement", text) for text in (*one.divergence_notes(), *one.doubts)]
-    charts = [_descent(found)] if len(found.costs) > 1 else []
-    ended = () if found.converged else (f"NOT CONVERGED: {found.message}. What follows is the best found.",)
+        warnings += [(f"{name} the refinement", text) for text in (*one.divergence_notes(), *one.doubts)]
+    charts = [_cost_chart(found)] if len(found.costs) > 1 else []
+    ended = () if found.converged else (f"NOT CONVERGED: {found.message}. The best estimates found are shown.",)
     sections = [
         Section("Parameters", (count_of(len(found.estimates), "parameter"),), tables=tuple(_parameters(found))),
         Section("Outputs", tables=(_fits(found),)),
     ]
     if judged:
-        sections.insert(1, _judgement(judged))
+        sections.insert(1, _validation(judged))
     if charts:
-        sections.append(Section("The search", text=(_search(found),), charts=("descent",)))
-    headline, *told = _headline(found, judged, converged)
-    flown = recordings or found.simulated
-    held = [r for one in judged.values() for r in one.recordings]
-    sources = list({r.name: r for r in (*flown, *held)}.values())
-    return Sheet(
+        sections.append(Section("Search", text=(_search(found),), charts=("descent",)))
+    headline, *summary = _headline(found, judged, converged)
+    used = recordings or found.simulated
+    held_out = [r for one in judged.values() for r in one.recordings]
+    sources = list({r.name: r for r in (*used, *held_out)}.values())
+    return Page(
         verdict="converged" if converged else "failed" if reasons else "not converged",
-        tone="bad" if not converged else "doubt" if found.doubts else "good",
+        status="bad" if not converged else "warning" if found.doubts else "good",
         headline=headline,
-        lead=tuple(told),
-        about=_about(found, held),
+        summary=tuple(summary),
+        about=_about(found, held_out),
         reasons=(*reasons, *ended),
         sections=tuple(sections),
-        doubts=merge_remarks(said),
+        warnings=merge_notes(warnings),
         notes=(),
-        done=(_done(found),),
-        sources=list_sources(sources, held_out=[r.name for r in held]),
-        history=conversions(sources),
+        method=(_method(found),),
+        sources=list_sources(sources, held_out=[r.name for r in held_out]),
+        history=list_history(sources),
         data=_figures(found, recordings, charts),
         legend=_LEGEND,
     )
 
 
 def _headline(found: Refinement, judged: Mapping[str, Resimulation], converged: bool) -> list[str]:
-    how = "The search converged" if converged else "The search did not converge"
+    """Sentences on the fit, the parameter that changed most, and the prediction."""
+    search = "The search converged" if converged else "The search did not converge"
     known = [f.r2 for f in found.fits if math.isfinite(f.r2)]
-    near = f" with R² from {format_decimals(min(known), 3)} to {format_decimals(max(known), 3)}" if known else ""
-    said = [f"{how}: the model flies {join_names(found.noise_std)}{near}."]
+    fit = f" with R² from {format_decimals(min(known), 3)} to {format_decimals(max(known), 3)}" if known else ""
+    sentences = [f"{search}: the model simulates {join_names(found.noise_std)}{fit}."]
     ranked = [e for e in found.estimates if e.kind == "model" and math.isfinite(e.std) and e.std > 0.0]
     if ranked:
-        most = max(ranked, key=lambda e: abs(e.value - e.start) / e.std)
-        if abs(most.value - most.start) > _SURE * most.std:
-            said.append(f"Moved furthest: {most.name}, from {format_number(most.start)} to {_sized(most)}.")
+        largest = max(ranked, key=lambda e: abs(e.value - e.start) / e.std)
+        if abs(largest.value - largest.start) > _Z95 * largest.std:
+            change = f"from {format_number(largest.start)} to {_estimate_text(largest)}"
+            sentences.append(f"Most significant change: {largest.name}, {change}.")
     if {"before", "after"} <= set(judged):
         shared = [o for o in judged["after"].outputs if o in found.noise_std]
         ratio = {o: judged["after"].score(o).rms_error / judged["before"].score(o).rms_error for o in shared}
-        left = sorted((x, o) for o, x in ratio.items() if math.isfinite(x))
-        if left:
-            least, most_left = (f"{format_percent(x)} of what it was ({o})" for x, o in (left[0], left[-1]))
-            reach = f"{least} to {most_left}" if len(left) > 1 else least
-            said.append(f"On complete recordings held out, the rms error is {reach}.")
-    return said
+        ranked_ratios = sorted((x, o) for o, x in ratio.items() if math.isfinite(x))
+        if ranked_ratios:
+            ends = [f"{format_percent(x)} ({o})" for x, o in (ranked_ratios[0], ranked_ratios[-1])]
+            ratios = f"between {ends[0]} and {ends[1]}" if len(ranked_ratios) > 1 else ends[0]
+            sentences.append(f"On validation recordings, the rms error is {ratios} of the error before the refinement.")
+    return sentences
 
 
-def _sized(e: Estimate) -> str:
+def _estimate_text(e: Estimate) -> str:
     return f"{format_number(e.value)} ± {format_number(e.std, 2)}"
 
 
-def _about(found: Refinement, held: Sequence[Recording]) -> str:
-    judges = f"; {join_names(dict.fromkeys(r.name for r in held))} held out for validation" if held else ""
+def _about(found: Refinement, held_out: Sequence[Recording]) -> str:
+    names = join_names(dict.fromkeys(r.name for r in held_out))
+    validation = f"; validation with {names}" if held_out else ""
     samples = sum(map(len, found.simulated))
-    return f"{found.title} on {count_of(len(found.simulated), 'recording')}, {samples} samples{judges}."
+    return f"{found.title} with {count_of(len(found.simulated), 'recording')}, {samples} samples{validation}."
 
 
-def _parameters(found: Refinement) -> list[PageTable]:
-    shared = [e for e in found.estimates if e.kind not in _PER_RECORDING]
-    own = [e for e in found.estimates if e.kind in _PER_RECORDING]
-    tables = []
-    bar = {"95 % interval": "bar"}
-    if shared:
-        rows = tuple((e.name, *_estimate(e, e.name)) for e in shared)
-        heads = columns(parameter="name", value="number", **bar, CRLB="number", start="number", remark="word")
-        note = "Bars are relative to each value; the line in them is zero, and an interval across it red."
-        tables.append(PageTable(heads, rows, "Of the model", note))
-    if own:
-        rows = tuple((_place(e), *_estimate(e, _place(e))) for e in own)
-        heads = columns(of="name", value="number", **bar, CRLB="number", start="number", remark="word")
-        tables.append(PageTable(heads, rows, "Of each recording"))
-    return tables
+def _parameters(found: Refinement) -> Iterator[Table]:
+    """Parameters of the model and of single recordings, with their intervals as bars."""
+    titles = {"parameter": "Parameters of the model", "of": "Parameters of single recordings"}
+    for table in found.tables():
+        names = [column.name for column in table.columns]
+        if names[0] not in titles:
+            continue
+        value, std = names.index("value"), names.index("std error")
+        bars = [
+            interval_bar(str(row[0]), row[value], row[value] - _Z95 * row[std], row[value] + _Z95 * row[std])
+            for row in table.rows
+        ]
+        made = table.with_column(names.index("CRLB"), INTERVAL, bars)
+        yield replace(made, title=titles[names[0]], note=INTERVAL_NOTE)
 
 
-def _place(e: Estimate) -> str:
-    kind, recording, what = e.name.split(":", 2)  # start:m01:w
-    return f"{kind} {what}, {recording}"
-
-
-def _estimate(e: Estimate, name: str) -> tuple[Any, ...]:
-    bar = interval_bar(name, e.value, e.value - _SURE * e.std, e.value + _SURE * e.std)
-    remark = "at bound" if e.at_bound else "not determined" if math.isinf(e.std) else ""
-    return _sized(e), bar, format_number(e.std_white, 2), format_number(e.start), remark
-
-
-def _fits(found: Refinement) -> PageTable:
+def _fits(found: Refinement) -> Table:
+    """Fit of every output, with rms errors in display units."""
     order = list(found.noise_std)
     own = found.simulated[0].units if found.simulated else {}
     rows = tuple(
-        (f.output, f.recording, str(f.n), format_in_unit(f.rms_error, unit_of(f.output, own)), *f.cells())
+        (f.output, f.recording, f.n, format_in_unit(f.rms_error, unit_of(f.output, own)), *f.cells())
         for f in sorted(found.fits, key=lambda f: order.index(f.output))
     )
-    heads = columns(output="name", recording="word", samples="number", rms_error="number", **metric_columns())
-    return PageTable(heads, rows)
+    words = (text_column("output"), text_column("recording"))
+    return Table((*words, Column("samples"), Column("rms error"), *_metric_columns()), rows)
 
 
-def _judgement(judged: Mapping[str, Resimulation]) -> Section:
-    kinds = {"windows": "in windows", "whole": "whole"}
-    rows = []
-    for output in next(iter(judged.values())).outputs:
-        for name, one in judged.items():
-            both = [x for kind in KINDS for x in one.score(output, "all", kind).table_cells()]
-            rows.append((output, name, *both))
-    numbers = {**metric_columns(), "in band": "number"}
-    heads = (
-        *columns(output="name", refinement="word"),
-        *(column for kind in KINDS for column in columns(**_first_marked(kinds[kind], numbers))),
-    )
+def _metric_columns() -> list[Column]:
+    return [Column(metric.label) for metric in in_tables(brief=True)]
+
+
+def _validation(judged: Mapping[str, Resimulation]) -> Section:
+    """Scores of the re-simulations before and after the refinement, in windows and over the complete recordings."""
     first = next(iter(judged.values()))
+    rows = tuple(
+        (output, name, *(x for kind in KINDS for x in one.score(output, "all", kind).table_cells()))
+        for output in first.outputs
+        for name, one in judged.items()
+    )
+    numbers = []
+    for kind in KINDS:
+        head, *others = table_heads()
+        numbers += [Column(f"{_KINDS[kind]}: {head}"), *map(Column, others)]
     note = (
         f"In windows of {format_number(first.window)} s that each start from the recorded state, and over the complete "
-        "record. In band: share of the samples that the simulation reached and met within the proof-of-match band."
+        "recording. In band: fraction of the samples within the proof-of-match band."
     )
-    return Section("On recordings held out", text=("Flown with their recorded inputs; never refined on.",),
-                   tables=(PageTable(heads, tuple(rows), "", note),))  # fmt: skip
-
-
-def _first_marked(mark: str, heads: Mapping[str, str]) -> dict[str, str]:
-    """Columns whose first heading says what they are all of."""
-    return {f"{mark}: {name}" if i == 0 else name: kind for i, (name, kind) in enumerate(heads.items())}
+    text = ("Simulated with the recorded inputs; these recordings were not used for the refinement.",)
+    table = Table((text_column("output"), text_column("refinement"), *numbers), rows, note=note)
+    return Section("Validation", text=text, tables=(table,))
 
 
 def _search(found: Refinement) -> str:
-    told = ""
+    evolution = ""
     if found.search is not None:
-        told = f"Evolution over {count_of(len(found.search.costs), 'generation')}, {found.search.evaluations} flights. "
+        generations = count_of(len(found.search.costs), "generation")
+        evolution = f"Global search over {generations} with {found.search.evaluations} simulations. "
     steps = count_of(len(found.costs) - 1, "step")
     cost = f"cost from {format_number(found.costs[0], 6)} to {format_number(found.costs[-1], 6)}"
-    return f"{told}Descent in {steps}, {cost}; {found.message}."
+    return f"{evolution}Descent in {steps}, {cost}; {found.message}."
 
 
-def _descent(found: Refinement) -> dict[str, Any]:
-    above = found.costs - found.costs.min()
-    says = f"Cost at each of {count_of(len(found.costs), 'step')} of the descent, above the least."
-    return chart("descent", range(len(found.costs)), [("cost above the least", "physics", list(map(float, above)))],
-                 x_label="step", y_label="cost above the least", says=says, log=True)  # fmt: skip
+def _cost_chart(found: Refinement) -> dict[str, Any]:
+    above = list(map(float, found.costs - found.costs.min()))
+    caption = f"Cost minus its minimum, after each of {count_of(len(found.costs), 'step')} of the descent."
+    return single_chart("descent", range(len(found.costs)), [("cost minus minimum", "physics", above)],
+                        x_label="step", y_label="cost minus minimum", caption=caption, log=True)  # fmt: skip
 
 
-def _done(found: Refinement) -> str:
-    cost = {"ml": "maximum likelihood, the noise estimated", "weighted": "residuals weighted as given"}[found.cost]
+def _method(found: Refinement) -> str:
+    cost = {"ml": "maximum likelihood with estimated noise", "weighted": "residuals with given weights"}[found.cost]
     name = str(getattr(found.model, "name", ""))
     model = f" of {name}" if name else ""
     return f"{found.title}{model}: {cost}. Outputs: {join_names(found.noise_std, 40)}."
@@ -207,9 +201,9 @@ def _done(found: Refinement) -> str:
 
 def _figures(found: Refinement, recordings: Sequence[Recording], charts: Sequence[dict[str, Any]]) -> dict[str, Any]:
     recorded = {r.name: r for r in recordings}
-    held: list[dict[str, Any]] = [dict(one.channels) for one in found.simulated]
-    first = dict.fromkeys((*_INPUTS, *found.noise_std, *(c for one in held for c in one)))
-    channels = [c for c in first if moving(c, held)][:_MOST_CHANNELS]
+    channels_of: list[dict[str, Any]] = [dict(one.channels) for one in found.simulated]
+    first = dict.fromkeys((*_INPUTS, *found.noise_std, *(c for one in channels_of for c in one)))
+    channels = [c for c in first if is_varying(c, channels_of)][:_MAX_CHANNELS]
     flights = {}
     for one in found.simulated:
         measured = recorded.get(one.name)

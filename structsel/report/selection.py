@@ -1,9 +1,10 @@
-"""A selection as a page: the terms that belong in the model, how sure they are, and why they are there."""
+"""Page of a selection: the terms of the model, their accuracy, and how they were selected."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,183 +20,162 @@ from structsel.formatting import (
 )
 from structsel.nomenclature import unit_of
 from structsel.recording import Recording
-from structsel.report.chart_data import ChartFlight, chart, chart_data, moving
+from structsel.report.chart_data import ChartFlight, chart_data, is_varying, single_chart
 from structsel.report.page_model import (
-    Bar,
-    PageTable,
+    INTERVAL,
+    INTERVAL_NOTE,
+    Page,
     Section,
-    Sheet,
-    columns,
-    conversions,
     interval_bar,
+    list_history,
     list_sources,
-    merge_remarks,
-    metric_columns,
+    merge_notes,
 )
 from structsel.selection import Selection, Selections
 from structsel.selection.methods import METHODS
+from structsel.tables import Bar, Column, Table, text_column
 from structsel.validation import Validation
 
-_ALSO = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr", "df", "mach", "h")
-_MOST_CHANNELS = 16
-_RUNNERS_UP, _LEAST_SHARE = 6, 0.05
-_POOR = 0.5
+_FURTHER_CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr", "df", "mach", "h")
+_MAX_CHANNELS = 16
+_MAX_RUNNERS_UP, _MIN_FREQUENCY = 6, 0.05
+_PROBABLE = 0.5  # selection frequency above which a candidate that was not selected is marked
 _LEGEND = (
-    "Standard errors and intervals hold the structure's own uncertainty where it was resampled. F: partial F of the "
-    "term in the model. Kept: share of the resampled selections that kept the term. VIF: variance inflation. PSE: "
-    "predicted squared error, a share of the response's mean square about its mean. Left out: predicting, in turn, "
-    "manoeuvres (parts of a single one) left out of the selection. Values are in SI and radians."
+    "Standard errors and intervals include the uncertainty of the structure if there was a bootstrap. F: partial F of "
+    "the term in the model. freq.: selection frequency, the fraction of the bootstrap selections that have the term. "
+    "VIF: variance inflation factor. PSE: predicted squared error, as a fraction of the variance of the response. "
+    "Cross-validated: each manoeuvre (or part of a single one) is predicted by a model selected without it. Values are "
+    "in SI units and radians."
 )
 
 
-def sheet_of(
+def page_of(
     found: Selections, recordings: Sequence[Recording], judged: Validation | None, reasons: Sequence[str]
-) -> Sheet:
-    """The page of a selection; `recordings` are those it was made from and those that judge it."""
+) -> Page:
+    """Page of a selection; `recordings` are those used for the selection and those used for validation."""
     each = list(found.values())
-    held = [] if judged is None else list(dict.fromkeys(score.recording for score in judged.scores))
-    doubts = merge_remarks((s.response, text) for s in each for text in s.doubts)
+    held_out = [] if judged is None else list(dict.fromkeys(score.recording for score in judged.scores))
+    warnings = merge_notes((s.response, text) for s in each for text in s.doubts)
     if judged is not None:
-        doubts += merge_remarks(("held out", text) for text in judged.doubts)
-    headline, told = _headline(each)
+        warnings += merge_notes(("validation", text) for text in judged.doubts)
+    headline, summary = _headline(each)
     biased = [s.response for s in each if s.biased]
-    warned = [f"Biased on purpose: {join_names(biased)} by {each[0].estimator}."] if biased else []
-    charts = [_path(s, f"path-{k}") for k, s in enumerate(each) if s.trace]
+    bias = [f"Biased estimates: {join_names(biased)} by {each[0].estimator}."] if biased else []
     sections = [_section(s, f"path-{k}") for k, s in enumerate(each)]
     if judged is not None:
-        sections.append(_judgement(judged))
-    return Sheet(
-        verdict=count_of(len(doubts), "warning") if doubts else "no warnings",
-        tone="doubt" if doubts or biased else "good",
+        text = ("These recordings were not used for the selection.",)
+        sections.append(Section("Validation", text=text, tables=judged.tables()))
+    return Page(
+        verdict=count_of(len(warnings), "warning") if warnings else "no warnings",
+        status="warning" if warnings or biased else "good",
         headline=headline,
-        lead=(told,),
-        about=_about(each, held),
-        reasons=(*reasons, *warned),
+        summary=(summary,),
+        about=_about(each, held_out),
+        reasons=(*reasons, *bias),
         sections=tuple(sections),
-        doubts=doubts,
-        notes=(),
-        done=describe_method(each[0]),
-        sources=list_sources(recordings, each[0].recordings, held),
-        history=conversions(recordings),
-        data=figures_of({"physics": ("model", found)}, recordings, charts),
+        warnings=warnings,
+        notes=() if judged is None else merge_notes(("", text) for text in judged.summary().notes),
+        method=describe_method(each[0]),
+        sources=list_sources(recordings, each[0].recordings, held_out),
+        history=list_history(recordings),
+        data=figures_of(
+            {"physics": ("model", found)},
+            recordings,
+            [_search_chart(s, f"path-{k}") for k, s in enumerate(each) if s.trace],
+        ),
         legend=_LEGEND,
     )
 
 
 def _headline(each: Sequence[Selection]) -> tuple[str, str]:
+    """Sentences on the terms, and on the explained variance."""
     if len(each) == 1:
         s = each[0]
         terms = join_names(map(str, s.terms)) if s.terms else "none but the constant"
-        told = f"Together they explain {format_explained(s.r2)} of its variance"
-        left = f", and {format_explained(s.held_out_r2)} in what was left out of the selection"
+        fit = f"The model explains {format_explained(s.r2)} of the variance"
+        prediction = f", and {format_explained(s.held_out_r2)} in cross-validation"
         return (
-            f"The model of {s.response} needs {len(s.terms)} of {count_of(len(s.pool), 'candidate term')}: {terms}.",
-            told + (left if math.isfinite(s.held_out_r2) else "") + ".",
+            f"The model of {s.response} has {len(s.terms)} of {count_of(len(s.pool), 'candidate term')}: {terms}.",
+            fit + (prediction if math.isfinite(s.held_out_r2) else "") + ".",
         )
-    kept = join_names([f"{s.response} needs {len(s.terms)}" for s in each], len(each))
+    selected = join_names([f"{len(s.terms)} for {s.response}" for s in each], len(each))
     worst, best = (f(each, key=lambda s: s.r2) for f in (min, max))
     return (
-        f"Of {count_of(len(each[0].pool), 'candidate term')}, {kept}.",
-        f"They explain from {format_explained(worst.r2)} of the variance ({worst.response}) to "
+        f"Of {count_of(len(each[0].pool), 'candidate term')}, {selected} were selected.",
+        f"The models explain from {format_explained(worst.r2)} of the variance ({worst.response}) to "
         f"{format_explained(best.r2)} ({best.response}).",
     )
 
 
-def _about(each: Sequence[Selection], held: Sequence[str]) -> str:
-    judges = f"; {join_names(held)} held out for validation" if held else ""
-    return f"From {count_of(len(each[0].recordings), 'recording')}, {each[0].n} samples{judges}."
+def _about(each: Sequence[Selection], held_out: Sequence[str]) -> str:
+    validation = f"; validation with {join_names(held_out)}" if held_out else ""
+    return f"Selected from {count_of(len(each[0].recordings), 'recording')} with {each[0].n} samples{validation}."
 
 
 def _section(s: Selection, name: str) -> Section:
-    resampled = bool(s.inclusion)
-    head = columns(
-        term="name", value="number", std_error="number", **{"95 % interval": "bar"}, F="number",
-        **({"kept": "number"} if resampled else {}), VIF="number",
-    )  # fmt: skip
-    rows = []
-    for row in s.to_frame().to_dict("records"):
-        bar = interval_bar(row["term"], row["value"], row["low95"], row["high95"])
-        mine = [
-            row["term"],
-            format_number(row["value"]),
-            format_number(row["std_error"], 2),
-            bar,
-            format_number(row["partial_F"], 3),
-        ]
-        rows.append((*mine, *([format_percent(row["inclusion"])] if resampled else []), format_number(row["vif"], 2)))
-    note = (
-        "Bars are relative to each value. The line in them is zero: an interval across it (red) is a term that may not "
-        "be there."
-    )
-    tables = [PageTable(head, tuple(rows), "Terms", note)]
-    if resampled and (near := _runners_up(s)):
-        tables.append(near)
+    """Terms of one response, candidates that were nearly selected, and cross-validation."""
+    (terms,) = s.tables()
+    rows = s.to_frame().to_dict("records")
+    bars = [interval_bar(row["term"], row["value"], row["low95"], row["high95"]) for row in rows]
+    place = [column.name for column in terms.columns].index("F")
+    tables = [replace(terms.with_column(place, INTERVAL, bars), title="Terms", note=INTERVAL_NOTE)]
+    if s.inclusion and (runners_up := _runners_up(s)):
+        tables.append(runners_up)
     if len(s.held_out) > 1:
-        parts = tuple((p.name, str(p.n), format_decimals(p.r2), format_number(p.rms, 3)) for p in s.held_out)
-        heads = columns(predicted="name", samples="number", **{"R²": "number"}, rms_error="number")
-        tables.append(PageTable(heads, parts, "Each part by a model selected without it"))
-    chips = (f"{len(s.terms)} of {len(s.pool)} candidates", s.residual_description)
+        parts = tuple((p.name, p.n, p.r2, p.rms) for p in s.held_out)
+        heads = (text_column("predicted"), Column("samples"), Column("R2", "4f"), Column("rms error", "3g"))
+        tables.append(Table(heads, parts, "Cross-validation"))
+    badges = (f"{len(s.terms)} of {len(s.pool)} candidates", s.residual_description)
     fit = f"R² {format_decimals(s.r2)}, adjusted {format_decimals(s.adjusted_r2)}, rms error {format_number(s.rms, 3)}"
     if math.isfinite(s.held_out_r2):
         fit += f"; cross-validated R² {format_decimals(s.held_out_r2)}, rms error {format_number(s.held_out_rms, 3)}"
-    warnings = (f"{count_of(len(s.doubts), 'doubt')} about {s.response}, below.",) if s.doubts else ()
-    return Section(s.response, chips, warnings, (f"{fit}.",), tuple(tables), (name,) if s.trace else ())
+    warnings = (f"{count_of(len(s.doubts), 'warning')} about {s.response}, see below.",) if s.doubts else ()
+    return Section(s.response, badges, warnings, (f"{fit}.",), tuple(tables), (name,) if s.trace else ())
 
 
-def _runners_up(s: Selection) -> PageTable | None:
-    """Candidates not kept that resampled selections kept, most often first."""
-    kept = set(map(str, s.terms))
-    near = sorted(((x, n) for n, x in s.inclusion.items() if n not in kept and x >= _LEAST_SHARE), reverse=True)
-    if not near:
+def _runners_up(s: Selection) -> Table | None:
+    """Candidates outside the model that bootstrap selections have, the most frequent first."""
+    own = set(map(str, s.terms))
+    found = sorted(((x, n) for n, x in s.inclusion.items() if n not in own and x >= _MIN_FREQUENCY), reverse=True)
+    if not found:
         return None
     rows = tuple(
-        (
-            n,
-            format_percent(x),
-            Bar(0.0, round(100.0 * x, 1), f"{n} kept in {format_percent(x)}", "refitted" if x > _POOR else "other"),
-        )
-        for x, n in near[:_RUNNERS_UP]
+        (n, x, Bar(0.0, round(100.0 * x, 1), f"{n}: {format_percent(x)}", "refitted" if x > _PROBABLE else "other"))
+        for x, n in found[:_MAX_RUNNERS_UP]
     )
-    heads = columns(term="name", kept="number", share="bar")
-    return PageTable(heads, rows, "Not in the model, but in that of resampled recordings")
+    heads = (text_column("term"), Column("freq.", "%"), Column(""))
+    return Table(heads, rows, "Candidates selected in the bootstrap only")
 
 
-def _path(s: Selection, name: str) -> dict[str, Any]:
-    """The search: what each move left unexplained, and what it would cost to predict."""
+def _search_chart(s: Selection, name: str) -> dict[str, Any]:
+    """Chart of the unexplained fraction and the PSE after each move of the search."""
     moves = [f"{k}. {m.action} {m.term}" + (f" for {m.other}" if m.other else "") for k, m in enumerate(s.trace, 1)]
     lines = [
         ("unexplained, 1 − R²", "measured", [1.0 - m.R2 for m in s.trace]),
         ("PSE", "physics", [m.PSE for m in s.trace]),
     ]
-    says = f"The search for {s.response}: share left unexplained and PSE after each of {count_of(len(moves), 'move')}."
-    return chart(name, range(1, len(moves) + 1), lines, x_label="move of the search", y_label="share of the variance",
-                 says=f"{says} It ended: {s.stop_reason}", log=True, labels=moves)  # fmt: skip
-
-
-def _judgement(judged: Validation) -> Section:
-    rows = []
-    for pooled in judged.pooled:
-        mine = [s for s in judged.scores if s.response == pooled.response]
-        for s in mine if len(mine) == 1 else [*mine, pooled]:
-            residual = "white" if s.white else "coloured" if math.isfinite(s.ljung_box_p) else "-"
-            rows.append((s.response, s.recording, str(s.n), *s.cells(), residual))
-    heads = columns(response="name", recording="word", samples="number", **metric_columns(), residual="word")
-    note = "RRMSE: rms error over that of the measured response. TIC: Theil's coefficient, 0 perfect, 1 useless."
-    return Section("On recordings held out", text=("These were never selected from.",),
-                   tables=(PageTable(heads, tuple(rows), "", note),))  # fmt: skip
+    caption = (
+        f"The search for {s.response}: unexplained fraction of the variance, and PSE, after each of "
+        f"{count_of(len(moves), 'move')}. It ended: {s.stop_reason}"
+    )
+    return single_chart(name, range(1, len(moves) + 1), lines, x_label="move of the search",
+                        y_label="fraction of variance", caption=caption, log=True, labels=moves)  # fmt: skip
 
 
 def describe_method(s: Selection) -> tuple[str, ...]:
-    """Sentences about how the terms were searched, estimated and resampled, and the candidates."""
+    """Sentences on the method of selection and estimation, the bootstrap, and the candidates."""
     o = s.options
     method = METHODS[o.method]
     words = method.heading
     if "F_in" in method.options:
         words += f", partial F to enter {o.F_in}" + ("" if o.F_out is None else f", to stay {o.F_out:g}")
-    rule = f", the model chosen by {o.criterion}" if o.criterion else ""
-    again = f"Selected again on {o.bootstrap} resampled sets (seed {o.seed})." if o.bootstrap else "Not resampled."
-    offered = join_names([str(t) for t in s.pool], 40)
-    return f"{words}{rule}; {s.residual_description}; values by {s.estimator}. {again}", f"Candidates: {offered}."
+    rule = f", model size by {o.criterion}" if o.criterion else ""
+    bootstrap = f"{o.bootstrap} bootstrap selections (seed {o.seed})." if o.bootstrap else "No bootstrap."
+    candidates = join_names([str(t) for t in s.pool], 40)
+    return (
+        f"{words}{rule}; {s.residual_description}; estimates by {s.estimator}. {bootstrap}",
+        f"Candidates: {candidates}.",
+    )
 
 
 def figures_of(
@@ -203,34 +183,34 @@ def figures_of(
     recordings: Sequence[Recording],
     charts: Sequence[dict[str, Any]] = (),
 ) -> dict[str, Any]:
-    """Data of the figures.
+    """Data of the charts.
 
     Parameters
     ----------
-    found : mapping of ink to (name, Selections)
-        Models of the same responses, each with what its line is called.
+    found : mapping of line style to (name, Selections)
+        Models of the same responses, each with its name in the legend.
     recordings : sequence of Recording
     charts : sequence of mapping
-        Figures that stand alone.
+        Further charts.
     """
     responses = list(next(iter(found.values()))[1])
     flights: dict[str, ChartFlight] = {}
     shown = [r for r in recordings if all(response in r for response in responses)]
-    held: list[dict[str, Any]] = [dict(r.channels) for r in shown]
+    channels_of: list[dict[str, Any]] = [dict(r.channels) for r in shown]
     pool = [c for _, each in found.values() for s in each.values() for c in _used_first(s)]
-    wanted = [c for c in dict.fromkeys((*pool, *_ALSO)) if c not in responses]
-    channels = [c for c in wanted if moving(c, held)][:_MOST_CHANNELS]
-    models = {ink: each.model for ink, (_, each) in found.items()}
+    wanted = [c for c in dict.fromkeys((*pool, *_FURTHER_CHANNELS)) if c not in responses]
+    channels = [c for c in wanted if is_varying(c, channels_of)][:_MAX_CHANNELS]
+    models = {style: each.model for style, (_, each) in found.items()}
     for r in shown:
-        modelled = {ink: model.evaluate(r, outside="ignore") for ink, model in models.items()}
+        modelled = {style: model.evaluate(r, outside="ignore") for style, model in models.items()}
         each = {
-            name: {"measured": r[name], **{ink: np.asarray(values[name]) for ink, values in modelled.items()}}
+            name: {"measured": r[name], **{style: np.asarray(values[name]) for style, values in modelled.items()}}
             for name in responses
         }
         flights[r.name] = ChartFlight(r.t, each, {c: r[c] for c in channels})
     own = shown[0].units if shown else {}
     units = {name: display_unit(unit_of(name, own)) for name in (*responses, *channels)}
-    stages = {ink: name for ink, (name, _) in found.items()}
+    stages = {style: name for style, (name, _) in found.items()}
     return chart_data(flights, stages, units, verb="modelled", charts=charts)
 
 
