@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 _STAGES = {"delivered": "as given", "refitted": "retuned within tolerances", "physics": "with the effects found"}
 _COLOURS = {"delivered": MODEL, "refitted": HIGHLIGHT, "physics": SELECTED}
 _BAR = 0.26  # of the distance between groups
-_HEADROOM = 1.15
+_HEADROOM = 1.3  # above the highest bar, for the legend
 _MARGIN = 0.03
 
 

@@ -79,7 +79,7 @@ function draw(id, chart) {
     "aria-label": chart.caption, "aria-describedby": "chart-keys", tabindex: 0, "data-key": "chart"}, null);
   box.appendChild(svg);
   make("rect", {x: MARGIN.left, y: MARGIN.top, width: right - MARGIN.left, height: floor - MARGIN.top}, make("clipPath", {id: clip}, make("defs", {}, svg)));
-  for (const y of ticks(y0, y1, 4)) {
+  for (const y of ticks(y0, y1, 5)) {
     make("line", {class: "grid", x1: MARGIN.left, x2: right, y1: py(y), y2: py(y)}, svg);
     make("text", {x: MARGIN.left - 6, y: py(y) + 4, "text-anchor": "end"}, svg, formatNumber(chart.log ? +(10 ** y).toPrecision(2) : y, 6));
   }
