@@ -1,19 +1,19 @@
-"""Files that would crash a compiled reader, keep it busy for ever or fill the memory: refused in words, in time."""
+"""Files that would crash a reader, keep it busy without end or fill the memory are refused with a message, in time."""
 
 import gzip
 import os
 import sys
-import time
 import zipfile
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.io
 
 from structsel import read_recording
 from structsel.errors import DataError
-from structsel.readers import compressed, isolated, limits
+from structsel.readers import compressed, isolated
 
 T = np.arange(30) * 0.02
 
@@ -21,7 +21,6 @@ T = np.arange(30) * 0.02
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
     monkeypatch.setattr(isolated, "SECONDS", 1.0)
-    monkeypatch.setattr(limits, "SECONDS", 1.0)
 
 
 def matlab(path):
@@ -72,7 +71,7 @@ def test_a_dataset_of_more_samples_than_any_memory_holds_is_refused(tmp_path):
         stream["t"] = T
         stream.create_dataset("alpha", shape=(10**12,), dtype="f8", chunks=(1000,))
     assert (tmp_path / "r.h5").stat().st_size < 100_000
-    with pytest.raises(DataError, match=r"r\.h5' would take more than 2\.0 GiB of memory, for a file of \d+ bytes"):
+    with pytest.raises(DataError, match=r"r\.h5' would take more than 3\.0 GiB of memory, for a file of \d+ bytes"):
         read_recording(tmp_path / "r.h5")
 
 
@@ -89,8 +88,12 @@ def test_one_process_serves_for_many_files_and_none_is_no_hindrance(tmp_path, mo
 
 # --- readers in Python -----------------------------------------------------------------------------
 
+_WORKER = f"""
+import sys
+sys.path.insert(0, {str(isolated.WORKER.parent)!r})
+import isolated_worker as worker
 
-def _spin():
+def spin(path):
     while True:
         try:
             while True:
@@ -98,42 +101,66 @@ def _spin():
         except Exception:
             pass
 
-
-def _grow():
+def grow(path):
     held = []
     while True:
         held.append(bytes(1 << 20))
 
-
-def _stubborn():
-    for _ in range(3):
-        try:
-            while True:
-                pass
-        except BaseException:
-            pass
-    return "half a table"
+worker.READERS |= {{"spin": ("json", spin), "grow": ("json", grow), "unknown": ("no_such_package", spin)}}
+worker.main()
+"""
 
 
-@pytest.mark.default_cases("_spin")
-@pytest.mark.parametrize("never_ending", [_spin, _stubborn])
-def test_a_reader_that_never_ends_is_stopped_through_whatever_it_catches_and_not_believed(tmp_path, never_ending):
+@pytest.fixture
+def worker(tmp_path, monkeypatch):
+    """A file, and a process with readers that never end."""
+    (tmp_path / "worker.py").write_text(_WORKER)
     (tmp_path / "r.log").write_bytes(b"x")
-    start = time.process_time()
-    with pytest.raises(DataError, match=r"r\.log', of 1 bytes, is not read after 1 s"):
-        limits.within_limits(tmp_path / "r.log", never_ending)
-    assert time.process_time() - start < 4.0
-    assert limits.within_limits(tmp_path / "r.log", lambda: 5) == 5
+    monkeypatch.setattr(isolated, "WORKER", tmp_path / "worker.py")
+    monkeypatch.setattr(isolated, "_running", None)
+    for kind in ("spin", "grow", "unknown"):
+        monkeypatch.setitem(isolated.FORMATS, kind, ("log", "Write it again."))
+    yield tmp_path / "r.log"
+    isolated._stop()
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="the peak memory is not reported there")
-def test_a_reader_that_fills_the_memory_is_stopped(tmp_path, monkeypatch):
-    (tmp_path / "r.log").write_bytes(b"x")
-    monkeypatch.setattr(limits, "SECONDS", 60.0)
-    # The peak of this process may be above what it has now; a little more than that is enough.
-    monkeypatch.setattr(limits, "MEMORY", 50 << 20)
-    with pytest.raises(DataError, match=r"takes more than 0\.0 GiB of memory: it is damaged, or made to do harm"):
-        limits.within_limits(tmp_path / "r.log", _grow)
+def test_a_reader_that_never_ends_is_stopped_whatever_it_catches(worker):
+    with pytest.raises(DataError, match=r"r\.log' keeps its reader busy for more than 1 s: it is damaged"):
+        isolated.read_isolated(worker, "spin")
+
+
+def test_without_limits_of_the_system_the_wall_clock_stops_a_reader(worker, monkeypatch):
+    monkeypatch.setattr(isolated, "_WALL", 0.3)
+    with pytest.raises(DataError, match=r"r\.log' keeps its reader busy"):
+        isolated.read_isolated(worker, "spin")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limits on memory there")
+def test_a_reader_that_fills_the_memory_is_stopped(worker, monkeypatch):
+    monkeypatch.setattr(isolated, "SECONDS", 60.0)
+    monkeypatch.setattr(isolated, "MEMORY", 1 << 30)
+    with pytest.raises(DataError, match=r"r\.log' would take more than 1\.0 GiB of memory, for a file of 1 bytes"):
+        isolated.read_isolated(worker, "grow")
+
+
+def test_a_reader_whose_package_fails_is_an_error_of_the_file(worker):
+    with pytest.raises(DataError, match=r"r\.log' is no log that can be read: No module named 'no_such_package'"):
+        isolated.read_isolated(worker, "unknown")
+
+
+# --- readers in this process -----------------------------------------------------------------------
+
+
+def test_a_text_of_more_columns_than_recordings_have_is_refused(tmp_path):
+    (tmp_path / "wide.csv").write_text("\n".join([",".join(["1"] * 30_000)] * 3))
+    with pytest.raises(DataError, match=r"wide\.csv' has 30000 columns; at most 20000 are read"):
+        read_recording(tmp_path / "wide.csv")
+
+
+def test_a_parquet_table_that_expands_a_thousandfold_is_refused(small, tmp_path):
+    pd.DataFrame({"t": np.zeros(1_000_000), "alpha": np.zeros(1_000_000)}).to_parquet(tmp_path / "r.parquet")
+    with pytest.raises(DataError, match=r"r\.parquet' is no Parquet file: the table has \d+ bytes and would expand"):
+        read_recording(tmp_path / "r.parquet")
 
 
 # --- compressed ------------------------------------------------------------------------------------

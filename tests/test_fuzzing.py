@@ -22,7 +22,7 @@ from structsel.candidates import Term
 from structsel.cli import app
 from structsel.cli.defaults import load_defaults
 from structsel.errors import AircraftError, DataError, MapError, ModelError, StructselError
-from structsel.readers import isolated, limits
+from structsel.readers import isolated
 from structsel.readers.channel_map import load_channel_map
 from structsel.recording import Recording
 from structsel.selection.checkpoint import Checkpoint
@@ -349,7 +349,6 @@ def _matlab(version):
 @pytest.fixture
 def impatient(monkeypatch):
     monkeypatch.setattr(isolated, "SECONDS", 1.0)
-    monkeypatch.setattr(limits, "SECONDS", 3.0)
 
 
 @pytest.mark.usefixtures("impatient")

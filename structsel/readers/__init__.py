@@ -8,7 +8,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 from structsel.errors import DataError
@@ -16,7 +15,6 @@ from structsel.readers.channel_map import FileOptions
 from structsel.readers.dataflash import read_dataflash
 from structsel.readers.hdf5 import read_hdf5
 from structsel.readers.jsbsim import with_jsbsim_map
-from structsel.readers.limits import within_limits
 from structsel.readers.matlab import read_matlab
 from structsel.readers.mdf import read_mdf
 from structsel.readers.numpy_files import read_npy, read_npz
@@ -82,7 +80,7 @@ def read_table(path: Path, options: FileOptions) -> FileTable:
     if path.stat().st_size == 0:
         raise DataError(f"'{path}' is empty (0 bytes).")
     start = time.perf_counter()
-    table = within_limits(path, partial(reader, path, options))
+    table = reader(path, options)
     longest = max(map(len, table.columns.values()), default=0)
     log.info(
         "read '%s': %d columns, %d rows, in %.2f s", path, len(table.columns), longest, time.perf_counter() - start

@@ -6,13 +6,9 @@ message is its ``TimeUS``. Units are those the log itself states (FMTU, UNIT, MU
 
 from __future__ import annotations
 
-import contextlib
-import io
-import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -20,20 +16,13 @@ import numpy as np
 from structsel.errors import DataError
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.standard_maps import StandardChannel, densest_time, import_extra, with_standard_map
+from structsel.readers.isolated import read_isolated
+from structsel.readers.isolated_worker import DATAFLASH_TYPES
+from structsel.readers.standard_maps import StandardChannel, densest_time, require_extra, with_standard_map
 from structsel.readers.table import FileTable
 from structsel.readers.units import is_unit
 
 MAGIC = b"\xa3\x95"
-_HEADER = 3  # bytes: the magic and the message's type
-_PADDING = 528  # bytes a sound log may end with that are no message, as pymavlink has it
-# Of each character of a format: the type, and what the number is divided by.
-_TYPES = {
-    "a": ("(32,)<i2", 1), "b": ("<i1", 1), "B": ("<u1", 1), "g": ("<f2", 1), "h": ("<i2", 1), "H": ("<u2", 1),
-    "i": ("<i4", 1), "I": ("<u4", 1), "f": ("<f4", 1), "d": ("<f8", 1), "M": ("<u1", 1), "q": ("<i8", 1),
-    "Q": ("<u8", 1), "n": ("S4", 1), "N": ("S16", 1), "Z": ("S64", 1), "c": ("<i2", 100), "C": ("<u2", 100),
-    "e": ("<i4", 100), "E": ("<u4", 100), "L": ("<i4", 10_000_000),
-}  # fmt: skip
 _UNITS = {"degheading": "deg", "deglatitude": "deg", "deglongitude": "deg", "m/s/s": "m/s^2", "rad/s/s": "rad/s^2"}
 _UNITS |= {"deg/s/s": "deg/s^2", "UNKNOWN": "", "instance": "", "satellites": ""}
 _SERVOS = {70: "throttle", 4: "aileron", 19: "elevator", 21: "rudder", 2: "flap"}
@@ -102,13 +91,10 @@ def read_dataflash(path: Path, options: FileOptions) -> FileTable:
                 f"'{path}' is no binary DataFlash log: it does not begin as one.\n"
                 "Check that it is the right file; a log in text (.log) is read after conversion to .bin or .csv."
             )
-    reader = import_extra("pymavlink.DFReader", "dataflash", path, "an ArduPilot log")
-    said = io.StringIO()
+    require_extra("pymavlink.DFReader", "dataflash", path, "an ArduPilot log")
+    log = read_isolated(path, "bin")
+    messages = log.messages
     try:
-        # The reader prints what it comes across.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _index(reader, path) as log:
-            messages = {fmt.name: (fmt, rows) for fmt, rows in _messages(log)}
-            faults = _fault(log)
         columns, units, clocks = _columns(messages)
         notes = [
             *_add_true_airspeed(columns, units, clocks),
@@ -123,7 +109,7 @@ def read_dataflash(path: Path, options: FileOptions) -> FileTable:
             f"'{path}' is a DataFlash log without samples: it has definitions of messages only.\n"
             "Check LOG_BITMASK and LOG_DISARMED, or fetch the log from the vehicle again."
         )
-    table = FileTable(str(path), columns, units=units, clocks=clocks, notes=tuple(notes), faults=faults)
+    table = FileTable(str(path), columns, units=units, clocks=clocks, notes=tuple(notes), faults=log.faults)
     measured = [c for row in _USUAL for c in row.columns if isinstance(c, str) and c in columns]
     usual = (StandardChannel("t", (clocks[measured[0]] if measured else densest_time(clocks, columns),)), *_USUAL)
     if "RCOU.throttle" not in columns and "RCOU.elevator" not in columns:
@@ -134,40 +120,6 @@ def read_dataflash(path: Path, options: FileOptions) -> FileTable:
             notes=(*table.notes, "AOA.AOA and AOA.SSA are computed by ArduPilot from its wind estimate, and not used"),
         )
     return with_standard_map(table, "ArduPilot's usual messages", usual)
-
-
-def _index(reader: ModuleType, path: Path) -> Any:
-    """Log in which pymavlink has found the formats, the units and the positions of the messages."""
-
-    class Index(reader.DFReader_binary):  # type: ignore[name-defined, misc]
-        def init_clock(self) -> None:
-            """No search for the time of day, which takes many times as long in a log without GPS."""
-
-    return Index(str(path))
-
-
-def _messages(log: Any) -> Iterator[tuple[Any, np.ndarray]]:
-    """Each format of a log with its messages as a structured array; pymavlink found where they stand."""
-    content = np.frombuffer(log.data_map[:], dtype=np.uint8)
-    for number, fmt in log.formats.items():
-        size = struct.calcsize(fmt.msg_struct)
-        at = np.asarray(log.offsets[number], dtype=np.int64) + _HEADER
-        at = at[at + size <= len(content)]
-        if not len(at) or len(fmt.columns) != len(fmt.msg_fmts):
-            continue
-        kinds = np.dtype([(name, _TYPES[kind][0]) for name, kind in zip(fmt.columns, fmt.msg_fmts)])
-        yield fmt, np.lib.stride_tricks.sliding_window_view(content, size)[at].view(kinds)[:, 0]
-
-
-def _fault(log: Any) -> tuple[str, ...]:
-    there = {number: fmt.len for number, fmt in log.formats.items() if len(log.offsets[number])}
-    end = max((int(log.offsets[number][-1]) + size for number, size in there.items()), default=0)
-    if end > log.data_len:
-        return ("the log ends within a message, as when power was lost; it is read up to there",)
-    lost = log.data_len - sum(size * len(log.offsets[number]) for number, size in there.items())
-    if lost > _PADDING:
-        return (f"the log is damaged: {lost} of its {log.data_len} bytes belong to no readable message",)
-    return ()
 
 
 def _columns(
@@ -185,7 +137,7 @@ def _columns(
             parts = {f"{name}[{int(i)}]": rows[rows[instance] == i] for i in np.unique(rows[instance])}
         for part, samples in parts.items():
             for j, (field, kind) in enumerate(zip(fmt.columns, fmt.msg_fmts)):
-                divisor = _TYPES[kind][1]
+                divisor = DATAFLASH_TYPES[kind][1]
                 values = samples[field]
                 if values.dtype.kind == "S" or values.ndim > 1:
                     continue

@@ -1,83 +1,103 @@
-"""A first reading of files in a separate process.
+"""Reading of files in a separate process with limits on time and memory.
 
-Compiled readers (SciPy's of MATLAB files, HDF5) trust what they read: a damaged file can crash them, keep them busy for
-ever or fill the memory, and no Python code could stop that. So another process reads such a file first, within limits;
-one process serves for all files of a run, and what it survives is then read here.
+The readers of MATLAB, HDF5, ULog, DataFlash and MDF files belong to other packages. A damaged file can crash them, keep
+them busy without end, or fill the memory. They run in a second process, which the operating system limits, and which
+passes the content of the file on. One process serves for all files of a run.
 """
 
 from __future__ import annotations
 
 import atexit
-import json
+import contextlib
+import io
 import logging
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 from structsel.errors import DataError
+from structsel.readers.isolated_worker import answer
 
 log = logging.getLogger(__name__)
 
-SECONDS, SECONDS_PER_MIB = 10.0, 2.0
-"""Processor time that a file may take."""
-MEMORY, GROWTH = 2 << 30, 40
-"""Bytes of memory that a file may take: so many, and so many times its size besides."""
+SECONDS, SECONDS_PER_MIB = 20.0, 4.0
+"""Processor time for a file; twenty times that of an intact ULog, the slowest format."""
+MEMORY, GROWTH = 3 << 30, 40
+"""Bytes of memory for a file: a constant, and a multiple of its size."""
+_WALL = 5.0  # wall time over processor time after which the process is killed, where the system has no limits
 
-_READY = "ready"
-_KINDS = {"mat": "MATLAB", "h5": "HDF5"}
+FORMATS = {
+    "mat": ("MATLAB file", "Write it again."),
+    "h5": ("HDF5 file", "Write it again."),
+    "ulg": ("ULog", "Fetch it from the vehicle again."),
+    "bin": ("DataFlash log", "Fetch it from the vehicle again."),
+    "mdf": ("MDF file", "Write it again."),
+}
+"""Name of each format, and the remedy for a damaged file."""
+WORKER = Path(__file__).with_name("isolated_worker.py")
 
+_Process = subprocess.Popen[bytes]
 _lock = threading.Lock()
-_running: tuple[int, subprocess.Popen[str]] | None = None  # who started it, and the process
+_running: tuple[int, _Process] | None = None  # the id of the process that started it, and the process
 
 
-def read_apart_first(path: Path, kind: Literal["mat", "h5"]) -> None:
-    """Let another process read a file first, and refuse what it does not read to its end.
+def read_isolated(path: Path, kind: str) -> Any:
+    """Content of a file, read in a separate process; what it is depends on the format (`isolated_worker`).
 
     Raises
     ------
     DataError
-        The file crashes its reader, keeps it busy, takes too much memory, or is none of its kind.
+        The file crashes its reader, exceeds the limits, or is not of its format.
     """
     size = path.stat().st_size
     seconds, memory = SECONDS + SECONDS_PER_MIB * size / 2**20, MEMORY + GROWTH * size
+    start = time.monotonic()
     with _lock:
         process = _start()
         if process is None:
-            return
-        told, ended = _ask(process, json.dumps([kind, str(path.resolve()), seconds, memory]))
-    if told == "read":
-        return
-    if told == "memory":
+            status, content, ended = *_read_here(kind, path), 0
+        else:
+            status, content, ended = _ask(process, (kind, str(path.resolve()), seconds, memory), _WALL * seconds)
+    if status == "read":
+        return content
+    name, remedy = FORMATS[kind]
+    if status == "memory":
         raise DataError(
             f"'{path}' would take more than {memory / 2**30:.1f} GiB of memory, for a file of {size} bytes: it is "
-            "damaged, or made to do harm.\nWrite it again."
+            f"damaged, or made to do harm.\n{remedy}"
         )
-    if ended:
-        busy = ended == -getattr(signal, "SIGXCPU", 0)
-        why = f"keeps its reader busy for more than {seconds:.0f} s" if busy else "makes its reader crash"
-        raise DataError(f"'{path}' {why}: it is damaged.\nWrite it again.")
-    # Not tried again here: what has only raised an error there may do worse the next time.
-    raise DataError(f"'{path}' is no {_KINDS[kind]} file that can be read: {told}")
+    if status == "error":
+        raise DataError(f"'{path}' is no {name} that can be read: {content}\n{remedy}")
+    busy = ended == -getattr(signal, "SIGXCPU", 0) or time.monotonic() - start > _WALL * seconds
+    why = f"keeps its reader busy for more than {seconds:.0f} s" if busy else "makes its reader crash"
+    raise DataError(f"'{path}' {why}: it is damaged.\n{remedy}")
 
 
-def _start() -> subprocess.Popen[str] | None:
-    """The process, started if there is none of our own; None where none can be."""
+def _read_here(kind: str, path: Path) -> tuple[str, Any]:
+    """Status and content without a separate process and without limits."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        return answer(kind, str(path))
+
+
+def _start() -> _Process | None:
+    """The process, started if there is none of this process; None if none can be started."""
     global _running
     if _running is not None and _running[0] == os.getpid() and _running[1].poll() is None:
         return _running[1]
     try:
         process = subprocess.Popen(
-            # Not from this folder (-P), whose modules have the names of others.
-            [sys.executable, "-P", str(Path(__file__).with_name("isolated_worker.py"))],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, encoding="utf-8",
+            # -P: not from this folder, whose modules have the names of others.
+            [sys.executable, "-P", str(WORKER)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        told, ended = _listen(process)
-        if told != _READY:
-            raise OSError(f"it ended with {ended}")
+        if _listen(process) != "ready":
+            raise OSError(f"it ended with {process.returncode}")
     except OSError as error:
         log.info("files are read without a separate process: %s", error)
         return None
@@ -85,32 +105,43 @@ def _start() -> subprocess.Popen[str] | None:
     return process
 
 
-def _ask(process: subprocess.Popen[str], question: str) -> tuple[str, int]:
-    """What the process says, and its exit code if it did not live to say it."""
+def _ask(process: _Process, request: tuple[Any, ...], wall: float) -> tuple[str, Any, int]:
+    """Status and content, or an empty status and the exit code of a process that ended."""
     assert process.stdin is not None
+    timer = threading.Timer(wall, process.kill)
+    timer.daemon = True
+    timer.start()
     try:
-        process.stdin.write(question + "\n")
+        pickle.dump(request, process.stdin)
         process.stdin.flush()
-        return _listen(process)
-    except BaseException:  # Ctrl-C: its answer would be taken for that to the next question
+        answered = _listen(process)
+    except BrokenPipeError:
+        _end(process)
+        answered = None
+    except BaseException:  # Ctrl-C: this answer would be taken for that to the next request
         process.kill()
         _end(process)
         raise
+    finally:
+        timer.cancel()
+    return ("", None, process.returncode) if answered is None else (*answered, 0)
 
 
-def _listen(process: subprocess.Popen[str]) -> tuple[str, int]:
+def _listen(process: _Process) -> Any:
+    """An answer of the process; None if it ended before."""
     assert process.stdout is not None
-    told = process.stdout.readline().strip()
-    if told:
-        return told, 0
-    _end(process)
-    return "", process.returncode
+    try:
+        return pickle.load(process.stdout)
+    except (EOFError, pickle.UnpicklingError):
+        _end(process)
+        return None
 
 
-def _end(process: subprocess.Popen[str]) -> None:
+def _end(process: _Process) -> None:
     for stream in (process.stdin, process.stdout):
         if stream is not None:
-            stream.close()
+            with contextlib.suppress(OSError):
+                stream.close()
     process.wait()
 
 

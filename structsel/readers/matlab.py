@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pymatreader import read_mat
 
 from structsel.errors import DataError
 from structsel.nomenclature import suggest
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.isolated import read_apart_first
+from structsel.readers.isolated import read_isolated
 from structsel.readers.table import FileTable, is_numeric, table_from_arrays, table_from_matrix
 
 
@@ -28,12 +27,7 @@ def read_matlab(path: Path, options: FileOptions) -> FileTable:
     DataError
         When the file is no MATLAB file, or has no such variable.
     """
-    read_apart_first(path, "mat")
-    try:
-        content = read_mat(str(path))
-    except Exception as error:  # scipy, h5py and pymatreader each raise their own kinds
-        raise DataError(f"'{path}' is no MATLAB file that can be read: {error}") from error
-    return choose(path, {k: v for k, v in content.items() if not k.startswith("__")}, options)
+    return choose(path, read_isolated(path, "mat"), options)
 
 
 def choose(path: Path, content: Mapping[str, Any], options: FileOptions) -> FileTable:

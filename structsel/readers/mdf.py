@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import gc
-import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
-
-import numpy as np
 
 from structsel.errors import DataError
 from structsel.nomenclature import find_channel, is_known
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.standard_maps import StandardChannel, densest_time, import_extra, with_standard_map
+from structsel.readers.isolated import read_isolated
+from structsel.readers.standard_maps import StandardChannel, densest_time, require_extra, with_standard_map
 from structsel.readers.table import FileTable, split_header
 from structsel.readers.units import is_convertible, is_unit
 
@@ -37,10 +33,8 @@ def read_mdf(path: Path, options: FileOptions) -> FileTable:
         begins = stream.read(8)
     if begins not in (MAGIC, _UNFINISHED):
         raise DataError(f"'{path}' is no MDF file: it does not begin as one.\nCheck that it is the right file.")
-    asammdf = import_extra("asammdf", "mdf", path, "an MDF file")
-    table, wrong = _read(path, asammdf)
-    if table is None:
-        raise DataError(f"'{path}' is no MDF file that can be read: {wrong}\nWrite it again.")
+    require_extra("asammdf", "mdf", path, "an MDF file")
+    table = _table(path, read_isolated(path, "mdf"))
     if not table.columns:
         raise DataError(
             f"'{path}' is an MDF file without a channel of numbers that has times.\n"
@@ -58,48 +52,11 @@ def read_mdf(path: Path, options: FileOptions) -> FileTable:
     return with_standard_map(table, "the nomenclature", (StandardChannel("t", (clock,)), *usual), others="keep")
 
 
-def _read(path: Path, asammdf: ModuleType) -> tuple[FileTable | None, str]:
-    """Table, or what is wrong with the file.
-
-    What asammdf has half opened complains, as it is thrown away, of what it does not have; nobody need hear that.
-    """
-    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
-    try:
-        with asammdf.MDF(path) as content:
-            return _table(path, content), ""
-    except Exception as error:  # asammdf's own, and struct.error, ValueError, KeyError, ... of a broken file
-        wrong = str(error)
-    finally:
-        gc.collect()
-        sys.unraisablehook = hook
-    return None, wrong
-
-
 def _table(path: Path, content: Any) -> FileTable:
-    columns: dict[str, np.ndarray] = {}
-    units: dict[str, str] = {}
-    clocks: dict[str, str] = {}
-    unusable: dict[str, str] = {}
-    for g, group in enumerate(content.groups):
-        master = content.masters_db.get(g)
-        clock = f"t (group {g + 1})" if len(content.groups) > 1 else "t"
-        for c, channel in enumerate(group.channels):
-            if c == master:
-                continue
-            taken = {*columns, *unusable, clock}
-            name = channel.name if channel.name not in taken else f"{channel.name} (group {g + 1})"
-            signal = content.get(group=g, index=c, ignore_invalidation_bits=True)
-            values = np.asarray(signal.samples)
-            if values.dtype.kind not in "biuf" or values.ndim != 1 or master is None or not len(values):
-                unusable[name] = "no times" if master is None else f"of type {values.dtype}, {len(values)} samples"
-                continue
-            invalid = getattr(signal, "invalidation_bits", None)
-            if invalid is not None:
-                values = np.where(np.asarray(invalid), np.nan, values)
-            if clock not in columns:
-                columns[clock], units[clock], clocks[clock] = np.asarray(signal.timestamps), "s", clock
-            columns[name], clocks[name] = values, clock
-            stated = signal.unit.strip() if signal.unit else split_header(name)[1]
-            if stated and is_unit(stated):
-                units[name] = stated
-    return FileTable(str(path), columns, units=units, clocks=clocks, unusable=unusable)
+    """Table of the channels, with the units that are stated or that their names have."""
+    units = dict.fromkeys(content.clocks.values(), "s")
+    for name, stated in content.stated.items():
+        unit = split_header(name)[1] if stated is None else stated
+        if unit and is_unit(unit):
+            units[name] = unit
+    return FileTable(str(path), content.columns, units=units, clocks=content.clocks, unusable=content.unusable)

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 
 from structsel.errors import DataError
 from structsel.readers.channel_map import FileOptions
+from structsel.readers.compressed import require_bounded
 from structsel.readers.table import FileTable, as_float, channels_at_cg, require_schema, split_header
 from structsel.readers.units import is_unit
 
@@ -29,6 +30,9 @@ def read_parquet(path: Path, options: FileOptions) -> FileTable:
     try:
         # One file, by its handle: a path would let folders named key=value add columns.
         with path.open("rb") as stream:
+            size = pq.read_metadata(stream)
+            require_bounded("the table", path.stat().st_size, 8 * size.num_rows * size.num_columns)
+            stream.seek(0)
             content = pq.read_table(stream)
         names = content.column_names
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
@@ -80,22 +79,20 @@ def _has_numbers(table: FileTable, column: str) -> bool:
     return column in table.columns and bool(np.isfinite(table.columns[column]).any())
 
 
-def import_extra(module: str, extra: str, path: Path, kind: str) -> ModuleType:
-    """Import the optional package that reads a format.
+def require_extra(module: str, extra: str, path: Path, kind: str) -> None:
+    """Require the optional package that reads a format.
 
     Raises
     ------
     DataError
         When it is not installed; the message gives the command that installs it.
     """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        package = module.partition(".")[0]
+    package = module.partition(".")[0]
+    if find_spec(package) is None:
         raise DataError(
             f"'{path}' is {kind}, which structsel reads with the package {package}, which is not installed.\n"
             f'Install it with: pip install "structsel[{extra}]"'
-        ) from error
+        )
 
 
 def densest_time(clocks: Mapping[str, str], columns: Mapping[str, np.ndarray], among: Collection[str] = ()) -> str:

@@ -30,6 +30,7 @@ PROVENANCE = "# provenance: "
 AT_CG = "# at_cg: "
 """Begins the line in which `write_recording` lists, as JSON, the channels that are at the centre of gravity."""
 _HEAD_LINES = 200
+_MAX_COLUMNS = 20_000  # a recording has fewer; time and memory grow with the number
 _SEPARATORS = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", " ": r"\s+", "space": r"\s+", "comma": ","}
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "inf", "-inf", "+inf", "true", "false"}
 # From 3.1 on pandas reads to the last bit of itself, and no longer wants to be asked.
@@ -65,6 +66,8 @@ def read_text(path: Path, options: FileOptions) -> FileTable:
             f"'{path}' has no samples: none of its first {len(lines)} lines has numbers.\n"
             "Check that it is the right file; [file] separator and skip_rows state how to read it."
         )
+    if width > _MAX_COLUMNS:
+        raise DataError(f"'{path}' has {width} columns; at most {_MAX_COLUMNS} are read. Is the separator right?")
     names, units, named, notes = _header(lines[:start], separator, width)
     try:
         with _bytes(path) as stream:

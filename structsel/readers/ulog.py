@@ -7,8 +7,6 @@ is that of its publication. The second instance of a topic is ``vehicle_imu(1)``
 
 from __future__ import annotations
 
-import contextlib
-import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,8 @@ import numpy as np
 from structsel.errors import DataError
 from structsel.nomenclature import EULER_ANGLES
 from structsel.readers.channel_map import FileOptions
-from structsel.readers.standard_maps import StandardChannel, densest_time, import_extra, with_standard_map
+from structsel.readers.isolated import read_isolated
+from structsel.readers.standard_maps import StandardChannel, densest_time, require_extra, with_standard_map
 from structsel.readers.table import FileTable
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -92,13 +91,8 @@ def read_ulog(path: Path, options: FileOptions) -> FileTable:
     with path.open("rb") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
             raise DataError(f"'{path}' is no ULog: it does not begin as one.\nCheck that it is the right file.")
-    pyulog = import_extra("pyulog", "ulog", path, "a ULog")
-    try:
-        # pyulog prints messages
-        with contextlib.redirect_stdout(io.StringIO()), path.open("rb") as stream:
-            log = pyulog.ULog(stream)
-    except Exception as error:  # pyulog's own, and whatever a broken header makes of struct, KeyError, ...
-        raise DataError(f"'{path}' is no ULog that can be read: {error}\nFetch it from the vehicle again.") from error
+    require_extra("pyulog", "ulog", path, "a ULog")
+    log = read_isolated(path, "ulg")
     columns: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     clocks: dict[str, str] = {}
@@ -150,7 +144,7 @@ def _euler(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _dropouts(log: Any) -> tuple[str, ...]:
     if not log.dropouts:
         return ()
-    lost = sum(dropout.duration for dropout in log.dropouts)
+    lost = sum(log.dropouts)
     return (f"the log itself counts {len(log.dropouts)} dropouts, {lost} ms in all",)
 
 
