@@ -2,7 +2,7 @@
 
 The key of a case states which of the candidate effects is there, or that none is. The log odds of each against nothing
 are taken to be linear in its features (a conditional logit). The most probable weights are found, with a weak prior
-for small ones. Folders are those of ``python -m proof``; what is collected from one stays in its ``chances.jsonl``.
+for small ones. Folders are those of ``python -m proof``; what is collected from one stays in its ``rounds.jsonl``.
 Cases kept for evaluation are never among them. To fit the model, this module opens the diagnosis from inside, which
 the rest of the proof does not.
 """
@@ -39,12 +39,12 @@ _MILD = 3.0  # inverse variance of a weight beforehand, in standard deviations o
 def collect(folder: Path, name: str) -> list[dict]:
     """Rounds of one case: the candidate effects, and after a right one is accepted, those of the next round."""
     key = Key.read(folder / "keys" / f"{name}.json")
-    bench, library, _ = set_up(prepare(*open_case(folder / "cases" / name)).flights)
+    problem, library, _ = set_up(prepare(*open_case(folder / "cases" / name)).flights)
     rounds: list[dict] = []
     missing = [set(e.accept) for e in key.effects]
-    motion = InputDrivenMotion.of(bench.flights)
+    motion = InputDrivenMotion.of(problem.flights)
     while len(rounds) <= len(key.effects):
-        scored = weigh(bench, motion.bear_out(bench, score_all(bench, library)))
+        scored = weigh(problem, motion.bear_out(problem, score_all(problem, library)))
         right = [any(w.effect in e for e in missing) for w in scored]
         rows = [
             {"effect": w.effect, "right": r, "features": [float(x) for x in w.features]} for w, r in zip(scored, right)
@@ -55,13 +55,13 @@ def collect(folder: Path, name: str) -> list[dict]:
             break
         best = max(found, key=lambda w: weighing.nats(w.score))
         missing = [e for e in missing if best.effect not in e]
-        bench = bench.taking([*bench.accepted, best.score.signature], library.signatures)
+        problem = problem.taking([*problem.accepted, best.score.signature], library.signatures)
     return rounds
 
 
 def rounds_of(folder: Path, jobs: int) -> list[dict]:
-    """Rounds of all cases of a folder, those that are not yet in its ``chances.jsonl`` collected first."""
-    path = folder / "chances.jsonl"
+    """Rounds of all cases of a folder, those that are not yet in its ``rounds.jsonl`` collected first."""
+    path = folder / "rounds.jsonl"
     done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     known = {d["case"] for d in done}
     names = sorted(p.stem for p in (folder / "keys").glob("*.json") if p.stem not in known)
@@ -79,7 +79,7 @@ def rounds_of(folder: Path, jobs: int) -> list[dict]:
 def _collect(folder: Path, name: str) -> list[dict]:
     try:
         return collect(folder, name)
-    except Exception as error:  # a case that cannot be opened teaches nothing
+    except Exception as error:  # a case that cannot be opened is reported and left out
         print(f"\n{name}: {error}", file=sys.stderr)
         return []
 

@@ -231,9 +231,9 @@ def test_what_stands_out_of_lognormal_powers_does_so_at_the_stated_rate():
 
 def test_coherence_names_the_input_that_drives_and_by_how_much():
     def stated(ch, rng, k):
-        driven = np.roll(ch["de"], 5)
-        own = wander(rng, len(T), 0.7, 0.05)
-        return {"Cm": driven + own, "CZ": wander(rng, len(T), 0.7, 0.05)}
+        response = np.roll(ch["de"], 5)
+        noise = wander(rng, len(T), 0.7, 0.05)
+        return {"Cm": response + noise, "CZ": wander(rng, len(T), 0.7, 0.05)}
 
     flights = make(8, 12, stated)
     found = coherences(flights, [f.difference for f in flights], ("Cm", "CZ"))

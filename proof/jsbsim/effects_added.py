@@ -1,6 +1,6 @@
-"""Effects that JSBSim's aircraft lack, each with what it takes to draw it; sizes of order one are plausible.
+"""Effects that JSBSim's aircraft do not have, each with its formula and the way it is drawn; sizes are of order one.
 
-The formulas are from the literature and independent of structsel's hypotheses: among them the separation point after
+The formulas are from the literature and independent of structsel's effects: among them the separation point after
 Goman and Khrabrov, the lag of the wake at the tail, and Wagner's function after Jones.
 """
 

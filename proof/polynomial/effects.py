@@ -90,7 +90,7 @@ class Injection:
 
 @dataclass
 class EffectDesign:
-    """An effect of which all is drawn except its size.
+    """An effect with all its properties drawn, except for its size.
 
     Attributes
     ----------

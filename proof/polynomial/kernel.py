@@ -32,7 +32,7 @@ SURFACE = ("lag", "rate", "low", "high", "backlash", "delay", "aug_q", "aug_alph
 """Of each of de, da, dr: the dynamics between the command, which is recorded, and the surface."""
 READS = ("ax", "ay", "az", "p_dot", "q_dot", "r_dot", "rho", "qbar", "mach", "V", "thrust", "thrust_model", "throttle",
          "rpm", "mass", "de", "da", "dr", "de_true", "da_true", "dr_true", "gu", "gv", "gw", "cfg", "df")  # fmt: skip
-"""What is logged in addition to states, variables and coefficients."""
+"""Quantities recorded in addition to states, variables and coefficients."""
 _GAIN = indices("Gain", GAINS)
 _TRIM = indices("Trim", TRIMS)
 _FIELD = indices("Field", SURFACE)

@@ -1,4 +1,4 @@
-"""Concealed cases: that each effect can be drawn, that the key tells the truth, that a seed settles everything."""
+"""Generated cases: each effect can be drawn, the key agrees with the data, and a seed determines the case."""
 
 from __future__ import annotations
 
@@ -156,8 +156,8 @@ def test_the_attainable_fraction_of_a_mass_error_is_what_the_true_mass_brings(tm
 @pytest.mark.parametrize(("effect", "seed"), [("ground-effect", 5), ("thrust-line", 6), ("friction", 7)])
 def test_the_severity_follows_from_what_is_attainable(effect, seed):
     key = draw_case(seed, effect=effect, severity="medium").key
-    most = max(key.attainable[a] for a in key.effects[0].axes)
-    assert most >= {"easy": 0.30, "medium": 0.15, "hard": 0.05}[key.severity]
+    largest = max(key.attainable[a] for a in key.effects[0].axes)
+    assert largest >= {"easy": 0.30, "medium": 0.15, "hard": 0.05}[key.severity]
     assert set(key.attainable) == (set(AXES) if effect != "friction" else set(key.effects[0].axes))
 
 

@@ -68,16 +68,16 @@ def test_another_name_that_the_key_accepts_is_right():
 
 
 @pytest.mark.parametrize(
-    ("first", "beside", "counts"),
+    ("first", "similar", "counts"),
     [
-        ("wind-shear", ["ground-effect"], True),  # the look-alike that the key allows, the right one declared
-        ("wind-shear", [], False),  # the look-alike alone
-        ("icing", ["ground-effect"], False),  # no look-alike of the key's
+        ("wind-shear", ["ground-effect"], True),  # similar, allowed by the key, the right one an alternative
+        ("wind-shear", [], False),  # the similar effect alone
+        ("icing", ["ground-effect"], False),  # not a similar effect by the key
         ("ground-effect", ["wind-shear"], True),
     ],
 )
-def test_a_tie_counts_where_the_key_allows_it_and_the_right_name_is_declared(first, beside, counts):
-    score = score_case("a", said(a_finding(first, ambiguous_with=beside)), a_key(an_effect()))
+def test_a_tie_counts_where_the_key_allows_it_and_the_right_name_is_declared(first, similar, counts):
+    score = score_case("a", said(a_finding(first, ambiguous_with=similar)), a_key(an_effect()))
     assert score.tie is counts
     assert score.top1 is (first == "ground-effect")
 
