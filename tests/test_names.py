@@ -54,8 +54,6 @@ LATER = ("structsel.comparison", "structsel.diagnosis", "structsel.effects")
 REMAIN = {
     "structsel.numerics.kinematics: flank",
     "structsel.plotting.style: colour",
-    "structsel.reconstruction.delays: told",
-    "structsel.reconstruction.reconstruct: late",
 }
 
 

@@ -219,7 +219,7 @@ def test_wind_and_heading_separate_only_in_a_turn(kind, lost):
     assert set(found.fixed) & {"psi", "wn", "we"} == lost
     if lost:
         # Of the pair it is the heading that goes: the wind along the track is known, and is not thrown away.
-        assert "cannot be told apart from" in found.fixed["psi"]
+        assert "cannot be separated from" in found.fixed["psi"]
         assert {"wn", "we"} <= set(found.fixed["psi"].split(";")[0].replace(",", "").split())
     else:
         assert max(found.posterior_over_prior[name] for name in ("psi", "wn", "we")) < 1.0 / 3.0
@@ -322,7 +322,7 @@ def test_segments_have_only_their_constants_in_common():
             measurements=np.tile(once.measurements, (3, 1)),
         )
     )
-    assert found.stretches == 3
+    assert found.segments == 3
     expected = np.r_[posterior[:moving], posterior[3 * moving :]]
     assert_allclose([found.posterior_over_prior[name] for name in EVERYTHING], expected, rtol=0.03)
 
@@ -373,9 +373,11 @@ def test_attitude_that_was_not_measured_is_taken_from_accelerometers_however_bia
     biased = problem.inputs + np.r_[np.zeros(3), 0.02, np.zeros(5)]
     calm = reconstructibility(problem)
     found = reconstructibility(replace(problem, inputs=biased))
-    assert "phi and theta not sampled: taken from accelerometers and air data." in found.notes
+    assert "phi and theta not sampled: computed from accelerometers and air data." in found.notes
     assert_allclose(
-        [found.posterior_over_prior[name] for name in found.asked], list(calm.posterior_over_prior.values()), rtol=0.3
+        [found.posterior_over_prior[name] for name in found.requested],
+        list(calm.posterior_over_prior.values()),
+        rtol=0.3,
     )
 
 
@@ -431,6 +433,6 @@ def test_an_hour_takes_bounded_memory_and_time_in_proportion_to_its_samples():
         taken_hour, peak = time.perf_counter() - before, tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert found.stretches == 61
+    assert found.segments == 61
     assert taken_hour < 3.0 * 30.0 * min(taken)
     assert peak < 150e6

@@ -81,7 +81,7 @@ def test_a_nose_boom_behind_the_tail_is_refused_by_name():
     content["sensors"]["vane"]["position"][0] *= -1.0
     aircraft = ss.Aircraft.from_dict(content)
     for recording in attas_manoeuvres():
-        with pytest.raises(ss.errors.DataError, match="place of the vanes"):
+        with pytest.raises(ss.errors.DataError, match="position of the vanes"):
             reconstruct(recording, aircraft)
 
 

@@ -1,6 +1,6 @@
-"""Reconstruction: one flight path that agrees with all instruments, and the errors of each of them.
+"""Flight-path reconstruction: a path that is consistent with all instruments, and the errors of the instruments.
 
-The first of the two steps. `reconstruct` does one manoeuvre, `reconstruct_all` many.
+`reconstruct` is for one manoeuvre, `reconstruct_all` for many.
 """
 
 from structsel.reconstruction.batch import Reconstructions, reconstruct_all

@@ -1,4 +1,4 @@
-"""Many manoeuvres at once: one that cannot be reconstructed is reported, the rest finish."""
+"""Reconstruction of many manoeuvres: those that fail are reported, the others are completed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Reconstructions(Result):
     ----------
     done : tuple of Reconstruction
     failed : mapping of str to str
-        Name of a recording that could not be reconstructed -> why.
+        Names of recordings that could not be reconstructed, with the reason.
     """
 
     done: tuple[Reconstruction, ...]
@@ -51,7 +51,7 @@ class Reconstructions(Result):
         Raises
         ------
         KeyError
-            When there is none; the message says why it failed, if it did.
+            If there is none; if it failed, the message has the reason.
         """
         for one in self.done:
             if one.name == name:
@@ -74,7 +74,7 @@ class Reconstructions(Result):
         return pd.DataFrame(rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Every manoeuvre but its samples, and the failures."""
+        """All manoeuvres without their samples, and the failures."""
         return {
             "schema": "structsel.reconstructions/1",
             "done": [one.to_dict() for one in self.done],
@@ -82,7 +82,7 @@ class Reconstructions(Result):
         }
 
     def summary(self) -> Summary:
-        """Verdict of every recording, and the constants of those that are trusted, together."""
+        """Verdict on each recording, and the constants of all trusted recordings."""
         rows = [
             (one.name, f"{one.recording.duration:.1f}", f"{one.consistency.nis:.3f}",
              Cell("trusted", "good") if one.trusted else Cell("NOT TRUSTED", "bad"))
@@ -96,7 +96,8 @@ class Reconstructions(Result):
             "All manoeuvres",
             f"{len(trusted)} of {len(rows)} reconstructed and trusted",
             tables=tuple(tables),
-            notes=("A constant that scatters far beyond its std is not constant.",) * (len(trusted) > 1),
+            notes=("A constant whose scatter is far above its standard deviation is not constant.",)
+            * (len(trusted) > 1),
             warnings=tuple(f"{name}: {reason}" for name, reason in self.failed.items()),
             parts=tuple(one.summary() for one in self.done),
         )
@@ -129,14 +130,14 @@ def reconstruct_all(
     Parameters
     ----------
     recordings : iterable of Recording
-        Of different names.
+        With different names.
     aircraft : Aircraft
     options : ReconstructOptions, optional
-        Every field may be given as a keyword of its own instead.
+        Each field can also be given as a keyword.
     workers : int, optional
-        Processes; as many as there are cores if not given. The results do not depend on it.
+        Number of processes; by default that of the cores. The results do not depend on it.
     progress : callable, optional
-        Called with a stage's name, manoeuvres done and manoeuvres in all.
+        Called with the name of the stage, the manoeuvres done and all manoeuvres.
 
     Returns
     -------
@@ -175,5 +176,5 @@ def _one(
     except StructselError as error:
         return i, str(error)
     except (ArithmeticError, ValueError) as error:
-        # Numerical trouble nobody foresaw in one manoeuvre must not cost the others.
+        # A numerical failure in one manoeuvre must not stop the others.
         return i, f"{type(error).__name__}: {error}"

@@ -1,9 +1,9 @@
 """Data compatibility check: one deterministic flight path through all instruments, by maximum likelihood.
 
-The kinematics are integrated from the measured accelerations and rates less constant biases. Start, biases, winds and
-the vanes' errors are estimated so that the outputs come nearest the readings. Without process noise an input error
-that is not constant shows as a residual that grows. The prior with the standard deviations of the start values
-decides only directions that the readings do not determine. `output_error` has the cost and the search.
+The kinematics are integrated from the measured accelerations and rates minus constant biases. Initial motion, biases,
+wind and the errors of the vanes are estimated such that the outputs are nearest the readings. There is no process
+noise, so an input error that is not constant gives a growing residual. The prior, with the standard deviations of the
+initial values, determines only directions that the readings do not determine. `output_error` has the cost and search.
 
 References
 ----------
@@ -23,7 +23,7 @@ from structsel.numerics.unscented_filter import STEEPEST
 from structsel.reconstruction.ukf import KinematicsProblem
 
 _DIFFERENCE = 1e-3  # of the central differences, in standard deviations of the start
-_LEAST_STD = 1e-3  # of the stated standard deviation: a channel fitted to the last digit would outweigh all others
+_LEAST_STD = 1e-3  # of the stated standard deviation; limits the weight of a channel that is fitted to the last digit
 _SHORTEST = 200  # samples in the first fit
 _TURN = 2.0 * np.pi
 
@@ -43,16 +43,16 @@ class DataCompatibility:
     covariance : (L, L) array
         Their covariance with the autocorrelation of the residuals.
     residuals : (n, 12) array
-        Measured less fitted; NaN where not sampled.
+        Measured minus fitted; NaN where not sampled.
     measurement_std : (12,) array
-        Of the residuals; as the problem states it where a channel has none.
+        Of the residuals; that of the problem for channels without residuals.
     costs : (k,) array
         J after each step over the complete flight.
     converged : bool
     message : str
-        How the search ended.
+        Reason why the search ended.
     iterations : int
-        Steps, those over the first part of the flight included.
+        Steps, including those over the first part of the flight.
     """
 
     path: np.ndarray
@@ -76,7 +76,7 @@ def check_data_compatibility(problem: KinematicsProblem, *, iterations: int = 50
     """Fit one deterministic flight path to all readings by output error.
 
     The first part of the flight is fitted first, then one twice as long, up to the complete flight: over a short time
-    the path is nearly linear in the biases, whereas poor values integrated over minutes would end upside down.
+    the path is nearly linear in the biases, but with poor values the path over minutes would diverge.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def check_data_compatibility(problem: KinematicsProblem, *, iterations: int = 50
     Returns
     -------
     DataCompatibility
-        The best found; where the search did not converge, `converged` is False and `message` says why.
+        The best fit; if the search did not converge, `converged` is False and `message` is the reason.
 
     References
     ----------
@@ -111,8 +111,7 @@ def check_data_compatibility(problem: KinematicsProblem, *, iterations: int = 50
         message += f" over {length} samples"
     # The path and its residuals are those of the complete flight, even where a part of it diverges.
     path, outputs = _simulate(problem, n, values)
-    residuals = problem.measurements - outputs
-    residuals[:, CIRCULAR] -= _TURN * np.round(residuals[:, CIRCULAR] / _TURN)
+    residuals = problem.residuals(outputs)
     return DataCompatibility(
         *(path, values, fit.crlb, fit.covariance, residuals, _noise(problem, residuals), fit.costs),
         *(fit.converged, message, steps),
@@ -151,12 +150,12 @@ def _simulate(problem: KinematicsProblem, length: int, values: np.ndarray) -> tu
     inputs = problem.inputs[:length]
     path = fly(problem.t[:length], inputs, start, problem.place, problem.g, problem.located)
     outputs = readings(path, inputs, problem.place, problem.flank)
-    outputs[~np.isfinite(outputs)] = np.nan  # infinities would take part in sums with others
+    outputs[~np.isfinite(outputs)] = np.nan  # infinities would spread to sums over channels
     return path, outputs
 
 
 def _noise(problem: KinematicsProblem, residuals: np.ndarray) -> np.ndarray:
-    """(12,) standard deviations of residuals; as stated where a channel has none."""
+    """(12,) standard deviations of residuals; the stated ones for channels without residuals."""
     counts, stated = np.isfinite(problem.measurements).sum(axis=0), problem.measurement_std
     with np.errstate(over="ignore"):  # infinite then: the path diverges
         square = np.sum(np.where(np.isfinite(problem.measurements), residuals, 0.0) ** 2, axis=0)

@@ -1,4 +1,4 @@
-"""How late the channels are against a path that all of them should have seen."""
+"""Delays of measured channels against the reconstructed path."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from structsel.numerics import kinematics as fp
 from structsel.numerics.noise_models import coloured_covariance
 from structsel.reconstruction.ukf import KinematicsProblem
 
-_LEAST_SAMPLES = 40
+_MIN_SAMPLES = 40
 LONGEST_DELAY = 0.5
-"""More [s] is no delay of an instrument."""
+"""Longest delay of an instrument [s]."""
 _DELAYED = ("V", "alpha", "beta", "phi", "theta", "psi")
 
 
 @dataclass(frozen=True)
 class Delay:
-    """How late a measured channel is against its reconstruction.
+    """Delay of a measured channel against its reconstruction.
 
     Attributes
     ----------
     channel : str
     delay, std : float [s]
-        Positive when the reading is late.
+        Positive if the reading is delayed.
     effect : float
-        What the delay does to the reading, rms, in the channel's unit.
+        Root mean square change of the reading by the delay, in the channel's unit.
     """
 
     channel: str
@@ -36,32 +36,32 @@ class Delay:
 
     @property
     def significant(self) -> bool:
-        """Whether it is more than chance, more than a few milliseconds, and no more than a delay can be."""
+        """Whether the delay exceeds four standard deviations and 5 ms, and is below `LONGEST_DELAY`."""
         return max(4.0 * self.std, 0.005) < abs(self.delay) < LONGEST_DELAY
 
 
 def find_delays(
-    problem: KinematicsProblem, told: np.ndarray, residuals: np.ndarray, measured: tuple[str, ...]
+    problem: KinematicsProblem, predicted: np.ndarray, residuals: np.ndarray, measured: tuple[str, ...]
 ) -> tuple[Delay, ...]:
-    """How late each air-data and attitude channel is, from what its residual has of the reading's slope.
+    """Delay of each air-data and attitude channel, from a regression of its residual on the slope of the prediction.
 
-    To first order a late reading is y(t) - delay y'(t). What is left of it is regressed on y' beside y (a scale) and
-    a constant; the standard deviation allows for coloured residuals.
+    To first order a delayed reading is y(t) - delay y'(t). Further regressors are y (a scale error) and a constant. The
+    standard deviation includes the autocorrelation of the residual.
 
     Parameters
     ----------
     problem : KinematicsProblem
-    told, residuals : (n, 12) array
-        What the instruments should have read, and what they read beyond it.
+    predicted, residuals : (n, 12) array
+        Readings of ideal instruments, and measured minus predicted readings.
     measured : tuple of str
     """
     found = []
     for name in _DELAYED:
         j = fp.MEASUREMENTS.index(name)
         good = np.isfinite(residuals[:, j])
-        if name not in measured or good.sum() < _LEAST_SAMPLES:
+        if name not in measured or good.sum() < _MIN_SAMPLES:
             continue
-        y = told[:, j]
+        y = predicted[:, j]
         slope = np.gradient(y, problem.t)
         columns = np.column_stack([-slope, y - y.mean(), np.ones(len(y))])[good]
         value, std = _regress(columns, residuals[good, j])
@@ -70,7 +70,7 @@ def find_delays(
 
 
 def _regress(columns: np.ndarray, e: np.ndarray) -> tuple[float, float]:
-    """Coefficient of the first column, and its standard deviation with the residual as coloured as it is."""
+    """Coefficient of the first column, and its standard deviation for autocorrelated residuals."""
     size = np.sqrt(np.mean(columns**2, axis=0))
     size[size == 0.0] = 1.0
     scaled = columns / size

@@ -1,4 +1,4 @@
-"""Whether a filter's surprises are as large, and as unrelated, as it said they would be."""
+"""Consistency of a filter: innovations as large as predicted, and white."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from structsel.numerics.noise_models import autocorrelation
 from structsel.reconstruction.ukf import FilterResult
 
 _LAGS_SECONDS = 5.0
-_SETTLING = 0.05  # share of the run in which the filter finds its start
+_START_UP = 0.05  # fraction of the run in which the filter converges from its initial values
 
 
 @dataclass(frozen=True)
 class ChannelConsistency:
-    """One measured channel's normalised innovations, after the start has been found.
+    """Normalised innovations of one measured channel, without the start-up of the filter.
 
     Attributes
     ----------
     channel : str
     n : int
-        Readings.
+        Number of readings.
     rejected : int
-        Of them, outside the gate and not used.
+        Number of readings outside the gate, which were not used.
     mean, variance : float [-]
-        Of the normalised innovations; 0 and 1 are right.
+        Of the normalised innovations; 0 and 1 if the filter is consistent.
     autocorrelation : (lags,) array [-]
         At lags of 1, 2, ... readings.
     bound : float [-]
-        95 % of a white sequence's autocorrelations lie within it.
+        95 % limit of the autocorrelations of a white sequence.
     outside : float [-]
-        Share of the lags outside the bound; 0.05 is right.
+        Fraction of the lags outside the bound; 0.05 if the innovations are white.
     residual_rms : float
-        Measured less reconstructed, in the channel's unit.
+        Root mean square of measured minus reconstructed, in the channel's unit.
     inflation : float [-]
-        How many times the variance of a mean over the residual exceeds that of a white one.
+        Variance of a mean of the residual over that of a white residual of the same variance.
     """
 
     channel: str
@@ -54,7 +54,7 @@ class ChannelConsistency:
 
     @property
     def white(self) -> bool:
-        """Whether the innovations look unrelated."""
+        """Whether the innovations are white."""
         return self.outside < 0.2 and (len(self.autocorrelation) == 0 or bool(abs(self.autocorrelation[0]) < 0.2))
 
     def to_dict(self) -> dict[str, Any]:
@@ -65,15 +65,15 @@ class ChannelConsistency:
 
 @dataclass(frozen=True)
 class Consistency:
-    """All channels together.
+    """Consistency of all channels.
 
     Attributes
     ----------
     channels : tuple of ChannelConsistency
     nis : float [-]
-        Mean normalised innovation squared per reading; 1 is right.
+        Mean normalised innovation squared for each reading; 1 if the filter is consistent.
     nis_band : (float, float) [-]
-        95 % band of that mean, were the filter right.
+        95 % band of that mean for a consistent filter.
     """
 
     channels: tuple[ChannelConsistency, ...]
@@ -88,29 +88,29 @@ class Consistency:
 
     @property
     def inside(self) -> bool:
-        """Whether the mean NIS lies in its band."""
+        """Whether the mean NIS is in its band."""
         return self.nis_band[0] <= self.nis <= self.nis_band[1]
 
 
-def judge(run: FilterResult, residuals: np.ndarray, measured: tuple[str, ...], dt: float) -> Consistency:
+def check_innovations(run: FilterResult, residuals: np.ndarray, measured: tuple[str, ...], dt: float) -> Consistency:
     """Consistency of a filter run.
 
     Parameters
     ----------
     run : FilterResult
     residuals : (n, 12) array
-        Measured less reconstructed.
+        Measured minus reconstructed.
     measured : tuple of str
     dt : float [s]
     """
-    rows = slice(max(1, int(_SETTLING * len(run.nis))), None)
+    rows = slice(max(1, int(_START_UP * len(run.nis))), None)
     channels = []
     for j, name in enumerate(fp.MEASUREMENTS):
         if name not in measured:
             continue
         e = run.innovations[rows, j] / run.innovation_std[rows, j]
         e = e[np.isfinite(e) & ~run.rejected[rows, j]]
-        left = residuals[:, j][np.isfinite(residuals[:, j]) & ~run.rejected[:, j]]
+        used_residuals = residuals[:, j][np.isfinite(residuals[:, j]) & ~run.rejected[:, j]]
         lags = max(1, min(len(e) // 4, round(_LAGS_SECONDS / dt)))
         rho = autocorrelation(e, lags)[1:] if len(e) > 2 else np.zeros(0)
         bound = 1.96 / np.sqrt(max(len(e), 1))
@@ -124,8 +124,8 @@ def judge(run: FilterResult, residuals: np.ndarray, measured: tuple[str, ...], d
                 autocorrelation=rho,
                 bound=float(bound),
                 outside=float(np.mean(np.abs(rho) > bound)) if rho.size else 0.0,
-                residual_rms=float(np.sqrt(np.mean(left**2))) if left.size else np.nan,
-                inflation=correlation_length(left),
+                residual_rms=float(np.sqrt(np.mean(used_residuals**2))) if used_residuals.size else np.nan,
+                inflation=correlation_length(used_residuals),
             )
         )
     used = run.used[rows]
@@ -136,11 +136,11 @@ def judge(run: FilterResult, residuals: np.ndarray, measured: tuple[str, ...], d
 
 
 def correlation_length(x: np.ndarray) -> float:
-    """1 + 2 sum of the autocorrelations up to the first below the noise: the cost of colour to a mean."""
+    """Variance inflation of a mean, 1 + 2 sum of the autocorrelations up to the first insignificant one."""
     if len(x) < 10:
         return 1.0
     rho = autocorrelation(x, max(1, len(x) // 5))[1:]
-    # A sum over all lags would be noise: stop where they can no longer be told from zero.
+    # The sum over all lags would be noise: it ends at the first lag that is not significant.
     below = np.flatnonzero(rho < 1.0 / np.sqrt(len(x)))
     last = int(below[0]) if below.size else len(rho)
     return max(1.0, 1.0 + 2.0 * float(np.sum(rho[:last])))

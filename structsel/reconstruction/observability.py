@@ -1,10 +1,10 @@
-"""What a set of sensors and a manoeuvre can determine of a flight path, before any filter is run.
+"""Reconstructibility: which states a set of sensors and a manoeuvre determine, before the filter is run.
 
-The sensitivities of all sampled measurements, along the recorded path, are whitened by the noise of the
-measurements and scaled by the prior standard deviations, so a singular value s leaves 1 / sqrt(1 + s^2) of the
-prior standard deviation along its direction. A flight is cut into stretches of at most a minute: each has its own
-motion, which is eliminated, and all share the constants.
-Noise of the inputs and drifting biases are not counted, so the verdicts are an upper bound.
+The sensitivities of all sampled measurements along the recorded path are divided by the noise of the measurements and
+multiplied by the prior standard deviations. A singular value s reduces the prior standard deviation along its direction
+by the factor 1 / sqrt(1 + s^2). A flight is divided into segments of at most a minute: each has its own motion, which
+is eliminated, and all have the same constants. Noise of the inputs and drifting biases are not included, so the
+verdicts are an upper bound.
 
 References
 ----------
@@ -19,9 +19,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from structsel.deprecation import renamed_attribute
 from structsel.errors import DomainError
+from structsel.formatting import count_of
 from structsel.numerics.kinematics import MEASUREMENTS, MOTION, STATES
-from structsel.reconstruction.path_sensitivity import recorded_path, sensitivity_factor, stretches_of
+from structsel.reconstruction.fixed_states import CBETA0_REASON, reason_for_fixing
+from structsel.reconstruction.path_sensitivity import recorded_path, segments_of, sensitivity_factor
 from structsel.reconstruction.ukf import KinematicsProblem
 
 FIX_FIRST = (
@@ -34,97 +37,52 @@ FIX_FIRST = (
     # Biases are why a path is reconstructed; those of gyros can be read before take-off.
     *("br", "bp", "bq", "bay", "bax", "baz"),
 )
-"""What is fixed, first to last, where not all can be determined. Cbeta0 always is; the motion u to h never."""
+"""States that are fixed, in this order, if not all can be determined. Cbeta0 always is, the motion u to h never."""
 
-_FREE = 1e-3  # weight of the prior on the motion of a stretch that is eliminated
+_FREE = 1e-3  # weight of the prior on the motion of a segment that is eliminated
 _WEAK = 1.0 / 3.0  # posterior over prior standard deviation
-_NOTHING = 0.95  # the same along a direction the data say next to nothing about
-_UNDETERMINED = np.sqrt(_NOTHING**-2 - 1.0)  # singular value
-_SHARE = 0.1  # of a unit direction, for a state to be named with it
-
-_CBETA0 = (
-    "never observable in flight [M86]: an offset of the sideslip vane reads like a steady sideslip and a side "
-    "force bias; set it on the ground"
-)
-# State: channels that show it, what is said when none of them was sampled, what would tell it from others.
-_ADVICE: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "KV": (("V",), "no airspeed was sampled", "record vn, ve (or x, y) and turn through all headings"),
-    "wd": (
-        ("h", "vd"),
-        "without height or vertical ground velocity nothing shows a vertical wind; record h or vd",
-        "a steady vertical wind reads like an offset of the angle of attack; set Calpha0, or fly at different speeds",
-    ),
-    "Csi": (("beta",), "no sideslip vane was sampled", "fly rudder doublets and steady sideslips; record phi"),
-    "Calpha0": (
-        ("alpha",),
-        "no angle-of-attack vane was sampled",
-        "record theta and h (or vd), and fly at different speeds and load factors",
-    ),
-    "Cup": (
-        ("alpha",),
-        "no angle-of-attack vane was sampled",
-        "fly over a wider range of angle of attack, at different speeds",
-    ),
-    **dict.fromkeys(
-        ("wn", "we"),
-        (
-            ("x", "y", "vn", "ve"),
-            "without position or ground velocity nothing tells wind from airspeed; record x, y or vn, ve",
-            "record x and y, or vn and ve, and psi; turn through all headings",
-        ),
-    ),
-    "psi": (
-        ("psi", "x", "y", "vn", "ve"),
-        "without heading, position or ground velocity nothing shows it; record psi",
-        "without a heading measurement it shows only in the ground track; record psi, or turn",
-    ),
-    **{name: ((name,), f"no position was sampled; record {name}", f"record {name}") for name in ("x", "y")},
-    "br": ((), "", "record psi, or beta and ground velocity; turn"),
-    "bp": ((), "", "record phi"),
-    "bq": ((), "", "record theta, or alpha and h"),
-    "bay": ((), "", "record phi and beta; fly steady sideslips"),
-    "bax": ((), "", "record theta and V"),
-    "baz": ((), "", "record theta, alpha and h; fly at different load factors"),
-}
+_NO_INFORMATION = 0.95  # the same ratio, along a direction on which the data have almost no information
+_UNDETERMINED = np.sqrt(_NO_INFORMATION**-2 - 1.0)  # singular value
+_MIN_WEIGHT = 0.1  # in a unit direction, above which a state belongs to it
 
 
 @dataclass(frozen=True, eq=False)
 class Reconstructibility:
-    """What can be told of each state by these sensors and this manoeuvre: an upper bound.
+    """Which states these sensors and this manoeuvre determine: an upper bound.
 
     Attributes
     ----------
-    asked : tuple of str
-        The states that were to be estimated.
+    requested : tuple of str
+        States to be estimated.
     verdicts : mapping of str to str
-        Of each state asked for: "reconstructible"; "weak" (more than a third of the prior standard deviation is
-        left); "not reconstructible" (and most of that lies along directions the data say nothing about).
-        All are judged before any but Cbeta0 is fixed.
+        Of each requested state: "reconstructible"; "weak" (posterior over prior standard deviation above a third);
+        "not reconstructible" (and most of this is along directions on which the data have no information).
+        The verdicts apply before any state except Cbeta0 is fixed.
     posterior_over_prior : mapping of str to float [-]
-        Of their standard deviations. That of the motion is at the start of the stretch that tells most.
+        Of their standard deviations; for the motion, at the start of the segment with the most information.
     fixed : mapping of str to str
-        States to hold so that the rest is determined, in the order they were chosen, and why.
+        States that are fixed so that the others are determined, in the order of the choice, with the reasons.
     active : tuple of str
-        The states left.
+        The other states.
     active_over_prior : mapping of str to float [-]
-        As `posterior_over_prior`, of the states left, once the others are held.
+        As `posterior_over_prior`, for the active states when the others are fixed.
     rank, condition : int, float [-]
-        Of the sensitivities along the path, to the states asked for without Cbeta0.
+        Of the sensitivities along the path, to the requested states without Cbeta0.
     linear_rank, linear_condition : int, float [-]
-        The same with the path and the inputs frozen at their means.
+        The same with the path and the inputs constant at their means.
     active_condition : float [-]
-        Along the path, of the states left.
+        Along the path, for the active states.
     confounded : tuple of (tuple of str, (k,) array)
-        Directions the data say next to nothing about: states, and weights in units of their prior standard
-        deviations, largest first; of a unit direction, without what is below 0.1.
+        Directions on which the data have almost no information: states, and their weights in a unit direction, in
+        units of the prior standard deviations, largest first; weights below 0.1 are left out.
     undetermined : tuple of str
-        States left that still take part in such a direction; none of them may be fixed.
-    stretches : int
+        Active states that belong to such a direction; none of them may be fixed.
+    segments : int
     notes : tuple of str
-        How the path was found where it was not recorded.
+        Assumptions about the part of the path that was not recorded.
     """
 
-    asked: tuple[str, ...]
+    requested: tuple[str, ...]
     verdicts: Mapping[str, str]
     posterior_over_prior: Mapping[str, float]
     fixed: Mapping[str, str]
@@ -137,63 +95,64 @@ class Reconstructibility:
     active_condition: float
     confounded: tuple[tuple[tuple[str, ...], np.ndarray], ...]
     undetermined: tuple[str, ...]
-    stretches: int
+    segments: int
     notes: tuple[str, ...]
+    asked = renamed_attribute("requested")
+    stretches = renamed_attribute("segments")
 
     @property
     def index(self) -> np.ndarray:
-        """The states left, as indices of `kinematics.STATES`."""
+        """The active states, as indices of `kinematics.STATES`."""
         return np.array([STATES.index(name) for name in self.active], dtype=int)
 
     def __str__(self) -> str:
-        tried = len(self.asked) - ("Cbeta0" in self.asked)
+        count = len(self.requested) - ("Cbeta0" in self.requested)
         lines = [
-            f"Along the path ({self.stretches} stretch{'es' if self.stretches > 1 else ''}): rank {self.rank} of "
-            f"{tried}, condition {self.condition:.2g}",
-            f"Linearised at its mean: rank {self.linear_rank} of {tried}, condition {self.linear_condition:.2g}",
-            f"With {len(self.fixed)} of {len(self.asked)} fixed: condition {self.active_condition:.2g}",
-            "An upper bound: noise of the inputs and drifting biases are not counted.",
+            f"Along the path ({count_of(self.segments, 'segment')}): rank {self.rank} of {count}, condition "
+            f"{self.condition:.2g}",
+            f"Linearised at its mean: rank {self.linear_rank} of {count}, condition {self.linear_condition:.2g}",
+            f"With {len(self.fixed)} of {len(self.requested)} fixed: condition {self.active_condition:.2g}",
+            "An upper bound: noise of the inputs and drifting biases are not included.",
             "",
             f"{'state':8s} {'posterior/prior':>15s} {'others fixed':>13s}  verdict",
         ]
-        for name in self.asked:
+        for name in self.requested:
             after = f"{self.active_over_prior[name]:.2g}" if name in self.active_over_prior else "fixed"
             lines.append(f"{name:8s} {self.posterior_over_prior[name]:15.2g} {after:>13s}  {self.verdicts[name]}")
-        said: dict[str, list[str]] = {}
-        for name, why in self.fixed.items():
-            said.setdefault(why, []).append(name)
-        paragraphs = [f"{', '.join(names)}: {why}." for why, names in said.items()]
+        by_reason: dict[str, list[str]] = {}
+        for name, reason in self.fixed.items():
+            by_reason.setdefault(reason, []).append(name)
+        paragraphs = [f"{', '.join(names)}: {reason}." for reason, names in by_reason.items()]
         if paragraphs:
             lines += ["", "Fixed"]
         if self.undetermined:
-            paragraphs.append(f"Still undetermined, and not to be fixed: {', '.join(self.undetermined)}.")
+            paragraphs.append(f"Undetermined, but not to be fixed: {', '.join(self.undetermined)}.")
         for paragraph in (*paragraphs, *self.notes):
             lines += textwrap.wrap(paragraph, 78, initial_indent="  ", subsequent_indent="    ")
         return "\n".join(lines)
 
 
 def reconstructibility(problem: KinematicsProblem, *, fix_first: Sequence[str] = FIX_FIRST) -> Reconstructibility:
-    """Tell which states, biases and winds a flight determines, and which to fix so that the rest is.
+    """Find which states, biases and winds a flight determines, and which to fix so that the others are determined.
 
     Parameters
     ----------
     problem : KinematicsProblem
         As for the filter; `start_std` are the priors.
     fix_first : sequence of str
-        States of `FIX_FIRST`; where there is a choice, an earlier one is fixed rather than a later. Those not
-        named come after, in the order of `FIX_FIRST`. wn and we go together, unless one of them alone is
-        undetermined.
+        States of `FIX_FIRST`; if there is a choice, an earlier one is fixed. States that are not named follow in the
+        order of `FIX_FIRST`. wn and we are fixed together, unless only one of them is undetermined.
 
     Returns
     -------
     Reconstructibility
-        psi fixed where the ground track is measured means its *start*: there it stays among the states, with a
-        small `start_std`, because the heading moves on.
+        If the ground track is measured, a fixed psi means its *initial value*: the heading remains a state, with a
+        small `start_std`.
 
     Raises
     ------
     DomainError
-        An unknown name in `fix_first`, no two samples without a gap between, or no airspeed at all.
+        An unknown name in `fix_first`, no two samples without a gap between them, or no airspeed.
 
     References
     ----------
@@ -205,13 +164,15 @@ def reconstructibility(problem: KinematicsProblem, *, fix_first: Sequence[str] =
     active = problem.active[problem.active != STATES.index("Cbeta0")]
     std = problem.start_std[problem.active != STATES.index("Cbeta0")]
     names = [STATES[j] for j in active]
-    stretches = stretches_of(problem.t)
-    path, notes = recorded_path(problem, stretches)
-    factors = np.stack([sensitivity_factor(problem, path, problem.inputs, piece, active, std) for piece in stretches])
-    # The prior of the motion is used once: in the stretch that says most about it.
+    segments = segments_of(problem.t)
+    path, notes = recorded_path(problem, segments)
+    factors = np.stack(
+        [sensitivity_factor(problem, path, problem.inputs, segment, active, std) for segment in segments]
+    )
+    # The prior of the motion is used once: in the segment with the most information on it.
     best = int(np.argmax(np.linalg.slogdet(np.swapaxes(factors, 1, 2) @ factors + np.eye(len(active)))[1]))
     mean, steady = (np.broadcast_to(part.mean(axis=0), part.shape) for part in (path, problem.inputs))
-    alone = sensitivity_factor(problem, mean, steady, stretches[best], active, std)
+    alone = sensitivity_factor(problem, mean, steady, segments[best], active, std)
     data = _PathInformation(factors, active < MOTION, best)
     linear = _PathInformation(np.broadcast_to(alone, factors.shape), active < MOTION, best)
 
@@ -225,16 +186,16 @@ def reconstructibility(problem: KinematicsProblem, *, fix_first: Sequence[str] =
     left, directions = data.directions(kept)
     null = directions[:, left < _UNDETERMINED]
     confounded += [_named([names[j] for j in kept], column) for column in null.T]
-    undetermined = tuple(names[j] for j, row in zip(kept, null) if np.linalg.norm(row) > _SHARE)
+    undetermined = tuple(names[j] for j, row in zip(kept, null) if np.linalg.norm(row) > _MIN_WEIGHT)
     ratios, verdicts = dict(zip(names, ratio)), dict(zip(names, verdict))
     if len(active) < len(problem.active):
-        fixed = {"Cbeta0": _CBETA0} | fixed
+        fixed = {"Cbeta0": CBETA0_REASON} | fixed
         ratios["Cbeta0"], verdicts["Cbeta0"] = 1.0, "not reconstructible"
-    asked = tuple(STATES[j] for j in problem.active)
+    requested = tuple(STATES[j] for j in problem.active)
     return Reconstructibility(
-        asked=asked,
-        verdicts={name: verdicts[name] for name in asked},
-        posterior_over_prior={name: float(ratios[name]) for name in asked},
+        requested=requested,
+        verdicts={name: verdicts[name] for name in requested},
+        posterior_over_prior={name: float(ratios[name]) for name in requested},
         fixed=fixed,
         active=tuple(names[j] for j in kept),
         active_over_prior=dict(zip((names[j] for j in kept), _verdicts(left, directions)[0].tolist())),
@@ -245,14 +206,14 @@ def reconstructibility(problem: KinematicsProblem, *, fix_first: Sequence[str] =
         active_condition=_condition(left),
         confounded=tuple(confounded),
         undetermined=undetermined,
-        stretches=len(stretches),
+        segments=len(segments),
         notes=notes,
     )
 
 
 @dataclass(frozen=True)
 class _PathInformation:
-    """Triangular factors (N, L, L) of all stretches, which columns move, and the stretch whose motion counts."""
+    """Triangular factors (N, L, L) of all segments, columns of the motion, and the segment whose motion is kept."""
 
     factors: np.ndarray
     moving: np.ndarray
@@ -277,16 +238,16 @@ class _PathInformation:
 
 
 def _verdicts(s: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Posterior over prior standard deviation of each state, and what that means."""
+    """Posterior over prior standard deviation of each state, and its verdict."""
     parts = V**2 / (1.0 + s**2)
-    variance, unseen = parts.sum(axis=1), parts[:, s < _UNDETERMINED].sum(axis=1)
-    words = []
-    for whole, part in zip(variance, unseen):
-        if whole <= _WEAK**2:
-            words.append("reconstructible")
+    variance, undetermined = parts.sum(axis=1), parts[:, s < _UNDETERMINED].sum(axis=1)
+    verdicts = []
+    for total, part in zip(variance, undetermined):
+        if total <= _WEAK**2:
+            verdicts.append("reconstructible")
         else:
-            words.append("not reconstructible" if part > 0.5 * whole else "weak")
-    return np.sqrt(variance), words
+            verdicts.append("not reconstructible" if part > 0.5 * total else "weak")
+    return np.sqrt(variance), verdicts
 
 
 def _condition(s: np.ndarray) -> float:
@@ -294,23 +255,23 @@ def _condition(s: np.ndarray) -> float:
 
 
 def _named(names: Sequence[str], direction: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
-    """Those of a unit direction that have a share in it, largest first."""
-    order = [j for j in np.argsort(-np.abs(direction)) if abs(direction[j]) > _SHARE]
+    """States of a unit direction with their weights, largest first."""
+    order = [j for j in np.argsort(-np.abs(direction)) if abs(direction[j]) > _MIN_WEIGHT]
     weights = direction[order]
     weights.setflags(write=False)
     return tuple(names[j] for j in order), weights
 
 
 def _groups(order: Sequence[str], names: Mapping[str, int], alone: np.ndarray) -> Iterator[tuple[tuple[str, ...], int]]:
-    """What may be fixed, in order, and how many directions that must determine."""
+    """States that may be fixed, in order, and the number of directions that this must determine."""
     both = "wn" in names and "we" in names
     for name in order:
         if name in names and not (both and name in ("wn", "we")):
             yield (name,), 1
         elif name in names:
-            # Half a wind is fixed only if nothing tells it and the other half is told.
+            # One component of the wind is fixed alone only if the other is determined.
             yield ("wn", "we"), 2
-            if alone[names[name]] > _NOTHING:
+            if alone[names[name]] > _NO_INFORMATION:
                 yield (name,), 1
     if both:
         yield ("wn", "we"), 1
@@ -319,7 +280,7 @@ def _groups(order: Sequence[str], names: Mapping[str, int], alone: np.ndarray) -
 def _choose(
     data: _PathInformation, names: Sequence[str], order: Sequence[str], sampled: set[str]
 ) -> tuple[dict[str, str], list[int], list[tuple[tuple[str, ...], np.ndarray]]]:
-    """Fix states until no direction in which one of them takes part is undetermined."""
+    """Fix states until none of the others belongs to an undetermined direction."""
     fixed: dict[str, str] = {}
     confounded: list[tuple[tuple[str, ...], np.ndarray]] = []
     kept = list(range(len(names)))
@@ -335,18 +296,10 @@ def _choose(
         else:
             return fixed, kept, confounded
         for name in group:
-            # The undetermined direction nearest to this state; and those it cannot be told apart from.
+            # The undetermined direction nearest to this state, and the states that are not separated from it.
             direction = null @ null[here[name]]
             direction /= np.linalg.norm(direction)
             confounded.append(_named([names[j] for j in kept], direction))
             partners = [other for other in confounded[-1][0] if other not in group]
-            fixed[name] = _reason(name, partners, sampled)
+            fixed[name] = reason_for_fixing(name, partners, sampled)
         kept = without
-
-
-def _reason(name: str, partners: Sequence[str], sampled: set[str]) -> str:
-    shows, lacking, remedy = _ADVICE[name]
-    if shows and not sampled & set(shows):
-        return lacking
-    apart = f"cannot be told apart from {', '.join(partners)} here" if partners else "hardly shows in this flight"
-    return f"{apart}; {remedy}"

@@ -30,11 +30,11 @@ def output_recording(
     problem, lateral = problem_setup.problem, problem_setup.lateral
     estimated = set(problem_setup.names)
     force = fp.forces(path, problem.inputs, problem.place)
-    slope = fp.slopes(path, problem.inputs, problem.place, problem.g)
+    slope = problem.slopes(path)
     u, v, w = (path[:, j] + path[:, fp.GUST + j] for j in range(3))
     du, dv, dw = (slope[:, j] for j in range(3))
     V, alpha, beta = air_data(u, v, w)
-    plane = u * u + w * w
+    in_symmetry_plane = u * u + w * w
     alpha_dot, beta_dot, V_dot = flow_angle_rates(u, v, w, du, dv, dw)
     channels = {"u": u, "w": w, "V": V, "alpha": alpha, "theta": path[:, 4]}
     channels |= {"V_dot": V_dot, "alpha_dot": alpha_dot}
@@ -54,7 +54,7 @@ def output_recording(
             channels[f"{name}g"] = path[:, fp.GUST + j]
     su, sv, sw = stds["u"], stds.get("v", np.zeros(len(u))), stds["w"]
     stds["V"] = np.sqrt((u * su) ** 2 + (v * sv) ** 2 + (w * sw) ** 2) / V
-    stds["alpha"] = np.sqrt((u * sw) ** 2 + (w * su) ** 2) / plane
+    stds["alpha"] = np.sqrt((u * sw) ** 2 + (w * su) ** 2) / in_symmetry_plane
     if lateral:
         stds["beta"] = sv / V
     carried = ["V", "alpha", *(["beta"] if lateral else []), *(name for name in kept if name.startswith("a"))]
@@ -65,7 +65,7 @@ def output_recording(
 
 
 def _with_gust(names: tuple[str, ...], smooth: SmootherResult, axis: str) -> np.ndarray:
-    """How many times the standard deviation of a velocity through still air that through moving air has."""
+    """Standard deviation of a velocity relative to the moving air, over that relative to calm air."""
     i, j = names.index(axis), names.index(f"{axis}g")
     P = smooth.covariance
     ratio = np.sqrt((P[:, i, i] + 2.0 * P[:, i, j] + P[:, j, j]) / P[:, i, i])

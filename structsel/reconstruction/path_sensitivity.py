@@ -1,11 +1,11 @@
-"""How the measurements of a flight depend on the motion at its start and on the constants.
+"""Sensitivity of the measurements of a flight to its initial motion and to the constants.
 
-Along the *recorded* path, not a dead-reckoned one, which biases would lead astray within a minute. With X the
-active states and x their moving part, the variational equations and readings
+The sensitivities are computed along the *recorded* path: biases would degrade an integrated one within a minute. With X
+the active states and x the motion among them, the variational equations and measurements
 
     dx' = (df/dX) dX,    dy = (dh/dX) dX
 
-are integrated over stretches of at most a minute [M86].
+are integrated over segments of at most a minute [M86].
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from scipy.fft import dct, idct
-from scipy.integrate import cumulative_trapezoid
 
 from structsel.errors import DomainError
+from structsel.numerics.air_data import body_velocity
 from structsel.numerics.kinematics import MEASUREMENTS, MOTION, readings, slopes
 from structsel.reconstruction.ukf import KinematicsProblem
 
-_LONGEST = 60.0  # s of a stretch: beyond it dead reckoning forgets where it started
+_LONGEST = 60.0  # s of a segment; over more time the effect of the initial motion is lost
 _GAP = 0.5  # s without a sample, and five samples: not integrated across
-_KEPT = 600  # samples of each channel in a stretch; their weight makes up for the others
-_STEEPEST = 1.5  # rad of pitch attitude; beyond it the Euler angles' rates say nothing
-_CHANCE = 1e-3  # of one cosine of pure noise being kept, in a channel and stretch
+_KEPT = 600  # samples of each channel in a segment; their weight replaces that of the others
+_STEEPEST = 1.5  # rad of pitch attitude; beyond it the rates of the Euler angles are singular
+_P_NOISE = 1e-3  # probability that a cosine of noise is kept, in a channel and segment
 _WINDOW = 1.0  # s to either side, over which the direction of gravity is averaged
 # Central differences of readings and slopes, in the states' own units; small against any curvature.
 _STEP = np.array([1e-2] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1e-3] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1e-4] * 5 + [1e-2] * 3)
 
 
-def recorded_path(problem: KinematicsProblem, stretches: list[slice]) -> tuple[np.ndarray, tuple[str, ...]]:
-    """(n, 26) path to linearise along: as recorded, and what must stand in where nothing was."""
+def recorded_path(problem: KinematicsProblem, segments: list[slice]) -> tuple[np.ndarray, tuple[str, ...]]:
+    """(n, 26) path for the linearisation, as recorded; and notes on the channels that are assumed."""
     t, start, notes = problem.t, problem.start, []
     held = {
         "V": float(np.linalg.norm(start[:3])),
@@ -48,50 +48,47 @@ def recorded_path(problem: KinematicsProblem, stretches: list[slice]) -> tuple[n
         if seen.any():
             values = np.unwrap(column[seen]) if name in ("phi", "psi") else column[seen].copy()
             before = np.cumsum(seen) - seen  # samples seen before each
-            for piece in stretches:
-                part = slice(before[piece.start], before[piece.stop - 1] + seen[piece.stop - 1])
+            for segment in segments:
+                part = slice(before[segment.start], before[segment.stop - 1] + seen[segment.stop - 1])
                 values[part] = _without_noise(values[part], problem.measurement_std[MEASUREMENTS.index(name)])
             found[name] = np.interp(t, t[seen], values)
         elif name in held:
             found[name] = np.full(len(t), held[name])
-            notes.append(f"{name} was not sampled: it is taken to stay at {held[name]:.3g}.")
+            notes.append(f"{name} was not sampled: it is assumed constant at {held[name]:.3g}.")
     path = np.tile(start, (len(t), 1))
-    path[:, 0] = found["V"] * np.cos(found["alpha"]) * np.cos(found["beta"])
-    path[:, 1] = found["V"] * np.sin(found["beta"])
-    path[:, 2] = found["V"] * np.sin(found["alpha"]) * np.cos(found["beta"])
-    # A vane ahead of the centre reads the pitch rate as angle of attack: taken for that, it would pass for excitation.
+    path[:, :3] = np.column_stack(body_velocity(found["V"], found["alpha"], found["beta"]))
+    # A vane ahead of the centre of gravity reads the pitch rate as angle of attack, which is no excitation.
     for j, row in enumerate((3, 2, 1)):
         path[:, j] -= np.cross(problem.inputs[:, 3:6] - start[12:15], problem.place[row])[:, j]
     missing = [name for name in ("phi", "theta") if name not in found]
     if missing:
         for name, values in zip(("phi", "theta"), _attitude(problem, path[:, :3])):
             found.setdefault(name, values)
-        notes.append(f"{' and '.join(missing)} not sampled: taken from accelerometers and air data.")
+        notes.append(f"{' and '.join(missing)} not sampled: computed from accelerometers and air data.")
     steep = np.abs(found["theta"]) > _STEEPEST
     if steep.any():
         notes.append(
             f"theta is beyond {_STEEPEST} rad in {int(steep.sum())} samples, the first at {t[steep][0]:.2f} s; "
-            f"the analysis takes {_STEEPEST} rad there."
+            f"the analysis uses {_STEEPEST} rad there."
         )
     path[:, 3], path[:, 4] = found["phi"], np.clip(found["theta"], -_STEEPEST, _STEEPEST)
     if "psi" not in found:
-        rate = slopes(path, problem.inputs, problem.place, problem.g)[:, 5]
-        found["psi"] = start[5] + cumulative_trapezoid(rate, t, initial=0.0)
+        found["psi"] = problem.integrated_heading(path)
     path[:, 5] = found["psi"]
     return path, tuple(notes)
 
 
 def _without_noise(values: np.ndarray, std: float) -> np.ndarray:
-    """Keep the cosines that stand out of white noise: noise in the path would pass for excitation."""
+    """Signal of the cosines above the level of white noise, because noise in the path is no excitation."""
     if not values.size:
         return values
     waves = dct(values, norm="ortho")
-    waves[1:][np.abs(waves[1:]) < std * np.sqrt(2.0 * np.log(values.size / _CHANCE))] = 0.0
+    waves[1:][np.abs(waves[1:]) < std * np.sqrt(2.0 * np.log(values.size / _P_NOISE))] = 0.0
     return idct(waves, norm="ortho")
 
 
 def _attitude(problem: KinematicsProblem, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Roll and pitch attitude from gravity in body axes, v' + omega x v - f, averaged over a moment."""
+    """Roll and pitch attitude from gravity in body axes, v' + omega x v - f, averaged over two seconds."""
     n, half = len(problem.t), max(1, round(_WINDOW / float(np.median(np.diff(problem.t)))))
     free = problem.inputs[:, :6] - problem.start[9:15]
     without = np.cross(free[:, 3:], velocity) - free[:, :3]
@@ -102,22 +99,22 @@ def _attitude(problem: KinematicsProblem, velocity: np.ndarray) -> tuple[np.ndar
     return np.unwrap(np.arctan2(gy, gz)), np.arctan2(-gx, np.hypot(gy, gz))
 
 
-def stretches_of(t: np.ndarray) -> list[slice]:
-    """Equal parts of at most a minute, none across a gap."""
-    pieces = []
+def segments_of(t: np.ndarray) -> list[slice]:
+    """Equal segments of at most a minute, without gaps."""
+    segments = []
     steps = np.diff(t)
     edges = np.flatnonzero(steps > max(_GAP, 5.0 * float(np.median(steps)))) + 1 if len(t) > 1 else np.zeros(0, int)
     for part in np.split(np.arange(len(t)), edges):
         count = max(1, int(np.ceil((t[part[-1]] - t[part[0]]) / _LONGEST)))
-        pieces += [slice(piece[0], piece[-1] + 1) for piece in np.array_split(part, count) if len(piece) > 1]
-    if not pieces:
-        raise DomainError("reconstructibility needs two samples without a gap between; there are none.")
-    return pieces
+        segments += [slice(piece[0], piece[-1] + 1) for piece in np.array_split(part, count) if len(piece) > 1]
+    if not segments:
+        raise DomainError("reconstructibility needs two samples without a gap between them; there are none.")
+    return segments
 
 
 @njit(cache=True)
 def _rate(A, Z, out):  # type: ignore[no-untyped-def]
-    """A [Z; 0 I]: the constants stay as they are."""
+    """A [Z; 0 I]: the constants do not change."""
     m, L = A.shape
     for i in range(m):
         for j in range(L):
@@ -149,22 +146,22 @@ def sensitivity_factor(
     problem: KinematicsProblem,
     path: np.ndarray,
     inputs: np.ndarray,
-    piece: slice,
+    segment: slice,
     active: np.ndarray,
     std: np.ndarray,
 ) -> np.ndarray:
-    """(L, L) triangular factor of a stretch's scaled sensitivities: motion at its start, then constants."""
+    """(L, L) triangular factor of the scaled sensitivities of a segment: initial motion, then constants."""
     L, m = len(active), int(np.sum(active < MOTION))
-    t, path, inputs = problem.t[piece], np.ascontiguousarray(path[piece]), np.ascontiguousarray(inputs[piece])
+    t, path, inputs = problem.t[segment], np.ascontiguousarray(path[segment]), np.ascontiguousarray(inputs[segment])
     A = np.empty((len(t), m, L))
     for j, state in enumerate(active):
         up, down = _moved(path, state)
         change = slopes(up, inputs, problem.place, problem.g) - slopes(down, inputs, problem.place, problem.g)
         A[:, :, j] = change[:, active[:m]] / (2.0 * _STEP[state])
     Z = _sensitivities(t, A)
-    sampled = np.isfinite(problem.measurements[piece])
+    sampled = np.isfinite(problem.measurements[segment])
     if not problem.located:
-        sampled[:, 7:9] = False  # a position that stays where it started explains none
+        sampled[:, 7:9] = False  # a position that is not a state explains no measurement
     chosen = []
     for column in sampled.T:
         seen = np.flatnonzero(column)

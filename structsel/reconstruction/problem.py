@@ -1,4 +1,4 @@
-"""From a recording and an aircraft to the arrays the filter runs on."""
+"""The estimation problem of a recording and an aircraft, as arrays for the filter."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ BEST = {
     **dict.fromkeys(("x", "y", "h"), 0.1),
     **dict.fromkeys(("V", "vn", "ve", "vd"), 0.01),
 }
-"""No flight-test instrument is better than this, however smooth its recording looks."""
+"""Noise of the best flight-test instruments: lower bound of an estimated noise level."""
 
 
 @dataclass(frozen=True)
 class ReconstructionProblem:
-    """A problem for the filter, and how it came about.
+    """A problem for the filter, and its origin.
 
     Attributes
     ----------
@@ -44,18 +44,18 @@ class ReconstructionProblem:
     measured : tuple of str
         Measurements with at least one reading.
     lateral : bool
-        Whether v, phi and psi move; without ay, p and r they are held.
+        Whether v, phi and psi are estimated; without ay, p and r they are constant.
     turning : (n, 3) array [rad/s^2]
         p_dot, q_dot, r_dot, smoothed.
     turning_std : (3,) array [rad/s^2]
-        Their stated accuracy.
+        Their standard deviations.
     noise : dict of str to float
         Standard deviation of the noise by channel.
     given : frozenset of str
         Channels whose noise was stated, not estimated.
     findings : tuple of Finding
     gust : Gusts
-        The turbulence allowed for.
+        Turbulence in the model.
     """
 
     problem: KinematicsProblem
@@ -74,29 +74,29 @@ class ReconstructionProblem:
         return tuple(fp.STATES[i] for i in self.problem.active)
 
     def with_verdict(self, verdict: Reconstructibility) -> ReconstructionProblem:
-        """Problem in which only what these data determine is estimated.
+        """Problem in which only the states that these data determine are estimated.
 
-        A heading that only its start is lacking of moves on all the same where the ground track is measured, so
-        it stays a state, with a start taken as known.
+        If the ground track is measured and only the initial heading is undetermined, the heading remains a state with a
+        known initial value.
         """
         p, names = self.problem, self.names
-        kept, std = set(verdict.active), p.start_std.copy()
+        active, std = set(verdict.active), p.start_std.copy()
         if "psi" in verdict.fixed and any(name in self.measured for name in _POSITION):
-            kept.add("psi")
+            active.add("psi")
             std[names.index("psi")] = 1e-4
-        mask = np.array([name in kept for name in names])
-        return replace(self, problem=replace(p, start_std=std).keeping(mask))
+        kept = np.array([name in active for name in names])
+        return replace(self, problem=replace(p, start_std=std).with_states(kept))
 
     def without_ground_track(self) -> ReconstructionProblem:
-        """Problem in which neither position nor ground velocity was measured, and nothing they alone would show."""
+        """Problem without measured position and ground velocity, and without the states that only these determine."""
         p, names = self.problem, self.names
         readings = p.measurements.copy()
         readings[:, [fp.MEASUREMENTS.index(name) for name in _POSITION]] = np.nan
         kept = np.array([name not in ("psi", "x", "y", "wn", "we") for name in names])
-        held = replace(p, measurements=readings).keeping(kept)
+        reduced = replace(p, measurements=readings).with_states(kept)
         measured = tuple(name for name in self.measured if name not in _POSITION)
         level = {name: std for name, std in self.noise.items() if name not in _POSITION}
-        return replace(self, problem=held, measured=measured, noise=level)
+        return replace(self, problem=reduced, measured=measured, noise=level)
 
 
 def build_problem(recording: Recording, aircraft: Aircraft, options: ReconstructOptions) -> ReconstructionProblem:
@@ -148,7 +148,7 @@ def _inertial_readings(
         channel = valid_input(recording, name)
         findings += channel.findings
         inputs[:, j] = channel.values
-        level[name] = stated.get(name) or _estimate_noise(name, channel.values, recording.dt)
+        level[name] = stated.get(name) or noise_of(name, channel.values, recording.dt)
         std = max(float(channel.values.std()), level[name])
         # Interpolation errors of one gap have one sign, those of noise do not: the factor makes the integrals equal.
         input_std[:, j] = np.where(channel.interpolated > 0, std * np.sqrt(channel.interpolated), level[name])
@@ -182,7 +182,7 @@ def _measurements(
             values[sampled] = np.unwrap(values[sampled])
         measurements[:, j] = values
         measured.append(name)
-        level[name] = stated.get(name) or _estimate_noise(name, values[sampled], recording.dt)
+        level[name] = stated.get(name) or noise_of(name, values[sampled], recording.dt)
     return measurements, measured, findings
 
 
@@ -191,13 +191,13 @@ def _reads_flank(aircraft: Aircraft) -> bool:
     return sensor is not None and sensor.angle == "flank"
 
 
-def _estimate_noise(name: str, values: np.ndarray, dt: float) -> float:
-    """White noise of a channel as its own spectrum shows it."""
+def noise_of(name: str, values: np.ndarray, dt: float) -> float:
+    """White noise of a channel from its spectrum."""
     return max(noise_level(values, dt), BEST[name])
 
 
 def _active(constants: Iterable[str], measured: list[str], lateral: bool) -> list[str]:
-    """States to ask for; what nothing shows among them is for the reconstructibility analysis to name."""
+    """Requested states; the reconstructibility analysis finds those that cannot be determined."""
     names = ["u", "w", "theta"] + (["v", "phi", "psi"] if lateral else [])
     names += [name for name in ("x", "y", "h") if name in measured]
     for name in constants:
@@ -208,22 +208,31 @@ def _active(constants: Iterable[str], measured: list[str], lateral: bool) -> lis
         if all(channel in measured for channel in _OWN_CHANNEL.get(name, ())):
             names.append(name)
     if lateral and "beta" in measured:
-        names.append("Cbeta0")  # to be told that it cannot be
+        names.append("Cbeta0")  # the analysis reports the reason why it is not estimated
     return list(dict.fromkeys(names))
+
+
+def first_readings(measurements: np.ndarray) -> dict[str, tuple[int, float]]:
+    """Sample and value of the first reading of every measurement that has one; (n, 12) measurements."""
+    found = {}
+    for name, values in zip(fp.MEASUREMENTS, measurements.T):
+        sampled = np.flatnonzero(np.isfinite(values))
+        if sampled.size:
+            found[name] = int(sampled[0]), float(values[sampled[0]])
+    return found
 
 
 def _start(
     t: np.ndarray, y: np.ndarray, inputs: np.ndarray, noise: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Full vector at the first sample from the first readings, and how far it may be off."""
-    early = t <= t[0] + 1.0
+    """Full vector at the first sample from the first readings, and its standard deviations."""
+    read = first_readings(y)
 
     def first(name: str, otherwise: float) -> tuple[float, bool]:
-        values = y[:, fp.MEASUREMENTS.index(name)]
-        seen = np.flatnonzero(np.isfinite(values))
-        if not seen.size:
+        if name not in read:
             return otherwise, False
-        return float(values[seen[0]]), bool(early[seen[0]])
+        sample, value = read[name]
+        return value, bool(t[sample] <= t[0] + 1.0)
 
     V, _ = first("V", np.nan)
     alpha, alpha_seen = first("alpha", 0.05)
@@ -253,5 +262,5 @@ def _start(
 
 
 def _longitudinal_only() -> Finding:
-    message = "without ay, p and r only the longitudinal motion is reconstructed; v, phi, p and r are taken as zero"
+    message = "without ay, p and r only the longitudinal motion is reconstructed; v, phi, p and r are assumed zero"
     return Finding("assumed", "ay", message, "note", "map ay, p and r")

@@ -1,4 +1,4 @@
-"""`reconstruct`: one flight path that agrees with all instruments, and the errors of the instruments."""
+"""`reconstruct`: a flight path that is consistent with all instruments, and the errors of the instruments."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 from threadpoolctl import threadpool_limits
 
 from structsel.aircraft import Aircraft
@@ -16,13 +15,14 @@ from structsel.numerics import kinematics as fp
 from structsel.options import takes_options
 from structsel.reconstruction.data_compatibility import check_data_compatibility
 from structsel.reconstruction.delays import LONGEST_DELAY, Delay, find_delays
-from structsel.reconstruction.innovations import Consistency, judge
+from structsel.reconstruction.innovations import Consistency, check_innovations
 from structsel.reconstruction.noise_levels import drop_confounded_scales, estimate_noise_levels
 from structsel.reconstruction.observability import reconstructibility
 from structsel.reconstruction.output import output_recording
 from structsel.reconstruction.problem import ReconstructionProblem, build_problem
 from structsel.reconstruction.quality_checks import check_quality
 from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
+from structsel.reconstruction.sample_validity import longest_interval
 from structsel.reconstruction.settings import INERTIAL, ReconstructOptions
 from structsel.reconstruction.sign_and_unit_checks import reject_wrong_sign_or_unit
 from structsel.reconstruction.ukf import STEEP, FilterResult, KinematicsProblem, SmootherResult, ukf_smoother
@@ -30,7 +30,7 @@ from structsel.recording import Recording
 
 _ALIGNMENTS = 6  # rounds of estimating and removing delays; chosen, not critical
 _ALIGNED = 0.002  # s of delay left at which they end; chosen, not critical
-_COLOURED = 1.5  # variance of a mean over that of white noise from which standard deviations are widened
+_COLOURED = 1.5  # variance of a mean over that of white noise, above which standard deviations are increased
 _HEADING_SECONDS = 60.0  # of flight from which the first heading is estimated
 _STEEP = 1.4  # rad of pitch attitude that a recommended part leaves out
 
@@ -45,23 +45,23 @@ def reconstruct(
     options: ReconstructOptions,
     progress: Progress | None = None,
 ) -> Reconstruction:
-    """Flight path, sensor biases, upwash and wind of one manoeuvre: the first of the two steps.
+    """Flight path, sensor biases, upwash and wind of one manoeuvre.
 
-    Accelerometers and gyros, less constant (or slowly drifting) biases, drive the kinematics of velocity, attitude
-    and position; air data, attitude, altitude, position and ground velocity, as far as they were recorded, correct
-    them. What these data cannot determine is found first, and held.
+    Accelerometers and gyros, minus constant (or slowly drifting) biases, are the inputs of the kinematics of velocity,
+    attitude and position. The recorded air data, attitude, altitude, position and ground velocity are its measurements.
+    States that these data cannot determine are found first, and fixed.
 
     Parameters
     ----------
     recording : Recording
         ``V``, ``ax``, ``az``, ``q`` and, for the lateral motion, ``ay``, ``p``, ``r``; any of ``alpha beta phi
-        theta psi h x y vn ve vd``. Measurements may be missing or slower than the clock (NaN, or held).
+        theta psi h x y vn ve vd``. Measurements may be missing or have a lower rate (NaN, or repeated values).
     aircraft : Aircraft
         Positions and noise of the instruments.
     options : ReconstructOptions, optional
-        Every field may be given as a keyword of its own instead: ``reconstruct(..., method="extended", gusts=0.0)``.
+        Each field can also be given as a keyword: ``reconstruct(..., method="extended", gusts=0.0)``.
     progress : callable, optional
-        Called with a stage's name, steps done and steps in all.
+        Called with the name of the stage, the steps done and all steps.
 
     Returns
     -------
@@ -70,14 +70,14 @@ def reconstruct(
     Raises
     ------
     ChannelError
-        A channel that is always needed is missing.
+        A necessary channel is missing.
     DataError
-        A gap in time; an inertial channel missing or stuck for longer than can be bridged.
+        A gap in time; an inertial channel missing or stuck for too long; a wrong sign or unit.
     DomainError
         An option out of range.
     ReconstructionError
-        The filter breaks down (theta near 90 degrees, readings that contradict one another); the exception carries
-        what was found so far.
+        The filter fails (theta near 90 degrees, readings that contradict one another); the exception has the partial
+        result.
 
     References
     ----------
@@ -111,7 +111,7 @@ def _reconstruct_aligned(
 ) -> Reconstruction:
     """Reconstruction of a recording whose channels are first advanced by these delays."""
     aligned = recording.align(delays) if delays else recording
-    # The matrices are small: more threads would only wait for one another.
+    # The matrices are small: more threads would be slower.
     with threadpool_limits(1, user_api="blas"):
         return _reconstruct(aligned, aircraft, options, progress)
 
@@ -135,11 +135,9 @@ def _reconstruct(
         run, smooth = _by_filter(problem_setup, recording, options)
         widened = None
     path = _complete_path(problem_setup.problem, smooth.x)
-    predicted = fp.readings(
-        path, problem_setup.problem.inputs, problem_setup.problem.place, problem_setup.problem.flank
-    )
-    residuals = _residuals(problem_setup.problem.measurements, predicted)
-    consistency = judge(run, residuals, problem_setup.measured, recording.dt)
+    predicted = problem_setup.problem.predict(path)
+    residuals = problem_setup.problem.residuals(predicted)
+    consistency = check_innovations(run, residuals, problem_setup.measured, recording.dt)
     if widened is None:
         widened = _inflate_for_autocorrelation(problem_setup, consistency, options)
     std = np.maximum(smooth.std, widened) if widened is not None else smooth.std
@@ -150,7 +148,7 @@ def _reconstruct(
         if name in CONSTANTS
     )
     made, stds = output_recording(recording, problem_setup, path, smooth, std, options.method, constants)
-    doubts, distrust = check_quality(
+    warnings, distrust = check_quality(
         problem_setup, path, consistency, constants, verdict, delays, stds, smooth.std, std
     )
     return Reconstruction(
@@ -182,7 +180,7 @@ def _reconstruct(
         delays=delays,
         log_likelihood=run.log_likelihood,
         findings=problem_setup.findings,
-        doubts=doubts,
+        doubts=warnings,
         distrust=distrust,
     )
 
@@ -190,8 +188,8 @@ def _reconstruct(
 def _with_initial_heading(problem_setup: ReconstructionProblem) -> tuple[ReconstructionProblem, dict[str, str]]:
     """Problem that starts with the heading and wind of a batch fit, where no instrument gives the heading.
 
-    From the ground track alone the heading is anywhere within the wind's reach, too far for a filter to linearise.
-    Where the fit finds none either, the ground track is not used, and the reasons are given.
+    With a ground track only, the uncertainty of the heading due to wind is too large for the linearisation of a filter.
+    If the fit does not converge either, the ground track is not used, and the reasons are returned.
     """
     if "psi" in problem_setup.measured or not {"psi", "wn", "we"} <= set(problem_setup.names):
         return problem_setup, {}
@@ -199,13 +197,13 @@ def _with_initial_heading(problem_setup: ReconstructionProblem) -> tuple[Reconst
     early = int(np.searchsorted(problem.t, problem.t[0] + _HEADING_SECONDS)) + 1
     fit = check_data_compatibility(problem.rows(0, early))
     if not fit.converged:
-        why = "no heading was measured, and the ground track does not give one here; record psi, or turn"
-        return problem_setup.without_ground_track(), dict.fromkeys(("psi", "x", "y", "wn", "we"), why)
+        reason = "no heading was measured, and the ground track does not determine it here; record psi, or turn"
+        return problem_setup.without_ground_track(), dict.fromkeys(("psi", "x", "y", "wn", "we"), reason)
     start, std = problem.start.copy(), problem.start_std.copy()
     for name, spread in (("psi", 0.1), ("wn", 2.0), ("we", 2.0)):
         j = problem_setup.names.index(name)
         start[problem.active[j]] = fit.values[j]
-        # The fit is of the same readings: its own standard deviations are too small.
+        # The fit uses the same readings as the filter: its standard deviations are too small for a prior.
         std[j] = max(spread, 3.0 * float(fit.std[j]))
     return replace(problem_setup, problem=replace(problem, start=start, start_std=std)), {}
 
@@ -219,7 +217,7 @@ def _by_filter(
         if run.reason == STEEP:
             remedy += _part_below_vertical(problem_setup.problem, i)
         raise ReconstructionError(
-            f"reconstruct broke down on '{recording.name}' at sample {i} (t = {recording.t[i]:g} s): {run.reason}.\n"
+            f"reconstruct failed on '{recording.name}' at sample {i} (t = {recording.t[i]:g} s): {run.reason}.\n"
             f"{remedy}",
             run,
         )
@@ -227,21 +225,20 @@ def _by_filter(
 
 
 _REMEDIES = {
-    STEEP: "Roll and yaw are the same turn there. Take the parts before and after",
-    "the estimates are no longer finite": "Look at the channels about that time, and at their units and signs "
+    STEEP: "Roll and yaw are not separate there. Use the parts before and after",
+    "the estimates are no longer finite": "Check the channels near that time, and their units and signs "
     "(structsel describe).",
 }
 
 
 def _part_below_vertical(problem: KinematicsProblem, failed: int) -> str:
-    """Where the longest part without the vertical is, as far as theta was measured."""
+    """The longest part without the vertical, if theta was measured."""
     t, theta = problem.t, problem.measurements[:, fp.MEASUREMENTS.index("theta")]
     steep = ~(np.abs(theta) < _STEEP) if np.isfinite(theta).any() else np.arange(len(t)) == failed
-    edges = np.concatenate(([-1], np.flatnonzero(steep), [len(t)]))
-    k = int(np.argmax(np.diff(edges)))
-    if edges[k + 1] - edges[k] < 3:
+    first, last = longest_interval(~steep) if not steep.all() else (0, 0)
+    if last - first < 1:
         return " with recording.between()."
-    return f": recording.between({t[edges[k] + 1]:g}, {t[edges[k + 1] - 1]:g}) is the longest."
+    return f": recording.between({t[first]:g}, {t[last]:g}) is the longest."
 
 
 def _by_output_error(
@@ -254,8 +251,8 @@ def _by_output_error(
         raise ReconstructionError(
             f"reconstruct by output error did not converge on '{recording.name}': {fit.message}.",
             fit,
-            remedy="Its best so far is in the exception's .partial; method='unscented' allows for noise on the inputs.",
-            cli_remedy="--method unscented allows for noise on the inputs.",
+            remedy="The exception has the last estimate in .partial; method='unscented' includes input noise.",
+            cli_remedy="--method unscented includes input noise.",
         )
     n, x = len(problem.t), np.ascontiguousarray(fit.path[:, problem.active])
     seen = np.isfinite(fit.residuals)
@@ -267,10 +264,10 @@ def _by_output_error(
     level = problem_setup.noise | {
         name: float(fit.measurement_std[fp.MEASUREMENTS.index(name)]) for name in problem_setup.measured
     }
-    # The inertial readings count as exact, and the noise of the others is always estimated.
+    # The inertial readings are assumed exact, and the noise of the others is always estimated.
     level = {name: std for name, std in level.items() if name in problem_setup.measured}
     found = replace(problem_setup, noise=level, given=frozenset())
-    # One covariance, of the motion at the first sample and of the constants, stands for every sample.
+    # The covariance is that of the motion at the first sample and of the constants; it is used for all samples.
     return found, run, SmootherResult(x, white, fit.covariance[None], np.array([0])), wide
 
 
@@ -301,25 +298,17 @@ def _complete_path(problem: KinematicsProblem, x: np.ndarray) -> np.ndarray:
     """(n, 26) full vectors; a heading that is not estimated is integrated from north."""
     path = problem.path(x)
     if 5 not in problem.active:
-        path[:, 5] = problem.start[5]
-        turn = fp.slopes(path, problem.inputs, problem.place, problem.g)[:, 5]
-        path[1:, 5] += cumulative_trapezoid(turn, problem.t)
+        path[:, 5] = problem.integrated_heading(path)
     return path
 
 
-def _residuals(measurements: np.ndarray, predicted: np.ndarray) -> np.ndarray:
-    left = measurements - predicted
-    turns = np.where(fp.CIRCULAR & np.isfinite(left), np.round(left / (2.0 * np.pi)), 0.0)
-    return left - 2.0 * np.pi * turns
-
-
 def _delays(problem_setup: ReconstructionProblem, path: np.ndarray, turbulent: frozenset[str]) -> tuple[Delay, ...]:
-    """Delays of the channels against the path through steady air: gusts would hide them."""
-    problem, still = problem_setup.problem, path.copy()
-    still[:, fp.GUST :] = 0.0
-    predicted = fp.readings(still, problem.inputs, problem.place, problem.flank)
-    calm = tuple(name for name in problem_setup.measured if name not in turbulent)
-    return find_delays(problem, predicted, _residuals(problem.measurements, predicted), calm)
+    """Delays of the channels against the path without gusts, which would conceal them."""
+    problem, calm = problem_setup.problem, path.copy()
+    calm[:, fp.GUST :] = 0.0
+    predicted = problem.predict(calm)
+    channels = tuple(name for name in problem_setup.measured if name not in turbulent)
+    return find_delays(problem, predicted, problem.residuals(predicted), channels)
 
 
 def _by_channel(values: np.ndarray, measured: tuple[str, ...]) -> dict[str, np.ndarray]:

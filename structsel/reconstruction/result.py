@@ -1,4 +1,4 @@
-"""What a reconstruction found, how sure it is, and whether it trusts itself."""
+"""Result of a reconstruction: path, constants with standard errors, and checks of its consistency."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ CONSTANTS = {
     "Cbeta0": ("sideslip vane, offset", "rad"),
     "KV": ("airspeed, scale error", "-"),
 }
-"""Meaning and unit of what stays constant over a manoeuvre."""
+"""Meaning and unit of the constants of a manoeuvre."""
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A bias, a wind or a vane's correction. It is what the instrument reads too much: reading = truth + bias.
+    """A bias, a wind component or a correction of a vane; for a bias, reading = true value + bias.
 
     Attributes
     ----------
     name, unit : str
     value, std : float
-        At the end of the recording, where it may drift. The standard deviation allows for coloured residuals.
+        At the end of the recording, if it drifts. The standard deviation includes the autocorrelation of the residuals.
     std_white : float
-        As the filter claims it, taking its surprises as unrelated.
+        Standard deviation of the filter, for white innovations.
     """
 
     name: str
@@ -65,48 +65,48 @@ class NoiseLevel:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reconstruction(Result):
-    """A consistent flight path, the instruments' errors, and how far to trust them.
+    """A consistent flight path, the errors of the instruments, and checks of both.
 
     Attributes
     ----------
     name, method : str
     recording : Recording
-        At the centre of gravity, biases taken out: u v w V alpha beta, attitude and position as far as they were
-        found, ax ay az p q r, the derivatives V_dot alpha_dot beta_dot (from the kinematics) and p_dot q_dot r_dot
-        (smoothed), and all other channels as they were.
+        At the centre of gravity, without biases: u v w V alpha beta, the estimated attitude and position,
+        ax ay az p q r, the derivatives V_dot alpha_dot beta_dot (from the kinematics) and p_dot q_dot r_dot
+        (smoothed), and all other channels unchanged.
     states : tuple of str
-        What was estimated.
+        Estimated states.
     constants : tuple of Constant
     std : mapping of str to (n,) array
         Standard deviations of the reconstructed channels.
     estimates, filtered, filtered_std : (n, L) array
-        Every state, smoothed; and from the samples so far only.
+        All states, smoothed; filtered are those from the samples up to each time.
     covariance : (c, L, L) array
-        Of the states, at the samples `covariance_at`: all of them, in recordings of ordinary length.
+        Of the states, at the samples `covariance_at`; these are all samples unless the recording is very long.
     innovations, innovation_std, residuals : mapping of str to (n,) array
-        By measured channel: reading less prediction and its predicted standard deviation, and reading less
-        reconstruction; NaN where there was no reading.
+        By measured channel: reading minus prediction and its predicted standard deviation, and reading minus
+        reconstruction; NaN where there is no reading.
     readings : mapping of str to (n,) array
-        What each instrument should have read.
+        Reading of each instrument without errors.
     noise : tuple of NoiseLevel
     gust : (float, float, float) [m/s]
-        Standard deviation of the turbulence allowed for, along x, y and z. It is part of u v w V alpha beta; the
-        kinematic V_dot alpha_dot beta_dot are those of still air.
+        Standard deviation of the estimated turbulence along x, y and z. u v w V alpha beta include it; the kinematic
+        V_dot alpha_dot beta_dot are those of calm air.
     gust_time : float [s]
-        In which it dies away to 1/e.
+        Correlation time of the turbulence.
     turning_std : mapping of str to float [rad/s^2]
-        Stated accuracy of p_dot, q_dot, r_dot.
+        Standard deviations of p_dot, q_dot, r_dot.
     consistency : Consistency
     reconstructibility : Reconstructibility
     fixed : mapping of str to str
-        What these data cannot determine, each with the reason; it was not estimated.
+        States that these data cannot determine, and that were not estimated, with the reasons.
     delays : tuple of Delay
-        Of each air-data and attitude channel, as left after any alignment.
+        Of each air-data and attitude channel, after the alignment if there was one.
     log_likelihood : float
     findings : tuple of Finding
-        What had to be done without or bridged.
+        Samples that were not used or interpolated.
     doubts, distrust : tuple of str
-        What to allow for; and what speaks against using the result at all.
+        Warnings; and reasons not to use the result.
     """
 
     name: str
@@ -142,7 +142,7 @@ class Reconstruction(Result):
 
     @property
     def trusted(self) -> bool:
-        """Whether nothing speaks against using the result."""
+        """Whether there is no reason not to use the result."""
         return not self.distrust
 
     def __getitem__(self, name: str) -> Constant:
@@ -255,11 +255,11 @@ class Reconstruction(Result):
 
 
 COLUMN_NOTES = (
-    "std: of the estimate, with allowance for coloured residuals; residual: rms of measured less reconstructed; "
+    "std: of the estimate, for coloured residuals; residual: rms of measured minus reconstructed; "
     "var. and corr.: of the normalised innovations, their variance (1 is right) and the correlation of neighbours "
     "(0 is right); rej.: samples rejected because they are outside the gate."
 )
-"""What the columns of a reconstruction mean."""
+"""Explanation of the columns of a reconstruction."""
 _CHANNEL_COLUMNS = (
     text_column("channel"),
     text_column("unit"),

@@ -20,7 +20,7 @@ INERTIAL = fp.INPUTS[:6]
 """The channels that drive the kinematics."""
 BIASES = ("bax", "bay", "baz", "bp", "bq", "br")
 ESTIMATED = (*BIASES, "wn", "we", "Cup", "Calpha0", "Csi")
-"""Constants that are estimated by default, as far as the recording determines them."""
+"""Constants that are estimated by default, if the recording determines them."""
 PRIOR = {
     **dict.fromkeys(BIASES[:3], 0.5),
     **dict.fromkeys(BIASES[3:], 0.02),
@@ -32,14 +32,14 @@ PRIOR = {
     "Cbeta0": 0.03,
     "KV": 0.05,
 }
-"""Standard deviations of the constants about zero before any reading; SI units. Chosen: of instruments in order."""
+"""Prior standard deviations of the constants about zero, in SI units; chosen for instruments without faults."""
 
 _ESTIMATION, _FINE = "What is estimated", "Fine tuning"
 
 
 @dataclass(frozen=True)
 class ReconstructOptions:
-    """What `reconstruct` estimates, by which method, and what is known beforehand.
+    """Options of `reconstruct`: estimated quantities, method, and prior knowledge.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class ReconstructOptions:
         Square-root unscented filter and smoother; the extended Kalman filter and smoother; or the batch maximum-
         likelihood compatibility check, which takes the inertial readings as free of noise.
     estimate : iterable of str, optional
-        Constants to estimate as far as the data determine them: bax bay baz bp bq br, wn we wd, Cup Calpha0 Csi, KV.
+        Constants to estimate if the data determine them: bax bay baz bp bq br, wn we wd, Cup Calpha0 Csi, KV.
         All of these but wd and KV by default. Cbeta0 may be named, and is refused with the reason.
     noise : mapping of str to float, optional
         Standard deviations by channel, in place of those of the aircraft's sensors. Others are estimated.
@@ -59,11 +59,11 @@ class ReconstructOptions:
         Standard deviation of turbulence along each axis, which vanes and pitot measure and the inertial instruments
         do not: estimated from the data; or this value, 0 for calm air. Output error has no turbulence.
     delays : {"report", "estimate"} or mapping of str to float [s]
-        Report the delay of each channel only; estimate the delays and advance the channels; or advance them by these.
+        Only report the delay of each channel; estimate the delays and advance the channels; or advance by these.
     gate : float [-]
-        Readings more than so many standard deviations from their prediction are not used, and counted; 0 uses all.
+        Readings farther from their prediction, in standard deviations, are counted and not used; 0 uses all.
     spread : float [-]
-        Of the sigma points, as `structsel.reconstruction.ukf.ukf_smoother` takes it.
+        Of the sigma points, as in `structsel.reconstruction.ukf.ukf_smoother`.
     g : float [m/s^2]
 
     Raises

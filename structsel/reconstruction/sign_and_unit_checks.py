@@ -1,16 +1,16 @@
-"""Signs and units fed wrongly, found before any filter runs.
+"""Wrong signs and units of channels, found before the filter is run.
 
-Each mistake there is a remedy for is tried: the channel is turned round, or its unit changed, and the kinematics
-are asked whether the instruments then agree better. Readings are compared as means over half a second, which needs
-no derivative and no estimate::
+Every correction in a list is tried: the sign of a channel is reversed, or its unit changed. The kinematics show whether
+the instruments are then more consistent. Readings are compared as means over half a second, which needs no derivative
+and no estimate::
 
     mean(q cos(phi) - r sin(phi)) = change of theta / time           and so on for phi and psi
     mean(ax - g sin(theta) - q w + r v) = change of u / time         and so on for v, w and h
 
-with u, v, w from the air data. The two sides of equation j differ by a bias b_j, believed to be within its prior, and
-by a variance that is the share s_j of theirs; the misfit is the sum of n_j log(s_j) / 2 + (b_j / prior_j)^2 / 2, with
-n_j the independent windows, and a remedy is believed when it lessens that by far. The bias tells gravity's size and
-direction.
+with u, v, w from the air data. The two sides of equation j differ by a bias b_j with a stated prior, and by a
+variance that is the fraction s_j of theirs. Minus the log-likelihood is the sum of n_j log(s_j) / 2 + (b_j /
+prior_j)^2 / 2, with n_j the number of independent windows; a correction is reported if it reduces this by a large
+amount. The bias shows the size and direction of gravity.
 """
 
 from __future__ import annotations
@@ -27,19 +27,21 @@ from structsel.numerics.air_data import body_velocity, cross
 from structsel.numerics.signal_quality import noise_level
 from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Recording
+from structsel.recording.unit_checks import window_means, window_slopes
 
 _WINDOW = 0.5  # s
-_LEAST_SAMPLES = 40
-# Log-likelihood from which a remedy is believed: so much, and so much for each window, so that a slightly better fit
-# of a poor record is nothing. Gusts make a smaller airspeed look better (by 20 in 60 windows), no other sign; a late
-# gyro looks a little like another place of the vanes.
-_SURE = {"sign": (10.0, 0.2), "unit": (15.0, 0.4), "place": (15.0, 0.7)}
-_AS_LIKELY = 5.0  # log-likelihood by which remedies are no longer told apart
-_PLACE = "place of the vanes"
-_LEAST_PLACE = 0.25  # m
-_MORE_THAN_NOISE = 1.3  # times its variance; in 60 windows chance makes 1.36 in 5 of 100
-_MOST = 3  # mistakes in one recording
-# Equation: what may stay constant in it, and what no instrument does better, in its unit.
+_MIN_SAMPLES = 40
+# Least gain in log-likelihood of a correction: a constant, and a term for each window, so that a slightly better fit of
+# a poor recording is not sufficient. Gusts favour a smaller airspeed (by 20 in 60 windows), but no other sign. The
+# effect of a delayed gyro is similar to that of another position of the vanes.
+_MIN_GAIN = {"sign": (10.0, 0.2), "unit": (15.0, 0.4), "place": (15.0, 0.7)}
+_EQUAL = 5.0  # log-likelihood; corrections that differ by less are not separated
+_POSITION = "position of the vanes"
+MIN_LEVER_ARM = 0.25
+"""Shortest distance [m] of a sensor from the centre of gravity whose sign can be checked."""
+_MAX_NOISE_RATIO = 1.3  # of variances; 1.36 in 5 of 100 cases of 60 windows with noise only
+_MAX_CORRECTIONS = 3  # in one recording
+# Equation: prior standard deviation of its bias, and the error of the best instruments, in its unit.
 _EQUATIONS = {
     **dict.fromkeys(SPECIFIC_FORCES, (0.5, 0.02)),
     **dict.fromkeys(BODY_RATES, (0.02, 1e-3)),
@@ -65,9 +67,9 @@ class _Correction:
 
 @dataclass(frozen=True)
 class _EquationResidual:
-    """Minus the log-likelihood of one equation, from its spread and its bias; whether more than noise is left."""
+    """Minus the log-likelihood of one equation, from its variance and its bias; whether it exceeds the noise."""
 
-    spread: float
+    variance: float
     bias: float
     contradicts: bool
 
@@ -85,7 +87,7 @@ def _corrections() -> list[_Correction]:
         found.append(_Correction(names, _DEGREE, "to be in degrees, fed as radians", unit))
     found += [_Correction(names, rb.G0, "to be in g, fed as m/s^2", 'unit = "g"') for names in weights]
     found += [
-        _Correction((_PLACE,), -1.0, "to have the wrong sign", "x is forward", "aircraft file"),
+        _Correction((_POSITION,), -1.0, "to have the wrong sign", "x is forward", "aircraft file"),
         _Correction(("V",), 1852.0 / 3600.0, "to be in knots, fed as m/s", 'unit = "kt"'),
         _Correction(("V",), 0.3048, "to be in ft/s, fed as m/s", 'unit = "ft/s"'),
         _Correction(("V",), 1.0 / 3.6, "to be in km/h, fed as m/s", 'unit = "km/h"'),
@@ -95,62 +97,60 @@ def _corrections() -> list[_Correction]:
 
 
 def reject_wrong_sign_or_unit(recording: Recording, problem: KinematicsProblem, lateral: bool) -> None:
-    """Refuse channels of wrong sign or unit, as the kinematics show them.
+    """Refuse a recording if the kinematics show a wrong sign or unit.
 
     Raises
     ------
     DataError
-        Naming the channels and the remedy, or the remedies that serve as well.
+        The message has the channels and the correction, or the corrections that are equally likely.
     """
     channels = _channels(problem, lateral)
     now = _equation_residuals(channels, problem, lateral)
     windows = float(problem.t[-1] - problem.t[0]) / _WINDOW
     made: list[str] = []
-    remedies = [r for r in _corrections() if all(np.isfinite(channels[c]).any() for c in r.channels)]
-    if np.linalg.norm(problem.place[1]) < _LEAST_PLACE:
-        remedies = [r for r in remedies if _PLACE not in r.channels]
-    while now is not None and remedies and len(made) < _MOST:
+    corrections = [r for r in _corrections() if all(np.isfinite(channels[c]).any() for c in r.channels)]
+    if np.linalg.norm(problem.place[1]) < MIN_LEVER_ARM:
+        corrections = [r for r in corrections if _POSITION not in r.channels]
+    while now is not None and corrections and len(made) < _MAX_CORRECTIONS:
         tried = []
-        for remedy in remedies:
-            left = _equation_residuals(_remedied(channels, remedy), problem, lateral)
+        for correction in corrections:
+            left = _equation_residuals(_corrected(channels, correction), problem, lateral)
             tried.append(-np.inf if left is None else _gain(now, left))
-        # Of remedies that do the same, the one that touches fewest channels.
+        # Of equally likely corrections, the one that changes the fewest channels.
         best = max(tried)
-        near = sorted(
-            (r for r, gain in zip(remedies, tried) if gain > best - _AS_LIKELY), key=lambda r: len(r.channels)
-        )
-        least, for_each = _SURE[_kind(near[0])]
-        if best < max(least, for_each * windows):
+        near = sorted((r for r, gain in zip(corrections, tried) if gain > best - _EQUAL), key=lambda r: len(r.channels))
+        constant, for_each = _MIN_GAIN[_kind(near[0])]
+        if best < max(constant, for_each * windows):
             break
         fewest = [r for r in near if len(r.channels) == len(near[0].channels)]
-        made.append(" or ".join(f"{_listed(r.channels)} {r.looks} ({r.does} in the {r.where})" for r in fewest))
-        channels = _remedied(channels, near[0])
+        made.append(" or ".join(f"{_subject(r.channels)} {r.looks} ({r.does} in the {r.where})" for r in fewest))
+        channels = _corrected(channels, near[0])
         now = _equation_residuals(channels, problem, lateral)
     if made:
         raise DataError(
-            f"reconstruct: {'; and '.join(made)}: so read, the instruments of '{recording.name}' agree, and as they "
-            "are they contradict one another.\nBody axes are x forward, y right, z down; az is near -9.8 m/s^2 in "
-            "level flight."
+            f"reconstruct: {'; and '.join(made)}: with this correction the instruments of '{recording.name}' are "
+            "consistent, without it they contradict one another.\n"
+            "Body axes are x forward, y right, z down; az is near -9.8 m/s^2 in level flight."
         )
 
 
-def _kind(remedy: _Correction) -> str:
-    if _PLACE in remedy.channels:
+def _kind(correction: _Correction) -> str:
+    if _POSITION in correction.channels:
         return "place"
-    return "sign" if remedy.factor < 0.0 else "unit"
+    return "sign" if correction.factor < 0.0 else "unit"
 
 
 def _gain(now: dict[str, _EquationResidual], then: dict[str, _EquationResidual]) -> float:
-    """Log-likelihood a remedy gains; where there was no contradiction there is nothing to gain."""
+    """Gain of a correction in log-likelihood; equations without a contradiction contribute no gain, only losses."""
     total = 0.0
     for name in now.keys() & then.keys():
-        better = now[name].spread - then[name].spread
+        better = now[name].variance - then[name].variance
         total += better if now[name].contradicts else min(better, 0.0)
         total += now[name].bias - then[name].bias
     return total
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def _subject(names: tuple[str, ...]) -> str:
     quoted = [f"'{name}'" for name in names]
     verb = "seems" if len(names) == 1 else "seem"
     return f"{quoted[0] if len(names) == 1 else ', '.join(quoted[:-1]) + ' and ' + quoted[-1]} {verb}"
@@ -158,11 +158,11 @@ def _listed(names: tuple[str, ...]) -> str:
 
 def _channels(problem: KinematicsProblem, lateral: bool) -> dict[str, np.ndarray]:
     found = {name: problem.measurements[:, j] for j, name in enumerate(fp.MEASUREMENTS)}
-    found[_PLACE] = problem.place[1]
+    found[_POSITION] = problem.place[1]
     dt = float(np.median(np.diff(problem.t)))
-    # Readings that were made up, for holes, are held to be noisier; they tell nothing here.
-    made_up = problem.input_std > 2.0 * np.median(problem.input_std, axis=0)
-    inputs = np.where(made_up, np.nan, problem.inputs[:, :6])
+    # Interpolated readings have a larger noise level; they have no information here.
+    interpolated = problem.input_std > 2.0 * np.median(problem.input_std, axis=0)
+    inputs = np.where(interpolated, np.nan, problem.inputs[:, :6])
     found |= {name: inputs[:, j] for j, name in enumerate(fp.INPUTS[:6])}
     for j, name in enumerate(fp.MEASUREMENTS):
         values = problem.measurements[:, j]
@@ -170,7 +170,7 @@ def _channels(problem: KinematicsProblem, lateral: bool) -> dict[str, np.ndarray
         try:
             own = noise_level(values, dt)
         except DataError:
-            own = stated  # too few readings to see any noise
+            own = stated  # too few readings for an estimate
         found[f"noise of {name}"] = np.array(min(stated, own))
     if not np.isfinite(found["beta"]).any():
         found["beta"] = np.zeros(len(problem.t))
@@ -179,14 +179,16 @@ def _channels(problem: KinematicsProblem, lateral: bool) -> dict[str, np.ndarray
     return found
 
 
-def _remedied(channels: dict[str, np.ndarray], remedy: _Correction) -> dict[str, np.ndarray]:
-    made = {name: remedy.factor * channels[name] for name in remedy.channels}
-    noise = {key: abs(remedy.factor) * channels[key] for n in remedy.channels if (key := f"noise of {n}") in channels}
+def _corrected(channels: dict[str, np.ndarray], correction: _Correction) -> dict[str, np.ndarray]:
+    made = {name: correction.factor * channels[name] for name in correction.channels}
+    noise = {
+        key: abs(correction.factor) * channels[key] for n in correction.channels if (key := f"noise of {n}") in channels
+    }
     return {**channels, **made, **noise}
 
 
 def _slopes_noise(speed: float) -> dict[str, tuple[str, float]]:
-    """Equation: the measurement whose slope is in it, and what it counts for there."""
+    """Equation: the measurement whose slope is in it, and the factor of that slope."""
     own = {"p": "phi", "q": "theta", "r": "psi", "h": "h", "ax": "V"}
     return {**{name: (of, 1.0) for name, of in own.items()}, "ay": ("beta", speed), "az": ("alpha", speed)}
 
@@ -194,28 +196,23 @@ def _slopes_noise(speed: float) -> dict[str, tuple[str, float]]:
 def _equation_residuals(
     c: dict[str, np.ndarray], problem: KinematicsProblem, lateral: bool
 ) -> dict[str, _EquationResidual] | None:
-    """What is left of every equation there are readings for; None where the recording is too short."""
+    """Residuals of all equations with readings; None if the recording is too short."""
     t = problem.t
     k = max(1, round(_WINDOW / float(np.median(np.diff(t)))))
-    if len(t) < 2 * k + _LEAST_SAMPLES:
+    if len(t) < 2 * k + _MIN_SAMPLES:
         return None
-    width = t[k:] - t[:-k]
 
     def mean(x: np.ndarray) -> np.ndarray:
-        # Not a running sum, in which one missing sample would spoil all that follow.
-        steps = 0.5 * np.diff(t) * (x[1:] + x[:-1])
-        lost = np.cumsum(np.concatenate(([0], ~np.isfinite(steps))))
-        total = np.cumsum(np.concatenate(([0.0], np.where(np.isfinite(steps), steps, 0.0))))
-        return np.where(lost[k:] == lost[:-k], (total[k:] - total[:-k]) / width, np.nan)
+        return window_means(t, x, k)
 
     def change(x: np.ndarray) -> np.ndarray:
-        return (x[k:] - x[:-k]) / width
+        return window_slopes(t, x, k)
 
     phi, theta, p, q, r = (c[name] for name in ("phi", "theta", "p", "q", "r"))
     sf, cf, st, ct = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
     u, v, w = body_velocity(c["V"], c["alpha"], c["beta"])
-    swing = cross((p, q, r), tuple(c[_PLACE]))
-    u, v, w = u - swing[0], v - swing[1], w - swing[2]
+    rotation = cross((p, q, r), tuple(c[_POSITION]))
+    u, v, w = u - rotation[0], v - rotation[1], w - rotation[2]
     g = problem.g
     pairs = {
         "q": (mean(q), change(theta) + mean(r * sf + q * (1.0 - cf))),
@@ -231,22 +228,21 @@ def _equation_residuals(
     each = np.sqrt(2.0) / (k * float(np.median(np.diff(t))))
     noise = {name: each * c[f"noise of {of}"] * by for name, (of, by) in _slopes_noise(speed).items()}
     found = {}
-    for name, (read, told) in pairs.items():
-        good = np.isfinite(read) & np.isfinite(told)
-        if good.sum() < _LEAST_SAMPLES:
+    for name, (measured, expected) in pairs.items():
+        good = np.isfinite(measured) & np.isfinite(expected)
+        if good.sum() < _MIN_SAMPLES:
             continue
-        read, told = read[good], told[good]
-        believed, floor = _EQUATIONS[name]
-        bias = float(np.mean(read - told))
-        # Relative to what is compared: a factor that makes everything small explains nothing.
-        # What the measurements' own noise explains contradicts nothing: else a factor that shrinks a quiet, noisy
-        # channel would look like a remedy.
-        left = float(np.var(read - told))
-        excess = max(left - noise[name] ** 2, 0.0)
-        share = (excess + floor**2) / (float(np.var(read) + np.var(told)) + floor**2)
+        measured, expected = measured[good], expected[good]
+        prior, floor = _EQUATIONS[name]
+        bias = float(np.mean(measured - expected))
+        # The variance is relative to that of both sides, since a factor that reduces all of them is no improvement.
+        # Noise is subtracted, since a factor that reduces a channel of mostly noise is no improvement either.
+        variance = float(np.var(measured - expected))
+        excess = max(variance - noise[name] ** 2, 0.0)
+        fraction = (excess + floor**2) / (float(np.var(measured) + np.var(expected)) + floor**2)
         found[name] = _EquationResidual(
-            spread=0.5 * float(good.sum()) / k * float(np.log(share)),
-            bias=0.5 * (bias / believed) ** 2,
-            contradicts=left > _MORE_THAN_NOISE * noise[name] ** 2 + floor**2,
+            variance=0.5 * float(good.sum()) / k * float(np.log(fraction)),
+            bias=0.5 * (bias / prior) ** 2,
+            contradicts=variance > _MAX_NOISE_RATIO * noise[name] ** 2 + floor**2,
         )
     return found

@@ -1,8 +1,8 @@
-"""Turbulence, which vanes and pitot see and the instruments of inertia do not.
+"""Turbulence: air data measure it, inertial instruments do not.
 
-A gust is a first-order process along each body axis. How fast it grows, sigma sqrt(2 / tau), and how soon it dies away,
-tau, are those that make the innovations most likely. Without it a gust would have to be noise of the vanes, which has
-no memory, or of the accelerometers, which would move the flight path as well.
+A gust is a first-order process along each body axis, with the growth rate sigma sqrt(2 / tau) and the correlation time
+tau that make the innovations most likely. In a model without turbulence, gusts would be noise of the vanes, which is
+white, or of the accelerometers, which would change the flight path.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from structsel.numerics import kinematics as fp
-from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter
+from structsel.reconstruction.ukf import KinematicsProblem, negative_log_likelihood
 
-_LENGTH = 200.0  # m of air in which a gust dies away, to begin with: Dryden's scales near the ground
-_LENGTHS = (50.0, 2000.0)  # m, shortest and longest: what changes faster is noise, and slower is wind
+_LENGTH = 200.0  # m, initial correlation length: Dryden's scales near the ground
+_LENGTHS = (50.0, 2000.0)  # m, shortest and longest correlation length; faster changes are noise, slower ones are wind
 _PROBES = (0.05, 0.2, 0.8, 2.5)  # m/s
-_RANGE = (-1.6, 1.6)  # of the logarithm, about what was found so far
-_BETWEEN_AXES = (-0.7, 0.7)  # turbulence is much the same along all axes; a faulty vane is not
-_LEAST_GAIN = 5.0  # of the log-likelihood
+_RANGE = (-1.6, 1.6)  # of the logarithm, about the last estimate
+_BETWEEN_AXES = (-0.7, 0.7)  # turbulence is similar along all axes; errors of a faulty vane are not
+_MIN_GAIN = 5.0  # of the log-likelihood
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Gusts:
     ----------
     std : (3,) array [m/s]
     time : float [s]
-        In which it dies away to 1/e.
+        Correlation time.
     """
 
     std: np.ndarray
@@ -42,20 +42,21 @@ CALM = Gusts(np.zeros(3), np.inf)
 
 
 def turbulence_states(problem: KinematicsProblem, std: float) -> Gusts:
-    """Gusts of one standard deviation [m/s] along all axes, dying away as they do near the ground."""
+    """Gusts of one standard deviation [m/s] along all axes, with a correlation length as near the ground."""
     return Gusts(np.full(3, std), _LENGTH / _airspeed(problem)) if std else CALM
 
 
 def _airspeed(problem: KinematicsProblem) -> float:
+    """Median measured airspeed, at least 1 m/s."""
     return max(float(np.nanmedian(problem.measurements[:, 0])), 1.0)
 
 
 def with_gusts(problem: KinematicsProblem, gusts: Gusts, lateral: bool) -> KinematicsProblem:
-    """Problem with gusts among its states; the same one in calm air."""
+    """Problem with gusts as additional states; unchanged in calm air."""
     if not np.any(gusts.std):
         return problem
     axes = np.array([0, 1, 2] if lateral else [0, 2])
-    calm = problem.keeping(problem.active < fp.GUST)
+    calm = problem.with_states(problem.active < fp.GUST)
     drift = problem.drift.copy()
     drift[fp.GUST :] = gusts.std * np.sqrt(2.0 / gusts.time)
     return replace(
@@ -67,22 +68,23 @@ def with_gusts(problem: KinematicsProblem, gusts: Gusts, lateral: bool) -> Kinem
     )
 
 
-def estimate_turbulence(problem: KinematicsProblem, lateral: bool, still: float) -> Gusts:
-    """Likeliest gusts; `CALM` where still air is as likely.
+def estimate_turbulence(problem: KinematicsProblem, lateral: bool, calm: float) -> Gusts:
+    """Gusts of maximum likelihood; `CALM` if calm air is as likely.
 
-    One size for all axes first, then the time, then each axis by itself: near the ground they differ.
+    First one standard deviation for all axes and the correlation time, then each axis alone: near the ground the axes
+    differ.
 
     Parameters
     ----------
     problem : KinematicsProblem
-        Vanes and pitot without more noise than they have of themselves.
+        With the noise of vanes and pitot tube from their own spectra.
     lateral : bool
-    still : float
-        Log-likelihood of still air, vanes and pitot as noisy as they would then have to be.
+    calm : float
+        Log-likelihood of calm air, with the noise of vanes and pitot tube that this requires.
     """
     probes = [turbulence_states(problem, std) for std in _PROBES]
     costs = [_cost(problem, gusts, lateral) for gusts in probes]
-    if min(costs) > -still - _LEAST_GAIN:
+    if min(costs) > -calm - _MIN_GAIN:
         return CALM
     found = probes[int(np.argmin(costs))]
     everything = [0, 1, 2]
@@ -92,9 +94,9 @@ def estimate_turbulence(problem: KinematicsProblem, lateral: bool, still: float)
 
 
 def _improved(problem: KinematicsProblem, gusts: Gusts, axes: list[int] | None, lateral: bool) -> Gusts:
-    """Gusts larger or smaller along some axes; or of another time, growing as fast as before."""
+    """Gusts with the best factor on the standard deviation of some axes, or on the time at constant growth rate."""
 
-    def tried(log_factor: float) -> Gusts:
+    def scaled(log_factor: float) -> Gusts:
         factor = float(np.exp(log_factor))
         if axes is None:
             shortest, longest = (length / _airspeed(problem) for length in _LENGTHS)
@@ -106,11 +108,10 @@ def _improved(problem: KinematicsProblem, gusts: Gusts, axes: list[int] | None, 
 
     bounds = _BETWEEN_AXES if axes is not None and len(axes) == 1 else _RANGE
     found = minimize_scalar(
-        lambda x: _cost(problem, tried(x), lateral), bounds=bounds, method="bounded", options={"xatol": 0.1}
+        lambda x: _cost(problem, scaled(x), lateral), bounds=bounds, method="bounded", options={"xatol": 0.1}
     )
-    return tried(float(found.x))
+    return scaled(float(found.x))
 
 
 def _cost(problem: KinematicsProblem, gusts: Gusts, lateral: bool) -> float:
-    run = ukf_filter(with_gusts(problem, gusts, lateral), spread=0.0)
-    return 1e12 if run.failed >= 0 else -run.log_likelihood
+    return negative_log_likelihood(with_gusts(problem, gusts, lateral))

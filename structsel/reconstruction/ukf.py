@@ -9,23 +9,24 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from structsel.errors import DomainError
 from structsel.numerics import unscented_filter as kernel
-from structsel.numerics.kinematics import MEASUREMENTS, STATES
+from structsel.numerics.kinematics import CIRCULAR, MEASUREMENTS, STATES, readings, slopes
 from structsel.numerics.square_root import LARGEST_SPREAD, SMALLEST_SPREAD, sigma_points
 from structsel.numerics.unscented_smoother import SmootherOutput, SmootherSteps, smooth_samples, store_smoothed
 
 _BLOCK = 4096  # samples whose gains are held at once: 30 MB with 21 states; chosen, not critical
-_MOST_BYTES = 100_000_000  # of covariances returned; chosen, not critical
+_MAX_BYTES = 100_000_000  # of covariances returned; chosen, not critical
 STEEP = "the pitch attitude comes too near the vertical"
-"""Why a run breaks down in a loop."""
+"""Reason of a failure in a loop."""
 _REASONS = {kernel.COMPLETE: "", kernel.STEEP: STEEP, kernel.NOT_FINITE: "the estimates are no longer finite"}
 
 
 @dataclass(frozen=True)
 class KinematicsProblem:
-    """Everything a filter run needs, as arrays; n samples, L active states.
+    """Input of the filter, as arrays; n samples, L active states.
 
     Attributes
     ----------
@@ -42,7 +43,7 @@ class KinematicsProblem:
     start_std : (L,) array
         Their standard deviations, for the active states.
     active : (L,) int array
-        The states estimated, ascending; the others keep their start (the motion still moves).
+        Estimated states, ascending; the others keep their initial value, except for the motion.
     drift : (26,) array
         Random walk of the constants [unit / sqrt(s)]; 0 for true constants.
     place : (6, 3) array [m]
@@ -51,7 +52,7 @@ class KinematicsProblem:
         The sideslip vane reads atan(v/u).
     g : float [m/s^2]
     gust_time : float [s]
-        In which a gust dies away to 1/e; its `drift` feeds it.
+        Correlation time of the gusts, which `drift` excites.
     """
 
     t: np.ndarray
@@ -84,15 +85,35 @@ class KinematicsProblem:
             measurements=self.measurements[kept],
         )
 
-    def keeping(self, states: np.ndarray) -> KinematicsProblem:
-        """Problem in which of the active states only these, an (L,) bool array, are estimated."""
+    def with_states(self, states: np.ndarray) -> KinematicsProblem:
+        """Problem in which only some of the active states, an (L,) bool array, are estimated."""
         return replace(self, active=self.active[states], start_std=self.start_std[states])
 
     def path(self, x: np.ndarray) -> np.ndarray:
-        """(n, 26) full vectors with the active states at x (n, L), the others at their start."""
+        """(n, 26) full vectors with the active states x (n, L), the others at their initial value."""
         full = np.tile(self.start, (len(x), 1))
         full[:, self.active] = x
         return full
+
+    def predict(self, path: np.ndarray) -> np.ndarray:
+        """(n, 12) measurements along a path (n, 26) of ideal instruments."""
+        return readings(path, self.inputs, self.place, self.flank)
+
+    def slopes(self, path: np.ndarray) -> np.ndarray:
+        """(n, 9) derivatives of the motion along a path (n, 26)."""
+        return slopes(path, self.inputs, self.place, self.g)
+
+    def residuals(self, predicted: np.ndarray) -> np.ndarray:
+        """(n, 12) measured minus predicted; angles that wrap are reduced to half a turn."""
+        difference = self.measurements - predicted
+        turns = np.where(CIRCULAR & np.isfinite(difference), np.round(difference / (2.0 * np.pi)), 0.0)
+        return difference - 2.0 * np.pi * turns
+
+    def integrated_heading(self, path: np.ndarray) -> np.ndarray:
+        """(n,) heading [rad] from the body rates along a path (n, 26), from its initial value."""
+        path = path.copy()
+        path[:, 5] = self.start[5]
+        return self.start[5] + cumulative_trapezoid(self.slopes(path)[:, 5], self.t, initial=0.0)
 
 
 @dataclass(frozen=True)
@@ -104,9 +125,9 @@ class FilterResult:
     x, std : (n, L) array
         Estimates of the active states from the samples so far, and their standard deviations.
     innovations, innovation_std : (n, 12) array
-        Measured less predicted, and the standard deviation predicted for it; NaN where not sampled.
+        Measured minus predicted, and the predicted standard deviation of this; NaN where not sampled.
     nis : (n,) array [-]
-        Normalised innovation squared of each sample; NaN where nothing was measured.
+        Normalised innovation squared of each sample; NaN without a measurement.
     used : (n,) int array
         Measurements used at each sample.
     rejected : (n, 12) bool array
@@ -114,9 +135,9 @@ class FilterResult:
     log_likelihood : float
         Of the innovations used.
     failed : int
-        -1, or the sample at which the run broke down.
+        Sample at which the filter failed, or -1.
     reason : str
-        Why it did.
+        Reason of the failure.
     """
 
     x: np.ndarray
@@ -151,7 +172,7 @@ class SmootherResult:
 
 
 class _Run:
-    """A run of the filter in pieces, so that the gains of one piece only are ever held."""
+    """A filter run in blocks, of which only one has its gains in memory."""
 
     def __init__(self, problem: KinematicsProblem, spread: float, gate: float):
         smallest, largest = SMALLEST_SPREAD, LARGEST_SPREAD
@@ -196,10 +217,16 @@ class _Run:
 def ukf_filter(problem: KinematicsProblem, *, spread: float = 1.0, gate: float = 0.0) -> FilterResult:
     """Filter a flight path, forward only; see `ukf_smoother` for the arguments.
 
-    Half the work of `ukf_smoother`: what a search over noise levels or delays needs.
+    It takes half the time of `ukf_smoother`, and is enough for a search over noise levels or delays.
     """
     run = _Run(problem, spread, gate)
     return run.result(*run.advance(0, len(problem.t), run.steps(0)))
+
+
+def negative_log_likelihood(problem: KinematicsProblem) -> float:
+    """Minus the log-likelihood of the innovations of an extended Kalman filter; large if the filter fails."""
+    run = ukf_filter(problem, spread=0.0)
+    return 1e12 if run.failed >= 0 else -run.log_likelihood
 
 
 def ukf_smoother(
@@ -213,8 +240,8 @@ def ukf_smoother(
     spread : float [-]
         Of the sigma points, a in the module's equations; 0 for the extended Kalman filter.
     gate : float [-]
-        Measurements further than so many standard deviations from their prediction are left out, up to 25 in a
-        row; 0 leaves none out.
+        Measurements farther than this from their prediction, in standard deviations, are not used, up to 25 in a
+        row; 0 uses all.
 
     Returns
     -------
@@ -243,7 +270,7 @@ def ukf_smoother(
     filtered = run.result(log_likelihood, failed, ending)
     if failed >= 0:
         return filtered, None
-    stride = max(1, -(-n * L * L * 8 // _MOST_BYTES))
+    stride = max(1, -(-n * L * L * 8 // _MAX_BYTES))
     output = SmootherOutput(np.empty((n, L)), np.empty((n, L)), np.empty((-(-n // stride), L, L)), stride)
     x, S, work = run.estimate.full[problem.active].copy(), run.estimate.S.copy(), np.empty((L, 2 * L))
     store_smoothed(n - 1, x, S, output)
