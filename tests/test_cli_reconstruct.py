@@ -143,7 +143,7 @@ def test_a_delayed_channel_is_named_and_advanced_by_what_is_given(folder, common
 
     def outcome(delays):
         (one,) = json.loads(run("reconstruct", path, *common, "--delays", delays, "--json").stdout)["done"]
-        said = any("alpha reads" in text for text in (*one["doubts"], *one["distrust"]))
+        said = any("alpha is delayed" in text for text in (*one["doubts"], *one["distrust"]))
         return next(d["delay"] for d in one["delays"] if d["channel"] == "alpha"), said
 
     delay, said = outcome("report")

@@ -214,7 +214,7 @@ def test_the_filter_alone_is_the_first_half_of_the_smoother():
 def test_a_covariance_kept_for_some_samples_is_that_of_those_samples(monkeypatch):
     p = problem_of("heading and height held")
     _, full = ukf_smoother(p)
-    monkeypatch.setattr(ukf, "_MOST_BYTES", 40 * p.active.size**2 * 8)
+    monkeypatch.setattr(ukf, "_MAX_BYTES", 40 * p.active.size**2 * 8)
     _, thinned = ukf_smoother(p)
     assert thinned.at.size <= 40 < full.at.size == len(p.t)
     assert_array_equal(thinned.covariance, full.covariance[thinned.at])
