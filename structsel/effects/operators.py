@@ -31,6 +31,7 @@ __all__ = [
 ]
 
 _BINS = 256
+_ROUNDING = 1e-9  # of the rms of a response: differences below are rounding, and their spectrum has peaks of its own
 _EDGE = 0.08  # of a manoeuvre at either end, where a step cannot be told from the free mean and trend
 
 
@@ -142,14 +143,15 @@ def peaks(flights: Sequence[Flight], responses: Sequence[str], count: int, low: 
     grid = np.geomspace(low, high, _BINS)
     heights = np.zeros(_BINS)
     for r in responses:
-        power = np.zeros(_BINS)
+        power, rounding = np.zeros(_BINS), 0.0
         for f in flights:
             if r in f.measured:
+                rounding += _ROUNDING**2 * float(f.measured[r] @ f.measured[r]) / len(f)
                 coefficients = dct(f.difference[r], norm="ortho")[1:]
                 at = np.arange(1, len(f)) / (2.0 * len(f) * f.dt)
                 power += np.interp(grid, at, uniform_filter1d(coefficients**2, 5))
-        if power.any():
-            level = np.log(power + 1e-12 * power.max())
+        if power.max() > rounding:
+            level = np.log(power + 1e-12 * power.max() + rounding)
             heights = np.maximum(heights, level - median_filter(level, _BINS // 6))
     found: list[float] = []
     for i in np.argsort(heights)[::-1]:
