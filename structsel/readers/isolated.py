@@ -12,7 +12,6 @@ import contextlib
 import io
 import logging
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from structsel.errors import DataError
-from structsel.readers.isolated_worker import answer
+from structsel.readers.isolated_worker import answer, receive, send
 
 log = logging.getLogger(__name__)
 
@@ -112,8 +111,7 @@ def _ask(process: _Process, request: tuple[Any, ...], wall: float) -> tuple[str,
     timer.daemon = True
     timer.start()
     try:
-        pickle.dump(request, process.stdin)
-        process.stdin.flush()
+        send(process.stdin, request)
         answered = _listen(process)
     except BrokenPipeError:
         _end(process)
@@ -131,8 +129,8 @@ def _listen(process: _Process) -> Any:
     """An answer of the process; None if it ended before."""
     assert process.stdout is not None
     try:
-        return pickle.load(process.stdout)
-    except (EOFError, pickle.UnpicklingError):
+        return receive(process.stdout)
+    except (EOFError, ValueError):
         _end(process)
         return None
 

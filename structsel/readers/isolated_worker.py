@@ -1,20 +1,22 @@
 """Program of the process that `structsel.readers.isolated` starts; to start quickly, it imports nothing of structsel.
 
-A request is a pickled tuple of format, path, processor time [s] and memory [bytes]. The answer is a pickled tuple of a
-status ("read", "memory" or "error") and the content of the file, or the message of the error.
+A request is a tuple of format, path, processor time [s] and memory [bytes]. The answer is a tuple of a status ("read",
+"memory" or "error") and the content of the file, or the message of the error. Both travel as JSON, followed by the
+bytes of the arrays: nothing that a damaged file leads to is ever executed on the other side.
 """
 
 from __future__ import annotations
 
+import base64
 import contextlib
+import json
 import os
-import pickle
 import struct
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from types import SimpleNamespace
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -165,6 +167,101 @@ READERS: dict[str, tuple[str, Callable[[str], Any]]] = {
 """For each format the package, which is imported before the limits are set, and the function that reads a file."""
 
 
+def send(stream: IO[bytes], value: Any) -> None:
+    """Write a value to a stream: the length of its JSON, the JSON, and the bytes of its arrays."""
+    arrays: list[np.ndarray] = []
+    text = json.dumps(_encoded(value, arrays)).encode()
+    stream.write(struct.pack("<Q", len(text)))
+    stream.write(text)
+    for array in arrays:
+        stream.write(array.tobytes())
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """Read the value that `send` wrote.
+
+    Raises
+    ------
+    EOFError
+        The stream ends before.
+    """
+    (size,) = struct.unpack("<Q", _exactly(stream, 8))
+    return _decoded(json.loads(_exactly(stream, size)), stream)
+
+
+def _exactly(stream: IO[bytes], size: int) -> bytearray:
+    content = bytearray(size)
+    view, at = memoryview(content), 0
+    while at < size:
+        count = stream.readinto(view[at:])  # type: ignore[attr-defined]
+        if not count:
+            raise EOFError
+        at += count
+    return content
+
+
+def _encoded(value: Any, arrays: list[np.ndarray]) -> Any:
+    """JSON of a value; each of its arrays is appended to the list, and stands as its type and shape."""
+    match value:
+        case None | bool() | str():
+            return value
+        case np.ndarray() | np.generic():
+            array = np.asarray(value)
+            if array.dtype.hasobject:  # without its values, which `_plain` has left out
+                return {"object": list(array.shape)}
+            arrays.append(array)
+            kind = np.lib.format.dtype_to_descr(array.dtype)
+            return {"array": [kind, list(array.shape), isinstance(value, np.generic)]}
+        case int() | float():
+            return value
+        case complex():
+            return {"complex": [value.real, value.imag]}
+        case bytes():
+            return {"bytes": base64.b64encode(value).decode()}
+        case SimpleNamespace():
+            return {"namespace": _encoded(vars(value), arrays)}
+        case dict():
+            return {"dict": [[_encoded(k, arrays), _encoded(v, arrays)] for k, v in value.items()]}
+        case tuple():
+            return {"tuple": [_encoded(member, arrays) for member in value]}
+    return [_encoded(member, arrays) for member in value]
+
+
+def _decoded(value: Any, stream: IO[bytes]) -> Any:
+    """Value of its JSON, with the arrays read in the order in which they stand."""
+    if isinstance(value, list):
+        return [_decoded(member, stream) for member in value]
+    if not isinstance(value, dict):
+        return value
+    ((kind, content),) = value.items()
+    match kind:
+        case "object":
+            return np.empty(content, dtype=object)
+        case "array":
+            kind, shape, scalar = content
+            return _array(kind, shape, scalar, stream)
+        case "complex":
+            return complex(*content)
+        case "bytes":
+            return base64.b64decode(content)
+        case "namespace":
+            return SimpleNamespace(**_decoded(content, stream))
+        case "dict":
+            return {_decoded(k, stream): _decoded(v, stream) for k, v in content}
+    return tuple(_decoded(member, stream) for member in content)
+
+
+def _array(kind: Any, shape: list[int], scalar: bool, stream: IO[bytes]) -> Any:
+    fields: Any = kind
+    if not isinstance(kind, str):
+        fields = [tuple(tuple(x) if isinstance(x, list) else x for x in field) for field in kind]
+    dtype = np.lib.format.descr_to_dtype(fields)
+    content = _exactly(stream, dtype.itemsize * int(np.prod(shape, dtype=np.int64)))
+    array = np.frombuffer(content, dtype=dtype).reshape(shape)
+    return array[()] if scalar else array
+
+
 def limit(seconds: float, memory: int) -> None:
     """Let the system end this process after this processor time, and limit its memory."""
     with contextlib.suppress(ImportError):  # not on Windows
@@ -195,15 +292,13 @@ def main() -> None:
     """Answer requests until there are no more."""
     stream = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the readers print messages
-    pickle.dump("ready", stream)
-    stream.flush()
+    send(stream, "ready")
     while True:
         try:
-            request = pickle.load(sys.stdin.buffer)
+            request = receive(sys.stdin.buffer)
         except EOFError:
             return
-        pickle.dump(answer(*request), stream, protocol=5)
-        stream.flush()
+        send(stream, answer(*request))
 
 
 if __name__ == "__main__":
