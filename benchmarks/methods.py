@@ -23,7 +23,7 @@ from structsel.numerics.cross_products import CrossProducts, cross_products
 from structsel.numerics.least_squares import LeastSquaresFit, fit_terms
 from structsel.numerics.regressors import ArrayData, DataSource
 from structsel.selection import SelectOptions, select_arrays
-from structsel.selection.engine import ArraySelection
+from structsel.selection.array_selection import ArraySelection
 from structsel.selection.methods import SearchConstraints
 from structsel.selection.search import Search, SearchResult
 

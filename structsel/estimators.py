@@ -19,14 +19,17 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 from structsel.deprecation import renamed_arguments
 from structsel.errors import SelectionError
 from structsel.numerics.regressors import ArrayData
-from structsel.selection.engine import ArraySelection, select_arrays
+from structsel.selection.array_selection import ArraySelection
+from structsel.selection.engine import select_arrays
 from structsel.selection.settings import (
     RENAMED_ARGUMENTS,
     Components,
+    Constants,
     Criterion,
     Estimate,
     InitialTerms,
     Noise,
+    Parsimony,
     SelectOptions,
     StoppingRule,
 )
@@ -49,9 +52,11 @@ class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
     def __init__(
         self,
         *,
-        F_in: float | Literal["auto", "fdr"] = 4.0,
+        F_in: float | Literal["auto", "fdr"] = "auto",
         F_out: float | None = None,
         noise: Noise = "ar",
+        constants: Constants = "auto",
+        parsimony: Parsimony = "one_se",
         include: Sequence[int] = (),
         initial_terms: InitialTerms = "empty",
         stopping_rule: StoppingRule = "F",
@@ -71,6 +76,8 @@ class _Selector(SelectorMixin, RegressorMixin, BaseEstimator):
         self.F_in = F_in
         self.F_out = F_out
         self.noise = noise
+        self.constants = constants
+        self.parsimony = parsimony
         self.include = include
         self.initial_terms = initial_terms
         self.stopping_rule = stopping_rule
@@ -179,12 +186,16 @@ class StepwiseRegressor(_Selector):
         ``"ar"``: an autoregressive model of each manoeuvre's residual, order by BIC, prewhitens the rows before
         anything is tested; for rows in random order the model is white noise. ``"cluster"``: tests by the scatter
         between blocks of rows. ``"white"``: rows are independent.
+    constants : {"auto", "shared", "own"}
+        One constant, or one of each group of rows; ``intercept_`` is then their mean.
+    parsimony : {"one_se", "none"}
+        Without effect here: every column is of degree one.
     include : sequence of int
         Columns always in the model.
     initial_terms : {"empty", "all"}
     stopping_rule : {"F", "R2", "PSE"}
     min_r2_gain : float [-]
-    criterion : {"PSE", "BIC", "AICc", "adj_R2", "cv"}, optional
+    criterion : {"PSE", "BIC", "EBIC", "AICc", "adj_R2", "cv"}, optional
     sigma_max : {"response", "residual"} or float
     estimate : {"least_squares", "principal_components", "ridge"}
         The latter two are biased.
@@ -226,15 +237,15 @@ class StepwiseRegressor(_Selector):
 
 @renamed_arguments(**RENAMED_ARGUMENTS)
 class OrthogonalRegressor(_Selector):
-    """Orthogonal functions of the columns, ranked by cost reduction; as many as give the least PSE.
+    """Orthogonal functions of the columns, ranked by cost reduction; as many as give the least extended BIC.
 
     Parameters
     ----------
     sigma_max : {"response", "residual"} or float
-        PSE's bound on the prediction error; see `structsel.select`.
+        The bound on the prediction error where ``criterion="PSE"``; see `structsel.select`.
     order : {"greedy", "given"}
-    noise, include, criterion, estimate, components, correlation_limit, max_terms, bootstrap, max_ar_order, seed, \
-    workers
+    noise, constants, parsimony, include, criterion, estimate, components, correlation_limit, max_terms, bootstrap, \
+    max_ar_order, seed, workers
         As `StepwiseRegressor`.
 
     Attributes
@@ -256,10 +267,10 @@ class BestSubsetRegressor(_Selector):
 
     Parameters
     ----------
-    criterion : {"PSE", "BIC", "AICc", "adj_R2", "cv"}, optional
-        BIC where absent.
-    noise, include, sigma_max, estimate, components, correlation_limit, max_terms, bootstrap, max_ar_order, seed, \
-    workers
+    criterion : {"PSE", "BIC", "EBIC", "AICc", "adj_R2", "cv"}, optional
+        Extended BIC where absent.
+    noise, constants, parsimony, include, sigma_max, estimate, components, correlation_limit, max_terms, bootstrap, \
+    max_ar_order, seed, workers
         As `StepwiseRegressor`. With many columns give ``max_terms``, or use `StepwiseRegressor`.
 
     Attributes

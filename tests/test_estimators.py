@@ -202,7 +202,7 @@ def test_a_forced_column_that_is_not_there_is_refused():
 def test_an_option_that_cannot_be_meant_is_refused():
     X, y = problem()
     with pytest.raises(SelectionError, match="F_out=8 is above F_in=4"):
-        StepwiseRegressor(F_out=8.0).fit(X, y)
+        StepwiseRegressor(F_in=4.0, F_out=8.0).fit(X, y)
     with pytest.raises(SelectionError, match="noise='pink' is not one of 'ar'"):
         OrthogonalRegressor(noise="pink").fit(X, y)
 

@@ -17,7 +17,7 @@ ODD = "all <of> it"
 def compared(tmp_path_factory):
     recordings = [manoeuvre(k) for k in range(4)]
     pool = Candidates.polynomial(["alpha", "q_hat", "de"], 2)
-    asked = {"stepwise": {"F_in": "auto"}, ODD: {"method": "orthogonal", "noise": "white"}}
+    asked = {"stepwise": {}, ODD: {"noise": "white", "parsimony": "none"}}
     found = {name: select(recordings[:3], ["Cm", "CZ"], pool, bootstrap=0, **more) for name, more in asked.items()}
     scores = {name: validate(one.model, recordings[3:]) for name, one in found.items()}
     pages = {"stepwise": "report_stepwise.html", ODD: "report_all of it.html"}

@@ -51,7 +51,7 @@ def test_nothing_is_fetched_from_anywhere(kind):
 @pytest.mark.parametrize(
     ("kind", "order"),
     {
-        "selection": ("Of 9 candidate terms, 3 for Cm and 2 for CZ were selected", "Terms", "Validation These"),
+        "selection": ("Of 9 candidate terms, 3 for Cm and 1 for CZ were selected", "Terms", "Validation These"),
         "reconstruction": ("1 of 3 manoeuvres can be trusted", "All manoeuvres", "Errors of the instruments"),
         "refinement": ("The search converged: the model simulates alpha, q, theta and az", "Parameters", "Outputs"),
     }.items(),

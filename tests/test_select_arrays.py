@@ -33,7 +33,9 @@ METHODS = {
 
 
 def run(flights, exponents=POOL, include=(), **options):
-    asked = SelectOptions(**{"bootstrap": 0, "workers": 1, **options})
+    asked = SelectOptions(
+        **{"bootstrap": 0, "workers": 1, "F_in": 4.0, "constants": "shared", "parsimony": "none", **options}
+    )
     start = range(len(exponents)) if asked.initial_terms == "all" else ()
     return select_arrays(flights, exponents, asked, include, start)
 

@@ -56,7 +56,7 @@ def test_values_fit_and_textbook_errors_with_white_residuals_are_those_of_statsm
 
 def test_intervals_are_student_s_about_the_values(coloured):
     found = select(coloured, "CZ", POOL, bootstrap=20)["CZ"]
-    half = stats.t.ppf(0.95, found.dof) * found.standard_errors
+    half = stats.t.ppf(0.95, found.error_dof) * found.standard_errors
     assert_allclose(found.intervals(0.9), np.column_stack([found.values - half, found.values + half]), rtol=1e-12)
     assert (found.standard_errors >= np.sqrt(np.diag(found.covariance)) * (1 - 1e-12)).all()
     assert set(found.inclusion) == set(POOL.names)

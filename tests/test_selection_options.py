@@ -9,6 +9,7 @@ from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
 
 from structsel.candidates import Candidates, Term
+from structsel.errors import SelectionError
 from structsel.recording import Recording
 from structsel.selection import SelectOptions, select
 from tests.flights import fly
@@ -132,14 +133,19 @@ def test_a_criterion_chooses_its_best_of_the_models_visited(flights, criterion):
 def test_sigma_max_in_the_responses_units_is_the_charge_per_term(flights):
     # Morelli's bound: with sigma_max given, PSE charges sigma_max^2 / N per term, so a larger one keeps fewer terms.
     kept = [
-        len(select(flights, "CZ", POOL, method="orthogonal", sigma_max=s, **WHITE)["CZ"].terms)
+        len(select(flights, "CZ", POOL, method="orthogonal", criterion="PSE", sigma_max=s, **WHITE)["CZ"].terms)
         for s in (0.02, 0.2, 2.0, 10.0)
     ]
     assert kept == sorted(kept, reverse=True)
     assert kept[0] > kept[-1]
     std = np.std(np.concatenate([r["CZ"] for r in flights]))
-    same = select(flights, "CZ", POOL, method="orthogonal", sigma_max=float(std), **WHITE)["CZ"]
-    assert same.terms == select(flights, "CZ", POOL, method="orthogonal", **WHITE)["CZ"].terms
+    same = select(flights, "CZ", POOL, method="orthogonal", criterion="PSE", sigma_max=float(std), **WHITE)["CZ"]
+    assert same.terms == select(flights, "CZ", POOL, method="orthogonal", criterion="PSE", **WHITE)["CZ"].terms
+
+
+def test_a_bound_of_pse_is_refused_where_pse_decides_nothing(flights):
+    with pytest.raises(SelectionError, match=r"sigma_max=0\.2 is the bound of PSE, which decides nothing here"):
+        select(flights, "CZ", POOL, sigma_max=0.2, bootstrap=0)
 
 
 def test_splines_and_formulas_stand_in_the_pool_like_any_term():

@@ -299,3 +299,19 @@ def test_ensemble_rows_are_the_sample_statistics():
 def test_an_ensemble_of_nothing_is_refused():
     with pytest.raises(ModelError, match="at least one model"):
         ensemble([])
+
+
+def test_responses_identified_with_own_constants_are_compared_about_the_means_of_each_recording():
+    t = 0.02 * np.arange(200)
+    alpha = np.sin(t)
+    recordings = [
+        Recording(f"m{k}", t, {"alpha": alpha, "CZ": level - 5.0 * alpha}) for k, level in enumerate((0.1, 0.9))
+    ]
+    model = AeroModel({"CZ": ResponseModel(("1", "alpha"), np.array([0.5, -5.0]), constants={"a": 0.3, "b": 0.7})})
+    own = validate(model, recordings)
+    assert_allclose([s.r2 for s in (*own.scores, *own.pooled)], 1.0, atol=1e-12)
+    assert "about the means of each recording" in own.doubts[0]
+    level = validate(model, recordings, constants="model")
+    assert_allclose([s.rms_error for s in level.scores], 0.4, rtol=1e-9)
+    with pytest.raises(ModelError, match="constants='each' is not one of 'auto', 'model', 'own'"):
+        validate(model, recordings, constants="each")

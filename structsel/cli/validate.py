@@ -74,6 +74,10 @@ def run(
     responses: Annotated[
         str, typer.Option("--responses", help="Responses to score; by default all responses of the model.")
     ] = "",
+    constants: Annotated[
+        Literal["auto", "model", "own"],
+        typer.Option("--constants", help="Compare levels too (model), or about each recording's mean (own)."),
+    ] = "auto",
     normaliser: Annotated[
         Literal["rms", "std", "range"], typer.Option("--normaliser", help="Denominator of RRMSE.")
     ] = "rms",
@@ -94,7 +98,9 @@ def run(
     if out is not None or replay.outputs or replay.define or replay.rho is not None:
         raise typer.BadParameter("--out, --outputs, --define and --rho need --replay.")
     recordings = recorded.read(files, {*loaded, *loaded.channels})
-    result = validate(loaded, recordings, responses=split_names(responses) or None, normaliser=normaliser)
+    result = validate(
+        loaded, recordings, responses=split_names(responses) or None, constants=constants, normaliser=normaliser
+    )
     if output.json:
         print_json(result.to_dict())
     else:

@@ -23,6 +23,7 @@ class _Response(_Strict):
     terms: list[str]
     values: list[float]
     standard_errors: list[float | None] | None = None
+    error_dof: list[float] | None = None
     covariance: list[list[float]] | None = None
     method: str = ""
     residuals: str = ""
@@ -31,6 +32,7 @@ class _Response(_Strict):
     n: int = Field(default=0, ge=0)
     s2: float | None = None
     r2: float | None = None
+    constants: dict[str, float] = {}
 
 
 class _Quantity(_Strict):

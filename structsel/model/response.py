@@ -47,6 +47,8 @@ class ResponseModel(Result):
         Of the values; None where it is not known.
     standard_errors : (k,) array
         Square roots of the covariance's diagonal unless given; nan where not known.
+    error_dof : (k,) array or None
+        Degrees of freedom of the standard errors; n - k where absent.
     method : str
         How the terms were chosen.
     residuals : str
@@ -61,6 +63,8 @@ class ResponseModel(Result):
         Residual variance; nan where not known.
     r2 : float
         R^2 over the samples used; nan where not known.
+    constants : mapping of recording to float
+        Where each recording of the identification has a constant of its own: the constant of the model is their mean.
     states : mapping of name to State
         What the terms name that is no channel; those that no term names are left out.
 
@@ -74,6 +78,7 @@ class ResponseModel(Result):
     values: np.ndarray
     covariance: np.ndarray | None = None
     standard_errors: np.ndarray | None = None
+    error_dof: np.ndarray | None = None
     method: str = ""
     residuals: str = ""
     biased: bool = False
@@ -81,6 +86,7 @@ class ResponseModel(Result):
     n: int = 0
     s2: float = math.nan
     r2: float = math.nan
+    constants: Mapping[str, float] = field(default_factory=dict)
     states: Mapping[str, State] = field(default_factory=dict)
 
     region = renamed_attribute("ranges")
@@ -104,22 +110,26 @@ class ResponseModel(Result):
             errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         else:
             errors = np.full(k, np.nan)
+        dof = None if self.error_dof is None else _array("error_dof", self.error_dof, (k,))
         ranges = {str(name): (float(low), float(high)) for name, (low, high) in self.ranges.items()}
         for name, (low, high) in ranges.items():
             if not low <= high:
                 raise ModelError(f"The range of '{name}' is [{low}, {high}]. Write the least value first.")
-        for array in (values, covariance, errors):
+        for array in (values, covariance, errors, dof):
             if array is not None:
                 array.setflags(write=False)
         object.__setattr__(self, "terms", terms)
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "covariance", covariance)
         object.__setattr__(self, "standard_errors", errors)
+        object.__setattr__(self, "error_dof", dof)
         object.__setattr__(self, "biased", bool(self.biased))
         object.__setattr__(self, "ranges", MappingProxyType(ranges))
         object.__setattr__(self, "n", int(self.n))
         object.__setattr__(self, "s2", float(self.s2))
         object.__setattr__(self, "r2", float(self.r2))
+        constants = {str(name): float(value) for name, value in self.constants.items()}
+        object.__setattr__(self, "constants", MappingProxyType(constants))
         named = {name for term in terms for name in term.channels}
         states = {name: state for name, state in self.states.items() if name in named}
         object.__setattr__(self, "states", MappingProxyType(states))
@@ -160,13 +170,14 @@ class ResponseModel(Result):
             return self.values / self._errors
 
     def intervals(self, level: float = 0.95) -> np.ndarray:
-        """Confidence intervals of the values, (k, 2), from Student's t with n - k degrees of freedom.
+        """Confidence intervals of the values, (k, 2), from Student's t with the degrees of freedom of each error.
 
-        Where n is not known, from the normal distribution. Estimates labelled ``biased`` are not
+        Where neither these nor n are known, from the normal distribution. Estimates labelled ``biased`` are not
         covered at this level.
         """
         dof = self.n - len(self.terms)
-        quantile = stats.t.ppf(0.5 + level / 2, dof) if dof > 0 else stats.norm.ppf(0.5 + level / 2)
+        freedom = self.error_dof if self.error_dof is not None else dof if dof > 0 else np.inf
+        quantile = stats.t.ppf(0.5 + level / 2, freedom)
         return np.column_stack([self.values - quantile * self._errors, self.values + quantile * self._errors])
 
     @property
@@ -226,6 +237,7 @@ class ResponseModel(Result):
             "terms": [str(term) for term in self.terms],
             "values": self.values.tolist(),
             "standard_errors": [_known(v) for v in self._errors.tolist()],
+            **({} if self.error_dof is None else {"error_dof": self.error_dof.tolist()}),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
             "method": self.method,
             "residuals": self.residuals,
@@ -234,6 +246,7 @@ class ResponseModel(Result):
             "n": self.n,
             "s2": _known(self.s2),
             "r2": _known(self.r2),
+            **({"constants": dict(self.constants)} if self.constants else {}),
         }
 
     def _table(self) -> list[str]:
@@ -259,6 +272,8 @@ class ResponseModel(Result):
         notes = []
         if self.biased:
             notes.append("Biased estimates: the standard errors and intervals leave the bias out.")
+        if self.constants:
+            notes.append(f"Constant: the mean of those of {count_of(len(self.constants), 'recording')}.")
         if self.ranges:
             ranges = "; ".join(f"{n} {lo:.4g} to {hi:.4g} {unit_of(n)}" for n, (lo, hi) in self.ranges.items())
             notes.append("Recorded ranges: " + ranges.replace(" -;", ";").removesuffix(" -"))

@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import (
     JobRunner,
@@ -58,6 +59,8 @@ class CrossProducts:
     packed : (B, q (q + 1) / 2) array
         Upper triangles, row by row, q = 1 + p + m.
     n_candidates, n_responses : int
+    own_constants : bool
+        Whether a constant of each manoeuvre has been regressed out; see `within_manoeuvres`.
     """
 
     scale: Array
@@ -67,6 +70,7 @@ class CrossProducts:
     packed: Array
     n_candidates: int
     n_responses: int
+    own_constants: bool = False
 
     @property
     def n_blocks(self) -> int:
@@ -98,13 +102,76 @@ class CrossProducts:
         """Number of samples in `total` with the same weights."""
         return float(self.n.sum() if weights is None else weights @ self.n)
 
+    def dof(self, weights: Array | None = None) -> float:
+        """Samples behind `total` with the same weights, less one for each constant."""
+        constants = 1
+        if self.own_constants:
+            constants = np.unique(self.manoeuvre if weights is None else self.manoeuvre[weights > 0.0]).size
+        return self.samples(weights) - constants
+
+    @property
+    def sums(self) -> Array:
+        """(B, q) products of every column with the constant, block by block."""
+        return self.packed[:, : self.scale.size]
+
+    def constants(self, theta: Array, columns: Sequence[int]) -> Array:
+        """Mean of the response of each manoeuvre less that of ``theta`` (k,) times these columns, (K,); all scaled."""
+        totals = np.array([self.sums[self.manoeuvre == k].sum(axis=0) for k in np.unique(self.manoeuvre)])
+        return (totals[:, -1] - totals[:, list(columns)] @ theta) / totals[:, 0]
+
+    def within_manoeuvres(self) -> CrossProducts:
+        """The same after regression of every column on a constant of each manoeuvre.
+
+        With ``m`` the coefficients of a manoeuvre's columns on its constant column, its products become::
+
+            G_ij - m_i G_0j - G_i0 m_j + m_i m_j G_00
+
+        Least squares on them gives the slopes of least squares with those constants (Frisch, Waugh and Lovell). Blocks
+        of a manoeuvre keep its coefficients, so that they still add up.
+
+        Raises
+        ------
+        SelectionError
+            Blocks hold several manoeuvres.
+        """
+        if not self.separate:
+            raise SelectionError(
+                f"a constant of each manoeuvre needs blocks of one manoeuvre each; {self.last.max() + 1} manoeuvres "
+                f"share {self.n_blocks} blocks.\nUse constants='shared', or select from fewer recordings."
+            )
+        packed = self.packed.copy()
+        i, j = np.triu_indices(self.scale.size)
+        for k in np.unique(self.manoeuvre):
+            blocks = np.flatnonzero(self.manoeuvre == k)
+            total = self.sums[blocks].sum(axis=0)
+            m = total / total[0] if total[0] > 0.0 else np.zeros(self.scale.size)
+            m[0] = 0.0
+            for b in blocks:
+                s = self.sums[b]
+                packed[b] -= m[i] * s[j] + (s[i] - m[i] * s[0]) * m[j]
+        return replace(self, packed=packed, own_constants=True)
+
+    def of_candidates(self, candidates: NDArray[np.integer]) -> CrossProducts:
+        """The same with some of the candidates, in their order."""
+        responses = 1 + self.n_candidates + np.arange(self.n_responses)
+        return self._of_columns(np.concatenate([[0], 1 + candidates, responses]), candidates.size, self.n_responses)
+
+    @property
+    def separate(self) -> bool:
+        """Whether every block belongs to one manoeuvre."""
+        return bool((self.manoeuvre == self.last).all())
+
     def of_response(self, response: int) -> CrossProducts:
         """The same with a single response."""
         if self.n_responses == 1:
             return self
         keep = np.append(np.arange(1 + self.n_candidates), 1 + self.n_candidates + response)
+        return self._of_columns(keep, self.n_candidates, 1)
+
+    def _of_columns(self, keep: NDArray[np.integer], candidates: int, responses: int) -> CrossProducts:
         inside = np.isin(np.array(np.triu_indices(self.scale.size)), keep).all(axis=0)
-        return replace(self, scale=self.scale[keep], packed=self.packed[:, inside], n_responses=1)
+        scale, packed = self.scale[keep], self.packed[:, inside]
+        return replace(self, scale=scale, packed=packed, n_candidates=candidates, n_responses=responses)
 
 
 @lru_cache(maxsize=8)

@@ -8,7 +8,7 @@ that neither ``Q`` nor ``Z`` is held. The printed numbers are those of this fit.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -49,6 +49,8 @@ class LeastSquaresFit:
         Number of samples.
     condition : float
         Condition number of the regressors scaled to unit length, constant included.
+    constants : (K,) array
+        Of each manoeuvre, where each has its own; the first of ``theta`` is then their mean by samples. Else empty.
     """
 
     theta: Array
@@ -56,11 +58,12 @@ class LeastSquaresFit:
     rss: float
     n: int
     condition: float
+    constants: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def dof(self) -> int:
         """Residual degrees of freedom."""
-        return self.n - self.theta.size
+        return self.n - (self.theta.size - 1) - max(self.constants.size, 1)
 
     @property
     def s2(self) -> float:
@@ -95,6 +98,7 @@ def fit_each(
     noise: Sequence[Sequence[ARNoise] | None],
     responses: Sequence[int],
     *,
+    own_constants: Sequence[bool] | None = None,
     scales: Scales | None = None,
     runner: JobRunner | None = None,
     workers: int = 1,
@@ -111,6 +115,8 @@ def fit_each(
         Of each response, one per manoeuvre; white where None.
     responses : sequence of int
         Number of each response.
+    own_constants : sequence of bool, optional
+        Which responses have a constant of each manoeuvre; by default none.
     scales, runner, workers, progress
         As for `cross_products`.
 
@@ -138,7 +144,8 @@ def fit_each(
         .reshape(len(cut), size)
     )
     fits, at = [], 0
-    for terms, of, response in zip(exponents, models, responses, strict=True):
+    own = [False] * len(models) if own_constants is None else own_constants
+    for terms, of, response, separate in zip(exponents, models, responses, own, strict=True):
         p, q = len(terms), len(terms) + 2
         stacked = factors[:, at : at + q * q].reshape(-1, q)
         at += q * q
@@ -148,8 +155,14 @@ def fit_each(
                 f"the fit has {n} samples for {p + 1} parameters. Record longer, or ask for fewer terms (max_terms)."
             )
         scale = column_scale(terms, scales)
-        R = _triangle(np.ascontiguousarray(stacked.T))
-        fits.append(solve_factor(R, np.append(scale[: p + 1], scale[p + 1 + response]), n))
+        scale = np.append(scale[: p + 1], scale[p + 1 + response])
+        if separate:
+            by_block = stacked.reshape(len(cut), q, q)
+            groups = [[b for b, block in enumerate(cut) if block[0].manoeuvre == k] for k in range(len(manoeuvres))]
+            parts = [_triangle(np.ascontiguousarray(by_block[group].reshape(-1, q).T)) for group in groups]
+            fits.append(solve_with_own_constants(parts, scale, n, np.array(lengths) / sum(lengths)))
+        else:
+            fits.append(solve_factor(_triangle(np.ascontiguousarray(stacked.T)), scale, n))
     return fits
 
 
@@ -219,3 +232,31 @@ def solve_factor(R: Array, scale: Array, n: int) -> LeastSquaresFit:
     covariance = inverse @ inverse.T / np.outer(scale[:-1], scale[:-1])
     rss = float((R[-1, -1] * scale[-1]) ** 2)
     return LeastSquaresFit(theta * back, covariance, rss, n, float(singular[0] / singular[-1]))
+
+
+def solve_with_own_constants(factors: Sequence[Array], scale: Array, n: int, weights: Array) -> LeastSquaresFit:
+    """Parameters with a constant of each manoeuvre, from the factors of its scaled [1, x, y].
+
+    The first row of a manoeuvre's factor is the component along its constant, the others are what the constant leaves:
+    those of all manoeuvres stacked determine the slopes. The constant reported is the mean of the constants by
+    ``weights``; its covariance is that of the mean of these manoeuvres, without their scatter.
+
+    Raises
+    ------
+    SelectionError
+        Where the terms are exactly dependent within the manoeuvres, or none is left.
+    """
+    heads = np.array([R[0] / R[0, 0] for R in factors])
+    if len(scale) == 2:
+        rss = float(sum(R[1, 1] ** 2 for R in factors)) * scale[-1] ** 2
+        constants = heads[:, -1] * scale[-1]
+        variance = sum((w / R[0, 0]) ** 2 for w, R in zip(weights, factors, strict=True))
+        return LeastSquaresFit(np.array([weights @ constants]), np.array([[variance]]), rss, n, 1.0, constants)
+    slopes = solve_factor(_triangle(np.ascontiguousarray(np.vstack([R[1:, 1:] for R in factors]).T)), scale[1:], n)
+    constants = (heads[:, -1] - heads[:, 1:-1] @ (slopes.theta * scale[1:-1] / scale[-1])) * scale[-1]
+    means = weights @ heads[:, 1:-1] * scale[1:-1]
+    across = -slopes.unscaled_covariance @ means
+    variance = sum((w / R[0, 0]) ** 2 for w, R in zip(weights, factors, strict=True)) - means @ across
+    covariance = np.block([[np.array([[variance]]), across[None, :]], [across[:, None], slopes.unscaled_covariance]])
+    theta = np.append(weights @ constants, slopes.theta)
+    return LeastSquaresFit(theta, covariance, slopes.rss, n, slopes.condition, constants)

@@ -136,7 +136,7 @@ def streamed_coloured_covariance(
     scales = scales or find_scales(manoeuvres)
     blocks = attach_data(complete_manoeuvres([m.n for m in manoeuvres]), manoeuvres)
     k = fit.theta.size
-    function = partial(_scatter_of_block, exponents, fit.theta, response, scales)
+    function = partial(_scatter_of_block, exponents, fit.theta, response, scales, fit.constants.size > 0)
     sizes = [k * k] * len(blocks)
     meat = (runner or JobRunner()).run_pass(function, blocks, sizes, workers).reshape(-1, k, k).sum(axis=0)
     scale = column_scale(exponents, scales)
@@ -146,9 +146,14 @@ def streamed_coloured_covariance(
 
 
 def _scatter_of_block(
-    exponents: NDArray[np.integer], theta: Array, response: int, scales: Scales, block: Sequence[Samples]
+    exponents: NDArray[np.integer],
+    theta: Array,
+    response: int,
+    scales: Scales,
+    own_constants: bool,
+    block: Sequence[Samples],
 ) -> Array:
-    """Sum of x(i) R(i - j) x(j)' over a block, in scaled units."""
+    """Sum of x(i) R(i - j) x(j)' over a block, in scaled units; rows about their means with constants of their own."""
     k = theta.size
     chunks = RegressorChunks(words_of(exponents), scales)
     scale = column_scale(exponents, scales)
@@ -158,6 +163,8 @@ def _scatter_of_block(
         for a, b in split_for_correlation(part.stop - part.start):
             parts = [rows.copy() for rows in chunks.over(part.source, part.start + a, part.start + b)]
             rows = np.concatenate(parts, axis=1)
+            if own_constants:
+                rows -= rows.mean(axis=1, keepdims=True)
             residual = rows[k + response] - weights @ rows[:k]
             meat += score_covariance(rows[:k, :, None], residual[:, None])
     return meat.ravel()

@@ -10,9 +10,10 @@ from scipy import stats
 
 from structsel.candidates import Candidates, Term
 from structsel.nomenclature import UNKNOWN
+from structsel.selection.array_selection import ArraySelection
 from structsel.selection.data import DataSummary
-from structsel.selection.engine import ArraySelection
 from structsel.selection.methods import METHODS, thresholds
+from structsel.selection.parsimony import is_larger
 from structsel.selection.settings import SelectOptions
 
 FEW_BLOCKS = 12  # tests between blocks have one degree of freedom less than these
@@ -50,7 +51,11 @@ def listed(names: Sequence[str]) -> str:
 
 
 def find_warnings(
-    found: ArraySelection, candidates: Candidates, options: SelectOptions, aliases: Sequence[Alias]
+    found: ArraySelection,
+    candidates: Candidates,
+    options: SelectOptions,
+    aliases: Sequence[Alias],
+    recordings: Sequence[str],
 ) -> tuple[str, ...]:
     """Everything about a result that its reader should doubt."""
     names = candidates.names
@@ -58,6 +63,7 @@ def find_warnings(
         *_about_the_search(found, names, options),
         *_about_white_noise(found, names, options),
         *_about_terms(found, names, aliases),
+        *_about_manoeuvres(found, names, recordings),
         *_about_prediction(found),
     )
 
@@ -138,6 +144,22 @@ def _about_terms(found: ArraySelection, names: Sequence[str], aliases: Sequence[
     return warnings
 
 
+def _about_manoeuvres(found: ArraySelection, names: Sequence[str], recordings: Sequence[str]) -> list[str]:
+    """Terms whose values differ between recordings by more than their errors."""
+    if found.heterogeneity is None:
+        return []
+    warnings = []
+    for i, j in enumerate(found.search.selected):
+        if worst := found.heterogeneity.disagreeing(i):
+            value = found.values[1 + i]
+            parts = [f"{recordings[k]} ({value + found.heterogeneity.deviation[i, k]:.4g})" for k in worst]
+            warnings.append(
+                f"{names[j]} differs between recordings by more than its error: {listed(parts)}, together {value:.4g}. "
+                "Its standard error includes the scatter."
+            )
+    return warnings
+
+
 def _about_prediction(found: ArraySelection) -> list[str]:
     held_out = found.cross_validation
     if held_out is None:
@@ -146,6 +168,12 @@ def _about_prediction(found: ArraySelection) -> list[str]:
     if held_out.within:
         warnings.append(
             "One manoeuvre only: its parts are held out in turn, and resemble each other; R2 held out is too high."
+        )
+    linear = found.linear
+    if linear is not None and not found.is_linear and is_larger(held_out.sse, linear.sse):
+        warnings.append(
+            f"The linear model predicts data not used for selecting better: R2 {linear.r2:.4f}, this one "
+            f"{held_out.r2:.4f}. Offer fewer candidates, or record more."
         )
     if found.r2 - held_out.r2 > FALLS:
         warnings.append(f"R2 falls from {found.r2:.2f} to {held_out.r2:.2f} on data not used for selecting.")

@@ -14,24 +14,26 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, choose_workers
-from structsel.numerics.collinearity import ConditionIndices, condition_indices, vif
+from structsel.numerics.collinearity import condition_indices, vif
 from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products, project
 from structsel.numerics.least_squares import LeastSquaresFit, fit_each
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import DataSource, Scales, find_scales
 from structsel.numerics.residuals import fit_residual_noise, streamed_coloured_covariance
+from structsel.selection.aliases import find_aliases, find_dependent
+from structsel.selection.array_selection import ArraySelection
 from structsel.selection.biased import estimate_biased
+from structsel.selection.constants import choose_constants, without_constants
 from structsel.selection.data import SelectedResponses
+from structsel.selection.heterogeneity import Heterogeneity, find_heterogeneity
 from structsel.selection.methods import SearchConstraints
-from structsel.selection.resampling import Bootstrap, CrossValidation, bootstrap_selection, cross_validate
+from structsel.selection.parsimony import find_simplest, linear_search
+from structsel.selection.resampling import bootstrap_selection, cross_validate
 from structsel.selection.search import (
     ROUNDING,
-    AliasedPair,
     Search,
     SearchResult,
     centred,
-    find_aliases,
-    find_dependent,
     fold_blocks,
     prediction_error,
     solve,
@@ -47,63 +49,6 @@ FEW_TERMS = 30  # that a pass over selected terms is taken to have
 LEAST_INNOVATION = 1e-10  # of the response's scale
 
 Progress = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True)
-class ArraySelection:
-    """Selection of one response, candidates by number.
-
-    Attributes
-    ----------
-    search, white_noise : SearchResult
-        With the noise model used, and with white noise.
-    dependent : tuple of int
-        Candidates that are constant, or explained by the selected ones.
-    noise : tuple of ARNoise
-        One per manoeuvre; empty without prewhitening.
-    cluster_robust : bool
-        Tests took the scatter between blocks.
-    n_blocks : int
-    converged : bool
-        False where terms and noise models did not agree after the last round.
-    prewhitening_dropped : (float, float), optional
-        Cross-validation sums of squares with prewhitening and with the search used instead.
-    fit : LeastSquaresFit
-    values, covariance : (1 + k,) array, (1 + k, 1 + k) array
-        The constant first.
-    biased : str
-        How, where the estimate is biased; else empty.
-    vif : (k,) array
-    conditioning : ConditionIndices
-    white_noise_covariance : (1 + k, 1 + k) array
-    r2, rms, n
-        Of the response itself.
-    aliases : tuple of AliasedPair
-    cross_validation : CrossValidation or None
-    bootstrap : Bootstrap or None
-    """
-
-    search: SearchResult
-    white_noise: SearchResult
-    dependent: tuple[int, ...]
-    noise: tuple[ARNoise, ...]
-    cluster_robust: bool
-    n_blocks: int
-    converged: bool
-    prewhitening_dropped: tuple[float, float] | None
-    fit: LeastSquaresFit
-    values: Array
-    covariance: Array
-    biased: str
-    vif: Array
-    conditioning: ConditionIndices
-    white_noise_covariance: Array
-    r2: float
-    rms: float
-    n: int
-    aliases: tuple[AliasedPair, ...]
-    cross_validation: CrossValidation | None
-    bootstrap: Bootstrap | None
 
 
 def select_arrays(
@@ -152,25 +97,29 @@ def select_arrays(
     )
     constraints = SearchConstraints(exponents.sum(axis=1), tuple(include), tuple(initial))
     folds = fold_blocks(plain)
-    searches = [Search(plain.of_response(r), options, constraints, folds) for r in range(plain.n_responses)]
+    shared = [Search(plain.of_response(r), options, constraints, folds) for r in range(plain.n_responses)]
+    searches = [choose_constants(search) for search in shared]
     white_noise = [search.run() for search in searches]
     if options.noise == "white":
         chosen = [_Choice(search, result) for search, result in zip(searches, white_noise, strict=True)]
     elif options.noise == "cluster":
         chosen = [_cluster_robust(search) for search in searches]
     else:
-        chosen = _iterate_prewhitening(data, searches, white_noise)
+        chosen = _iterate_prewhitening(data, searches, white_noise, [s.products for s in shared])
+    chosen = [_simplest(choice) for choice in chosen]
     fits = fit_each(
         manoeuvres,
         [exponents[list(c.result.selected)] for c in chosen],
         [c.noise or None for c in chosen],
         range(len(chosen)),
+        own_constants=[c.search.products.own_constants for c in chosen],
         workers=data.workers,
         progress=data.stage("fit"),
         **data.given,
     )
     return [
-        _describe(r, data, searches[r].products, white_noise[r], chosen[r], fits[r]) for r in range(plain.n_responses)
+        _describe(r, data, searches[r].products, shared[r].products, white_noise[r], chosen[r], fits[r])
+        for r in range(plain.n_responses)
     ]
 
 
@@ -223,7 +172,9 @@ def _cluster_robust(plain: Search) -> _Choice:
     return _Choice(search, search.run())
 
 
-def _iterate_prewhitening(data: _EngineData, plain: list[Search], white_noise: list[SearchResult]) -> list[_Choice]:
+def _iterate_prewhitening(
+    data: _EngineData, plain: list[Search], white_noise: list[SearchResult], shared: list[CrossProducts]
+) -> list[_Choice]:
     """Fit a noise model to each manoeuvre's residual, prewhiten, search; again until the terms stay the same.
 
     This is the iteration of Cochrane and Orcutt, with a selection in every round.
@@ -231,7 +182,7 @@ def _iterate_prewhitening(data: _EngineData, plain: list[Search], white_noise: l
     choices = [_Choice(search, result, (), False) for search, result in zip(plain, white_noise, strict=True)]
     pending = list(range(len(plain)))
     for _ in range(ROUNDS):
-        noise = _fit_noise(data, [choices[r] for r in pending], pending)
+        noise = _fit_noise(data, choices, pending, shared)
         products = prewhitened_cross_products(
             [SelectedResponses(m, tuple(pending)) for m in data.manoeuvres],
             data.exponents,
@@ -243,7 +194,8 @@ def _iterate_prewhitening(data: _EngineData, plain: list[Search], white_noise: l
             runner=data.runner,
         )
         for r, models, prewhitened in zip(list(pending), noise, products, strict=True):
-            search = replace(plain[r], products=prewhitened)
+            own = plain[r].products.own_constants
+            search = replace(plain[r], products=prewhitened.within_manoeuvres() if own else prewhitened)
             result = search.run()
             converged = set(result.selected) == set(choices[r].result.selected)
             choices[r] = _Choice(search, result, models, converged)
@@ -254,17 +206,35 @@ def _iterate_prewhitening(data: _EngineData, plain: list[Search], white_noise: l
     return [_check_prewhitening(choice, search) for choice, search in zip(choices, plain, strict=True)]
 
 
-def _fit_noise(data: _EngineData, choices: Sequence[_Choice], responses: Sequence[int]) -> list[tuple[ARNoise, ...]]:
+def _simplest(choice: _Choice) -> _Choice:
+    """The choice, or a simpler one that predicts as well."""
+    options = choice.search.options
+    if options.parsimony == "none" or options.criterion is not None:
+        return choice
+    found = find_simplest(choice.search, choice.result)
+    if not found.reason:
+        return choice
+    result = replace(found.result, stop_reason=f"{found.result.stop_reason}; {found.reason}")
+    return replace(choice, search=found.search, result=result)
+
+
+def _fit_noise(
+    data: _EngineData, choices: Sequence[_Choice], responses: Sequence[int], shared: Sequence[CrossProducts]
+) -> list[tuple[ARNoise, ...]]:
     """Noise models of the residuals of each choice, manoeuvre by manoeuvre."""
     terms, theta, floors = [], [], []
-    for choice in choices:
-        products, kept = choice.search.products, list(choice.result.selected)
+    models: list[tuple[Array, Sequence[int]] | None] = [None] * len(choices)
+    for r in responses:
+        products, kept = choices[r].search.products, list(choices[r].result.selected)
         scale = products.scale
-        theta.append(solve(products.total(), kept) * scale[-1] / scale[[0, *(j + 1 for j in kept)]])
+        scaled = solve(products.total(), kept)
+        if products.own_constants:
+            models[r], scaled[0] = (scaled[1:], kept), 0.0
+        theta.append(scaled * scale[-1] / scale[[0, *(j + 1 for j in kept)]])
         terms.append(data.exponents[kept])
         floors.append(LEAST_INNOVATION * float(scale[-1]))
     return fit_residual_noise(
-        data.manoeuvres,
+        without_constants(data.manoeuvres, shared, models),
         terms,
         theta,
         responses,
@@ -301,11 +271,16 @@ def _describe(
     response: int,
     data: _EngineData,
     plain: CrossProducts,
+    shared: CrossProducts,
     white_noise: SearchResult,
     choice: _Choice,
     fit: LeastSquaresFit,
 ) -> ArraySelection:
-    """Values, errors, and how far the terms selected can be trusted."""
+    """Values, errors, and how far the terms selected can be trusted.
+
+    `plain` are the products of what is described, without a constant of each manoeuvre where each has its own; `shared`
+    are those with one constant.
+    """
     result, search, products = choice.result, choice.search, choice.search.products
     options = search.options
     kept = list(result.selected)
@@ -322,10 +297,17 @@ def _describe(
         weights = [weights_without(products, fold) for fold in search.folds]
         pairs = [(products.total(w), products.total(1.0 - w)) for w in weights]
         values, covariance, label = estimate_biased(products.total(), products.samples(), kept, scale, options, pairs)
-    sse = prediction_error(values * scale[rows] / scale[-1], kept, total)
+    scaled, constants = values * scale[rows] / scale[-1], fit.constants
+    if plain.own_constants:
+        if label:
+            constants = shared.constants(scaled[1:], rows[1:]) * scale[-1]
+            values = np.append(np.average(constants, weights=[m.n for m in data.manoeuvres]), values[1:])
+        scaled[0] = 0.0
+    sse = prediction_error(scaled, kept, total)
     ordinary = project(total, rows)
-    s2 = ordinary.rss / max(plain.samples() - len(rows), 1)
+    s2 = ordinary.rss / max(plain.dof() - len(kept), 1)
     C, searched = centred(total), centred(products.total())
+    linear = linear_search(search)
     return ArraySelection(
         search=result,
         white_noise=white_noise,
@@ -337,6 +319,7 @@ def _describe(
         prewhitening_dropped=choice.prewhitening_dropped,
         fit=fit,
         values=values,
+        constants=constants,
         covariance=covariance,
         biased=label,
         vif=vif(C[np.ix_(kept, kept)]) if kept else np.empty(0),
@@ -347,5 +330,26 @@ def _describe(
         n=int(plain.samples()),
         aliases=tuple(find_aliases(searched, result.selected, result.effective_dof)),
         cross_validation=cross_validate(search, plain),
-        bootstrap=bootstrap_selection(search, result, data.stage("bootstrap")),
+        bootstrap=bootstrap_selection(_searched(search), result, data.stage("bootstrap")),
+        linear=cross_validate(linear, plain) if linear is not None else None,
+        linear_terms=frozenset(linear.run().selected) if linear is not None else frozenset(),
+        heterogeneity=None if label else _heterogeneity(choice),
     )
+
+
+def _searched(search: Search) -> Search:
+    """The search to repeat on resampled blocks: among the linear terms, where all of them were given."""
+    return search if search.fixed is None else replace(search, fixed=None, degree=1)
+
+
+def _heterogeneity(choice: _Choice) -> Heterogeneity | None:
+    """Values of the kept terms between manoeuvres, in units of the response."""
+    search, kept = choice.search, choice.result.selected
+    products = search.products
+    scale = products.scale[[j + 1 for j in kept]] / products.scale[-1]
+    theta = solve(products.total(), kept)
+    s2 = choice.result.rss / max(products.dof() - len(kept), 1.0)
+    found = find_heterogeneity(products, kept, theta, s2)
+    if found is None:
+        return None
+    return replace(found, added_variance=found.added_variance / scale**2, deviation=found.deviation / scale[:, None])

@@ -122,9 +122,12 @@ class Selection(Result):
     standard_errors : (1 + k,) array
         With the structure's own uncertainty: the larger of the conditional one and the scatter over resampled
         selections.
+    error_dof : (1 + k,) array
+        Degrees of freedom of the standard errors; few where they are mostly scatter between recordings.
     inclusion : mapping of str to float
         Fraction of resampled selections that kept each candidate of the pool; empty without a bootstrap.
     partial_F : (1 + k,) array
+        Squares of the values over their standard errors.
     vif : (k,) array
     conditioning : ConditionIndices
         Condition indices and variance proportions of the constant and the kept terms [B80].
@@ -136,6 +139,11 @@ class Selection(Result):
         By models selected without each part.
     held_out_r2, held_out_rms : float
         All parts together; nan without cross-validation.
+    linear_held_out_r2 : float
+        The same of the model of all linear terms of the pool; nan without cross-validation, or without linear terms.
+    constants : mapping of recording to float
+        Where each recording has a constant of its own; the first of ``values`` is then their mean by samples, with
+        which a new recording is predicted, and every R2 is about the mean of each recording. Empty with one constant.
     noise_models : tuple of ARNoise
         One per recording; empty without prewhitening.
     cluster_robust : bool
@@ -165,6 +173,7 @@ class Selection(Result):
     covariance: NDArray[np.float64]
     textbook_errors: NDArray[np.float64]
     standard_errors: NDArray[np.float64]
+    error_dof: NDArray[np.float64]
     inclusion: Mapping[str, float]
     partial_F: NDArray[np.float64]
     vif: NDArray[np.float64]
@@ -177,6 +186,8 @@ class Selection(Result):
     held_out: tuple[HeldOutPart, ...]
     held_out_r2: float
     held_out_rms: float
+    linear_held_out_r2: float
+    constants: Mapping[str, float]
     noise_models: tuple[ARNoise, ...]
     cluster_robust: bool
     classical: tuple[Term, ...]
@@ -200,21 +211,21 @@ class Selection(Result):
 
     def __post_init__(self) -> None:
         """Make the arrays and mappings read-only."""
-        for name in ("values", "covariance", "textbook_errors", "standard_errors", "partial_F", "vif"):
+        for name in ("values", "covariance", "textbook_errors", "standard_errors", "error_dof", "partial_F", "vif"):
             array = np.array(getattr(self, name), dtype=float)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        for name in ("inclusion", "region"):
+        for name in ("inclusion", "region", "constants"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     @property
     def dof(self) -> int:
-        """Residual degrees of freedom, n - k - 1."""
-        return self.n - len(self.terms) - 1
+        """Residual degrees of freedom: samples less terms and constants."""
+        return self.n - len(self.terms) - max(len(self.constants), 1)
 
     def intervals(self, level: float = 0.95) -> NDArray[np.float64]:
         """Two-sided intervals (1 + k, 2) with the structure's uncertainty, the constant first."""
-        half = stats.t.ppf(0.5 + level / 2, max(self.dof, 1)) * self.standard_errors
+        half = stats.t.ppf(0.5 + level / 2, self.error_dof) * self.standard_errors
         return np.column_stack([self.values - half, self.values + half])
 
     @property
@@ -235,6 +246,7 @@ class Selection(Result):
             values=self.values,
             covariance=self.covariance,
             standard_errors=self.standard_errors,
+            error_dof=self.error_dof,
             method=f"{self.options.method}, {self.estimator}",
             residuals=self.residual_description,
             biased=self.biased,
@@ -242,6 +254,7 @@ class Selection(Result):
             n=self.n,
             s2=self.rms**2 * self.n / max(self.dof, 1),
             r2=self.r2,
+            constants=self.constants,
         )
 
     def to_frame(self) -> pd.DataFrame:
@@ -302,8 +315,10 @@ class Selection(Result):
             "fit": {k: plain(getattr(self, k)) for k in ("r2", "adjusted_r2", "rms", "condition")},
             "n": self.n,
             "condition_indices": [plain(x) for x in self.conditioning.indices],
+            "constants": {name: plain(value) for name, value in self.constants.items()},
             "held_out": {
                 "r2": plain(self.held_out_r2),
+                "linear_r2": plain(self.linear_held_out_r2),
                 "rms": plain(self.held_out_rms),
                 "parts": [{"name": p.name, "r2": plain(p.r2), "rms": plain(p.rms)} for p in self.held_out],
             },
@@ -325,6 +340,11 @@ class Selection(Result):
         facts += [("rms", format_number(self.rms, 3))]
         if np.isfinite(self.held_out_r2):
             facts += [("cross-validated R2", f"{self.held_out_r2:.4f}, rms {format_number(self.held_out_rms, 3)}")]
+        if np.isfinite(self.linear_held_out_r2):
+            facts += [("of the linear model", f"{self.linear_held_out_r2:.4f}")]
+        if self.constants:
+            spread = np.std(list(self.constants.values()), ddof=1) if len(self.constants) > 1 else 0.0
+            facts += [("constants", f"own of each recording, scatter {format_number(float(spread), 3)}")]
         columns = {key: column for key, column in _COLUMNS.items() if key != "inclusion" or self.inclusion}
         records: Any = self.to_frame().to_dict("records")
         for row in records:

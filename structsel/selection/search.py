@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpstrf
 
 from structsel.errors import SelectionError
 from structsel.numerics import criteria
@@ -15,6 +17,7 @@ from structsel.numerics.cluster_stepwise import samples_per_independent_sample
 from structsel.numerics.collinearity import drop_correlated
 from structsel.numerics.cross_products import CrossProducts, centre, project, solve_normal_equations
 from structsel.numerics.stepwise import SearchStep, partial_f, stepwise
+from structsel.selection.aliases import DEPENDENT, find_aliases
 from structsel.selection.methods import METHODS, SearchConstraints, SearchProblem
 from structsel.selection.methods.method import Model
 from structsel.selection.settings import SelectOptions
@@ -24,10 +27,6 @@ Fold = tuple[Array, Array]
 
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding, and no model is better for it
 CONSTANT = 1e-11  # of a column's mean square: what is left of a constant one after rounding
-DEPENDENT = 1e-9  # of a column's sum of squares: what is left of one that others explain
-ALIASED = 0.7  # correlation given the other terms from which two terms are aliased, not merely both weak
-SAME_COLUMN = 0.98  # correlation given the other terms from which two aliased terms are one in these data
-SAME_FIT = 4.0  # an alias within this of the kept term's residual, in units of s^2, is as good: likelihood ratio e^2
 FOLDS_WITHIN = 4  # parts left out in turn where there is a single manoeuvre
 MAX_FOLDS = 12
 
@@ -58,6 +57,14 @@ class SearchResult:
     dof: float
     effective_dof: float
 
+    def numbered(self, numbers: NDArray[np.int64]) -> SearchResult:
+        """The same where candidate i is number ``numbers[i]`` of a larger pool."""
+        steps = tuple(
+            replace(s, index=int(numbers[s.index]), other=int(numbers[s.other]) if s.other >= 0 else s.other)
+            for s in self.steps
+        )
+        return replace(self, selected=tuple(int(numbers[j]) for j in self.selected), steps=steps)
+
 
 @dataclass(frozen=True)
 class Search:
@@ -80,6 +87,30 @@ class Search:
     constraints: SearchConstraints
     folds: Sequence[NDArray[np.int64]]
     cluster_robust: bool = False
+    degree: int | None = None
+    fixed: tuple[int, ...] | None = None
+
+    @cached_property
+    def hidden(self) -> NDArray[np.bool_]:
+        """(p,) candidates that are not searched."""
+        degrees = self.constraints.degrees
+        hidden = np.zeros(degrees.size, dtype=bool) if self.degree is None else degrees > self.degree
+        hidden[list(self.constraints.include)] = False
+        return hidden
+
+    @cached_property
+    def _visible(self) -> tuple[NDArray[np.int64], Search]:
+        """Numbers of the candidates that are searched, and the search among them."""
+        numbers = np.flatnonzero(~self.hidden)
+        place = {int(j): i for i, j in enumerate(numbers)}
+        old = self.constraints
+        constraints = SearchConstraints(
+            old.degrees[numbers],
+            tuple(place[j] for j in old.include),
+            tuple(place[j] for j in old.initial if j in place),
+        )
+        products = self.products.of_candidates(numbers)
+        return numbers, replace(self, products=products, constraints=constraints, degree=None)
 
     def run(self, weights: Array | None = None, product: Array | None = None) -> SearchResult:
         """Search the weighted sum of blocks, or the ``product`` that it is; blocks of weight zero are not seen."""
@@ -93,9 +124,17 @@ class Search:
                 inside = np.isin(np.arange(w.size), fold)
                 if w[inside].any():
                     pairs.append((self.products.total(w * ~inside), self.products.total(w * inside)))
+        if self.fixed is None and self.hidden.any():
+            numbers, visible = self._visible
+            columns = np.concatenate([[0], 1 + numbers, [1 + self.hidden.size]])
+            part = None if product is None else product[np.ix_(columns, columns)]
+            return visible.run(weights, part).numbered(numbers)
+        C = centred(self.products.total(weights) if product is None else product)
+        if self.fixed is not None:
+            return _given(C, self.fixed, self.products.dof(weights))
         problem = _pose(
-            centred(self.products.total(weights) if product is None else product),
-            self.products.samples(weights) - 1.0,
+            C,
+            self.products.dof(weights),
             options,
             self.constraints,
             float(self.products.scale[-1]),
@@ -130,6 +169,17 @@ def centred(product: Array) -> Array:
     return C
 
 
+def _given(C: Array, terms: Sequence[int], dof: float) -> SearchResult:
+    """The fit of given terms, without those that are constant or depend on the others."""
+    columns = [j for j in terms if C[j, j] > 0.0]
+    if columns:
+        root = np.sqrt(np.diag(C)[columns])
+        _, pivot, rank, _ = dpstrf(C[np.ix_(columns, columns)] / np.outer(root, root), tol=DEPENDENT)
+        columns = sorted(columns[i - 1] for i in pivot[:rank])
+    rss = project(C, columns).rss if columns else float(C[-1, -1])
+    return SearchResult(tuple(columns), rss, float(C[-1, -1]), (), "terms as given", dof, dof)
+
+
 def _pose(
     C: Array,
     dof: float,
@@ -157,15 +207,23 @@ def _choose(problem: SearchProblem, folds: Sequence[Fold]) -> SearchResult:
     """Search with the method of the options, and choose by its criterion."""
     criterion, dof = problem.options.criterion_used, problem.dof
     visited = METHODS[problem.options.method].search(problem)
-    (selected, rss), stop_reason = visited.last, visited.stop_reason
+    (selected, rss), stop_reason, steps = visited.last, visited.stop_reason, visited.steps
     if criterion is not None:
         scores = _scores(criterion, visited.models, problem, folds)
-        selected, rss = visited.models[int(np.argmin(scores))]
+        chosen = int(np.argmin(scores))
+        selected, rss = visited.models[chosen]
+        steps = _until(steps, chosen)
         stop_reason = f"least {criterion.replace('cv', 'held-out error')} of {len(visited.models)} models visited"
     samples_per_one = (
         samples_per_independent_sample(*problem.blocks, selected, dof) if problem.blocks is not None else 1.0
     )
-    return SearchResult(selected, rss, problem.tss, visited.steps, stop_reason, dof, dof / samples_per_one)
+    return SearchResult(selected, rss, problem.tss, steps, stop_reason, dof, dof / samples_per_one)
+
+
+def _until(steps: tuple[SearchStep, ...], model: int) -> tuple[SearchStep, ...]:
+    """The steps to a model visited: every step but a refusal leads to the next one."""
+    moves = np.cumsum([step.action != "refuse" for step in steps], dtype=int)
+    return tuple(step for step, number in zip(steps, moves, strict=True) if number <= model)
 
 
 def _scores(criterion: str, models: Sequence[Model], problem: SearchProblem, folds: Sequence[Fold]) -> list[float]:
@@ -188,6 +246,8 @@ def _scores(criterion: str, models: Sequence[Model], problem: SearchProblem, fol
             values.append(criteria.pse(floor, tss, n, k, problem.sigma_max2))
         elif criterion == "BIC":
             values.append(criteria.bic(floor, n, k))
+        elif criterion == "EBIC":
+            values.append(criteria.ebic(floor, n, k, problem.n_candidates))
         elif criterion == "AICc":
             values.append(criteria.aicc(floor, n, k))
         else:
@@ -199,7 +259,7 @@ def _scores(criterion: str, models: Sequence[Model], problem: SearchProblem, fol
 
 
 def prefer_lower_degree(result: SearchResult, problem: SearchProblem) -> SearchResult:
-    """Of terms that are one in these data, keep the one of lowest degree."""
+    """Of terms between which these data cannot decide, keep the one of lowest degree."""
     C, constraints = problem.products, problem.constraints
     kept, steps = list(result.selected), list(result.steps)
     rss = result.rss
@@ -208,7 +268,7 @@ def prefer_lower_degree(result: SearchResult, problem: SearchProblem) -> SearchR
         better = [
             a
             for a in find_aliases(C, kept, result.effective_dof, higher)
-            if abs(a.correlation) >= SAME_COLUMN and constraints.degrees[a.other] < constraints.degrees[a.kept]
+            if constraints.degrees[a.other] < constraints.degrees[a.kept]
         ]
         if not better:
             break
@@ -243,70 +303,6 @@ def _drop_correlated(result: SearchResult, problem: SearchProblem) -> SearchResu
 # ---------------------------------------------------------------- of a model, by its cross-products
 
 
-@dataclass(frozen=True)
-class AliasedPair:
-    """A kept term, and a candidate that could replace it.
-
-    Attributes
-    ----------
-    kept, other : int
-    loss : float [-]
-        Rise of the residual sum of squares on the exchange, in units of s^2; under 4 the data cannot decide.
-    correlation : float [-]
-        Of the two, given the other kept terms.
-    """
-
-    kept: int
-    other: int
-    loss: float
-    correlation: float
-
-
-def find_aliases(
-    C: Array, selected: Sequence[int], dof: float, among: Sequence[int] | None = None
-) -> list[AliasedPair]:
-    """Candidates like a kept term that, put in its place, raise the residual by less than 4 s^2.
-
-    Parameters
-    ----------
-    C : (p + 1, p + 1) array
-        Centred products of candidates and response.
-    selected : sequence of int
-    dof : float
-        Samples less one.
-    among : sequence of int, optional
-        The kept terms to find aliases of; all where absent.
-    """
-    p = C.shape[0] - 1
-    kept = list(selected)
-    if not kept:
-        return []
-    size = np.sqrt(np.diag(C))
-    size[size == 0] = 1.0
-    R = C[kept] / np.outer(size[kept], size)  # only these rows, and everybody's with the response, are looked at
-    response = C[p] / (size * size[p])
-    outside = np.setdiff1d(np.flatnonzero(np.diag(C)[:p] > 0), kept)
-    inverse = np.linalg.inv(R[:, kept])
-    theta, explained = inverse @ R[:, p], inverse @ R[:, outside]
-    rss = max(response[p] - R[:, p] @ theta, 1e-28)
-    s2 = rss / max(dof - len(kept), 1.0)
-    # What all kept terms leave of the candidates outside, and of their products with the response.
-    d = 1.0 - np.einsum("ij,ij->j", R[:, outside], explained)
-    b = response[outside] - R[:, p] @ explained
-    # The same without one kept term: what it takes from each comes back, by its row of the inverse.
-    at = np.array([kept.index(j) for j in (kept if among is None else among)], dtype=int)
-    back, alone, own = explained[at], np.diag(inverse)[at, None], theta[at, None]
-    free, with_y = d + back**2 / alone, b + back * own / alone
-    usable = free > DEPENDENT
-    loss = (own**2 / alone - with_y**2 / np.where(usable, free, 1.0)) / s2
-    correlation = np.clip(back / np.sqrt(np.maximum(alone * free, 1e-300)), -1.0, 1.0)
-    pairs = [
-        AliasedPair(kept[at[i]], int(outside[j]), float(loss[i, j]), float(correlation[i, j]))
-        for i, j in np.argwhere(usable & (loss < SAME_FIT) & (np.abs(correlation) >= ALIASED))
-    ]
-    return sorted(pairs, key=lambda a: (kept.index(a.kept), a.loss))
-
-
 def solve(product: Array, kept: Sequence[int]) -> Array:
     """Parameters of the constant and the kept terms from products of [1, x, y], (1 + k,)."""
     return solve_normal_equations(product, [0, *(j + 1 for j in kept)])
@@ -317,10 +313,3 @@ def prediction_error(theta: Array, kept: Sequence[int], product: Array) -> float
     rows = np.concatenate([[0], np.asarray(kept, dtype=int) + 1, [product.shape[0] - 1]])
     v = np.append(-theta, 1.0)
     return float(max(v @ product[np.ix_(rows, rows)] @ v, 0.0))
-
-
-def find_dependent(C: Array, kept: Sequence[int]) -> tuple[int, ...]:
-    """Candidates that are constant, or that the kept ones explain."""
-    size, left = np.diag(C)[:-1], project(C, kept).remaining[:-1]
-    inside = np.isin(np.arange(size.size), kept)
-    return tuple(int(j) for j in np.flatnonzero(~inside & (left <= DEPENDENT * np.where(size > 0, size, 1.0))))

@@ -17,10 +17,11 @@ from structsel.numerics import criteria
 from structsel.numerics.blocks import JobRunner
 from structsel.options import takes_options
 from structsel.recording import Recording, StoredRecording
+from structsel.selection.array_selection import ArraySelection
 from structsel.selection.checkpoint import Checkpoint
 from structsel.selection.data import AnyRecording, DataSummary, summarise_recordings
 from structsel.selection.diagnostics import Alias, find_warnings, to_separate
-from structsel.selection.engine import ArraySelection, Progress, select_arrays
+from structsel.selection.engine import Progress, select_arrays
 from structsel.selection.result import HeldOutPart, Selection, Selections, TraceStep
 from structsel.selection.settings import RENAMED_ARGUMENTS, InitialTerms, SelectOptions
 
@@ -179,6 +180,35 @@ def _held_out(found: ArraySelection, names: Sequence[str]) -> dict[str, Any]:
     return {"held_out": tuple(parts), "held_out_r2": held.r2, "held_out_rms": held.rms}
 
 
+def _standard_errors(found: ArraySelection) -> tuple[np.ndarray, np.ndarray]:
+    """Standard errors (1 + k,), and the degrees of freedom of each.
+
+    Those given the terms are widened by disagreement between manoeuvres; they are at least the scatter of the resampled
+    values. A constant that is a mean of the manoeuvres' own has the standard error of such a mean. What is added is
+    known from as many values as there are manoeuvres, or resampled units; by Satterthwaite's approximation::
+
+        dof = (v + w)^2 / (v^2 / (n - k) + w^2 / (u - 1)),    v given the terms, w added, u manoeuvres or units
+    """
+    given = np.maximum(np.diag(found.covariance), 0.0)
+    added, units = np.zeros(given.size), np.full(given.size, 2.0)
+    if found.heterogeneity is not None:
+        added[1:] = found.heterogeneity.added_variance
+        units[:] = found.heterogeneity.deviation.shape[1]
+    if found.bootstrap is not None:
+        scatter = np.nan_to_num(found.bootstrap.std**2 - given)
+        units = np.where(scatter > added, found.bootstrap.units, units)
+        added = np.maximum(added, scatter)
+    if found.constants.size > 1:
+        between = float(np.var(found.constants, ddof=1)) / found.constants.size - given[0]
+        if between > added[0]:
+            added[0], units[0] = between, found.constants.size
+    total = given + added
+    free = max(found.n - given.size + 1 - max(found.constants.size, 1), 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        dof = total**2 / (given**2 / free + added**2 / np.maximum(units - 1.0, 1.0))
+    return np.sqrt(total), np.where(total > 0.0, dof, free)
+
+
 def _named(
     response: str,
     found: ArraySelection,
@@ -198,14 +228,12 @@ def _named(
         )
         for a in found.aliases
     )
-    conditional = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    errors, inclusion = conditional, {}
+    (errors, error_dof), inclusion = _standard_errors(found), {}
     if found.bootstrap is not None:
-        errors = np.fmax(conditional, found.bootstrap.std)
         inclusion = dict(zip(candidates.names, found.bootstrap.inclusion.tolist()))
-    dof = max(found.n - len(kept) - 1, 1)
+    dof = max(found.n - len(kept) - max(found.constants.size, 1), 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        partial_F = found.values**2 / np.diag(found.covariance)
+        partial_F = (found.values / errors) ** 2
     used = {c for t in terms for c in t.channels}
     return Selection(
         response=response,
@@ -214,6 +242,7 @@ def _named(
         covariance=found.covariance,
         textbook_errors=np.sqrt(np.maximum(np.diag(found.white_noise_covariance), 0.0)),
         standard_errors=errors,
+        error_dof=error_dof,
         inclusion=inclusion,
         partial_F=partial_F,
         vif=found.vif,
@@ -224,6 +253,8 @@ def _named(
         rms=found.rms,
         n=found.n,
         **_held_out(found, data.names),
+        linear_held_out_r2=found.linear.r2 if found.linear is not None else np.nan,
+        constants=dict(zip(data.names, found.constants.tolist())),
         noise_models=found.noise,
         cluster_robust=found.cluster_robust,
         classical=tuple(candidates[i] for i in found.white_noise.selected),
@@ -235,7 +266,7 @@ def _named(
         estimator=found.biased or "least squares",
         pool=candidates,
         options=options,
-        doubts=find_warnings(found, candidates, options, aliases),
+        doubts=find_warnings(found, candidates, options, aliases, data.names),
         region={c: (data.statistics(c).low, data.statistics(c).high) for c in sorted(used)},
         recordings=data.names,
         dt=data.dt,

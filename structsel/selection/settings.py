@@ -16,9 +16,11 @@ from structsel.options import option
 from structsel.selection.methods import METHODS
 
 Noise = Literal["ar", "cluster", "white"]
-Criterion = Literal["PSE", "BIC", "AICc", "adj_R2", "cv"]
+Criterion = Literal["PSE", "BIC", "EBIC", "AICc", "adj_R2", "cv"]
 Estimate = Literal["least_squares", "principal_components", "ridge"]
 Components = Literal["variance", "PSE", "cv"] | int
+Constants = Literal["auto", "shared", "own"]
+Parsimony = Literal["one_se", "none"]
 StoppingRule = Literal["F", "R2", "PSE"]
 InitialTerms = Literal["empty", "linear", "all"]
 
@@ -60,17 +62,25 @@ class SelectOptions:
         the scatter between blocks. ``"white"``: independent residuals, as in the sources. A different choice of
         terms by the last is always reported.
     F_in, F_out : float, "auto" or "fdr"
-        Partial F to enter and to stay (F_in where F_out is absent). 12 is the sources' value [C89]; ``"auto"``
+        Partial F to enter and to stay (F_in where F_out is absent). 4 and 12 are classical values [C89]; ``"auto"``
         keeps the probability of any false term near 5 % for this number of candidates; ``"fdr"`` keeps the
         fraction of false terms near 5 % [BG09].
+    constants : {"auto", "shared", "own"}
+        One constant for all recordings, or one of each: trim, centre of gravity and thrust calibration differ in what
+        no candidate knows. ``"auto"`` takes own constants where the slopes then predict recordings left out better,
+        each about its mean, by more than one standard error. A new recording is predicted with their mean.
+    parsimony : {"one_se", "none"}
+        Of the model selected from all candidates, those from candidates up to a lower degree, and the linear model with
+        all its terms, take the one of fewest terms whose error of prediction in recordings left out is within one
+        standard error of the least [B84]; or the first. A criterion that is given decides alone.
     initial_terms : {"empty", "linear", "all"}
         Start of a stepwise search: no term, the linear terms [TP1916], or all terms [C89].
     stopping_rule : {"F", "R2", "PSE"}
         What besides F_in ends a stepwise search: a gain in R2 under ``min_r2_gain``, or PSE no longer falling.
-    criterion : {"PSE", "BIC", "AICc", "adj_R2", "cv"}, optional
-        Choose, among the models the search visited, the one with the least PSE, BIC or AICc, the largest
-        adjusted R2, or the least error of prediction in manoeuvres left out (cross-validation). By default
-        F-tests decide for stepwise, PSE for orthogonal and BIC for best subset.
+    criterion : {"PSE", "BIC", "EBIC", "AICc", "adj_R2", "cv"}, optional
+        Choose, among the models the search visited, the one with the least PSE, BIC, extended BIC [CC08] or AICc, the
+        largest adjusted R2, or the least error of prediction in manoeuvres left out (cross-validation). By default
+        F-tests decide for stepwise, and extended BIC for orthogonal and best subset; PSE is the classical choice.
     sigma_max : {"response", "residual"} or float
         PSE's bound on the prediction error: the response's standard deviation [H17], five times the residual's,
         or a number in the response's units [M95]. Applied to the prewhitened response with ``noise="ar"``.
@@ -98,18 +108,24 @@ class SelectOptions:
     noise: Noise = option(
         "ar", help="Model of the residuals: ar (autoregressive), cluster (any correlation) or white.", group=_SEARCH
     )
+    constants: Constants = option(
+        "auto", help="Constant shared by all recordings, own of each, or auto: what predicts better.", group=_SEARCH
+    )
     F_in: float | Literal["auto", "fdr"] = option(
-        4.0,
-        help="Partial F to enter: a number (12 in the sources), auto (from the number of candidates) or fdr.",
+        "auto",
+        help="Partial F to enter: auto (from the number of candidates), fdr, or a number (4 and 12 are classical).",
         group=_SEARCH,
         metavar="F",
     )
     F_out: float | None = option(None, help="Partial F to stay; that to enter if absent.", group=_SEARCH, metavar="F")
     criterion: Criterion | None = option(
         None,
-        help="Choose among the models visited by PSE, BIC, AICc, adj_R2 or cv (error in manoeuvres left out).",
+        help="Choose among the models visited by PSE, BIC, EBIC, AICc, adj_R2 or cv (error in manoeuvres left out).",
         group=_SEARCH,
         metavar="RULE",
+    )
+    parsimony: Parsimony = option(
+        "one_se", help="Prefer candidates of lower degree that predict as well (one_se), or none.", group=_SEARCH
     )
     max_terms: int | None = option(None, help="Largest number of terms.", group=_SEARCH, metavar="N")
     initial_terms: InitialTerms = option("empty", help="Terms that a stepwise search starts from.", group=_SEARCH)
@@ -163,6 +179,11 @@ class SelectOptions:
             value = getattr(self, name)
             if not isinstance(value, str) and not value > 0:
                 raise SelectionError(f"select: {name} must be above zero, not {value}.")
+        if self.sigma_max != "response" and "PSE" not in (self.criterion_used, self.stopping_rule):
+            raise SelectionError(
+                f"select: sigma_max={self.sigma_max!r} is the bound of PSE, which decides nothing here.\n"
+                "Give criterion='PSE' as well, or leave sigma_max out."
+            )
         if self.F_out is not None and self.F_out < 0:
             raise SelectionError(f"select: F_out must not be negative, got {self.F_out:g}.")
         if self.F_out is not None and not isinstance(self.F_in, str) and self.F_out > self.F_in:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -159,6 +159,7 @@ def validate(
     recordings: Recording | Sequence[Recording],
     *,
     responses: Iterable[str] | None = None,
+    constants: Literal["auto", "model", "own"] = "auto",
     normaliser: Normaliser = "rms",
     lags: int = 40,
 ) -> Validation:
@@ -172,6 +173,10 @@ def validate(
         identification judge a model; those it was fitted to only describe the fit.
     responses : iterable of str, optional
         Those to score; all of the model's by default.
+    constants : {"auto", "model", "own"}
+        ``"model"``: the model predicts the level too. ``"own"``: measured and modelled response are compared about
+        their means over each recording, so that trim and calibration are left out. ``"auto"``: own for responses
+        identified with a constant of each recording, else the model's.
     normaliser : {"rms", "std", "range"}
         See `rrmse`.
     lags : int
@@ -184,7 +189,7 @@ def validate(
     Raises
     ------
     ModelError
-        The model has no such response.
+        The model has no such response, or ``constants`` is none of the three.
     ChannelError
         A recording lacks a channel the model needs, or a response.
     DataError
@@ -203,6 +208,9 @@ def validate(
         wanted = [responses] if isinstance(responses, str) else list(responses)
     part = AeroModel({name: model[name] for name in wanted}, model.name, model.recordings)
     require_recordings(recordings, samples=_FEWEST, by="validate")
+    if constants not in ("auto", "model", "own"):
+        raise ModelError(f"validate: constants={constants!r} is not one of 'auto', 'model', 'own'.")
+    own = {name for name in wanted if constants == "own" or (constants == "auto" and part[name].constants)}
     scores: list[Score] = []
     doubts: list[str] = []
     held: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {name: [] for name in wanted}
@@ -216,8 +224,14 @@ def validate(
         if recording.name in model.recordings:
             doubts.append(f"'{recording.name}' was used to identify the model: its scores describe the fit.")
         for name in wanted:
-            held[name].append((np.asarray(recording[name]), modelled[name]))
+            pair = np.asarray(recording[name]), modelled[name]
+            held[name].append((pair[0] - pair[0].mean(), pair[1] - pair[1].mean()) if name in own else pair)
             scores.append(_score(name, recording.name, held[name][-1:], part, normaliser, lags))
+    if own and constants == "auto":
+        doubts.append(
+            f"{', '.join(sorted(own))}: identified with a constant of each recording, so compared about the means of "
+            "each recording."
+        )
     pooled = tuple(_score(name, "all", held[name], part, normaliser, lags) for name in wanted)
     for score in (*scores, *pooled):
         where = f"{score.response} on '{score.recording}'"

@@ -14,4 +14,4 @@ def search(problem: SearchProblem) -> VisitedModels:
     return VisitedModels(models, models[-1], (), "every size searched")
 
 
-BEST_SUBSET = SelectionMethod("best_subset", "Best subset of each size", search, "BIC")
+BEST_SUBSET = SelectionMethod("best_subset", "Best subset of each size", search, "EBIC")

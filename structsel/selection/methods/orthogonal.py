@@ -1,4 +1,4 @@
-"""Orthogonal functions, ranked by the reduction of the cost; PSE decides how many [H17], [M95]."""
+"""Orthogonal functions, ranked by the reduction of the cost; a criterion decides how many [H17], [M95]."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ NEARLY_ALL = 0.8  # of those ranked: where the search ends later than this, all 
 
 
 def search(problem: SearchProblem) -> VisitedModels:
-    """Rank far enough: on to the last only if PSE is still falling where the ranked ones end."""
+    """Rank as many as a model may have; for PSE on to the last if it is still falling where those end."""
     options, include = problem.options, problem.constraints.include
     most = min(problem.n_candidates, options.max_terms or problem.n_candidates)
     first = most if options.order == "given" else min(most, max(RANK_AT_FIRST, len(include)))
-    for limit in (first, most):
+    by_pse = options.criterion_used == "PSE"
+    for limit in (first, most) if by_pse else (first,):
         path = orthogonal(
             problem.products,
             problem.dof,
-            sigma_max2=problem.sigma_max2,
+            sigma_max2=problem.sigma_max2 if by_pse else 0.0,  # without a price of terms the path goes to its end
             order=options.order,
             include=include,
             max_terms=limit,
@@ -28,4 +29,4 @@ def search(problem: SearchProblem) -> VisitedModels:
     return visited_on(path)
 
 
-ORTHOGONAL = SelectionMethod("orthogonal", "Orthogonal functions, ranked", search, "PSE", options=("order",))
+ORTHOGONAL = SelectionMethod("orthogonal", "Orthogonal functions, ranked", search, "EBIC", options=("order",))

@@ -1,0 +1,86 @@
+"""Candidates that could replace a term of a model, and those that depend on its terms, by cross-products."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structsel.numerics.arrays import Array
+from structsel.numerics.cross_products import project
+
+DEPENDENT = 1e-9  # of a column's sum of squares: what is left of one that others explain
+ALIASED = 0.7  # correlation given the other terms from which two terms are aliased, not merely both weak
+SAME_FIT = 4.0  # an alias within this of the kept term's residual, in units of s^2, is as good: likelihood ratio e^2
+
+
+@dataclass(frozen=True)
+class AliasedPair:
+    """A kept term, and a candidate that could replace it.
+
+    Attributes
+    ----------
+    kept, other : int
+    loss : float [-]
+        Rise of the residual sum of squares on the exchange, in units of s^2; under 4 the data cannot decide.
+    correlation : float [-]
+        Of the two, given the other kept terms.
+    """
+
+    kept: int
+    other: int
+    loss: float
+    correlation: float
+
+
+def find_aliases(
+    C: Array, selected: Sequence[int], dof: float, among: Sequence[int] | None = None
+) -> list[AliasedPair]:
+    """Candidates like a kept term that, put in its place, raise the residual by less than 4 s^2.
+
+    Parameters
+    ----------
+    C : (p + 1, p + 1) array
+        Centred products of candidates and response.
+    selected : sequence of int
+    dof : float
+        Samples less one.
+    among : sequence of int, optional
+        The kept terms to find aliases of; all where absent.
+    """
+    p = C.shape[0] - 1
+    kept = list(selected)
+    if not kept:
+        return []
+    size = np.sqrt(np.diag(C))
+    size[size == 0] = 1.0
+    R = C[kept] / np.outer(size[kept], size)  # only these rows, and everybody's with the response, are looked at
+    response = C[p] / (size * size[p])
+    outside = np.setdiff1d(np.flatnonzero(np.diag(C)[:p] > 0), kept)
+    inverse = np.linalg.inv(R[:, kept])
+    theta, explained = inverse @ R[:, p], inverse @ R[:, outside]
+    rss = max(response[p] - R[:, p] @ theta, 1e-28)
+    s2 = rss / max(dof - len(kept), 1.0)
+    # What all kept terms leave of the candidates outside, and of their products with the response.
+    d = 1.0 - np.einsum("ij,ij->j", R[:, outside], explained)
+    b = response[outside] - R[:, p] @ explained
+    # The same without one kept term: what it takes from each comes back, by its row of the inverse.
+    at = np.array([kept.index(j) for j in (kept if among is None else among)], dtype=int)
+    back, alone, own = explained[at], np.diag(inverse)[at, None], theta[at, None]
+    free, with_y = d + back**2 / alone, b + back * own / alone
+    usable = free > DEPENDENT
+    loss = (own**2 / alone - with_y**2 / np.where(usable, free, 1.0)) / s2
+    correlation = np.clip(back / np.sqrt(np.maximum(alone * free, 1e-300)), -1.0, 1.0)
+    pairs = [
+        AliasedPair(kept[at[i]], int(outside[j]), float(loss[i, j]), float(correlation[i, j]))
+        for i, j in np.argwhere(usable & (loss < SAME_FIT) & (np.abs(correlation) >= ALIASED))
+    ]
+    return sorted(pairs, key=lambda a: (kept.index(a.kept), a.loss))
+
+
+def find_dependent(C: Array, kept: Sequence[int]) -> tuple[int, ...]:
+    """Candidates that are constant, or that the kept ones explain."""
+    size, left = np.diag(C)[:-1], project(C, kept).remaining[:-1]
+    inside = np.isin(np.arange(size.size), kept)
+    return tuple(int(j) for j in np.flatnonzero(~inside & (left <= DEPENDENT * np.where(size > 0, size, 1.0))))

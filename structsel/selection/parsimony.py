@@ -1,0 +1,96 @@
+"""The simplest of several searches that predicts manoeuvres left out as well: the one-standard-error rule."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structsel.numerics.arrays import Array
+from structsel.numerics.cross_products import CrossProducts
+from structsel.selection.search import ROUNDING, Search, SearchResult, prediction_error, solve, weights_without
+
+
+@dataclass(frozen=True)
+class Simplest:
+    """The search that is used, and why.
+
+    Attributes
+    ----------
+    search : Search
+    result : SearchResult
+    reason : str
+        Empty where it is the complete search.
+    """
+
+    search: Search
+    result: SearchResult
+    reason: str = ""
+
+
+def fold_errors(search: Search, test: CrossProducts | None = None) -> Array:
+    """Squared error of each fold predicted by a selection without it, (F,), in the units of the products.
+
+    Parameters
+    ----------
+    search : Search
+    test : CrossProducts, optional
+        Of the same blocks, in which the error is taken; those searched by default. With prewhitened products these are
+        errors of one-step predictions, which are independent of one another.
+    """
+    test = search.products if test is None else test
+    errors = []
+    for fold in search.folds:
+        weights = weights_without(search.products, fold)
+        product = search.products.total(weights)
+        kept = search.run(weights, product).selected
+        left_out = test.total(1.0 - weights)
+        floor = ROUNDING * float(left_out[-1, -1])
+        errors.append(max(prediction_error(solve(product, kept), kept, left_out), floor))
+    return np.array(errors)
+
+
+def linear_search(search: Search) -> Search | None:
+    """The search that is given every linear term; None where there is none, or too many for the samples of a fold."""
+    linear = tuple(np.flatnonzero(search.constraints.degrees == 1).tolist())
+    terms = tuple(dict.fromkeys([*search.constraints.include, *linear]))
+    samples = [search.products.dof(weights_without(search.products, fold)) for fold in search.folds]
+    if not linear or not samples or min(samples) <= len(terms) + 1:
+        return None
+    return replace(search, fixed=terms)
+
+
+def find_simplest(search: Search, result: SearchResult) -> Simplest:
+    """The search with the fewest terms that predicts as well as the best of several [B84].
+
+    They are: the complete search, those among candidates up to a lower degree, and the linear model with all its terms,
+    if it is not larger than the complete one.
+    "As well": the mean of the differences of squared error between folds is within one standard error of zero.
+    Differences of the same fold are compared, since manoeuvres differ by more than models do.
+    """
+    given = Simplest(search, result)
+    degrees = np.unique(search.constraints.degrees[~search.hidden])
+    if len(search.folds) < 2 or degrees.size < 2:
+        return given
+    tried = [given]
+    for degree in degrees[:-1].tolist():
+        lower = replace(search, degree=degree)
+        tried.append(Simplest(lower, lower.run(), f"candidates up to degree {degree} predict as well"))
+    linear = linear_search(search) if search.options.correlation_limit is None else None
+    if linear is not None and len(linear.fixed or ()) <= len(result.selected):
+        tried.append(Simplest(linear, linear.run(), "the linear model predicts better"))
+    return _fewest_terms(tried)
+
+
+def is_larger(a: Array, b: Array) -> bool:
+    """Whether the errors a of the folds exceed b in the mean, by more than one standard error of the differences."""
+    difference = a - b
+    return a.size > 1 and bool(difference.mean() > np.std(difference, ddof=1) / np.sqrt(difference.size))
+
+
+def _fewest_terms(tried: Sequence[Simplest]) -> Simplest:
+    errors = [fold_errors(one.search) for one in tried]
+    best = errors[int(np.argmin([e.sum() for e in errors]))]
+    usable = [one for one, error in zip(tried, errors, strict=True) if not is_larger(error, best)]
+    return min(usable, key=lambda one: len(one.result.selected))
