@@ -16,7 +16,7 @@ from structsel.model import AeroModel
 from structsel.numerics.arrays import Array
 from structsel.numerics.binning import split_into_segments
 from structsel.numerics.criteria import pse
-from structsel.numerics.cross_products import project
+from structsel.numerics.normal_equations import project
 from structsel.recording import Recording
 from structsel.results import Result
 from structsel.tables import Summary, table_of_frame

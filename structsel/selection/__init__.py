@@ -3,9 +3,10 @@
 from structsel.deprecation import renamed_names
 from structsel.selection.diagnostics import Alias
 from structsel.selection.engine import select_arrays
-from structsel.selection.result import HeldOutPart, Selection, Selections, TraceStep
+from structsel.selection.result import Selection, Selections
 from structsel.selection.select import select
 from structsel.selection.settings import SelectOptions
+from structsel.selection.trace import HeldOutPart, TraceStep
 
 __all__ = [
     "Alias",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.cross_products import project
+from structsel.numerics.normal_equations import project
 
 DEPENDENT = 1e-9  # of a column's sum of squares: what is left of one that others explain
 ALIASED = 0.7  # correlation given the other terms from which two terms are aliased, not merely both weak

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, choose_workers
 from structsel.numerics.collinearity import condition_indices, vif
-from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products, project
+from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products
 from structsel.numerics.least_squares import LeastSquaresFit, fit_each
 from structsel.numerics.noise_models import ARNoise
+from structsel.numerics.normal_equations import project
 from structsel.numerics.regressors import DataSource, Scales, find_scales
 from structsel.numerics.residuals import fit_residual_noise, streamed_coloured_covariance
 from structsel.selection.aliases import find_aliases, find_dependent

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.cross_products import CrossProducts, solve_normal_equations
+from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.normal_equations import solve_normal_equations
 
 SIGNIFICANCE = 0.01  # of Cochran's Q, and of a manoeuvre's deviation among all, from which they are reported
 

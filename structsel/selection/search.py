@@ -15,7 +15,8 @@ from structsel.numerics import criteria
 from structsel.numerics.arrays import Array
 from structsel.numerics.cluster_stepwise import samples_per_independent_sample
 from structsel.numerics.collinearity import drop_correlated
-from structsel.numerics.cross_products import CrossProducts, centre, project, solve_normal_equations
+from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.normal_equations import centre, project, solve_normal_equations
 from structsel.numerics.stepwise import SearchStep, partial_f, stepwise
 from structsel.selection.aliases import DEPENDENT, find_aliases
 from structsel.selection.methods import METHODS, SearchConstraints, SearchProblem

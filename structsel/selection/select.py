@@ -22,8 +22,9 @@ from structsel.selection.checkpoint import Checkpoint
 from structsel.selection.data import AnyRecording, DataSummary, summarise_recordings
 from structsel.selection.diagnostics import Alias, find_warnings, to_separate
 from structsel.selection.engine import Progress, select_arrays
-from structsel.selection.result import HeldOutPart, Selection, Selections, TraceStep
+from structsel.selection.result import Selection, Selections
 from structsel.selection.settings import RENAMED_ARGUMENTS, InitialTerms, SelectOptions
+from structsel.selection.trace import HeldOutPart, TraceStep
 
 SPELLED_OUT = 12  # recordings of a part held out whose names are all given
 
