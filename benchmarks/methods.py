@@ -57,7 +57,7 @@ class Method:
 
 
 CLASSICAL = Method("stepwise F=12, white", {"noise": "white", "F_in": 12.0})
-WHITE_PSE = Method("orthogonal PSE, white", {"noise": "white", "method": "orthogonal"})
+WHITE_PSE = Method("orthogonal PSE, white", {"noise": "white", "method": "orthogonal", "criterion": "PSE"})
 PREWHITENED = Method("stepwise F=12, prewhitened", {"F_in": 12.0})
 PREWHITENED_AUTO = Method("stepwise F auto, prewhitened", {"F_in": "auto"})
 METHODS: tuple[Method, ...] = (
@@ -71,7 +71,8 @@ METHODS: tuple[Method, ...] = (
     Method("stepwise F=4, prewhitened", {"F_in": 4.0}),
     Method("stepwise fdr, prewhitened", {"F_in": "fdr"}),
     Method("stepwise BIC, prewhitened", {"F_in": 4.0, "criterion": "BIC"}),
-    Method("orthogonal PSE, prewhitened", {"method": "orthogonal"}),
+    Method("orthogonal PSE, prewhitened", {"method": "orthogonal", "criterion": "PSE"}),
+    Method("orthogonal EBIC, prewhitened", {"method": "orthogonal"}),
     Method("orthogonal BIC, prewhitened", {"method": "orthogonal", "criterion": "BIC"}),
 )
 

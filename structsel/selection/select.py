@@ -48,7 +48,7 @@ def select(
     ----------
     recordings : Recording or sequence of Recording
         One manoeuvre each, with the candidates' channels and the responses. Never joined: lags do not cross from
-        one to the next, and each has its own residual colour. Those that `stream_recordings` lists are read one at a
+        one to the next, and each has its own noise model. Those that `stream_recordings` lists are read one at a
         time, several times over: all of them need not fit in memory.
     responses : str or sequence of str
         ``"CZ"``, or several; all share one pass over the data.
