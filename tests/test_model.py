@@ -4,6 +4,7 @@ import json
 import math
 import os
 import pickle
+import re
 import warnings
 
 import numpy as np
@@ -225,6 +226,27 @@ def changed(**changes):
         (changed(covariance=[[1.0, 0.0], [1.0]]), "response 'CZ'"),
         (changed(region={"alpha": [1.0]}), "responses.CZ.region.alpha: List should have at least 2"),
         (changed(region={"alpha": [1.0, 0.0]}), "Write the least value first"),
+        (changed(r2=1.01), "response 'CZ': r2 is 1.01. R2 cannot exceed 1"),
+        (changed(s2=-0.1), "response 'CZ': s2, a variance, is -0.1"),
+        (changed(standard_errors=[0.1, -0.1]), "response 'CZ', term 'alpha': the standard error is -0.1"),
+        (changed(covariance=[[1.0, 0.0], [0.0, -0.04]]), "response 'CZ', term 'alpha': the variance .* is -0.04"),
+        (
+            changed(covariance=[[1.0, 0.5], [0.4, 1.0]]),
+            "response 'CZ', terms '1' and 'alpha': the covariance is not symmetric, 0.5 and 0.4",
+        ),
+        (
+            changed(covariance=[[1.0, 2.5], [2.5, 4.0]]),
+            "terms '1' and 'alpha': their covariance 2.5 exceeds the product of their standard deviations, 2",
+        ),
+        (
+            changed(covariance=[[1.0, 0.0], [0.0, 4.0]], standard_errors=[1.0, 0.5]),
+            "response 'CZ', term 'alpha': the standard error 0.5 is smaller than the covariance states, 2",
+        ),
+        (changed().replace('"terms"', '"values": [3.0, 4.0], "terms"'), "'values' occurs twice in responses.CZ"),
+        (changed().replace('"CZ": {', '"CZ": {"terms": [], "values": []}, "CZ": {'), "'CZ' occurs twice in responses"),
+        (changed().replace('"schema"', '"name": "a", "name": "b", "schema"'), "'name' occurs twice at the top"),
+        (changed(terms=["de*alpha", "alpha*de"]), "holds alpha[*]de more than once"),
+        (changed(held=["de"]), "response 'CZ': The held term 'de' is not a term of the model"),
     ],
 )
 def test_a_file_that_is_no_model_is_refused_with_its_name_and_the_place(tmp_path, text, message):
@@ -233,6 +255,37 @@ def test_a_file_that_is_no_model_is_refused_with_its_name_and_the_place(tmp_path
     with pytest.raises(ModelError, match=message) as caught:
         AeroModel.from_json(path)
     assert "model.json" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"covariance": [[1.0, 0.0], [0.0, 4.0]], "standard_errors": [1.0, 3.0]},  # wider: after a selection
+        {"covariance": [[1.0, 0.5], [0.5000001, 4.0]], "standard_errors": [0.9999999, 2.0]},  # written with digits
+        {"covariance": [[1.0, 2.0], [2.0, 4.0]], "standard_errors": [None, 2.0], "r2": 1.0},  # perfectly correlated
+        {"covariance": [[1.0, 0.0], [0.0, -1e-30]]},  # of a value that is known exactly
+    ],
+)
+def test_wider_errors_and_rounding_are_no_contradiction(tmp_path, fields):
+    path = tmp_path / "model.json"
+    path.write_text(changed(**fields))
+    assert AeroModel.from_json(path)["CZ"].covariance.shape == (2, 2)
+
+
+def test_held_terms_and_the_verdict_of_a_refinement_survive_the_file_and_lead_the_report(tmp_path):
+    part = ResponseModel(("1", "alpha"), [1.0, 2.0], np.diag([0.01, 0.04]), held=("alpha",))
+    model = AeroModel({"CZ": part}, "mine", refinement="no better on held-out recordings (0.1)")
+    model.to_json(tmp_path / "model.json", provenance={"inputs": []})
+    stored = json.loads((tmp_path / "model.json").read_text())
+    assert stored["provenance"]["refinement"] == model.refinement
+    assert stored["responses"]["CZ"]["held"] == ["alpha"]
+    again = AeroModel.from_json(tmp_path / "model.json")
+    assert (again.refinement, again["CZ"].held) == (model.refinement, part.held)
+    assert str(again).splitlines()[0] == "Refinement: no better on held-out recordings (0.1)"
+    assert re.search(r"^  alpha \(held\) +2 +0.2 ", str(again), re.MULTILINE)
+    assert r"$\alpha$\,(held) & $2$ & $0.2$" in again.latex()
+    assert again.to_frame().held.tolist() == [False, True]
+    assert again.quasi_steady().refinement == model.refinement
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path):
@@ -271,7 +324,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path, monke
 
 def test_the_frame_has_one_row_per_response_and_term():
     frame = make_model().to_frame()
-    assert list(frame.columns) == ["response", "term", "value", "std_error", "t", "low", "high"]
+    assert list(frame.columns) == ["response", "term", "value", "std_error", "t", "low", "high", "held"]
     assert list(frame.response) == ["CZ"] * 5 + ["Cm"] * 2
     CZ = make_model()["CZ"]
     assert_array_equal(frame.value[:5], VALUES)

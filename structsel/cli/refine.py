@@ -53,10 +53,16 @@ EPILOG = epilog(
     """[bold]Parameters[/bold] of a model file are named response:term, such as Cm:alpha and Cm:1; Cm: means all terms
     of Cm. Initial states of each recording (--starts), biases of the outputs, biases and scale factors common to all
     recordings, and delays of the inputs can be estimated as well.""",
-    """[bold]std error[/bold] allows for coloured residuals; CRLB is the Cramer-Rao bound for white residuals. If a
-    search does not converge, a warning is printed and the best result is written with the mark NOT CONVERGED. If the
-    recordings do not determine a parameter, its name is printed, the other results are written, and the exit code is
-    1.""",
+    """[bold]Verdict[/bold], the first line: with --held-out the refined and the original model are simulated on these
+    recordings in windows of 4 s. The refined model is better or worse if the mean difference of the relative errors
+    exceeds its standard error, otherwise no better. Without --held-out it is not validated. Where it is worse,
+    model.json is the original model, unless --keep-worse is given. refinement.json and the provenance in model.json
+    contain the verdict.""",
+    """[bold]std error[/bold] allows for coloured residuals; CRLB is the Cramer-Rao bound for white residuals.
+    Parameters that are not estimated are marked (held) and keep their errors. If a search does not converge, a
+    warning is printed and the best result is written with the mark NOT CONVERGED.""",
+    """[bold]Exit code[/bold] 0 for every verdict; 1 if the recordings cannot be simulated, or do not determine a
+    parameter. Its name is then printed, and the other results are written.""",
 )
 
 
@@ -72,9 +78,7 @@ def run(
     stable: Annotated[bool, option("--stable", "Allow no unstable mode of a linear model.", "Search")] = False,
     held_out: Annotated[
         str,
-        option(
-            "--held-out", "Validation recordings: simulated with the model before and after the fit.", metavar="NAMES"
-        ),
+        option("--held-out", "Recordings that decide whether the refined model predicts better.", metavar="NAMES"),
     ] = "",
     out: Annotated[
         Path | None,
@@ -87,16 +91,22 @@ def run(
     if not recordings:
         raise typer.BadParameter("refine needs --recordings.")
     training, validation = hold_out(read_inputs(recordings, channel_map, "--recordings"), held_out)
+    if validation and (not isinstance(aircraft_model, PublishedAircraft) or aircraft_model.model is None):
+        raise typer.BadParameter("--held-out is available for model files and built-in aircraft only.")
     options |= {"free": _free(aircraft_model, options["free"]), "constraint": "stable" if stable else None}
     failed: RefinementError | None = None
     try:
-        found = _refine(aircraft_model, training, options)
+        found = _refine(aircraft_model, training, validation, options)
     except RefinementError as error:
         if not isinstance(error.partial, Refinement):
             raise
         found, failed = error.partial, error
     if failed is None and not found.converged:
         say("warning", f"NOT CONVERGED: {found.message}. The best result is printed.")
+    if failed is None and found.verdict == "worse":
+        original = "The original model is kept; --keep-worse keeps the refined one."
+        kept = "It is kept, as --keep-worse asks." if options["keep_worse"] else original
+        say("warning", f"the refined model is {found.statement}. {kept}")
     replays = _validate(aircraft_model, found, validation) if failed is None else {}
     written = _write(out, found, training, replays, failed, output.plots) if out is not None else []
     if output.json:
@@ -125,7 +135,12 @@ def _free(aircraft_model: SimulationModel, names: list[str] | Literal["all"]) ->
     return found or list(names)
 
 
-def _refine(aircraft_model: SimulationModel, training: Sequence[Recording], options: Mapping[str, Any]) -> Refinement:
+def _refine(
+    aircraft_model: SimulationModel,
+    training: Sequence[Recording],
+    validation: Sequence[Recording],
+    options: Mapping[str, Any],
+) -> Refinement:
     """Refine a model file, a built-in aircraft or a linear model.
 
     Raises
@@ -151,6 +166,7 @@ def _refine(aircraft_model: SimulationModel, training: Sequence[Recording], opti
             **options,
             air=aircraft_model.air,
             definitions=aircraft_model.definitions,
+            held_out=validation,
             progress=progress,
         )
 
@@ -158,24 +174,12 @@ def _refine(aircraft_model: SimulationModel, training: Sequence[Recording], opti
 def _validate(
     aircraft_model: SimulationModel, found: Refinement, validation: Sequence[Recording]
 ) -> dict[str, Resimulation]:
-    """Simulate the validation recordings with the model before and after the fit.
-
-    Raises
-    ------
-    BadParameter
-        The model is linear, and has no recorded initial state.
-    """
-    if not validation:
+    """Simulate the validation recordings with the original and the refined model."""
+    if not validation or not isinstance(aircraft_model, PublishedAircraft) or aircraft_model.aircraft is None:
         return {}
-    if (
-        not isinstance(aircraft_model, PublishedAircraft)
-        or aircraft_model.model is None
-        or aircraft_model.aircraft is None
-    ):
-        raise typer.BadParameter("--held-out is available for model files and built-in aircraft only.")
-    environment = {"air": aircraft_model.air, "definitions": aircraft_model.definitions}
-    pair = {"before": aircraft_model.model, "after": found.model}
-    return {name: resimulate(model, aircraft_model.aircraft, validation, **environment) for name, model in pair.items()}  # type: ignore[arg-type]
+    environment: dict[str, Any] = {"air": aircraft_model.air, "definitions": aircraft_model.definitions}
+    pair = {"before": found.original, "after": found.refined}
+    return {name: resimulate(model, aircraft_model.aircraft, validation, **environment) for name, model in pair.items()}
 
 
 def _as_dict(found: Refinement, replays: Mapping[str, Resimulation], failed: RefinementError | None) -> dict[str, Any]:
@@ -194,11 +198,7 @@ def _write(
     """Write everything, or nothing; return the names written."""
     with output_folder(out) as folder:
         if isinstance(found.model, AeroModel):
-            mark = "" if found.converged and failed is None else ", NOT CONVERGED" if failed is None else ", FAILED"
-            marked = {name: replace(one, method=one.method + mark) for name, one in found.model.responses.items()}
-            names = tuple(r.name for r in found.simulated)
-            refined = AeroModel(marked, found.model.name, names)
-            refined.to_json(folder / "model.json", provenance=provenance())
+            _mark(found, failed).to_json(folder / "model.json", provenance=provenance())
         (folder / "refinement.json").write_text(json_text(_as_dict(found, replays, failed)), encoding="utf-8")
         found.to_frame().to_csv(folder / "parameters.csv", index=False)
         found.history().to_csv(folder / "history.csv", index=False)
@@ -216,6 +216,20 @@ def _write(
         if plots:
             _draw(folder / "plots", found, recordings)
         return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+
+
+def _mark(found: Refinement, failed: RefinementError | None) -> AeroModel:
+    """Model to write; a search that did not end well is stated as the method of the responses it estimated."""
+    model: AeroModel = found.model
+    if model is not found.refined or (found.converged and failed is None):
+        return model
+    mark = ", NOT CONVERGED" if failed is None else ", FAILED"
+    estimated = {
+        name: replace(one, method=one.method + mark)
+        for name, one in model.responses.items()
+        if set(one.held) != set(one.terms)
+    }
+    return replace(model, responses={**model.responses, **estimated})
 
 
 def _draw(folder: Path, found: Refinement, recordings: Sequence[Recording]) -> None:

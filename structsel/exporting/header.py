@@ -43,10 +43,11 @@ def describe_channel(name: str, model: AeroModel, written: str) -> str:
 
 
 def term_notes(response: ResponseModel) -> list[str]:
-    """Per term: its text, and the standard error of its value."""
+    """Per term: its text, the standard error of its value, and whether a refinement held it."""
     errors: Sequence[float] = [] if response.standard_errors is None else response.standard_errors.tolist()
     worth = [f"standard error {e:.3g}" if math.isfinite(e) else "standard error not known" for e in errors]
-    return [f"{term}: {known}" for term, known in zip(response.terms, worth)]
+    held = [" (held)" if term in response.held else "" for term in response.terms]
+    return [f"{term}: {known}{mark}" for term, known, mark in zip(response.terms, worth, held)]
 
 
 def one_line(text: str) -> str:

@@ -17,8 +17,9 @@ from structsel.model import AeroModel, ResponseModel
 def write_summary(model: AeroModel, aircraft: Aircraft | None, path: Path) -> dict[Path, str]:
     """Per response what was fitted how, and a table of values, standard errors, t, p and 95 % intervals."""
     blocks = [_summarise(name, held) for name, held in model.responses.items()]
-    facts = [one_line(str(model).splitlines()[0]), *reference_lines(model, aircraft)]
-    return {path: "\n\n".join([*blocks, "\n".join(facts)]) + "\n"}
+    verdict = [f"Refinement: {one_line(model.refinement)}"] if model.refinement else []
+    facts = [one_line(model.heading), *reference_lines(model, aircraft)]
+    return {path: "\n\n".join([*verdict, *blocks, "\n".join(facts)]) + "\n"}
 
 
 def _summarise(name: str, held: ResponseModel) -> str:
@@ -47,7 +48,7 @@ def _summarise(name: str, held: ResponseModel) -> str:
         ],
         yname=name,
     )
-    words = [str(term) for term in held.terms]
+    words = list(held.labels)
     text.tables.append(summary_params(figures, yname=name, xname=words, use_t=freedom > 0))
     if held.biased:
         text.add_extra_txt(["Biased estimates: standard errors and intervals leave the bias out."])

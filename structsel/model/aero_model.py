@@ -6,7 +6,7 @@ import math
 import os
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal, cast
 
@@ -38,11 +38,15 @@ class AeroModel(Result):
     name : str
     recordings : tuple of str
         Names of the recordings it was identified from.
+    refinement : str
+        Verdict of the refinement, as `structsel.refinement.Refinement.statement`; empty for a model that was not
+        refined. In model.json it is part of the provenance.
     """
 
     responses: Mapping[str, ResponseModel]
     name: str = ""
     recordings: tuple[str, ...] = ()
+    refinement: str = field(default="", kw_only=True)
 
     region = renamed_attribute("ranges")
     steady = renamed_attribute("quasi_steady")
@@ -120,7 +124,8 @@ class AeroModel(Result):
         """The model without dynamics: every state at its steady value."""
         if not self.states:
             return self
-        return AeroModel({name: m.quasi_steady() for name, m in self.responses.items()}, self.name, self.recordings)
+        still = {name: m.quasi_steady() for name, m in self.responses.items()}
+        return AeroModel(still, self.name, self.recordings, refinement=self.refinement)
 
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
@@ -213,6 +218,7 @@ class AeroModel(Result):
             The file exists and ``overwrite`` is False, or it cannot be written.
         """
         made = provenance_of() if provenance is None else dict(provenance)
+        made |= {"refinement": self.refinement} if self.refinement else {}
         files.write(path, {**self.to_dict(), "provenance": made}, overwrite)
 
     @classmethod
@@ -241,14 +247,16 @@ class AeroModel(Result):
             except (StructselError, ValueError) as error:
                 raise ModelError(f"Model file '{path}', response '{name}': {error}") from error
         try:
-            return cls(responses, held["name"], tuple(held["recordings"]))
+            verdict = held["provenance"].get("refinement", "")
+            stated = verdict if isinstance(verdict, str) else ""
+            return cls(responses, held["name"], tuple(held["recordings"]), refinement=stated)
         except ModelError as error:
             raise ModelError(f"Model file '{path}': {error}") from error
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per response and term: response, term, value, std_error, t, low and high (95 %)."""
+        """One row per response and term: response, term, value, std_error, t, low and high (95 %), held."""
         rows = [row for name, model in self.responses.items() for row in response_rows(name, model)]
-        return pd.DataFrame(rows, columns=["response", "term", "value", "std_error", "t", "low", "high"])
+        return pd.DataFrame(rows, columns=["response", "term", "value", "std_error", "t", "low", "high", "held"])
 
     def latex(self) -> str:
         r"""Return a table in LaTeX, for a document that loads booktabs."""
@@ -263,18 +271,26 @@ class AeroModel(Result):
             for term, row in zip(model.terms, response_rows(name, model)):
                 digits = {"value": 5, "std_error": 3, "t": 3, "low": 5, "high": 5}
                 figures = [_latex_figure(row[column], d) for column, d in digits.items()]
-                lines.append(" & ".join([shown, f"${term.latex()}$", *figures]) + r" \\")
+                name_of_term = f"${term.latex()}$" + r"\,(held)" * row["held"]
+                lines.append(" & ".join([shown, name_of_term, *figures]) + r" \\")
                 shown = ""
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
 
     def summary(self) -> Summary:
-        """Every response with its terms and estimates, and the internal states."""
+        """Verdict of the refinement, every response with its terms and estimates, and the internal states."""
         parts = [model.summary(name) for name, model in self.responses.items()]
         if self.states:
             parts.append(Summary("States", notes=tuple(f"  {name}: {state}" for name, state in self.states.items())))
+        if not self.refinement:
+            return Summary("", self.heading, parts=tuple(parts))
+        return Summary("Refinement", self.refinement, parts=(Summary("", self.heading), *parts))
+
+    @property
+    def heading(self) -> str:
+        """Name, number of responses, and recordings it was identified from."""
         origin = f", identified from {', '.join(self.recordings)}" if self.recordings else ""
         name = f"Model {self.name!r}" if self.name else "Model"
-        return Summary("", f"{name} of {count_of(len(self.responses), 'response')}{origin}", parts=tuple(parts))
+        return f"{name} of {count_of(len(self.responses), 'response')}{origin}"
 
 
 def _state(path: Any, name: str, fields: Mapping[str, Any]) -> State:

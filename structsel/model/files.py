@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from structsel.errors import ModelError
 from structsel.files import write_text
+from structsel.model.file_checks import ObjectPairs, find_contradictions, find_duplicate_keys
 
 SCHEMA = "structsel.model/1"
 
@@ -33,6 +34,7 @@ class _Response(_Strict):
     s2: float | None = None
     r2: float | None = None
     constants: dict[str, float] = {}
+    held: list[str] = []
 
 
 class _Quantity(_Strict):
@@ -62,8 +64,8 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises
     ------
     ModelError
-        The file is missing, is not JSON, has another schema or version, or does not fit it; the message
-        names the file and the place in it.
+        The file is missing, is not JSON, has another schema or version, does not fit it, has a key twice, or numbers
+        that contradict each other; the message names the file and the place in it.
     """
     path = Path(path)
     try:
@@ -73,7 +75,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     if not text.strip():
         raise ModelError(f"Model file '{path}' is empty. Write it again with AeroModel.to_json().")
     try:
-        held = json.loads(text, parse_constant=_refuse_constant)
+        held = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=ObjectPairs)
     except (ValueError, RecursionError) as error:
         raise ModelError(f"Model file '{path}' is not JSON: {error}.") from error
     found = held.get("schema") if isinstance(held, dict) else None
@@ -82,13 +84,18 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
             f'Model file \'{path}\' needs "schema": "{SCHEMA}"; it has {json.dumps(found)}. '
             "A file of another kind or version cannot be read as a model."
         )
+    if twice := next(find_duplicate_keys(held), ""):
+        raise ModelError(f"Model file '{path}': {twice}. Which of the two holds is not known; delete one.")
     try:
-        return _Model.model_validate(held).model_dump(by_alias=True)
+        content = _Model.model_validate(held).model_dump(by_alias=True)
     except ValidationError as error:
         faults = [f"  {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors()[:5]]
         more = f"\n  and {error.error_count() - 5} more" if error.error_count() > 5 else ""
         found = "\n".join(faults) + more
         raise ModelError(f"Model file '{path}' does not fit {SCHEMA}:\n{found}") from error
+    if wrong := next(find_contradictions(content["responses"]), ""):
+        raise ModelError(f"Model file '{path}', {wrong}. Write the file again with AeroModel.to_json().")
+    return content
 
 
 def write(path: str | os.PathLike[str], content: dict[str, Any], overwrite: bool) -> None:

@@ -67,6 +67,9 @@ class ResponseModel(Result):
         Where each recording of the identification has a constant of its own: the constant of the model is their mean.
     states : mapping of name to State
         What the terms name that is no channel; those that no term names are left out.
+    held : tuple of Term
+        Terms that the last refinement did not estimate: their values, errors and covariance are those of the model
+        before it. Tables mark them with "(held)".
 
     Raises
     ------
@@ -88,6 +91,7 @@ class ResponseModel(Result):
     r2: float = math.nan
     constants: Mapping[str, float] = field(default_factory=dict)
     states: Mapping[str, State] = field(default_factory=dict)
+    held: tuple[Term, ...] = ()
 
     region = renamed_attribute("ranges")
     steady = renamed_attribute("quasi_steady")
@@ -98,6 +102,9 @@ class ResponseModel(Result):
         k = len(terms)
         if twice := sorted({str(term) for term in terms if terms.count(term) > 1}):
             raise ModelError(f"A response model holds {', '.join(twice)} more than once. Add the values up.")
+        held = tuple(term if isinstance(term, Term) else Term(term) for term in self.held)
+        if strange := [str(term) for term in held if term not in terms]:
+            raise ModelError(f"The held term '{strange[0]}' is not a term of the model: {', '.join(map(str, terms))}.")
         values = _array("values", self.values, (k,))
         if not np.isfinite(values).all():
             i = int(np.argmin(np.isfinite(values)))
@@ -119,6 +126,7 @@ class ResponseModel(Result):
             if array is not None:
                 array.setflags(write=False)
         object.__setattr__(self, "terms", terms)
+        object.__setattr__(self, "held", held)
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "covariance", covariance)
         object.__setattr__(self, "standard_errors", errors)
@@ -162,6 +170,11 @@ class ResponseModel(Result):
         """Names of the channels the terms and their states need, sorted."""
         named = {name for term in self.terms for name in term.channels} - set(self.states)
         return tuple(sorted(named.union(*(state.channels for state in self.states.values()))))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Text of each term for tables, "(held)" behind a held one."""
+        return tuple(f"{term} (held)" if term in self.held else str(term) for term in self.terms)
 
     @property
     def t_values(self) -> np.ndarray:
@@ -247,6 +260,7 @@ class ResponseModel(Result):
             "s2": _known(self.s2),
             "r2": _known(self.r2),
             **({"constants": dict(self.constants)} if self.constants else {}),
+            **({"held": [str(term) for term in self.held]} if self.held else {}),
         }
 
     def _table(self) -> list[str]:
@@ -277,7 +291,10 @@ class ResponseModel(Result):
         if self.ranges:
             ranges = "; ".join(f"{n} {lo:.4g} to {hi:.4g} {unit_of(n)}" for n, (lo, hi) in self.ranges.items())
             notes.append("Recorded ranges: " + ranges.replace(" -;", ";").removesuffix(" -"))
-        table = Table.from_records(_COLUMNS, response_rows("", self))
+        if self.held:
+            notes.append("(held): not estimated by the refinement; value and error are those of the model before it.")
+        rows = [{**row, "term": label} for row, label in zip(response_rows("", self), self.labels)]
+        table = Table.from_records(_COLUMNS, rows)
         return Summary(name, ", ".join(facts), tables=(table,), notes=tuple(notes))
 
 
@@ -293,7 +310,7 @@ def _known(value: float) -> float | None:
 
 
 def response_rows(name: str, model: ResponseModel) -> list[dict[str, Any]]:
-    """One row per term: response, term, value, std_error, t, low, high."""
+    """One row per term: response, term, value, std_error, t, low, high, held."""
     columns: Sequence[Any] = (model.terms, model.values, model._errors, model.t_values, model.intervals())
     return [
         {
@@ -304,6 +321,7 @@ def response_rows(name: str, model: ResponseModel) -> list[dict[str, Any]]:
             "t": float(t),
             "low": float(interval[0]),
             "high": float(interval[1]),
+            "held": term in model.held,
         }
         for term, value, error, t, interval in zip(*columns)
     ]

@@ -125,7 +125,7 @@ def draw_refinement(result: Refinement, recordings: Sequence[Recording] = ()) ->
     figure : Figure
     """
     outputs = list(result.noise_std)
-    verdict = "" if result.converged else ": NOT CONVERGED"
+    verdict = f": {result.verdict}" + ("" if result.converged else ", NOT CONVERGED")
     for flight in result.simulated:
         figure, axes = grid_figure(len(outputs), height=2.0, sharex=True)
         fits = {fit.output: fit for fit in result.fits if fit.recording == flight.name}

@@ -20,6 +20,7 @@ class LinearFlight:
     """A linear structure, or a linear model in its own parameters, simulated exactly between samples."""
 
     from_rest = True
+    doubts: tuple[str, ...] = ()
 
     def __init__(self, model: LinearStructure | LinearModel, delayed: Iterable[str] | None = None):
         self.model = model
@@ -77,8 +78,12 @@ class LinearFlight:
         """(m,) largest real part of the eigenvalues of A [1/s]."""
         return self.structure.growth(values)
 
+    def held_errors(self, names: Sequence[str]) -> np.ndarray:
+        """NaN: a linear model has no standard errors."""
+        return np.full(len(names), np.nan)
+
     def refined(
-        self, values: Mapping[str, float], std: Mapping[str, float], delay: float
+        self, values: Mapping[str, float], covariance: np.ndarray, delay: float, method: str, recordings: Sequence[str]
     ) -> LinearStructure | LinearModel:
         """The model with the parameters found; a structure where the model has no parameter for the delay."""
         if isinstance(self.model, LinearModel) and delay == self.delay:

@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.errors import ModelError
-from structsel.model import AeroModel
+from structsel.model import AeroModel, ResponseModel
 from structsel.nomenclature import (
     LATERAL_COEFFICIENTS,
     LATERAL_OUTPUTS,
@@ -27,6 +27,7 @@ from structsel.refinement.linear_flight import delayed_inputs
 from structsel.refinement.protocols import Simulator
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import FlightSetup, prepare, start_from
+from structsel.simulation.missing_responses import describe_missing, missing_responses
 
 _OTHER_OUTPUTS = ("psi", "h", "x", "y", "vn", "ve", "vd", "u", "v", "w", "p_dot", "q_dot", "r_dot", "V_dot",
                   "alpha_dot", "beta_dot")  # fmt: skip
@@ -61,6 +62,8 @@ class NonlinearFlight:
                 f"refine needs an AeroModel with lift; '{self.name}' has only {', '.join(model)}, and would fall.\n"
                 "Add CX, CZ and Cm (or CL, CD and Cm), and name with free=... what is to be estimated."
             )
+        missing = describe_missing(model, missing_responses(model))
+        self.doubts: tuple[str, ...] = (missing,) if missing else ()
         longitudinal = any(name not in LATERAL_COEFFICIENTS for name in model)
         self.states = (*(LONGITUDINAL_STATES if longitudinal else ()), *(LATERAL_STATES if lateral else ()))
         self.default_outputs = (
@@ -128,17 +131,68 @@ class NonlinearFlight:
         """Not known without a trim: NaN."""
         return np.full(len(values), np.nan)
 
-    def refined(self, values: Mapping[str, float], std: Mapping[str, float], delay: float) -> AeroModel:
-        """The model with the values found; standard errors are those of the refinement, 0 for held parameters."""
-        made = {}
+    def held_errors(self, names: Sequence[str]) -> np.ndarray:
+        """(k,) standard errors of parameters before the refinement; NaN where not known."""
+        known = {
+            f"{response}:{term}": error
+            for response, held in self.model.responses.items()
+            for term, error in zip(held.terms, np.asarray(held.standard_errors))
+        }
+        return np.array([known[name] for name in names])
+
+    def refined(
+        self, values: Mapping[str, float], covariance: np.ndarray, delay: float, method: str, recordings: Sequence[str]
+    ) -> AeroModel:
+        """The model with the values found; see `refine_response`.
+
+        A response without an estimated term stays as it is, all its terms marked as held. The covariance between
+        responses is in the Refinement only. Recordings are those of the model before and of the refinement.
+        """
+        made, order = {}, list(values)
         for response, held in self.model.responses.items():
-            names = [f"{response}:{term}" for term in held.terms]
-            made[response] = replace(
-                held, values=np.array([values.get(n, v) for n, v in zip(names, held.values)]), covariance=None,
-                standard_errors=np.array([std.get(n, 0.0) for n in names]), method="output error",
-                residuals="coloured", s2=np.nan, r2=np.nan, n=0,
-            )  # fmt: skip
-        return AeroModel(made, self.model.name, self.model.recordings)
+            rows = [(i, order.index(n)) for i, n in enumerate(f"{response}:{t}" for t in held.terms) if n in values]
+            places, found = [i for i, _ in rows], [j for _, j in rows]
+            estimated = dict(zip(places, (values[order[j]] for j in found)))
+            made[response] = refine_response(held, estimated, covariance[np.ix_(found, found)], method)
+        names = tuple(dict.fromkeys((*self.model.recordings, *recordings)))
+        return AeroModel(made, self.model.name, names)
+
+
+def refine_response(
+    before: ResponseModel, estimated: Mapping[int, float], covariance: np.ndarray, method: str
+) -> ResponseModel:
+    """A response with the values of some terms estimated anew, the others held.
+
+    The covariance is block-wise: that of the refinement for estimated terms, that of the model before for held ones,
+    zero between the two. The estimates depend on the held values, so the zero is an approximation, and the errors of
+    the estimates are those for held values that are exact. Where a block is not known, there is no covariance, and the
+    standard errors alone are kept.
+
+    Parameters
+    ----------
+    before : ResponseModel
+    estimated : mapping of term's place to value
+    covariance : (k, k) array
+        Of the estimated values, in their order.
+    method : str
+    """
+    held = [i for i in range(len(before.terms)) if i not in estimated]
+    if not estimated:
+        return replace(before, held=before.terms)
+    places = list(estimated)
+    values, errors = np.array(before.values), np.array(before.standard_errors)
+    values[places] = list(estimated.values())
+    errors[places] = np.sqrt(np.diag(covariance))
+    joint: np.ndarray | None = None
+    if np.isfinite(covariance).all() and (before.covariance is not None or not held):
+        joint = np.zeros((len(values), len(values)))
+        joint[np.ix_(places, places)] = covariance
+        if before.covariance is not None:
+            joint[np.ix_(held, held)] = before.covariance[np.ix_(held, held)]
+    return replace(
+        before, values=values, covariance=joint, standard_errors=errors, method=method, residuals="coloured",
+        biased=before.biased and bool(held), held=tuple(before.terms[i] for i in held), s2=np.nan, r2=np.nan, n=0,
+    )  # fmt: skip
 
 
 class NonlinearFilter:

@@ -44,6 +44,8 @@ class RefinableModel(Protocol):
     """Outputs fitted by default."""
     drifting: tuple[str, ...]
     """States whose equations can have a constant added."""
+    doubts: tuple[str, ...]
+    """What makes any simulation of the model doubtful."""
     from_rest: bool
     """Whether outputs count from a reference, at which the recordings start."""
 
@@ -62,5 +64,10 @@ class RefinableModel(Protocol):
     def growth(self, values: np.ndarray) -> np.ndarray:
         """(m,) largest real part of the eigenvalues [1/s]; below zero where the motion is stable."""
 
-    def refined(self, values: Mapping[str, float], std: Mapping[str, float], delay: float) -> Any:
-        """The model with its parameters replaced."""
+    def held_errors(self, names: Sequence[str]) -> np.ndarray:
+        """(k,) standard errors of parameters before the refinement; NaN where not known."""
+
+    def refined(
+        self, values: Mapping[str, float], covariance: np.ndarray, delay: float, method: str, recordings: Sequence[str]
+    ) -> Any:
+        """The model with parameters replaced, in the order of the rows of their covariance (k, k)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,15 +17,17 @@ from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.numerics.output_error_problem import Constraint, OutputErrorProblem
 from structsel.options import takes_options
 from structsel.recording import Recording
+from structsel.refinement.estimate_checks import check_estimates
 from structsel.refinement.filter_error import FilterErrorProblem, iterate_noise
 from structsel.refinement.frequency import FrequencyProblem, check_frequency
+from structsel.refinement.held_out import HeldOutComparison, check_held_out, compare_on_held_out
 from structsel.refinement.linear_flight import LinearFlight
 from structsel.refinement.linear_structure import LinearStructure
 from structsel.refinement.nonlinear_flight import NonlinearFlight
 from structsel.refinement.parameters import bound, build_parameters, check_delay, check_recordings, choose_outputs
 from structsel.refinement.problem import EstimationProblem
 from structsel.refinement.protocols import RefinableModel
-from structsel.refinement.result import Estimate, Refinement, check_estimates
+from structsel.refinement.result import Estimate, Refinement, state_verdict
 from structsel.refinement.settings import RefineOptions, StabilityConstraint
 from structsel.simulation.linear import LinearModel
 
@@ -39,9 +42,14 @@ def refine(
     recordings: Recording | Sequence[Recording],
     *,
     options: RefineOptions,
+    held_out: Sequence[Recording] = (),
     progress: Callable[[str, int, float], None] | None = None,
 ) -> Refinement:
     """Estimate a model's parameters so that the simulated outputs come nearest the recorded ones.
+
+    A search that converged has found the best fit to these recordings, which may predict others worse. Recordings that
+    are held out decide: the refined and the original model are simulated on them, and the verdict is "better", "no
+    better" or "worse". Where it is worse, the result's `model` is the original one.
 
     Parameters
     ----------
@@ -53,6 +61,8 @@ def refine(
         Even clocks, inputs finite throughout; outputs may have gaps of NaN. Names must differ.
     options : RefineOptions, optional
         Every field may be given as a keyword of its own instead: ``refine(..., free=["Cm:alpha"], starts="all")``.
+    held_out : sequence of Recording
+        Recordings that are not used for the estimates; for an AeroModel.
     progress : callable, optional
         Called with "evolution" or "descent", the count and the cost.
 
@@ -64,9 +74,10 @@ def refine(
     Raises
     ------
     ModelError
-        A name that is not the model's, bounds that cross.
+        A name that is not the model's, bounds that cross, recordings held out of a linear model.
     DataError
-        Recordings that cannot be simulated: uneven clock, inputs missing, shorter than the delay.
+        Recordings that cannot be simulated: uneven clock, inputs missing, shorter than the delay. A held-out recording
+        that is also refined with, or has none of the outputs.
     RefinementError
         The simulation diverges with the start values, or the recordings do not determine a parameter; ``partial`` has
         the Refinement.
@@ -80,6 +91,8 @@ def refine(
         raise ModelError("refine predicts sample by sample with noise='process', which needs domain='time'.")
     flight = _make_flight(model, aircraft, options)
     check_recordings(flights)
+    if held_out:
+        check_held_out(flight, held_out, flights)
     outputs = choose_outputs(flight, flights, options.outputs)
     parameters = bound(build_parameters(flight, flights, outputs, options), options.bounds or {})
     if not parameters:
@@ -113,11 +126,36 @@ def refine(
     )
     if isinstance(problem, FilterErrorProblem):
         fit = iterate_noise(problem, fit, search_locally)
-    found = report(
-        problem, fit, evolved, options.cost, {"noise": options.noise, "domain": options.domain, "band": band}
-    )
+    settings = {"noise": options.noise, "domain": options.domain, "band": band}
+    found = with_verdict(report(problem, fit, evolved, options.cost, settings), model, None, options.keep_worse)
     refuse_failed_fit(problem, fit, found)
-    return found
+    if not held_out:
+        return found
+    return with_verdict(found, model, _compare(problem, fit.theta, held_out), options.keep_worse)
+
+
+def _compare(problem: EstimationProblem, theta: np.ndarray, held_out: Sequence[Recording]) -> HeldOutComparison:
+    """Original and refined model on recordings that were held out."""
+    flight = problem.model
+    delays = [problem.from_search(theta)[i] for i, p in enumerate(problem.parameters) if p.kind == "delay"]
+    original = np.array(list(flight.parameters.values())), flight.delay
+    refined = problem.model_parameters(theta[None])[0], float(delays[0]) if delays else flight.delay
+    return compare_on_held_out(flight, list(held_out), problem.outputs, original, refined)
+
+
+def with_verdict(
+    found: Refinement, original: Any, comparison: HeldOutComparison | None, keep_worse: bool
+) -> Refinement:
+    """Refinement with its comparison on held-out recordings, and the model that this leaves to use."""
+    statement, refined = state_verdict(comparison), found.refined
+    if isinstance(refined, AeroModel):
+        refined = replace(refined, refinement=statement)
+    keep_original = comparison is not None and comparison.verdict == "worse" and not keep_worse
+    if keep_original and isinstance(original, AeroModel):
+        kept = replace(original, refinement=f"{statement}; this is the original model")
+    else:
+        kept = original if keep_original else refined
+    return replace(found, model=kept, refined=refined, original=original, comparison=comparison)
 
 
 def _covariance(outputs: Sequence[str], options: RefineOptions) -> np.ndarray | None:
@@ -225,20 +263,32 @@ def report(
         for i, p in enumerate(problem.parameters)
     )  # fmt: skip
     fits, modelled, residuals = problem.fits_and_residuals(fit)
-    of_model = {e.name: e for e in estimates if e.kind == "model"}
+    rows = [i for i, e in enumerate(estimates) if e.kind == "model"]
     delay = [e.value for e in estimates if e.kind == "delay"]
     refined = problem.model.refined(
-        {name: e.value for name, e in of_model.items()}, {name: e.std for name, e in of_model.items()},
+        {estimates[i].name: estimates[i].value for i in rows}, (fit.covariance * both)[np.ix_(rows, rows)],
         delay[0] if delay else problem.model.delay,
+        "filter error" if settings["noise"] == "process" else "output error", [r.name for r in problem.recordings],
     )  # fmt: skip
     with np.errstate(invalid="ignore"):
         noise = dict(zip(problem.outputs, np.sqrt(np.diag(fit.R)).tolist()))
-    doubts = check_estimates(estimates, fit.correlation, fit.converged, fit.message)
+    doubts = (*problem.model.doubts, *check_estimates(estimates, fit.correlation, fit.converged, fit.message))
     return Refinement(
         refined, estimates, fit.crlb * both, fit.covariance * both, fit.correlation, noise, tuple(fits),
         tuple(modelled), residuals, cost, fit.costs, problem.from_search(fit.thetas), fit.converged, fit.message,
-        evolved, doubts, **settings,
+        evolved, doubts, **settings, refined=refined,
+        held=_held_parameters(problem, {estimates[i].name for i in rows}),
     )  # fmt: skip
+
+
+def _held_parameters(problem: EstimationProblem, estimated: set[str]) -> tuple[Estimate, ...]:
+    """Parameters of the model that were not estimated."""
+    values = {name: value for name, value in problem.model.parameters.items() if name not in estimated}
+    errors = problem.model.held_errors(list(values)).tolist()
+    return tuple(
+        Estimate(name, "held", value, error, np.nan, value, -np.inf, np.inf, at_bound=False)
+        for (name, value), error in zip(values.items(), errors)
+    )
 
 
 def refuse_failed_fit(problem: EstimationProblem, fit: OutputErrorFit, found: Refinement) -> None:

@@ -14,11 +14,9 @@ from structsel.formatting import count_of
 from structsel.metrics import MetricValues, compute_metrics, in_tables
 from structsel.numerics.global_search import GlobalSearch
 from structsel.recording import Recording
+from structsel.refinement.held_out import HeldOutComparison, Verdict
 from structsel.results import Result
 from structsel.tables import Cell, Column, Summary, Table, text_column
-
-CORRELATED = 0.9  # correlation of two estimates above which a warning names them
-
 
 _PER_RECORDING = ("start", "jump", "drift", "bias")
 
@@ -29,12 +27,15 @@ class Estimate:
 
     Attributes
     ----------
-    name, kind : str
+    name : str
+    kind : str
+        As `Parameter.kind`; ``"held"`` for a parameter of the model that was not estimated.
     value : float
     std : float
-        With the autocorrelation of the residuals; infinite where the recordings do not determine it.
+        With the autocorrelation of the residuals; infinite where the recordings do not determine it. Of a held
+        parameter that of the model before, NaN where it is not known.
     std_white : float
-        The Cramer-Rao bound.
+        The Cramer-Rao bound; NaN for a held parameter.
     start, low, high : float
         Start value of the search, and its bounds.
     at_bound : bool
@@ -88,10 +89,13 @@ def compare_output(recording: str, output: str, measured: np.ndarray, modelled: 
 class Refinement(Result):
     """Parameters of a model, refined on complete recordings by output error or filter error.
 
+    `converged` tells how the search ended, `verdict` whether the refined model predicts recordings that were held out
+    better than the original. Neither follows from the other.
+
     Attributes
     ----------
     model : LinearStructure or AeroModel
-        With the parameters found.
+        The model to use: the refined one, or the original where the verdict is "worse", unless ``keep_worse=True``.
     estimates : tuple of Estimate
     crlb, covariance : (k, k) array
         As `structsel.numerics.output_error.OutputErrorFit` has them.
@@ -121,6 +125,12 @@ class Refinement(Result):
         In the frequency domain residuals are complex, of the scaled transforms; `fits` judge these, and the
         recordings are simulated from rest and have the measured means.
     band : (low, high) or None [Hz]
+    refined, original : LinearStructure or AeroModel
+        With the parameters found, and as it was given.
+    held : tuple of Estimate
+        Parameters of the model that were not estimated, of kind "held", with their errors before the refinement.
+    comparison : HeldOutComparison or None
+        Errors on the recordings held out; None without any.
     """
 
     model: Any
@@ -142,6 +152,10 @@ class Refinement(Result):
     noise: str = "measurement"
     domain: str = "time"
     band: tuple[float, float] | None = None
+    refined: Any = None
+    original: Any = None
+    held: tuple[Estimate, ...] = ()
+    comparison: HeldOutComparison | None = None
 
     def __post_init__(self) -> None:
         self.freeze()
@@ -175,6 +189,16 @@ class Refinement(Result):
         return np.array([e.std for e in self.estimates])
 
     @property
+    def verdict(self) -> Verdict:
+        """Better, no better or worse than the original model on held-out recordings; or not validated."""
+        return "not validated" if self.comparison is None else self.comparison.verdict
+
+    @property
+    def statement(self) -> str:
+        """The verdict with its numbers."""
+        return state_verdict(self.comparison)
+
+    @property
     def title(self) -> str:
         """Name of the method."""
         if self.band is not None:
@@ -189,19 +213,19 @@ class Refinement(Result):
         return frame
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each parameter: name, kind, value, std, std_white, low95, high95, start, low, high, at_bound."""
-        rows = [
-            {"name": e.name, "kind": e.kind, "value": e.value, "std": e.std, "std_white": e.std_white,
-             "low95": e.value - 1.96 * e.std, "high95": e.value + 1.96 * e.std, "start": e.start, "low": e.low,
-             "high": e.high, "at_bound": e.at_bound}
-            for e in self.estimates
-        ]  # fmt: skip
-        return pd.DataFrame(rows)
+        """One row for each parameter, the held ones (kind "held") last.
+
+        Columns: name, kind, value, std, std_white, low95, high95, start, low, high, at_bound.
+        """
+        return pd.DataFrame(_records((*self.estimates, *self.held)))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the samples."""
         return {
             "schema": "structsel.refinement/1",
+            "verdict": self.verdict,
+            "statement": self.statement,
+            "comparison": None if self.comparison is None else self.comparison.to_dict(),
             "model": str(getattr(self.model, "name", "")),
             "cost": self.cost,
             "noise": self.noise,
@@ -210,7 +234,8 @@ class Refinement(Result):
             "converged": self.converged,
             "message": self.message,
             "doubts": list(self.doubts),
-            "parameters": self.to_frame().to_dict("records"),
+            "parameters": _records(self.estimates),
+            "held": _records(self.held),
             "noise_std": dict(self.noise_std),
             "fits": [fit.to_dict() for fit in self.fits],
             "costs": self.costs.tolist(),
@@ -219,7 +244,13 @@ class Refinement(Result):
         }
 
     def summary(self) -> Summary:
-        """Estimates with their errors, and the fit of every output."""
+        """Verdict, estimates with their errors, held parameters, and the fit of every output."""
+        kept = "The original model is kept."
+        alerts = (kept,) if self.verdict == "worse" and self.model is not self.refined else ()
+        return Summary("Refinement", self.statement, alerts=alerts, parts=(self._search_summary(),))
+
+    def _search_summary(self) -> Summary:
+        """How the search ended, and what it found."""
         count = len(self.simulated)
         facts = [("steps", str(len(self.costs) - 1)), ("J", f"{self.costs[0]:.6g} to {self.costs[-1]:.6g}")]
         if self.search is not None:
@@ -231,7 +262,9 @@ class Refinement(Result):
             + ("converged" if self.converged else "NOT CONVERGED"),
             alerts=() if self.converged else (f"{self.message}; the best estimates found are given",),
             facts=tuple(facts),
-            tables=tuple(table for table in (*self._estimate_tables(), self._fit_table()) if table.rows),
+            tables=tuple(
+                table for table in (*self._estimate_tables(), self._fit_table(), self._held_table()) if table.rows
+            ),
             warnings=self.doubts,
         )
 
@@ -250,11 +283,36 @@ class Refinement(Result):
         each = ((f"{kind} {what}", name, *_numbers(e), _at_bound(e)) for e, (kind, name, what) in zip(own, parts))
         yield Table((text_column("of"), text_column("recording"), *numbers, text_column("")), tuple(each))
 
+    def _held_table(self) -> Table:
+        """Parameters of the model that were not estimated."""
+        rows = tuple((f"{e.name} (held)", e.value, e.std) for e in self.held)
+        note = "(held): not estimated; value and error are those of the model before." if rows else ""
+        return Table(
+            (text_column("parameter"), Column("value"), Column("std error", "2g")), rows, "Held parameters", note=note
+        )
+
     def _fit_table(self) -> Table:
         columns = (text_column("output"), text_column("recording"), Column("n"), Column("rms", "3g"))
         fits = sorted(self.fits, key=lambda f: [*self.noise_std].index(f.output))
         rows = tuple((f.output, f.recording, f.n, f.rms_error, *f.cells()) for f in fits)
         return Table((*columns, *(Column(m.label) for m in in_tables(brief=True))), rows)
+
+
+def state_verdict(comparison: HeldOutComparison | None) -> str:
+    """Verdict with its numbers, as it is written into the model and its exports."""
+    if comparison is None:
+        return "not validated (no recordings were held out)"
+    where = "" if comparison.verdict == "not validated" else " on held-out recordings"
+    return f"{comparison.verdict}{where} ({comparison.reason})"
+
+
+def _records(estimates: tuple[Estimate, ...]) -> list[dict[str, Any]]:
+    return [
+        {"name": e.name, "kind": e.kind, "value": e.value, "std": e.std, "std_white": e.std_white,
+         "low95": e.value - 1.96 * e.std, "high95": e.value + 1.96 * e.std, "start": e.start, "low": e.low,
+         "high": e.high, "at_bound": e.at_bound}
+        for e in estimates
+    ]  # fmt: skip
 
 
 def _numbers(estimate: Estimate) -> tuple[float, float, float]:
@@ -263,47 +321,3 @@ def _numbers(estimate: Estimate) -> tuple[float, float, float]:
 
 def _at_bound(estimate: Estimate) -> Cell:
     return Cell("at its bound" * estimate.at_bound, "warning")
-
-
-def check_estimates(
-    estimates: tuple[Estimate, ...], correlation: np.ndarray, converged: bool, message: str
-) -> tuple[str, ...]:
-    """Warnings about estimates and their search."""
-    found = [] if converged else [f"the search did not converge: {message}"]
-    for e in estimates:
-        if e.kind == "process" and e.at_bound:
-            state = e.name.rsplit(":", 1)[1]
-            found.append(
-                f"process noise of {state} at its upper bound: the filter takes {state} from the measurements"
-                if e.value > 0.5 * e.high
-                else f"process noise of {state} at its lower bound: none is needed there"
-            )
-    bounded = [e for e in estimates if e.at_bound and e.kind != "process"]
-    if bounded:
-        named = ", ".join(f"{e.name} = {e.value:.5g}" for e in bounded)
-        found.append(f"at a bound, beyond which the cost may be lower: {named}")
-    lost = [e.name for e in estimates if np.isinf(e.std) and not (e.kind == "process" and e.at_bound)]
-    if lost:
-        found.append(f"these recordings do not determine {', '.join(lost)}")
-    weak = [e for e in estimates if e.kind == "model" and np.isfinite(e.std) and e.std > 0.5 * abs(e.value)]
-    if weak:
-        named = ", ".join(f"{e.name} ({e.value:.3g} +- {e.std:.2g})" for e in weak)
-        found.append(f"the outputs hardly depend on {named}: hold them, or record an input that excites them")
-    idle = np.array([e.kind == "process" and e.at_bound for e in estimates])
-    strong = np.argwhere(np.triu((np.abs(correlation) > CORRELATED) & ~idle & ~idle[:, None], 1))
-    order = sorted(strong.tolist(), key=lambda pair: -abs(correlation[pair[0], pair[1]]))
-    for i, j in order[:10]:
-        found.append(
-            f"{estimates[i].name} and {estimates[j].name} are correlated: {correlation[i, j]:+.3f}; these "
-            "recordings hardly distinguish them"
-        )
-    if len(order) > 10:
-        found.append(f"{len(order) - 10} more pairs are correlated above {CORRELATED:g}")
-    of_interest = [e for e in estimates if e.kind != "process"]
-    ratio = [e.std / e.std_white for e in of_interest if np.isfinite(e.std) and e.std_white > 0.0]
-    if ratio and max(ratio) > 2.0:
-        found.append(
-            f"residuals are coloured: standard deviations are up to {max(ratio):.1f} times the Cramer-Rao bound; "
-            "a missing term of the model, or turbulence, is in them"
-        )
-    return tuple(found)

@@ -81,6 +81,8 @@ class RefineOptions:
         Largest number of steps of the local search.
     tolerance : float
         Relative change of the parameters at which the local search has converged.
+    keep_worse : bool
+        The result's `model` is the refined one even if it predicts the held-out recordings worse than the original.
     air, definitions, substeps
         Of an AeroModel's simulation, as `structsel.simulation.simulate` takes them.
     """
@@ -133,6 +135,9 @@ class RefineOptions:
     method: Method = option("levenberg-marquardt")
     iterations: int = option(60, help="Of the local search.", group=_SEARCH)
     tolerance: float = option(1e-5)
+    keep_worse: bool = option(
+        False, help="Keep the refined model even if it is worse on the held-out recordings.", group=_COMPARISON
+    )
     air: Atmosphere | None = option(None)
     definitions: Mapping[str, str] | None = option(None)
     substeps: int | None = option(None)

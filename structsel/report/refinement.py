@@ -70,9 +70,11 @@ def page_of(
     used = recordings or found.simulated
     held_out = [r for one in judged.values() for r in one.recordings]
     sources = list({r.name: r for r in (*used, *held_out)}.values())
+    ending = "" if converged else ", not converged"
+    good = found.verdict == "better" and not found.doubts
     return Page(
-        verdict="converged" if converged else "failed" if reasons else "not converged",
-        status="bad" if not converged else "warning" if found.doubts else "good",
+        verdict="failed" if reasons else f"{found.verdict}{ending}",
+        status="bad" if not converged or found.verdict == "worse" else "good" if good else "warning",
         headline=headline,
         summary=tuple(summary),
         about=_about(found, held_out),
@@ -89,11 +91,13 @@ def page_of(
 
 
 def _headline(found: Refinement, judged: Mapping[str, Resimulation], converged: bool) -> list[str]:
-    """Sentences on the fit, the parameter that changed most, and the prediction."""
+    """Sentences on the verdict, the fit, the parameter that changed most, and the prediction."""
     search = "The search converged" if converged else "The search did not converge"
     known = [f.r2 for f in found.fits if math.isfinite(f.r2)]
     fit = f" with R² from {format_decimals(min(known), 3)} to {format_decimals(max(known), 3)}" if known else ""
-    sentences = [f"{search}: the model simulates {join_names(found.noise_std)}{fit}."]
+    kept = " The original model is kept." if found.model is not found.refined else ""
+    sentences = [f"The refined model is {found.statement}.{kept}"]
+    sentences.append(f"{search}: the model simulates {join_names(found.noise_std)}{fit}.")
     ranked = [e for e in found.estimates if e.kind == "model" and math.isfinite(e.std) and e.std > 0.0]
     if ranked:
         largest = max(ranked, key=lambda e: abs(e.value - e.start) / e.std)
@@ -123,11 +127,14 @@ def _about(found: Refinement, held_out: Sequence[Recording]) -> str:
 
 
 def _parameters(found: Refinement) -> Iterator[Table]:
-    """Parameters of the model and of single recordings, with their intervals as bars."""
+    """Parameters of the model and of single recordings, with their intervals as bars; then the held parameters."""
     titles = {"parameter": "Parameters of the model", "of": "Parameters of single recordings"}
     for table in found.tables():
         names = [column.name for column in table.columns]
         if names[0] not in titles:
+            continue
+        if "CRLB" not in names:
+            yield table
             continue
         value, std = names.index("value"), names.index("std error")
         bars = [

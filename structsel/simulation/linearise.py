@@ -10,7 +10,13 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.errors import ModelError, StructselWarning
 from structsel.model import AeroModel
-from structsel.nomenclature import LATERAL_STATES, LONGITUDINAL_STATES
+from structsel.nomenclature import (
+    COEFFICIENTS,
+    LATERAL_COEFFICIENTS,
+    LATERAL_STATES,
+    LONGITUDINAL_COEFFICIENTS,
+    LONGITUDINAL_STATES,
+)
 from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import STATES, outputs_index
 from structsel.numerics.flight_simulation import central_differences
@@ -18,6 +24,7 @@ from structsel.numerics.linear_models import LinearFamily, LinearSystem
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import prepare
 from structsel.simulation.linear import LinearModel
+from structsel.simulation.missing_responses import warn_missing
 from structsel.simulation.steady_flight import Trim
 
 _AXES = {
@@ -72,13 +79,16 @@ def linearise(
     Warns
     -----
     StructselWarning
-        The model has states of its own; they follow at once in the linear model.
+        The model has states of its own; they follow at once in the linear model. Or it lacks a coefficient of the
+        axis, which is taken as zero.
     """
     if axis not in _AXES:
         raise ModelError(f"axis={axis!r} is not one of {', '.join(map(repr, _AXES))}.")
     chosen = tuple(states or _AXES[axis])
     if wrong := [name for name in chosen if name not in STATES]:
         raise ModelError(f"A flight has no state '{wrong[0]}'; it has {', '.join(STATES)}.")
+    needed = {"longitudinal": LONGITUDINAL_COEFFICIENTS, "lateral": LATERAL_COEFFICIENTS}.get(axis, COEFFICIENTS)
+    warn_missing(model, lateral=axis != "longitudinal", among=needed if states is None else COEFFICIENTS)
     if model.states:
         warnings.warn(
             f"The linear model holds the states of rigid motion alone; {', '.join(model.states)} follow at once in it, "

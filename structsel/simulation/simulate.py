@@ -12,17 +12,19 @@ from structsel.aircraft import Aircraft
 from structsel.candidates.formula import Node, evaluate
 from structsel.errors import ModelError, SimulationError, StructselWarning
 from structsel.model import AeroModel
-from structsel.nomenclature import COEFFICIENTS, WIND_AXIS_COEFFICIENTS
-from structsel.numerics.flight_model import READINGS, REASONS
+from structsel.nomenclature import COEFFICIENTS, LATERAL_STATES, WIND_AXIS_COEFFICIENTS
+from structsel.numerics.flight_model import READINGS, REASONS, STATES
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Recording
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import Between, FlightSetup, Inputs, Start, prepare
 from structsel.simulation.instruments import Actuator, Instruments
+from structsel.simulation.missing_responses import warn_missing
 
 _AT_CG = ("V", "alpha", "beta", "ax", "ay", "az")
 _MOTION = ("p", "q", "r", "phi", "theta", "psi", "x", "y", "h", "vn", "ve", "vd", "rho", "qbar", "mach", "mass")
 _EXACT = ("u", "v", "w", "p_dot", "q_dot", "r_dot", "V_dot", "alpha_dot", "beta_dot")
+_LATERAL = [STATES.index(name) for name in LATERAL_STATES]
 
 
 def simulate(
@@ -90,7 +92,8 @@ def simulate(
     Warns
     -----
     StructselWarning
-        The flight leaves the ranges the model was identified in.
+        The flight leaves the ranges the model was identified in, or the model lacks a coefficient that the motion
+        depends on, which is taken as zero.
 
     References
     ----------
@@ -101,6 +104,7 @@ def simulate(
         model, aircraft, inputs, start=start, air=air, actuators=actuators, definitions=definitions, between=between,
         substeps=substeps, vanes=vanes,
     )  # fmt: skip
+    warn_missing(model, lateral=bool(setup.manoeuvre.start[_LATERAL].any()))
     names = _outputs(setup, model, instruments)
     batch = setup.simulate(names, instruments=instruments is not None)
     samples, reason = int(batch.samples[0]), int(batch.reason[0])

@@ -19,6 +19,7 @@ from structsel.numerics.flight_simulation import state_derivatives
 from structsel.options import option, takes_options
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import FlightSetup, prepare
+from structsel.simulation.missing_responses import warn_missing
 from structsel.simulation.steady_flight import EQUATIONS, Trim, TrimProblem
 
 _PROPULSION = ("throttle", "thrust")
@@ -99,12 +100,18 @@ def trim(model: AeroModel, aircraft: Aircraft, V: float, h: float, *, options: T
     DomainError
         V is not above zero.
 
+    Warns
+    -----
+    StructselWarning
+        The model lacks a coefficient that the steady flight depends on; it is taken as zero.
+
     References
     ----------
     [KM16] ch. 3.
     """
     if not V > 0.0:
         raise DomainError(f"trim needs an airspeed V above zero; it is {V:g} m/s.")
+    warn_missing(model, stacklevel=4)  # through takes_options
     lateral = any(name in model for name in LATERAL_COEFFICIENTS)
     given = dict(options.controls or {})
     setup = _at_rest(model, aircraft, {"V": V, "alpha": 0.0, "theta": 0.0, "h": h}, options)
