@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -117,6 +118,40 @@ def join_names(names: Iterable[Any], maximum: int | None = 6, last: str = "and")
 def count_of(count: int, noun: str) -> str:
     """Return a number of things, "1 recording" or "3 recordings"."""
     return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def printable(text: str) -> str:
+    r"""Return text for a terminal: control and format characters, such as escape codes, are shown as ``\x1b``.
+
+    Line breaks and tabs are kept.
+
+    >>> printable("m01\x1b[31m")
+    'm01\\x1b[31m'
+    """
+    if text.isprintable():
+        return text
+    return "".join(c.encode("unicode_escape").decode() if _is_control(c) else c for c in text)
+
+
+def _is_control(character: str) -> bool:
+    return character not in "\n\t" and unicodedata.category(character) in ("Cc", "Cf", "Cs")
+
+
+def csv_text(text: str) -> str:
+    """Return text for a cell of a CSV file: a spreadsheet must not take it for a formula.
+
+    An apostrophe precedes text that begins with ``=``, ``+``, ``-``, ``@``, a tab or a line break and is no number.
+
+    >>> csv_text("=cmd()"), csv_text("Cm:alpha"), csv_text("-1.5")
+    ("'=cmd()", 'Cm:alpha', '-1.5')
+    """
+    if not text.startswith(("=", "+", "-", "@", "\t", "\r", "\n")):
+        return text
+    try:
+        float(text)
+    except ValueError:
+        return f"'{text}"
+    return text
 
 
 def finite_or_none(content: Any) -> Any:

@@ -192,11 +192,16 @@ def unit_of(name: str, own: Mapping[str, str] | None = None) -> str:
     return (own or {}).get(name, UNKNOWN)
 
 
+_LATEX = {c: "\\" + c for c in "_{}%#$"}
+_LATEX |= {"\\": r"\backslash ", "^": r"\wedge ", "~": r"\sim ", "&": r"\ and\ "}
+"""Characters that have a meaning in LaTeX, as mathematics prints them; Matplotlib does not know an ampersand."""
+
+
 def latex_of(name: str) -> str:
-    r"""Symbol of a channel for figures, without dollar signs; unknown names as upright text."""
+    r"""Symbol of a channel for figures, without dollar signs; unknown names as upright text, no command among it."""
     if name in _TABLE:
         return _TABLE[name].latex
-    return r"\mathrm{" + name.replace("_", r"\_") + "}"
+    return r"\mathrm{" + "".join(_LATEX.get(c, c if c.isprintable() else " ") for c in name) + "}"
 
 
 def close_names(name: str, among: Iterable[str], count: int = 3) -> list[str]:

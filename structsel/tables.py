@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
-from structsel.formatting import UNDEFINED, format_decimals, format_number, format_percent
+from structsel.formatting import UNDEFINED, csv_text, format_decimals, format_number, format_percent, printable
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -52,7 +52,7 @@ class Column:
     @property
     def head(self) -> str:
         """Name and unit."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
+        return printable(f"{self.name} [{self.unit}]" if self.unit else self.name)
 
     def show(self, value: Any) -> str:
         """Return a cell of this column as text."""
@@ -61,11 +61,12 @@ class Column:
         if value is None:
             return UNDEFINED
         if isinstance(value, Bar | Link):
-            return value.text
+            return printable(value.text)
         if isinstance(value, bool) or type(value).__name__ == "bool_":
             return "yes" if value else "no"
         if isinstance(value, int) or not isinstance(value, float):
-            return str(value)
+            # A name with a line break must not look like a row of its own.
+            return printable(str(value)) if self.wrap else " ".join(printable(str(value)).split("\n"))
         if self.format == "%":
             return format_percent(value)
         digits, kind = int(self.format[:-1]), self.format[-1]
@@ -139,6 +140,10 @@ class Table:
     title: str = ""
     rules: tuple[int, ...] = ()
     note: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "title", printable(self.title))
+        object.__setattr__(self, "note", printable(self.note))
 
     @classmethod
     def from_records(cls, columns: Mapping[str, Column], records: Iterable[Mapping[str, Any]], **options: Any) -> Table:
@@ -215,6 +220,13 @@ class Summary:
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     parts: tuple[Summary, ...] = ()
+
+    def __post_init__(self) -> None:
+        for field in ("title", "about"):
+            object.__setattr__(self, field, printable(getattr(self, field)))
+        for field in ("alerts", "notes", "warnings"):
+            object.__setattr__(self, field, tuple(map(printable, getattr(self, field))))
+        object.__setattr__(self, "facts", tuple((printable(name), printable(value)) for name, value in self.facts))
 
     @property
     def head(self) -> str:
@@ -322,6 +334,20 @@ def table_of_frame(frame: Any, columns: Mapping[str, Column] | None = None, digi
             name: Column(str(name), f"{digits}g") if numeric[name] else text_column(str(name)) for name in frame.columns
         }
     return Table(tuple(columns.values()), rows_of_frame(frame, columns), **options)
+
+
+def csv_of_frame(frame: Any, path: Any = None, **options: Any) -> str | None:
+    """Write a DataFrame as CSV without its index, or return the text; no cell is a formula to a spreadsheet."""
+    words = frame.select_dtypes(exclude="number").columns
+    safe = frame.copy()
+    for name in words:
+        safe[name] = safe[name].map(_csv_cell)
+    written: str | None = safe.rename(columns=_csv_cell).to_csv(path, index=False, **options)
+    return written
+
+
+def _csv_cell(value: Any) -> Any:
+    return csv_text(printable(value)) if isinstance(value, str) else value
 
 
 def one_line(summary: Summary, width: int = 160) -> str:

@@ -30,6 +30,7 @@ from structsel.inputs import Information, InputComparison, InputDesign, Scatter
 from structsel.inputs.settings import DesignOptions, InputOptions
 from structsel.recording import Recording, write_recording
 from structsel.simulation import LinearModel, PublishedAircraft
+from structsel.tables import csv_of_frame
 
 EPILOG = epilog(
     [
@@ -292,7 +293,7 @@ def _write(
             write_recording(one, folder / f"{one.name.replace(' ', '-')}.csv")
         (folder / "inputs.json").write_text(json_text(content), encoding="utf-8")
         if isinstance(found, InputComparison):
-            found.to_frame().to_csv(folder / "comparison.csv", index=False)
+            csv_of_frame(found.to_frame(), folder / "comparison.csv")
         if plots:
             from structsel.plotting import draw_inputs  # matplotlib takes a while to load
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+import re
 import sys
 import threading
 import time
@@ -21,6 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.text import Text
 
 from structsel.cli.input_files import provenance
+from structsel.formatting import printable
 
 PROGRESS_DELAY = 2.0
 """Seconds of work before a progress bar is shown."""
@@ -102,7 +104,7 @@ def say(kind: str, message: str) -> None:
     """Print an error, warning or note on stderr."""
     if kind == "note" and is_quiet():
         return
-    text = Text.assemble((f"{kind}: ", _STYLES[kind]), message)
+    text = Text.assemble((f"{kind}: ", _STYLES[kind]), printable(message))
     Console(stderr=True, highlight=False).print(text, soft_wrap=True)
 
 
@@ -187,7 +189,9 @@ def json_text(content: Any) -> str:
     """Return a result as JSON with its provenance; numbers that are not finite become null."""
     if isinstance(content, dict) and "schema" in content:
         content = {**content, "provenance": provenance()}
-    return json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    # JSON itself escapes the control characters below 32 only; a terminal obeys these too.
+    return re.sub("[\x7f-\x9f]", lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def _plain(content: Any) -> Any:

@@ -35,6 +35,7 @@ from structsel.reconstruction import METHODS, Reconstructions, ReconstructOption
 from structsel.reconstruction.result import COLUMN_NOTES
 from structsel.recording import Recording, write_recording
 from structsel.report import write_report
+from structsel.tables import csv_of_frame
 
 EPILOG = epilog(
     [
@@ -177,7 +178,7 @@ def _write_one(folder: Path, results: Reconstructions, method: str, file_format:
     heads = [one.to_frame().assign(manoeuvre=one.name, method=method, trusted=one.trusted) for one in results]
     table = pd.concat(heads, ignore_index=True)
     first = ["manoeuvre", "method", "trusted"]
-    table[[*first, *(name for name in table if name not in first)]].to_csv(folder / "constants.csv", index=False)
+    csv_of_frame(table[[*first, *(name for name in table if name not in first)]], folder / "constants.csv")
     if plots:
         _write_plots(folder / "plots", results)
 

@@ -30,6 +30,7 @@ from structsel.refinement import Refinement, refine
 from structsel.refinement.settings import RefineOptions
 from structsel.report import write_report
 from structsel.simulation import LinearModel, PublishedAircraft
+from structsel.tables import csv_of_frame
 from structsel.validation import Resimulation, resimulate
 
 EPILOG = epilog(
@@ -200,8 +201,8 @@ def _write(
         if isinstance(found.model, AeroModel):
             _mark(found, failed).to_json(folder / "model.json", provenance=provenance())
         (folder / "refinement.json").write_text(json_text(_as_dict(found, replays, failed)), encoding="utf-8")
-        found.to_frame().to_csv(folder / "parameters.csv", index=False)
-        found.history().to_csv(folder / "history.csv", index=False)
+        csv_of_frame(found.to_frame(), folder / "parameters.csv")
+        csv_of_frame(found.history(), folder / "history.csv")
         report = [str(found), *(f"{name} the refinement\n{one}" for name, one in replays.items())]
         (folder / "report.txt").write_text("\n\n".join(report) + "\n", encoding="utf-8")
         reasons = [] if failed is None else [str(failed)]

@@ -12,6 +12,7 @@ from structsel.cli.messages import ProgressBar, json_text
 from structsel.recording import Recording
 from structsel.report import write_comparison, write_report
 from structsel.selection import Selections
+from structsel.tables import csv_of_frame
 from structsel.validation import Validation
 
 
@@ -60,7 +61,7 @@ def write_results(
 def _write_one(folder: Path, mark: str, selections: Selections, scores: Validation | None) -> None:
     selections.model.to_json(folder / f"model{mark}.json", provenance=provenance())
     (folder / f"selection{mark}.json").write_text(json_text(selections.to_dict()), encoding="utf-8")
-    selections.to_frame().to_csv(folder / f"terms{mark}.csv", index=False)
+    csv_of_frame(selections.to_frame(), folder / f"terms{mark}.csv")
     (folder / f"terms{mark}.tex").write_text(selections.model.latex() + "\n", encoding="utf-8")
     report = [str(selections)] + ([str(scores)] if scores is not None else [])
     (folder / f"report{mark}.txt").write_text("\n\n".join(report) + "\n", encoding="utf-8")

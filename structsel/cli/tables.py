@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from structsel.formatting import printable
 from structsel.tables import Cell, Column, Summary, Table
 
 _LEAST_WIDTH = 10  # characters of a column of words if the table is too wide
@@ -97,4 +98,4 @@ def print_warnings(console: Console, warnings: Iterable[str]) -> None:
 
 def print_files(console: Console, folder: str, names: Sequence[str]) -> None:
     """Print the names of the files that were written."""
-    console.print(Text(f"Written to {folder}: {', '.join(names)}."), soft_wrap=True)
+    console.print(Text(printable(f"Written to {folder}: {', '.join(names)}.")), soft_wrap=True)

@@ -29,6 +29,7 @@ from structsel.cli.tables import print_files, print_summary
 from structsel.formatting import count_of
 from structsel.model import AeroModel
 from structsel.simulation.atmosphere import Atmosphere
+from structsel.tables import csv_of_frame
 from structsel.validation import Resimulation, resimulate, validate
 
 EPILOG = epilog(
@@ -150,7 +151,7 @@ def _write(out: Path, found: Resimulation, plots: bool) -> list[str]:
     """Write everything, or nothing; return the names written."""
     with output_folder(out) as folder:
         (folder / "replay.json").write_text(json_text(found.to_dict()), encoding="utf-8")
-        found.to_frame().to_csv(folder / "replay.csv", index=False)
+        csv_of_frame(found.to_frame(), folder / "replay.csv")
         if plots:
             from structsel.plotting import draw_resimulation  # matplotlib takes a while to load
 
