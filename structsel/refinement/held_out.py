@@ -65,7 +65,10 @@ class HeldOutComparison:
 
     @property
     def verdict(self) -> Verdict:
-        """Better or worse if the mean difference exceeds its standard error; first, fewer or more divergences."""
+        """Better or worse if the mean difference exceeds its standard error; first, fewer or more divergences.
+
+        One standard error is a weak test: without any difference, about two of five verdicts are better or worse.
+        """
         before, after = self.diverged
         if before != after:
             return "worse" if after > before else "better"
