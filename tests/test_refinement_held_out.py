@@ -253,3 +253,9 @@ def test_the_command_leads_with_the_verdict_and_keeps_the_original_where_it_is_w
     assert kept["Cm"]["de"] == pytest.approx(TRUTH["de"] / 1.3, rel=0.1)
     assert kept.refinement.startswith("worse on held-out recordings")
     assert [str(term) for term in kept["Cm"].held] == ["1", "q_hat"]
+
+
+def test_constants_of_single_recordings_go_where_their_mean_is_estimated():
+    before = ResponseModel(("1", "alpha"), [0.1, -0.5], constants={"m01": 0.09, "m02": 0.11})
+    assert refine_response(before, {0: 0.2}, np.array([[0.01]]), "output error").constants == {}
+    assert refine_response(before, {1: -0.6}, np.array([[0.04]]), "output error").constants == before.constants

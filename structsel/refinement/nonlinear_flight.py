@@ -164,7 +164,9 @@ def refine_response(
     """A response with the values of some terms estimated anew, the others held.
 
     The covariance is block-wise: that of the refinement for estimated terms, that of the model before for held ones,
-    zero between the two. The estimates depend on the held values, so the zero is an approximation, and the errors of
+    zero between the two. Constants of single recordings are left out where their mean is estimated.
+
+    The estimates depend on the held values, so the zero is an approximation, and the errors of
     the estimates are those for held values that are exact. Where a block is not known, there is no covariance, and the
     standard errors alone are kept.
 
@@ -192,6 +194,7 @@ def refine_response(
     return replace(
         before, values=values, covariance=joint, standard_errors=errors, method=method, residuals="coloured",
         biased=before.biased and bool(held), held=tuple(before.terms[i] for i in held), s2=np.nan, r2=np.nan, n=0,
+        constants={} if any(before.terms[i].is_constant for i in places) else before.constants,
     )  # fmt: skip
 
 
