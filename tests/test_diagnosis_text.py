@@ -143,7 +143,7 @@ def test_figures_that_are_not_known_are_left_out_rather_than_printed():
         (ParameterEstimate(math.radians(11.52), math.radians(0.31), "rad"), "11.5 +- 0.3 deg"),
         (ParameterEstimate(0.05, 0.007, "relative"), "5.0 +- 0.7 %"),
         (ParameterEstimate(-812.0, 45.0, "N"), "-812 +- 45 N"),
-        (ParameterEstimate(2.0e-5, 3.0e-6, "-"), "2e-05 +- 3e-06"),
+        (ParameterEstimate(2.0e-5, 3.0e-6, "-"), "2e-5 +- 3e-6"),
         (ParameterEstimate(0.5, 0.0, "m"), "0.5 m"),
         (ParameterEstimate(-4.02, 0.3, "1/rad"), "-4.0 +- 0.3 1/rad"),
     ],
