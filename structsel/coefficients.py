@@ -19,7 +19,7 @@ from structsel.numerics import rigid_body as rb
 from structsel.numerics.air_data import air_data_at_cg, lift_and_drag
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.readers.table import MOVED_TO_CG
-from structsel.recording import Finding, Recording
+from structsel.recording import Finding, Recording, with_entry_findings
 
 _WHO = "compute_coefficients"
 _OPTIONAL = (
@@ -140,6 +140,7 @@ class _Computation:
         recording.require("V", "alpha", "ax", "az", finite=True, by=_WHO)
         recording.require(*(name for name in _OPTIONAL if name in recording), finite=True, by=_WHO)
         self.aircraft, self.method, self.order = aircraft, method, order
+        recording = with_entry_findings(recording)
         # Findings of an earlier run would speak of channels that are made anew.
         old = tuple(f for f in recording.findings if f.kind not in _KINDS)
         self.recording = replace(recording, findings=old)

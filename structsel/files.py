@@ -34,6 +34,11 @@ def replacing(path: Path) -> Iterator[Path]:
             partial.unlink(missing_ok=True)
 
 
+def path_text(path: str | os.PathLike[str]) -> str:
+    r"""A path as text that can be written: bytes that are not UTF-8 as ``\xff``."""
+    return os.fsencode(path).decode("utf-8", "backslashreplace")
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text file in UTF-8, lines ended as in the text; as `replacing`."""
     with replacing(path) as partial:

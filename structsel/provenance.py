@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import scipy
 
+from structsel.files import path_text
+
 
 def provenance_of(files: Iterable[str | Path] = ()) -> dict[str, Any]:
     """What made a result, for the result to carry.
@@ -33,7 +35,7 @@ def provenance_of(files: Iterable[str | Path] = ()) -> dict[str, Any]:
     paths = dict.fromkeys(map(Path, files))
     return {
         "versions": versions(),
-        "inputs": [{"file": str(path), "sha256": sha256_of(path)} for path in paths],
+        "inputs": [{"file": path_text(path), "sha256": sha256_of(path)} for path in paths],
     }
 
 

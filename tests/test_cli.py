@@ -411,3 +411,16 @@ def test_the_demo_shows_models_with_their_truth_and_leaves_files_to_continue_wit
     assert go_on
     flights, aircraft, options = go_on[0]
     run("select", flights, "--aircraft", aircraft, *options.split(), "--bootstrap", 0, "--degree", 1)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="file names of any bytes exist on Linux")
+def test_file_names_that_are_not_utf8_are_read_and_written_in_full(tmp_path):
+    folder, out = (os.fsdecode(os.fsencode(tmp_path) + name) for name in (b"/d\xff", b"/o\xff"))
+    os.mkdir(folder)
+    write_recording(demo_flights(1)[0][0], tmp_path / "m.csv")
+    os.rename(tmp_path / "m.csv", os.fsdecode(os.fsencode(folder) + b"/m\xff.csv"))
+    run("select", folder, "--responses", "az", "--candidates", "alpha", "--bootstrap", "0", "--no-plots", "--out", out)
+    model = json.loads((Path(out) / "model.json").read_text(encoding="utf-8"))
+    (source,) = model["provenance"]["inputs"]
+    assert source["file"].endswith("/d\\xff/m\\xff.csv")
+    assert len(source["sha256"]) == 64

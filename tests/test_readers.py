@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 
 import numpy as np
 import pytest
@@ -186,8 +187,8 @@ def test_a_clock_that_is_no_number_throughout_is_named_with_its_line(tmp_path):
         DataError, match=r"column 't' contains something other than numbers: sample 2 \(line 4\) reads '# end'"
     ):
         read_recording(path)
-    path = write(tmp_path / "m.csv", "t,V\n2024-05-01T12:00:00,1\n2024-05-01T12:00:01,2\n")
-    with pytest.raises(DataError, match=r"column 't' .*: text, such as '2024-05-01T12:00:00'"):
+    path = write(tmp_path / "m.csv", "t,V\nnoon,1\nafternoon,2\n")
+    with pytest.raises(DataError, match=r"column 't' .*: text, such as 'noon'"):
         read_recording(path)
 
 
@@ -349,3 +350,59 @@ def test_empty_folders_empty_lists_and_equal_names_are_refused(tmp_path):
     write(tmp_path / "m.txt", "t,alpha,V\n" + lines())
     with pytest.raises(DataError, match=r"would both be called 'm'"):
         read_recordings(tmp_path)
+
+
+# --- time stamps as text -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("stamps", "expected"),
+    [
+        (["2024-05-01T23:59:59.5Z", "2024-05-02T00:00:00Z", "2024-05-02T00:00:00.25Z"], [0.0, 0.5, 0.75]),
+        (["2024-05-01 12:00:00", "2024-05-01 12:00:01", "2024-05-01 12:00:02"], [0.0, 1.0, 2.0]),
+        (["23:59:59.5", "00:00:00.0", "00:00:00.5"], [86399.5, 86400.0, 86400.5]),
+        (["9:00:00", "9:00:01", "9:00:02"], [32400.0, 32401.0, 32402.0]),
+    ],
+    ids=["ISO 8601, over midnight", "date and time", "time of day, over midnight", "no leading zero"],
+)
+def test_time_stamps_as_text_are_read_as_seconds(tmp_path, stamps, expected):
+    path = tmp_path / "m.csv"
+    path.write_text("t,alpha\n" + "".join(f"{stamp},{0.1 * i}\n" for i, stamp in enumerate(stamps)), encoding="utf-8")
+    recording = read_recording(path)
+    assert_allclose(recording.t, expected, atol=1e-9)
+    assert any("column 't'" in note for note in recording.provenance)
+    # Under another name a map places it.
+    path.write_text(path.read_text(encoding="utf-8").replace("t,", "stamp,"), encoding="utf-8")
+    assert_allclose(read_recording(path, {"channels": {"t": "stamp", "alpha": "alpha"}}).t, expected, atol=1e-9)
+
+
+def test_a_time_stamp_that_is_none_is_named_with_its_line(tmp_path):
+    path = tmp_path / "m.csv"
+    path.write_text("t,alpha\n12:00:00,0.1\n12:00:61,0.2\n12:00:02,0.3\n", encoding="utf-8")
+    with pytest.raises(DataError, match="'12:00"):
+        read_recording(path)
+
+
+# --- files that are no files, many columns ---------------------------------------------------------
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
+def test_a_pipe_is_refused_at_once_as_a_recording_and_as_a_map(tmp_path):
+    os.mkfifo(tmp_path / "m.csv")
+    with pytest.raises(DataError, match="is a pipe or a device"):
+        read_recording(tmp_path / "m.csv")
+    os.mkfifo(tmp_path / "map.toml")
+    (tmp_path / "n.csv").write_text("t,alpha\n0,1\n1,2\n", encoding="utf-8")
+    with pytest.raises(MapError, match="is a pipe or a device"):
+        read_recording(tmp_path / "n.csv", tmp_path / "map.toml")
+
+
+@pytest.mark.slow
+def test_a_text_file_of_100_000_columns_is_read(tmp_path):
+    path = tmp_path / "wide.csv"
+    names = ",".join(["t", *(f"x{j}" for j in range(1, 100_000))])
+    rows = [",".join([f"{0.1 * i}", *[str(i % 3)] * 99_999]) for i in range(3)]
+    path.write_text("\n".join([names, *rows]) + "\n", encoding="utf-8")
+    recording = read_recording(path)
+    assert len(recording.names) == 99_999
+    assert_allclose(recording["x99999"], [0.0, 1.0, 2.0])

@@ -26,6 +26,7 @@ from structsel.cli.recordings import (
 )
 from structsel.cli.tables import print_files
 from structsel.errors import DataError
+from structsel.files import path_text
 from structsel.recording import Recording, write_recording
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def run(
     else:
         _print_text(found)
         if out is not None:
-            print_files(stdout(), str(out), written)
+            print_files(stdout(), path_text(out), written)
 
 
 def _is_model(simulation: str) -> bool:

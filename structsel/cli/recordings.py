@@ -17,6 +17,7 @@ from structsel.errors import DataError, ReconstructionError, SelectionError
 from structsel.readers.channel_map import load_channel_map
 from structsel.reconstruction import METHODS, Reconstructions, reconstruct_all
 from structsel.recording import Recording, StoredRecording, read_recordings, split_manoeuvres
+from structsel.recording.sets import same_flights
 
 Flight = TypeVar("Flight", Recording, StoredRecording)
 
@@ -202,7 +203,7 @@ def reconstruct_paths(recordings: Sequence[Recording], aircraft_model: Aircraft,
 
 
 def report_findings(recordings: Sequence[Recording | StoredRecording], wanted: set[str] | None = None) -> None:
-    """Print the findings of the checks on stderr; equal findings of several recordings once."""
+    """Print the findings of the checks on stderr, equal ones of several recordings once, and flights given twice."""
     unused = set() if wanted is None else {"V_ratio", "mach", "CT"} - wanted
     # Samples that are not numbers raise an error where a command needs them, and do not matter elsewhere.
     severities = {"warning"} if wanted is not None else {"warning", "error"}
@@ -217,6 +218,8 @@ def report_findings(recordings: Sequence[Recording | StoredRecording], wanted: s
         name, text = found[0]
         more = f" (and in {len(found) - 1} more)" if len(found) > 1 else ""
         say(kind, f"{name}{more}: {text}")
+    for text in same_flights(recordings):
+        say("warning", text)
 
 
 def hold_out(recordings: Sequence[Flight], names: str) -> tuple[list[Flight], list[Flight]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,7 +31,8 @@ from structsel.cli.selection_files import write_results
 from structsel.cli.streaming import StreamingOptions, report_sample, stream_flights
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import SelectionError
-from structsel.recording import Recording, StoredRecording
+from structsel.files import path_text
+from structsel.recording import DataWarning, Recording, StoredRecording
 from structsel.selection import Selections, select
 from structsel.selection.methods import METHODS
 from structsel.selection.result import COLUMN_NOTES
@@ -184,7 +186,9 @@ def run(
         held = [flight.read() for flight in stored]
     else:
         used, held = hold_out(recorded.read(files, needed), held_out)
-    found = _select_by(method, used, wanted, pool, options, streaming.checkpoint_file(output.out, streamed))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # printed when the recordings were read
+        found = _select_by(method, used, wanted, pool, options, streaming.checkpoint_file(output.out, streamed))
     scores = {name: validate(s.model, held) for name, s in found.items()} if held else {}
     _show(found, scores, used, held, output)
 
@@ -210,7 +214,7 @@ def _show(
     else:
         _print(found, scores, output.trace)
         if output.out is not None:
-            print_files(stdout(), str(output.out), written)
+            print_files(stdout(), path_text(output.out), written)
 
 
 def _select_by(

@@ -17,7 +17,7 @@ from structsel.comparison.surrogate import Surrogate, find_surrogate, identify
 from structsel.errors import DataError
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.recording import Recording
+from structsel.recording import Recording, warn_of_entry_errors
 
 _HELD = ("de", "da", "dr", "df", "throttle")
 
@@ -51,6 +51,7 @@ def prepare(
     if twice := sorted({n for n in names if names.count(n) > 1}):
         raise DataError(f"two recordings are called '{twice[0]}'. Rename one.")
     check_recorded(recordings)
+    warn_of_entry_errors(recordings, stacklevel=4)
     simulation = open_simulation(source, recordings, aircraft)
     remarks: list[str] = []
     tell = progress or (lambda what, done, of: None)

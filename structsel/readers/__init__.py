@@ -71,6 +71,10 @@ def read_table(path: Path, options: FileOptions) -> FileTable:
         raise DataError(f"there is no file '{path}'.")
     if path.is_dir():
         raise DataError(f"'{path}' is a folder; read_recordings() reads one.")
+    if not path.is_file():
+        raise DataError(
+            f"'{path}' is a pipe or a device, which cannot be read twice. Write its content to a file, and give that."
+        )
     reader = READERS.get(format_of(path))
     if reader is None:
         raise DataError(

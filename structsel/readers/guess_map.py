@@ -287,7 +287,7 @@ def _combine_left_right(table: FileTable, placed: dict[str, list[Guess]]) -> Non
 def _time_by_values(table: FileTable, used: Collection[str]) -> list[Guess]:
     """First column that increases evenly, as a time does, and is not another channel."""
     for number, (column, values) in enumerate(table.columns.items(), 1):
-        if column in used:
+        if column in used or not is_convertible(table.units.get(column, "s"), "s"):
             continue
         steps = np.diff(np.asarray(values, dtype=np.float64))
         if (

@@ -31,6 +31,9 @@ def load_toml(path: Path, what: str, error: type[StructselError]) -> dict[str, A
         Of the type `error`: the file cannot be read, is no TOML, is nested too deeply, or holds a whole number of more
         than 64 bits.
     """
+    if path.exists() and not path.is_file():
+        kind = "a folder" if path.is_dir() else "a pipe or a device"
+        raise error(f"{what} '{path}' is {kind}, not a file.")
     try:
         text = path.read_text(encoding="utf-8")
         if (longest := max(map(len, text.splitlines()), default=0)) > _LONGEST:

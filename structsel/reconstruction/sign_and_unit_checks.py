@@ -23,11 +23,10 @@ from structsel.errors import DataError
 from structsel.nomenclature import BODY_RATES, EULER_ANGLES, SPECIFIC_FORCES
 from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import body_velocity, cross
+from structsel.numerics.kinematic_closure import closure_sides
 from structsel.numerics.signal_quality import noise_level
 from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Recording
-from structsel.recording.unit_checks import window_means, window_slopes
 
 _WINDOW = 0.5  # s
 _MIN_SAMPLES = 40
@@ -202,28 +201,8 @@ def _equation_residuals(
     if len(t) < 2 * k + _MIN_SAMPLES:
         return None
 
-    def mean(x: np.ndarray) -> np.ndarray:
-        return window_means(t, x, k)
-
-    def change(x: np.ndarray) -> np.ndarray:
-        return window_slopes(t, x, k)
-
-    phi, theta, p, q, r = (c[name] for name in ("phi", "theta", "p", "q", "r"))
-    sf, cf, st, ct = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
-    u, v, w = body_velocity(c["V"], c["alpha"], c["beta"])
-    rotation = cross((p, q, r), tuple(c[_POSITION]))
-    u, v, w = u - rotation[0], v - rotation[1], w - rotation[2]
-    g = problem.g
-    pairs = {
-        "q": (mean(q), change(theta) + mean(r * sf + q * (1.0 - cf))),
-        "ax": (mean(c["ax"]), change(u) + mean(g * st + q * w - r * v)),
-        "az": (mean(c["az"]), change(w) - mean(g * ct * cf - p * v + q * u)),
-        "h": (change(c["h"]), mean(u * st - (v * sf + w * cf) * ct)),
-    }
-    if lateral:
-        pairs["p"] = mean(p), change(phi) - mean((q * sf + r * cf) * st / ct)
-        pairs["r"] = mean(r), change(c["psi"]) - mean((q * sf + r * cf) / ct - r)
-        pairs["ay"] = mean(c["ay"]), change(v) - mean(g * ct * sf - r * u + p * w)
+    equations = ("q", "ax", "az", "h", "p", "r", "ay") if lateral else ("q", "ax", "az", "h")
+    pairs = closure_sides(t, c, k, equations, g=problem.g, vane_position=c[_POSITION])
     speed = float(np.nanmedian(np.abs(c["V"])))
     each = np.sqrt(2.0) / (k * float(np.median(np.diff(t))))
     noise = {name: each * c[f"noise of {of}"] * by for name, (of, by) in _slopes_noise(speed).items()}

@@ -9,11 +9,12 @@ from structsel.recording.finding import Finding
 from structsel.recording.manoeuvres import FlightSegment, find_manoeuvres, split_manoeuvres
 from structsel.recording.reading import read_recording, read_recordings
 from structsel.recording.recording import Recording
-from structsel.recording.sets import require_recordings
+from structsel.recording.sets import DataWarning, require_recordings, warn_of_entry_errors, with_entry_findings
 from structsel.recording.stored import StoredRecording, stream_recordings
 from structsel.recording.writing import write_recording
 
 __all__ = [
+    "DataWarning",
     "Finding",
     "FlightSegment",
     "Recording",
@@ -24,6 +25,8 @@ __all__ = [
     "require_recordings",
     "split_manoeuvres",
     "stream_recordings",
+    "warn_of_entry_errors",
+    "with_entry_findings",
     "write_recording",
 ]
 

@@ -11,6 +11,7 @@ from structsel.errors import DataError
 from structsel.formatting import count_of
 from structsel.nomenclature import find_channel, is_known
 from structsel.recording.finding import Finding
+from structsel.recording.kinematic_checks import find_kinematic_errors
 from structsel.recording.repeated_values import run_lengths, stuck_intervals
 from structsel.recording.unit_checks import find_unit_errors
 
@@ -18,7 +19,9 @@ GAP = 3.0
 """A time step longer than this many median steps is a gap: the manoeuvre ends there."""
 DROPPED = 1.5
 """In a time step longer than this many median steps, and not a gap, single samples are missing."""
-RECOMPUTED_KINDS = ("gap", "dropped", "jitter", "not-finite", "constant", "stuck", "implausible", "unit", "sign")
+RECOMPUTED_KINDS = (
+    "gap", "dropped", "jitter", "not-finite", "constant", "stuck", "implausible", "unit", "sign", "swap", "scale"
+)  # fmt: skip
 """Kinds of findings that `check_recording` computes from the samples, each time anew."""
 _JITTER = 0.05  # of the median step; chosen, not critical
 _INSTRUMENTS = ("air data", "attitude", "rates", "motion")  # groups of channels that are never constant in flight
@@ -88,7 +91,14 @@ def check_recording(t: np.ndarray, channels: Mapping[str, np.ndarray]) -> tuple[
     found = check_time(t)
     for name, values in channels.items():
         found += check_channel(name, t, values)
-    return (*found, *find_unit_errors(t, channels))
+    return (*found, *find_unit_and_sign_errors(t, channels))
+
+
+def find_unit_and_sign_errors(t: np.ndarray, channels: Mapping[str, np.ndarray]) -> list[Finding]:
+    """Findings from relations between channels: units, signs, exchanged channels, and the clock."""
+    kinematic = find_kinematic_errors(t, channels)
+    known = {(f.kind, f.channel) for f in kinematic}
+    return [*(f for f in find_unit_errors(channels) if (f.kind, f.channel) not in known), *kinematic]
 
 
 def check_time(t: np.ndarray) -> list[Finding]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from structsel.errors import DataError
+from structsel.files import path_text
 from structsel.readers import READERS, format_of, read_table
 from structsel.readers.channel_map import ChannelMap, FileOptions, load_channel_map
 from structsel.recording.checks import require_time
@@ -61,9 +62,10 @@ def load(path: Path, mapped: ChannelMap | None, name: str | None = None) -> Reco
     table = read_table(path, mapped.file if mapped is not None else FileOptions())
     channels = to_channels(table, mapped)
     require_time(channels.t, table.path)
-    origin = f"read from '{path}'" + (f" through '{mapped.source}'" if mapped is not None else "")
+    through = f" through '{path_text(mapped.source)}'" if mapped is not None else ""
+    origin = f"read from '{path_text(path)}'{through}"
     return Recording(
-        name or _stem(path),
+        name or path_text(_stem(path)),
         channels.t,
         channels.values,
         channels.units,

@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
-from structsel.errors import DataError
+import numpy as np
+
+from structsel.errors import DataError, StructselWarning
+from structsel.nomenclature import find_channel, is_known
+from structsel.recording.checks import find_unit_and_sign_errors
+from structsel.recording.finding import Finding
 from structsel.recording.recording import Recording
+from structsel.recording.stored import StoredRecording, channel_digests
+
+RELATIONS = ("unit", "sign", "swap", "scale")
+"""Kinds of findings from relations between channels."""
+
+
+class DataWarning(StructselWarning):
+    """The recordings given to a function contradict themselves, or contain one flight twice."""
 
 
 def require_recordings(recordings: Sequence[Recording], *, samples: int = 1, by: str) -> None:
@@ -23,3 +38,75 @@ def require_recordings(recordings: Sequence[Recording], *, samples: int = 1, by:
         raise DataError(f"{by} was given {', '.join(twice)} more than once. Give the recordings different names.")
     if short := [r for r in recordings if len(r) < samples]:
         raise DataError(f"{by} needs {samples} samples or more; '{short[0].name}' has {len(short[0])}.")
+
+
+def find_entry_errors(recording: Recording | StoredRecording) -> list[Finding]:
+    """Findings of a recording about units, signs and the clock; computed if it has not been checked.
+
+    They include channels whose typical value is outside the plausible range.
+    """
+    known = [f for f in recording.findings if f.kind in (*RELATIONS, "implausible") and f.severity == "warning"]
+    if known or isinstance(recording, StoredRecording):
+        return [f for f in known if f.kind in RELATIONS or 2 * f.count > len(recording)]
+    outside = [
+        Finding("implausible", name, f"its median is {median:.4g} {row.unit}", remedy=f"it looks like {row.hint}")
+        for name, values in recording.channels.items()
+        if is_known(name) and np.isfinite(values).any()
+        for row, median in [(find_channel(name), float(np.nanmedian(values)))]
+        if row.hint and not row.low <= median <= row.high
+    ]
+    return [*outside, *find_unit_and_sign_errors(recording.t, recording.channels)]
+
+
+def with_entry_findings(recording: Recording) -> Recording:
+    """The recording with findings about units, signs and the clock, which those from `read_recording` have."""
+    new = [f for f in find_entry_errors(recording) if f not in recording.findings]
+    return replace(recording, findings=(*recording.findings, *new)) if new else recording
+
+
+def warn_of_entry_errors(recordings: Sequence[Recording | StoredRecording], stacklevel: int = 3) -> None:
+    """Warn of units, signs and clocks that are probably wrong, and of flights that were given twice.
+
+    Warns
+    -----
+    DataWarning
+        One for each kind and channel, with the first recording and the number of others; one for each flight given
+        twice.
+    """
+    alike: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
+    for recording in recordings:
+        for finding in find_entry_errors(recording):
+            alike.setdefault((finding.kind, finding.channel), []).append((recording.name, finding))
+    texts = []
+    for found in alike.values():
+        name, first = found[0]
+        more = f" (and in {len(found) - 1} more)" if len(found) > 1 else ""
+        texts.append(f"{name}{more}: {str(first).removeprefix('warning: ')}")
+    for text in (*texts, *same_flights(recordings)):
+        warnings.warn(DataWarning(text), stacklevel=stacklevel)
+
+
+def same_flights(recordings: Sequence[Recording | StoredRecording]) -> list[str]:
+    """A sentence for each recording whose samples are those of one before it, whatever its name and time of day."""
+    seen: dict[tuple[int, str, str], list[tuple[str, Mapping[str, str]]]] = {}
+    found = []
+    for recording in recordings:
+        digests = recording.digests if isinstance(recording, StoredRecording) else channel_digests(recording)
+        for other, theirs in _candidates(seen, len(recording), digests):
+            if all(theirs[name] == digest for name, digest in digests.items() if name in theirs):
+                found.append(
+                    f"'{recording.name}' and '{other}' contain the same samples: one flight under two names. Leave "
+                    "one out: cross-validation does not test a model with it, and standard errors are too small."
+                )
+                break
+        for name, digest in digests.items():
+            seen.setdefault((len(recording), name, digest), []).append((recording.name, digests))
+    return found
+
+
+def _candidates(
+    seen: Mapping[tuple[int, str, str], list[tuple[str, Mapping[str, str]]]], samples: int, digests: Mapping[str, str]
+) -> list[tuple[str, Mapping[str, str]]]:
+    """Recordings of this length with at least one equal channel."""
+    found = {name: theirs for key, d in digests.items() for name, theirs in seen.get((samples, key, d), ())}
+    return list(found.items())

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,15 @@ class Origin:
         return recording if self.prepare is None else self.prepare(recording)
 
 
+def channel_digests(recording: Recording) -> dict[str, str]:
+    """Digest of the samples of each channel that varies; equal for equal samples."""
+    return {
+        name: hashlib.blake2b(values.tobytes(), digest_size=16).hexdigest()
+        for name, values in recording.channels.items()
+        if len(values) and np.any(values != values[0])
+    }
+
+
 class _Cache(threading.local):
     """The last manoeuvre that a thread read, so that memory contains one for each worker."""
 
@@ -77,6 +87,8 @@ class StoredRecording:
     provenance : tuple of str
     findings : tuple of Finding
     origin : Origin
+    digests : mapping of str to str
+        Digests of the samples of each channel that varies; see `channel_digests`.
     """
 
     name: str
@@ -87,6 +99,7 @@ class StoredRecording:
     provenance: tuple[str, ...]
     findings: tuple[Finding, ...]
     origin: Origin
+    digests: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return self.samples
@@ -194,7 +207,15 @@ def _list_file(
         one = part if prepare is None else prepare(part)
         listed.append(
             StoredRecording(
-                part.name, len(one), one.dt, one.names, dict(one.units), one.provenance, one.findings, origin
+                part.name,
+                len(one),
+                one.dt,
+                one.names,
+                dict(one.units),
+                one.provenance,
+                one.findings,
+                origin,
+                channel_digests(one),
             )
         )
     return listed

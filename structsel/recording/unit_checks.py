@@ -6,64 +6,22 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from structsel.recording.finding import Finding
 
-_SECONDS = 0.5  # over which a rate and the change of its angle are compared; single steps are mostly noise
-_DEGREES = 180.0 / np.pi
 _UNIT_REMEDY = "state the unit in the channel map"
 
 
-def window_means(t: np.ndarray, values: np.ndarray, samples: int) -> np.ndarray:
-    """(n - samples,) mean of a signal from each sample to the one so many samples later, by the trapezoidal rule.
-
-    NaN where a sample of the window is not finite.
-    """
-    finite = np.isfinite(values)
-    integral = cumulative_trapezoid(np.where(finite, values, 0.0), t, initial=0.0)
-    missing = np.concatenate(([0], np.cumsum(~finite)))
-    complete = missing[samples + 1 :] == missing[: -samples - 1]
-    return np.where(complete, (integral[samples:] - integral[:-samples]) / (t[samples:] - t[:-samples]), np.nan)
-
-
-def window_slopes(t: np.ndarray, values: np.ndarray, samples: int) -> np.ndarray:
-    """(n - samples,) mean derivative of a signal from each sample to the one so many samples later."""
-    return (values[samples:] - values[:-samples]) / (t[samples:] - t[:-samples])
-
-
-def find_unit_errors(t: np.ndarray, channels: Mapping[str, np.ndarray]) -> list[Finding]:
+def find_unit_errors(channels: Mapping[str, np.ndarray]) -> list[Finding]:
     """Findings about units and signs from relations between channels; channels that are not finite are not used."""
     usable = {name: values for name, values in channels.items() if np.isfinite(values).all()}
     found: list[Finding] = []
-    for rate, angle in (("p", "phi"), ("q", "theta")):
-        if rate in usable and angle in usable:
-            found += _check_rate(rate, angle, t, usable)
     if "az" in usable:
         found += _check_gravity(usable["az"])
     for relation in _RELATIONS:
         if all(name in usable for name in relation.needs):
             found += _check_relation(relation, usable)
     return found
-
-
-def _check_rate(rate: str, angle: str, t: np.ndarray, channels: Mapping[str, np.ndarray]) -> list[Finding]:
-    """Compare a body rate with the slope of its attitude angle; a factor of 57.3 is a unit."""
-    if len(t) < 20:
-        return []
-    k = max(1, min(len(t) // 10, round(_SECONDS / max(float(np.median(np.diff(t))), 1e-9))))
-    slope, mean_rate = window_slopes(t, channels[angle], k), window_means(t, channels[rate], k)
-    slope, mean_rate = slope - slope.mean(), mean_rate - mean_rate.mean()
-    scale = float(np.sqrt(np.mean(slope**2) * np.mean(mean_rate**2)))
-    covariance = float(np.mean(slope * mean_rate))
-    if scale == 0.0 or covariance < 0.8 * scale:
-        return []
-    ratio = float(np.mean(mean_rate**2)) / covariance
-    for factor, wrong, other in ((_DEGREES, rate, angle), (1.0 / _DEGREES, angle, rate)):
-        if 0.67 < ratio / factor < 1.5:
-            message = f"is {_DEGREES:.3g} times as large as '{other}' implies, as if degrees were fed as radians"
-            return [Finding("unit", wrong, message, "warning", 'state unit = "deg/s" or "deg" in the channel map')]
-    return []
 
 
 def _check_gravity(az: np.ndarray) -> list[Finding]:

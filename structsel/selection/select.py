@@ -16,7 +16,7 @@ from structsel.errors import SelectionError
 from structsel.numerics import criteria
 from structsel.numerics.blocks import JobRunner
 from structsel.options import takes_options
-from structsel.recording import Recording, StoredRecording
+from structsel.recording import Recording, StoredRecording, warn_of_entry_errors
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.checkpoint import Checkpoint
 from structsel.selection.data import AnyRecording, DataSummary, summarise_recordings
@@ -87,6 +87,7 @@ def select(
     """
     given = [recordings] if isinstance(recordings, Recording | StoredRecording) else list(recordings)
     wanted = [responses] if isinstance(responses, str) else list(responses)
+    warn_of_entry_errors(given, stacklevel=5)
     stored = any(isinstance(recording, StoredRecording) for recording in given)
     checking = (lambda done, of: progress("checking", done, of)) if stored and progress is not None else None
     workers = (options.workers or 2) if stored else 1

@@ -1,0 +1,118 @@
+"""Kinematic closure: the two sides of the equations that connect attitude, rates, air data, accelerations and altitude.
+
+Each equation is averaged over a window of k samples, which needs no derivative of a signal::
+
+    p:   mean(p)  = change of phi / time   - mean((q sin phi + r cos phi) tan theta)
+    q:   mean(q)  = change of theta / time + mean(r sin phi + q (1 - cos phi))
+    r:   mean(r)  = change of psi / time   - mean((q sin phi + r cos phi) / cos theta - r)
+    ax:  mean(ax) = change of u / time + mean(g sin theta + q w - r v)
+    ay:  mean(ay) = change of v / time - mean(g cos theta sin phi - r u + p w)
+    az:  mean(az) = change of w / time - mean(g cos theta cos phi - p v + q u)
+    h:   change of h / time = mean(u sin theta - (v sin phi + w cos phi) cos theta)
+
+with u, v, w from airspeed and vanes. Arrays only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from structsel.numerics.air_data import body_velocity, cross
+from structsel.numerics.arrays import Array
+
+NEEDS = {
+    "p": ("p", "phi", "theta"),
+    "q": ("q", "theta"),
+    "r": ("r", "psi", "theta"),
+    "ax": ("ax", "V", "alpha", "theta", "q"),
+    "ay": ("ay", "V", "alpha", "beta", "theta", "phi", "r"),
+    "az": ("az", "V", "alpha", "theta", "q"),
+    "h": ("h", "V", "alpha", "theta"),
+}
+"""Equation: the channels without which it has no meaning; others are zero if absent."""
+USES = {
+    **NEEDS,
+    "p": ("p", "q", "r", "phi", "theta"),
+    "q": ("q", "r", "phi", "theta"),
+    "r": ("q", "r", "phi", "theta", "psi"),
+    "az": ("p", "q", "az", "V", "alpha", "beta", "phi", "theta"),
+    "h": ("h", "V", "alpha", "beta", "phi", "theta"),
+}
+"""Equation: all channels in it."""
+
+
+def window_means(t: Array, values: Array, samples: int) -> Array:
+    """(n - samples,) mean of a signal from each sample to the one so many samples later, by the trapezoidal rule.
+
+    NaN where a sample of the window is not finite.
+    """
+    finite = np.isfinite(values)
+    integral = cumulative_trapezoid(np.where(finite, values, 0.0), t, initial=0.0)
+    missing = np.concatenate(([0], np.cumsum(~finite)))
+    complete = missing[samples + 1 :] == missing[: -samples - 1]
+    return np.where(complete, (integral[samples:] - integral[:-samples]) / (t[samples:] - t[:-samples]), np.nan)
+
+
+def window_slopes(t: Array, values: Array, samples: int) -> Array:
+    """(n - samples,) mean derivative of a signal from each sample to the one so many samples later."""
+    return np.asarray((values[samples:] - values[:-samples]) / (t[samples:] - t[:-samples]))
+
+
+def closure_sides(
+    t: Array,
+    channels: Mapping[str, Array],
+    samples: int,
+    equations: Sequence[str],
+    *,
+    g: float | Array,
+    vane_position: Array | None = None,
+) -> dict[str, tuple[Array, Array]]:
+    """Both sides of equations, averaged over windows of so many samples.
+
+    Parameters
+    ----------
+    t : (n,) array [s]
+    channels : mapping of str to (n,) array
+        SI units, radians; ``p, q, r, phi, beta`` are zero if absent. NaN where not sampled.
+    samples : int
+        k, below n.
+    equations : sequence of str
+        Those wanted; their `NEEDS` must be in `channels`.
+    g : float [m/s^2]
+    vane_position : (3,) array [m], optional
+        From the point of the accelerations to the vanes; zero if absent.
+
+    Returns
+    -------
+    dict of str to ((n - k,) array, (n - k,) array)
+        Left side and right side [rad/s, m/s^2 or m/s].
+    """
+    zero = np.zeros(len(t))
+    phi, theta, p, q, r = (channels.get(name, zero) for name in ("phi", "theta", "p", "q", "r"))
+    sf, cf, st, ct = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
+    u = v = w = zero
+    if "V" in channels and "alpha" in channels:
+        u, v, w = body_velocity(channels["V"], channels["alpha"], channels.get("beta", zero))
+        if vane_position is not None:
+            rotation = cross((p, q, r), tuple(vane_position))
+            u, v, w = u - rotation[0], v - rotation[1], w - rotation[2]
+
+    def mean(x: Array) -> Array:
+        return window_means(t, x, samples)
+
+    def change(x: Array) -> Array:
+        return window_slopes(t, x, samples)
+
+    made = {
+        "p": lambda: (mean(p), change(phi) - mean((q * sf + r * cf) * st / ct)),
+        "q": lambda: (mean(q), change(theta) + mean(r * sf + q * (1.0 - cf))),
+        "r": lambda: (mean(r), change(channels["psi"]) - mean((q * sf + r * cf) / ct - r)),
+        "ax": lambda: (mean(channels["ax"]), change(u) + mean(g * st + q * w - r * v)),
+        "ay": lambda: (mean(channels["ay"]), change(v) - mean(g * ct * sf - r * u + p * w)),
+        "az": lambda: (mean(channels["az"]), change(w) - mean(g * ct * cf - p * v + q * u)),
+        "h": lambda: (change(channels["h"]), mean(u * st - (v * sf + w * cf) * ct)),
+    }
+    return {name: made[name]() for name in equations}
