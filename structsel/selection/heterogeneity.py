@@ -27,6 +27,10 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.normal_equations import solve_normal_equations
 
+LEAST_FRACTION = 0.005
+"""Of the sum of squares of a term: a manoeuvre with less is not compared. The term hardly moves there, and its value
+follows from what it moves with. On the demonstration flights in turbulence the coverage of 95 % intervals is 91 to 92 %
+for values from 0 to 0.005 and 75 % at 0.02; at 0.001 an elevator manoeuvre makes the interval of Cl_da as large as Cl_da."""
 SIGNIFICANCE = 0.01  # of Cochran's Q, and of a manoeuvre's deviation among all, from which they are reported
 
 
@@ -95,7 +99,7 @@ def _of_term(
     left[at] = 1.0
     score, square = blocks @ residual @ left, np.maximum(np.einsum("i,bij,j->b", left, blocks, left), 0.0)
     q, s = np.bincount(group, square), np.bincount(group, score)
-    usable = q > 1e-6 * q.sum()  # manoeuvres in which the term moves at all
+    usable = q > LEAST_FRACTION * q.sum()
     q, s = np.where(usable, q, 1.0), np.where(usable, s, 0.0)
     deviation = s / q
     c = _samples_per_one(score - deviation[group] * square, square, group, s2)
