@@ -30,7 +30,7 @@ from structsel.numerics.normal_equations import solve_normal_equations
 LEAST_FRACTION = 0.005
 """Of the sum of squares of a term: a manoeuvre with less is not compared. The term hardly moves there, and its value
 follows from what it moves with. On the demonstration flights in turbulence the coverage of 95 % intervals is 91 to 92 %
-for values from 0 to 0.005 and 75 % at 0.02; at 0.001 an elevator manoeuvre makes that of Cl_da as large as its value."""
+for values up to 0.005 and 75 % at 0.02; at 0.001 an elevator manoeuvre makes that of Cl_da as large as its value."""
 SIGNIFICANCE = 0.01  # of Cochran's Q, and of a manoeuvre's deviation among all, from which they are reported
 
 
