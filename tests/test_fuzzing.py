@@ -39,7 +39,7 @@ MODEL = json.dumps(
             "CZ": {
                 "terms": ["1", "alpha", "alpha^2*q_hat", "(alpha - 0.2)+"],
                 "values": [0.1, -4.0, 1.0, 2.0],
-                "standard_errors": [0.1, 0.1, None, 0.1],
+                "standard_errors": [1.0, 1.0, None, 1.1],
                 "covariance": np.eye(4).tolist(),
                 "region": {"alpha": [0.0, 0.3]},
                 "n": 30,

@@ -70,7 +70,7 @@ def test_axes_at_angle_of_attack_turn_the_velocities_into_one_another():
 
 def test_hawk_steps_impulses_and_doublets_give_back_every_derivative_without_noise():
     for model in (hawk(), hawk("lateral")):
-        for method, more in (("stepwise", {}), ("orthogonal", {"sigma_max": 1e-9})):
+        for method, more in (("stepwise", {}), ("orthogonal", {"criterion": "PSE", "sigma_max": 1e-9})):
             found = _select(_flights(model), model, method=method, bootstrap=0, **more)
             for response, terms in _truth(model).items():
                 got = dict(zip(map(str, found[response].terms), found[response].values[1:]))
@@ -88,7 +88,7 @@ def test_hawk_derivatives_lie_within_their_intervals_when_accelerations_are_nois
     for model in (hawk(), hawk("lateral")):
         noise = {f"{s}_dot": 0.01 * np.std([f[f"{s}_dot"] for f in _flights(model)]) for s in model.states[:3]}
         for seed in range(20):
-            more = {"sigma_max": "residual"} if method == "orthogonal" else {}
+            more = {"criterion": "PSE", "sigma_max": "residual"} if method == "orthogonal" else {}
             found = _select(_flights(model, noise, seed), model, method=method, bootstrap=0, **more)
             for response, terms in _truth(model).items():
                 selection = found[response]

@@ -91,7 +91,7 @@ def test_a_positive_control_makes_a_negative_moment(jsbsim_output):
         assert abs(step) > 0.01
         assert (moment[after] - moment[before]) * step < 0.0, control
     (stated,) = [f for f in recording.findings if f.kind == "assumed"]
-    assert "most make a positive deflection a negative moment; so of da, dr" in stated.message
+    assert "most make a positive deflection a negative moment; also for da, dr" in stated.message
 
 
 def test_jsbsim_groups_alone_are_known_too(jsbsim_output, tmp_path):
@@ -153,7 +153,7 @@ def test_xplane_signs_are_turned_to_ours_and_said_to_be_on_trust(xplane):
     }.items():
         assert_allclose(recording[channel], value, rtol=1e-5, err_msg=channel)
     (stated,) = [f for f in recording.findings if f.kind == "assumed"]
-    assert (stated.channel, stated.message.rpartition("so of ")[2]) == ("beta", "ax, ay, dr")
+    assert (stated.channel, stated.message.rpartition("also for ")[2]) == ("beta", "ax, ay, dr")
 
 
 def test_headers_that_xplane_repeats_make_no_channel(xplane, tmp_path):

@@ -58,7 +58,7 @@ def test_over_the_full_band_it_is_output_error_in_time():
     assert np.abs(off).max() < 0.1
     assert_allclose([in_band[n].std_white for n in TRUTH], [in_time[n].std_white for n in TRUTH], rtol=0.05)
     assert_allclose(list(in_band.noise_std.values()), NOISE, rtol=0.12)
-    assert str(in_band).startswith("Output error from 0.01 to 9.999 Hz")
+    assert "\nOutput error from 0.01 to 9.999 Hz" in str(in_band)
     assert in_band.to_dict()["band"] == [0.01, 9.999]
     assert in_band.residuals["m01"]["q"].dtype == complex
     near = in_band.simulated[0]["w"] - flight["w"]

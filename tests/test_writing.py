@@ -8,7 +8,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from structsel import Aircraft, compute_coefficients, read_recording, stream_recordings, write_recording
 from structsel.demo import demo_aircraft, demo_flight
@@ -180,3 +180,9 @@ def test_remarks_of_other_programs_above_a_table_are_no_history(tmp_path):
     notes = read_recording(path).provenance
     assert notes[0] == f"read from '{path}'"
     assert not any("made by hand" in note for note in notes)
+
+
+def test_a_channel_whose_name_is_a_number_is_read_again(tmp_path):
+    recording = Recording("r", 0.02 * np.arange(3), {"1e5": np.array([1.0, 2.0, 3.0])})
+    write_recording(recording, tmp_path / "r.csv")
+    assert_array_equal(read_recording(tmp_path / "r.csv")["1e5"], recording["1e5"])

@@ -58,8 +58,9 @@ def read_text(path: Path, options: FileOptions) -> FileTable:
         raise DataError(f"'{path}' is empty" + (" after skip_rows." if options.skip_rows else "."))
     separator, width = _layout(body, options)
     decimal = options.decimal or _decimal(body, separator)
+    names_first = 1 if own else 0  # `write_recording` puts names above the samples, and a name may be a number
     start = next(
-        (i for i, line in enumerate(lines) if width and _is_data(_fields(line, separator), width)),
+        (i for i, line in enumerate(lines) if i >= names_first and width and _is_data(_fields(line, separator), width)),
         None,
     )
     if start is None:

@@ -15,6 +15,7 @@ from structsel.numerics.regressors import DataSource
 from structsel.selection.search import Search, prediction_error, solve, weights_without
 
 SIGNIFICANCE = 0.05  # of the test that constants differ
+ROUNDING = 1e-6  # of a squared error: a smaller difference decides nothing
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,8 @@ class WithoutConstants:
 def choose_constants(search: Search) -> Search:
     """The search with one constant, or that with a constant of each manoeuvre, as the options ask.
 
-    With ``constants="auto"`` each has its own where they differ by more than the noise explains, and where the slopes
-    then predict manoeuvres left out better, each about its own mean. The mean of a new manoeuvre is known when it is
+    With ``constants="auto"`` each has its own where they differ by more than the noise explains, unless the slopes then
+    predict manoeuvres left out worse, each about its own mean. The mean of a new manoeuvre is known when it is
     predicted from its start; which slopes belong to it is what is judged here.
     """
     if search.options.constants == "shared":
@@ -56,7 +57,9 @@ def choose_constants(search: Search) -> Search:
         return own
     if not constants_differ(products, own):
         return search
-    return own if slope_error(own, own.products) < slope_error(search, own.products) else search
+    # Of two manoeuvres each fold has one, and both kinds of constant give the same slopes up to rounding.
+    worse = slope_error(own, own.products) > slope_error(search, own.products) * (1.0 + ROUNDING)
+    return search if worse else own
 
 
 def constants_differ(products: CrossProducts, own: Search) -> bool:

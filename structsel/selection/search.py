@@ -117,7 +117,7 @@ class Search:
         """Search the weighted sum of blocks, or the ``product`` that it is; blocks of weight zero are not seen."""
         options = self.options
         if self.cluster_robust and self.folds and not METHODS[options.method].cluster_robust:
-            options = replace(options, criterion="cv")
+            options = replace(options, criterion="cv", sigma_max="response")
         w = np.ones(self.products.n_blocks) if weights is None else weights
         pairs = []
         if options.criterion_used == "cv":

@@ -67,8 +67,8 @@ class SelectOptions:
         fraction of false terms near 5 % [BG09].
     constants : {"auto", "shared", "own"}
         One constant for all recordings, or one of each: trim, centre of gravity and thrust calibration differ in what
-        no candidate knows. ``"auto"`` takes own constants where the slopes then predict recordings left out better,
-        each about its mean, by more than one standard error. A new recording is predicted with their mean.
+        no candidate knows. ``"auto"`` takes own constants where levels differ significantly, unless the slopes then
+        predict recordings left out worse, each about its mean. A new recording is predicted with their mean.
     parsimony : {"one_se", "none"}
         Of the model selected from all candidates, those from candidates up to a lower degree, and the linear model with
         all its terms, take the one of fewest terms whose error of prediction in recordings left out is within one
