@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.interpolate import BSpline, make_smoothing_spline
+from scipy.signal import butter, sosfiltfilt
 
 from structsel.errors import DataError, StructselWarning
 from structsel.numerics.fourier_series import smooth_fourier
-from structsel.numerics.signal_quality import is_sample_and_hold, noise_level
+from structsel.numerics.signal_quality import is_sample_and_hold, largest_noise_level, noise_level
 from structsel.numerics.smoothing import smooth_spline
 
 from .signals import sine, step_response
@@ -273,6 +274,30 @@ def test_a_coarse_channel_has_at_least_the_error_of_its_step():
     expected = np.sqrt((2 * step) ** 2 + step**2 / 12)  # independent errors add their squares
     assert noise_level(step * np.round(noisy / step), DT) == pytest.approx(expected, rel=0.06)
     assert noise_level(np.full(100, 3.0), DT) == 0.0
+
+
+def test_white_noise_is_below_its_upper_limit_and_the_limit_near_it():
+    slow = np.sin(0.02 * np.arange(500))
+    limits = [
+        largest_noise_level(slow + 0.1 * np.random.default_rng(s).standard_normal(500), DT) / 0.1 for s in range(40)
+    ]
+    # Three octaves of 125, 62 and 31 lines: relative standard errors of 5, 8 and 11 %, two of which are added.
+    assert np.mean(np.array(limits) >= 1.0) > 0.95
+    assert np.median(limits) < 1.4
+
+
+def test_the_upper_limit_of_noise_after_a_filter_is_that_of_the_noise_before_it():
+    # A Butterworth filter at 0.4 of the Nyquist frequency removes the highest octave, not the third.
+    white = np.random.default_rng(11).standard_normal(4000)
+    filtered = sosfiltfilt(butter(4, 0.4, output="sos"), white)
+    assert noise_level(filtered, DT) < 0.2
+    assert 0.9 < largest_noise_level(np.sin(0.002 * np.arange(4000)) + filtered, DT) < 1.3
+
+
+def test_no_noise_is_above_the_standard_deviation_of_its_channel():
+    short = np.random.default_rng(12).standard_normal(20)
+    assert largest_noise_level(short, DT) <= short.std()
+    assert largest_noise_level(np.full(100, 3.0), DT) == 0.0
 
 
 def test_missing_samples_do_not_change_the_noise_level():

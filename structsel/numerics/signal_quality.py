@@ -10,6 +10,7 @@ from structsel.errors import DataError, DomainError
 from structsel.numerics.arrays import Array
 
 _MIN_SAMPLES = 16
+_OCTAVES = 3  # below the Nyquist frequency, with the noise of a filtered channel; chosen, not critical without a filter
 _REPEATS = 0.1  # fraction of repeated samples above which a channel is coarse
 _SIDE = 4  # samples of the local fit on each side
 _LOCAL = 51  # samples of the local median deviation
@@ -50,24 +51,68 @@ def noise_level(x: np.ndarray, dt: float, *, above: float | None = None) -> floa
     DataError
         With fewer than 16 finite samples, or changes of a held channel, or none in the band.
     """
+    values, period, quantisation = _distinct_values(x, dt)
+    if values.size == 1 and np.isfinite(x).sum() >= _MIN_SAMPLES:
+        return 0.0
+    frequency, power = _spectrum(values, period)
+    inside = frequency >= (0.25 / period if above is None else above)
+    if inside.sum() < 4:
+        raise DataError(f"noise_level finds {int(inside.sum())} spectral lines above {above} Hz; it needs 4.")
+    # The median of an exponential distribution is its mean times log(2).
+    return max(float(np.sqrt(np.median(power[inside]) / np.log(2.0))), quantisation)
+
+
+def largest_noise_level(x: np.ndarray, dt: float) -> float:
+    """Upper limit of the standard deviation of white noise on a channel.
+
+    Noise has no more power in any band than the channel itself. White noise has the same power in all bands, so its
+    level is at most that of each of the three octaves below the Nyquist frequency, of which vibration and motion are a
+    part. The recorder's filter reduces it in the highest ones: the limit is that of the octave with the most power, two
+    standard errors above its mean power, and at most the standard deviation of the channel.
+
+    Parameters
+    ----------
+    x : (n,) array
+        As for `noise_level`, which is the level of the noise alone.
+    dt : float [s]
+
+    Returns
+    -------
+    float [unit of x]
+
+    Raises
+    ------
+    DataError
+        As `noise_level`.
+    """
+    values, period, quantisation = _distinct_values(x, dt)
+    if values.size == 1 and np.isfinite(x).sum() >= _MIN_SAMPLES:
+        return 0.0
+    frequency, power = _spectrum(values, period)
+    nyquist, limit = 0.5 / period, quantisation
+    for octave in range(_OCTAVES):
+        inside = (frequency >= 0.5 ** (octave + 1) * nyquist) & (frequency < 0.5**octave * nyquist)
+        if inside.any():
+            # Relative standard error of a root mean power: the window correlates neighbouring lines.
+            error = 0.5 * np.sqrt(1.5 / inside.sum())
+            limit = max(limit, float(np.sqrt(power[inside].mean())) * (1.0 + 2.0 * error))
+    return min(limit, max(float(values.std()), quantisation))
+
+
+def _distinct_values(x: Array, dt: float) -> tuple[np.ndarray, float, float]:
+    """New values of a channel, their period, and the quantisation error of a coarse channel; one if it is constant."""
     values = np.asarray(x, dtype=float)
     values = values[np.isfinite(values)]
     steps = np.diff(values)
     moving = np.abs(steps[steps != 0.0])
-    if values.size >= _MIN_SAMPLES and not moving.size:
-        return 0.0
+    coarse = moving.size and moving.size < (1.0 - _REPEATS) * steps.size
+    quantisation = float(moving.min()) / np.sqrt(12.0) if coarse else 0.0
+    if not moving.size:
+        return values[:1], dt, 0.0
     runs = starts_of_runs(values)
-    period = dt
     if is_sample_and_hold(values):
-        period *= values.size / runs.size
-        values = values[runs]
-    if values.size < _MIN_SAMPLES:
-        raise DataError(
-            f"noise_level needs {_MIN_SAMPLES} samples that are finite and not held; there are {values.size}.\n"
-            "Use a longer segment, or give the noise."
-        )
-    coarse = float(moving.min()) / np.sqrt(12.0) if moving.size < (1.0 - _REPEATS) * steps.size else 0.0
-    return max(_floor(values, period, above), coarse)
+        return values[runs], dt * values.size / runs.size, quantisation
+    return values, dt, quantisation
 
 
 def is_sample_and_hold(x: Array) -> bool:
@@ -85,18 +130,21 @@ def starts_of_runs(x: Array) -> np.ndarray:
     return np.concatenate(([0], np.flatnonzero(np.diff(x) != 0.0) + 1))
 
 
-def _floor(x: Array, dt: float, above: float | None) -> float:
+def _spectrum(x: Array, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies, and power normalised such that white noise has its variance in every line; without the last line."""
     n = x.size
+    if n < _MIN_SAMPLES:
+        raise DataError(
+            f"noise_level needs {_MIN_SAMPLES} samples that are finite and not held; there are {n}.\n"
+            "Use a longer segment, or give the noise."
+        )
     # A linear trend would leak into the spectrum; the window removes the remaining difference of the ends.
     line = np.polynomial.Polynomial.fit(np.arange(n), x, 1)
     window = np.hanning(n + 2)[1:-1]
     power = np.abs(np.fft.rfft((x - line(np.arange(n))) * window)) ** 2 / np.sum(window**2)
-    frequency = np.fft.rfftfreq(n, dt)
-    # The last bin of an even length is real and has another distribution.
-    inside = (frequency >= (0.25 / dt if above is None else above)) & (frequency < 0.5 / dt * (1.0 - 1e-9))
-    if inside.sum() < 4:
-        raise DataError(f"noise_level finds {int(inside.sum())} spectral lines above {above} Hz; it needs 4.")
-    return float(np.sqrt(np.median(power[inside]) / np.log(2.0)))
+    # The last line of an even length is real and has another distribution.
+    kept = (n + 1) // 2
+    return np.fft.rfftfreq(n, dt)[:kept], power[:kept]
 
 
 def noise_std_from_differences(steps: Array) -> float:
