@@ -261,6 +261,34 @@ def test_a_dead_vane_is_named_and_done_without(flight):
     assert "alpha: is constant at 0.1 in all samples" in found.doubts[0]
 
 
+@pytest.mark.parametrize("name", ["h", "psi"])
+def test_a_channel_of_one_reading_per_second_is_used_at_its_own_rate_and_named(name):
+    flight = demo_instruments("all-axes", 3, duration=12.0)
+    values, rate = flight.measured[name], 50
+    held = np.repeat(values[::rate], rate)[: len(values)]
+    silent = flight.aircraft.to_dict()
+    for sensor in silent["sensors"].values():
+        sensor.pop("noise", None)
+    found = reconstruct(flight.measured.with_channels(**{name: held}), Aircraft.from_dict(silent))
+    assert found.consistency[name].n == 13
+    assert any(text.startswith(f"{name}: 13 readings in 12 s, too few for a spectrum") for text in found.doubts)
+    for constant in found.constants:
+        assert abs(constant.value - flight.errors[constant.name]) < 4.0 * constant.std, constant
+
+
+def test_a_channel_of_three_readings_is_excluded_and_named_unless_its_noise_is_stated(flight):
+    rare = np.full(len(flight.measured), np.nan)
+    rare[[10, 500, 1400]] = flight.measured["h"][[10, 500, 1400]]
+    content = flight.aircraft.to_dict()
+    del content["sensors"]["static"]["noise"]
+    found = change(flight, Aircraft.from_dict(content), h=rare)
+    assert "h" not in found.residuals
+    assert any(
+        text.startswith("h: 3 readings in 30 s, too few to estimate its noise; not used") for text in found.doubts
+    )
+    assert change(flight, h=rare).consistency["h"].n == 3
+
+
 @pytest.mark.slow
 def test_too_few_instruments_to_determine_the_attitude_are_distrusted(flight):
     only = {name: flight.measured[name] for name in ("V", "ax", "ay", "az", "p", "q", "r")}

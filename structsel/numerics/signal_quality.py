@@ -9,7 +9,8 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from structsel.errors import DataError, DomainError
 from structsel.numerics.arrays import Array
 
-_MIN_SAMPLES = 16
+MIN_SAMPLES = 16
+"""Fewest readings of a channel whose noise is estimated from its spectrum."""
 _OCTAVES = 3  # below the Nyquist frequency, with the noise of a filtered channel; chosen, not critical without a filter
 _REPEATS = 0.1  # fraction of repeated samples above which a channel is coarse
 _SIDE = 4  # samples of the local fit on each side
@@ -52,7 +53,7 @@ def noise_level(x: np.ndarray, dt: float, *, above: float | None = None) -> floa
         With fewer than 16 finite samples, or changes of a held channel, or none in the band.
     """
     values, period, quantisation = _distinct_values(x, dt)
-    if values.size == 1 and np.isfinite(x).sum() >= _MIN_SAMPLES:
+    if values.size == 1 and np.isfinite(x).sum() >= MIN_SAMPLES:
         return 0.0
     frequency, power = _spectrum(values, period)
     inside = frequency >= (0.25 / period if above is None else above)
@@ -86,7 +87,7 @@ def largest_noise_level(x: np.ndarray, dt: float) -> float:
         As `noise_level`.
     """
     values, period, quantisation = _distinct_values(x, dt)
-    if values.size == 1 and np.isfinite(x).sum() >= _MIN_SAMPLES:
+    if values.size == 1 and np.isfinite(x).sum() >= MIN_SAMPLES:
         return 0.0
     frequency, power = _spectrum(values, period)
     nyquist, limit = 0.5 / period, quantisation
@@ -133,9 +134,9 @@ def starts_of_runs(x: Array) -> np.ndarray:
 def _spectrum(x: Array, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies, and power normalised such that white noise has its variance in every line; without the last line."""
     n = x.size
-    if n < _MIN_SAMPLES:
+    if n < MIN_SAMPLES:
         raise DataError(
-            f"noise_level needs {_MIN_SAMPLES} samples that are finite and not held; there are {n}.\n"
+            f"noise_level needs {MIN_SAMPLES} samples that are finite and not held; there are {n}.\n"
             "Use a longer segment, or give the noise."
         )
     # A linear trend would leak into the spectrum; the window removes the remaining difference of the ends.

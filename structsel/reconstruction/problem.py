@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.errors import StructselWarning
+from structsel.errors import DataError, StructselWarning
+from structsel.formatting import count_of
 from structsel.numerics import kinematics as fp
 from structsel.numerics.air_data import body_velocity
-from structsel.numerics.signal_quality import noise_level
+from structsel.numerics.signal_quality import MIN_SAMPLES, noise_level, starts_of_runs
 from structsel.numerics.smoothing import smooth_spline
 from structsel.reconstruction.observability import Reconstructibility
 from structsel.reconstruction.sample_validity import LATERAL, require_inertial, valid_input, valid_measurement
@@ -22,6 +23,7 @@ from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Finding, Recording
 
 _POSITION = ("x", "y", "vn", "ve")
+_MIN_READINGS = 6  # of a channel whose noise is estimated: four second differences, to about 40 %
 _INDEX = {name: i for i, name in enumerate(fp.STATES)}
 _OWN_CHANNEL = {"Cup": ("alpha",), "Calpha0": ("alpha",), "Csi": ("beta",), "Cbeta0": ("beta",)}
 BEST = {
@@ -176,14 +178,26 @@ def _measurements(
         findings += channel.findings
         values = channel.values
         sampled = np.isfinite(values)
-        if sampled.sum() < 2:
+        count = int(sampled.sum())
+        if count < _MIN_READINGS and name not in stated and name != "V":
+            if count:
+                findings.append(_few_readings(recording, name, sampled, "too few to estimate its noise; not used"))
             continue
         if name in ("phi", "psi"):
             values[sampled] = np.unwrap(values[sampled])
+        if count < MIN_SAMPLES and name not in stated:
+            text = "too few for a spectrum; its noise is that of their second differences"
+            findings.append(_few_readings(recording, name, sampled, text))
         measurements[:, j] = values
         measured.append(name)
         level[name] = stated.get(name) or noise_of(name, values[sampled], recording.dt)
     return measurements, measured, findings
+
+
+def _few_readings(recording: Recording, name: str, sampled: np.ndarray, what: str) -> Finding:
+    """Finding for a channel that is much slower than the recording."""
+    count = count_of(int(sampled.sum()), "reading")
+    return Finding("slow", name, f"{count} in {recording.duration:.3g} s, {what}", remedy="state the noise")
 
 
 def _reads_flank(aircraft: Aircraft) -> bool:
@@ -192,8 +206,14 @@ def _reads_flank(aircraft: Aircraft) -> bool:
 
 
 def noise_of(name: str, values: np.ndarray, dt: float) -> float:
-    """White noise of a channel from its spectrum."""
-    return max(noise_level(values, dt), BEST[name])
+    """White noise of a channel from its spectrum; from differences, which include motion, if the channel is slow."""
+    try:
+        level = noise_level(values, dt)
+    except DataError:
+        readings = values[starts_of_runs(values)]
+        # 1 + 4 + 1 is the variance of second differences of white noise.
+        level = float(np.sqrt(np.mean(np.diff(readings, 2) ** 2) / 6.0)) if len(readings) > 2 else float(values.std())
+    return max(level, BEST[name])
 
 
 def _active(constants: Iterable[str], measured: list[str], lateral: bool) -> list[str]:
