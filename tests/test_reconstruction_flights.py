@@ -51,11 +51,22 @@ def mean_of(done, name):
     return mean, weights.sum() ** -0.5, np.sum(weights * (values - mean) ** 2) / (len(values) - 1)
 
 
-def test_all_six_attas_manoeuvres_are_reconstructed_and_trusted(attas):
+def test_all_six_attas_manoeuvres_are_reconstructed_and_only_noise_and_vanes_are_in_doubt(attas):
     assert len(attas) == 6
     assert not attas.failed
-    assert all(one.trusted for one in attas), str(attas)
+    reasons = [reason for one in attas for reason in one.distrust]
+    # Turbulence contradicts output error, which has none, in the constants of the vanes.
+    allowed = (" contradicts ", "consistent with estimated noise only")
+    assert all(any(words in reason for words in allowed) for reason in reasons), reasons
+    assert not any(f"b{name} = " in reason for reason in reasons for name in ("ax", "ay", "az", "p", "q", "r")), reasons
     assert all(np.isfinite(one.recording[name]).all() for one in attas for name in ("V", "alpha", "beta", "theta"))
+
+
+def test_attas_gyro_r_needs_more_noise_than_its_high_frequencies_allow_and_that_costs_trust(attas):
+    # 5.5e-3 to 8.9e-3 rad/s in the four manoeuvres with yaw, a few times what the readings contain.
+    named = [one for one in attas if any("more noise was estimated" in r and " r 0.0" in r for r in one.distrust)]
+    assert len(named) >= 4
+    assert not any(one.trusted for one in named)
 
 
 @pytest.mark.parametrize("name", BOOK)
@@ -152,10 +163,19 @@ def test_the_wrong_gravity_shows_as_a_bias_of_az_of_that_size():
     assert wrong - right == pytest.approx(9.80665 - two_step.G, abs=4e-3)
 
 
-@pytest.mark.parametrize("case", ["drag-polar-free", "ground-effect", "nothing-wrong", "sensor-scale"])
-def test_simulated_flights_with_ordinary_instruments_are_trusted(case):
+@pytest.mark.parametrize(
+    ("case", "verdict"),
+    [
+        # Their accelerometers need up to four times the noise that high frequencies allow.
+        ("drag-polar-free", "consistent with estimated noise only"),
+        ("sensor-scale", "consistent with estimated noise only"),
+        ("ground-effect", "trusted"),
+        ("nothing-wrong", "trusted"),
+    ],
+)
+def test_simulated_flights_with_ordinary_instruments_are_trusted_or_only_their_noise_is_in_doubt(case, verdict):
     aircraft = ss.Aircraft.from_toml(DATA / "diagnose-examples" / case / "aircraft.toml")
     file = sorted((DATA / "diagnose-examples" / case / "recordings").glob("*.csv"))[0]
     found = reconstruct(ss.read_recording(file), aircraft)
-    assert found.trusted, str(found)
+    assert found.verdict == verdict, str(found)
     assert max(abs(found[name].value) for name in ("bp", "bq", "br")) < 2e-3

@@ -83,7 +83,7 @@ def summarise_reconstructions(by_method: Mapping[str, Reconstruction]) -> Summar
     for method, one in by_method.items():
         for text in one.doubts:
             warnings.setdefault(text, []).append(method)
-    verdicts = (f"{method}: {'trusted' if one.trusted else 'NOT TRUSTED'}" for method, one in by_method.items())
+    verdicts = (f"{method}: {one.verdict}" for method, one in by_method.items())
     return Summary(
         results[0].name,
         ", ".join(verdicts),

@@ -198,7 +198,10 @@ def reconstruct_paths(recordings: Sequence[Recording], aircraft_model: Aircraft,
     for one in results:
         if not one.trusted:
             more = f" (and {len(one.distrust) - 1} more)" if len(one.distrust) > 1 else ""
-            say("warning", f"'{one.name}'{by} is NOT TRUSTED: {one.distrust[0]}{more}.")
+            say(
+                "warning",
+                f"'{one.name}'{by} is {one.verdict}: {one.distrust[0].removeprefix(f'{one.verdict}: ')}{more}.",
+            )
     return results
 
 

@@ -12,6 +12,8 @@ from structsel.numerics.arrays import Array
 MIN_SAMPLES = 16
 """Fewest readings of a channel whose noise is estimated from its spectrum."""
 _OCTAVES = 3  # below the Nyquist frequency, with the noise of a filtered channel; chosen, not critical without a filter
+NOISE_LEVEL_ERROR = 1.3
+"""Relative standard error of `noise_level`, times the root of the number of samples; measured on white noise."""
 _REPEATS = 0.1  # fraction of repeated samples above which a channel is coarse
 _SIDE = 4  # samples of the local fit on each side
 _LOCAL = 51  # samples of the local median deviation

@@ -303,7 +303,7 @@ def draw_reconstructions(results: Sequence[Reconstruction] | Reconstructions) ->
 
 
 def _title(result: Reconstruction) -> str:
-    return f"{result.name}, {result.method}" + ("" if result.trusted else ": NOT TRUSTED")
+    return f"{result.name}, {result.method}" + ("" if result.trusted else f": {result.verdict}")
 
 
 def _units(name: str) -> dict[str, str]:

@@ -85,7 +85,7 @@ class Reconstructions(Result):
         """Verdict on each recording, and the constants of all trusted recordings."""
         rows = [
             (one.name, f"{one.recording.duration:.1f}", f"{one.consistency.nis:.3f}",
-             Cell("trusted", "good") if one.trusted else Cell("NOT TRUSTED", "bad"))
+             Cell(one.verdict, "good" if one.trusted else "bad"))
             for one in self.done
         ]  # fmt: skip
         rows += [(name, "-", "-", Cell("NOT RECONSTRUCTED", "bad")) for name in self.failed]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from scipy import stats
 
 from structsel.numerics import kinematics as fp
 from structsel.numerics.noise_models import autocorrelation
+from structsel.numerics.signal_quality import NOISE_LEVEL_ERROR
 from structsel.reconstruction.ukf import FilterResult
 
 _LAGS_SECONDS = 5.0
@@ -73,12 +75,15 @@ class Consistency:
     nis : float [-]
         Mean normalised innovation squared for each reading; 1 if the filter is consistent.
     nis_band : (float, float) [-]
-        95 % band of that mean for a consistent filter.
+        95 % band of that mean for a consistent filter. The lower limit includes the error of an estimated noise level.
+    noise_estimated : bool
+        Whether the noise of at least one measurement was estimated.
     """
 
     channels: tuple[ChannelConsistency, ...]
     nis: float
     nis_band: tuple[float, float]
+    noise_estimated: bool = False
 
     def __getitem__(self, channel: str) -> ChannelConsistency:
         for held in self.channels:
@@ -92,7 +97,9 @@ class Consistency:
         return self.nis_band[0] <= self.nis <= self.nis_band[1]
 
 
-def check_innovations(run: FilterResult, residuals: np.ndarray, measured: tuple[str, ...], dt: float) -> Consistency:
+def check_innovations(
+    run: FilterResult, residuals: np.ndarray, measured: tuple[str, ...], dt: float, given: Iterable[str] = ()
+) -> Consistency:
     """Consistency of a filter run.
 
     Parameters
@@ -102,7 +109,11 @@ def check_innovations(run: FilterResult, residuals: np.ndarray, measured: tuple[
         Measured minus reconstructed.
     measured : tuple of str
     dt : float [s]
+    given : iterable of str
+        Channels whose noise was stated. An estimated level is at least that of the spectrum of its channel, which may
+        be too large by its standard error; the lower limit of the NIS is reduced by the mean of these errors.
     """
+    estimated = set(measured) - set(given)
     rows = slice(max(1, int(_START_UP * len(run.nis))), None)
     channels = []
     for j, name in enumerate(fp.MEASUREMENTS):
@@ -132,7 +143,12 @@ def check_innovations(run: FilterResult, residuals: np.ndarray, measured: tuple[
     dof = int(used.sum())
     nis = float(np.nansum(run.nis[rows])) / max(dof, 1)
     low, high = (stats.chi2.ppf(p, dof) / dof for p in (0.025, 0.975)) if dof else (np.nan, np.nan)
-    return Consistency(tuple(channels), nis, (float(low), float(high)))
+    # A variance is in error by twice as much as its root.
+    errors = [
+        c.n * (2.0 * NOISE_LEVEL_ERROR / np.sqrt(max(c.n, 1)) if c.channel in estimated else 0.0) for c in channels
+    ]
+    low *= max(0.0, 1.0 - sum(errors) / max(sum(c.n for c in channels), 1))
+    return Consistency(tuple(channels), nis, (float(low), float(high)), bool(estimated))
 
 
 def correlation_length(x: np.ndarray) -> float:

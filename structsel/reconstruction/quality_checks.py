@@ -7,12 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from structsel.errors import DataError
+from structsel.nomenclature import unit_of
+from structsel.numerics.signal_quality import largest_noise_level
 from structsel.reconstruction.delays import Delay
 from structsel.reconstruction.innovations import Consistency
 from structsel.reconstruction.noise_levels import most_active_interval
 from structsel.reconstruction.observability import Reconstructibility
 from structsel.reconstruction.problem import ReconstructionProblem, noise_of
-from structsel.reconstruction.result import CONSTANTS, Constant
+from structsel.reconstruction.result import CONSTANTS, ESTIMATED_ONLY, Constant
 from structsel.reconstruction.settings import INERTIAL
 from structsel.reconstruction.sign_and_unit_checks import MIN_LEVER_ARM
 from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter
@@ -109,6 +112,36 @@ def check_quality(
     if weak:
         warnings.append(f"these data have little information on {', '.join(weak)}: the prior determines the value")
     return tuple(warnings), tuple(distrust)
+
+
+def unconfirmed(consistency: Consistency) -> tuple[str, ...]:
+    """A reason if the noise was estimated and the innovations are not as large as it predicts."""
+    if consistency.inside or not consistency.noise_estimated:
+        return ()
+    low, high = consistency.nis_band
+    return (f"{ESTIMATED_ONLY}: NIS is {consistency.nis:.3f}, and its 95 % band is {low:.3f} to {high:.3f}",)
+
+
+def noise_above_limit(problem_setup: ReconstructionProblem) -> tuple[str, ...]:
+    """A reason if inertial channels have more estimated noise than their own high frequencies allow."""
+    problem, dt = problem_setup.problem, float(np.median(np.diff(problem_setup.problem.t)))
+    found = []
+    for j, name in enumerate(INERTIAL):
+        if name in problem_setup.given or name not in problem_setup.noise:
+            continue
+        try:
+            largest = largest_noise_level(problem.inputs[:, j], dt)
+        except DataError:
+            continue  # too slow for a spectrum
+        # The noise in the readings is the smallest level that is estimated.
+        largest, level = max(largest, noise_of(name, problem.inputs[:, j], dt)), problem_setup.noise[name]
+        if level > largest:
+            found.append(f"{name} {level:.3g} {unit_of(name)} (at most {largest:.3g})")
+    if not found:
+        return ()
+    return (
+        f"{ESTIMATED_ONLY}: more noise was estimated than high frequencies of the channel allow: {', '.join(found)}",
+    )
 
 
 def _is_large(delay: Delay, noise: float) -> bool:

@@ -16,11 +16,12 @@ from structsel.options import takes_options
 from structsel.reconstruction.data_compatibility import check_data_compatibility
 from structsel.reconstruction.delays import LONGEST_DELAY, Delay, find_delays
 from structsel.reconstruction.innovations import Consistency, check_innovations
+from structsel.reconstruction.method_comparison import compare_methods
 from structsel.reconstruction.noise_levels import drop_confounded_scales, estimate_noise_levels
 from structsel.reconstruction.observability import reconstructibility
 from structsel.reconstruction.output import output_recording
 from structsel.reconstruction.problem import ReconstructionProblem, build_problem
-from structsel.reconstruction.quality_checks import check_quality
+from structsel.reconstruction.quality_checks import check_quality, noise_above_limit, unconfirmed
 from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
 from structsel.reconstruction.sample_validity import longest_interval
 from structsel.reconstruction.settings import INERTIAL, ReconstructOptions
@@ -137,7 +138,7 @@ def _reconstruct(
     path = _complete_path(problem_setup.problem, smooth.x)
     predicted = problem_setup.problem.predict(path)
     residuals = problem_setup.problem.residuals(predicted)
-    consistency = check_innovations(run, residuals, problem_setup.measured, recording.dt)
+    consistency = check_innovations(run, residuals, problem_setup.measured, recording.dt, problem_setup.given)
     if widened is None:
         widened = _inflate_for_autocorrelation(problem_setup, consistency, options)
     std = np.maximum(smooth.std, widened) if widened is not None else smooth.std
@@ -151,6 +152,8 @@ def _reconstruct(
     warnings, distrust = check_quality(
         problem_setup, path, consistency, constants, verdict, delays, stds, smooth.std, std
     )
+    above = noise_above_limit(problem_setup)
+    unknown, contradictions = compare_methods(problem_setup.problem, options.method, run, constants)
     return Reconstruction(
         name=recording.name,
         method=options.method,
@@ -180,8 +183,8 @@ def _reconstruct(
         delays=delays,
         log_likelihood=run.log_likelihood,
         findings=problem_setup.findings,
-        doubts=warnings,
-        distrust=distrust,
+        doubts=(*warnings, *unknown),
+        distrust=(*distrust, *contradictions, *unconfirmed(consistency), *above),
     )
 
 

@@ -32,6 +32,9 @@ CONSTANTS = {
 }
 """Meaning and unit of the constants of a manoeuvre."""
 
+ESTIMATED_ONLY = "consistent with estimated noise only"
+"""Beginning of a reason that concerns the estimated noise: NIS outside its band, or noise above its upper limit."""
+
 
 @dataclass(frozen=True)
 class Constant:
@@ -145,6 +148,13 @@ class Reconstruction(Result):
         """Whether there is no reason not to use the result."""
         return not self.distrust
 
+    @property
+    def verdict(self) -> str:
+        """``"trusted"``, ``"NOT TRUSTED"``, or ``"consistent with estimated noise only"`` if only that is in doubt."""
+        if self.distrust and all(reason.startswith(ESTIMATED_ONLY) for reason in self.distrust):
+            return ESTIMATED_ONLY
+        return "NOT TRUSTED" if self.distrust else "trusted"
+
     def __getitem__(self, name: str) -> Constant:
         """One constant by its name.
 
@@ -194,6 +204,7 @@ class Reconstruction(Result):
             "name": self.name,
             "method": self.method,
             "trusted": self.trusted,
+            "verdict": self.verdict,
             "distrust": list(self.distrust),
             "doubts": list(self.doubts),
             "samples": len(self.recording),
@@ -228,7 +239,7 @@ class Reconstruction(Result):
         remarks = (str(f).removeprefix("note: ") for f in self.findings if f.severity == "note")
         return Summary(
             self.name,
-            f"{len(r)} samples, {r.duration:.1f} s, {self.method}, " + ("trusted" if self.trusted else "NOT TRUSTED"),
+            f"{len(r)} samples, {r.duration:.1f} s, {self.method}, {self.verdict}",
             alerts=self.distrust,
             facts=tuple(facts),
             tables=(*([self._constant_table()] if self.constants else []), self._channel_table()),

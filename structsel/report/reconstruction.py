@@ -162,7 +162,7 @@ def _section(one: Reconstruction, *, folded: bool) -> Section:
     text = [f"NIS {facts['NIS']}; 95 % band {facts['95 % band']}."]
     if "turbulence" in facts:
         text.append(f"Standard deviation of the turbulence: {facts['turbulence']}.")
-    badges = ("trusted" if one.trusted else "NOT TRUSTED", f"{one.recording.duration:.1f} s")
+    badges = (one.verdict, f"{one.recording.duration:.1f} s")
     return Section(one.name, badges, (), tuple(text), tuple(tables), (), folded)
 
 
