@@ -135,6 +135,33 @@ def test_a_constant_that_drifts_is_not_compared_and_output_error_compares_nothin
     assert compare_methods(problem, "output-error", run, [wrong]) == ((), ())
 
 
+@pytest.mark.parametrize(("name", "which"), [("theta", 0), pytest.param("phi", 5, marks=pytest.mark.slow)])
+def test_a_scale_error_of_an_attitude_angle_is_named_with_its_size(name, which):
+    flight = demo_instruments(which, which, duration=12.0)
+    angle = flight.measured[name]
+    found = reconstruct(flight.measured.with_channels(**{name: angle[0] + 1.12 * (angle - angle[0])}), flight.aircraft)
+    (text,) = (reason for reason in found.distrust if reason.startswith(f"{name} has a scale error of "))
+    size, error = (float(number) for number in re.findall(r"([\d.]+)%", text))
+    assert abs(size - 12.0) < 3.0 * error
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DATA.is_dir(), reason="the recordings (../shared/data) are not here")
+@pytest.mark.parametrize(
+    ("file", "channels", "scales"),
+    [("compat_lon_example", "map_lon", {"theta": 3.9}), ("compat_lat_example", "map_lat", {"phi": 7.1})],
+)
+def test_the_attitude_scale_errors_of_harv_are_those_of_sidpac_and_cost_trust(file, channels, scales):
+    folder = DATA / "f18-harv"
+    recording = ss.read_recording(folder / f"{file}.mat", folder / f"{channels}.toml")
+    found = reconstruct(recording, Aircraft.from_toml(folder / "aircraft.toml"))
+    assert not found.trusted
+    for name, scale in scales.items():
+        (text,) = (reason for reason in found.distrust if reason.startswith(f"{name} has a scale error of +"))
+        size, error = (float(number) for number in re.findall(r"([\d.]+)%", text))
+        assert abs(size - scale) < 2.0 * error
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason="the recordings (../shared/data) are not here")
 @pytest.mark.parametrize(("file", "channels"), [("compat_lon_example", "map_lon"), ("dcmp_lon_example", "map_153b")])

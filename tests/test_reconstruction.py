@@ -229,6 +229,16 @@ def test_without_a_heading_the_ground_track_gives_it_and_the_wind(which):
         assert abs(constant.value - flight.errors[constant.name]) < 4.0 * constant.std, constant
 
 
+@pytest.mark.parametrize("which", [2, pytest.param(5, marks=pytest.mark.slow)])
+def test_without_vanes_ground_velocity_and_airspeed_give_the_steady_wind(which):
+    flight = demo_instruments(which, 3, duration=20.0)
+    found = reconstruct(without(flight, "alpha", "beta", "x", "y"), flight.aircraft)
+    assert found.trusted, found.distrust
+    assert {"wn", "we"} <= set(found.states)
+    for constant in found.constants:
+        assert abs(constant.value - flight.errors[constant.name]) < 3.0 * constant.std, constant
+
+
 @pytest.mark.slow
 def test_longitudinal_channels_alone_give_the_longitudinal_motion():
     flight = demo_instruments("elevator-3211", 5)

@@ -12,11 +12,12 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from structsel.numerics.kinematics import CIRCULAR, fly, readings
+from structsel.numerics.kinematics import CIRCULAR, MEASUREMENTS, fly, readings
 from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
 from structsel.numerics.unscented_filter import STEEPEST
@@ -26,6 +27,8 @@ _DIFFERENCE = 1e-3  # of the central differences, in standard deviations of the 
 _LEAST_STD = 1e-3  # of the stated standard deviation; limits the weight of a channel that is fitted to the last digit
 _SHORTEST = 200  # samples in the first fit
 _TURN = 2.0 * np.pi
+_ANGLES = tuple(MEASUREMENTS.index(name) for name in ("phi", "theta", "psi"))
+_SCALE_STD = 0.2  # prior standard deviation of the scale error of an attitude angle, as of a vane
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,58 @@ def _fit(problem: KinematicsProblem, length: int, values: np.ndarray, iterations
         ),
         values, scale=problem.start_std, tolerance=0.0, iterations=iterations,
     )  # fmt: skip
+
+
+def fit_attitude_scales(problem: KinematicsProblem, start: np.ndarray) -> tuple[OutputErrorFit, list[int]] | None:
+    """Output error with a scale error of each measured attitude angle, after the active states.
+
+    An angle that is measured as x + K (x - x_0), with x_0 that of the first sample, has the scale error K [KM16].
+
+    Parameters
+    ----------
+    problem : KinematicsProblem
+    start : (L,) array
+        Active states at the first sample, of the fit without scale errors.
+
+    Returns
+    -------
+    OutputErrorFit and the columns of the angles in `kinematics.MEASUREMENTS`, or None if no angle was measured.
+    """
+    sampled = np.isfinite(problem.measurements).any(axis=0)
+    angles = [c for c in _ANGLES if sampled[c]]
+    if not angles:
+        return None
+    none, unit = np.zeros(len(angles)), np.full(len(angles), _SCALE_STD)
+    widened = np.concatenate([problem.start_std, unit])
+    channels = np.flatnonzero(sampled)
+    circular, y = CIRCULAR[channels], problem.measurements[:, channels]
+
+    def predict(thetas: np.ndarray) -> np.ndarray:
+        outputs = np.stack([simulate_outputs(problem, theta, angles)[:, channels] for theta in thetas])
+        for one in outputs:
+            one[:, circular] += _TURN * np.round((y - one)[:, circular] / _TURN)
+        return outputs
+
+    fit = fit_output_error(
+        OutputErrorProblem(
+            predict, y, floor=(_LEAST_STD * problem.measurement_std[channels]) ** 2,
+            prior=(np.concatenate([problem.start[problem.active], none]), widened), steps=_DIFFERENCE * widened,
+        ),
+        np.concatenate([start, none]), scale=widened, tolerance=0.0, iterations=50,
+    )  # fmt: skip
+    return fit, angles
+
+
+def simulate_outputs(problem: KinematicsProblem, values: np.ndarray, angles: Sequence[int] = ()) -> np.ndarray:
+    """(n, 12) outputs of the deterministic path; NaN where it diverges.
+
+    `values` are the active states at the first sample, then the scale errors of the angles in these columns.
+    """
+    L = len(problem.active)
+    outputs = _simulate(problem, len(problem.t), values[:L])[1]
+    for column, scale in zip(angles, values[L:]):
+        outputs[:, column] += scale * (outputs[:, column] - outputs[0, column])
+    return outputs
 
 
 def _simulate(problem: KinematicsProblem, length: int, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

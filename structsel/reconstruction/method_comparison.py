@@ -1,24 +1,28 @@
 """Comparison of the methods: constants that another method estimates otherwise, by more than the errors of both.
 
 The extended filter has the same noise and another linearisation. Output error has no noise of the inertial readings and
-no turbulence. Where these assumptions matter, the constants differ, and no method's standard deviation is right.
+no turbulence; its standard deviations get the effect of that noise here. Where the assumptions matter beyond that, the
+constants differ, and no method's standard deviation is right.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
 
 from structsel.numerics import kinematics as fp
-from structsel.reconstruction.data_compatibility import check_data_compatibility
+from structsel.reconstruction.data_compatibility import check_data_compatibility, fit_attitude_scales, simulate_outputs
 from structsel.reconstruction.noise_levels import most_active_interval
 from structsel.reconstruction.result import Constant
 from structsel.reconstruction.ukf import FilterResult, KinematicsProblem, ukf_smoother
 
 _FALSE_ALARMS = 0.05  # fraction of recordings without a contradiction in which one of the constants is named
+_SCALE_FALSE_ALARMS = 0.01  # the same for the angles: small errors of the standard deviations are more frequent there
+_DRAWS = 25  # of the noise of the inertial readings; standard deviations to 14 %
+_DIFFERENCE = 1e-3  # of the differences of the outputs, in prior standard deviations; chosen, not critical
 
 
 @dataclass(frozen=True)
@@ -53,10 +57,10 @@ def compare_methods(
     used = replace(problem, measurements=np.where(run.rejected, np.nan, problem.measurements))
     others = _by_filter(used, "extended" if method == "unscented" else "unscented", mine)
     interpolated = bool(np.any(problem.input_std != problem.input_std[0]))
-    fitted = [] if interpolated else _by_output_error(used, mine)
+    fitted, scales = ([], ()) if interpolated else _by_output_error(used, mine)
     why = "has no error of interpolated readings" if interpolated else "did not converge"
     warnings = () if fitted else (f"output error {why}, so its constants are not compared with these",)
-    return warnings, _contradictions(method, mine, [*others, *fitted])
+    return warnings, (*_contradictions(method, mine, [*others, *fitted]), *scales)
 
 
 def _by_filter(problem: KinematicsProblem, method: str, mine: Mapping[str, Constant]) -> list[_Estimate]:
@@ -68,18 +72,70 @@ def _by_filter(problem: KinematicsProblem, method: str, mine: Mapping[str, Const
     return [_Estimate(method, name, float(found[fp.STATES.index(name)]), c.std) for name, c in mine.items()]
 
 
-def _by_output_error(problem: KinematicsProblem, mine: Mapping[str, Constant]) -> list[_Estimate]:
-    """Constants of output error on the part of the recording with the largest rates; none if it does not converge."""
+def _by_output_error(
+    problem: KinematicsProblem, mine: Mapping[str, Constant]
+) -> tuple[list[_Estimate], tuple[str, ...]]:
+    """Constants of output error on the part with the largest rates, none if it does not converge; and scale errors."""
     part = most_active_interval(problem.with_states(problem.active < fp.GUST))
     fit = check_data_compatibility(part)
     if not fit.converged:
-        return []
+        return [], ()
     names = [fp.STATES[i] for i in part.active]
-    return [
-        _Estimate("output error", name, float(value), float(std))
-        for name, value, std in zip(names, fit.values, fit.std)
+    std = np.sqrt(fit.std**2 + _input_noise_variance(part, fit.values, fit.crlb, fit.measurement_std))
+    estimates = [
+        _Estimate("output error", name, float(value), float(one))
+        for name, value, one in zip(names, fit.values, std)
         if name in mine
     ]
+    return estimates, _attitude_scales(part, fit.values)
+
+
+def _attitude_scales(problem: KinematicsProblem, values: np.ndarray) -> tuple[str, ...]:
+    """One sentence for each attitude angle with a scale error beyond its standard deviation; no filter has these."""
+    found = fit_attitude_scales(problem, values)
+    if found is None or not found[0].converged:
+        return ()
+    fit, angles = found
+    L, std = len(values), problem.measurement_std.copy()
+    std[np.isfinite(problem.measurements).any(axis=0)] = np.sqrt(np.diag(fit.R))
+    variance = _input_noise_variance(problem, fit.theta, fit.crlb, std, angles)
+    errors = np.sqrt(np.diag(fit.covariance) + variance)[L:]
+    angle = simulate_outputs(problem, fit.theta[:L])[:, angles]
+    spread = np.sqrt(np.mean((angle - angle[0]) ** 2, axis=0))
+    limit = norm.isf(_SCALE_FALSE_ALARMS / (2 * len(angles)))
+    return tuple(
+        f"{fp.MEASUREMENTS[c]} has a scale error of {scale:+.1%} +- {one:.1%} by output error, which is not in the "
+        "model: it changes the biases, so correct the channel"
+        for c, scale, one, size in zip(angles, fit.theta[L:], errors, spread)
+        # A scale error whose effect is below the noise of the angle changes no constant.
+        if abs(scale) > limit * one and abs(scale) * size > std[c]
+    )
+
+
+def _input_noise_variance(
+    problem: KinematicsProblem, values: np.ndarray, crlb: np.ndarray, std: np.ndarray, angles: Sequence[int] = ()
+) -> np.ndarray:
+    """Variance of the estimates of output error due to the noise of the inertial readings, which it leaves out.
+
+    With noisy inputs the outputs change by dy, and the estimates by C S' R^-1 dy to first order [KM16]: C is their
+    covariance for white residuals, S the sensitivities and R the variances of the outputs.
+    """
+    seen = np.isfinite(problem.measurements)
+    outputs = simulate_outputs(problem, values, angles)
+    weighted = []
+    for j, change in enumerate(_DIFFERENCE * np.concatenate([problem.start_std, np.ones(len(angles))])):
+        moved = values.copy()
+        moved[j] += change
+        slope = np.where(seen, simulate_outputs(problem, moved, angles) - outputs, 0.0) / change
+        weighted.append(np.where(seen, slope / std**2, 0.0))
+    rng, variance = np.random.default_rng(0), np.zeros(len(values))
+    for _ in range(_DRAWS):
+        inputs = problem.inputs.copy()
+        inputs[:, :6] += problem.input_std * rng.standard_normal(problem.input_std.shape)
+        noisy = simulate_outputs(replace(problem, inputs=inputs), values, angles)
+        change = np.where(seen, noisy - outputs, 0.0)
+        variance += (crlb @ np.array([np.sum(one * change) for one in weighted])) ** 2 / _DRAWS
+    return variance
 
 
 def _contradictions(method: str, mine: Mapping[str, Constant], others: list[_Estimate]) -> tuple[str, ...]:
