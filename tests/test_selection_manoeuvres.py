@@ -135,10 +135,8 @@ def test_a_model_of_own_constants_predicts_a_new_recording_with_their_mean():
 
 
 def test_own_constants_of_recordings_that_share_blocks_are_refused():
-    recordings = recorded([0.0] * 2, n=70)
-    many = [Recording(f"r{k}", recordings[0].t, dict(recordings[0].channels)) for k in range(600)]
     with pytest.raises(SelectionError, match="600 manoeuvres share"):
-        select(many, "Cm", POOL, constants="own", noise="white", bootstrap=0)
+        select(recorded([0.0] * 600, n=70), "Cm", POOL, constants="own", noise="white", bootstrap=0)
 
 
 def test_a_product_that_predicts_no_better_than_the_linear_terms_is_left_out():
