@@ -124,6 +124,7 @@ class Extended:
             values=np.array([values.get(t, 0.0) + added.get(t, 0.0) for t in terms]),
             covariance=whole,
             standard_errors=np.array([errors[t] for t in terms]),
+            error_dof=None,  # those of the added terms are not known
             method=f"{own.method or 'as given'}, physics added",
             ranges={**own.ranges, **region},
             s2=np.nan,

@@ -191,8 +191,13 @@ def refine_response(
         joint[np.ix_(places, places)] = covariance
         if before.covariance is not None:
             joint[np.ix_(held, held)] = before.covariance[np.ix_(held, held)]
+    dof = None
+    if before.error_dof is not None and held:
+        dof = np.array(before.error_dof)
+        dof[places] = max(before.n, dof.max())  # as many as samples
     return replace(
-        before, values=values, covariance=joint, standard_errors=errors, method=method, residuals="coloured",
+        before, values=values, covariance=joint, standard_errors=errors, error_dof=dof, method=method,
+        residuals="coloured",
         biased=before.biased and bool(held), held=tuple(before.terms[i] for i in held), s2=np.nan, r2=np.nan, n=0,
         constants={} if any(before.terms[i].is_constant for i in places) else before.constants,
     )  # fmt: skip
