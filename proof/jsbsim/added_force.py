@@ -101,6 +101,13 @@ def lagged(memory: Memory, name: str, value: float, dt: float, tau: float) -> fl
     return held
 
 
+def delayed(memory: Memory, name: str, value: float, dt: float, delay: float) -> float:
+    """A value some time ago, to a step; the first one before that."""
+    step = memory.get(f"{name}: steps", 0.0)
+    memory[f"{name}: {step:g}"], memory[f"{name}: steps"] = value, step + 1.0
+    return memory[f"{name}: {max(step - round(delay / dt), 0.0):g}"]
+
+
 def body_axes(lift: float, drag: float, now: Now) -> tuple[float, float]:
     """CX and CZ of lift and drag coefficients."""
     sa, ca = math.sin(now["alpha"]), math.cos(now["alpha"])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from proof.jsbsim.added_force import AddedForce, AddedForceSpec
-from proof.jsbsim.aircraft import JSBSimPlant
+from proof.jsbsim.aircraft import FLAPS, JSBSimPlant
 from proof.jsbsim.effects_added import ADDED_FORCES, UNMODELLED
 from proof.jsbsim.effects_built_in import BuiltInEffect, find_built_in
 from proof.jsbsim.effects_declared import declared_force
@@ -186,14 +186,14 @@ class SelectedEffect:
 
 
 def effects_of(plant: JSBSimPlant, declared: Sequence[DeclaredEffect] = ()) -> tuple[str, ...]:
-    """Names of the effects that an aircraft can have."""
+    """Names of the effects that an aircraft can have; only those with flaps have what needs a flap."""
+    flapped = any(p in plant.properties for p in FLAPS)
+    stated = [d.name for d in declared if flapped or not d.needs_flap]
     propeller = is_propeller(plant)
     laws = [n for n, specs in ADDED_FORCES.items() if specs[0].power in ("", "propeller" if propeller else "jet")]
     surfaces = set(plant.controls)
     faults = [n for n in FAULTS if {"de", "da", "dr"} <= surfaces]
-    return tuple(
-        sorted({"gust", *(n.effect for n in find_built_in(plant)), *laws, *faults, *(d.name for d in declared)})
-    )
+    return tuple(sorted({"gust", *(n.effect for n in find_built_in(plant)), *laws, *faults, *stated}))
 
 
 def is_propeller(plant: JSBSimPlant) -> bool:

@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from proof.polynomial.terms import VARIABLES, add_terms
+from proof.polynomial.terms import SIGNALS, VARIABLES, add_terms
 from structsel.numerics.atmosphere import standard_air
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h",
-          "downwash", "sidewash", "wagner1", "wagner2", "attached", "slosh", "slosh_rate")  # fmt: skip
+          "downwash", "sidewash", "wagner1", "wagner2", "attached", "slosh", "slosh_rate", *SIGNALS)  # fmt: skip
 """Velocity relative to the air mass (gusts apart), rates, attitude, position; then the states with memory."""
 SETTINGS = {
     "V0": 50.0, "rho0": 1.0, "glauert0": 0.0, "mach_rise": 0.6, "tail_lag": 3.0, "fin_lag": 0.35, "ground_scale": 1.0,
@@ -37,6 +37,10 @@ SCHEDULES = ("de", "da", "dr", "theta", "phi", "alpha", "h", "throttle", "df", "
 """Of one manoeuvre: excitation of the surfaces, references, throttle, flap and so on, gusts along body axes."""
 
 
+FOLLOWED = ("variable", "time_constant", "delay")
+"""Of each signal: the number of the variable that it follows; a time constant [s], or a delay [s] and 0."""
+
+
 def indices(title: str, names: Iterable[str]) -> Any:
     """Named tuple of the position of each name, which compiled code reads as constants."""
     listed = ["one" if name == "1" else name for name in names]
@@ -48,13 +52,14 @@ SETTING = indices("Setting", SETTINGS)
 CONSTANT = indices("Constant", CONSTANTS)
 SCHEDULE = indices("Schedule", SCHEDULES)
 VARIABLE = indices("Variable", VARIABLES)
+FOLLOW = indices("Follow", FOLLOWED)
 _G0 = 9.80665  # m/s^2, standard gravity
 _CX, _CY, _CZ, _CL, _CM, _CN = range(6)
 
 
 class Plant(NamedTuple):
     """The aircraft: base and added terms (rows, values), inertias (2, 3, 3) before and after a release, inverses,
-    `CONSTANTS` and `SETTINGS`."""  # noqa: D209
+    `CONSTANTS`, `SETTINGS`, and the signals (k, `FOLLOWED`)."""  # noqa: D209
 
     base_rows: np.ndarray
     base_values: np.ndarray
@@ -64,11 +69,12 @@ class Plant(NamedTuple):
     inverses: np.ndarray
     constants: np.ndarray
     settings: np.ndarray
+    signals: np.ndarray
 
 
 class Conditions(NamedTuple):
     """What is held over a step: surfaces (3,) [rad], schedules, thrust [N], engine speed [rev/min], mass [kg],
-    number of the inertia, and the rate of the angle of attack [rad/s]."""  # noqa: D209
+    number of the inertia, the rate of the angle of attack [rad/s], and the delayed signals (k,)."""  # noqa: D209
 
     surfaces: np.ndarray
     schedule: np.ndarray
@@ -77,6 +83,7 @@ class Conditions(NamedTuple):
     mass: float
     release: int
     alpha_dot: float
+    delayed: np.ndarray
 
 
 class Loads(NamedTuple):
@@ -167,6 +174,9 @@ def _memory_variables(s, held, plant, x, air):  # type: ignore[no-untyped-def]  
     x[VARIABLE.stall] = 1.0 - X
     x[VARIABLE.lost] = 1.0 - (0.5 * (1.0 + np.sqrt(X))) ** 2
     x[VARIABLE.slosh] = s[STATE.slosh]
+    for j in range(plant.signals.shape[0]):
+        lagged = plant.signals[j, FOLLOW.time_constant] > 0.0
+        x[VARIABLE.signal1 + j] = s[STATE.signal1 + j] if lagged else held.delayed[j]
 
 
 @njit(cache=True)
@@ -237,7 +247,7 @@ def _motion(s, held, plant, loads, air, out):  # type: ignore[no-untyped-def]  #
 
 @njit(cache=True)
 def _memory_states(s, held, plant, loads, air, out):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Lags of the wake, Wagner's function, separation after Goman and Khrabrov, slosh as a damped pendulum."""
+    """Wake lags, Wagner's function, separation after Goman and Khrabrov, slosh as a damped pendulum, lagged signals."""
     settings, x, V = plant.settings, loads.variables, air.V
     chord, span, alpha = plant.constants[CONSTANT.cbar], plant.constants[CONSTANT.b], x[VARIABLE.alpha]
     out[STATE.downwash] = x[VARIABLE.downwash] * V / (settings[SETTING.tail_lag] * chord)
@@ -252,3 +262,6 @@ def _memory_states(s, held, plant, loads, air, out):  # type: ignore[no-untyped-
     damping = 2.0 * settings[SETTING.slosh_damping] * w0 * s[STATE.slosh_rate]
     out[STATE.slosh] = s[STATE.slosh_rate]
     out[STATE.slosh_rate] = -w0 * w0 * s[STATE.slosh] - damping - loads.force[1] / settings[SETTING.slosh_length]
+    for j in range(plant.signals.shape[0]):
+        lag, followed = plant.signals[j, FOLLOW.time_constant], x[int(plant.signals[j, FOLLOW.variable])]
+        out[STATE.signal1 + j] = (followed - s[STATE.signal1 + j]) / lag if lag > 0.0 else 0.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proof.polynomial.aircraft import Term, TruthAircraft
-from proof.polynomial.equations import SCHEDULES, SETTINGS, STATE, STATES, Plant
+from proof.polynomial.equations import FOLLOWED, SCHEDULES, SETTINGS, STATE, STATES, Plant
 from proof.polynomial.kernel import READS, SURFACE, Pilot, simulate_flight
 from proof.polynomial.manoeuvres import DT, SETTLING, Manoeuvre
 from proof.polynomial.terms import INDEX, Terms, compile_terms
@@ -39,6 +39,8 @@ class InjectedPhysics:
         Factor of the inertia after a release.
     schedules : dict of column to list of (steps,) arrays
         Of each manoeuvre, added to the plan's.
+    signals : tuple of (variable, time constant [s], delay [s])
+        The variables signal1, signal2, ... of the terms; of the parts that are combined, one may have some.
     """
 
     terms: list[Term] = field(default_factory=list)
@@ -49,6 +51,7 @@ class InjectedPhysics:
     mass_of: list[np.ndarray] | None = None
     after: float = 1.0
     schedules: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    signals: tuple[tuple[str, float, float], ...] = ()
 
     def joined(self, other: InjectedPhysics) -> InjectedPhysics:
         """Both at once. Settings of the same name are the other's."""
@@ -70,6 +73,7 @@ class InjectedPhysics:
             self.mass_of if other.mass_of is None else other.mass_of,
             self.after * other.after,
             schedules,
+            self.signals or other.signals,
         )
 
 
@@ -133,7 +137,9 @@ def simulate_truth(
         i, j = "xyz".index(name[1]), "xyz".index(name[-1])
         tensor[i, j] *= factor
         tensor[j, i] = tensor[i, j]
-    plant = _plant(truth, compile_terms(truth.terms), compile_terms(physics.terms), tensor, physics.after, held)
+    plant = _plant(
+        truth, compile_terms(truth.terms), compile_terms(physics.terms), tensor, physics.after, held, physics.signals
+    )
     surfaces = _actuators(physics.surfaces)
     flights = []
     for k, manoeuvre in enumerate(manoeuvres):
@@ -177,12 +183,19 @@ def simulate_model(
 
 
 def _plant(
-    truth: TruthAircraft, base: Terms, added: Terms, tensor: np.ndarray, after: float, settings: Mapping[str, float]
+    truth: TruthAircraft,
+    base: Terms,
+    added: Terms,
+    tensor: np.ndarray,
+    after: float,
+    settings: Mapping[str, float],
+    signals: Sequence[tuple[str, float, float]] = (),
 ) -> Plant:
     """Arrays of the aircraft for the kernel; `after` is the factor of the inertia after a release."""
     tensors = np.array([tensor, tensor * after])
     values = np.array([settings[name] for name in SETTINGS])
-    return Plant(*base, *added, tensors, np.linalg.inv(tensors), truth.constants(), values)
+    followed = np.array([(INDEX[of], lag, delay) for of, lag, delay in signals]).reshape(-1, len(FOLLOWED))
+    return Plant(*base, *added, tensors, np.linalg.inv(tensors), truth.constants(), values, followed)
 
 
 def _actuators(differing: Mapping[str, Mapping[str, float]]) -> np.ndarray:

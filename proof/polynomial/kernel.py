@@ -12,6 +12,7 @@ from numba import njit
 
 from proof.polynomial.equations import (
     CONSTANT,
+    FOLLOW,
     SCHEDULE,
     SETTING,
     STATE,
@@ -75,8 +76,8 @@ class FlightLog(NamedTuple):
 def simulate_flight(start, schedules, dt, every, first, plant, pilot):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Simulate one manoeuvre; returns the number of samples and their `FlightLog`.
 
-    start (19,), schedules (steps, SCHEDULES). From step `first` on every `every`-th is logged. The mass chooses the
-    inertia. Fewer samples than the log has room for are returned where the flight diverges.
+    start (`STATES`), schedules (steps, `SCHEDULES`). From step `first` on every `every`-th is logged. The mass chooses
+    the inertia. Fewer samples than the log has room for are returned where the flight diverges.
     """
     steps = schedules.shape[0]
     count = (steps - 1 - first) // every + 1
@@ -89,6 +90,7 @@ def simulate_flight(start, schedules, dt, every, first, plant, pilot):  # type: 
     actuators.command[0] = pilot.trims[_TRIM.de]
     actuators.after_backlash[:] = actuators.command
     actuators.position[:] = actuators.command
+    delayed, past = np.zeros(plant.signals.shape[0]), np.zeros((steps, plant.signals.shape[0]))
     s, k, mid, spool = start.copy(), np.zeros((4, _N_STATES)), np.zeros(_N_STATES), np.full(2, -1.0)
     x, alpha_dot, row = loads.variables, 0.0, 0
     for n in range(steps):
@@ -101,11 +103,14 @@ def simulate_flight(start, schedules, dt, every, first, plant, pilot):  # type: 
         thrust, rpm = _engine(now, throttle, V, s[STATE.h], dt, plant, spool)
         mass = now[SCHEDULE.mass]
         release = 0 if mass > 0.999 * schedules[0, SCHEDULE.mass] else 1
-        held = Conditions(actuators.surface, now, thrust, rpm, mass, release, alpha_dot)
+        held = Conditions(actuators.surface, now, thrust, rpm, mass, release, alpha_dot, delayed)
         # One Runge-Kutta step.
+        _delay_signals(n, dt, plant.signals, past, delayed)
         air = derivative(s, held, plant, loads, k[0])
         if n == 0:
-            _start_memory(s, x, plant.settings)
+            _start_memory(s, x, plant)
+        for j in range(delayed.size):
+            past[n, j] = x[int(plant.signals[j, FOLLOW.variable])]
         if n >= first and (n - first) % every == 0:
             _log(log, row, s, held, loads, k[0], actuators, air)
             log.reads[row, _READ.thrust_model], log.reads[row, _READ.throttle] = spool[0], throttle
@@ -206,11 +211,22 @@ def _engine(now, throttle, V, h, dt, plant, spool):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def _start_memory(s, x, settings):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _delay_signals(n, dt, signals, past, delayed):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Delayed signals at step `n`, from the variables at the steps before."""
+    for j in range(delayed.size):
+        steps = round(signals[j, FOLLOW.delay] / dt)
+        if n > 0 and steps > 0:
+            delayed[j] = past[max(n - steps, 0), j]
+
+
+@njit(cache=True)
+def _start_memory(s, x, plant):  # type: ignore[no-untyped-def]  # pragma: no cover
     """States with memory as after a long flight at the first variables."""
     alpha = x[VARIABLE.alpha]
     s[STATE.downwash], s[STATE.sidewash], s[STATE.wagner1], s[STATE.wagner2] = alpha, x[VARIABLE.beta], alpha, alpha
-    s[STATE.attached] = attached_chord(alpha, settings)
+    s[STATE.attached] = attached_chord(alpha, plant.settings)
+    for j in range(plant.signals.shape[0]):
+        s[STATE.signal1 + j] = x[int(plant.signals[j, FOLLOW.variable])]
 
 
 @njit(cache=True)

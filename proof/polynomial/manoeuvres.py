@@ -251,6 +251,15 @@ def _flap(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.ran
     manoeuvre.pulses("de", THREE_TWO_ONE_ONE, 0.62 * manoeuvre.duration, 0.7 * s.unit, 0.6 * s.de)
 
 
+def _flap_extension(manoeuvre: Manoeuvre, truth: TruthAircraft, s: InputSizes, rng: np.random.Generator) -> None:
+    """The flap extends by 6 to 11 deg and retracts, with elevator doublets before, between and after."""
+    travel, takes, d = rng.uniform(0.1, 0.2), rng.uniform(1.5, 3.0), manoeuvre.duration
+    for start, change in ((0.25 * d, travel), (0.65 * d, -travel)):
+        manoeuvre.ramp("df", start, start + takes, change)
+    for start in (1.0, 0.45 * d, 0.85 * d):
+        manoeuvre.pulses("de", DOUBLET, start, s.unit, 0.6 * s.de)
+
+
 def _free(manoeuvre: Manoeuvre, start: float, end: float) -> None:
     """The pilot lets go: a quarter of the gains remains."""
     t = manoeuvre.t
@@ -261,6 +270,7 @@ PURPOSES: dict[str, Purpose] = {
     "elevator": _elevator, "aileron": _aileron, "rudder": _rudder, "multisine": _multisine, "turns": _turns,
     "throttle": _throttle, "speeds": _speeds, "pull-up": _pull_up, "stall": _stall, "low-pass": _low_pass,
     "sideslip": _sideslip, "large": _large, "flap": _flap,
+    "flap-extension": _flap_extension,
 }  # fmt: skip
 USUAL = ("elevator", "aileron", "rudder", "multisine", "turns", "throttle", "speeds", "pull-up", "sideslip", "large")
 

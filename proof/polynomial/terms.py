@@ -9,8 +9,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from proof.keys import COEFFICIENTS
+from proof.scenario.declared import MOST_FACTORS, MOST_FOLLOWING
 
 AXES = COEFFICIENTS
+SIGNALS = tuple(f"signal{j}" for j in range(1, MOST_FOLLOWING + 1))
+"""Lags and delays of variables, as an injected effect defines them."""
 VARIABLES = (
     "1", "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "df", "CT", "dV",
     "abs_alpha", "abs_beta", "abs_de", "abs_da", "abs_dr",
@@ -21,15 +24,12 @@ VARIABLES = (
     # Relative dynamic pressure; what lags behind alpha and beta; separated fraction of the wing, lift lost.
     "dqbar", "downwash", "sidewash", "wagner", "stall", "lost",
     # Rates times rotor speed over dynamic pressure; lift of the base model; heading as a sawtooth; slosh angle.
-    "gyro_q", "gyro_r", "CL", "heading", "slosh", "angle_of_bank",
+    "gyro_q", "gyro_r", "CL", "heading", "slosh", "angle_of_bank", *SIGNALS,
 )  # fmt: skip
 """Names, in the order of a row of variables."""
 INDEX = {name: i for i, name in enumerate(VARIABLES)}
-FACTORS = 4
-"""Most factors of one term."""
-
 Terms = tuple[NDArray[np.int64], NDArray[np.float64]]
-"""(k, 1 + FACTORS) axis and variables of each term (1 fills up), and (k,) values."""
+"""(k, 1 + MOST_FACTORS) axis and variables of each term (1 fills up), and (k,) values."""
 
 
 def compile_terms(terms: Iterable[tuple[str, str, float]]) -> Terms:
@@ -46,9 +46,9 @@ def compile_terms(terms: Iterable[tuple[str, str, float]]) -> Terms:
         for part in text.split("*"):
             name, _, power = part.partition("^")
             factors += [INDEX[name]] * int(power or 1)
-        rows.append([AXES.index(axis), *factors, *[0] * (FACTORS - len(factors))])
+        rows.append([AXES.index(axis), *factors, *[0] * (MOST_FACTORS - len(factors))])
         values.append(value)
-    return np.array(rows, dtype=np.int64).reshape(-1, 1 + FACTORS), np.array(values, dtype=float)
+    return np.array(rows, dtype=np.int64).reshape(-1, 1 + MOST_FACTORS), np.array(values, dtype=float)
 
 
 @njit(cache=True)

@@ -1,14 +1,15 @@
 """Effects whose proof case is declared as data with the effect: see `structsel.effects.TruthCase`.
 
 The declaration reaches this package as data, from `proof.generate`, so that the generators of cases need not import
-the effects. Formulas are products of powers of `VARIABLES` and of the declaration's own signals.
+the effects. Formulas are products of powers of `VARIABLES` and of the declaration's own signals: one random signal, and
+lags and delays of variables.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy.signal import butter, sosfilt
@@ -16,20 +17,29 @@ from scipy.signal import butter, sosfilt
 from proof.keys import COEFFICIENTS, Kind
 from structsel.errors import DataError
 
-VARIABLES = ("1", "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "CT", "CL", "abs_alpha", "abs_beta",
-             "abs_de", "abs_da", "abs_dr")  # fmt: skip
+VARIABLES = ("1", "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "df", "CT", "CL", "abs_alpha",
+             "abs_beta", "abs_de", "abs_da", "abs_dr")  # fmt: skip
 """What a formula may hold in either plant; CT is thrust over dynamic pressure and area."""
+MOST_FACTORS = 4
+"""Of one term, powers counted."""
+MOST_FOLLOWING = 4
+"""Lags and delays of one case."""
+LIMITS = (0.02, 5.0)
+"""Of a time constant or a delay [s]: two steps of the plants, and the time simulated before a recording begins."""
+FLAP = "flap"
 MANOEUVRES = {
     "elevator": ("elevator", "pitch"), "aileron": ("aileron", "lateral"), "rudder": ("rudder", "lateral"),
     "multisine": ("multisine", "multisine"), "turn": ("turns", "turn"), "throttle": ("throttle", "throttle"),
     "speed": ("speeds", "speed"), "pull-up": ("pull-up", "pull-up"), "stall": ("stall", "stall"),
     "low-pass": ("low-pass", "low"), "sideslip": ("sideslip", "lateral"), "large": ("large", "pitch"),
+    FLAP: ("flap-extension", "df"),
 }  # fmt: skip
 """Names that a declaration uses -> those of the polynomial plant and of JSBSim."""
 Factors = tuple[tuple[str, int], ...]
 
 
-class Signal(Protocol):
+@runtime_checkable
+class Noise(Protocol):
     """Random forcing in a band of frequencies; see `structsel.effects.BandNoise`."""
 
     @property
@@ -43,6 +53,31 @@ class Signal(Protocol):
 
     @property
     def onset(self) -> float: ...  # noqa: D102
+
+
+@runtime_checkable
+class Lag(Protocol):
+    """First-order lag of a variable; see `structsel.effects.Lag`."""
+
+    @property
+    def of(self) -> str: ...  # noqa: D102
+
+    @property
+    def time_constant(self) -> float: ...  # noqa: D102
+
+
+@runtime_checkable
+class Delayed(Protocol):
+    """A variable some time ago; see `structsel.effects.Delayed`."""
+
+    @property
+    def of(self) -> str: ...  # noqa: D102
+
+    @property
+    def delay(self) -> float: ...  # noqa: D102
+
+
+Signal = Noise | Lag | Delayed
 
 
 class Truth(Protocol):
@@ -62,6 +97,24 @@ class Truth(Protocol):
 
     @property
     def ties(self) -> tuple[str, ...]: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class FollowingSignal:
+    """A variable after a first-order lag or a delay.
+
+    Attributes
+    ----------
+    name, of : str
+        Its own name, and the variable that it follows.
+    time_constant, delay : float [s]
+        One of them is 0.
+    """
+
+    name: str
+    of: str
+    time_constant: float = 0.0
+    delay: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -86,6 +139,27 @@ class DeclaredEffect:
         """Coefficients that it touches."""
         return tuple(self.truth.terms)
 
+    @property
+    def noise(self) -> dict[str, Noise]:
+        """The random signal by its name, if there is one."""
+        return {name: signal for name, signal in self.truth.signals.items() if isinstance(signal, Noise)}
+
+    @property
+    def following(self) -> tuple[FollowingSignal, ...]:
+        """Lags and delays."""
+        return tuple(
+            FollowingSignal(name, s.of, s.time_constant)
+            if isinstance(s, Lag)
+            else FollowingSignal(name, s.of, 0.0, s.delay)
+            for name, s in self.truth.signals.items()
+            if not isinstance(s, Noise)
+        )
+
+    @property
+    def needs_flap(self) -> bool:
+        """Whether only an aircraft with flaps can have it."""
+        return FLAP in self.truth.manoeuvres
+
     def manoeuvres(self, plant: int) -> tuple[str, ...]:
         """Purposes of manoeuvres that show it: 0 in the polynomial plant, 1 in JSBSim."""
         return tuple(MANOEUVRES[name][plant] for name in self.truth.manoeuvres)
@@ -97,14 +171,15 @@ def declare(name: str, kind: Kind, truth: Truth) -> DeclaredEffect:
     Raises
     ------
     DataError
-        A coefficient, variable or manoeuvre that is not known, or more than one signal.
+        A coefficient, variable or manoeuvre that is not known; too many signals or factors; a lag or delay beyond
+        `LIMITS`; a flap that does not move.
     """
-    if len(truth.signals) > 1:
-        raise DataError(f"the proof case of '{name}' has {len(truth.signals)} signals; there is room for one.")
+    signals = truth.signals.values()
     for what, given, known in (
         ("coefficient", truth.terms, COEFFICIENTS),
         ("manoeuvre", truth.manoeuvres, MANOEUVRES),
-        ("limiting variable", [s.beyond for s in truth.signals.values() if s.beyond], VARIABLES),
+        ("limiting variable", [s.beyond for s in signals if isinstance(s, Noise) and s.beyond], VARIABLES),
+        ("variable of a signal", [s.of for s in signals if not isinstance(s, Noise)], VARIABLES),
     ):
         if strange := [g for g in given if g not in known]:
             raise DataError(f"the proof case of '{name}' has the {what} '{strange[0]}'; known are {', '.join(known)}.")
@@ -113,7 +188,29 @@ def declare(name: str, kind: Kind, truth: Truth) -> DeclaredEffect:
         for axis, held in truth.terms.items()
         for formula, value in held.items()
     )
-    return DeclaredEffect(name, kind, truth, terms)
+    declared = DeclaredEffect(name, kind, truth, terms)
+    _check_signals(declared)
+    return declared
+
+
+def _check_signals(declared: DeclaredEffect) -> None:
+    """Refuse names that are taken, signals too many or too fast or too slow, and a flap that does not move."""
+    name, signals = declared.name, declared.truth.signals
+    if taken := [s for s in signals if s in VARIABLES or not s.isidentifier()]:
+        raise DataError(f"the proof case of '{name}' has a signal '{taken[0]}'; its name must be a word of its own.")
+    noises, following = len(declared.noise), declared.following
+    if noises > 1 or len(following) > MOST_FOLLOWING:
+        raise DataError(
+            f"the proof case of '{name}' has {noises} random signals and {len(following)} lags and delays; "
+            f"there is room for one and {MOST_FOLLOWING}."
+        )
+    low, high = LIMITS
+    for s in following:
+        if not low <= max(s.time_constant, s.delay) <= high:
+            raise DataError(f"signal '{s.name}' of the proof case of '{name}' needs between {low} and {high} s.")
+    moved = {s.of for s in following} | {f for _, factors, _ in declared.terms for f, _ in factors}
+    if "df" in moved and not declared.needs_flap:
+        raise DataError(f"the proof case of '{name}' uses df, which moves in the manoeuvre '{FLAP}' only.\nAdd it.")
 
 
 def factors_of(formula: str, known: Sequence[str], name: str) -> Factors:
@@ -127,6 +224,10 @@ def factors_of(formula: str, known: Sequence[str], name: str) -> Factors:
                 f"{', '.join(known)}."
             )
         factors.append((variable, int(power or 1)))
+    if (count := sum(power for _, power in factors)) > MOST_FACTORS:
+        raise DataError(
+            f"the proof case of '{name}' has the formula '{formula}' of {count} factors; {MOST_FACTORS} fit."
+        )
     return tuple(factors)
 
 
@@ -138,13 +239,13 @@ def product(factors: Factors, values: Mapping[str, np.ndarray | float]) -> np.nd
     return made
 
 
-def band_noise(signal: Signal, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def band_noise(signal: Noise, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(n,) noise of unit variance within the signal's band, at even times."""
     sos = butter(2, (signal.low, signal.high), "bandpass", fs=1.0 / float(t[1] - t[0]), output="sos")
     made = np.asarray(sosfilt(sos, rng.standard_normal(len(t) + 400)))[400:]
     return np.asarray(made / made.std())
 
 
-def strength(signal: Signal, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+def strength(signal: Noise, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
     """Factor on a signal's noise: how far its variable is beyond the onset; 1 where nothing bounds it."""
     return np.maximum(values[signal.beyond] - signal.onset, 0.0) if signal.beyond else 1.0

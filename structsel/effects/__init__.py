@@ -18,10 +18,12 @@ from structsel.effects import (
 )
 from structsel.effects.base import (
     BandNoise,
+    Delayed,
     Effect,
     EffectParameter,
     FittedEffect,
     Kind,
+    Lag,
     ParameterEstimate,
     TruthCase,
     Variant,
@@ -46,10 +48,12 @@ EFFECTS: tuple[Effect, ...] = (
 __all__ = [
     "EFFECTS",
     "BandNoise",
+    "Delayed",
     "Effect",
     "EffectParameter",
     "FittedEffect",
     "Kind",
+    "Lag",
     "ParameterEstimate",
     "TruthCase",
     "Variant",
