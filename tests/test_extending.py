@@ -169,3 +169,29 @@ def test_a_reader_from_outside_reads_files_of_its_suffix(tmp_path, monkeypatch):
     (tmp_path / "m01.other").write_text("0.1 0.2 0.3")
     with pytest.raises(DataError, match=r"'\.other', which no reader knows"):
         read_recording(tmp_path / "m01.other")
+
+
+def test_a_table_of_arrays_has_the_units_and_the_order_of_the_file():
+    arrays = {
+        "t": [0, 1],
+        "name": "abc",
+        "AoA": [1.0, 2.0],
+        "V_kt": [3.0, 4.0],
+        "acc": np.zeros((2, 2)),
+        "odd": [[1], [1, 2]],
+    }
+    table = table_from_arrays(
+        "m01", arrays, units={"AoA": "deg", "V_kt": "m/s", "acc": "g", "t": "volts per division"}, numbered=True
+    )
+    assert table.units == {"AoA": "deg", "V_kt": "m/s", "acc[1]": "g", "acc[2]": "g"}
+    assert table.numbers == {1: "t", 2: "name", 3: "AoA", 4: "V_kt", 5: "acc[1]", 6: "acc[2]", 7: "odd"}
+    assert table.unusable == {"name": "text or objects", "odd": "rows of different lengths"}
+    assert table.notes == ("the unit of 't' cannot be read: 'volts per division'",)
+    plain = table_from_arrays("m01", arrays)
+    assert (plain.units, plain.numbers) == ({"V_kt": "kt"}, {})
+
+
+@pytest.mark.parametrize(("arrays", "units"), [([1.0, 2.0], None), ({"t": [0.0, 1.0]}, ["s"])])
+def test_a_table_of_arrays_without_names_is_refused(arrays, units):
+    with pytest.raises(DataError, match=r"'m01' holds list where (columns|units) by name are needed: it is damaged"):
+        table_from_arrays("m01", arrays, units=units)

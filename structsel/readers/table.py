@@ -15,6 +15,8 @@ from structsel.readers.units import is_convertible, is_unit
 
 _WITH_UNIT = re.compile(r"^\s*(?P<name>.*?\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))\s*$")
 
+_SHOWN = 40  # characters of a wrong unit that a note repeats
+
 UNIT_SUFFIXES = {
     "deg": "deg", "rad": "rad", "deg_s": "deg/s", "dps": "deg/s", "degps": "deg/s", "rad_s": "rad/s", "radps": "rad/s",
     "deg_s2": "deg/s^2", "rad_s2": "rad/s^2", "m": "m", "ft": "ft", "km": "km", "m_s": "m/s", "mps": "m/s",
@@ -202,29 +204,75 @@ def table_from_matrix(path: str, matrix: np.ndarray, *, transpose: bool = False)
     return FileTable(path, columns, numbers={j + 1: str(j + 1) for j in range(matrix.shape[1])}, named=False)
 
 
-def table_from_arrays(path: str, arrays: dict[str, object], notes: tuple[str, ...] = ()) -> FileTable:
+def table_from_arrays(
+    path: str,
+    arrays: Mapping[str, object],
+    notes: tuple[str, ...] = (),
+    *,
+    units: Mapping[str, object] | None = None,
+    numbered: bool = False,
+) -> FileTable:
     """Table of named arrays, as .mat, .npz and .h5 files hold them.
 
     A 1-D array is one column; an (n, k) array becomes the k columns ``name[1]`` ... ``name[k]``.
-    Scalars and text are no signals: they are listed as unusable.
+    Scalars, text and lists of unequal rows are no signals: they are listed as unusable.
+
+    Parameters
+    ----------
+    path : str
+        The file, for messages.
+    arrays : mapping of str to array
+        Arrays or lists of numbers, in the order of the file.
+    notes : tuple of str
+        Changes and omissions in reading.
+    units : mapping of str to str, optional
+        Units by name, where the file states them elsewhere than in the names. They precede those of the names; a note
+        lists those that cannot be read.
+    numbered : bool
+        Whether the order of the columns is that of the file, so that a map may state their numbers.
+
+    Raises
+    ------
+    DataError
+        The arrays or the units have no names.
     """
+    for what, named in (("columns", arrays), ("units", {} if units is None else units)):
+        if not isinstance(named, Mapping):
+            raise DataError(f"'{path}' holds {type(named).__name__} where {what} by name are needed: it is damaged.")
     columns: dict[str, np.ndarray] = {}
     unusable: dict[str, str] = {}
+    source: dict[str, str] = {}  # name in the file of each column
     for name, value in arrays.items():
+        made, reason = _columns_of(name, value)
+        columns |= made
+        unusable |= {name: reason} if reason else {}
+        source |= dict.fromkeys(made or (name,), name)
+    stated = {column: unit for column in columns if (unit := split_header(column)[1]) is not None}
+    for column, name in source.items():
+        given = (units or {}).get(name)
+        if isinstance(given, str) and is_unit(given):
+            stated[column] = given
+        elif given is not None:
+            notes = (*notes, f"the unit of '{name}' cannot be read: {str(given)[:_SHOWN]!r}")
+    numbers = dict(enumerate(source, 1)) if numbered else {}
+    return FileTable(path, columns, units=stated, numbers=numbers, unusable=unusable, notes=notes)
+
+
+def _columns_of(name: str, value: object) -> tuple[dict[str, np.ndarray], str]:
+    """Columns of a named value, and the reason where there are none."""
+    try:
         array = np.asarray(value)
-        if array.ndim == 2 and 1 in array.shape:
-            array = array.reshape(-1)
-        if not is_numeric(array):
-            unusable[name] = "text or objects"
-        elif array.ndim == 1 and array.size:
-            columns[name] = as_float(array)
-        elif array.ndim == 2 and array.size:
-            for j in range(array.shape[1]):
-                columns[f"{name}[{j + 1}]"] = as_float(array[:, j])
-        else:
-            unusable[name] = "one value" if array.size == 1 else f"an array of shape {array.shape}"
-    units = {name: unit for name in columns if (unit := split_header(name)[1]) is not None}
-    return FileTable(path, columns, units=units, unusable=unusable, notes=notes)
+    except ValueError:  # NumPy makes no array of rows of several lengths
+        return {}, "rows of different lengths"
+    if array.ndim == 2 and 1 in array.shape:
+        array = array.reshape(-1)
+    if not is_numeric(array):
+        return {}, "text or objects"
+    if array.ndim == 1 and array.size:
+        return {name: as_float(array)}, ""
+    if array.ndim == 2 and array.size:
+        return {f"{name}[{j + 1}]": as_float(array[:, j]) for j in range(array.shape[1])}, ""
+    return {}, "one value" if array.size == 1 else f"an array of shape {array.shape}"
 
 
 def is_numeric(array: np.ndarray) -> bool:
