@@ -51,26 +51,31 @@ def fly(
     inputs=excite,
     h=(1000.0, 1000.0),
     definitions=None,
+    states=None,
     base=TRUTH,
     aircraft=AIRCRAFT,
     **more,
 ):
     """Flights, each with the simulation `base` at its exact states, of a truth with `extra` terms by response.
 
-    `more` are further inputs by name, arrays or functions of the number of the flight.
+    `states` are those of the truth, `definitions` its formulas, both by the name that the terms use.
+    `more` are further inputs by name, arrays or functions of the number of the flight. They are recorded even where
+    neither the simulation nor the truth has a term of them.
     """
     simulation = model_of(base)
-    truth = model_of({r: {**base[r], **extra.get(r, {})} for r in base})
+    truth = model_of({r: {**base[r], **extra.get(r, {})} for r in base}, states=states or {})
     seen = Aircraft(**{**aircraft.model_dump(exclude={"schema_name"}), "sensors": {}})
     recordings, stated = [], []
     for k, V in enumerate(speeds):
         start = trim(simulation, aircraft, V, h[k])
-        moves = start.inputs(T, **inputs(T, k)) | {n: x(k) if callable(x) else x for n, x in more.items()}
+        further = {n: x(k) if callable(x) else x for n, x in more.items()}
+        moves = start.inputs(T, **inputs(T, k)) | further
         simulated = [
             simulate(truth, aircraft, moves, start=start, definitions=definitions, instruments=i, outside="ignore")
             for i in (Instruments(noise=NOISE, seed=k), None)
         ]
-        recordings.append(Recording(f"m{k + 1:02d}", simulated[0].t, simulated[0].channels))
+        kept = {n: np.broadcast_to(x, T.shape) for n, x in further.items() if n not in simulated[0]}
+        recordings.append(Recording(f"m{k + 1:02d}", simulated[0].t, {**simulated[0].channels, **kept}))
         stated.append(simulation.evaluate(compute_coefficients(simulated[1], seen), outside="ignore"))
     return recordings, stated
 
