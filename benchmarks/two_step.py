@@ -124,7 +124,7 @@ def fitted(recordings: list[Recording], aircraft: ss.Aircraft) -> dict[tuple[str
     found = {}
     for response, terms in TERMS.items():
         kept = ss.select(
-            flights, response, ss.Candidates.parse(terms), include=terms, noise="white", bootstrap=0
+            flights, response, ss.Candidates.parse(terms), include=terms, noise="white", bootstrap=0, constants="shared"
         )[response].to_model()  # fmt: skip
         found |= {(response, term): float(kept[term]) for term in terms}
     return found

@@ -97,7 +97,7 @@ def test_memory_does_not_grow_with_the_number_of_files(tmp_path):
     n = 6000
     (one,) = fly(TRUTH, 0.03, "white", (n,))
     peaks = []
-    for count in (4, 24):
+    for count in (24, 44):
         some = tmp_path / str(count)
         some.mkdir()
         for k in range(count):

@@ -36,7 +36,11 @@ class _Estimate:
 
 
 def compare_methods(
-    problem: KinematicsProblem, method: str, run: FilterResult, constants: Iterable[Constant]
+    problem: KinematicsProblem,
+    method: str,
+    run: FilterResult,
+    constants: Iterable[Constant],
+    turbulent: frozenset[str] = frozenset(),
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Warnings, and contradictions between the methods; each is a sentence.
 
@@ -49,6 +53,8 @@ def compare_methods(
     run : FilterResult
         Readings that it rejected are not used.
     constants : iterable of Constant
+    turbulent : frozenset of str
+        Channels that measure mostly turbulence.
     """
     # A constant that drifts has no single value.
     mine = {c.name: c for c in constants if not problem.drift[fp.STATES.index(c.name)]}
@@ -56,11 +62,23 @@ def compare_methods(
         return (), ()
     used = replace(problem, measurements=np.where(run.rejected, np.nan, problem.measurements))
     others = _by_filter(used, "extended" if method == "unscented" else "unscented", mine)
-    interpolated = bool(np.any(problem.input_std != problem.input_std[0]))
-    fitted, scales = ([], ()) if interpolated else _by_output_error(used, mine)
-    why = "has no error of interpolated readings" if interpolated else "did not converge"
+    why = _why_without_output_error(problem, turbulent)
+    fitted, scales = ([], ()) if why else _by_output_error(used, mine)
+    why = why or "did not converge"
     warnings = () if fitted else (f"output error {why}, so its constants are not compared with these",)
     return warnings, (*_contradictions(method, mine, [*others, *fitted]), *scales)
+
+
+def _why_without_output_error(problem: KinematicsProblem, turbulent: frozenset[str]) -> str:
+    """What the recording has and output error has not; empty if there is nothing."""
+    if np.any(problem.input_std != problem.input_std[0]):
+        return "has no error of interpolated readings"
+    instruments = [i for i in problem.active if i < fp.GUST and fp.STATES[i] not in ("wn", "we", "wd")]
+    if np.any(problem.drift[instruments] > 0.0):
+        return "has no drift of the instruments"
+    if turbulent:
+        return f"has no turbulence, which is most of the variance of {', '.join(sorted(turbulent))}"
+    return ""
 
 
 def _by_filter(problem: KinematicsProblem, method: str, mine: Mapping[str, Constant]) -> list[_Estimate]:

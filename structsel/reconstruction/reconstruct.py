@@ -153,7 +153,7 @@ def _reconstruct(
         problem_setup, path, consistency, constants, verdict, delays, stds, smooth.std, std
     )
     above = noise_above_limit(problem_setup)
-    unknown, contradictions = compare_methods(problem_setup.problem, options.method, run, constants)
+    unknown, contradictions = compare_methods(problem_setup.problem, options.method, run, constants, turbulent)
     return Reconstruction(
         name=recording.name,
         method=options.method,
