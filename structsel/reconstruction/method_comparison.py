@@ -62,22 +62,22 @@ def compare_methods(
         return (), ()
     used = replace(problem, measurements=np.where(run.rejected, np.nan, problem.measurements))
     others = _by_filter(used, "extended" if method == "unscented" else "unscented", mine)
-    why = _why_without_output_error(problem, turbulent)
+    why = _why_without_output_error(problem)
     fitted, scales = ([], ()) if why else _by_output_error(used, mine)
+    if turbulent and not why:  # the angles are compared with the rates, whatever the air does
+        fitted, why = [], f"has no turbulence, which is most of the variance of {', '.join(sorted(turbulent))}"
     why = why or "did not converge"
     warnings = () if fitted else (f"output error {why}, so its constants are not compared with these",)
     return warnings, (*_contradictions(method, mine, [*others, *fitted]), *scales)
 
 
-def _why_without_output_error(problem: KinematicsProblem, turbulent: frozenset[str]) -> str:
+def _why_without_output_error(problem: KinematicsProblem) -> str:
     """What the recording has and output error has not; empty if there is nothing."""
     if np.any(problem.input_std != problem.input_std[0]):
         return "has no error of interpolated readings"
     instruments = [i for i in problem.active if i < fp.GUST and fp.STATES[i] not in ("wn", "we", "wd")]
     if np.any(problem.drift[instruments] > 0.0):
         return "has no drift of the instruments"
-    if turbulent:
-        return f"has no turbulence, which is most of the variance of {', '.join(sorted(turbulent))}"
     return ""
 
 
