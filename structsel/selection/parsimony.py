@@ -9,7 +9,14 @@ import numpy as np
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
-from structsel.selection.search import ROUNDING, Search, SearchResult, prediction_error, solve, weights_without
+from structsel.selection.search import (
+    ROUNDING,
+    Search,
+    SearchResult,
+    prediction_error,
+    selections_without_folds,
+    weights_without,
+)
 
 
 @dataclass(frozen=True)
@@ -41,13 +48,10 @@ def fold_errors(search: Search, test: CrossProducts | None = None) -> Array:
     """
     test = search.products if test is None else test
     errors = []
-    for fold in search.folds:
-        weights = weights_without(search.products, fold)
-        product = search.products.total(weights)
-        kept = search.run(weights, product).selected
+    for weights, kept, theta in selections_without_folds(search):
         left_out = test.total(1.0 - weights)
         floor = ROUNDING * float(left_out[-1, -1])
-        errors.append(max(prediction_error(solve(product, kept), kept, left_out), floor))
+        errors.append(max(prediction_error(theta, kept, left_out), floor))
     return np.array(errors)
 
 

@@ -12,7 +12,7 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, choose_workers
 from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.noise_models import random_block_weights
-from structsel.selection.search import Search, SearchResult, prediction_error, solve, weights_without
+from structsel.selection.search import Search, SearchResult, prediction_error, selections_without_folds, solve
 
 AT_A_TIME = 16  # resampled totals formed together
 SAMPLES_PER_SEARCH = 40  # passed over in the time of one resampled search
@@ -85,13 +85,9 @@ def cross_validate(search: Search, plain: CrossProducts) -> CrossValidation | No
         return None
     sse, tss, n = [], [], []
     unit = plain.scale[-1] ** 2
-    for fold in search.folds:
-        weights = weights_without(search.products, fold)
-        product = search.products.total(weights)
-        result = search.run(weights, product)
-        theta = solve(product, result.selected)
+    for weights, kept, theta in selections_without_folds(search):
         test = plain.total(1.0 - weights)
-        sse.append(prediction_error(theta, result.selected, test) * unit)
+        sse.append(prediction_error(theta, kept, test) * unit)
         tss.append(float(test[-1, -1] - test[0, -1] ** 2 / test[0, 0]) * unit)
         n.append(test[0, 0])
     within = plain.manoeuvre.min() == plain.last.max()

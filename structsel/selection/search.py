@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -159,6 +159,15 @@ def fold_blocks(products: CrossProducts) -> list[NDArray[np.int64]]:
 def weights_without(products: CrossProducts, fold: NDArray[np.int64]) -> Array:
     """Weights that leave the blocks of a fold out."""
     return np.where(np.isin(np.arange(products.n_blocks), fold), 0.0, 1.0)
+
+
+def selections_without_folds(search: Search) -> Iterator[tuple[Array, tuple[int, ...], Array]]:
+    """For each fold: weights of the others, the terms selected from them, and their scaled parameters."""
+    for fold in search.folds:
+        weights = weights_without(search.products, fold)
+        product = search.products.total(weights)
+        kept = search.run(weights, product).selected
+        yield weights, kept, solve(product, kept)
 
 
 def centred(product: Array) -> Array:
