@@ -15,6 +15,12 @@ from structsel.diagnosis import Diagnosis, diagnose
 from structsel.errors import StructselError, StructselWarning
 from structsel.exploring import explore_residuals
 from structsel.exporting import export_model
+from structsel.frequency_domain import (
+    FrequencyResponse,
+    TransferFunction,
+    fit_transfer_function,
+    frequency_response,
+)
 from structsel.inputs import InputComparison, InputDesign, compare_inputs, design_inputs
 from structsel.model import AeroModel, ResponseModel
 from structsel.reconstruction import Reconstruction, Reconstructions, reconstruct, reconstruct_all
@@ -80,6 +86,7 @@ __all__ = [
     "Ensemble",
     "EstimateComparison",
     "Factor",
+    "FrequencyResponse",
     "Gust",
     "InputComparison",
     "InputDesign",
@@ -101,6 +108,7 @@ __all__ = [
     "StructselError",
     "StructselWarning",
     "Term",
+    "TransferFunction",
     "Trim",
     "Turbulence",
     "Validation",
@@ -117,6 +125,8 @@ __all__ = [
     "equation_error",
     "explore_residuals",
     "export_model",
+    "fit_transfer_function",
+    "frequency_response",
     "linearise",
     "open_jsbsim",
     "published_aircraft",

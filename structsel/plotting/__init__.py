@@ -7,6 +7,7 @@ degrees. Each ``draw_`` function returns complete figures, for files.
 
 from structsel.deprecation import renamed_names
 from structsel.plotting.diagnosis import plot_difference_against, plot_error_by_stage, plot_explained, plot_time_history
+from structsel.plotting.frequency_domain import draw_frequency_response, plot_bode
 from structsel.plotting.inputs import draw_inputs, plot_cramer_rao, plot_input
 from structsel.plotting.reconstruction import (
     draw_reconstruction,
@@ -49,6 +50,7 @@ from structsel.plotting.terms import (
 __all__ = [
     "draw_addition",
     "draw_flight",
+    "draw_frequency_response",
     "draw_inputs",
     "draw_reconstruction",
     "draw_reconstructions",
@@ -58,6 +60,7 @@ __all__ = [
     "label",
     "plot_addition",
     "plot_autocorrelation",
+    "plot_bode",
     "plot_coherence",
     "plot_collinearity",
     "plot_comparison",
