@@ -17,6 +17,8 @@ from structsel.exploring import explore_residuals
 from structsel.exporting import export_model
 from structsel.frequency_domain import (
     FrequencyResponse,
+    RecursiveEstimate,
+    RecursiveEstimator,
     TransferFunction,
     fit_transfer_function,
     frequency_response,
@@ -99,6 +101,8 @@ __all__ = [
     "Reconstruction",
     "Reconstructions",
     "Recording",
+    "RecursiveEstimate",
+    "RecursiveEstimator",
     "Refinement",
     "Resimulation",
     "ResponseModel",

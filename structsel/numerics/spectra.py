@@ -270,6 +270,26 @@ def equation_error(
         raise DataError(f"{equations // 2} frequencies give {equations} equations for {k} parameters; ask for more.")
     z = [transform(y, step, f) for _, y, step, f in manoeuvres]
     X = [transform(X_t, step, f) for X_t, _, step, f in manoeuvres]
+    noise = linalg.block_diag(*(_noise_gram(len(y), step, f) for _, y, step, f in manoeuvres))
+    return regress_transforms(X, z, noise)
+
+
+def regress_transforms(X: Sequence[np.ndarray], z: Sequence[np.ndarray], noise: np.ndarray) -> FrequencyFit:
+    """Least squares of transforms, with the covariance of the parts of the transformed noise of variance one.
+
+    Parameters
+    ----------
+    X : sequence of (f, k) complex array
+        Of each manoeuvre.
+    z : sequence of (f,) complex array
+    noise : array
+        Twice as many rows and columns as frequencies: of each manoeuvre real parts, then imaginary parts.
+
+    Raises
+    ------
+    DataError
+        Regressors that are linearly dependent at these frequencies.
+    """
     stacked = np.vstack([part for one in X for part in (one.real, one.imag)])
     length = np.linalg.norm(stacked, axis=0)
     singular = np.linalg.svd(stacked / np.where(length > 0.0, length, 1.0), compute_uv=False)
@@ -281,8 +301,7 @@ def equation_error(
     inverse = linalg.pinv(stacked / length) / length[:, None]
     theta = inverse @ np.concatenate([part for one in z for part in (one.real, one.imag)])
     fit = np.concatenate([one @ theta for one in X])
-    noise = linalg.block_diag(*(_noise_gram(len(y), step, f) for _, y, step, f in manoeuvres))
-    left = np.eye(equations) - stacked @ inverse
+    left = np.eye(len(stacked)) - stacked @ inverse
     lost = float(np.sum(np.abs(np.concatenate(z) - fit) ** 2))
     variance = lost / float(np.sum((left @ noise) * left))
     power = float(np.sum(np.abs(np.concatenate(z)) ** 2))
