@@ -25,6 +25,7 @@ from structsel.frequency_domain import (
 )
 from structsel.inputs import InputComparison, InputDesign, compare_inputs, design_inputs
 from structsel.model import AeroModel, ResponseModel
+from structsel.qualification import Qualification, qualify
 from structsel.reconstruction import Reconstruction, Reconstructions, reconstruct, reconstruct_all
 from structsel.recording import (
     Recording,
@@ -98,6 +99,7 @@ __all__ = [
     "LinearStructure",
     "Mismatch",
     "PublishedAircraft",
+    "Qualification",
     "Reconstruction",
     "Reconstructions",
     "Recording",
@@ -134,6 +136,7 @@ __all__ = [
     "linearise",
     "open_jsbsim",
     "published_aircraft",
+    "qualify",
     "read_recording",
     "read_recordings",
     "reconstruct",

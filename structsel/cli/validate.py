@@ -9,12 +9,14 @@ from typing import Annotated, Literal
 
 import typer
 
+from structsel.aircraft import Aircraft
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import output_folder, refuse_existing
 from structsel.cli.help_text import epilog
 from structsel.cli.messages import ProgressBar, json_text, print_json, stdout
 from structsel.cli.models import Define, Rho, read_definitions
 from structsel.cli.parsing import split_names
+from structsel.cli.qualification import qualify_and_show, read_kinds
 from structsel.cli.recordings import (
     OUTPUT,
     Files,
@@ -28,6 +30,7 @@ from structsel.cli.recordings import (
 from structsel.cli.tables import print_files, print_summary
 from structsel.formatting import count_of
 from structsel.model import AeroModel
+from structsel.recording import Recording
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.tables import csv_of_frame
 from structsel.validation import Resimulation, resimulate, validate
@@ -42,6 +45,11 @@ EPILOG = epilog(
         (
             "Simulation with the recorded inputs, from the recorded initial state",
             "structsel validate out/model.json flights/ --aircraft aircraft.toml \\\n    --replay --out resimulated/",
+        ),
+        (
+            "Proof of match, before and after the correction of a diagnosis",
+            "structsel validate simulation.json flights/ --aircraft aircraft.toml \\\n"
+            "    --replay --qtg --corrected out/model.json --out qtg/",
         ),
     ],
     """Use complete manoeuvres that were not used to identify the model.""",
@@ -63,6 +71,18 @@ class ReplayOptions:
     window: Annotated[float, typer.Option("--window", help="Length of a window, in s.", rich_help_panel=_REPLAY)] = 4.0
     define: Define = None
     rho: Rho = None
+    qtg: Annotated[
+        bool,
+        option("--qtg", "Proof of match with the tolerances of 14 CFR 60: qtg.html and qtg.pdf in --out.", _REPLAY),
+    ] = False
+    corrected: Annotated[
+        Path | None,
+        option("--corrected", "With --qtg: the model after a correction, for before and after.", _REPLAY, "MODEL.JSON"),
+    ] = None
+    kind: Annotated[
+        list[str] | None,
+        option("--kind", "With --qtg: test of a manoeuvre, if not the one that is found.", _REPLAY, "NAME=KIND"),
+    ] = None
 
 
 @takes_dataclass()
@@ -93,11 +113,16 @@ def run(
         if responses or recorded.v0 is not None:
             raise typer.BadParameter("--responses and --v0 do not apply to --replay, which compares --outputs.")
         refuse_existing(out, output.overwrite)
+        if replay.qtg:
+            _qualify(model, files, recorded, replay, out, output.json)
+            return
+        if replay.corrected is not None or replay.kind:
+            raise typer.BadParameter("--corrected and --kind need --qtg.")
         found = _resimulate(loaded, files, recorded, replay, normaliser)
         _show(found, model.name, out, output)
         return
-    if out is not None or replay.outputs or replay.define or replay.rho is not None:
-        raise typer.BadParameter("--out, --outputs, --define and --rho need --replay.")
+    if out is not None or replay.outputs or replay.define or replay.rho is not None or replay.qtg:
+        raise typer.BadParameter("--out, --outputs, --define, --rho and --qtg need --replay.")
     recordings = recorded.read(files, {*loaded, *loaded.channels})
     result = validate(
         loaded, recordings, responses=split_names(responses) or None, constants=constants, normaliser=normaliser
@@ -116,7 +141,18 @@ def _resimulate(
     replay: ReplayOptions,
     normaliser: Literal["rms", "std", "range"],
 ) -> Resimulation:
-    """Simulate the model with the inputs of the files.
+    """Simulate the model with the inputs of the files."""
+    aircraft, flights = _read(files, recorded)
+    with ProgressBar("simulating") as waiting:
+        return resimulate(
+            model, aircraft, flights, outputs=split_names(replay.outputs) or None, window=replay.window,
+            normaliser=normaliser, air=Atmosphere(rho=replay.rho), definitions=read_definitions(replay.define),
+            progress=waiting,
+        )  # fmt: skip
+
+
+def _read(files: Sequence[Path], recorded: RecordingOptions) -> tuple[Aircraft, Sequence[Recording]]:
+    """Aircraft and manoeuvres.
 
     Raises
     ------
@@ -127,14 +163,26 @@ def _resimulate(
         raise typer.BadParameter("--replay needs --aircraft: mass, inertia and positions of the instruments.")
     aircraft = load_aircraft(recorded.aircraft)
     flights = read_manoeuvres(files, recorded.channel_map)
-    if recorded.reconstruct:
-        flights = reconstruct_paths(flights, aircraft).recordings
-    with ProgressBar("simulating") as waiting:
-        return resimulate(
-            model, aircraft, flights, outputs=split_names(replay.outputs) or None, window=replay.window,
-            normaliser=normaliser, air=Atmosphere(rho=replay.rho), definitions=read_definitions(replay.define),
-            progress=waiting,
-        )  # fmt: skip
+    return aircraft, reconstruct_paths(flights, aircraft).recordings if recorded.reconstruct else flights
+
+
+def _qualify(
+    model: Path,
+    files: Sequence[Path],
+    recorded: RecordingOptions,
+    replay: ReplayOptions,
+    out: Path | None,
+    json: bool,
+) -> None:
+    """Proof of match; see `structsel.cli.qualification`."""
+    if replay.outputs:
+        raise typer.BadParameter("--outputs does not apply to --qtg: the tests state what is compared.")
+    kinds = read_kinds(replay.kind or [])
+    aircraft, flights = _read(files, recorded)
+    qualify_and_show(
+        model, replay.corrected, files, out, json, aircraft=aircraft, recordings=flights, kinds=kinds,
+        air=Atmosphere(rho=replay.rho), definitions=read_definitions(replay.define),
+    )  # fmt: skip
 
 
 def _show(found: Resimulation, model: str, out: Path | None, output: OutputOptions) -> None:

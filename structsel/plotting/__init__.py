@@ -9,6 +9,7 @@ from structsel.deprecation import renamed_names
 from structsel.plotting.diagnosis import plot_difference_against, plot_error_by_stage, plot_explained, plot_time_history
 from structsel.plotting.frequency_domain import draw_frequency_response, plot_bode
 from structsel.plotting.inputs import draw_inputs, plot_cramer_rao, plot_input
+from structsel.plotting.qualification import draw_qualification, draw_qualification_test, plot_match
 from structsel.plotting.reconstruction import (
     draw_reconstruction,
     draw_reconstructions,
@@ -52,6 +53,8 @@ __all__ = [
     "draw_flight",
     "draw_frequency_response",
     "draw_inputs",
+    "draw_qualification",
+    "draw_qualification_test",
     "draw_reconstruction",
     "draw_reconstructions",
     "draw_refinement",
@@ -82,6 +85,7 @@ __all__ = [
     "plot_innovations",
     "plot_input",
     "plot_intervals",
+    "plot_match",
     "plot_mismatch_coherence",
     "plot_nis",
     "plot_readings",

@@ -10,12 +10,13 @@ from markupsafe import Markup
 
 from structsel.diagnosis.result import Diagnosis
 from structsel.errors import DomainError
-from structsel.files import write_text
+from structsel.files import replacing, write_text
 from structsel.provenance import file_of, provenance_of
+from structsel.qualification import Qualification
 from structsel.reconstruction import Reconstruction, Reconstructions
 from structsel.recording import Recording
 from structsel.refinement import Refinement
-from structsel.report import comparison, diagnosis, reconstruction, refinement, selection
+from structsel.report import comparison, diagnosis, qualification, reconstruction, refinement, selection
 from structsel.report.page_model import Page, bar_columns
 from structsel.selection import Selection, Selections
 from structsel.tables import Bar, Cell, Link
@@ -108,6 +109,44 @@ def write_comparison(
     page = comparison.page_of(found, recordings, judged or {}, pages or {})
     write_text(path, _fill_page(page, _provenance(provenance, recordings)))
     return path
+
+
+def write_qualification(
+    result: Qualification, folder: str | Path, *, provenance: Mapping[str, Any] | None = None
+) -> tuple[Path, Path]:
+    """Write a proof of match as ``qtg.html`` and ``qtg.pdf``, each one file that needs no other.
+
+    Parameters
+    ----------
+    result : Qualification
+    folder : str or Path
+        Exists.
+    provenance : mapping, optional
+        See `write_report`.
+
+    Returns
+    -------
+    tuple of Path
+        HTML and PDF.
+
+    Raises
+    ------
+    OSError
+        A file cannot be written.
+    """
+    page = qualification.page_of(result)
+    known = _provenance(provenance, [one.recorded for one in result.tests])
+    context = {
+        "page": page,
+        "headline": page.headline,
+        "data": page.data,
+        "pictures": qualification.pictures_of(result),
+    }
+    html, pdf = Path(folder) / "qtg.html", Path(folder) / "qtg.pdf"
+    write_text(html, _fill("qualification.html", context, known))
+    with replacing(pdf) as partial:
+        partial.write_bytes(qualification.pdf_of(result, known["versions"]))
+    return html, pdf
 
 
 def _provenance(given: Mapping[str, Any] | None, recordings: Sequence[Recording]) -> Mapping[str, Any]:
