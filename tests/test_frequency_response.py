@@ -186,6 +186,26 @@ def test_the_covariance_of_the_parameters_is_that_of_their_errors():
     assert abs(distances(range(100, 140)).mean() - 5.0) < 4.0 * np.sqrt(10.0 / 40.0)
 
 
+def test_the_published_short_period_of_the_hawk_is_found_in_sweeps():
+    # [C89], longitudinal matrices at 105.5 m/s; the short period published there is -1.512 +- 2.231i.
+    A = np.array(
+        [[-0.016, 0.026, 0.0, -9.81], [-0.217, -1.342, 105.5 - 1.379, 0.0], [-0.005, -0.048, -1.669, 0.0], [0, 0, 1, 0]]
+    )
+    B, C, D = np.array([[0.0], [-21.849], [-19.527], [0.0]]), np.array([[0.0, 0.0, 1.0, 0.0]]), np.zeros((1, 1))
+    flights = []
+    for k in range(3):
+        rng = np.random.default_rng([2, k])
+        t, de = sweep(rng)
+        q = simulate_linear(A, B, C, D, 0.5 * de[:, None], DT, delay=0.05)[:, 0]
+        flights.append(ss.Recording(f"h{k}", t, {"de": 0.5 * de, "q": q + 0.005 * rng.standard_normal(t.size)}))
+    fit = ss.fit_transfer_function(ss.frequency_response(flights, "q", "de", band=(0.6, 12.0)), "short-period")
+    published = complex(-1.512, 2.231)
+    truth = {"omega": abs(published), "zeta": -published.real / abs(published), "tau": 0.05 + DT / 2}
+    for name, value in truth.items():
+        assert abs(fit[name][0] - value) < 3.0 * fit[name][1]
+        assert fit[name][1] < 0.02 * value
+
+
 def test_the_fit_of_an_exact_response_is_the_system_itself():
     response = ss.frequency_response(sweeps(0), "q", "de", band=(0.5, 10.0))
     response = replace(response, response=true_response(response.omega)[:, None, None])
