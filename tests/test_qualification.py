@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import structsel as ss
+from structsel.demo import demo_missing_physics
 from structsel.demo.aircraft import TRUTH, demo_aircraft
 from structsel.errors import ModelError
 from structsel.inputs import doublet
@@ -224,6 +225,16 @@ def test_a_wrong_model_fails_before_and_passes_after_its_correction(flights, nam
     assert test.passed("before") is False
     assert test.passed("after") is True
     assert result.headline() == "0 of 1 test passed before the correction, 1 after it."
+
+
+@pytest.mark.slow
+def test_the_correction_of_a_diagnosis_lowers_the_errors():
+    case = demo_missing_physics("ground-effect", flights=4)
+    diagnosis = ss.diagnose(case.simulation, case.recordings, case.aircraft)
+    result = ss.qualify(case.simulation, case.aircraft, case.recordings, corrected=diagnosis.model)
+    ratio = result.to_frame().groupby(["stage", "parameter"])["ratio"].mean()
+    assert ratio["after", "az"] < 0.5 * ratio["before", "az"]
+    assert ratio["after", "theta"] < 0.5 * ratio["before", "theta"]
 
 
 def test_the_user_can_state_the_kind(flights):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_format
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -115,3 +116,4 @@ def _show(estimate: RecursiveEstimate, json: bool, *, first: bool) -> None:
     ]
     r2 = format_number(estimate.r2, 3)
     stdout().print(f"{estimate.t:8.2f}  {r2:>6}  {'   '.join(values)}", highlight=False, soft_wrap=True)
+    sys.stdout.flush()  # a pipe shows each line when it is there
