@@ -155,13 +155,13 @@ class Qualification(Result):
 
     def overview(self) -> Table:
         """One row for each manoeuvre: its test, the reason, pass or fail."""
-        heads = (text_column("manoeuvre"), text_column("test"), text_column("taken for it because", wrap=True))
+        heads, why = (text_column("manoeuvre"), text_column("test")), text_column("taken for it because", wrap=True)
         stages = tuple(text_column(stage if self.corrected else "result") for stage in self.stages)
         rows = tuple(
-            (one.name, one.title, one.why, *(verdict_cell(one.passed(stage), one.kind) for stage in self.stages))
+            (one.name, one.title, *(verdict_cell(one.passed(stage), one.kind) for stage in self.stages), one.why)
             for one in self.tests
         )
-        return Table((*heads, *stages), rows, "Manoeuvres")
+        return Table((*heads, *stages, why), rows, "Manoeuvres")
 
     def table_of(self, one: QualificationTest) -> Table:
         """Parameters of one test: tolerance, error or values, pass or fail."""
