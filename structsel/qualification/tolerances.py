@@ -1,9 +1,10 @@
 """Tolerances of the objective tests of a flight simulator, as one table.
 
 Source: 14 CFR part 60, appendix A, attachment 2, table A2A, "Full Flight Simulator (FFS) Objective Tests", edition of
-1 January 2014 [FSTD]; the number of each test is its entry number there. CS-FSTD(A), appendix 1 to AMC1 FSTD(A).300,
-table of FSTD validation tests, numbers the same tests alike. Its values were not compared line by line. Tolerances on
-the forces of reversible controls and on trim surfaces are left out: recordings have none.
+1 January 2014, printed pages 55, 57 and 58 [FSTD]; the number of each test is its entry number there. Two items are not
+from a page that was open: the 5 % of thrust in entry 2.c.5, and the rule that of two tolerances of a parameter the less
+restrictive one counts. CS-FSTD(A), appendix 1 to AMC1 FSTD(A).300, has a table of the same tests; it was not compared.
+Tolerances on the forces of reversible controls and on trim surfaces are left out: recordings have none.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ KNOT = 0.514444  # m/s
 FOOT = 0.3048  # m
 How = Literal["history", "value"]
 
-SOURCE = "14 CFR part 60, appendix A, table A2A (1 January 2014); same entries in CS-FSTD(A), AMC1 FSTD(A).300"
+SOURCE = "14 CFR part 60, appendix A, table A2A (1 January 2014); CS-FSTD(A) was not compared"
 
 
 @dataclass(frozen=True)
