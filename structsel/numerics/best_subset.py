@@ -24,6 +24,8 @@ from scipy.linalg import cho_factor, cho_solve
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import candidate_numbers, check_products, check_size
+from structsel.numerics.hierarchical_search import GroupRules, hierarchical_search, needs_of
+from structsel.numerics.hierarchy import Hierarchy
 from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
 
 MAX_CANDIDATES = 40
@@ -135,9 +137,58 @@ def _prepare(S, active, m, tol, bound):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _leaps(R, max_size, best, sets, tol):  # type: ignore[no-untyped-def]
+def _allowed(inside, a, parents, strong):  # type: ignore[no-untyped-def]
+    """Whether candidate a has the parents that it needs."""
+    some, every, known = False, True, False
+    for b in parents[a]:
+        if b >= 0:
+            known = True
+            if inside[b]:
+                some = True
+            else:
+                every = False
+    return not known or (every if strong else some)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _hide_orphans(S, active, m, path, size, possible, parents, strong):  # type: ignore[no-untyped-def]
+    """Zero undecided candidates that cannot have the parents they need any more; whether a kept one cannot."""
+    possible[:] = False
+    for i in range(size):
+        possible[path[i]] = True
+    for a in range(m):
+        possible[active[a]] = True
+    changed = True
+    while changed:
+        changed = False
+        for a in range(m):
+            if possible[active[a]] and not _allowed(possible, active[a], parents, strong):
+                possible[active[a]] = False
+                S[a, a] = 0.0
+                changed = True
+    lost = False
+    for i in range(size):
+        lost |= not _allowed(possible, path[i], parents, strong)
+    return lost
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _is_allowed(path, size, inside, parents, strong):  # type: ignore[no-untyped-def]
+    """Whether the first terms of a path are a hierarchical model."""
+    inside[:] = False
+    for i in range(size):
+        inside[path[i]] = True
+    complete = True
+    for i in range(size):
+        complete &= _allowed(inside, path[i], parents, strong)
+    return complete
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _leaps(R, max_size, best, sets, tol, parents, strong):  # type: ignore[no-untyped-def]
     """Improve best (max_size+1,) and sets (max_size+1, q) until they are exact; returns the number of nodes."""
     q = R.shape[0] - 1
+    inside = np.zeros(q, np.bool_)
     work = np.empty((q + 1, q + 1, q + 1))
     active = np.empty((q + 1, q + 1), np.int64)
     bound = np.empty((q + 1, q + 1))
@@ -178,15 +229,17 @@ def _leaps(R, max_size, best, sets, tol):  # type: ignore[no-untyped-def]
                 for c in range(i + 1, m + 1):
                     S[a, c] -= f * S[i, c]
             rss = max(S[m, m], 0.0)
-            if rss < best[size + 1]:
+            path[size] = active[level, i]
+            if rss < best[size + 1] and _is_allowed(path, size + 1, inside, parents, strong):
                 best[size + 1] = rss
                 for a in range(q):
                     sets[size + 1, a] = False
-                for a in range(size):
+                for a in range(size + 1):
                     sets[size + 1, path[a]] = True
-                sets[size + 1, active[level, i]] = True
         else:
             at[level] = m
+        if branch and parents.shape[1]:
+            branch = not _hide_orphans(child, active[level + 1], left, path, size, inside, parents, strong)
         if branch:
             level += 1
             nodes += 1
@@ -203,6 +256,7 @@ def best_subset(
     max_terms: int | None = None,
     include: Sequence[int] = (),
     min_tolerance: float = 1e-9,
+    hierarchy: Hierarchy | None = None,
 ) -> list[Subset]:
     """Find the model of least residual sum of squares for every number of terms.
 
@@ -219,6 +273,8 @@ def best_subset(
     min_tolerance : float [-]
         Refuse models with a candidate of which at most this fraction of the centred variance is not explained by
         the others.
+    hierarchy : Hierarchy, optional
+        Only models that are hierarchical; included terms need no parent. The bounds are those of all models.
 
     Returns
     -------
@@ -261,10 +317,26 @@ def best_subset(
     best = np.full(max_size + 1, np.inf)
     sets = np.zeros((max_size + 1, free.size), dtype=np.bool_)
     best[0] = max(R[p, p], 0.0)
-    _good_start(C, dof, included, free, best, sets, min_tolerance)
+    parents, strong = np.empty((free.size, 0), dtype=np.int64), False
+    if hierarchy is not None:
+        hierarchy = hierarchy.without(included).without_constants(C)
+        parents, strong = _among(hierarchy, included, free), hierarchy.strong
+    _good_start(C, dof, included, free, best, sets, min_tolerance, hierarchy)
     if free.size and max_size:
-        _leaps(np.ascontiguousarray(R[np.ix_(columns, columns)]), max_size, best, sets, float(min_tolerance))
+        products = np.ascontiguousarray(R[np.ix_(columns, columns)])
+        _leaps(products, max_size, best, sets, float(min_tolerance), parents, strong)
     return [_fit(C, np.union1d(included, free[sets[k]])) for k in range(max_size + 1) if np.isfinite(best[k])]
+
+
+def _among(hierarchy: Hierarchy, included: NDArray[np.int64], free: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Parents of the free candidates among one another; those that an included parent satisfies need none."""
+    parents = hierarchy.parents.copy()
+    there = np.isin(parents, included)
+    if hierarchy.strong:
+        parents[there] = -1
+    else:
+        parents[there.any(axis=1)] = -1
+    return Hierarchy(parents, hierarchy.strong).of_candidates(free).parents
 
 
 def _good_start(
@@ -275,13 +347,19 @@ def _good_start(
     best: Array,
     sets: NDArray[np.bool_],
     tol: float,
+    hierarchy: Hierarchy | None,
 ) -> None:
     """Models by forward selection with exchanges, which cut most branches."""
     p = C.shape[0] - 1
     begin = np.empty(0, np.int64)
     for k in range(1, best.size):
-        rules = StepwiseRules(np.zeros(p), -1.0, included.size + k, 0.0, np.ones(p), True, float(tol))
-        chosen, _, rss, *_ = stepwise_search(C, float(dof), rules, included, begin, np.empty((0, 7)))
+        if hierarchy is None:
+            rules = StepwiseRules(np.zeros(p), -1.0, included.size + k, 0.0, np.ones(p), True, float(tol))
+            chosen, _, rss, *_ = stepwise_search(C, float(dof), rules, included, begin, np.empty((0, 7)))
+        else:
+            groups = GroupRules(np.zeros(p), -1.0, included.size + k, 0.0, True, float(tol))
+            needs = needs_of(hierarchy)
+            chosen, _, rss, *_ = hierarchical_search(C, float(dof), groups, needs, included, begin, np.empty((0, 7)))
         if chosen.size != included.size + k:
             break
         # Slightly above, so that the exact search finds the same model itself and no rounding hides it.

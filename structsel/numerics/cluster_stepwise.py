@@ -27,6 +27,7 @@ from scipy import linalg, stats
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.hierarchy import Hierarchy
 from structsel.numerics.stepwise import SearchPath, SearchStep
 
 PERFECT = 1e-12  # of the response's sum of squares
@@ -158,6 +159,7 @@ def cluster_stepwise(
     initial: Sequence[int] = (),
     max_terms: int | None = None,
     min_tolerance: float = 1e-9,
+    hierarchy: Hierarchy | None = None,
 ) -> SearchPath:
     """Modified stepwise regression with cluster-robust partial F.
 
@@ -179,13 +181,15 @@ def cluster_stepwise(
     max_terms : int, optional
     min_tolerance : float
         Least fraction of a candidate's sum of squares that the kept terms do not explain.
+    hierarchy : Hierarchy, optional
+        Only hierarchical models. A candidate enters with the parents that it lacks, if its F given them reaches F_in.
 
     Returns
     -------
     SearchPath
         F of each step is the cluster-robust one.
     """
-    search = _Search(products, weights, dof, F_in, F_out, include, max_terms, min_tolerance)
+    search = _Search(products, weights, dof, F_in, F_out, include, max_terms, min_tolerance, hierarchy)
     search.begin(initial)
     while not search.stopped:
         search.move()
@@ -206,7 +210,9 @@ class _Search:
         include: Sequence[int],
         max_terms: int | None,
         min_tolerance: float,
+        hierarchy: Hierarchy | None,
     ):
+        self.hierarchy = None if hierarchy is None else hierarchy.without(include)
         self.G = products.total(weights)
         self.clusters = _Clusters(products, weights)
         count = self.clusters.count
@@ -234,7 +240,8 @@ class _Search:
 
     def move(self) -> None:
         """Make one move, or set the reason why there is none."""
-        free = [m for m, j in enumerate(self.kept) if j not in self.include]
+        stay = {*self.include, *(self.hierarchy.needed_by_others(self.kept) if self.hierarchy is not None else ())}
+        free = [m for m, j in enumerate(self.kept) if j not in stay]
         if self.fit.rss <= PERFECT * self.tss:
             # Only rounding error is left, and F is meaningless; terms without a loss leave.
             idle = (m for m in free if self.fit_of(self.kept[:m] + self.kept[m + 1 :]).rss <= PERFECT * self.tss)
@@ -253,9 +260,12 @@ class _Search:
             self.stopped = self.full
             return
         j = self.best_entry(self.fit)
-        if j is not None:
+        group = [j] if j is not None and self.allows([*self.kept, j]) else self.best_group()
+        for j in group:
             self.enter(j)
-        elif not self.swap():
+        if group:
+            return
+        if not self.swap():
             self.stopped = "no term outside reaches F_in"
 
     def best_entry(self, fit: _ClusterFit) -> int | None:
@@ -263,6 +273,25 @@ class _Search:
         able = (self.F_in <= fit.F) & (fit.tolerance > self.min_tolerance)
         able[[*self.kept, *self.left]] = False
         return int(np.argmax(np.where(able, fit.gain, -1.0))) if able.any() else None
+
+    def allows(self, model: Sequence[int]) -> bool:
+        return self.hierarchy is None or self.hierarchy.allows(model)
+
+    def best_group(self) -> list[int]:
+        """The candidate of largest reduction of rss that can have its parents, after those that it lacks."""
+        if self.hierarchy is None:
+            return []
+        able = (self.F_in <= self.fit.F) & (self.fit.tolerance > self.min_tolerance)
+        able[[*self.kept, *self.left]] = False
+        for j in sorted(np.flatnonzero(able).tolist(), key=lambda j: -self.fit.gain[j]):
+            group = self.hierarchy.group_of(j, self.kept, self.fit.gain)
+            *parents, _ = group
+            if len(self.kept) + len(group) > self.most or (self.fit.tolerance[parents] <= self.min_tolerance).any():
+                continue
+            with_parents = self.fit_of([*self.kept, *parents])
+            if with_parents.F[j] >= self.F_in and with_parents.tolerance[j] > self.min_tolerance:
+                return group
+        return []
 
     def enter(self, j: int) -> None:
         F, sign = float(self.fit.F[j]), float(self.fit.sign[j])
@@ -281,6 +310,8 @@ class _Search:
                 continue
             fit = self.fit_of([*self.kept[:m], *self.kept[m + 1 :]])
             j = self.best_entry(fit)
+            if j is not None and not self.allows([*self.kept[:m], *self.kept[m + 1 :], j]):
+                continue
             if j is not None and (best is None or fit.rss - float(fit.gain[j]) < best[0]):
                 best = fit.rss - float(fit.gain[j]), m, j
         if best is None:

@@ -15,6 +15,8 @@ from scipy.linalg import cholesky, solve_triangular
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import candidate_numbers, check_products, check_size, pse
+from structsel.numerics.hierarchical_search import GroupRules, hierarchical_search, needs_of
+from structsel.numerics.hierarchy import Hierarchy
 from structsel.numerics.search_model import ACTION, ENTER, INDEX, PARTIAL_R, UNEXPLAINED
 from structsel.numerics.stepwise import SearchPath, SearchStep, run_kernel
 from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
@@ -76,6 +78,7 @@ def orthogonal(
     include: Sequence[int] = (),
     max_terms: int | None = None,
     min_tolerance: float = 1e-9,
+    hierarchy: Hierarchy | None = None,
 ) -> OrthogonalPath:
     """Choose terms by orthogonal functions and the least predicted squared error.
 
@@ -101,6 +104,10 @@ def orthogonal(
     max_terms : int, optional
     min_tolerance : float [-]
         Refuse a candidate if at most this fraction of its centred variance is not explained by the earlier ones.
+    hierarchy : Hierarchy, optional
+        Parents are ranked before what needs them: the candidate that comes next is, with the parents that it lacks, the
+        one that reduces the cost most for each of these terms. So every model of the path is hierarchical. "Greedy"
+        takes the logarithm of the cost.
 
     Returns
     -------
@@ -136,10 +143,17 @@ def orthogonal(
         raise SelectionError(f'orthogonal takes order "greedy" or "given"; found {order!r}. Choose one of them.')
 
     rules = StepwiseRules(F_in, -1.0, max_size, 0.0, np.ones(p), False, float(min_tolerance))
+    if hierarchy is not None:
+        hierarchy = hierarchy.without(included).without_constants(C)
 
     def rank(first: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
         """Candidates in order of entry, the cost reduction of each candidate, and those refused."""
-        (chosen, _, _, refused, _, moves), trace = run_kernel(stepwise_search, C, float(dof), rules, included, first)
+        if hierarchy is not None and order == "greedy":
+            groups = GroupRules(F_in, -1.0, max_size, 0.0, False, float(min_tolerance))
+            answer = run_kernel(hierarchical_search, C, float(dof), groups, needs_of(hierarchy), included, first)
+        else:
+            answer = run_kernel(stepwise_search, C, float(dof), rules, included, first)
+        (chosen, _, _, refused, _, moves), trace = answer
         entries = trace[:moves][trace[:moves, ACTION] == ENTER]
         before = np.concatenate([[1.0], entries[:-1, UNEXPLAINED]])
         gains = np.zeros(p)
@@ -150,9 +164,24 @@ def orthogonal(
     if order == "given":
         # A stable sort of the entered ones; the included ones stay in front.
         free = ranked[included.size :]
-        free = free[np.argsort(-gains[free], kind="stable")][: max(0, max_size - included.size)]
-        ranked, _, _ = rank(free.astype(np.int64))
+        free = free[np.argsort(-gains[free], kind="stable")]
+        if hierarchy is not None:
+            free = _parents_first(free, gains, hierarchy)
+        ranked, _, _ = rank(free[: max(0, max_size - included.size)].astype(np.int64))
     return _assemble(C, dof, ranked, gains, refused, bound, included)
+
+
+def _parents_first(ranked: NDArray[np.int64], gains: Array, hierarchy: Hierarchy) -> NDArray[np.int64]:
+    """The ranked candidates with parents before what needs them: next is the group of largest mean cost reduction."""
+    inside: list[int] = []
+    left = dict.fromkeys(ranked.tolist())
+    while left:
+        groups = [group for j in left if (group := hierarchy.group_of(j, inside, gains)) and set(group) <= set(left)]
+        if not groups:
+            break
+        inside += max(groups, key=lambda group: float(gains[np.array(group)].mean()))
+        left = dict.fromkeys(j for j in left if j not in set(inside))
+    return np.array(inside, dtype=np.int64)
 
 
 def _assemble(

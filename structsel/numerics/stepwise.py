@@ -12,11 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import candidate_numbers, check_products, check_size
+from structsel.numerics.hierarchical_search import GroupRules, hierarchical_search, needs_of
+from structsel.numerics.hierarchy import Hierarchy
 from structsel.numerics.penalised_search import penalised_search
 from structsel.numerics.search_model import ACTIONS, STOPS
 from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
@@ -128,6 +130,7 @@ def stepwise(
     weights: ArrayLike | None = None,
     min_tolerance: float = 1e-9,
     entry_thresholds: ArrayLike | None = None,
+    hierarchy: Hierarchy | None = None,
 ) -> SearchPath:
     """Choose terms by modified stepwise regression.
 
@@ -167,6 +170,9 @@ def stepwise(
     entry_thresholds : (p,) array [-], optional
         In place of F_in: partial F that the first, second, ... term needs (:func:`fdr_F_in`). With k terms,
         F_out is at most the k-th of them.
+    hierarchy : Hierarchy, optional
+        Only hierarchical models: a candidate enters with the parents that it lacks, and leaves with the terms that
+        need it, by the rules of `hierarchical_search`. Included terms need no parent. Not with ``weights``.
 
     Returns
     -------
@@ -210,12 +216,29 @@ def stepwise(
     begin = candidate_numbers(initial, p, "stepwise", "initial")
     max_size = p if max_terms is None else int(max_terms)
     check_size(included, begin, dof, max_size, "stepwise")
+    if hierarchy is not None:
+        groups = GroupRules(thresholds, float(F_out), max_size, float(min_gain), bool(swap), float(min_tolerance))
+        return _hierarchical(C, float(dof), groups, hierarchy, included, begin)
     preference = np.ones(p) if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
     rules = StepwiseRules(
         thresholds, float(F_out), max_size, float(min_gain), preference, bool(swap), float(min_tolerance)
     )
     answer, trace = run_kernel(stepwise_search, C, float(dof), rules, included, begin)
     return search_path(answer, trace, float(C[-1, -1]), float(dof))
+
+
+def _hierarchical(
+    C: Array,
+    dof: float,
+    rules: GroupRules,
+    hierarchy: Hierarchy,
+    include: NDArray[np.int64],
+    initial: NDArray[np.int64],
+) -> SearchPath:
+    """Search by moves of groups; included terms need no parent, and constants are none."""
+    needs = needs_of(hierarchy.without(include).without_constants(C))
+    answer, trace = run_kernel(hierarchical_search, C, dof, rules, needs, include, initial)
+    return search_path(answer, trace, float(C[-1, -1]), dof)
 
 
 def forward_selection(
@@ -268,6 +291,7 @@ def refine_subset(
     max_terms: int | None = None,
     depth: int = 2,
     min_tolerance: float = 1e-9,
+    hierarchy: Hierarchy | None = None,
 ) -> SearchPath:
     """Improve a selection by small moves while dof log(rss) + penalty k decreases.
 
@@ -281,6 +305,8 @@ def refine_subset(
         Penalty of one term: (dof / N) log(N) is exactly BIC, 2 is about AIC.
     depth : {1, 2, 3}
         1: one term in, out or exchanged. 2: also two in, two out, two for one, one for two. 3: also two for two.
+    hierarchy : Hierarchy, optional
+        As for :func:`stepwise`; the moves are then groups in, out or exchanged.
 
     Returns
     -------
@@ -300,6 +326,10 @@ def refine_subset(
     begin = candidate_numbers(selected, p, "refine_subset", "selected")
     max_size = p if max_terms is None else int(max_terms)
     check_size(included, begin, dof, max_size, "refine_subset")
+    if hierarchy is not None:
+        prices = np.maximum(dof - np.arange(p) - 1.0, 1e-9) * np.expm1(penalty / dof)
+        groups = GroupRules(prices, np.inf, max_size, 0.0, True, float(min_tolerance))
+        return _hierarchical(C, float(dof), groups, hierarchy, included, begin)
     answer, trace = run_kernel(
         *(penalised_search, C, float(dof), float(penalty), included, begin, max_size, int(depth), float(min_tolerance))
     )

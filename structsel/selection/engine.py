@@ -16,6 +16,7 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, choose_workers
 from structsel.numerics.collinearity import condition_indices, vif
 from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products
+from structsel.numerics.hierarchy import Hierarchy, find_parents
 from structsel.numerics.least_squares import LeastSquaresFit, fit_each
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import project
@@ -96,7 +97,9 @@ def select_arrays(
         progress=data.stage("cross-products"),
         **data.given,
     )
-    constraints = SearchConstraints(exponents.sum(axis=1), tuple(include), tuple(initial))
+    constraints = SearchConstraints(
+        exponents.sum(axis=1), tuple(include), tuple(initial), _hierarchy(exponents, options, include)
+    )
     folds = fold_blocks(plain)
     shared = [Search(plain.of_response(r), options, constraints, folds) for r in range(plain.n_responses)]
     searches = [choose_constants(search) for search in shared]
@@ -122,6 +125,13 @@ def select_arrays(
         _describe(r, data, searches[r].products, shared[r].products, white_noise[r], chosen[r], fits[r])
         for r in range(plain.n_responses)
     ]
+
+
+def _hierarchy(exponents: NDArray[np.integer], options: SelectOptions, include: Sequence[int]) -> Hierarchy | None:
+    """Parents that the terms need, those included excepted."""
+    if options.hierarchy == "none":
+        return None
+    return Hierarchy(find_parents(exponents), options.hierarchy == "strong").without(include)
 
 
 @dataclass(frozen=True)

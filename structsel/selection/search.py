@@ -103,14 +103,7 @@ class Search:
     def _visible(self) -> tuple[NDArray[np.int64], Search]:
         """Numbers of the candidates that are searched, and the search among them."""
         numbers = np.flatnonzero(~self.hidden)
-        place = {int(j): i for i, j in enumerate(numbers)}
-        old = self.constraints
-        constraints = SearchConstraints(
-            old.degrees[numbers],
-            tuple(place[j] for j in old.include),
-            tuple(place[j] for j in old.initial if j in place),
-        )
-        products = self.products.of_candidates(numbers)
+        products, constraints = self.products.of_candidates(numbers), self.constraints.of_candidates(numbers)
         return numbers, replace(self, products=products, constraints=constraints, degree=None)
 
     def run(self, weights: Array | None = None, product: Array | None = None) -> SearchResult:
@@ -279,6 +272,7 @@ def prefer_lower_degree(result: SearchResult, problem: SearchProblem) -> SearchR
             a
             for a in find_aliases(C, kept, result.effective_dof, higher)
             if constraints.degrees[a.other] < constraints.degrees[a.kept]
+            and constraints.allow(a.other if j == a.kept else j for j in kept)
         ]
         if not better:
             break
@@ -295,7 +289,10 @@ def _drop_correlated(result: SearchResult, problem: SearchProblem) -> SearchResu
     limit, C = problem.options.correlation_limit, problem.products
     if limit is None or len(result.selected) < 2:
         return result
-    kept, dropped = drop_correlated(C, result.dof, result.selected, limit, include=problem.constraints.include)
+    stay, hierarchy = list(problem.constraints.include), problem.constraints.hierarchy
+    if hierarchy is not None:
+        stay += hierarchy.needed_by_others(result.selected)
+    kept, dropped = drop_correlated(C, result.dof, result.selected, limit, include=stay)
     steps = list(result.steps)
     remaining = list(result.selected)
     for drop in dropped:

@@ -20,6 +20,7 @@ Criterion = Literal["PSE", "BIC", "EBIC", "AICc", "adj_R2", "cv"]
 Estimate = Literal["least_squares", "principal_components", "ridge"]
 Components = Literal["variance", "PSE", "cv"] | int
 Constants = Literal["auto", "shared", "own"]
+HierarchyRule = Literal["none", "weak", "strong"]
 Parsimony = Literal["one_se", "none"]
 StoppingRule = Literal["F", "R2", "PSE"]
 InitialTerms = Literal["empty", "linear", "all"]
@@ -73,6 +74,12 @@ class SelectOptions:
         Of the model selected from all candidates, those from candidates up to a lower degree, and the linear model with
         all its terms, take the one of fewest terms whose error of prediction in recordings left out is within one
         standard error of the least [B84]; or the first. A criterion that is given decides alone.
+    hierarchy : {"none", "weak", "strong"}
+        Parents that a product needs in the model: none, at least one, or all [N77]. The parents of a term are the
+        candidates that divide it, with no candidate between: alpha and de of alpha*de, alpha of alpha^2, alpha*de and
+        alpha^2 of alpha^2*de. A formula, a spline or an offset is one signal: abs(beta) has no parent, those of
+        abs(beta)*beta are abs(beta) and beta. Included terms need no parent. By default any model may be chosen: by
+        symmetry beta^2 belongs in CX, CZ and Cm, and beta does not.
     initial_terms : {"empty", "linear", "all"}
         Start of a stepwise search: no term, the linear terms [TP1916], or all terms [C89].
     stopping_rule : {"F", "R2", "PSE"}
@@ -126,6 +133,9 @@ class SelectOptions:
     )
     parsimony: Parsimony = option(
         "one_se", help="Prefer candidates of lower degree that predict as well (one_se), or none.", group=_SEARCH
+    )
+    hierarchy: HierarchyRule = option(
+        "none", help="Parents that a product needs in the model: none, one (weak) or all (strong).", group=_SEARCH
     )
     max_terms: int | None = option(None, help="Largest number of terms.", group=_SEARCH, metavar="N")
     initial_terms: InitialTerms = option("empty", help="Terms that a stepwise search starts from.", group=_SEARCH)

@@ -8,8 +8,14 @@ from structsel.selection.methods.method import SearchProblem, SelectionMethod, V
 
 def search(problem: SearchProblem) -> VisitedModels:
     """All sizes, exactly."""
-    options, include = problem.options, problem.constraints.include
-    best = best_subset(problem.products, problem.dof, include=include, max_terms=options.max_terms)
+    options, constraints = problem.options, problem.constraints
+    best = best_subset(
+        problem.products,
+        problem.dof,
+        include=constraints.include,
+        max_terms=options.max_terms,
+        hierarchy=constraints.hierarchy,
+    )
     models = [(subset.selected, subset.rss) for subset in best]
     return VisitedModels(models, models[-1], (), "every size searched")
 

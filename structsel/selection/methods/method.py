@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from structsel.errors import SelectionError
 from structsel.numerics import criteria
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.hierarchy import Hierarchy
 from structsel.numerics.stepwise import SearchPath, SearchStep
 
 Model = tuple[tuple[int, ...], float]
@@ -29,11 +30,28 @@ class SearchConstraints:
         Of two aliased terms the one of lower degree is kept.
     include, initial : tuple of int
         Always in the model; in it at the start.
+    hierarchy : Hierarchy, optional
+        Parents that a term needs; None: any model may be chosen.
     """
 
     degrees: NDArray[np.integer]
     include: tuple[int, ...] = ()
     initial: tuple[int, ...] = ()
+    hierarchy: Hierarchy | None = None
+
+    def allow(self, model: Iterable[int]) -> bool:
+        """Whether the search may choose a model."""
+        return self.hierarchy is None or self.hierarchy.allows(model)
+
+    def of_candidates(self, numbers: NDArray[np.integer]) -> SearchConstraints:
+        """The same among some of the candidates, in their order."""
+        place = {int(j): i for i, j in enumerate(numbers)}
+        return SearchConstraints(
+            self.degrees[numbers],
+            tuple(place[j] for j in self.include),
+            tuple(place[j] for j in self.initial if j in place),
+            None if self.hierarchy is None else self.hierarchy.of_candidates(numbers),
+        )
 
 
 @dataclass(frozen=True)

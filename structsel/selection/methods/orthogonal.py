@@ -23,6 +23,7 @@ def search(problem: SearchProblem) -> VisitedModels:
             order=options.order,
             include=include,
             max_terms=limit,
+            hierarchy=problem.constraints.hierarchy,
         )
         if len(path.selected) < NEARLY_ALL * limit:
             break

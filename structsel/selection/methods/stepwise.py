@@ -33,7 +33,10 @@ def _between_samples(problem: SearchProblem) -> SearchPath:
         max_terms=options.max_terms,
         min_gain=_least_gain(problem),
         entry_thresholds=entry,
+        hierarchy=constraints.hierarchy,
     )
+    if constraints.hierarchy is not None:
+        return path
     return _refined(path, problem, F_in) if options.stopping_rule == "F" and entry is None else path
 
 
@@ -78,6 +81,7 @@ def _between_blocks(problem: SearchProblem) -> SearchPath:
             include=constraints.include,
             initial=initial,
             max_terms=options.max_terms,
+            hierarchy=constraints.hierarchy,
         )
         for initial in starts
     ]
