@@ -73,7 +73,7 @@ def test_more_forced_terms_than_samples_are_refused():
     ("options", "message"),
     [
         ({"F_in": 4.0, "F_out": 5.0}, "F_out=5 is above F_in=4"),
-        ({"F_in": "auto", "F_out": 50.0}, "F_out=50 is above the F_in of 9"),
+        ({"F_in": "auto", "F_out": 50.0}, "F_out=50 is above the F_in of 1"),
         ({"F_in": -1.0}, "F_in must be above zero"),
         ({"F_in": "some"}, "give 'auto', 'fdr' or a number"),
         ({"F_out": -1.0}, "F_out must not be negative"),

@@ -119,19 +119,19 @@ def test_an_oscillation_the_noise_model_cannot_hold_is_named():
     assert "Raise max_ar_order" not in warnings_of(flights)
 
 
-def test_terms_that_resamples_often_omit_are_named():
+def test_terms_that_probably_do_not_belong_in_the_model_are_named():
     # A true t value near the entry threshold: kept here, but in about half of the resamples.
     for seed in range(30):
         flights = made(lambda c: c["alpha"] + 0.062 * c["de"], seed=seed)
         found = select(flights, "CZ", POOL, F_in="auto", bootstrap=50)["CZ"]
-        unsure = [n for n in names(found.terms) if found.inclusion[n] < 0.5]
-        said = [d for d in found.doubts if d.startswith("Kept in under half")]
+        unsure = [n for n in names(found.terms) if found.probability[n] < 0.5]
+        said = [d for d in found.doubts if d.startswith("More probably not")]
         assert bool(unsure) == bool(said)
         if unsure:
             assert all(n in said[0] for n in unsure)
             break
     else:
-        pytest.fail("no flight of thirty kept a term that most resamples leave out")
+        pytest.fail("no flight of thirty kept a term with a probability below one half")
 
 
 def test_one_manoeuvre_warns_that_its_held_out_parts_are_optimistic():

@@ -163,6 +163,33 @@ def familywise_F_in(p: int, dof: float, probability: float = 0.05) -> float:
     return float(f_distribution.isf(-np.expm1(np.log1p(-probability) / p), 1, dof))
 
 
+def ebic_F_in(p: int, dof: float) -> float:
+    """F_in with which stepwise regression lowers the extended BIC, its price of a term in units of partial F.
+
+    A term lowers n log rss + k (log n + log p) if its F exceeds::
+
+        F = (n - 1) (exp((log n + log p) / n) - 1),    n = dof + 1
+
+    Parameters
+    ----------
+    p : int
+        Candidates.
+    dof : float
+        Samples less one.
+
+    Returns
+    -------
+    F_in : float [-]
+
+    References
+    ----------
+    [CC08]
+    """
+    _check(p, dof, 0.05, "ebic_F_in", "probability")
+    n = dof + 1.0
+    return float(dof * np.expm1((np.log(n) + np.log(p)) / n))
+
+
 def fdr_F_in(p: int, dof: float, q: float = 0.05) -> NDArray[np.float64]:
     """Entry thresholds that control the fraction of false terms among those that enter.
 

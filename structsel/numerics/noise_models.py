@@ -58,6 +58,7 @@ from structsel.numerics.arrays import Array
 LONGEST_SEGMENT = 1 << 16
 """Maximum number of samples of a segment, which bounds the memory; lags across the ends of segments are not counted."""
 _IN_A_ROW = 5
+FEW_LAGS = 24  # each side; as fast as transforms of 20,000 samples, and faster for fewer
 
 
 # ---------------------------------------------------------------- autoregressive noise models
@@ -252,19 +253,30 @@ def _score_covariance(S: Array, residuals: Array) -> Array:
     channels = np.flatnonzero(np.isfinite(residuals).any(axis=0))
     if not channels.size:
         return np.zeros((k, k))
-    size = fft.next_fast_len(2 * n, real=True)
+    longest = n // 5 + 1
+    size = fft.next_fast_len(n + longest, real=True)  # lags beyond the window, which wrap around, have no weight
     sampled = np.isfinite(residuals[:, channels])
     v = fft.rfft(np.where(sampled, residuals[:, channels], 0.0), size, axis=0)
-    mask = fft.rfft(sampled.astype(float), size, axis=0)
+    complete = bool(sampled.all())
+    mask = fft.rfft(sampled.astype(float), size, axis=0) if not complete else np.empty((0, 0))
+    distance = np.minimum(np.arange(size), size - np.arange(size))
 
     def covariance(a: int, b: int) -> tuple[Array, Array]:
         """Mean of v_a[i + l] v_b[i] over its pairs of samples, negative lags at the end, and the pairs."""
-        pairs = np.round(fft.irfft(mask[:, a] * mask[:, b].conj(), size))
+        if complete:
+            pairs = np.maximum(n - distance, 0).astype(float)
+        else:
+            pairs = np.round(fft.irfft(mask[:, a] * mask[:, b].conj(), size))
         return fft.irfft(v[:, a] * v[:, b].conj(), size) / np.maximum(pairs, 1.0), pairs
 
-    longest = n // 5 + 1
-    reach = max(6 * last_correlated_lag(*(x[:longest] for x in covariance(c, c))) for c in range(channels.size))
-    window = parzen_window(np.minimum(np.arange(size), size - np.arange(size)) / min(reach, longest))
+    own = [covariance(c, c) for c in range(channels.size)]
+    reach = min(max(6 * last_correlated_lag(*(x[:longest] for x in of)) for of in own), longest)
+    window = parzen_window(distance / reach)
+    if channels.size == 1 and complete and reach <= FEW_LAGS:
+        # R(l) w(l) x(i - l) directly: few lags cost less than transforms of all sensitivities.
+        lags = np.arange(-reach, reach + 1)
+        filtered = ndimage.correlate1d(S[:, :, 0], (window * own[0][0])[lags], axis=1, mode="constant")
+        return S[:, :, 0] @ filtered.T
     # Parseval: the sum over samples is one over the frequencies of a real transform, which holds one of each pair.
     weight = np.full(v.shape[0], 2.0 / size)
     weight[0] = 1.0 / size
@@ -273,7 +285,8 @@ def _score_covariance(S: Array, residuals: Array) -> Array:
     total = np.zeros((k, k))
     transformed = [fft.rfft(S[:, :, c], size, axis=1) for c in channels]
     for a in range(channels.size):
-        filtered = sum(transformed[b] * fft.rfft(window * covariance(a, b)[0]) for b in range(channels.size))
+        pairs = [own[a][0] if a == b else covariance(a, b)[0] for b in range(channels.size)]
+        filtered = sum(of * fft.rfft(window * R) for of, R in zip(transformed, pairs, strict=True))
         total += ((transformed[a].conj() * weight) @ filtered.T).real
     return total
 

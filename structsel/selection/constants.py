@@ -12,7 +12,7 @@ from scipy import stats
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.regressors import DataSource
-from structsel.selection.search import Search, prediction_error, selections_without_folds, solve
+from structsel.selection.search import Search, prediction_error, solve
 
 SIGNIFICANCE = 0.05  # of the test that constants differ
 ROUNDING = 1e-6  # of a squared error: a smaller difference decides nothing
@@ -88,9 +88,9 @@ def constants_differ(products: CrossProducts, own: Search) -> bool:
 def slope_error(search: Search, within: CrossProducts) -> float:
     """Squared error of manoeuvres about their own means, each predicted by a selection without it."""
     total = 0.0
-    for weights, kept, theta in selections_without_folds(search):
-        theta[0] = 0.0
-        total += prediction_error(theta, kept, within.total(1.0 - weights))
+    for weights, kept, theta in search.without_folds:
+        slopes = np.append(0.0, theta[1:])
+        total += prediction_error(slopes, kept, within.total(1.0 - weights))
     return total
 
 

@@ -19,7 +19,7 @@ from structsel.selection.settings import SelectOptions
 FEW_BLOCKS = 12  # tests between blocks have one degree of freedom less than these
 SEVERAL = 3  # names spelled out before "and n more"
 LARGE_VIF, LARGE_CONDITION = 10.0, 1e6
-SELDOM = 0.5  # fraction of resampled selections that keep a term
+DOUBTFUL = 0.5  # probability that a term belongs in the model
 FALLS = 0.1  # of R2, on data not used for selecting
 
 EXCITATION = {
@@ -100,7 +100,7 @@ def _about_the_search(found: ArraySelection, names: Sequence[str], options: Sele
         if expected > 0.5:
             warnings.append(
                 f"With F_in = {F_in:.3g} and {p} candidates about {expected:.1f} false terms are expected; "
-                "F_in='auto' keeps the probability of any near 5 %."
+                "F_in='auto' keeps the probability of any below 5 %."
             )
     return warnings
 
@@ -137,10 +137,10 @@ def _about_terms(found: ArraySelection, names: Sequence[str], aliases: Sequence[
         digits = max(0, int(15 - np.log10(found.fit.condition)))
         warnings.append(f"Condition number {found.fit.condition:.1g}: about {digits} digits of the values are correct.")
     if found.bootstrap is not None:
-        inclusion = found.bootstrap.inclusion
-        unsure = [f"{names[i]} ({inclusion[i]:.0%})" for i in found.search.selected if inclusion[i] < SELDOM]
+        probability = found.bootstrap.probability
+        unsure = [f"{names[i]} ({probability[i]:.0%})" for i in found.search.selected if probability[i] < DOUBTFUL]
         if unsure:
-            warnings.append(f"Kept in under half of the resampled selections: {listed(unsure)}.")
+            warnings.append(f"More probably not in the model than in it: {listed(unsure)}.")
     return warnings
 
 

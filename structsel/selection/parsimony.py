@@ -14,9 +14,10 @@ from structsel.selection.search import (
     Search,
     SearchResult,
     prediction_error,
-    selections_without_folds,
     weights_without,
 )
+
+REFUTED = 2.0  # standard errors by which the complete model, its terms given, predicts better
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def fold_errors(search: Search, test: CrossProducts | None = None) -> Array:
     """
     test = search.products if test is None else test
     errors = []
-    for weights, kept, theta in selections_without_folds(search):
+    for weights, kept, theta in search.without_folds:
         left_out = test.total(1.0 - weights)
         floor = ROUNDING * float(left_out[-1, -1])
         errors.append(max(prediction_error(theta, kept, left_out), floor))
@@ -72,6 +73,10 @@ def find_simplest(search: Search, result: SearchResult) -> Simplest:
     if it is not larger than the complete one.
     "As well": the mean of the differences of squared error between folds is within one standard error of zero.
     Differences of the same fold are compared, since manoeuvres differ by more than models do.
+
+    These are errors of selections repeated without each fold, some of which may go astray. So a model is not taken if
+    the terms of the complete selection, only estimated again without each fold, predict better by more than two
+    standard errors.
     """
     given = Simplest(search, result)
     degrees = np.unique(search.constraints.degrees[~search.hidden])
@@ -87,14 +92,20 @@ def find_simplest(search: Search, result: SearchResult) -> Simplest:
     return _fewest_terms(tried)
 
 
-def is_larger(a: Array, b: Array) -> bool:
+def is_larger(a: Array, b: Array, standard_errors: float = 1.0) -> bool:
     """Whether the errors a of the folds exceed b in the mean, by more than one standard error of the differences."""
     difference = a - b
-    return a.size > 1 and bool(difference.mean() > np.std(difference, ddof=1) / np.sqrt(difference.size))
+    limit = standard_errors * np.std(difference, ddof=1) / np.sqrt(difference.size) if a.size > 1 else np.inf
+    return bool(difference.mean() > limit)
 
 
 def _fewest_terms(tried: Sequence[Simplest]) -> Simplest:
     errors = [fold_errors(one.search) for one in tried]
-    best = errors[int(np.argmin([e.sum() for e in errors]))]
-    usable = [one for one, error in zip(tried, errors, strict=True) if not is_larger(error, best)]
-    return min(usable, key=lambda one: len(one.result.selected))
+    at = int(np.argmin([e.sum() for e in errors]))
+    given = [fold_errors(replace(one.search, fixed=one.result.selected, degree=None)) for one in tried]
+    usable = [
+        one
+        for one, error, of_terms in zip(tried, errors, given, strict=True)
+        if not is_larger(error, errors[at]) and not is_larger(of_terms, given[0], REFUTED)
+    ]
+    return min(usable or [tried[at]], key=lambda one: len(one.result.selected))

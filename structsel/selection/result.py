@@ -27,8 +27,8 @@ from structsel.tables import Cell, Column, Summary, Table, Tone, text_column
 
 COLUMN_NOTES = (
     "std error and interval include the uncertainty of the structure where the selection was resampled; F: partial F; "
-    "freq.: fraction of the resampled selections that kept the term; VIF: variance inflation factor; cross-validated: "
-    "each manoeuvre (part of a single one) predicted by a model selected without it."
+    "prob.: probability that the term belongs in the model, from resampled selections; VIF: variance inflation factor; "
+    "cross-validated: each manoeuvre (part of a single one) predicted by a model selected without it."
 )
 """What the columns of a selection mean."""
 _COLUMNS = {
@@ -38,7 +38,7 @@ _COLUMNS = {
     "low95": Column("95 % low"),
     "high95": Column("95 % high"),
     "partial_F": Column("F", "3g"),
-    "inclusion": Column("freq.", "%"),
+    "probability": Column("prob.", "%"),
     "vif": Column("VIF", "2g"),
 }
 _TRACE_COLUMNS = {
@@ -53,8 +53,11 @@ _TRACE_COLUMNS = {
 }
 
 
-def _tone(frequency: float) -> Tone:
-    return "good" if frequency >= 0.8 else "bad" if frequency < 0.5 else ""
+PRINTED = 0.01  # least probability of a candidate in to_dict()
+
+
+def _tone(probability: float) -> Tone:
+    return "good" if probability >= 0.8 else "bad" if probability < 0.5 else ""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -79,6 +82,9 @@ class Selection(Result):
         Degrees of freedom of the standard errors; few where they are mostly scatter between recordings.
     inclusion : mapping of str to float
         Fraction of resampled selections that kept each candidate of the pool; empty without a bootstrap.
+    probability : mapping of str to float
+        Probability that each candidate belongs in the model: mean over the resampled selections of its posterior
+        probability by extended BIC, calibrated on simulated records; empty without a bootstrap. An included term has 1.
     partial_F : (1 + k,) array
         Squares of the values over their standard errors.
     vif : (k,) array
@@ -128,6 +134,7 @@ class Selection(Result):
     standard_errors: NDArray[np.float64]
     error_dof: NDArray[np.float64]
     inclusion: Mapping[str, float]
+    probability: Mapping[str, float]
     partial_F: NDArray[np.float64]
     vif: NDArray[np.float64]
     conditioning: ConditionIndices
@@ -168,7 +175,7 @@ class Selection(Result):
             array = np.array(getattr(self, name), dtype=float)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        for name in ("inclusion", "region", "constants"):
+        for name in ("inclusion", "probability", "region", "constants"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     @property
@@ -225,6 +232,7 @@ class Selection(Result):
                 "textbook_error": self.textbook_errors,
                 "partial_F": self.partial_F,
                 "inclusion": [np.nan, *(self.inclusion.get(n, np.nan) for n in names[1:])],
+                "probability": [np.nan, *(self.probability.get(n, np.nan) for n in names[1:])],
                 "vif": [np.nan, *self.vif],
             }
         )
@@ -276,6 +284,7 @@ class Selection(Result):
                 "parts": [{"name": p.name, "r2": plain(p.r2), "rms": plain(p.rms)} for p in self.held_out],
             },
             "inclusion": {k: float(v) for k, v in self.inclusion.items() if v > 0},
+            "probability": {k: float(v) for k, v in self.probability.items() if v > PRINTED},
             "classical_terms": [str(t) for t in self.classical],
             "aliases": [
                 {"kept": str(a.kept), "other": str(a.other), "loss": a.loss, "to_separate": a.to_separate}
@@ -298,10 +307,10 @@ class Selection(Result):
         if self.constants:
             spread = np.std(list(self.constants.values()), ddof=1) if len(self.constants) > 1 else 0.0
             facts += [("constants", f"own of each recording, scatter {format_number(float(spread), 3)}")]
-        columns = {key: column for key, column in _COLUMNS.items() if key != "inclusion" or self.inclusion}
+        columns = {key: column for key, column in _COLUMNS.items() if key != "probability" or self.probability}
         records: Any = self.to_frame().to_dict("records")
         for row in records:
-            row["inclusion"] = Cell(row["inclusion"], _tone(row["inclusion"]))
+            row["probability"] = Cell(row["probability"], _tone(row["probability"]))
         return Summary(
             self.response,
             f"{len(self.terms)} of {len(self.pool)} candidate terms, {self.options.method}, "

@@ -230,9 +230,10 @@ def _named(
         )
         for a in found.aliases
     )
-    (errors, error_dof), inclusion = _standard_errors(found), {}
+    (errors, error_dof), inclusion, probability = _standard_errors(found), {}, {}
     if found.bootstrap is not None:
         inclusion = dict(zip(candidates.names, found.bootstrap.inclusion.tolist()))
+        probability = dict(zip(candidates.names, found.bootstrap.probability.tolist()))
     dof = max(found.n - len(kept) - max(found.constants.size, 1), 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         partial_F = (found.values / errors) ** 2
@@ -246,6 +247,7 @@ def _named(
         standard_errors=errors,
         error_dof=error_dof,
         inclusion=inclusion,
+        probability=probability,
         partial_F=partial_F,
         vif=found.vif,
         conditioning=found.conditioning,

@@ -64,8 +64,8 @@ class SelectOptions:
         terms by the last is always reported.
     F_in, F_out : float, "auto" or "fdr"
         Partial F to enter and to stay (F_in where F_out is absent). 4 and 12 are classical values [C89]; ``"auto"``
-        keeps the probability of any false term near 5 % for this number of candidates; ``"fdr"`` keeps the
-        fraction of false terms near 5 % [BG09].
+        keeps the probability of any false term at most near 5 % for this number of candidates, and lets it vanish with
+        the length of the record as extended BIC does; ``"fdr"`` keeps the fraction of false terms near 5 % [BG09].
     constants : {"auto", "shared", "own"}
         One constant for all recordings, or one of each: trim, centre of gravity and thrust calibration differ in what
         no candidate knows. ``"auto"`` takes own constants where levels differ significantly, unless the slopes then

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from structsel.numerics.orthogonal import orthogonal
+from dataclasses import replace
+
+import numpy as np
+
+from structsel.numerics import criteria
+from structsel.numerics.orthogonal import OrthogonalPath, orthogonal
+from structsel.numerics.stepwise import refine_subset
 from structsel.selection.methods.method import SearchProblem, SelectionMethod, VisitedModels, visited_on
 
 RANK_AT_FIRST = 100  # orthogonal functions
+ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding
 NEARLY_ALL = 0.8  # of those ranked: where the search ends later than this, all are ranked
 
 
@@ -27,7 +34,32 @@ def search(problem: SearchProblem) -> VisitedModels:
         )
         if len(path.selected) < NEARLY_ALL * limit:
             break
-    return visited_on(path)
+    return visited_on(path) if options.criterion_used != "EBIC" else _refined(path, problem)
+
+
+def _refined(path: OrthogonalPath, problem: SearchProblem) -> VisitedModels:
+    """The path to its least extended BIC, and then single terms in, out or exchanged while that falls.
+
+    A function that is ranked early stays on the path when later ones explain what it stood for.
+    """
+    n, p = problem.dof + 1.0, problem.n_candidates
+    visited = visited_on(path)
+    rss = np.maximum([rss for _, rss in visited.models], ROUNDING * problem.tss)
+    best = int(np.argmin(criteria.ebic(rss, n, np.arange(rss.size), p)))
+    price = (np.log(n) + np.log(p)) * problem.dof / n
+    begin = visited.models[best][0]
+    better = refine_subset(
+        problem.products,
+        problem.dof,
+        begin,
+        price,
+        include=problem.constraints.include,
+        max_terms=problem.options.max_terms,
+        depth=1,
+        hierarchy=problem.constraints.hierarchy,
+    )
+    steps = (*path.steps[:best], *better.steps[len(begin) :])
+    return visited_on(replace(path, steps=steps, selected=better.selected, rss=better.rss))
 
 
 ORTHOGONAL = SelectionMethod("orthogonal", "Orthogonal functions, ranked", search, "EBIC", options=("order",))

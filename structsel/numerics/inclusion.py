@@ -1,0 +1,104 @@
+"""Probability that a candidate belongs in the model, from a selected model and its neighbours.
+
+The neighbours of a model have one term less, one more, or one exchanged. The weight of a model is exp(-EBIC / 2), an
+approximation of its posterior probability with a prior that makes large pools sparse::
+
+    EBIC = n log rss + k (log n + log p),    P_j = sum of weights of models with j / sum of all weights
+
+Their residual sums of squares follow from the cross-products without another fit. Models further away are not counted,
+nor is an error of the noise model.
+
+References
+----------
+[R95] for weights by BIC, [CC08] for the prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from structsel.numerics.arrays import Array
+from structsel.numerics.normal_equations import project
+
+DEPENDENT = 1e-9  # of a column's sum of squares: what is left of one that others explain
+ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding
+
+
+def inclusion_probabilities(
+    C: Array,
+    dof: float,
+    selected: Sequence[int],
+    *,
+    include: Iterable[int] = (),
+    allowed: Callable[[Iterable[int]], bool] | None = None,
+) -> Array:
+    """Probability of each candidate, by the formulas of this file.
+
+    Parameters
+    ----------
+    C : (p + 1, p + 1) array
+        Centred products of candidates and response.
+    dof : float
+        Samples less one, or the effective number.
+    selected : sequence of int
+        The model.
+    include : iterable of int
+        Terms in every model.
+    allowed : callable, optional
+        From a model to whether it may be chosen.
+
+    Returns
+    -------
+    (p,) array
+    """
+    p = C.shape[0] - 1
+    kept = np.asarray(list(selected), dtype=int)
+    outside = np.setdiff1d(np.flatnonzero(np.diag(C)[:p] > 0.0), kept)
+    less, more, other = _residuals(C, kept, outside)
+    n, floor = dof + 1.0, ROUNDING * float(C[p, p])
+    own = max(project(C, kept.tolist()).rss if kept.size else float(C[p, p]), floor)
+    price = np.log(n) + np.log(p)
+
+    def log_weight(rss: Array, change: int) -> Array:
+        return -0.5 * (n * np.log(np.maximum(rss, floor) / own) + change * price)
+
+    fewer, larger, exchanged = log_weight(less, -1), log_weight(more, 1), log_weight(other, 0)
+    fixed = np.isin(kept, list(include))
+    fewer[fixed], exchanged[fixed] = -np.inf, -np.inf
+    if allowed is not None:
+        model = kept.tolist()
+        for i, j in enumerate(model):
+            rest = [m for m in model if m != j]
+            fewer[i] = fewer[i] if allowed(rest) else -np.inf
+            exchanged[i] = np.where([allowed([*rest, int(o)]) for o in outside], exchanged[i], -np.inf)
+        larger = np.where([allowed([*model, int(o)]) for o in outside], larger, -np.inf)
+    top = max(0.0, *(float(w.max(initial=-np.inf)) for w in (fewer, larger, exchanged)))
+    fewer, larger, exchanged = (np.exp(w - top) for w in (fewer, larger, exchanged))
+    total = np.exp(-top) + fewer.sum() + larger.sum() + exchanged.sum()
+    probability = np.zeros(p)
+    probability[kept] = 1.0 - (fewer + exchanged.sum(axis=1)) / total
+    probability[outside] = (larger + exchanged.sum(axis=0)) / total
+    return probability
+
+
+def _residuals(C: Array, kept: Array, outside: Array) -> tuple[Array, Array, Array]:
+    """Residual sums of squares without each kept term (k,), with each other one (m,), and exchanged (k, m)."""
+    size = np.sqrt(np.where(np.diag(C) > 0.0, np.diag(C), 1.0))
+    response, tss = C[-1] / (size * size[-1]), float(C[-1, -1])
+    if not kept.size:
+        return np.empty(0), tss * (1.0 - response[outside] ** 2), np.empty((0, outside.size))
+    R = C[kept] / np.outer(size[kept], size)
+    inverse = np.linalg.pinv(R[:, kept], hermitian=True)
+    theta, explained = inverse @ R[:, -1], inverse @ R[:, outside]
+    rss = max(1.0 - float(R[:, -1] @ theta), 0.0)
+    d = 1.0 - np.einsum("ij,ij->j", R[:, outside], explained)
+    b = response[outside] - R[:, -1] @ explained
+    alone = np.diag(inverse)
+    less = rss + theta**2 / alone
+    more = np.where(d > DEPENDENT, rss - b**2 / np.where(d > DEPENDENT, d, 1.0), np.inf)
+    free, with_y = d + explained**2 / alone[:, None], b + explained * (theta / alone)[:, None]
+    usable = free > DEPENDENT
+    exchanged = np.where(usable, less[:, None] - with_y**2 / np.where(usable, free, 1.0), np.inf)
+    return tss * less, tss * more, tss * exchanged
