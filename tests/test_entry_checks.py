@@ -174,6 +174,8 @@ def test_one_flight_under_two_names_is_reported_whatever_the_time_of_day(flights
     assert text.startswith(f"'again' and '{flights[1].name}' contain the same samples")
     other = again.with_channels(q=flights[1]["q"] + 1e-9)
     assert not same_flights([*flights, other])
+    (text,) = same_flights([*flights, again, replace(again, name="and again")])
+    assert "contain the same samples (and 1 more copies): one flight under two names. Leave them out" in text
     with pytest.warns(DataWarning, match="one flight under two names"):
         ss.select([*flights, again], "az", ss.Candidates.parse(["alpha"]), bootstrap=0)
 

@@ -225,6 +225,11 @@ def test_ridge_is_called_biased_and_shrinks_correlated_terms():
     )
     assert not plain.biased
     assert ridge.biased
+    # Neither intervals nor F nor textbook errors of an estimate whose bias is not known.
+    assert np.isnan(ridge.intervals()).all()
+    assert np.isnan(ridge.to_frame()[["low95", "high95", "partial_F", "textbook_error"]].to_numpy()).all()
+    assert np.isnan(ridge.to_model().intervals()).all()
+    assert np.isfinite(plain.intervals()).all()
     assert ridge.estimator.startswith("ridge, k = ")
     assert np.abs(ridge.values[1:] - 1.0).max() < np.abs(plain.values[1:] - 1.0).max()
     assert "BIASED estimates: ridge" in str(ridge)
@@ -272,3 +277,19 @@ def test_orthogonal_functions_are_made_in_the_order_the_candidates_were_given(or
     flight = Recording("f", np.arange(2000) * 0.02, channels)
     found = select(flight, "CZ", Candidates(order), method="orthogonal", order="given", **WHITE)["CZ"]
     assert [str(step.term) for step in found.trace if step.action == "enter"] == order
+
+
+def test_the_order_of_the_pool_decides_with_orthogonal_functions_in_the_order_given():
+    # What alpha and near have in common is attributed to the first; the second has less left than q_hat.
+    recordings = made(
+        lambda c: c["alpha"] + c["near"] + 0.5 * c["q_hat"],
+        near=lambda c, rng: c["alpha"] + 0.02 * rng.normal(size=1500),
+    )
+    given = {"method": "orthogonal", "order": "given", "max_terms": 2, "noise": "white", "parsimony": "none"}
+    kept = {
+        first: names(
+            select(recordings, "CZ", Candidates.parse([first, second, "q_hat"]), bootstrap=0, **given)["CZ"].terms
+        )
+        for first, second in (("alpha", "near"), ("near", "alpha"))
+    }
+    assert kept == {"alpha": {"alpha", "q_hat"}, "near": {"near", "q_hat"}}

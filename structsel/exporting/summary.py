@@ -51,7 +51,7 @@ def _summarise(name: str, held: ResponseModel) -> str:
     words = list(held.labels)
     text.tables.append(summary_params(figures, yname=name, xname=words, use_t=freedom > 0))
     if held.biased:
-        text.add_extra_txt(["Biased estimates: standard errors and intervals leave the bias out."])
+        text.add_extra_txt(["Biased estimates: the standard errors leave the bias out, and there are no intervals."])
     return text.as_text()
 
 

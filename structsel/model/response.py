@@ -185,9 +185,11 @@ class ResponseModel(Result):
     def intervals(self, level: float = 0.95) -> np.ndarray:
         """Confidence intervals of the values, (k, 2), from Student's t with the degrees of freedom of each error.
 
-        Where neither these nor n are known, from the normal distribution. Estimates labelled ``biased`` are not
-        covered at this level.
+        Where neither these nor n are known, from the normal distribution. Nan for biased estimates, whose bias is not
+        known.
         """
+        if self.biased:
+            return np.full((self.values.size, 2), np.nan)
         dof = self.n - len(self.terms)
         freedom = self.error_dof if self.error_dof is not None else dof if dof > 0 else np.inf
         quantile = stats.t.ppf(0.5 + level / 2, freedom)
@@ -285,7 +287,7 @@ class ResponseModel(Result):
         facts += [f"{self.residuals} residuals"] if self.residuals else []
         notes = []
         if self.biased:
-            notes.append("Biased estimates: the standard errors and intervals leave the bias out.")
+            notes.append("Biased estimates: the standard errors leave the bias out, and there are no intervals.")
         if self.constants:
             notes.append(f"Constant: the mean of those of {count_of(len(self.constants), 'recording')}.")
         if self.ranges:

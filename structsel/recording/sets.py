@@ -70,7 +70,7 @@ def warn_of_entry_errors(recordings: Sequence[Recording | StoredRecording], stac
     Warns
     -----
     DataWarning
-        One for each kind and channel, with the first recording and the number of others; one for each flight given
+        One for each kind and channel, with the first recording and the number of others; one for all flights given
         twice.
     """
     alike: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
@@ -87,21 +87,26 @@ def warn_of_entry_errors(recordings: Sequence[Recording | StoredRecording], stac
 
 
 def same_flights(recordings: Sequence[Recording | StoredRecording]) -> list[str]:
-    """A sentence for each recording whose samples are those of one before it, whatever its name and time of day."""
+    """One text on all recordings whose samples are those of one before, whatever name and time of day; else nothing."""
     seen: dict[tuple[int, str, str], list[tuple[str, Mapping[str, str]]]] = {}
-    found = []
+    copies = []
     for recording in recordings:
         digests = recording.digests if isinstance(recording, StoredRecording) else channel_digests(recording)
         for other, theirs in _candidates(seen, len(recording), digests):
             if all(theirs[name] == digest for name, digest in digests.items() if name in theirs):
-                found.append(
-                    f"'{recording.name}' and '{other}' contain the same samples: one flight under two names. Leave "
-                    "one out: cross-validation does not test a model with it, and standard errors are too small."
-                )
+                copies.append((recording.name, other))
                 break
         for name, digest in digests.items():
             seen.setdefault((len(recording), name, digest), []).append((recording.name, digests))
-    return found
+    if not copies:
+        return []
+    name, other = copies[0]
+    more = f" (and {len(copies) - 1} more copies)" if len(copies) > 1 else ""
+    return [
+        f"'{name}' and '{other}' contain the same samples{more}: one flight under two names. Leave "
+        f"{'them' if more else 'one'} out: cross-validation does not test a model with it, and standard errors are too "
+        "small."
+    ]
 
 
 def _candidates(

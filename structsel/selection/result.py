@@ -74,7 +74,7 @@ class Selection(Result):
     covariance : (1 + k, 1 + k) array
         Given these terms, the autocorrelation of the residuals accounted for.
     textbook_errors : (1 + k,) array
-        What the formula for white residuals would have printed.
+        What the formula for white residuals would have printed; nan for biased estimates.
     standard_errors : (1 + k,) array
         With the structure's own uncertainty: the larger of the conditional one and the scatter over resampled
         selections.
@@ -86,7 +86,7 @@ class Selection(Result):
         Probability that each candidate belongs in the model: mean over the resampled selections of its posterior
         probability by extended BIC, calibrated on simulated records; empty without a bootstrap. An included term has 1.
     partial_F : (1 + k,) array
-        Squares of the values over their standard errors.
+        Squares of the values over their standard errors; nan for biased estimates.
     vif : (k,) array
     conditioning : ConditionIndices
         Condition indices and variance proportions of the constant and the kept terms [B80].
@@ -184,7 +184,9 @@ class Selection(Result):
         return self.n - len(self.terms) - max(len(self.constants), 1)
 
     def intervals(self, level: float = 0.95) -> NDArray[np.float64]:
-        """Two-sided intervals (1 + k, 2) with the structure's uncertainty, the constant first."""
+        """Two-sided intervals (1 + k, 2) with the structure's uncertainty, the constant first; nan where biased."""
+        if self.biased:
+            return np.full((self.values.size, 2), np.nan)
         half = stats.t.ppf(0.5 + level / 2, self.error_dof) * self.standard_errors
         return np.column_stack([self.values - half, self.values + half])
 
@@ -315,7 +317,9 @@ class Selection(Result):
             self.response,
             f"{len(self.terms)} of {len(self.pool)} candidate terms, {self.options.method}, "
             f"{self.residual_description}",
-            alerts=(f"BIASED estimates: {self.estimator}",) if self.biased else (),
+            alerts=(f"BIASED estimates: {self.estimator}; std error is the scatter about a biased mean",)
+            if self.biased
+            else (),
             facts=tuple(facts),
             tables=(Table.from_records(columns, records),),
             warnings=self.doubts,

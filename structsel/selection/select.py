@@ -235,15 +235,18 @@ def _named(
         inclusion = dict(zip(candidates.names, found.bootstrap.inclusion.tolist()))
         probability = dict(zip(candidates.names, found.bootstrap.probability.tolist()))
     dof = max(found.n - len(kept) - max(found.constants.size, 1), 1)
+    textbook_errors = np.sqrt(np.maximum(np.diag(found.white_noise_covariance), 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         partial_F = (found.values / errors) ** 2
+    if found.biased:  # both are those of least squares
+        textbook_errors, partial_F = np.full((2, errors.size), np.nan)
     used = {c for t in terms for c in t.channels}
     return Selection(
         response=response,
         terms=terms,
         values=found.values,
         covariance=found.covariance,
-        textbook_errors=np.sqrt(np.maximum(np.diag(found.white_noise_covariance), 0.0)),
+        textbook_errors=textbook_errors,
         standard_errors=errors,
         error_dof=error_dof,
         inclusion=inclusion,

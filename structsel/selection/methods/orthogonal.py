@@ -34,7 +34,8 @@ def search(problem: SearchProblem) -> VisitedModels:
         )
         if len(path.selected) < NEARLY_ALL * limit:
             break
-    return visited_on(path) if options.criterion_used != "EBIC" else _refined(path, problem)
+    refined = options.criterion_used == "EBIC" and options.order == "greedy"
+    return _refined(path, problem) if refined else visited_on(path)
 
 
 def _refined(path: OrthogonalPath, problem: SearchProblem) -> VisitedModels:
