@@ -26,6 +26,11 @@ class ArraySelection:
         Candidates that are constant, or explained by the selected ones.
     noise : tuple of ARNoise
         One per manoeuvre; empty without prewhitening.
+    causal : bool
+        Candidates were replaced by what the past predicts of them.
+    exogeneity, instruments : (float, float), optional
+        Of causal rows: F and probability that the selected candidates, and that the instruments, do not follow the
+        residual.
     cluster_robust : bool
         Tests took the scatter between blocks.
     n_blocks : int
@@ -59,6 +64,9 @@ class ArraySelection:
     white_noise: SearchResult
     dependent: tuple[int, ...]
     noise: tuple[ARNoise, ...]
+    causal: bool
+    exogeneity: tuple[float, float] | None
+    instruments: tuple[float, float] | None
     cluster_robust: bool
     n_blocks: int
     converged: bool

@@ -20,6 +20,7 @@ FEW_BLOCKS = 12  # tests between blocks have one degree of freedom less than the
 SEVERAL = 3  # names spelled out before "and n more"
 LARGE_VIF, LARGE_CONDITION = 10.0, 1e6
 DOUBTFUL = 0.5  # probability that a term belongs in the model
+INVALID = 0.01  # significance of Sargan's test
 FALLS = 0.1  # of R2, on data not used for selecting
 
 EXCITATION = {
@@ -81,6 +82,11 @@ def _about_the_search(found: ArraySelection, names: Sequence[str], options: Sele
             f"Prewhitening was dropped: its cross-validation error is {a / b:.2f} times that of ordinary least "
             "squares. The residual is not only noise; look for delayed channels, noise in the signals, or missing "
             "dynamics."
+        )
+    if found.instruments is not None and found.instruments[1] < INVALID:
+        warnings.append(
+            f"The instruments of the causal rows follow the residual (Sargan's F = {found.instruments[0]:.1f}): part "
+            "of the bias remains. Look for missing terms and delayed channels."
         )
     if found.cluster_robust and found.n_blocks < FEW_BLOCKS:
         warnings.append(

@@ -12,23 +12,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from structsel.formatting import count_of
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, choose_workers
 from structsel.numerics.collinearity import condition_indices, vif
 from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products
 from structsel.numerics.hierarchy import Hierarchy, find_parents
+from structsel.numerics.instrumental import PastFit
 from structsel.numerics.least_squares import LeastSquaresFit, fit_each
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import project
 from structsel.numerics.regressors import DataSource, Scales, find_scales
 from structsel.numerics.residuals import fit_residual_noise, likelihood_lost, streamed_coloured_covariance
+from structsel.numerics.stepwise import SearchStep
 from structsel.selection.aliases import find_aliases, find_dependent
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.biased import estimate_biased
+from structsel.selection.causal import (
+    LEAST_INNOVATION,
+    NO_MODELS,
+    SIGNIFICANCE,
+    CombinedData,
+    ResponseModels,
+    enough_samples,
+    fit_companions,
+    instrumented_products,
+    turbulence_shows,
+)
 from structsel.selection.constants import choose_constants, without_constants
 from structsel.selection.data import SelectedResponses
 from structsel.selection.heterogeneity import Heterogeneity, find_heterogeneity
 from structsel.selection.methods import SearchConstraints
+from structsel.selection.methods.method import thresholds
 from structsel.selection.parsimony import find_simplest, linear_search
 from structsel.selection.resampling import bootstrap_selection, cross_validate
 from structsel.selection.search import (
@@ -44,11 +59,11 @@ from structsel.selection.search import (
 from structsel.selection.settings import SelectOptions
 
 ROUNDS = 4  # of noise model and search; the terms stay the same after two almost always
+PAST_ROUNDS = 3  # of noise models and causal rows, whose terms are given
 WORSE = 1.25  # squared error of the fit from which prewhitening is dropped, if cross-validation agrees
 MANY_BLOCKS, FEW_BLOCKS = 32, 12  # kept apart, for resampling and tests between blocks
 MANY_UP_TO = 200  # candidates; above it blocks take much memory
 FEW_TERMS = 30  # that a pass over selected terms is taken to have
-LEAST_INNOVATION = 1e-10  # of the response's scale
 
 Progress = Callable[[str, int, int], None]
 
@@ -63,6 +78,8 @@ def select_arrays(
     *,
     scales: Scales | None = None,
     runner: JobRunner | None = None,
+    companions: Sequence[DataSource] = (),
+    flow_angles: Sequence[int] = (),
 ) -> list[ArraySelection]:
     """Select the terms of every response of these manoeuvres.
 
@@ -79,6 +96,10 @@ def select_arrays(
         Of base signals and responses, where they are known.
     runner : JobRunner, optional
         Who goes through the data; this process where absent.
+    companions : sequence of DataSource
+        The manoeuvres with further responses, whose residuals show what acts on several responses at once.
+    flow_angles : sequence of int
+        Base signals in which turbulence shows.
 
     Returns
     -------
@@ -87,7 +108,14 @@ def select_arrays(
     """
     exponents = np.asarray(exponents)
     data = _EngineData(
-        manoeuvres, exponents, options, scales or find_scales(manoeuvres), runner or JobRunner(), progress
+        manoeuvres,
+        exponents,
+        options,
+        scales or find_scales(manoeuvres),
+        runner or JobRunner(),
+        progress,
+        companions,
+        tuple(flow_angles),
     )
     plain = cross_products(
         manoeuvres,
@@ -110,7 +138,7 @@ def select_arrays(
         chosen = [_cluster_robust(search) for search in searches]
     else:
         chosen = _iterate_prewhitening(data, searches, white_noise, [s.products for s in shared])
-    chosen = [_simplest(choice) for choice in chosen]
+    chosen = _use_past(data, [_simplest(choice) for choice in chosen], [s.products for s in shared])
     fits = fit_each(
         manoeuvres,
         [exponents[list(c.result.selected)] for c in chosen],
@@ -121,6 +149,10 @@ def select_arrays(
         progress=data.stage("fit"),
         **data.given,
     )
+    weights = np.array([m.n for m in manoeuvres]) / sum(m.n for m in manoeuvres)
+    for r, choice in enumerate(chosen):
+        if choice.past is not None:
+            fits[r] = choice.past.fit(_own_constants(choice, shared[r].products), weights)
     return [
         _describe(r, data, searches[r].products, shared[r].products, white_noise[r], chosen[r], fits[r])
         for r in range(plain.n_responses)
@@ -134,6 +166,14 @@ def _hierarchy(exponents: NDArray[np.integer], options: SelectOptions, include: 
     return Hierarchy(find_parents(exponents), options.hierarchy == "strong").without(include)
 
 
+def _own_constants(choice: _Choice, shared: CrossProducts) -> Array:
+    """Constant of each manoeuvre with the slopes of what the past predicts; empty where all share one."""
+    if not choice.search.products.own_constants:
+        return np.empty(0)
+    assert choice.slopes is not None
+    return shared.constants(choice.slopes, [j + 1 for j in choice.result.selected]) * shared.scale[-1]
+
+
 @dataclass(frozen=True)
 class _EngineData:
     """What is read, by whom, with what progress."""
@@ -144,6 +184,8 @@ class _EngineData:
     scales: Scales
     runner: JobRunner
     progress: Progress | None
+    companions: Sequence[DataSource] = ()
+    flow_angles: tuple[int, ...] = ()
 
     @property
     def blocks(self) -> int:
@@ -175,6 +217,12 @@ class _Choice:
     noise: tuple[ARNoise, ...] = ()
     converged: bool = True
     prewhitening_dropped: tuple[float, float] | None = None
+    past: PastFit | None = None
+
+    @property
+    def slopes(self) -> Array | None:
+        """(k,) scaled parameters of what the past predicts; None with rows as sampled."""
+        return None if self.past is None else self.past.slopes
 
 
 def _cluster_robust(plain: Search) -> _Choice:
@@ -232,6 +280,93 @@ def _settled(data: _EngineData, choices: list[_Choice], pending: list[int], r: i
     return True
 
 
+def _use_past(data: _EngineData, choices: list[_Choice], shared: list[CrossProducts]) -> list[_Choice]:
+    """Causal rows for the responses whose candidates follow the residual, or for all where the options say so."""
+    choices = list(choices)
+    companions = data.companions[0].responses(0, 1).shape[0] if data.companions else 0
+    signals, terms = data.exponents.shape[1], sum(len(choice.result.selected) for choice in choices)
+    pending = [
+        r
+        for r, choice in enumerate(choices)
+        if choice.result.selected
+        and choice.search.products.separate
+        and enough_samples(choice.search.products.samples(), signals, len(choices) + companions, terms)
+    ]
+    rows = data.options.rows
+    given: dict[str, Any] = {"blocks": data.blocks, "workers": data.options.workers, "runner": data.runner}
+    if rows == "sampled" or not pending:
+        return choices
+    if rows == "auto" and not (
+        data.flow_angles and turbulence_shows(data.manoeuvres, data.flow_angles, data.scales, **given)
+    ):
+        return choices
+    further = NO_MODELS
+    if companions:
+        further = fit_companions(data.companions, data.exponents, companions, data.options.max_ar_order, **given)
+    for number in range(PAST_ROUNDS):
+        if not pending:
+            break
+        noise = _fit_noise(data, choices, pending, shared)
+        found = _past(data, choices, shared, further, pending, noise)
+        for r, past, models in zip(list(pending), found, noise, strict=True):
+            if not number and rows == "auto" and past.test_exogeneity()[1] >= SIGNIFICANCE:
+                pending.remove(r)
+                continue
+            choices[r] = _eliminate(replace(choices[r], noise=models, past=past, prewhitening_dropped=None))
+    return choices
+
+
+def _eliminate(choice: _Choice) -> _Choice:
+    """The choice without the terms that what the past predicts does not show."""
+    past, search, result = choice.past, choice.search, choice.result
+    if past is None or search.fixed is not None:
+        return choice
+    number = dict(zip(past.terms, result.selected, strict=True))  # candidates of the products -> of the pool
+    F_out = thresholds(search.options, search.constraints.degrees.size, result.dof)[1]
+    include = [i for i, j in number.items() if j in search.constraints.include]
+    left = past.source.eliminate(past.terms, F_out, include)
+    if not left:
+        return choice
+    steps = [SearchStep("leave", number[i], -1, F, np.nan, fit.rss, len(fit.terms)) for i, F, fit in left]
+    fit = left[-1][-1]
+    reason = f"{result.stop_reason}; {count_of(len(left), 'term')} not shown by causal rows"
+    kept = tuple(number[i] for i in fit.terms)
+    result = replace(result, selected=kept, rss=fit.rss, steps=(*result.steps, *steps), stop_reason=reason)
+    return replace(choice, result=result, past=fit)
+
+
+def _past(
+    data: _EngineData,
+    choices: Sequence[_Choice],
+    shared: list[CrossProducts],
+    further: ResponseModels,
+    responses: list[int],
+    noise: Sequence[tuple[ARNoise, ...]],
+) -> list[PastFit]:
+    """The selected terms of these responses estimated by what the past predicts, given the models chosen so far."""
+    models, reduced = _models(data, choices, range(len(choices)), shared)
+    sources = [CombinedData(*pair) for pair in zip(reduced, data.companions, strict=True)] if further.theta else reduced
+    selected = {j for r in responses for j in choices[r].result.selected}
+    pool = sorted(selected)
+    degrees = data.exponents.sum(axis=1)
+    products = instrumented_products(
+        sources,
+        models.joined(further),
+        responses,
+        data.exponents[pool],
+        [i for i, j in enumerate(pool) if degrees[j] > 1],
+        noise,
+        [choices[r].search.products.own_constants for r in responses],
+        (data.scales[0], data.scales[1][responses]),
+        blocks=data.blocks,
+        workers=data.options.workers,
+        progress=data.stage("causal rows"),
+        runner=data.runner,
+    )
+    kept = [[pool.index(j) for j in choices[r].result.selected] for r in responses]
+    return [one.fit_terms(terms) for one, terms in zip(products, kept, strict=True)]
+
+
 def _simplest(choice: _Choice) -> _Choice:
     """The choice, or a simpler one that predicts as well."""
     options = choice.search.options
@@ -248,28 +383,38 @@ def _fit_noise(
     data: _EngineData, choices: Sequence[_Choice], responses: Sequence[int], shared: Sequence[CrossProducts]
 ) -> list[tuple[ARNoise, ...]]:
     """Noise models of the residuals of each choice, manoeuvre by manoeuvre."""
-    terms, theta, floors = [], [], []
-    models: list[tuple[Array, Sequence[int]] | None] = [None] * len(choices)
-    for r in responses:
-        products, kept = choices[r].search.products, list(choices[r].result.selected)
-        scale = products.scale
-        scaled = solve(products.total(), kept)
-        if products.own_constants:
-            models[r], scaled[0] = (scaled[1:], kept), 0.0
-        theta.append(scaled * scale[-1] / scale[[0, *(j + 1 for j in kept)]])
-        terms.append(data.exponents[kept])
-        floors.append(LEAST_INNOVATION * float(scale[-1]))
+    models, sources = _models(data, choices, responses, shared)
     return fit_residual_noise(
-        without_constants(data.manoeuvres, shared, models),
-        terms,
-        theta,
+        sources,
+        models.exponents,
+        models.theta,
         responses,
         data.options.max_ar_order,
-        floors,
+        [LEAST_INNOVATION * float(choices[r].search.products.scale[-1]) for r in responses],
         workers=data.workers,
         progress=data.stage("noise models"),
         **data.given,
     )
+
+
+def _models(
+    data: _EngineData, choices: Sequence[_Choice], responses: Sequence[int], shared: Sequence[CrossProducts]
+) -> tuple[ResponseModels, Sequence[DataSource]]:
+    """Models of these responses, and the manoeuvres less their own constants."""
+    terms, theta = [], []
+    own: list[tuple[Array, Sequence[int]] | None] = [None] * len(choices)
+    for r in responses:
+        products, kept = choices[r].search.products, list(choices[r].result.selected)
+        scale = products.scale
+        scaled = solve(products.total(), kept)
+        past = choices[r].past
+        if past is not None:
+            scaled = past.scaled.copy()
+        if products.own_constants:
+            own[r], scaled[0] = (scaled[1:], kept), 0.0
+        theta.append(scaled * scale[-1] / scale[[0, *(j + 1 for j in kept)]])
+        terms.append(data.exponents[kept])
+    return ResponseModels(tuple(terms), tuple(theta)), without_constants(data.manoeuvres, shared, own)
 
 
 def _check_prewhitening(choice: _Choice, plain: Search) -> _Choice:
@@ -339,6 +484,9 @@ def _describe(
         white_noise=white_noise,
         dependent=find_dependent(searched, kept),
         noise=choice.noise,
+        causal=choice.past is not None,
+        exogeneity=choice.past.test_exogeneity() if choice.past is not None else None,
+        instruments=choice.past.test_instruments() if choice.past is not None else None,
         cluster_robust=search.cluster_robust,
         n_blocks=products.n_blocks,
         converged=choice.converged,
@@ -370,11 +518,13 @@ def _searched(search: Search) -> Search:
 
 def _heterogeneity(choice: _Choice) -> Heterogeneity | None:
     """Values of the kept terms between manoeuvres, in units of the response."""
-    search, kept = choice.search, choice.result.selected
-    products = search.products
+    products, kept = choice.search.products, choice.result.selected
     scale = products.scale[[j + 1 for j in kept]] / products.scale[-1]
+    if choice.past is not None:
+        products, kept = choice.past.products, choice.past.terms
     theta = solve(products.total(), kept)
-    s2 = choice.result.rss / max(products.dof() - len(kept), 1.0)
+    rss = choice.result.rss if choice.past is None else choice.past.rss
+    s2 = rss / max(products.dof() - len(kept), 1.0)
     found = find_heterogeneity(products, kept, theta, s2)
     if found is None:
         return None

@@ -105,6 +105,8 @@ class Selection(Result):
         which a new recording is predicted, and every R2 is about the mean of each recording. Empty with one constant.
     noise_models : tuple of ARNoise
         One per recording; empty without prewhitening.
+    rows : {"sampled", "causal"}
+        Whether values are those of the samples, or of what the past predicts of the candidates.
     cluster_robust : bool
         Whether tests took the scatter between blocks.
     classical : tuple of Term
@@ -150,6 +152,7 @@ class Selection(Result):
     constants: Mapping[str, float]
     noise_models: tuple[ARNoise, ...]
     cluster_robust: bool
+    rows: str
     classical: tuple[Term, ...]
     aliases: tuple[Alias, ...]
     dependent: tuple[Term, ...]
@@ -193,13 +196,19 @@ class Selection(Result):
     @property
     def residual_description(self) -> str:
         """How the residuals were treated, in words."""
+        if self.rows == "causal":
+            return f"causal rows, coloured residuals, {self._ar_orders}"
         if self.cluster_robust:
             return "coloured residuals, cluster-robust tests"
         if not self.noise_models:
             return "white residuals, standard errors corrected for autocorrelation"
+        return f"coloured residuals, {self._ar_orders}"
+
+    @property
+    def _ar_orders(self) -> str:
         orders = [c.order for c in self.noise_models]
         span = str(orders[0]) if min(orders) == max(orders) else f"{min(orders)} to {max(orders)}"
-        return f"coloured residuals, AR order {span}"
+        return f"AR order {span}"
 
     def to_model(self) -> ResponseModel:
         """The selection as a model of its response."""

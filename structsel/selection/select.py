@@ -13,13 +13,14 @@ import numpy as np
 from structsel.candidates import Candidates, Term
 from structsel.deprecation import renamed_arguments
 from structsel.errors import SelectionError
+from structsel.nomenclature import COEFFICIENTS, FLOW_ANGLES
 from structsel.numerics import criteria
 from structsel.numerics.blocks import JobRunner
 from structsel.options import takes_options
 from structsel.recording import Recording, StoredRecording, warn_of_entry_errors
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.checkpoint import Checkpoint
-from structsel.selection.data import AnyRecording, DataSummary, summarise_recordings
+from structsel.selection.data import AnyRecording, DataSummary, RecordingData, summarise_recordings
 from structsel.selection.diagnostics import Alias, find_warnings, to_separate
 from structsel.selection.engine import Progress, select_arrays
 from structsel.selection.result import Selection, Selections
@@ -104,6 +105,8 @@ def select(
             progress,
             scales=data.scales,
             runner=JobRunner(client, store),
+            companions=_companions(data, candidates, wanted) if options.rows != "sampled" else [],
+            flow_angles=[i for i, factor in enumerate(candidates.base) if str(factor) in FLOW_ANGLES],
         )
     return Selections({r: _named(r, one, candidates, data, options) for r, one in zip(wanted, found)})
 
@@ -120,6 +123,18 @@ def _checkpoint(path: str | Path | None, data: DataSummary, *asked: object) -> I
         checkpoint.remove()
     finally:
         checkpoint.release()
+
+
+def _companions(data: DataSummary, candidates: Candidates, wanted: Sequence[str]) -> list[RecordingData]:
+    """The recordings with the other coefficients, where all have them; empty where there are none."""
+    others = [
+        name
+        for name in COEFFICIENTS
+        if name not in wanted
+        and name not in candidates.channels
+        and all(name in recording and np.isfinite(recording[name]).all() for recording in data.recordings)
+    ]
+    return data.sources(candidates, others) if others else []
 
 
 def _positions(candidates: Candidates, terms: Iterable[Term | str]) -> list[int]:
@@ -264,6 +279,7 @@ def _named(
         constants=dict(zip(data.names, found.constants.tolist())),
         noise_models=found.noise,
         cluster_robust=found.cluster_robust,
+        rows="causal" if found.causal else "sampled",
         classical=tuple(candidates[i] for i in found.white_noise.selected),
         aliases=aliases,
         dependent=tuple(candidates[i] for i in found.dependent),

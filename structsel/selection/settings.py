@@ -21,6 +21,7 @@ Estimate = Literal["least_squares", "principal_components", "ridge"]
 Components = Literal["variance", "PSE", "cv"] | int
 Constants = Literal["auto", "shared", "own"]
 HierarchyRule = Literal["none", "weak", "strong"]
+Rows = Literal["auto", "sampled", "causal"]
 Parsimony = Literal["one_se", "none"]
 StoppingRule = Literal["F", "R2", "PSE"]
 InitialTerms = Literal["empty", "linear", "all"]
@@ -70,6 +71,11 @@ class SelectOptions:
         One constant for all recordings, or one of each: trim, centre of gravity and thrust calibration differ in what
         no candidate knows. ``"auto"`` takes own constants where levels differ significantly, unless the slopes then
         predict recordings left out worse, each about its mean. A new recording is predicted with their mean.
+    rows : {"auto", "sampled", "causal"}
+        Regress on the candidates as sampled, or on what their past predicts of them (instrumental variables [W10]): in
+        turbulence, with feedback, or with noise in the candidates, these follow the residual, and least squares is
+        biased. ``"auto"`` takes causal rows where a test (Durbin, Wu and Hausman, at 1 %) shows that; it needs
+        ``noise="ar"`` and ten samples for each instrument.
     parsimony : {"one_se", "none"}
         Of the model selected from all candidates, those from candidates up to a lower degree, and the linear model with
         all its terms, take the one of fewest terms whose error of prediction in recordings left out is within one
@@ -114,6 +120,11 @@ class SelectOptions:
     method: str = option("stepwise", help="How the terms are searched.", group=_SEARCH, metavar="METHOD")
     noise: Noise = option(
         "ar", help="Model of the residuals: ar (autoregressive), cluster (any correlation) or white.", group=_SEARCH
+    )
+    rows: Rows = option(
+        "auto",
+        help="Regress on the samples, or on what the past predicts of them (turbulence, feedback, noise).",
+        group=_SEARCH,
     )
     constants: Constants = option(
         "auto", help="Constant shared by all recordings, own of each, or auto: what predicts better.", group=_SEARCH

@@ -1,0 +1,322 @@
+"""Regression on what the past predicts: instrumental variables for regressors that follow the residual.
+
+In turbulence, and with noise in the regressors, the regressors of a flight are predetermined, not exogenous: what the
+model leaves unexplained at one moment moves the aircraft at the next, and a pilot or a damper answers it. Least squares
+is then inconsistent, also after prewhitening, since derivatives and samples average over what lies between.
+
+Let the prewhitened response of one manoeuvre be::
+
+    y = X theta + W b + e
+
+with W earlier residuals of the other responses (a vector autoregression), and e not predictable from the past. The
+instruments Z are base signals, and products of them, several samples earlier. Two-stage least squares replaces X by its
+prediction from 1, W and Z (all of them prewhitened alike)::
+
+    theta = (Xp'Xp)^-1 Xp'y,    covariance s2 (Xp'Xp)^-1,    s2 = |y - X theta - W b|^2 / dof
+
+The regressors are exogenous where theta is also that of least squares. Durbin, Wu and Hausman test this: V = X - Xp has
+no effect in the regression of y on X, V and W.
+
+Everything follows from cross-products of [1, X, Z, W, y], block by block, so that blocks may be left out or weighted.
+
+References
+----------
+[SS83] instrumental variables for systems with feedback; [W10] ch. 5 and 6, two-stage least squares and the test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from structsel.numerics.arrays import Array
+from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.least_squares import LeastSquaresFit
+from structsel.numerics.normal_equations import project, solve_normal_equations
+from structsel.numerics.regressors import DataSource
+
+SIGNAL_LAGS = (5, 8, 13)
+"""Lags of the instruments, in samples. The least lies beyond the reach of a fourth-order central difference (2 samples
+on either side) of two samples; the others spread over a quarter of a second at 50 Hz."""
+RESIDUAL_LAGS = (3, 5, 8, 13, 21)
+"""Lags of the other responses' residuals, in samples; the least lies beyond the reach of the difference."""
+
+
+@dataclass(frozen=True)
+class PastData:
+    """A manoeuvre whose base signals include their own past and that of residuals.
+
+    The base signals are those of the source, then those of each of `SIGNAL_LAGS` earlier, then the residuals of each of
+    `RESIDUAL_LAGS` earlier. Before the first sample a signal has its first value.
+
+    Attributes
+    ----------
+    source : DataSource
+    exponents : tuple of (k, s) int array
+        Terms of each response of the source.
+    theta : tuple of (1 + k,) array
+        Their parameters, the constant first.
+    rows : tuple of int
+        Responses of the source that are responses here.
+    """
+
+    source: DataSource
+    exponents: tuple[NDArray[np.integer], ...]
+    theta: tuple[Array, ...]
+    rows: tuple[int, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return self.source.n
+
+    def base(self, start: int, stop: int) -> Array:
+        """(s (1 + lags) + m lags, stop - start) base signals."""
+        first = max(0, start - max(*SIGNAL_LAGS, *RESIDUAL_LAGS))
+        signals, responses = self.source.base(first, stop), self.source.responses(first, stop)
+        residuals = np.empty((len(self.theta), stop - first))
+        for row, y, terms, theta in zip(residuals, responses, self.exponents, self.theta, strict=False):
+            row[:] = y - theta[0]
+            for value, powers in zip(theta[1:], terms, strict=True):
+                row -= value * np.prod(signals ** powers[:, None], axis=0)
+        at = np.arange(start, stop)
+        parts = [signals[:, at - first]]
+        parts += [signals[:, np.maximum(at - lag, 0) - first] for lag in SIGNAL_LAGS]
+        parts += [residuals[:, np.maximum(at - lag, 0) - first] for lag in RESIDUAL_LAGS]
+        return np.concatenate(parts)
+
+    def responses(self, start: int, stop: int) -> Array:
+        """(rows, stop - start) responses."""
+        return self.source.responses(start, stop)[list(self.rows)]
+
+
+def past_exponents(
+    candidates: NDArray[np.integer], products: Sequence[int], n_responses: int
+) -> tuple[NDArray[np.int64], int, int]:
+    """Exponents in the base signals of `PastData`: candidates, instruments, and residuals.
+
+    Parameters
+    ----------
+    candidates : (p, s) int array
+    products : sequence of int
+        Candidates of which the value at the first lag is an instrument as well.
+    n_responses : int
+
+    Returns
+    -------
+    (p + z + w, s') int array, z, w
+        Rows of candidates, instruments and residuals (response by response within each lag).
+    """
+    p, s = candidates.shape
+    z, w = s * len(SIGNAL_LAGS), n_responses * len(RESIDUAL_LAGS)
+    table = np.zeros((p + z + len(products) + w, s + z + w), dtype=np.int64)
+    table[:p, :s] = candidates
+    table[p : p + z, s : s + z] = np.eye(z, dtype=np.int64)
+    table[p + z : p + z + len(products), s : 2 * s] = candidates[list(products)]
+    table[p + z + len(products) :, s + z :] = np.eye(w, dtype=np.int64)
+    return table, z + len(products), w
+
+
+@dataclass(frozen=True)
+class InstrumentedProducts:
+    """Prewhitened cross-products of [1, X, Z, W, y] of one response, and what follows from them.
+
+    Attributes
+    ----------
+    given : CrossProducts
+        The candidates of `given` are X, Z and W.
+    n_candidates, n_instruments : int
+        Columns of X and Z.
+    other : (w,) int array
+        Columns of `given` with the residuals of other responses.
+    """
+
+    given: CrossProducts
+    n_candidates: int
+    n_instruments: int
+    other: NDArray[np.int64]
+    own_constants: bool = False
+
+    @cached_property
+    def products(self) -> CrossProducts:
+        """Those of `given`, within manoeuvres where each has its own constant."""
+        return self.given.within_manoeuvres() if self.own_constants else self.given
+
+    @cached_property
+    def without_residuals(self) -> Array:
+        """(q, 2 + p + z) combinations of the columns: [1, X, Z, y] with W regressed out; W about its mean."""
+        total = self.products.total()
+        q, w = total.shape[0], self.other
+        keep = np.concatenate([np.arange(1 + self.n_candidates + self.n_instruments), [q - 1]])
+        E = np.eye(q)
+        if total[0, 0] > 0.0:
+            E[0, w] = -total[0, w] / total[0, 0]
+        if w.size:
+            centred = E.T @ total @ E
+            on = project(centred, w.tolist())
+            E[:, keep[1:]] -= E[:, w] @ on.coefficients[:, keep[1:]]
+        return E[:, keep]
+
+    @cached_property
+    def predicted(self) -> Array:
+        """(q, p) combinations of the columns: candidates predicted from the constant and the instruments."""
+        E, p = self.without_residuals, self.n_candidates
+        total = E.T @ self.products.total() @ E
+        columns = [0, *range(1 + p, 1 + p + self.n_instruments)]
+        return E[:, columns] @ project(total, columns).coefficients[:, 1 : 1 + p]
+
+    def projected(self, kept: Sequence[int], theta: Array) -> CrossProducts:
+        """Products of [1, Xp, y - (X - Xp) theta], whose least squares is two-stage least squares.
+
+        Parameters
+        ----------
+        kept : sequence of int
+            Candidates with parameters.
+        theta : (k,) array
+            Their scaled parameters. With those of the solution itself the residual is that of X, not of Xp.
+        """
+        E, predicted, columns = self.without_residuals, self.predicted, [1 + j for j in kept]
+        response = E[:, -1] - (E[:, columns] - predicted[:, list(kept)]) @ theta
+        M = np.column_stack([E[:, 0], predicted, response])
+        upper = np.triu_indices(M.shape[1])
+        packed = np.array([(M.T @ self.products.unpack(block) @ M)[upper] for block in self.products.packed])
+        scale = np.append(self.given.scale[: 1 + self.n_candidates], self.given.scale[-1])
+        return replace(self.products, scale=scale, packed=packed, n_candidates=self.n_candidates)
+
+    def fit_terms(self, kept: Sequence[int]) -> PastFit:
+        """Two-stage least squares of the constant and these candidates."""
+        scaled = solve_normal_equations(self.projected((), np.empty(0)).total(), [0, *(1 + j for j in kept)])
+        products = self.projected(kept, scaled[1:])
+        return PastFit(self, tuple(kept), scaled, products)
+
+    def eliminate(
+        self, kept: Sequence[int], F_out: float, include: Sequence[int] = ()
+    ) -> list[tuple[int, float, PastFit]]:
+        """Candidates that leave one after another, the smallest partial F first, with that F and the fit without each.
+
+        Candidates whose partial F is at least ``F_out``, and those of ``include``, stay.
+        """
+        left: list[tuple[int, float, PastFit]] = []
+        fit = self.fit_terms(kept)
+        while True:
+            F = fit.partial_F
+            free = [i for i, j in enumerate(fit.terms) if j not in include]
+            weakest = min(free, key=lambda i: F[i], default=None)
+            if weakest is None or F[weakest] >= F_out:
+                return left
+            number = fit.terms[weakest]
+            fit = self.fit_terms([j for j in fit.terms if j != number])
+            left.append((number, float(F[weakest]), fit))
+
+
+@dataclass(frozen=True)
+class PastFit:
+    """Parameters of the terms of one response, estimated by what the past predicts of them.
+
+    Attributes
+    ----------
+    source : InstrumentedProducts
+    terms : tuple of int
+        Candidates of ``products``.
+    scaled : (1 + k,) array
+        Parameters as the products are scaled, the constant first; zero where each manoeuvre has its own.
+    products : CrossProducts
+        Of what the past predicts; the residual is that of the candidates themselves.
+    """
+
+    source: InstrumentedProducts
+    terms: tuple[int, ...]
+    scaled: Array
+    products: CrossProducts
+
+    @property
+    def slopes(self) -> Array:
+        """(k,) scaled parameters of the terms."""
+        return self.scaled[1:]
+
+    @property
+    def theta(self) -> Array:
+        """(1 + k,) parameters in physical units."""
+        return self.scaled * self.products.scale[-1] / self.products.scale[self._columns]
+
+    @property
+    def _columns(self) -> list[int]:
+        return [0, *(1 + j for j in self.terms)]
+
+    @cached_property
+    def rss(self) -> float:
+        """Residual sum of squares, scaled."""
+        return project(self.products.total(), self._columns).rss
+
+    @property
+    def partial_F(self) -> Array:
+        """(k,) partial F of the terms."""
+        found = project(self.products.total(), self._columns)
+        s2 = found.rss / max(self.products.dof() - len(self.terms) - self.source.other.size, 1.0)
+        variance = s2 * np.diag(found.inverse)[1:]
+        with np.errstate(divide="ignore"):
+            return self.slopes**2 / variance
+
+    def test_exogeneity(self) -> tuple[float, float]:
+        """F and its probability where the terms do not follow the residual (Durbin, Wu and Hausman)."""
+        E, terms = self.source.without_residuals, list(self.terms)
+        M = np.column_stack([E[:, self._columns], self.source.predicted[:, terms], E[:, -1]])
+        total = M.T @ self.source.products.total() @ M
+        k = len(terms)
+        exogenous, free = project(total, range(1 + k)), project(total, range(1 + 2 * k))
+        dof = self.products.dof() - 2 * k - self.source.other.size
+        if dof <= 0 or not free.rss > 0.0:
+            return 0.0, 1.0
+        F = max(exogenous.rss - free.rss, 0.0) / k / (free.rss / dof)
+        return float(F), float(stats.f.sf(F, k, dof))
+
+    def test_instruments(self) -> tuple[float, float]:
+        """F and its probability where the instruments do not follow the residual (Sargan)."""
+        E, p, z = self.source.without_residuals, self.source.n_candidates, self.source.n_instruments
+        total = E.T @ self.source.products.total() @ E
+        v = np.zeros(total.shape[0])
+        v[self._columns], v[-1] = -self.scaled, 1.0
+        M = np.column_stack([np.eye(total.shape[0])[:, [0, *range(1 + p, 1 + p + z)]], v])
+        total = M.T @ total @ M
+        rank = np.linalg.matrix_rank(
+            total[1:-1, 1:-1] / np.outer(*(2 * [np.sqrt(np.diag(total)[1:-1])])), hermitian=True
+        )
+        alone, free = project(total, [0]), project(total, range(1 + z))
+        k = rank - len(self.terms)
+        dof = self.products.dof() - rank - self.source.other.size
+        if k <= 0 or dof <= 0 or not free.rss > 0.0:
+            return 0.0, 1.0
+        F = max(alone.rss - free.rss, 0.0) / k / (free.rss / dof)
+        return float(F), float(stats.f.sf(F, k, dof))
+
+    def fit(self, constants: Array, weights: Array) -> LeastSquaresFit:
+        """The same as a fit in physical units.
+
+        Parameters
+        ----------
+        constants : (K,) array
+            Of each manoeuvre, where each has its own, in units of the response; else empty.
+        weights : (K,) array
+            Samples of each manoeuvre over all.
+        """
+        rows = self._columns[1:] if constants.size else self._columns
+        total, unit = self.products.total()[np.ix_(rows, rows)], self.products.scale[rows]
+        root = np.sqrt(np.diag(total))
+        inverse = np.linalg.pinv(total / np.outer(root, root), hermitian=True) / np.outer(root * unit, root * unit)
+        condition = float(np.sqrt(np.linalg.cond(total / np.outer(root, root))))
+        values = self.theta
+        if constants.size:
+            raw = self.source.given
+            heads = np.array([raw.sums[raw.manoeuvre == k].sum(axis=0) for k in np.unique(raw.manoeuvre)])
+            means = weights @ (heads[:, rows] / heads[:, :1]) * unit
+            across = -inverse @ means
+            variance = float(np.sum(weights**2 / heads[:, 0])) - means @ across
+            inverse = np.block([[np.array([[variance]]), across[None, :]], [across[:, None], inverse]])
+            values = np.append(weights @ constants, values[1:])
+        n = int(self.products.samples()) - self.source.other.size
+        return LeastSquaresFit(values, inverse, self.rss * self.products.scale[-1] ** 2, n, condition, constants)

@@ -1,0 +1,167 @@
+"""Causal rows: what the past predicts of the candidates, where they follow the residual.
+
+`structsel.numerics.instrumental` has the method. Here: which responses need it, and the companions whose residuals show
+what acts on several responses at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structsel.numerics.arrays import Array
+from structsel.numerics.cross_products import cross_products, prewhitened_cross_products
+from structsel.numerics.instrumental import (
+    RESIDUAL_LAGS,
+    SIGNAL_LAGS,
+    InstrumentedProducts,
+    PastData,
+    past_exponents,
+)
+from structsel.numerics.least_squares import fit_each
+from structsel.numerics.noise_models import ARNoise
+from structsel.numerics.normal_equations import project
+from structsel.numerics.regressors import DataSource, Scales, find_scales
+from structsel.numerics.residuals import fit_residual_noise
+
+SIGNIFICANCE = 0.01
+"""Of the test of Durbin, Wu and Hausman, from which rows are causal by default."""
+TURBULENT = 0.01
+"""Share of the variation of alpha or beta that the past does not predict, from which rows are causal by default. Of
+alpha it is 0.004 on the demonstration flights in calm air (vane noise), 0.03, 0.08 and 0.18 in gusts of 0.4, 0.8 and
+1.6 m/s. Where it is small the test rejects for other reasons: channels that are late by part of a sample."""
+LEAST_INNOVATION = 1e-10  # of the response's scale
+SAMPLES_PER_INSTRUMENT = 10
+"""With fewer samples for each instrument the prediction approaches the candidates themselves, and corrects little."""
+
+
+@dataclass(frozen=True)
+class CombinedData:
+    """A manoeuvre with the responses of two sources; the base signals are those of the first."""
+
+    source: DataSource
+    companion: DataSource
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return self.source.n
+
+    def base(self, start: int, stop: int) -> Array:
+        """Base signals of these samples."""
+        return self.source.base(start, stop)
+
+    def responses(self, start: int, stop: int) -> Array:
+        """Responses of both."""
+        return np.concatenate([self.source.responses(start, stop), self.companion.responses(start, stop)])
+
+
+@dataclass(frozen=True)
+class ResponseModels:
+    """Terms and parameters of every response in physical units, the constant first.
+
+    Attributes
+    ----------
+    exponents : tuple of (k, s) int array
+    theta : tuple of (1 + k,) array
+    """
+
+    exponents: tuple[NDArray[np.integer], ...]
+    theta: tuple[Array, ...]
+
+    def joined(self, other: ResponseModels) -> ResponseModels:
+        """Those of both."""
+        return ResponseModels(self.exponents + other.exponents, self.theta + other.theta)
+
+
+NO_MODELS = ResponseModels((), ())
+
+
+def fit_companions(
+    companions: Sequence[DataSource], exponents: NDArray[np.integer], responses: int, max_ar_order: int, **given: Any
+) -> ResponseModels:
+    """Models of the companions' responses in the linear candidates: least squares, then once by what the past predicts.
+
+    Residuals of least squares are orthogonal to the candidates, and show little of what moves the aircraft.
+    """
+    linear = exponents[exponents.sum(axis=1) == 1]
+    everyone, scales = range(responses), find_scales(companions)
+    fits = fit_each(companions, [linear] * responses, [None] * responses, everyone, scales=scales)
+    theta = [fit.theta for fit in fits]
+    floors = [LEAST_INNOVATION * scale for scale in scales[1]]
+    noise = fit_residual_noise(companions, [linear] * responses, theta, everyone, max_ar_order, floors, scales=scales)
+    models = ResponseModels((linear,) * responses, tuple(theta))
+    past = instrumented_products(companions, models, everyone, linear, [], noise, [True] * responses, scales, **given)
+    terms = range(len(linear))
+    return ResponseModels(models.exponents, tuple(one.fit_terms(terms).theta for one in past))
+
+
+def enough_samples(samples: float, signals: int, responses: int, terms: int) -> bool:
+    """Whether the samples are many times the instruments that these numbers of signals, responses and terms make."""
+    instruments = signals * len(SIGNAL_LAGS) + responses * len(RESIDUAL_LAGS) + terms
+    return samples >= SAMPLES_PER_INSTRUMENT * instruments
+
+
+def turbulence_shows(
+    manoeuvres: Sequence[DataSource],
+    flow_angles: Sequence[int],
+    scales: Scales,
+    **given: Any,
+) -> bool:
+    """Whether the past of the base signals leaves more than `TURBULENT` of a flow angle, one of them, unpredicted."""
+    table, n_instruments, _ = past_exponents(np.eye(scales[0].size, dtype=int)[list(flow_angles)], [], 0)
+    data = [PastData(source, (), (), (0,)) for source in manoeuvres]
+    base = np.tile(scales[0], 1 + len(SIGNAL_LAGS))
+    products = cross_products(data, table, scales=(base, scales[1][:1]), **given).within_manoeuvres()
+    m = len(flow_angles)
+    left = project(products.total(), range(1 + m, 1 + m + n_instruments)).remaining[1 : 1 + m]
+    whole = np.diag(products.total())[1 : 1 + m]
+    return bool(np.any(left > TURBULENT * whole))
+
+
+def instrumented_products(
+    manoeuvres: Sequence[DataSource],
+    models: ResponseModels,
+    responses: Sequence[int],
+    pool: NDArray[np.integer],
+    products: Sequence[int],
+    noise: Sequence[Sequence[ARNoise]],
+    own_constants: Sequence[bool],
+    scales: Scales,
+    **given: Any,
+) -> list[InstrumentedProducts]:
+    """Prewhitened products of the candidates, their instruments and the other responses' residuals, in one pass.
+
+    Parameters
+    ----------
+    manoeuvres : sequence of DataSource
+        With all responses that have a model.
+    models : ResponseModels
+    responses : sequence of int
+        Those wanted.
+    pool : (p, s) int array
+    products : sequence of int
+        Candidates whose own past is an instrument as well.
+    noise : sequence over responses of sequences over manoeuvres
+    own_constants : sequence of bool
+        Of the responses wanted.
+    scales : (s,) array, (m,) array
+        Of base signals and responses wanted.
+    **given
+        Further arguments of `prewhitened_cross_products`.
+    """
+    m = len(models.theta)
+    table, n_instruments, w = past_exponents(pool, products, m)
+    data = [PastData(source, models.exponents, models.theta, tuple(responses)) for source in manoeuvres]
+    base = np.concatenate([np.tile(scales[0], 1 + len(SIGNAL_LAGS)), np.ones(w)])
+    whitened = prewhitened_cross_products(data, table, noise, scales=(base, scales[1]), **given)
+    number = np.tile(np.arange(m), len(RESIDUAL_LAGS))  # the response to which each residual belongs
+    first = 1 + len(pool) + n_instruments
+    return [
+        InstrumentedProducts(one, len(pool), n_instruments, first + np.flatnonzero(number != r), own)
+        for one, r, own in zip(whitened, responses, own_constants, strict=True)
+    ]

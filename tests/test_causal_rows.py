@@ -1,0 +1,124 @@
+"""Rows that the past predicts: two-stage least squares on cross-products, and aircraft that follow the residual."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from statsmodels.sandbox.regression.gmm import IV2SLS
+
+import structsel as ss
+from structsel.numerics.cross_products import prewhitened_cross_products
+from structsel.numerics.instrumental import SIGNAL_LAGS, InstrumentedProducts, PastData, past_exponents
+from structsel.numerics.noise_models import ARNoise
+from structsel.numerics.regressors import ArrayData
+
+
+def lagged(x: np.ndarray, lag: int) -> np.ndarray:
+    return np.concatenate([np.full(lag, x[0]), x[: x.size - lag]])
+
+
+def two_signals(n: int = 600) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slow signals, one of them read with an error that the response shares."""
+    rng = np.random.default_rng(4)
+    a, b = lfilter([0.2], [1.0, -0.98], rng.standard_normal((2, n)))
+    shared = rng.standard_normal(n)
+    x = np.array([a + 0.4 * shared, b])
+    return x, 1.5 + 2.0 * x[0] - 0.7 * x[1] + 0.5 * x[0] * x[1] + shared, a
+
+
+def instrumented(x: np.ndarray, y: np.ndarray) -> InstrumentedProducts:
+    exponents = np.array([[1, 0], [0, 1], [1, 1]])
+    data = PastData(ArrayData(x, y[None, :]), (exponents,), (np.zeros(4),), (0,))
+    table, instruments, _ = past_exponents(exponents, [2], 1)
+    white = [[ARNoise(np.empty(0), 1.0)]]
+    products = prewhitened_cross_products([data], table, white)[0]
+    return InstrumentedProducts(products, 3, instruments, np.empty(0, dtype=int))
+
+
+def reference(x: np.ndarray, y: np.ndarray) -> IV2SLS:
+    one = np.ones(y.size)
+    X = np.column_stack([one, x[0], x[1], x[0] * x[1]])
+    Z = [lagged(signal, lag) for lag in SIGNAL_LAGS for signal in x]
+    Z.append(lagged(x[0] * x[1], SIGNAL_LAGS[0]))
+    return IV2SLS(y, X, instrument=np.column_stack([one, *Z]))
+
+
+def test_two_stage_least_squares_on_products_is_that_of_statsmodels():
+    x, y, _ = two_signals()
+    fit = instrumented(x, y).fit_terms([0, 1, 2])
+    expected = reference(x, y).fit()
+    np.testing.assert_allclose(fit.theta, expected.params, rtol=1e-9)
+    found = fit.fit(np.empty(0), np.ones(1))
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), expected.bse, rtol=1e-7)
+
+
+def test_exogeneity_is_rejected_where_reading_and_response_share_an_error_and_only_there():
+    x, y, a = two_signals()
+    assert instrumented(x, y).fit_terms([0, 1, 2]).test_exogeneity()[1] < 1e-6
+    clean = np.array([a, x[1]])
+    rng = np.random.default_rng(5)
+    noise = rng.standard_normal(y.size)
+    exogenous = 1.5 + clean[0] + noise
+    assert instrumented(clean, exogenous).fit_terms([0, 1]).test_exogeneity()[1] > 0.01
+
+
+def test_least_squares_differs_and_the_past_gives_the_truth():
+    x, y, _ = two_signals(20_000)
+    X = np.column_stack([np.ones(y.size), x[0], x[1], x[0] * x[1]])
+    ordinary = np.linalg.lstsq(X, y, rcond=None)[0]
+    fit = instrumented(x, y).fit_terms([0, 1, 2])
+    errors = np.sqrt(np.diag(fit.fit(np.empty(0), np.ones(1)).covariance))
+    assert abs(ordinary[1] - 2.0) > 10 * errors[1]
+    assert np.all(np.abs(fit.theta - [1.5, 2.0, -0.7, 0.5]) < 3.5 * errors)
+
+
+def test_a_term_without_effect_is_eliminated_by_the_past():
+    x, y, _ = two_signals()
+    response = y - 0.5 * x[0] * x[1]
+    left = instrumented(x, response).eliminate([0, 1, 2], 12.0)
+    assert [number for number, _, _ in left] == [2]
+    kept = instrumented(x, response).eliminate([0, 1, 2], 12.0, include=[2])
+    assert kept == []
+
+
+@pytest.fixture(scope="module")
+def flights() -> tuple[list[ss.Recording], dict[str, dict[str, float]]]:
+    recordings, aircraft, truth = ss.demo_flights(6, 11, turbulence=2.0)
+    return ss.compute_all(recordings, aircraft), truth
+
+
+def of_rolling_moment(flights: tuple[list[ss.Recording], dict[str, dict[str, float]]], rows: str) -> ss.Selection:
+    recordings, truth = flights
+    terms = [term for term in truth["Cl"] if term != "1"]
+    pool = ss.Candidates.parse(terms)
+    return ss.select(recordings, "Cl", pool, include=terms, parsimony="none", bootstrap=0, rows=rows)["Cl"]
+
+
+def test_in_turbulence_rows_are_causal_by_default_and_roll_damping_is_that_of_the_aircraft(flights):
+    sampled, chosen = (of_rolling_moment(flights, rows) for rows in ("sampled", "auto"))
+    assert (sampled.rows, chosen.rows) == ("sampled", "causal")
+    assert "causal rows" in chosen.residual_description
+    truth = flights[1]["Cl"]["p_hat"]
+    at = [str(term) for term in chosen.terms].index("p_hat") + 1
+    assert abs(sampled.values[at] / truth - 1.0) > 0.2
+    assert abs(chosen.values[at] / truth - 1.0) < 0.1
+    low, high = chosen.intervals()[at]
+    assert low < truth < high
+
+
+def test_in_calm_air_with_exact_readings_rows_stay_as_sampled():
+    recordings, aircraft, truth = ss.demo_flights(4, 3, turbulence=0.0, noise=0.0)
+    manoeuvres = ss.compute_all(recordings, aircraft)
+    terms = [term for term in truth["Cl"] if term != "1"]
+    found = ss.select(manoeuvres, "Cl", ss.Candidates.parse(terms), bootstrap=0)["Cl"]
+    assert found.rows == "sampled"
+
+
+def test_the_past_before_the_first_sample_is_the_first_sample():
+    x, y, _ = two_signals(60)
+    data = PastData(ArrayData(x, y[None, :]), (np.array([[1, 0]]),), (np.array([0.5, 1.0]),), (0,))
+    whole = data.base(0, 60)
+    for row, lag in enumerate(SIGNAL_LAGS, start=1):
+        np.testing.assert_array_equal(whole[2 * row], lagged(x[0], lag))
+    np.testing.assert_allclose(data.base(25, 40), whole[:, 25:40], atol=1e-15)
