@@ -115,6 +115,13 @@ def test_in_calm_air_with_exact_readings_rows_stay_as_sampled():
     assert found.rows == "sampled"
 
 
+def test_causal_rows_without_noise_models_are_refused():
+    recordings, aircraft, _ = ss.demo_flights(1, duration=5.0)
+    manoeuvres = ss.compute_all(recordings, aircraft)
+    with pytest.raises(ss.StructselError, match="rows='causal' needs the noise model of each recording"):
+        ss.select(manoeuvres, "Cm", ss.Candidates.parse(["alpha"]), rows="causal", noise="white")
+
+
 def test_the_past_before_the_first_sample_is_the_first_sample():
     x, y, _ = two_signals(60)
     data = PastData(ArrayData(x, y[None, :]), (np.array([[1, 0]]),), (np.array([0.5, 1.0]),), (0,))

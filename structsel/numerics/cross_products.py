@@ -118,8 +118,8 @@ class CrossProducts:
         totals = np.array([self.sums[self.manoeuvre == k].sum(axis=0) for k in np.unique(self.manoeuvre)])
         return (totals[:, -1] - totals[:, list(columns)] @ theta) / totals[:, 0]
 
-    def within_manoeuvres(self) -> CrossProducts:
-        """The same after regression of every column on a constant of each manoeuvre.
+    def within_manoeuvres(self, columns: Sequence[int] | None = None) -> CrossProducts:
+        """The same after regression of every column, or of some, on a constant of each manoeuvre.
 
         With ``m`` the coefficients of a manoeuvre's columns on its constant column, its products become::
 
@@ -145,10 +145,12 @@ class CrossProducts:
             total = self.sums[blocks].sum(axis=0)
             m = total / total[0] if total[0] > 0.0 else np.zeros(self.scale.size)
             m[0] = 0.0
+            if columns is not None:
+                m[np.setdiff1d(np.arange(m.size), columns)] = 0.0
             for b in blocks:
                 s = self.sums[b]
                 packed[b] -= m[i] * s[j] + (s[i] - m[i] * s[0]) * m[j]
-        return replace(self, packed=packed, own_constants=True)
+        return replace(self, packed=packed, own_constants=columns is None)
 
     def of_candidates(self, candidates: NDArray[np.integer]) -> CrossProducts:
         """The same with some of the candidates, in their order."""

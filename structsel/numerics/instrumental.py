@@ -144,8 +144,11 @@ class InstrumentedProducts:
 
     @cached_property
     def products(self) -> CrossProducts:
-        """Those of `given`, within manoeuvres where each has its own constant."""
-        return self.given.within_manoeuvres() if self.own_constants else self.given
+        """Those of `given`, within manoeuvres where each has its own constant; W is always within manoeuvres.
+
+        The level of a residual is misfit, and would take the difference between manoeuvres from the candidates.
+        """
+        return self.given.within_manoeuvres(None if self.own_constants else self.other.tolist())
 
     @cached_property
     def without_residuals(self) -> Array:

@@ -20,6 +20,7 @@ from structsel.numerics.instrumental import (
     SIGNAL_LAGS,
     InstrumentedProducts,
     PastData,
+    PastFit,
     past_exponents,
 )
 from structsel.numerics.least_squares import fit_each
@@ -29,11 +30,12 @@ from structsel.numerics.regressors import DataSource, Scales, find_scales
 from structsel.numerics.residuals import fit_residual_noise
 
 SIGNIFICANCE = 0.01
-"""Of the test of Durbin, Wu and Hausman, from which rows are causal by default."""
+"""Of the tests of exogeneity (Durbin, Wu and Hausman) and of the instruments (Sargan), by which rows are chosen."""
 TURBULENT = 0.01
 """Share of the variation of alpha or beta that the past does not predict, from which rows are causal by default. Of
 alpha it is 0.004 on the demonstration flights in calm air (vane noise), 0.03, 0.08 and 0.18 in gusts of 0.4, 0.8 and
 1.6 m/s. Where it is small the test rejects for other reasons: channels that are late by part of a sample."""
+COMPANION_DEGREE = 2  # of the models whose residuals are regressors
 LEAST_INNOVATION = 1e-10  # of the response's scale
 SAMPLES_PER_INSTRUMENT = 10
 """With fewer samples for each instrument the prediction approaches the candidates themselves, and corrects little."""
@@ -81,23 +83,23 @@ class ResponseModels:
 NO_MODELS = ResponseModels((), ())
 
 
-def fit_companions(
-    companions: Sequence[DataSource], exponents: NDArray[np.integer], responses: int, max_ar_order: int, **given: Any
-) -> ResponseModels:
-    """Models of the companions' responses in the linear candidates: least squares, then once by what the past predicts.
+def fit_companions(companions: Sequence[DataSource], responses: int, max_ar_order: int, **given: Any) -> ResponseModels:
+    """Models of the companions' responses: least squares, then once by what the past predicts.
 
-    Residuals of least squares are orthogonal to the candidates, and show little of what moves the aircraft.
+    Terms are the powers of every base signal up to `COMPANION_DEGREE`: misfit in the residual would take its part from
+    the instruments. Residuals of least squares are orthogonal to the terms, and show little of what moves the aircraft.
     """
-    linear = exponents[exponents.sum(axis=1) == 1]
     everyone, scales = range(responses), find_scales(companions)
-    fits = fit_each(companions, [linear] * responses, [None] * responses, everyone, scales=scales)
+    signals = scales[0].size
+    terms = np.concatenate([power * np.eye(signals, dtype=int) for power in range(1, COMPANION_DEGREE + 1)])
+    fits = fit_each(companions, [terms] * responses, [None] * responses, everyone, scales=scales)
     theta = [fit.theta for fit in fits]
     floors = [LEAST_INNOVATION * scale for scale in scales[1]]
-    noise = fit_residual_noise(companions, [linear] * responses, theta, everyone, max_ar_order, floors, scales=scales)
-    models = ResponseModels((linear,) * responses, tuple(theta))
-    past = instrumented_products(companions, models, everyone, linear, [], noise, [True] * responses, scales, **given)
-    terms = range(len(linear))
-    return ResponseModels(models.exponents, tuple(one.fit_terms(terms).theta for one in past))
+    noise = fit_residual_noise(companions, [terms] * responses, theta, everyone, max_ar_order, floors, scales=scales)
+    models = ResponseModels((terms,) * responses, tuple(theta))
+    own, powers = [True] * responses, range(signals, len(terms))
+    past = instrumented_products(companions, models, everyone, terms, powers, noise, own, scales, **given)
+    return ResponseModels(models.exponents, tuple(one.fit_terms(range(len(terms))).theta for one in past))
 
 
 def enough_samples(samples: float, signals: int, responses: int, terms: int) -> bool:
@@ -121,6 +123,13 @@ def turbulence_shows(
     left = project(products.total(), range(1 + m, 1 + m + n_instruments)).remaining[1 : 1 + m]
     whole = np.diag(products.total())[1 : 1 + m]
     return bool(np.any(left > TURBULENT * whole))
+
+
+def is_needed(past: PastFit, misfit: bool) -> bool:
+    """Whether the terms follow the residual. If the residual may be misfit, the instruments must be valid as well."""
+    if misfit and past.test_instruments()[1] < SIGNIFICANCE:
+        return False
+    return past.test_exogeneity()[1] < SIGNIFICANCE
 
 
 def instrumented_products(

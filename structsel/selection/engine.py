@@ -31,12 +31,12 @@ from structsel.selection.biased import estimate_biased
 from structsel.selection.causal import (
     LEAST_INNOVATION,
     NO_MODELS,
-    SIGNIFICANCE,
     CombinedData,
     ResponseModels,
     enough_samples,
     fit_companions,
     instrumented_products,
+    is_needed,
     turbulence_shows,
 )
 from structsel.selection.constants import choose_constants, without_constants
@@ -294,7 +294,7 @@ def _use_past(data: _EngineData, choices: list[_Choice], shared: list[CrossProdu
     ]
     rows = data.options.rows
     given: dict[str, Any] = {"blocks": data.blocks, "workers": data.options.workers, "runner": data.runner}
-    if rows == "sampled" or not pending:
+    if rows == "sampled" or data.options.noise != "ar" or not pending:
         return choices
     if rows == "auto" and not (
         data.flow_angles and turbulence_shows(data.manoeuvres, data.flow_angles, data.scales, **given)
@@ -302,14 +302,14 @@ def _use_past(data: _EngineData, choices: list[_Choice], shared: list[CrossProdu
         return choices
     further = NO_MODELS
     if companions:
-        further = fit_companions(data.companions, data.exponents, companions, data.options.max_ar_order, **given)
+        further = fit_companions(data.companions, companions, data.options.max_ar_order, **given)
     for number in range(PAST_ROUNDS):
         if not pending:
             break
         noise = _fit_noise(data, choices, pending, shared)
         found = _past(data, choices, shared, further, pending, noise)
         for r, past, models in zip(list(pending), found, noise, strict=True):
-            if not number and rows == "auto" and past.test_exogeneity()[1] >= SIGNIFICANCE:
+            if not number and rows == "auto" and not is_needed(past, choices[r].prewhitening_dropped is not None):
                 pending.remove(r)
                 continue
             choices[r] = _eliminate(replace(choices[r], noise=models, past=past, prewhitening_dropped=None))

@@ -212,6 +212,11 @@ class SelectOptions:
                 f"select: F_out={self.F_out:g} is above F_in={self.F_in:g}: a term whose partial F lies between the "
                 "two would enter and leave for ever. Lower F_out or raise F_in."
             )
+        if self.rows == "causal" and self.noise != "ar":
+            raise SelectionError(
+                f"select: rows='causal' needs the noise model of each recording; noise={self.noise!r} has none.\n"
+                "Use noise='ar', or rows='sampled'."
+            )
         if self.correlation_limit is not None and not 0 < self.correlation_limit < 1:
             raise SelectionError(
                 f"select: correlation_limit={self.correlation_limit} must lie between 0 and 1 (0.9 is usual)."
