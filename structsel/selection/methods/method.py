@@ -162,12 +162,18 @@ def automatic_F_in(p: int, dof: float) -> float:
     return max(criteria.familywise_F_in(p, dof), criteria.ebic_F_in(p, dof))
 
 
-def thresholds(options: Any, p: int, dof: float) -> tuple[float, float, NDArray[np.float64] | None]:
-    """F_in, F_out and, for controlled false discovery, the threshold of each entry."""
+def thresholds(
+    options: Any, p: int, dof: float, *, by_blocks: bool = False
+) -> tuple[float, float, NDArray[np.float64] | None]:
+    """F_in, F_out and, for controlled false discovery, the threshold of each entry.
+
+    Tests between blocks do not grow with the samples of a block, and their threshold does not either.
+    """
     if options.F_in == "fdr":
         steps = criteria.fdr_F_in(p, dof, 0.05)
         return float(steps[0]), options.F_out if options.F_out is not None else float(steps[0]), steps
-    F_in = automatic_F_in(p, dof) if options.F_in == "auto" else float(options.F_in)
+    automatic = criteria.familywise_F_in if by_blocks else automatic_F_in
+    F_in = automatic(p, dof) if options.F_in == "auto" else float(options.F_in)
     F_out = F_in if options.F_out is None else options.F_out
     if F_out > F_in:
         raise SelectionError(

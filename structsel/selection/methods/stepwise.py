@@ -68,7 +68,7 @@ def _between_blocks(problem: SearchProblem) -> SearchPath:
     assert problem.blocks is not None
     products, weights = problem.blocks
     options, constraints, dof = problem.options, problem.constraints, problem.dof
-    F_in, F_out, _ = thresholds(options, products.n_candidates, dof)
+    F_in, F_out, _ = thresholds(options, products.n_candidates, dof, by_blocks=True)
     linear = tuple(int(j) for j in np.flatnonzero(constraints.degrees == 1))
     starts = [constraints.initial] if constraints.initial else list(dict.fromkeys([(), linear]))
     paths = [
