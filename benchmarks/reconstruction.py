@@ -64,7 +64,7 @@ def simulated(samples: int, dt: float = 0.02, seed: int = 0) -> tuple[Kinematics
     angular = np.gradient(rates, dt, axis=0)
     place = np.array([[0.5, 0.1, 0.2], [5, 0, 0], [5, 0.3, 0], [4.5, 0.3, 0], [1, 0, 0.5], [0, 0, -1]])
     force += np.cross(angular, place[0]) + np.cross(rates, np.cross(rates, place[0]))
-    truth = np.zeros(26)
+    truth = np.zeros(34)
     truth[:9] = [u[0], v[0], w[0], phi[0], theta[0], psi[0], 0.0, 0.0, 1000.0]
     truth[9:17] = [0.1, -0.05, 0.08, 2e-3, -1e-3, 3e-3, 5.0, -3.0]
     truth[STATES.index("Cup")] = 0.03
@@ -79,7 +79,7 @@ def simulated(samples: int, dt: float = 0.02, seed: int = 0) -> tuple[Kinematics
     start = truth.copy()
     start[ACTIVE] += START_STD * rng.standard_normal(ACTIVE.size)
     noise = np.tile(INPUT_STD, (samples, 1))
-    still = np.zeros(26)
+    still = np.zeros(34)
     return KinematicsProblem(t, inputs, noise, y, READING_STD, start, START_STD, ACTIVE, still, place, False, G), path
 
 
@@ -162,7 +162,7 @@ def python_observe(x: Array, a: Array, place: Array) -> Array:
 
 def filterpy_run(p: KinematicsProblem, compiled: bool) -> tuple[Array, Array]:
     """Estimates and their standard deviations, (n, 18) each."""
-    full, work, out, everything = p.start.copy(), np.empty((6, 26)), np.empty(26), np.ones(12, dtype=bool)
+    full, work, out, everything = p.start.copy(), np.empty((6, 34)), np.empty(34), np.ones(12, dtype=bool)
 
     def compiled_step(x: Array, dt: float, a0: Array, a1: Array) -> Array:
         full[ACTIVE] = x
@@ -190,7 +190,7 @@ def filterpy_run(p: KinematicsProblem, compiled: bool) -> tuple[Array, Array]:
     ukf = UnscentedKalmanFilter(L, 12, 0.0, hx, fx, MerweScaledSigmaPoints(L, SPREAD, 2.0, 0.0))
     ukf.x, ukf.P, ukf.R = p.start[ACTIVE].copy(), np.diag(START_STD**2), np.diag(READING_STD**2)
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
-    x, std, gain, now = np.empty((len(p.t), L)), np.empty((len(p.t), L)), np.empty((26, 6)), p.start.copy()
+    x, std, gain, now = np.empty((len(p.t), L)), np.empty((len(p.t), L)), np.empty((34, 6)), p.start.copy()
     for k in range(len(p.t)):
         if k:
             dt = p.t[k] - p.t[k - 1]

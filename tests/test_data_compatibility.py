@@ -42,7 +42,7 @@ def test_path_residuals_and_held_states_belong_to_the_values():
     start[problem.active] = fit.values
     path = fly(problem.t, problem.inputs, start, problem.place, problem.g, False)
     assert_allclose(fit.path, path, rtol=0)
-    constants = [i for i in range(9, 23) if i not in problem.active]
+    constants = [i for i in range(9, 34) if i not in problem.active]
     assert_allclose(fit.path[:, constants], np.tile(problem.start[constants], (300, 1)), rtol=0)
     expected = problem.measurements - readings(path, problem.inputs, problem.place, False)
     expected[:, ANGLES] = np.angle(np.exp(1j * expected[:, ANGLES]))
@@ -56,7 +56,7 @@ def test_the_bound_is_the_inverse_of_the_dense_information_matrix():
     full = problem.start.copy()
     full[problem.active] = fit.values
     # Sensitivities carried along the path by the chain rule, Jacobians by complex steps.
-    everything, carried = np.arange(26), np.eye(26)[:, problem.active]
+    everything, carried = np.arange(34), np.eye(34)[:, problem.active]
     information = np.diag(problem.start_std**-2)
     for k in range(70):
         if k:

@@ -16,19 +16,21 @@ N = 200
 def scene():
     """Random but flyable full vectors, readings and places."""
     rng = np.random.default_rng(1)
-    path = np.zeros((N, 26))
+    path = np.zeros((N, 34))
     path[:, :3] = rng.normal([90.0, 3.0, 6.0], [10.0, 4.0, 4.0], (N, 3))
     path[:, 3:6] = rng.uniform([-3.0, -1.2, -6.0], [3.0, 1.2, 6.0], (N, 3))
     path[:, 6:9] = rng.normal(0.0, 500.0, (N, 3))
     path[:, 9:23] = rng.normal(0.0, [0.1, 0.1, 0.1, 0.01, 0.01, 0.01, 5, 5, 1, 0.1, 0.01, 0.1, 0.01, 0.02], (N, 14))
+    path[:, fp.SCALE : fp.GUST] = rng.normal(0.0, 0.05, (N, 8))
     inputs = np.c_[rng.normal(0.0, 5.0, (N, 3)), rng.normal(0.0, 0.5, (N, 3)), rng.normal(0.0, 1.0, (N, 3))]
     place = rng.normal(0.0, [4.0, 1.0, 1.0], (6, 3))
     return path, inputs, place
 
 
 def rates_and_force(path, inputs, place):
-    rates = inputs[:, 3:6] - path[:, 12:15]
-    force = rb.acceleration_at_cg(*(inputs[:, :3] - path[:, 9:12]).T, rates.T, inputs[:, 6:9].T, place[0])
+    by_force, by_rate = 1.0 + path[:, 25:28], 1.0 + path[:, 28:31]
+    rates, turning = (inputs[:, 3:6] - path[:, 12:15]) / by_rate, inputs[:, 6:9] / by_rate
+    force = rb.acceleration_at_cg(*((inputs[:, :3] - path[:, 9:12]) / by_force).T, rates.T, turning.T, place[0])
     return rates.T, force
 
 
@@ -66,7 +68,7 @@ def test_air_data_read_on_a_boom_come_back_to_those_at_the_centre(scene):
 def test_upwash_sidewash_offsets_and_scale_enter_as_in_the_equations(scene):
     path, inputs, place = scene
     bare = path.copy()
-    bare[:, 18:] = 0.0
+    bare[:, 18:23] = bare[:, 31:] = 0.0
     _, alpha, beta = air_data(*path[:, :3].T)
     without, full = fp.readings(bare, inputs, place, False), fp.readings(path, inputs, place, False)
     expected = without.copy()
@@ -88,14 +90,22 @@ def test_a_flank_angle_vane_reads_the_angle_in_its_own_aircraft(scene):
 def test_height_position_and_ground_velocity_are_those_of_port_and_antenna(scene):
     path, inputs, place = scene
     turn = body_to_earth(*path[:, 3:6].T)
-    omega = inputs[:, 3:6] - path[:, 12:15]
+    omega = (inputs[:, 3:6] - path[:, 12:15]) / (1.0 + path[:, 28:31])
     port, antenna = turn @ place[4], turn @ place[5]
     velocity = np.einsum("nij,nj->ni", turn, path[:, :3] + np.cross(omega, place[5])) + path[:, 15:18]
     got = fp.readings(path, inputs, place, False)
     assert_allclose(got[:, 6], path[:, 8] - port[:, 2], rtol=1e-11, atol=1e-10)
     assert_allclose(got[:, 7:9], path[:, 6:8] + antenna[:, :2], rtol=1e-11, atol=1e-10)
     assert_allclose(got[:, 9:], velocity, rtol=1e-11, atol=1e-11)
-    assert_allclose(got[:, 3:6], path[:, 3:6], rtol=0)
+    assert_allclose(got[:, 3:5], path[:, 3:5] * (1.0 + path[:, 23:25]), rtol=1e-14)
+    assert_allclose(got[:, 5], path[:, 5], rtol=0)
+
+
+def test_a_roll_angle_of_many_turns_is_scaled_within_its_turn():
+    full = np.zeros((2, 34))
+    full[:, 0], full[:, 3], full[:, 23] = 50.0, [0.4, 0.4 + 4.0 * np.pi], 0.05
+    got = fp.readings(full, np.zeros((2, 9)), np.zeros((6, 3)), False)
+    assert_allclose(got[:, 3], [0.42, 0.42 + 4.0 * np.pi], rtol=1e-14)
 
 
 def test_a_simulated_path_is_the_integral_that_scipy_finds():
@@ -110,7 +120,7 @@ def test_a_simulated_path_is_the_integral_that_scipy_finds():
         inputs[:, 6 + j] = size * frequency * np.cos(frequency * t)
     place = np.zeros((6, 3))
     place[0] = [1.0, -0.2, 0.4]
-    start = np.zeros(26)
+    start = np.zeros(34)
     start[:9] = [100.0, 2.0, 5.0, 0.1, 0.05, 2.0, 10.0, -20.0, 1000.0]
     start[9:18] = [0.1, -0.05, 0.08, 2e-3, -1e-3, 3e-3, 5.0, -3.0, 0.5]
 
@@ -141,7 +151,7 @@ def test_without_position_states_the_rest_is_unchanged(scene):
     t = np.arange(20) * 0.02
     with_it = fp.fly(t, inputs[:20], path[0], place, 9.8, True)
     without = fp.fly(t, inputs[:20], path[0], place, 9.8, False)
-    others = [0, 1, 2, 3, 4, 5, 8, *range(9, 23)]
+    others = [0, 1, 2, 3, 4, 5, 8, *range(9, 34)]
     assert_allclose(without[:, others], with_it[:, others], rtol=0)
     assert_allclose(without[:, 6:8], np.tile(path[0, 6:8], (20, 1)), rtol=0)
 
@@ -149,10 +159,10 @@ def test_without_position_states_the_rest_is_unchanged(scene):
 def test_noise_enters_as_the_slopes_change_with_the_readings(scene):
     # At the centre of gravity: the arm's part of gyro noise in the accelerometers is left out of the gain.
     path, inputs, _ = scene
-    at_centre, gain, h = np.zeros((6, 3)), np.empty((26, 6)), 1e-4
+    at_centre, gain, h = np.zeros((6, 3)), np.empty((34, 6)), 1e-4
     for k in range(20):
         fp.noise_gain(path[k], inputs[k], gain)
-        expected = np.zeros((26, 6))
+        expected = np.zeros((34, 6))
         for j in range(6):
             more, less = inputs[k].copy(), inputs[k].copy()
             more[j] += h
@@ -167,8 +177,8 @@ def test_a_gust_is_felt_by_vanes_and_pitot_alone(scene):
     path = path.copy()
     path[:, [18, 20]] = 0.0  # upwash and sidewash are those of steady air
     gusty, moved = path.copy(), path.copy()
-    gusty[:, 23:] = np.random.default_rng(2).normal(0.0, 2.0, (N, 3))
-    moved[:, :3] += gusty[:, 23:]
+    gusty[:, fp.GUST :] = np.random.default_rng(2).normal(0.0, 2.0, (N, 3))
+    moved[:, :3] += gusty[:, fp.GUST :]
     still, there, elsewhere = (fp.readings(x, inputs, place, False) for x in (path, gusty, moved))
     assert_allclose(there[:, :3], elsewhere[:, :3], rtol=1e-13)
     assert_allclose(there[:, 3:], still[:, 3:], rtol=0, atol=0)

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from structsel.demo import demo_instruments
 from structsel.errors import DomainError
-from structsel.numerics.kinematics import GUST, MEASUREMENTS
+from structsel.numerics.kinematics import MEASUREMENTS, SCALE
 from structsel.numerics.kinematics import STATES as FULL
 from structsel.reconstruction.observability import reconstructibility
 from structsel.reconstruction.ukf import KinematicsProblem, ukf_smoother
@@ -20,7 +20,7 @@ from structsel.reconstruction.ukf import KinematicsProblem, ukf_smoother
 G = 9.80665
 NOISE = np.array([0.2, 2e-3, 2e-3, 2e-3, 2e-3, 2e-3, 0.5, 1.0, 1.0, 0.05, 0.05, 0.05])
 INPUT_NOISE = np.array([0.02] * 3 + [5e-4] * 3)
-STATES = FULL[:GUST]  # gusts are never requested: they are noise, if slow
+STATES = FULL[:SCALE]  # gusts are never requested: they are noise, if slow
 PRIOR = dict(zip(STATES, [2.0] * 3 + [0.1, 0.1, 0.5] + [10.0] * 3 + [0.3] * 3 + [0.01] * 3 + [10.0, 10.0, 1.0]))
 PRIOR |= {"Cup": 0.1, "Calpha0": 0.02, "Csi": 0.1, "Cbeta0": 0.02, "KV": 0.05}
 AIR, ATTITUDE, HEADING = ("V", "alpha", "beta", "h"), ("phi", "theta"), ("psi",)
@@ -41,7 +41,7 @@ def make_problem(t, inputs, readings, start, sensors, states, place=None):
         start=start,
         start_std=np.array([PRIOR[name] for name in states]),
         active=np.array([STATES.index(name) for name in states]),
-        drift=np.zeros(26),
+        drift=np.zeros(34),
         place=np.zeros((6, 3)) if place is None else place,
         flank=False,
         g=G,
@@ -59,7 +59,7 @@ def demo_problem(which, sensors, states=EVERYTHING, *, exact=False):
     t = np.asarray(seen.t)
     rates = [CubicSpline(t, seen[name]).derivative()(t) if exact else truth[f"{name}_dot"] for name in "pqr"]
     inputs = np.column_stack([*(seen[name] for name in ("ax", "ay", "az", "p", "q", "r")), *rates])
-    start = np.zeros(26)
+    start = np.zeros(34)
     start[:9] = [truth[name][0] for name in STATES[:9]]
     where = ("accelerometer", "vane", "vane", "vane", "static", "gps")
     place = np.array([flight.aircraft.position(name) for name in where])
@@ -92,7 +92,7 @@ def prescribed(kind, seconds=40.0, rate=25.0):
     omega = np.array([p, q, r])
     force = CubicSpline(t, velocity, axis=1).derivative()(t) + np.cross(omega, velocity, axis=0) - gravity
     inputs = np.vstack([force, omega, np.zeros((3, len(t)))]).T
-    start = np.zeros(26)
+    start = np.zeros(34)
     start[:9] = [*velocity[:, 0], phi[0], theta[0], psi[0], 0.0, 0.0, 1000.0]
     return t, inputs, start
 
@@ -147,7 +147,7 @@ def textbook_flight(t, inputs, starts):
 def brute_force(t, inputs, start, sensors, states):
     """Whitened, prior-scaled sensitivities by flying again from every start moved a little."""
     steps = np.array([1e-3 * PRIOR[name] for name in states])
-    moves = np.zeros((26, len(states)))
+    moves = np.zeros((34, len(states)))
     moves[[STATES.index(name) for name in states], np.arange(len(states))] = steps
     simulated = textbook_flight(t, inputs, start[:, None] + np.hstack([moves, -moves]))
     J = (simulated[:, :, : len(states)] - simulated[:, :, len(states) :]) / (2.0 * steps)
@@ -339,7 +339,7 @@ def test_linear_rank_is_that_of_the_observability_matrix(kind, sensors):
         at[5] = problem.measurements[:, 5].mean() if "psi" in sensors else at[5]
     kept, seen = [STATES.index(name) for name in states], [MEASUREMENTS.index(name) for name in sensors]
     # Complex steps: derivatives exact to rounding.
-    moved = at[:, None] + 1e-30j * np.eye(26)[:, kept]
+    moved = at[:, None] + 1e-30j * np.eye(34)[:, kept]
     A = (textbook_slope(moved, a.astype(complex)).imag / 1e-30)[kept]
     C = (textbook_readings(moved).imag / 1e-30)[seen]
     prior = np.array([PRIOR[name] for name in states])
@@ -406,7 +406,7 @@ def test_what_cannot_be_analysed_is_refused():
     short = replace(problem, t=problem.t[:1], inputs=problem.inputs[:1], measurements=problem.measurements[:1])
     with pytest.raises(DomainError, match="two samples without a gap"):
         reconstructibility(short)
-    still = replace(given("lively", ("alpha", "h")), start=np.zeros(26))
+    still = replace(given("lively", ("alpha", "h")), start=np.zeros(34))
     with pytest.raises(DomainError, match="needs an airspeed"):
         reconstructibility(still)
 

@@ -101,6 +101,7 @@ CASES = {
     "all but vertical wind and sideslip offset": {"held": (17, 21)},
     "random walks, flank vane, no position": {"held": (6, 7, 15, 16, 21, 22), "flank": True, "drift": True},
     "gusts": {"held": (17, 21, 22), "gusts": True},
+    "scale errors and gusts": {"held": (15, 16, 17, 21, 22), "gusts": True, "scales": (23, 24, 26, 28, 30)},
     "heading and height held": {"held": (5, 6, 7, 8, 15, 16, 17, 20, 21), "drift": True},
 }
 
@@ -113,7 +114,9 @@ def problem_of(case, n=72):
     return replace(problem, measurements=y)
 
 
-@pytest.mark.default_cases("narrow-heading and height held", "wide-heading and height held")
+@pytest.mark.default_cases(
+    "narrow-heading and height held", "wide-heading and height held", "wide-scale errors and gusts"
+)
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("spread", [1.0, 0.6, 0.0], ids=["wide", "narrow", "extended"])
 def test_filter_and_smoother_are_those_of_dense_covariances(case, spread):
@@ -140,7 +143,7 @@ def climb(n, walk):
     rng = np.random.default_rng(3)
     t = np.cumsum(rng.uniform(0.1, 0.4, n))
     inputs = np.tile([G * np.sin(0.1), 0.0, -G * np.cos(0.1), 0, 0, 0, 0, 0, 0], (n, 1))
-    start, drift = np.zeros(26), np.zeros(26)
+    start, drift = np.zeros(34), np.zeros(34)
     start[[0, 4, 8, 17]] = [100.0, 0.1, 500.0, 0.3]
     drift[17] = walk
     y = np.full((n, 12), np.nan)

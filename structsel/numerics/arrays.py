@@ -13,6 +13,9 @@ UNCOUNTED: dict[str, Any] = {"cache": True, "_nrt": False, "error_model": "numpy
 """Options of `numba.njit` for a function that neither allocates nor returns an array. Its arrays are not
 reference-counted, which makes functions that take tuples of arrays several times faster."""
 
+REORDERED: dict[str, Any] = {**UNCOUNTED, "fastmath": {"reassoc", "contract", "nsz", "arcp"}}
+"""The same for sums of products whose order does not matter: the processor may add several at a time."""
+
 
 def read_only(array: Array) -> Array:
     """Return a contiguous array that cannot be written to."""

@@ -2,13 +2,15 @@
 
 Compiled; arrays in, arrays out. One *full vector* holds everything that may be estimated::
 
-    u v w | phi theta psi | x y h | bax bay baz bp bq br | wn we wd | Cup Calpha0 Csi Cbeta0 KV | ug vg wg
+    u v w | phi theta psi | x y h | bax bay baz bp bq br | wn we wd | Cup Calpha0 Csi Cbeta0 KV
+    | Kphi Ktheta Kax Kay Kaz Kp Kq Kr | ug vg wg
 
 velocity relative to the steady air [m/s], attitude [rad], position north, east and up [m]; biases of the
-accelerometers [m/s^2] and gyros [rad/s] (reading = truth + bias); wind, the velocity of the air north, east and
-down [m/s]; upwash scale and offset of the angle-of-attack vane, sidewash scale and offset of the sideslip vane,
-scale error of the airspeed; and gusts, which add to u v w [m/s] at the vanes and the pitot tube, but not in the
-inertial or position measurements. With f the specific force at the centre of gravity and W the wind [M86]::
+accelerometers [m/s^2] and gyros [rad/s]; wind, the velocity of the air north, east and down [m/s]; upwash scale and
+offset of the angle-of-attack vane, sidewash scale and offset of the sideslip vane, scale error of the airspeed; scale
+errors of the attitude, accelerometers and gyros [KM16]; and gusts, which add to u v w [m/s] at the vanes and the pitot
+tube, but not in the inertial or position measurements. An inertial reading is (1 + K) truth + bias, an attitude angle
+reads (1 + K) truth. With f the specific force at the centre of gravity and W the wind [M86]::
 
     u' = fx - g sin(theta) - q w + r v                phi'   = p + (q sin(phi) + r cos(phi)) tan(theta)
     v' = fy + g cos(theta) sin(phi) - r u + p w       theta' = q cos(phi) - r sin(phi)
@@ -33,12 +35,17 @@ STATES = (
     *("u", "v", "w", "phi", "theta", "psi", "x", "y", "h"),
     *("bax", "bay", "baz", "bp", "bq", "br", "wn", "we", "wd"),
     *("Cup", "Calpha0", "Csi", "Cbeta0", "KV"),
+    *("Kphi", "Ktheta", "Kax", "Kay", "Kaz", "Kp", "Kq", "Kr"),
     *("ug", "vg", "wg"),
 )
 """Order of the full vector."""
 MOTION = 9
 """Number of entries of the motion; the others are constants, or drift slowly."""
-GUST = 23
+SCALE = 23
+"""First of the scale errors of attitude and inertial readings."""
+INERTIAL_SCALE = 25
+"""First of the scale errors of the inertial readings, in the order of `INPUTS`."""
+GUST = 31
 """The entries from here on are gusts."""
 INPUTS = ("ax", "ay", "az", "p", "q", "r", "p_dot", "q_dot", "r_dot")
 """Columns of the inputs, as measured; the derivatives transfer the accelerometers to the centre of gravity."""
@@ -46,20 +53,23 @@ MEASUREMENTS = ("V", "alpha", "beta", "phi", "theta", "psi", "h", "x", "y", "vn"
 """Columns of the measurements; ground velocity is vn, ve, vd."""
 PLACES = ("accelerometer", "alpha_vane", "beta_vane", "pitot", "static", "gps")
 """Rows of the sensor positions."""
+TURN = 2.0 * np.pi
 CIRCULAR = np.array([name in ("phi", "psi") for name in MEASUREMENTS])
 """Measurements that are angles modulo 2 pi."""
 
 
 @njit(cache=True, inline="always")
 def _force_and_rates(x, a, place):  # type: ignore[no-untyped-def]
-    """Specific force at the centre of gravity, and rates, from readings and biases."""
-    p, q, r = a[3] - x[12], a[4] - x[13], a[5] - x[14]
+    """Specific force at the centre of gravity, and rates, from readings, biases and scale errors."""
+    by_p, by_q, by_r = 1.0 / (1.0 + x[28]), 1.0 / (1.0 + x[29]), 1.0 / (1.0 + x[30])
+    p, q, r = (a[3] - x[12]) * by_p, (a[4] - x[13]) * by_q, (a[5] - x[14]) * by_r
+    p_dot, q_dot, r_dot = a[6] * by_p, a[7] * by_q, a[8] * by_r
     rx, ry, rz = place[0, 0], place[0, 1], place[0, 2]
     inner = p * rx + q * ry + r * rz  # omega x (omega x r) = omega (omega . r) - r omega^2
     square = p * p + q * q + r * r
-    fx = a[0] - x[9] - (a[7] * rz - a[8] * ry) - (p * inner - rx * square)
-    fy = a[1] - x[10] - (a[8] * rx - a[6] * rz) - (q * inner - ry * square)
-    fz = a[2] - x[11] - (a[6] * ry - a[7] * rx) - (r * inner - rz * square)
+    fx = (a[0] - x[9]) / (1.0 + x[25]) - (q_dot * rz - r_dot * ry) - (p * inner - rx * square)
+    fy = (a[1] - x[10]) / (1.0 + x[26]) - (r_dot * rx - p_dot * rz) - (q * inner - ry * square)
+    fz = (a[2] - x[11]) / (1.0 + x[27]) - (p_dot * ry - q_dot * rx) - (r * inner - rz * square)
     return fx, fy, fz, p, q, r
 
 
@@ -91,7 +101,7 @@ def _slope(x, a, place, g, located, out):  # type: ignore[no-untyped-def]
 def step(x, a0, a1, dt, place, g, located, work, out):  # type: ignore[no-untyped-def]
     """Full vector one sample later: Runge-Kutta of fourth order, inputs linear between samples.
 
-    `work` is (6, 26) scratch.
+    `work` is (6, 34) scratch.
     """
     middle, k1, k2, k3, k4, at = work[0], work[1], work[2], work[3], work[4], work[5]
     for j in range(9):
@@ -125,8 +135,8 @@ def _moving(u, v, w, p, q, r, place, i):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def observe(x, a, place, flank, wanted, out):  # type: ignore[no-untyped-def]
     """Readings of the wanted instruments from a full vector."""
-    p, q, r = a[3] - x[12], a[4] - x[13], a[5] - x[14]
-    ua, va, wa = x[0] + x[23], x[1] + x[24], x[2] + x[25]
+    p, q, r = (a[3] - x[12]) / (1.0 + x[28]), (a[4] - x[13]) / (1.0 + x[29]), (a[5] - x[14]) / (1.0 + x[30])
+    ua, va, wa = x[0] + x[31], x[1] + x[32], x[2] + x[33]
     if wanted[0]:
         u, v, w = _moving(ua, va, wa, p, q, r, place, 3)
         out[0] = (1.0 + x[22]) * np.sqrt(u * u + v * v + w * w)
@@ -139,7 +149,9 @@ def observe(x, a, place, flank, wanted, out):  # type: ignore[no-untyped-def]
         # distinguished from the size of the gusts.
         here = np.arctan2(v, u) if flank else np.arctan2(v, np.sqrt(u * u + w * w))
         out[2] = here + x[20] * np.arctan2(x[1], np.sqrt(x[0] * x[0] + x[2] * x[2])) + x[21]
-    out[3], out[4], out[5] = x[3], x[4], x[5]
+    # A roll angle of many turns is scaled within its turn.
+    out[3] = x[3] + x[23] * (x[3] - TURN * np.round(x[3] / TURN))
+    out[4], out[5] = (1.0 + x[24]) * x[4], x[5]
     if wanted[6] or wanted[7] or wanted[8] or wanted[9] or wanted[10] or wanted[11]:
         sf, cf, st, ct = np.sin(x[3]), np.cos(x[3]), np.sin(x[4]), np.cos(x[4])
         sp, cp = np.sin(x[5]), np.cos(x[5])
@@ -158,7 +170,7 @@ def observe(x, a, place, flank, wanted, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def noise_gain(x, a, gain):  # type: ignore[no-untyped-def]
-    """Fill `gain` (26, 6), the derivative of the rate of the full vector by noise on ax ay az p q r."""
+    """Fill `gain` (34, 6), the derivative of the rate of the full vector by noise on ax ay az p q r."""
     gain[:] = 0.0
     sf, cf, tt, ct = np.sin(x[3]), np.cos(x[3]), np.tan(x[4]), np.cos(x[4])
     gain[0, 0] = gain[1, 1] = gain[2, 2] = 1.0
@@ -167,6 +179,10 @@ def noise_gain(x, a, gain):  # type: ignore[no-untyped-def]
     gain[0, 5], gain[1, 5] = x[1], -x[0]
     gain[3, 4], gain[4, 4], gain[5, 4] = sf * tt, cf, sf / ct
     gain[3, 5], gain[4, 5], gain[5, 5] = cf * tt, -sf, cf / ct
+    for j in range(6):
+        by = 1.0 / (1.0 + x[INERTIAL_SCALE + j])
+        for i in range(6):
+            gain[i, j] *= by
 
 
 @njit(cache=True)
@@ -178,7 +194,7 @@ def fly(t, inputs, start, place, g, located):  # type: ignore[no-untyped-def]
     t : (n,) array [s]
     inputs : (n, 9) array
         Columns as `INPUTS`.
-    start : (26,) array
+    start : (34,) array
         As `STATES`.
     place : (6, 3) array [m]
         Rows as `PLACES`.
@@ -188,7 +204,7 @@ def fly(t, inputs, start, place, g, located):  # type: ignore[no-untyped-def]
 
     Returns
     -------
-    (n, 26) array
+    (n, 34) array
     """
     n = t.shape[0]
     out = np.empty((n, start.shape[0]))
@@ -201,7 +217,7 @@ def fly(t, inputs, start, place, g, located):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def slopes(path, inputs, place, g):  # type: ignore[no-untyped-def]
-    """(n, 9) derivatives of the motion along a path (n, 26)."""
+    """(n, 9) derivatives of the motion along a path (n, 34)."""
     n = path.shape[0]
     out = np.empty((n, 9))
     for k in range(n):
@@ -211,7 +227,7 @@ def slopes(path, inputs, place, g):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def readings(path, inputs, place, flank):  # type: ignore[no-untyped-def]
-    """(n, 12) readings of all instruments along a path (n, 26), without noise; columns as `MEASUREMENTS`."""
+    """(n, 12) readings of all instruments along a path (n, 34), without noise; columns as `MEASUREMENTS`."""
     n = path.shape[0]
     wanted = np.ones(12, dtype=np.bool_)
     out = np.empty((n, 12))
@@ -222,7 +238,7 @@ def readings(path, inputs, place, flank):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def forces(path, inputs, place):  # type: ignore[no-untyped-def]
-    """(n, 6) specific force at the centre of gravity and rates along a path, without biases."""
+    """(n, 6) specific force at the centre of gravity and rates along a path, without biases and scale errors."""
     n = path.shape[0]
     out = np.empty((n, 6))
     for k in range(n):

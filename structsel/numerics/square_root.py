@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from structsel.numerics.arrays import UNCOUNTED
+from structsel.numerics.arrays import REORDERED, UNCOUNTED
 
 SMALLEST_SPREAD, LARGEST_SPREAD = 0.52, 1.93
 """Between them the centre point's weight is not negative."""
@@ -40,7 +40,7 @@ def sigma_points(spread: float, L: int) -> SigmaPoints:
     return SigmaPoints(False, float(spread * np.sqrt(L)), weight, float(centre), float(np.sqrt(0.5 * weight)))
 
 
-@njit(**UNCOUNTED)
+@njit(**REORDERED)
 def triangularise(A, rows, columns):  # type: ignore[no-untyped-def]
     """Turn A (rows, columns) in place into [S 0] with S lower triangular and S S' = A A'."""
     for i in range(min(rows, columns)):
@@ -85,7 +85,7 @@ def triangularise(A, rows, columns):  # type: ignore[no-untyped-def]
             A[i, j] = 0.0
 
 
-@njit(**UNCOUNTED)
+@njit(**REORDERED)
 def solve_gain(cross, S, rows, m):  # type: ignore[no-untyped-def]
     """Make cross (rows, m) := cross (S S')^-1 with S (m, m) lower triangular, in place."""
     for i in range(rows):

@@ -4,6 +4,9 @@ The covariance P = S S' is never formed: every update is an orthogonal triangula
 deviations. Each array only *adds* columns; no column is subtracted, so P stays positive definite. This is
 possible because the weight of the centre point is not negative (`square_root` has the weights).
 
+The columns [E c N] are zero for constants without drift. For the others, the m moving states, they are compressed to m
+columns by a triangularisation of their own.
+
 Pairs of deviations are turned into their odd part O (a linearisation over the spread of S) and even part E
 (the curvature). With [E c N] the even parts, the centre and the process noise,
 
@@ -27,7 +30,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import UNCOUNTED, Array
-from structsel.numerics.kinematics import CIRCULAR, GUST, MEASUREMENTS, MOTION, STATES, noise_gain, observe, step
+from structsel.numerics.kinematics import (
+    CIRCULAR,
+    GUST,
+    INERTIAL_SCALE,
+    MEASUREMENTS,
+    MOTION,
+    STATES,
+    noise_gain,
+    observe,
+    step,
+)
 from structsel.numerics.square_root import copy, lower_triangle, row_lengths, triangularise
 from structsel.numerics.unscented_smoother import store_smoother_step
 
@@ -89,9 +102,12 @@ class FilterWorkspace(NamedTuple):
     middle: Array  # (F,)
     noise: Array  # (F, 6) effect of the inputs' noise
     mean: Array  # (L,)
-    deviations: Array  # (L, C) [O E c N]
-    root: Array  # (L, C) its triangular factor
-    smoothing: Array  # (L, C)
+    moving: NDArray[np.int64]  # (m,) the states but constants without drift
+    spread: Array  # (m, C) their [E c N]
+    deviations: Array  # (L, L + e) [O tria [E c N]]
+    root: Array  # (L, L + e) its triangular factor
+    gain: Array  # (m, L)
+    smoothing: Array  # (m, L + e)
     y_middle: Array  # (M,) readings at the points
     y_up: Array  # (L, M)
     y_down: Array  # (L, M)
@@ -106,10 +122,13 @@ class FilterWorkspace(NamedTuple):
 def workspace(F: int, active: NDArray[np.int64], drift: Array, linear: bool) -> FilterWorkspace:
     """Scratch for a full vector of F entries; `active` are estimated, and those with `drift` above zero drift."""
     L, M = len(active), len(MEASUREMENTS)
-    C = (L if linear else 2 * L + 1) + _INPUTS + int(np.sum(drift[active] > 0.0))
+    moving = moving_states(active, drift)
+    C = (0 if linear else L + 1) + _INPUTS + int(np.sum(drift[active] > 0.0))
+    m, e = len(moving), min(len(moving), C)
     return FilterWorkspace(
         *(np.empty(F), np.empty((6, F)), np.empty((L, F)), np.empty((L, F)), np.empty(F), np.empty((F, _INPUTS))),
-        *(np.empty(L), np.empty((L, C)), np.empty((L, C)), np.empty((L, C)), np.zeros(M)),
+        *(np.empty(L), moving, np.empty((m, C)), np.zeros((L, L + e)), np.empty((L, L + e))),
+        *(np.empty((m, L)), np.empty((m, L + e)), np.zeros(M)),
         y_up=np.zeros((L, M)),
         y_down=np.zeros((L, M)),
         wanted=np.zeros(M, dtype=np.bool_),
@@ -119,6 +138,11 @@ def workspace(F: int, active: NDArray[np.int64], drift: Array, linear: bool) -> 
         R_e=np.empty((M, L + 1 + M)),
         joint=np.empty((M + L, M + L)),
     )
+
+
+def moving_states(active: NDArray[np.int64], drift: Array) -> NDArray[np.int64]:
+    """Positions among the active states of those that change: motion, gusts, and constants that drift."""
+    return np.flatnonzero((active < MOTION) | (active >= GUST) | (drift[active] > 0.0))
 
 
 @njit(cache=True)
@@ -139,7 +163,8 @@ def filter_samples(first, last, data, points, estimate, output, steps, work):  #
             work.root[:] = work.deviations
             triangularise(work.root, *work.root.shape)
             if len(steps.gain):
-                store_smoother_step(k - first, estimate.S, work.deviations, work.root, work.mean, work.smoothing, steps)
+                scratch = (work.mean, work.gain, work.smoothing)
+                store_smoother_step(k - first, estimate.S, work.deviations, work.root, *scratch, steps)
             adopt_prediction(data.active, estimate, work)
             if not np.isfinite(estimate.full[THETA]) or not np.isfinite(estimate.S[-1, -1]):
                 return total, k, NOT_FINITE
@@ -167,6 +192,11 @@ def propagate(k, data, points, estimate, work):  # type: ignore[no-untyped-def]
     fade = np.exp(-dt / data.gust_time)
     for j in range(GUST, len(middle)):
         middle[j] *= fade
+    # The last column with a state that changes the motion: the roots of the states before it include that state.
+    moving = WIND_NORTH
+    for i in range(L):
+        if INERTIAL_SCALE <= active[i] < GUST:
+            moving = active[i] + 1
     for i in range(L):
         for side in range(2):
             point, reach = work.point, points.reach if side == 0 else -points.reach
@@ -174,7 +204,7 @@ def propagate(k, data, points, estimate, work):  # type: ignore[no-untyped-def]
             copy(full, point)
             for j in range(i, L):
                 point[active[j]] += reach * S[j, i]
-            if active[i] < WIND_NORTH:
+            if active[i] < moving:
                 step(point, before, now, dt, data.place, data.g, data.located, work.runge_kutta, target)
                 continue
             # Wind and instrument errors change no motion but the position, and that linearly.
@@ -188,38 +218,46 @@ def propagate(k, data, points, estimate, work):  # type: ignore[no-untyped-def]
 
 @njit(**UNCOUNTED)
 def fill_deviations(k, data, points, estimate, work):  # type: ignore[no-untyped-def]
-    """Mean of the propagated points, and their deviations [O E c N]."""
-    up, down, middle, A, mean = work.up, work.down, work.middle, work.deviations, work.mean
-    active, S, L = data.active, estimate.S, len(data.active)
+    """Mean of the propagated points, and their deviations [O tria [E c N]]."""
+    up, down, middle, A, W, mean = work.up, work.down, work.middle, work.deviations, work.spread, work.mean
+    active, moving, S, L = data.active, work.moving, estimate.S, len(data.active)
     dt = data.t[k] - data.t[k - 1]
     fade = np.exp(-dt / data.gust_time)
-    first_noise = L if points.linear else 2 * L + 1
+    first_noise = 0 if points.linear else L + 1
     noise_gain(estimate.full, data.inputs[k], work.noise)
-    A[:, :] = 0.0
     for j in range(L):
         a = active[j]
         mean[j] = middle[a]
         if a >= MOTION:  # constants stay exactly the same, and gusts decay
-            for i in range(j + 1):
-                A[j, i] = S[j, i] if a < GUST else fade * S[j, i]
+            for i in range(L):
+                A[j, i] = 0.0 if i > j else (S[j, i] if a < GUST else fade * S[j, i])
             continue
         for i in range(L):
             A[j, i] = points.odd * (up[i, a] - down[i, a])
             mean[j] += (
                 0.0 if points.linear else points.mean_weight * ((up[i, a] - middle[a]) + (down[i, a] - middle[a]))
             )
-        if not points.linear:
-            for i in range(L):
-                A[j, L + i] = points.odd * ((up[i, a] - mean[j]) + (down[i, a] - mean[j]))
-            A[j, 2 * L] = points.centre * (middle[a] - mean[j])
-        for i in range(_INPUTS):
-            level = dt * np.sqrt(0.5 * (data.input_std[k - 1, i] ** 2 + data.input_std[k, i] ** 2))
-            A[j, first_noise + i] = work.noise[a, i] * level
     column = first_noise + _INPUTS
-    for j in range(L):
-        if data.drift[active[j]] > 0.0:
-            A[j, column] = data.drift[active[j]] * np.sqrt(dt)
+    for row in range(len(moving)):
+        j = moving[row]
+        a = active[j]
+        for i in range(W.shape[1]):
+            W[row, i] = 0.0
+        if a < MOTION:
+            if not points.linear:
+                for i in range(L):
+                    W[row, i] = points.odd * ((up[i, a] - mean[j]) + (down[i, a] - mean[j]))
+                W[row, L] = points.centre * (middle[a] - mean[j])
+            for i in range(_INPUTS):
+                level = dt * np.sqrt(0.5 * (data.input_std[k - 1, i] ** 2 + data.input_std[k, i] ** 2))
+                W[row, first_noise + i] = work.noise[a, i] * level
+        if data.drift[a] > 0.0:
+            W[row, column] = data.drift[a] * np.sqrt(dt)
             column += 1
+    triangularise(W, len(moving), W.shape[1])
+    for row in range(len(moving)):
+        for i in range(A.shape[1] - L):
+            A[moving[row], L + i] = W[row, i] if i <= row else 0.0
 
 
 @njit(cache=True)

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 
 _SYMBOLS = {
     **{f"b{name}": f"b_{{{latex_of(name)}}}" for name in ("ax", "ay", "az", "p", "q", "r")},
-    **{"wn": "W_n", "we": "W_e", "wd": "W_d", "KV": "K_V"},
+    **{"wn": "W_n", "we": "W_e", "wd": "W_d", "KV": "K_V", "Kphi": r"K_\phi", "Ktheta": r"K_\theta"},
+    **{f"K{name}": f"K_{{{latex_of(name)}}}" for name in ("ax", "ay", "az", "p", "q", "r")},
     **{"Cup": r"C_\mathrm{up}", "Calpha0": r"C_{\alpha_0}", "Csi": r"C_\mathrm{si}", "Cbeta0": r"C_{\beta_0}"},
 }
 _NIS_SECONDS = 1.0  # of the running mean

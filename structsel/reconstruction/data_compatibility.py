@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structsel.numerics.kinematics import CIRCULAR, MEASUREMENTS, fly, readings
+from structsel.numerics.kinematics import CIRCULAR, MEASUREMENTS, STATES, fly, readings
 from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
 from structsel.numerics.unscented_filter import STEEPEST
@@ -37,7 +37,7 @@ class DataCompatibility:
 
     Attributes
     ----------
-    path : (n, 26) array
+    path : (n, 34) array
         Full vectors, as `kinematics.STATES`; inputs' biases still in the inputs.
     values : (L,) array
         Active states at the first sample; the constants among them hold throughout.
@@ -147,7 +147,7 @@ def _fit(problem: KinematicsProblem, length: int, values: np.ndarray, iterations
 
 
 def fit_attitude_scales(problem: KinematicsProblem, start: np.ndarray) -> tuple[OutputErrorFit, list[int]] | None:
-    """Output error with a scale error of each measured attitude angle, after the active states.
+    """Output error with a scale error of each measured attitude angle whose own is not among the active states.
 
     An angle that is measured as x + K (x - x_0), with x_0 that of the first sample, has the scale error K [KM16].
 
@@ -159,10 +159,11 @@ def fit_attitude_scales(problem: KinematicsProblem, start: np.ndarray) -> tuple[
 
     Returns
     -------
-    OutputErrorFit and the columns of the angles in `kinematics.MEASUREMENTS`, or None if no angle was measured.
+    OutputErrorFit and the columns of the angles in `kinematics.MEASUREMENTS`, or None if there is no such angle.
     """
     sampled = np.isfinite(problem.measurements).any(axis=0)
-    angles = [c for c in _ANGLES if sampled[c]]
+    modelled = [STATES.index(name) for name in ("Kphi", "Ktheta")]
+    angles = [c for c, state in zip(_ANGLES, (*modelled, -1)) if sampled[c] and state not in problem.active]
     if not angles:
         return None
     none, unit = np.zeros(len(angles)), np.full(len(angles), _SCALE_STD)

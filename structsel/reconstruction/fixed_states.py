@@ -46,6 +46,11 @@ _ADVICE: dict[str, tuple[tuple[str, ...], str, str]] = {
     "bp": ((), "", "record phi"),
     "bq": ((), "", "record theta, or alpha and h"),
     "bay": ((), "", "record phi and beta; fly steady sideslips"),
+    **{f"K{name}": ((), "", f"record {name} in larger manoeuvres") for name in ("ax", "ay", "az", "p", "q", "r")},
+    **{
+        f"K{name}": ((name,), f"{name} was not sampled", f"record larger changes of {name}")
+        for name in ("phi", "theta")
+    },
     "bax": ((), "", "record theta and V"),
     "baz": ((), "", "record theta, alpha and h; fly at different load factors"),
 }

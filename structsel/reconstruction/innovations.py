@@ -15,6 +15,7 @@ from structsel.numerics.signal_quality import NOISE_LEVEL_ERROR
 from structsel.reconstruction.ukf import FilterResult
 
 _LAGS_SECONDS = 5.0
+_COLOURED = 1.5  # variance of a mean over that of white noise, above which standard deviations are increased
 _START_UP = 0.05  # fraction of the run in which the filter converges from its initial values
 
 
@@ -149,6 +150,16 @@ def check_innovations(
     ]
     low *= max(0.0, 1.0 - sum(errors) / max(sum(c.n for c in channels), 1))
     return Consistency(tuple(channels), nis, (float(low), float(high)), bool(estimated))
+
+
+def widened_noise(std: np.ndarray, consistency: Consistency) -> np.ndarray | None:
+    """(12,) noise of the measurements enlarged for the autocorrelation of the innovations; None if all are white."""
+    wide = std.copy()
+    for channel in consistency.channels:
+        excess = max(1.0, channel.variance) if np.isfinite(channel.variance) else 1.0
+        if channel.inflation * excess > _COLOURED:
+            wide[fp.MEASUREMENTS.index(channel.channel)] *= np.sqrt(channel.inflation * excess)
+    return None if np.array_equal(wide, std) else wide
 
 
 def correlation_length(x: np.ndarray) -> float:

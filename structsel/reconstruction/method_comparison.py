@@ -7,7 +7,7 @@ constants differ, and no method's standard deviation is right.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,14 +15,13 @@ from scipy.stats import norm
 
 from structsel.numerics import kinematics as fp
 from structsel.reconstruction.data_compatibility import check_data_compatibility, fit_attitude_scales, simulate_outputs
+from structsel.reconstruction.input_noise import input_noise_variance
 from structsel.reconstruction.noise_levels import most_active_interval
 from structsel.reconstruction.result import Constant
 from structsel.reconstruction.ukf import FilterResult, KinematicsProblem, ukf_smoother
 
 _FALSE_ALARMS = 0.05  # fraction of recordings without a contradiction in which one of the constants is named
 _SCALE_FALSE_ALARMS = 0.01  # the same for the angles: small errors of the standard deviations are more frequent there
-_DRAWS = 25  # of the noise of the inertial readings; standard deviations to 14 %
-_DIFFERENCE = 1e-3  # of the differences of the outputs, in prior standard deviations; chosen, not critical
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ def _by_output_error(
     if not fit.converged:
         return [], ()
     names = [fp.STATES[i] for i in part.active]
-    std = np.sqrt(fit.std**2 + _input_noise_variance(part, fit.values, fit.crlb, fit.measurement_std))
+    std = np.sqrt(fit.std**2 + input_noise_variance(part, fit.values, fit.crlb, fit.measurement_std))
     estimates = [
         _Estimate("output error", name, float(value), float(one))
         for name, value, one in zip(names, fit.values, std)
@@ -116,7 +115,7 @@ def _attitude_scales(problem: KinematicsProblem, values: np.ndarray) -> tuple[st
     fit, angles = found
     L, std = len(values), problem.measurement_std.copy()
     std[np.isfinite(problem.measurements).any(axis=0)] = np.sqrt(np.diag(fit.R))
-    variance = _input_noise_variance(problem, fit.theta, fit.crlb, std, angles)
+    variance = input_noise_variance(problem, fit.theta, fit.crlb, std, angles)
     errors = np.sqrt(np.diag(fit.covariance) + variance)[L:]
     angle = simulate_outputs(problem, fit.theta[:L])[:, angles]
     spread = np.sqrt(np.mean((angle - angle[0]) ** 2, axis=0))
@@ -128,32 +127,6 @@ def _attitude_scales(problem: KinematicsProblem, values: np.ndarray) -> tuple[st
         # A scale error whose effect is below the noise of the angle changes no constant.
         if abs(scale) > limit * one and abs(scale) * size > std[c]
     )
-
-
-def _input_noise_variance(
-    problem: KinematicsProblem, values: np.ndarray, crlb: np.ndarray, std: np.ndarray, angles: Sequence[int] = ()
-) -> np.ndarray:
-    """Variance of the estimates of output error due to the noise of the inertial readings, which it leaves out.
-
-    With noisy inputs the outputs change by dy, and the estimates by C S' R^-1 dy to first order [KM16]: C is their
-    covariance for white residuals, S the sensitivities and R the variances of the outputs.
-    """
-    seen = np.isfinite(problem.measurements)
-    outputs = simulate_outputs(problem, values, angles)
-    weighted = []
-    for j, change in enumerate(_DIFFERENCE * np.concatenate([problem.start_std, np.ones(len(angles))])):
-        moved = values.copy()
-        moved[j] += change
-        slope = np.where(seen, simulate_outputs(problem, moved, angles) - outputs, 0.0) / change
-        weighted.append(np.where(seen, slope / std**2, 0.0))
-    rng, variance = np.random.default_rng(0), np.zeros(len(values))
-    for _ in range(_DRAWS):
-        inputs = problem.inputs.copy()
-        inputs[:, :6] += problem.input_std * rng.standard_normal(problem.input_std.shape)
-        noisy = simulate_outputs(replace(problem, inputs=inputs), values, angles)
-        change = np.where(seen, noisy - outputs, 0.0)
-        variance += (crlb @ np.array([np.sum(one * change) for one in weighted])) ** 2 / _DRAWS
-    return variance
 
 
 def _contradictions(method: str, mine: Mapping[str, Constant], others: list[_Estimate]) -> tuple[str, ...]:

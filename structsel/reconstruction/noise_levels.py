@@ -20,7 +20,7 @@ from structsel.numerics.dynamic_elements import shift
 from structsel.reconstruction.delays import find_delays
 from structsel.reconstruction.problem import ReconstructionProblem, first_readings
 from structsel.reconstruction.settings import INERTIAL
-from structsel.reconstruction.turbulence_level import estimate_turbulence, turbulence_states, with_gusts
+from structsel.reconstruction.turbulence_level import Gusts, estimate_turbulence, turbulence_states, with_gusts
 from structsel.reconstruction.ukf import KinematicsProblem, negative_log_likelihood, ukf_filter, ukf_smoother
 
 # One group for each gyro: the effect of a scale error is proportional to the rate, which differs between axes.
@@ -39,12 +39,7 @@ def estimate_noise_levels(
     problem_setup: ReconstructionProblem, gusts: str | float, progress: Callable[[str, int, int], None] | None = None
 ) -> ReconstructionProblem:
     """Problem with the noise levels and gusts of maximum likelihood, except those that are given."""
-    free = np.array([name in problem_setup.measured and name not in problem_setup.given for name in fp.MEASUREMENTS])
-    groups = [
-        [INERTIAL.index(name) for name in names if name in problem_setup.noise]
-        for names in _GROUPS
-        if not problem_setup.given & set(names)
-    ]
+    free, groups = _free(problem_setup), _free_groups(problem_setup)
     complete, lowest = problem_setup.problem, problem_setup.problem.measurement_std
     part = _without_outliers(_estimate_measurement_noise(most_active_interval(complete), free, lowest))
     steps, done = 2 * len(groups) + 3, 0
@@ -63,9 +58,47 @@ def estimate_noise_levels(
         gust = estimate_turbulence(precise, problem_setup.lateral, calm)
     else:
         gust = turbulence_states(part, gusts)
-    part = precise if np.any(gust.std) else part
-    part = _estimate_measurement_noise(with_gusts(part, gust, problem_setup.lateral), free, lowest)
     report()
+    return _fit_levels(problem_setup, precise if np.any(gust.std) else part, gust, groups, report)
+
+
+def refit_noise_levels(problem_setup: ReconstructionProblem, found: ReconstructionProblem) -> ReconstructionProblem:
+    """Noise levels of a problem with more states, for the turbulence `found` without these.
+
+    Only the groups of inertial channels are searched that needed more noise than their own without these states.
+    """
+    groups = [
+        group for group in _free_groups(problem_setup)
+        if any(found.noise[INERTIAL[i]] > problem_setup.noise[INERTIAL[i]] for i in group)
+    ]  # fmt: skip
+    part = _without_outliers(most_active_interval(problem_setup.problem))
+    return _fit_levels(problem_setup, part, found.gust, groups)
+
+
+def _free_groups(problem_setup: ReconstructionProblem) -> list[list[int]]:
+    """Columns of the inertial channels, by groups, whose noise is not stated."""
+    return [
+        [INERTIAL.index(name) for name in names if name in problem_setup.noise]
+        for names in _GROUPS
+        if not problem_setup.given & set(names)
+    ]
+
+
+def _free(problem_setup: ReconstructionProblem) -> np.ndarray:
+    """(12,) measurements whose noise is not stated."""
+    return np.array([name in problem_setup.measured and name not in problem_setup.given for name in fp.MEASUREMENTS])
+
+
+def _fit_levels(
+    problem_setup: ReconstructionProblem,
+    part: KinematicsProblem,
+    gust: Gusts,
+    groups: list[list[int]],
+    report: Callable[[], None] = lambda: None,
+) -> ReconstructionProblem:
+    """Problem with this turbulence and the noise levels of maximum likelihood on a part of it."""
+    complete, lowest, free = problem_setup.problem, problem_setup.problem.measurement_std, _free(problem_setup)
+    part = _estimate_measurement_noise(with_gusts(part, gust, problem_setup.lateral), free, lowest)
     factors = np.ones(6)
     for _ in range(2):
         for group in groups:

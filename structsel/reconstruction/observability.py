@@ -28,6 +28,8 @@ from structsel.reconstruction.path_sensitivity import recorded_path, segments_of
 from structsel.reconstruction.ukf import KinematicsProblem
 
 FIX_FIRST = (
+    # Most instruments have no scale error that matters; gravity calibrates accelerometers best.
+    *("Kax", "Kay", "Kaz", "Kp", "Kq", "Kr", "Ktheta", "Kphi"),
     # Small where the airspeed is calibrated; and vertical wind has no steady mean.
     *("KV", "wd"),
     # Vanes: scales and offsets are known from the ground or from theory better than biases are.

@@ -41,8 +41,11 @@ def output_recording(
     channels["gamma"] = np.arcsin(np.clip((slope[:, 8] + path[:, 17]) / V, -1.0, 1.0))
     kept = [name for j, name in enumerate(INERTIAL) if lateral or name in ("ax", "az", "q")]
     channels |= {name: force[:, INERTIAL.index(name)] for name in kept}
+    scale = 1.0 + path[0, fp.INERTIAL_SCALE : fp.GUST]
     channels |= {
-        f"{name}_dot": problem_setup.turning[:, INERTIAL.index(name) - 3] for name in kept if name in BODY_RATES
+        f"{name}_dot": problem_setup.turning[:, j - 3] / scale[j]
+        for j, name in enumerate(INERTIAL)
+        if name in kept and name in BODY_RATES
     }
     if lateral:
         channels |= {"v": v, "beta": beta, "phi": path[:, 3], "beta_dot": beta_dot}

@@ -26,11 +26,11 @@ _STEEPEST = 1.5  # rad of pitch attitude; beyond it the rates of the Euler angle
 _P_NOISE = 1e-3  # probability that a cosine of noise is kept, in a channel and segment
 _WINDOW = 1.0  # s to either side, over which the direction of gravity is averaged
 # Central differences of readings and slopes, in the states' own units; small against any curvature.
-_STEP = np.array([1e-2] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1e-3] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1e-4] * 5 + [1e-2] * 3)
+_STEP = np.array([1e-2] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1e-3] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1e-4] * 13 + [1e-2] * 3)
 
 
 def recorded_path(problem: KinematicsProblem, segments: list[slice]) -> tuple[np.ndarray, tuple[str, ...]]:
-    """(n, 26) path for the linearisation, as recorded; and notes on the channels that are assumed."""
+    """(n, 34) path for the linearisation, as recorded; and notes on the channels that are assumed."""
     t, start, notes = problem.t, problem.start, []
     held = {
         "V": float(np.linalg.norm(start[:3])),

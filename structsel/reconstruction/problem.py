@@ -25,7 +25,9 @@ from structsel.recording import Finding, Recording
 _POSITION = ("x", "y", "vn", "ve")
 _MIN_READINGS = 6  # of a channel whose noise is estimated: four second differences, to about 40 %
 _INDEX = {name: i for i, name in enumerate(fp.STATES)}
-_OWN_CHANNEL = {"Cup": ("alpha",), "Calpha0": ("alpha",), "Csi": ("beta",), "Cbeta0": ("beta",)}
+_LATERAL = ("bay", "bp", "br", "Kay", "Kp", "Kr", "Kphi")
+_OWN_CHANNEL = {"Cup": ("alpha",), "Calpha0": ("alpha",), "Csi": ("beta",), "Cbeta0": ("beta",),
+                "Kphi": ("phi",), "Ktheta": ("theta",)}  # fmt: skip
 BEST = {
     **dict.fromkeys(INERTIAL[:3], 1e-3),
     **dict.fromkeys(INERTIAL[3:], 1e-5),
@@ -221,7 +223,7 @@ def _active(constants: Iterable[str], measured: list[str], lateral: bool) -> lis
     names = ["u", "w", "theta"] + (["v", "phi", "psi"] if lateral else [])
     names += [name for name in ("x", "y", "h") if name in measured]
     for name in constants:
-        if not lateral and name in ("bay", "bp", "br", "wn", "we", "Csi", "Cbeta0"):
+        if not lateral and name in (*_LATERAL, "wn", "we", "Csi", "Cbeta0"):
             continue
         if name == "wd" and not {"h", "vd"} & set(measured):
             continue

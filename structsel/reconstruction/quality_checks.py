@@ -16,14 +16,14 @@ from structsel.reconstruction.noise_levels import most_active_interval
 from structsel.reconstruction.observability import Reconstructibility
 from structsel.reconstruction.problem import ReconstructionProblem, noise_of
 from structsel.reconstruction.result import CONSTANTS, ESTIMATED_ONLY, Constant
-from structsel.reconstruction.settings import INERTIAL
+from structsel.reconstruction.settings import INERTIAL, SCALES
 from structsel.reconstruction.sign_and_unit_checks import MIN_LEVER_ARM
 from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter
 
 _MAX_INTERPOLATED = 0.01  # fraction of an inertial channel's readings
 _MAX_REJECTED = 0.1  # fraction of a channel's readings
 _IMPLAUSIBLE = {"bax": 2.0, "bay": 2.0, "baz": 2.0, "bp": 0.1, "bq": 0.1, "br": 0.1, "Cup": 0.5, "Csi": 0.5,
-                "Calpha0": 0.1, "KV": 0.2, "wn": 80.0, "we": 80.0, "wd": 15.0}  # fmt: skip
+                "Calpha0": 0.1, "KV": 0.2, "wn": 80.0, "we": 80.0, "wd": 15.0} | dict.fromkeys(SCALES, 0.2)  # fmt: skip
 _MAX_STD = 0.05  # rad, or fraction of the airspeed
 _MAX_DELAY = 0.05  # s
 # Effect of a delay on the readings that matters: in standard deviations of the noise, rad, m/s. Turbulence can conceal

@@ -15,7 +15,7 @@ from structsel.numerics import kinematics as fp
 from structsel.options import takes_options
 from structsel.reconstruction.data_compatibility import check_data_compatibility
 from structsel.reconstruction.delays import LONGEST_DELAY, Delay, find_delays
-from structsel.reconstruction.innovations import Consistency, check_innovations
+from structsel.reconstruction.innovations import Consistency, check_innovations, widened_noise
 from structsel.reconstruction.method_comparison import compare_methods
 from structsel.reconstruction.noise_levels import drop_confounded_scales, estimate_noise_levels
 from structsel.reconstruction.observability import reconstructibility
@@ -24,6 +24,7 @@ from structsel.reconstruction.problem import ReconstructionProblem, build_proble
 from structsel.reconstruction.quality_checks import check_quality, noise_above_limit, unconfirmed
 from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
 from structsel.reconstruction.sample_validity import longest_interval
+from structsel.reconstruction.scale_factors import add_scale_errors
 from structsel.reconstruction.settings import INERTIAL, ReconstructOptions
 from structsel.reconstruction.sign_and_unit_checks import reject_wrong_sign_or_unit
 from structsel.reconstruction.ukf import STEEP, FilterResult, KinematicsProblem, SmootherResult, ukf_smoother
@@ -31,7 +32,6 @@ from structsel.recording import Recording
 
 _ALIGNMENTS = 6  # rounds of estimating and removing delays; chosen, not critical
 _ALIGNED = 0.002  # s of delay left at which they end; chosen, not critical
-_COLOURED = 1.5  # variance of a mean over that of white noise, above which standard deviations are increased
 _HEADING_SECONDS = 60.0  # of flight from which the first heading is estimated
 _STEEP = 1.4  # rad of pitch attitude that a recommended part leaves out
 
@@ -126,11 +126,13 @@ def _reconstruct(
     problem_setup, fixed = problem_setup.with_verdict(verdict), dict(verdict.fixed)
     turbulent: frozenset[str] = frozenset()
     if options.method == "output-error":
+        problem_setup = add_scale_errors(problem_setup, problem_setup, options)
         problem_setup, run, smooth, widened = _by_output_error(problem_setup, recording)
     else:
         problem_setup, headless = _with_initial_heading(problem_setup)
+        with_noise = estimate_noise_levels(problem_setup, options.gusts, progress)
         problem_setup, confused, turbulent = drop_confounded_scales(
-            estimate_noise_levels(problem_setup, options.gusts, progress)
+            add_scale_errors(problem_setup, with_noise, options)
         )
         fixed |= headless | confused
         run, smooth = _by_filter(problem_setup, recording, options)
@@ -275,22 +277,15 @@ def _by_output_error(
 
 
 def _smooth(problem: KinematicsProblem, options: ReconstructOptions) -> tuple[FilterResult, SmootherResult | None]:
-    return ukf_smoother(problem, spread=0.0 if options.method == "extended" else options.spread, gate=options.gate)
+    return ukf_smoother(problem, spread=options.filter_spread, gate=options.gate)
 
 
 def _inflate_for_autocorrelation(
     problem_setup: ReconstructionProblem, consistency: Consistency, options: ReconstructOptions
 ) -> np.ndarray | None:
     """Standard deviations with the noise of each channel enlarged for its autocorrelation; None if all are white."""
-    std = problem_setup.problem.measurement_std.copy()
-    wide = False
-    for channel in consistency.channels:
-        j = fp.MEASUREMENTS.index(channel.channel)
-        excess = max(1.0, channel.variance) if np.isfinite(channel.variance) else 1.0
-        if channel.inflation * excess > _COLOURED:
-            std[j] *= np.sqrt(channel.inflation * excess)
-            wide = True
-    if not wide:
+    std = widened_noise(problem_setup.problem.measurement_std, consistency)
+    if std is None:
         return None
     problem = replace(problem_setup.problem, measurement_std=std)
     _, smooth = _smooth(problem, options)
@@ -298,7 +293,7 @@ def _inflate_for_autocorrelation(
 
 
 def _complete_path(problem: KinematicsProblem, x: np.ndarray) -> np.ndarray:
-    """(n, 26) full vectors; a heading that is not estimated is integrated from north."""
+    """(n, 34) full vectors; a heading that is not estimated is integrated from north."""
     path = problem.path(x)
     if 5 not in problem.active:
         path[:, 5] = problem.integrated_heading(path)

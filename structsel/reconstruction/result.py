@@ -29,6 +29,7 @@ CONSTANTS = {
     "Csi": ("sidewash at the sideslip vane, scale", "-"),
     "Cbeta0": ("sideslip vane, offset", "rad"),
     "KV": ("airspeed, scale error", "-"),
+    **{f"K{c}": (f"scale error of {c}", "-") for c in ("phi", "theta", *SPECIFIC_FORCES, *BODY_RATES)},
 }
 """Meaning and unit of the constants of a manoeuvre."""
 

@@ -21,6 +21,8 @@ INERTIAL = fp.INPUTS[:6]
 BIASES = ("bax", "bay", "baz", "bp", "bq", "br")
 ESTIMATED = (*BIASES, "wn", "we", "Cup", "Calpha0", "Csi")
 """Constants that are estimated by default, if the recording determines them."""
+SCALES = tuple(fp.STATES[fp.SCALE : fp.GUST])
+"""Scale errors that are estimated by default, if the recording determines them and they predict it better."""
 PRIOR = {
     **dict.fromkeys(BIASES[:3], 0.5),
     **dict.fromkeys(BIASES[3:], 0.02),
@@ -31,6 +33,9 @@ PRIOR = {
     "Csi": 0.2,
     "Cbeta0": 0.03,
     "KV": 0.05,
+    **dict.fromkeys(("Kphi", "Ktheta"), 0.05),
+    # Gravity calibrates accelerometers, and a rate table gyros.
+    **dict.fromkeys(("Kax", "Kay", "Kaz", "Kp", "Kq", "Kr"), 0.03),
 }
 """Prior standard deviations of the constants about zero, in SI units; chosen for instruments without faults."""
 
@@ -47,8 +52,12 @@ class ReconstructOptions:
         Square-root unscented filter and smoother; the extended Kalman filter and smoother; or the batch maximum-
         likelihood compatibility check, which takes the inertial readings as free of noise.
     estimate : iterable of str, optional
-        Constants to estimate if the data determine them: bax bay baz bp bq br, wn we wd, Cup Calpha0 Csi, KV.
-        All of these but wd and KV by default. Cbeta0 may be named, and is refused with the reason.
+        Constants to estimate if the data determine them: bax bay baz bp bq br, wn we wd, Cup Calpha0 Csi, KV,
+        and the scale errors Kphi Ktheta Kax Kay Kaz Kp Kq Kr. By default all but wd, KV and the scale errors. Cbeta0
+        may be named, and is refused with the reason.
+    scales : {"auto", "none"}
+        Without `estimate`, also those scale errors that the data determine and that predict the readings better; or
+        none.
     noise : mapping of str to float, optional
         Standard deviations by channel, in place of those of the aircraft's sensors. Others are estimated.
     prior : mapping of str to float, optional
@@ -79,9 +88,14 @@ class ReconstructOptions:
     )
     estimate: Iterable[str] | None = option(
         None,
-        help=f"Constants to estimate, of {' '.join(PRIOR)}; all but wd, Cbeta0 and KV if absent.",
+        help=f"Constants to estimate, of {' '.join(PRIOR)}; {' '.join(ESTIMATED)} if absent.",
         group=_ESTIMATION,
         metavar="NAMES",
+    )
+    scales: Literal["auto", "none"] = option(
+        "auto",
+        help="auto: estimate scale errors of attitude, gyros and accelerometers that the data support; or none.",
+        group=_ESTIMATION,
     )
     noise: Mapping[str, float] | None = option(
         None, help="Noise of channels, standard deviation in SI units.", group=_FINE, metavar="CHANNEL=STD,..."
@@ -132,6 +146,11 @@ class ReconstructOptions:
     def constants(self) -> tuple[str, ...]:
         """Constants to estimate."""
         return ESTIMATED if self.estimate is None else tuple(self.estimate)
+
+    @property
+    def filter_spread(self) -> float:
+        """Spread of the sigma points, 0 for the extended filter."""
+        return 0.0 if self.method == "extended" else self.spread
 
 
 def _check_names(name: str, given: Iterable[str], known: Iterable[str]) -> None:

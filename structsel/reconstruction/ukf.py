@@ -15,7 +15,13 @@ from structsel.errors import DomainError
 from structsel.numerics import unscented_filter as kernel
 from structsel.numerics.kinematics import CIRCULAR, MEASUREMENTS, STATES, readings, slopes
 from structsel.numerics.square_root import LARGEST_SPREAD, SMALLEST_SPREAD, sigma_points
-from structsel.numerics.unscented_smoother import SmootherOutput, SmootherSteps, smooth_samples, store_smoothed
+from structsel.numerics.unscented_smoother import (
+    SmootherOutput,
+    SmootherSteps,
+    last_smoothed,
+    smooth_samples,
+    store_smoothed,
+)
 
 _BLOCK = 4096  # samples whose gains are held at once: 30 MB with 21 states; chosen, not critical
 _MAX_BYTES = 100_000_000  # of covariances returned; chosen, not critical
@@ -38,13 +44,13 @@ class KinematicsProblem:
     measurements : (n, 12) array
         Columns as `kinematics.MEASUREMENTS`; NaN where not sampled.
     measurement_std : (12,) array
-    start : (26,) array
+    start : (34,) array
         As `kinematics.STATES`: estimates at the first sample, before its measurements are used.
     start_std : (L,) array
         Their standard deviations, for the active states.
     active : (L,) int array
         Estimated states, ascending; the others keep their initial value, except for the motion.
-    drift : (26,) array
+    drift : (34,) array
         Random walk of the constants [unit / sqrt(s)]; 0 for true constants.
     place : (6, 3) array [m]
         Rows as `kinematics.PLACES`.
@@ -90,17 +96,17 @@ class KinematicsProblem:
         return replace(self, active=self.active[states], start_std=self.start_std[states])
 
     def path(self, x: np.ndarray) -> np.ndarray:
-        """(n, 26) full vectors with the active states x (n, L), the others at their initial value."""
+        """(n, 34) full vectors with the active states x (n, L), the others at their initial value."""
         full = np.tile(self.start, (len(x), 1))
         full[:, self.active] = x
         return full
 
     def predict(self, path: np.ndarray) -> np.ndarray:
-        """(n, 12) measurements along a path (n, 26) of ideal instruments."""
+        """(n, 12) measurements along a path (n, 34) of ideal instruments."""
         return readings(path, self.inputs, self.place, self.flank)
 
     def slopes(self, path: np.ndarray) -> np.ndarray:
-        """(n, 9) derivatives of the motion along a path (n, 26)."""
+        """(n, 9) derivatives of the motion along a path (n, 34)."""
         return slopes(path, self.inputs, self.place, self.g)
 
     def residuals(self, predicted: np.ndarray) -> np.ndarray:
@@ -110,7 +116,7 @@ class KinematicsProblem:
         return difference - 2.0 * np.pi * turns
 
     def integrated_heading(self, path: np.ndarray) -> np.ndarray:
-        """(n,) heading [rad] from the body rates along a path (n, 26), from its initial value."""
+        """(n,) heading [rad] from the body rates along a path (n, 34), from its initial value."""
         path = path.copy()
         path[:, 5] = self.start[5]
         return self.start[5] + cumulative_trapezoid(self.slopes(path)[:, 5], self.t, initial=0.0)
@@ -199,8 +205,10 @@ class _Run:
 
     def steps(self, size: int) -> SmootherSteps:
         """Storage for the smoother's gains of so many samples."""
-        L = len(self.data.active)
-        return SmootherSteps(np.empty((size, L)), np.empty((size, L, L)), np.empty((size, L, L)))
+        L, moving = len(self.data.active), self.work.moving
+        constants, m = np.setdiff1d(np.arange(L), moving), len(moving)
+        storage = np.empty((size, L)), np.empty((size, m, L)), np.empty((size, m, m))
+        return SmootherSteps(np.concatenate([constants, moving]), len(constants), *storage)
 
     def copy_estimate(self) -> kernel.FilterState:
         full, S, waiting = self.estimate
@@ -272,11 +280,11 @@ def ukf_smoother(
         return filtered, None
     stride = max(1, -(-n * L * L * 8 // _MAX_BYTES))
     output = SmootherOutput(np.empty((n, L)), np.empty((n, L)), np.empty((-(-n // stride), L, L)), stride)
-    x, S, work = run.estimate.full[problem.active].copy(), run.estimate.S.copy(), np.empty((L, 2 * L))
-    store_smoothed(n - 1, x, S, output)
+    x, S = last_smoothed(run.estimate.full[problem.active], run.estimate.S, steps)
+    store_smoothed(n - 1, x, S, steps.order, output)
     for (first, last), start in zip(reversed(blocks), reversed(starts)):
         if not single:
             run.estimate = start
             run.advance(first, last, steps)
-        smooth_samples(first, last, x, S, run.output.x, steps, work, output)
+        smooth_samples(first, last, x, S, run.output.x, steps, output)
     return filtered, SmootherResult(output.x, output.std, output.covariance, np.arange(0, n, stride))
