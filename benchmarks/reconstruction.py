@@ -19,7 +19,7 @@ from scipy.integrate import cumulative_trapezoid
 from timing import in_child, machine, measure, measure_once, one_blas_thread, peak_above_now, publish, say, table
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.kinematics import STATES, noise_gain, observe, readings, slopes, step
+from structsel.numerics.kinematics import STATES, attitude, noise_gain, observe, readings, slopes, step
 from structsel.reconstruction.data_compatibility import check_data_compatibility
 from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter, ukf_smoother
 
@@ -162,17 +162,20 @@ def python_observe(x: Array, a: Array, place: Array) -> Array:
 
 def filterpy_run(p: KinematicsProblem, compiled: bool) -> tuple[Array, Array]:
     """Estimates and their standard deviations, (n, 18) each."""
-    full, work, out, everything = p.start.copy(), np.empty((6, 34)), np.empty(34), np.ones(12, dtype=bool)
+    full, work, out, everything = p.start.copy(), np.empty((7, 34)), np.empty(34), np.ones(12, dtype=bool)
+    angles = np.empty(6)
 
     def compiled_step(x: Array, dt: float, a0: Array, a1: Array) -> Array:
         full[ACTIVE] = x
-        step(full, a0, a1, dt, p.place, G, True, work, out)
+        attitude(full, angles)
+        step(full, a0, a1, dt, p.place, G, True, angles, work, out)
         return out[ACTIVE]
 
     def compiled_observe(x: Array, a: Array) -> Array:
         read = np.empty(12)
         full[ACTIVE] = x
-        observe(full, a, p.place, False, everything, read)
+        attitude(full, angles)
+        observe(full, a, p.place, False, everything, angles, read)
         return read
 
     if compiled:

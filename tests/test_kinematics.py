@@ -108,6 +108,13 @@ def test_a_roll_angle_of_many_turns_is_scaled_within_its_turn():
     assert_allclose(got[:, 3], [0.42, 0.42 + 4.0 * np.pi], rtol=1e-14)
 
 
+@pytest.mark.parametrize("by", [0.0, 1e-9, -0.03, 0.0999, 0.1001, -2.5])
+def test_a_turned_angle_has_the_sine_and_cosine_of_the_sum(by):
+    for angle in np.linspace(-7.0, 7.0, 41):
+        got = fp.turned(np.sin(angle), np.cos(angle), angle, by)
+        assert_allclose(got, [np.sin(angle + by), np.cos(angle + by)], rtol=0, atol=4e-16)
+
+
 def test_a_simulated_path_is_the_integral_that_scipy_finds():
     # Inputs linear between samples on both sides; Runge-Kutta at 20 ms leaves 1e-7 of these motions.
     t = np.cumsum(np.random.default_rng(2).uniform(0.01, 0.03, 60))

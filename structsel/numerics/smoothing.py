@@ -63,7 +63,9 @@ class SmoothedSignal:
         )
 
 
-def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> SmoothedSignal:
+def smooth_spline(
+    x: np.ndarray, t: np.ndarray, *, order: int | None = None, cutoff: float | None = None
+) -> SmoothedSignal:
     """Smoothing spline of one channel, with its first two derivatives and their accuracy.
 
     The spline of order m minimises::
@@ -89,6 +91,8 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
         Strictly increasing, not necessarily even.
     order : {2, 3, 4}, optional
         m; chosen by the likelihood if not given.
+    cutoff : float, optional [Hz]
+        Of a given order; chosen by the likelihood if not given.
 
     Returns
     -------
@@ -125,7 +129,7 @@ def smooth_spline(x: np.ndarray, t: np.ndarray, *, order: int | None = None) -> 
         )
     centre = float(values[finite].mean())
     y = np.where(np.isfinite(values), values - centre, np.nan)
-    fits = [_SplineFit(y, step, m) for m in (ORDERS if order is None else (order,))]
+    fits = [_SplineFit(y, step, m, cutoff) for m in (ORDERS if order is None else (order,))]
     best = min(fits, key=lambda fit: fit.misfit) if order is None else fits[0]
     states, stds = best.solve()
     residual = (y - states[:, 0])[finite]
@@ -157,7 +161,7 @@ class _SplineFit:
         -2 log likelihood at that cut-off, up to a constant.
     """
 
-    def __init__(self, y: Array, step: Array, m: int):
+    def __init__(self, y: Array, step: Array, m: int, cutoff: float | None = None):
         self.y, self.step, self.m = y, step, m
         i, j = np.indices((m, m))
         exponent = 2 * m - 1 - i - j
@@ -169,14 +173,19 @@ class _SplineFit:
         # Rounding of the samples: the least noise of a perfect fit.
         self.least = self.count * (np.finfo(float).eps * float(np.nanmax(np.abs(y)))) ** 2 + np.finfo(float).tiny
         self.dt = float(np.median(step))
-        lowest, highest = np.log(0.1 / step.sum()), np.log(5.0 / self.dt)
-        grid = np.linspace(lowest, highest, _SPLINE_CUTOFFS)
-        k = int(np.argmin([self._profile(g) for g in grid]))
-        bounds = grid[max(k - 1, 0)], grid[min(k + 1, _SPLINE_CUTOFFS - 1)]
-        found = minimize_scalar(self._profile, bounds=bounds, method="bounded", options={"xatol": 0.01})
-        self.cutoff = float(np.exp(found.x))
-        self.profile = float(found.fun)
-        self.variance = self._sweep(y, step, found.x)[0] / (self.count - m)
+        if cutoff is None:
+            lowest, highest = np.log(0.1 / step.sum()), np.log(5.0 / self.dt)
+            grid = np.linspace(lowest, highest, _SPLINE_CUTOFFS)
+            k = int(np.argmin([self._profile(g) for g in grid]))
+            bounds = grid[max(k - 1, 0)], grid[min(k + 1, _SPLINE_CUTOFFS - 1)]
+            cutoff = float(
+                np.exp(minimize_scalar(self._profile, bounds=bounds, method="bounded", options={"xatol": 0.01}).x)
+            )
+        self.cutoff = cutoff
+        rss, logdet = self._sweep(y, step, float(np.log(cutoff)))
+        free = self.count - m
+        self.profile = float(free * np.log(rss / free) + 2.0 * logdet)
+        self.variance = rss / free
 
     @property
     def misfit(self) -> float:

@@ -86,6 +86,42 @@ def triangularise(A, rows, columns):  # type: ignore[no-untyped-def]
 
 
 @njit(**REORDERED)
+def absorb(R, A, Y, S, rows, columns):  # type: ignore[no-untyped-def]
+    """Turn [R A; Y S] in place into [R' 0; Y' S'] with R (rows, rows) lower triangular; A (rows, columns) is lost.
+
+    Y and S may have no rows. Each reflection has one column of R and all columns of A, because R has zeros elsewhere.
+    """
+    for b in range(rows):
+        scale = 0.0
+        for j in range(columns):
+            scale += A[b, j] * A[b, j]
+        if scale == 0.0:
+            continue
+        head = R[b, b]
+        norm = np.sqrt(head * head + scale)
+        alpha = -norm if head > 0.0 else norm
+        head -= alpha
+        inverse = 2.0 / (head * head + scale)
+        for k in range(b + 1, rows):
+            dot = R[k, b] * head
+            for j in range(columns):
+                dot += A[k, j] * A[b, j]
+            dot *= inverse
+            R[k, b] -= dot * head
+            for j in range(columns):
+                A[k, j] -= dot * A[b, j]
+        for k in range(len(S)):
+            dot = Y[k, b] * head
+            for j in range(columns):
+                dot += S[k, j] * A[b, j]
+            dot *= inverse
+            Y[k, b] -= dot * head
+            for j in range(columns):
+                S[k, j] -= dot * A[b, j]
+        R[b, b] = alpha
+
+
+@njit(**REORDERED)
 def solve_gain(cross, S, rows, m):  # type: ignore[no-untyped-def]
     """Make cross (rows, m) := cross (S S')^-1 with S (m, m) lower triangular, in place."""
     for i in range(rows):

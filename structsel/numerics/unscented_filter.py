@@ -11,7 +11,7 @@ Pairs of deviations are turned into their odd part O (a linearisation over the s
 (the curvature). With [E c N] the even parts, the centre and the process noise,
 
     prediction   S- = tria [O E c N]
-    update       tria [R_e O_y; 0 S-] = [S_y 0; K S_y  S+],   R_e = tria [E_y c_y R],   K the gain
+    update       tria [R_e O_y; 0 S-] = [S_y 0; K S_y  S+],   R_e = tria [R E_y c_y],   K the gain
     smoothing    G = S O' (S- S-')^-1,        S_s = tria [S - G O,  G [E c N],  G S_s+]
 
 The extended filter is the same with O the derivative along S, taken by central differences, and no E, c.
@@ -37,11 +37,13 @@ from structsel.numerics.kinematics import (
     MEASUREMENTS,
     MOTION,
     STATES,
+    attitude,
+    attitude_near,
     noise_gain,
     observe,
     step,
 )
-from structsel.numerics.square_root import copy, lower_triangle, row_lengths, triangularise
+from structsel.numerics.square_root import absorb, copy, lower_triangle, row_lengths, triangularise
 from structsel.numerics.unscented_smoother import store_smoother_step
 
 STEEPEST = 1.55
@@ -96,7 +98,8 @@ class FilterWorkspace(NamedTuple):
     """Scratch of a run: F entries of the full vector, L active states, M measurements, C columns of deviations."""
 
     point: Array  # (F,) one sigma point
-    runge_kutta: Array  # (6, F)
+    runge_kutta: Array  # (7, F)
+    angles: Array  # (2, 6) sines and cosines of the attitude of the centre and of the point
     up: Array  # (L, F) the points one step later
     down: Array  # (L, F)
     middle: Array  # (F,)
@@ -115,8 +118,9 @@ class FilterWorkspace(NamedTuple):
     kept: NDArray[np.int64]  # (M,) channels used
     nu: Array  # (M,) their innovations
     O_y: Array  # (M, L)
-    R_e: Array  # (M, L + 1 + M)
-    joint: Array  # (M + L, M + L)
+    E_y: Array  # (M, L + 1) [E_y c_y]
+    S_y: Array  # (M, M)
+    K_S: Array  # (L, M) the gain times S_y
 
 
 def workspace(F: int, active: NDArray[np.int64], drift: Array, linear: bool) -> FilterWorkspace:
@@ -126,7 +130,15 @@ def workspace(F: int, active: NDArray[np.int64], drift: Array, linear: bool) -> 
     C = (0 if linear else L + 1) + _INPUTS + int(np.sum(drift[active] > 0.0))
     m, e = len(moving), min(len(moving), C)
     return FilterWorkspace(
-        *(np.empty(F), np.empty((6, F)), np.empty((L, F)), np.empty((L, F)), np.empty(F), np.empty((F, _INPUTS))),
+        *(
+            np.empty(F),
+            np.empty((7, F)),
+            np.empty((2, 6)),
+            np.empty((L, F)),
+            np.empty((L, F)),
+            np.empty(F),
+            np.empty((F, _INPUTS)),
+        ),
         *(np.empty(L), moving, np.empty((m, C)), np.zeros((L, L + e)), np.empty((L, L + e))),
         *(np.empty((m, L)), np.empty((m, L + e)), np.zeros(M)),
         y_up=np.zeros((L, M)),
@@ -135,8 +147,9 @@ def workspace(F: int, active: NDArray[np.int64], drift: Array, linear: bool) -> 
         kept=np.zeros(M, dtype=np.int64),
         nu=np.empty(M),
         O_y=np.empty((M, L)),
-        R_e=np.empty((M, L + 1 + M)),
-        joint=np.empty((M + L, M + L)),
+        E_y=np.empty((M, L + 1)),
+        S_y=np.empty((M, M)),
+        K_S=np.empty((L, M)),
     )
 
 
@@ -188,7 +201,9 @@ def propagate(k, data, points, estimate, work):  # type: ignore[no-untyped-def]
     """Sigma points from sample k - 1 to k: `middle`, `up`, `down` of the workspace."""
     full, S, active, middle = estimate.full, estimate.S, data.active, work.middle
     L, dt, before, now = len(active), data.t[k] - data.t[k - 1], data.inputs[k - 1], data.inputs[k]
-    step(full, before, now, dt, data.place, data.g, data.located, work.runge_kutta, middle)
+    here, there = work.angles[0], work.angles[1]
+    attitude(full, here)
+    step(full, before, now, dt, data.place, data.g, data.located, here, work.runge_kutta, middle)
     fade = np.exp(-dt / data.gust_time)
     for j in range(GUST, len(middle)):
         middle[j] *= fade
@@ -205,7 +220,8 @@ def propagate(k, data, points, estimate, work):  # type: ignore[no-untyped-def]
             for j in range(i, L):
                 point[active[j]] += reach * S[j, i]
             if active[i] < moving:
-                step(point, before, now, dt, data.place, data.g, data.located, work.runge_kutta, target)
+                attitude_near(point, full, here, there)
+                step(point, before, now, dt, data.place, data.g, data.located, there, work.runge_kutta, target)
                 continue
             # Wind and instrument errors change no motion but the position, and that linearly.
             for j in range(len(full)):
@@ -281,16 +297,20 @@ def predict_readings(k, data, points, estimate, work):  # type: ignore[no-untype
             count += 1
     if count == 0:
         return count
-    observe(full, inputs, data.place, data.flank, wanted, work.y_middle)
+    here, there = work.angles[0], work.angles[1]
+    attitude(full, here)
+    observe(full, inputs, data.place, data.flank, wanted, here, work.y_middle)
     point = work.point
     for i in range(len(active)):
         copy(full, point)
         for j in range(i, len(active)):
             point[active[j]] += points.reach * S[j, i]
-        observe(point, inputs, data.place, data.flank, wanted, work.y_up[i])
+        attitude_near(point, full, here, there)
+        observe(point, inputs, data.place, data.flank, wanted, there, work.y_up[i])
         for j in range(i, len(active)):
             point[active[j]] = full[active[j]] - points.reach * S[j, i]
-        observe(point, inputs, data.place, data.flank, wanted, work.y_down[i])
+        attitude_near(point, full, here, there)
+        observe(point, inputs, data.place, data.flank, wanted, there, work.y_down[i])
     return count
 
 
@@ -298,7 +318,7 @@ def predict_readings(k, data, points, estimate, work):  # type: ignore[no-untype
 def compare(k, count, data, points, estimate, output, work):  # type: ignore[no-untyped-def]
     """Innovations nu of the readings inside the gate, with the rows O_y and [E_y c_y]; returns their number."""
     L, y0, y_up, y_down = len(data.active), work.y_middle, work.y_up, work.y_down
-    O_y, R_e, kept, waiting = work.O_y, work.R_e, work.kept, estimate.waiting
+    O_y, E_y, kept, waiting = work.O_y, work.E_y, work.kept, estimate.waiting
     used = 0
     for b in range(count):
         c = kept[b]
@@ -317,12 +337,12 @@ def compare(k, count, data, points, estimate, output, work):  # type: ignore[no-
         for i in range(L):
             O_y[used, i] = points.odd * (y_up[i, c] - y_down[i, c])
             variance += O_y[used, i] ** 2
-            R_e[used, i] = 0.0
+            E_y[used, i] = 0.0
             if not points.linear:
-                R_e[used, i] = points.odd * ((y_up[i, c] - mean) + (y_down[i, c] - mean))
-                variance += R_e[used, i] ** 2
-        R_e[used, L] = points.centre * (y0[c] - mean)
-        variance += R_e[used, L] ** 2
+                E_y[used, i] = points.odd * ((y_up[i, c] - mean) + (y_down[i, c] - mean))
+                variance += E_y[used, i] ** 2
+        E_y[used, L] = points.centre * (y0[c] - mean)
+        variance += E_y[used, L] ** 2
         output.innovations[k, c] = innovation
         output.innovation_std[k, c] = np.sqrt(variance)
         # Gate.
@@ -341,28 +361,18 @@ def compare(k, count, data, points, estimate, output, work):  # type: ignore[no-
 @njit(**UNCOUNTED)
 def update(count, data, points, estimate, work):  # type: ignore[no-untyped-def]
     """Correct the estimate by `count` innovations; returns the normalised innovation squared and log-likelihood."""
-    L, nu, O_y, R_e, U, S, active = len(data.active), work.nu, work.O_y, work.R_e, work.joint, estimate.S, data.active
-    # R_e = tria [E_y c_y R]
+    L, nu, U, Y, S, active = len(data.active), work.nu, work.S_y, work.K_S, estimate.S, data.active
+    # R_e = tria [R E_y c_y]
     for b in range(count):
         for c in range(count):
-            R_e[b, L + 1 + c] = data.measurement_std[work.kept[b]] if b == c else 0.0
-    if points.linear:
-        for b in range(count):
-            for c in range(count):
-                R_e[b, c] = R_e[b, L + 1 + c]
-    else:
-        triangularise(R_e, count, L + 1 + count)
-    # tria [R_e O_y; 0 S-] = [S_y 0; K S_y  S+]
-    for b in range(count):
-        for c in range(count):
-            U[b, c] = R_e[b, c]
+            U[b, c] = data.measurement_std[work.kept[b]] if b == c else 0.0
         for i in range(L):
-            U[b, count + i] = O_y[b, i]
-            U[count + i, b] = 0.0
-    for i in range(L):
-        for j in range(L):
-            U[count + i, count + j] = S[i, j]
-    triangularise(U, count + L, count + L)
+            Y[i, b] = 0.0
+    if not points.linear:
+        absorb(U, work.E_y, Y[:0], S[:0], count, L + 1)
+    # tria [R_e O_y; 0 S-] = [S_y 0; K S_y  S+]
+    absorb(U, work.O_y, Y, S, count, L)
+    triangularise(S, L, L)
     # nu = S_y^-1 nu
     square, log_determinant = 0.0, 0.0
     for b in range(count):
@@ -376,7 +386,6 @@ def update(count, data, points, estimate, work):  # type: ignore[no-untyped-def]
     for i in range(L):
         move = 0.0
         for b in range(count):
-            move += U[count + i, b] * nu[b]
+            move += Y[i, b] * nu[b]
         estimate.full[active[i]] += move
-    lower_triangle(U[count : count + L, count:], S)
     return square, -log_determinant - 0.5 * (square + count * np.log(2.0 * np.pi))

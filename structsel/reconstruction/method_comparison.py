@@ -18,7 +18,7 @@ from structsel.reconstruction.data_compatibility import check_data_compatibility
 from structsel.reconstruction.input_noise import input_noise_variance
 from structsel.reconstruction.noise_levels import most_active_interval
 from structsel.reconstruction.result import Constant
-from structsel.reconstruction.ukf import FilterResult, KinematicsProblem, ukf_smoother
+from structsel.reconstruction.ukf import FilterResult, KinematicsProblem, ukf_filter
 
 _FALSE_ALARMS = 0.05  # fraction of recordings without a contradiction in which one of the constants is named
 _SCALE_FALSE_ALARMS = 0.01  # the same for the angles: small errors of the standard deviations are more frequent there
@@ -81,12 +81,16 @@ def _why_without_output_error(problem: KinematicsProblem) -> str:
 
 
 def _by_filter(problem: KinematicsProblem, method: str, mine: Mapping[str, Constant]) -> list[_Estimate]:
-    """Constants of the other filter; the noise is the same, and so are the standard deviations."""
-    _, smooth = ukf_smoother(problem, spread=0.0 if method == "extended" else 1.0)
-    if smooth is None:
+    """Constants of the other filter on the part with the largest rates, their errors coloured as those of the first."""
+    part = most_active_interval(problem)
+    run = ukf_filter(part, spread=0.0 if method == "extended" else 1.0)
+    if run.failed >= 0:
         return []
-    found = problem.path(smooth.x[-1:])[0]
-    return [_Estimate(method, name, float(found[fp.STATES.index(name)]), c.std) for name, c in mine.items()]
+    found, std = part.path(run.x[-1:])[0], dict(zip((fp.STATES[i] for i in part.active), run.std[-1]))
+    return [
+        _Estimate(method, name, float(found[fp.STATES.index(name)]), float(std[name]) * c.std / c.std_white)
+        for name, c in mine.items()
+    ]
 
 
 def _by_output_error(

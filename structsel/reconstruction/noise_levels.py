@@ -180,28 +180,28 @@ def _scatter(innovations: np.ndarray) -> np.ndarray:
     return np.array([np.sqrt(np.median(column**2) / 0.455) if column.size else np.nan for column in finite])
 
 
-def most_active_interval(problem: KinematicsProblem) -> KinematicsProblem:
-    """The interval with the largest body rates, if the complete recording would take too long."""
+def most_active_interval(problem: KinematicsProblem, longest: int = _MAX_SAMPLES) -> KinematicsProblem:
+    """The interval of so many samples with the largest body rates, if the complete recording would take too long."""
     n = len(problem.t)
-    if n <= _MAX_SAMPLES:
+    if n <= longest:
         return problem
     activity = np.sum(
         np.diff(problem.inputs[:, 3:6], axis=0) ** 2 / problem.input_std[1:, 3:6].clip(1e-12) ** 2, axis=1
     )
     total = np.concatenate(([0.0], np.cumsum(activity)))
-    first = int(np.argmax(total[_MAX_SAMPLES:] - total[:-_MAX_SAMPLES])) if len(total) > _MAX_SAMPLES else 0
+    first = int(np.argmax(total[longest:] - total[:-longest])) if len(total) > longest else 0
     heading = problem.measurements[:, fp.MEASUREMENTS.index("psi")]
     estimated = fp.STATES.index("psi") in problem.active
     if first == 0 or (estimated and not np.isfinite(heading).any()):  # the later heading is not known
-        return problem.rows(0, _MAX_SAMPLES)
+        return problem.rows(0, longest)
     # The initial motion is that of the measurements there; the constants keep their initial values.
     start = problem.start.copy()
-    read = first_readings(problem.measurements[first : first + _MAX_SAMPLES])
+    read = first_readings(problem.measurements[first : first + longest])
     start[:3] = body_velocity(*(read[name][1] if name in read else 0.0 for name in AIR_DATA))
     for name in ("phi", "theta", "psi", "x", "y", "h"):
         if name in read:
             start[fp.STATES.index(name)] = read[name][1]
-    return replace(problem.rows(first, first + _MAX_SAMPLES), start=start)
+    return replace(problem.rows(first, first + longest), start=start)
 
 
 def _estimate_measurement_noise(problem: KinematicsProblem, free: np.ndarray, lowest: np.ndarray) -> KinematicsProblem:

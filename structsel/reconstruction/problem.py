@@ -14,7 +14,7 @@ from structsel.formatting import count_of
 from structsel.numerics import kinematics as fp
 from structsel.numerics.air_data import body_velocity
 from structsel.numerics.signal_quality import MIN_SAMPLES, noise_level, starts_of_runs
-from structsel.numerics.smoothing import smooth_spline
+from structsel.numerics.smoothing import SmoothedSignal, smooth_spline
 from structsel.reconstruction.observability import Reconstructibility
 from structsel.reconstruction.sample_validity import LATERAL, require_inertial, valid_input, valid_measurement
 from structsel.reconstruction.settings import INERTIAL, PRIOR, ReconstructOptions
@@ -24,6 +24,7 @@ from structsel.recording import Finding, Recording
 
 _POSITION = ("x", "y", "vn", "ve")
 _MIN_READINGS = 6  # of a channel whose noise is estimated: four second differences, to about 40 %
+_MAX_SEARCHED = 6000  # samples in which the smoothness of a rate is estimated; chosen, not critical
 _INDEX = {name: i for i, name in enumerate(fp.STATES)}
 _LATERAL = ("bay", "bp", "br", "Kay", "Kp", "Kr", "Kphi")
 _OWN_CHANNEL = {"Cup": ("alpha",), "Calpha0": ("alpha",), "Csi": ("beta",), "Cbeta0": ("beta",),
@@ -159,11 +160,22 @@ def _inertial_readings(
         if j >= 3:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", StructselWarning)
-                smooth = smooth_spline(channel.values, t)
+                smooth = _smooth(channel.values, t)
             findings += [Finding("oscillation", name, str(w.message), "note") for w in caught]
             inputs[:, 3 + j] = smooth.derivative
             turning_std[j - 3] = float(np.sqrt(np.mean(smooth.derivative_std**2)))
     return inputs, input_std, turning_std, findings
+
+
+def _smooth(values: np.ndarray, t: np.ndarray) -> SmoothedSignal:
+    """Smoothing spline; that of a long recording has the order and cut-off of the interval with the fastest changes."""
+    if len(values) <= _MAX_SEARCHED:
+        return smooth_spline(values, t)
+    total = np.concatenate(([0.0], np.cumsum(np.diff(values) ** 2)))
+    first = int(np.argmax(total[_MAX_SEARCHED - 1 :] - total[: 1 - _MAX_SEARCHED]))
+    part = slice(first, first + _MAX_SEARCHED)
+    found = smooth_spline(values[part], t[part])
+    return smooth_spline(values, t, order=found.order, cutoff=found.cutoff)
 
 
 def _measurements(

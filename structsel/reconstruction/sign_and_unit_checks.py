@@ -25,11 +25,13 @@ from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.kinematic_closure import closure_sides
 from structsel.numerics.signal_quality import noise_level
+from structsel.reconstruction.noise_levels import most_active_interval
 from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Recording
 
 _WINDOW = 0.5  # s
 _MIN_SAMPLES = 40
+_LONGEST = 6000  # samples of a long recording, those with the largest rates: two minutes at 50 Hz; chosen, not critical
 # Least gain in log-likelihood of a correction: a constant, and a term for each window, so that a slightly better fit of
 # a poor recording is not sufficient. Gusts favour a smaller airspeed (by 20 in 60 windows), but no other sign. The
 # effect of a delayed gyro is similar to that of another position of the vanes.
@@ -103,6 +105,7 @@ def reject_wrong_sign_or_unit(recording: Recording, problem: KinematicsProblem, 
     DataError
         The message has the channels and the correction, or the corrections that are equally likely.
     """
+    problem = most_active_interval(problem, _LONGEST)
     channels = _channels(problem, lateral)
     now = _equation_residuals(channels, problem, lateral)
     windows = float(problem.t[-1] - problem.t[0]) / _WINDOW
