@@ -14,6 +14,7 @@ from structsel.numerics.kinematics import STATES
 from structsel.reconstruction import CONSTANTS, Constant, ReconstructOptions, reconstruct
 from structsel.reconstruction.innovations import Consistency
 from structsel.reconstruction.method_comparison import compare_methods
+from structsel.reconstruction.noise_levels import _within_limits, largest_inertial_noise
 from structsel.reconstruction.observability import reconstructibility
 from structsel.reconstruction.problem import build_problem
 from structsel.reconstruction.quality_checks import noise_above_limit, unconfirmed
@@ -74,6 +75,21 @@ def test_a_scale_error_that_is_taken_for_noise_is_named_with_what_the_high_frequ
     estimated, largest = re.search(rf"{name} ([\d.e-]+) {re.escape(unit)} \(at most ([\d.e-]+)\)", text).groups()
     assert float(estimated) == pytest.approx(level, rel=0.01)
     assert noise < float(largest) < min(8.0 * 1.5 * noise, level)
+
+
+def test_a_noise_level_above_its_limit_is_reduced_to_it_unless_it_is_more_likely():
+    flight = demo_instruments("all-axes", 3, duration=6.0)
+    setup = build_problem(flight.measured, silent(flight.aircraft), ReconstructOptions())
+    limits = [largest_inertial_noise(setup.problem, j) / setup.noise[name] for j, name in enumerate(("ax", "ay", "az"))]
+    # Twenty times the noise that was set is much less likely than the limit.
+    noisy = replace(setup.problem, input_std=setup.problem.input_std * np.r_[20.0, 20.0, 20.0, 1.0, 1.0, 1.0])
+    assert _within_limits(setup, noisy, [0, 1, 2], np.full(3, 20.0)) == pytest.approx(limits)
+    assert _within_limits(setup, setup.problem, [0, 1, 2], np.ones(3)) == pytest.approx(np.ones(3))
+    # Readings that need the noise keep it: a scale error of 50 % of az.
+    scaled = 1.5 * flight.measured["az"] + 4.9
+    wrong = build_problem(flight.measured.with_channels(az=scaled), silent(flight.aircraft), ReconstructOptions())
+    noisy = replace(wrong.problem, input_std=wrong.problem.input_std * np.r_[20.0, 20.0, 20.0, 1.0, 1.0, 1.0])
+    assert _within_limits(wrong, noisy, [0, 1, 2], np.full(3, 20.0)) == pytest.approx(np.full(3, 20.0))
 
 
 def test_noise_that_is_stated_or_in_the_readings_is_no_reason():

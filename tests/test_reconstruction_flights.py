@@ -166,9 +166,10 @@ def test_the_wrong_gravity_shows_as_a_bias_of_az_of_that_size():
 @pytest.mark.parametrize(
     ("case", "verdict"),
     [
-        # Their accelerometers need up to four times the noise that high frequencies allow.
-        ("drag-polar-free", "consistent with estimated noise only"),
+        # SOURCE.md: moments of these files are delayed by up to 18 ms; here the accelerometers need more noise for it.
         ("sensor-scale", "consistent with estimated noise only"),
+        # A noise above the limit is no more likely than one at the limit.
+        ("drag-polar-free", "trusted"),
         ("ground-effect", "trusted"),
         ("nothing-wrong", "trusted"),
     ],

@@ -13,12 +13,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from structsel.errors import DataError
 from structsel.nomenclature import AIR_DATA
 from structsel.numerics import kinematics as fp
 from structsel.numerics.air_data import body_velocity
 from structsel.numerics.dynamic_elements import shift
+from structsel.numerics.signal_quality import largest_noise_level
 from structsel.reconstruction.delays import find_delays
-from structsel.reconstruction.problem import ReconstructionProblem, first_readings
+from structsel.reconstruction.problem import ReconstructionProblem, first_readings, noise_of
 from structsel.reconstruction.settings import INERTIAL
 from structsel.reconstruction.turbulence_level import Gusts, estimate_turbulence, turbulence_states, with_gusts
 from structsel.reconstruction.ukf import KinematicsProblem, negative_log_likelihood, ukf_filter, ukf_smoother
@@ -107,6 +109,10 @@ def _fit_levels(
             factors[group] *= factor
             report()
         part = _estimate_measurement_noise(part, free, lowest)
+    for group in groups:
+        limited = _within_limits(problem_setup, part, group, factors[group])
+        part = _scaled(part, group, limited / factors[group])
+        factors[group] = limited
     report()
     level = dict(problem_setup.noise)
     for j, name in enumerate(fp.MEASUREMENTS):
@@ -229,7 +235,35 @@ def _estimate_measurement_noise(problem: KinematicsProblem, free: np.ndarray, lo
     return problem
 
 
-def _scaled(problem: KinematicsProblem, group: list[int], factor: float) -> KinematicsProblem:
+def largest_inertial_noise(problem: KinematicsProblem, column: int) -> float:
+    """Largest noise that high frequencies of an inertial channel allow; infinite if it is too slow for a spectrum."""
+    values, dt = problem.inputs[:, column], float(np.median(np.diff(problem.t)))
+    try:
+        largest = largest_noise_level(values, dt)
+    except DataError:
+        return np.inf
+    # The noise in the readings is the smallest level that is estimated.
+    return max(largest, noise_of(INERTIAL[column], values, dt))
+
+
+def _within_limits(
+    problem_setup: ReconstructionProblem, part: KinematicsProblem, group: list[int], factors: np.ndarray
+) -> np.ndarray:
+    """Factors of a group of inertial channels, reduced to the largest noise of each channel if that is as likely.
+
+    The likelihood of a short recording hardly changes with the noise of the accelerometers, and one factor for all
+    three can exceed the limit of a channel that needs no additional noise.
+    """
+    names = [INERTIAL[j] for j in group]
+    limits = [largest_inertial_noise(problem_setup.problem, j) / problem_setup.noise[n] for j, n in zip(group, names)]
+    limited = np.minimum(factors, np.maximum(limits, 1.0))
+    if np.array_equal(limited, factors):
+        return factors
+    loss = negative_log_likelihood(_scaled(part, group, limited / factors)) - negative_log_likelihood(part)
+    return limited if loss < _MIN_GAIN else factors
+
+
+def _scaled(problem: KinematicsProblem, group: list[int], factor: float | np.ndarray) -> KinematicsProblem:
     std = problem.input_std.copy()
     std[:, group] *= factor
     return replace(problem, input_std=std)

@@ -24,7 +24,7 @@ from structsel.errors import DomainError
 from structsel.formatting import count_of
 from structsel.numerics.kinematics import MEASUREMENTS, MOTION, STATES
 from structsel.reconstruction.fixed_states import CBETA0_REASON, reason_for_fixing
-from structsel.reconstruction.path_sensitivity import recorded_path, segments_of, sensitivity_factor
+from structsel.reconstruction.path_sensitivity import recorded_inputs, recorded_path, segments_of, sensitivity_factor
 from structsel.reconstruction.ukf import KinematicsProblem
 
 FIX_FIRST = (
@@ -168,12 +168,11 @@ def reconstructibility(problem: KinematicsProblem, *, fix_first: Sequence[str] =
     names = [STATES[j] for j in active]
     segments = segments_of(problem.t)
     path, notes = recorded_path(problem, segments)
-    factors = np.stack(
-        [sensitivity_factor(problem, path, problem.inputs, segment, active, std) for segment in segments]
-    )
+    inputs = recorded_inputs(problem, segments)
+    factors = np.stack([sensitivity_factor(problem, path, inputs, segment, active, std) for segment in segments])
     # The prior of the motion is used once: in the segment with the most information on it.
     best = int(np.argmax(np.linalg.slogdet(np.swapaxes(factors, 1, 2) @ factors + np.eye(len(active)))[1]))
-    mean, steady = (np.broadcast_to(part.mean(axis=0), part.shape) for part in (path, problem.inputs))
+    mean, steady = (np.broadcast_to(part.mean(axis=0), part.shape) for part in (path, inputs))
     alone = sensitivity_factor(problem, mean, steady, segments[best], active, std)
     data = _PathInformation(factors, active < MOTION, best)
     linear = _PathInformation(np.broadcast_to(alone, factors.shape), active < MOTION, best)
@@ -266,8 +265,12 @@ def _named(names: Sequence[str], direction: np.ndarray) -> tuple[tuple[str, ...]
 
 def _groups(order: Sequence[str], names: Mapping[str, int], alone: np.ndarray) -> Iterator[tuple[tuple[str, ...], int]]:
     """States that may be fixed, in order, and the number of directions that this must determine."""
-    both = "wn" in names and "we" in names
+    both = waiting = "wn" in names and "we" in names
     for name in order:
+        if waiting and name.startswith("b"):
+            # Both, if one direction of them is undetermined and no heading can be fixed instead; before any bias.
+            yield ("wn", "we"), 1
+            waiting = False
         if name in names and not (both and name in ("wn", "we")):
             yield (name,), 1
         elif name in names:
@@ -275,8 +278,6 @@ def _groups(order: Sequence[str], names: Mapping[str, int], alone: np.ndarray) -
             yield ("wn", "we"), 2
             if alone[names[name]] > _NO_INFORMATION:
                 yield (name,), 1
-    if both:
-        yield ("wn", "we"), 1
 
 
 def _choose(

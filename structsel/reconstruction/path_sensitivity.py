@@ -78,9 +78,18 @@ def recorded_path(problem: KinematicsProblem, segments: list[slice]) -> tuple[np
     return path, tuple(notes)
 
 
+def recorded_inputs(problem: KinematicsProblem, segments: list[slice]) -> np.ndarray:
+    """(n, 9) inputs for the linearisation, without the noise of accelerometers and gyros."""
+    inputs, std = problem.inputs.copy(), np.median(problem.input_std, axis=0)
+    for segment in segments:
+        for j, level in enumerate(std):
+            inputs[segment, j] = _without_noise(inputs[segment, j], level)
+    return inputs
+
+
 def _without_noise(values: np.ndarray, std: float) -> np.ndarray:
     """Signal of the cosines above the level of white noise, because noise in the path is no excitation."""
-    if not values.size:
+    if not values.size or std == 0.0:
         return values
     waves = dct(values, norm="ortho")
     waves[1:][np.abs(waves[1:]) < std * np.sqrt(2.0 * np.log(values.size / _P_NOISE))] = 0.0

@@ -92,12 +92,18 @@ class ReconstructionProblem:
         kept = np.array([name in active for name in names])
         return replace(self, problem=replace(p, start_std=std).with_states(kept))
 
-    def without_ground_track(self) -> ReconstructionProblem:
-        """Problem without measured position and ground velocity, and without the states that only these determine."""
+    def without_ground_track(self, *, psi: bool = False) -> ReconstructionProblem:
+        """Problem without measured position and ground velocity, and without the states that only these determine.
+
+        The heading is kept if `psi`, and if it is measured.
+        """
+        if not any(name in self.measured for name in _POSITION):
+            return self
         p, names = self.problem, self.names
+        lost = {"x", "y", "wn", "we"} | (set() if psi and "psi" in self.measured else {"psi"})
         readings = p.measurements.copy()
         readings[:, [fp.MEASUREMENTS.index(name) for name in _POSITION]] = np.nan
-        kept = np.array([name not in ("psi", "x", "y", "wn", "we") for name in names])
+        kept = np.array([name not in lost for name in names])
         reduced = replace(p, measurements=readings).with_states(kept)
         measured = tuple(name for name in self.measured if name not in _POSITION)
         level = {name: std for name, std in self.noise.items() if name not in _POSITION}

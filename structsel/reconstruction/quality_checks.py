@@ -7,12 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from structsel.errors import DataError
 from structsel.nomenclature import unit_of
-from structsel.numerics.signal_quality import largest_noise_level
 from structsel.reconstruction.delays import Delay
 from structsel.reconstruction.innovations import Consistency
-from structsel.reconstruction.noise_levels import most_active_interval
+from structsel.reconstruction.noise_levels import largest_inertial_noise, most_active_interval
 from structsel.reconstruction.observability import Reconstructibility
 from structsel.reconstruction.problem import ReconstructionProblem, noise_of
 from structsel.reconstruction.result import CONSTANTS, ESTIMATED_ONLY, Constant
@@ -124,18 +122,12 @@ def unconfirmed(consistency: Consistency) -> tuple[str, ...]:
 
 def noise_above_limit(problem_setup: ReconstructionProblem) -> tuple[str, ...]:
     """A reason if inertial channels have more estimated noise than their own high frequencies allow."""
-    problem, dt = problem_setup.problem, float(np.median(np.diff(problem_setup.problem.t)))
     found = []
     for j, name in enumerate(INERTIAL):
         if name in problem_setup.given or name not in problem_setup.noise:
             continue
-        try:
-            largest = largest_noise_level(problem.inputs[:, j], dt)
-        except DataError:
-            continue  # too slow for a spectrum
-        # The noise in the readings is the smallest level that is estimated.
-        largest, level = max(largest, noise_of(name, problem.inputs[:, j], dt)), problem_setup.noise[name]
-        if level > largest:
+        largest, level = largest_inertial_noise(problem_setup.problem, j), problem_setup.noise[name]
+        if level > largest * (1.0 + 1e-9):  # a level at its limit is within it
             found.append(f"{name} {level:.3g} {unit_of(name)} (at most {largest:.3g})")
     if not found:
         return ()

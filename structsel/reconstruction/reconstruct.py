@@ -18,7 +18,7 @@ from structsel.reconstruction.delays import LONGEST_DELAY, Delay, find_delays
 from structsel.reconstruction.innovations import Consistency, check_innovations, widened_noise
 from structsel.reconstruction.method_comparison import compare_methods
 from structsel.reconstruction.noise_levels import drop_confounded_scales, estimate_noise_levels
-from structsel.reconstruction.observability import reconstructibility
+from structsel.reconstruction.observability import Reconstructibility, reconstructibility
 from structsel.reconstruction.output import output_recording
 from structsel.reconstruction.problem import ReconstructionProblem, build_problem
 from structsel.reconstruction.quality_checks import check_quality, noise_above_limit, unconfirmed
@@ -122,8 +122,7 @@ def _reconstruct(
 ) -> Reconstruction:
     problem_setup = build_problem(recording, aircraft, options)
     reject_wrong_sign_or_unit(recording, problem_setup.problem, problem_setup.lateral)
-    verdict = reconstructibility(problem_setup.problem)
-    problem_setup, fixed = problem_setup.with_verdict(verdict), dict(verdict.fixed)
+    problem_setup, verdict, fixed = _with_determined_states(problem_setup)
     turbulent: frozenset[str] = frozenset()
     if options.method == "output-error":
         problem_setup = add_scale_errors(problem_setup, problem_setup, options)
@@ -188,6 +187,19 @@ def _reconstruct(
         doubts=(*warnings, *unknown),
         distrust=(*distrust, *contradictions, *unconfirmed(consistency), *above),
     )
+
+
+def _with_determined_states(
+    problem_setup: ReconstructionProblem,
+) -> tuple[ReconstructionProblem, Reconstructibility, dict[str, str]]:
+    """Problem of the states that the data determine, the analysis, and the reasons why others are fixed."""
+    verdict, wind = reconstructibility(problem_setup.problem), {}
+    without = problem_setup.without_ground_track(psi=True)
+    if {"wn", "we"} & set(verdict.fixed) and without is not problem_setup:
+        # Without the wind, a ground velocity is no measurement of the motion through the air.
+        wind = {name: why for name, why in verdict.fixed.items() if name in ("wn", "we")}
+        problem_setup, verdict = without, reconstructibility(without.problem)
+    return problem_setup.with_verdict(verdict), verdict, wind | dict(verdict.fixed)
 
 
 def _with_initial_heading(problem_setup: ReconstructionProblem) -> tuple[ReconstructionProblem, dict[str, str]]:
