@@ -188,8 +188,7 @@ def filterpy_run(p: KinematicsProblem, compiled: bool) -> tuple[Array, Array]:
     def compiled_observe(x: Array, a: Array) -> Array:
         read = np.empty(12)
         full[ACTIVE] = x
-        attitude(full, angles)
-        observe(full, a, p.place, False, everything, angles, read)
+        observe(full, a, p.place, False, everything, read)
         return read
 
     if compiled:

@@ -95,7 +95,7 @@ class Scratch(NamedTuple):
     ----------
     rate, trial, total : (size,) array
         Of the Runge-Kutta step.
-    path, inputs : (26,), (9,) array
+    path, inputs : (34,), (9,) array
         State and inputs of the sensor equations, see `kinematics`.
     wanted : (12,) bool array
         All readings.

@@ -175,7 +175,7 @@ def _moving(u, v, w, p, q, r, place, i):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def observe(x, a, place, flank, wanted, angles, out):  # type: ignore[no-untyped-def]
+def observe_at(x, a, place, flank, wanted, angles, out):  # type: ignore[no-untyped-def]
     """Readings of the wanted instruments from a full vector with its `attitude`."""
     p, q, r = (a[3] - x[12]) / (1.0 + x[28]), (a[4] - x[13]) / (1.0 + x[29]), (a[5] - x[14]) / (1.0 + x[30])
     ua, va, wa = x[0] + x[31], x[1] + x[32], x[2] + x[33]
@@ -207,6 +207,14 @@ def observe(x, a, place, flank, wanted, angles, out):  # type: ignore[no-untyped
         out[9] = along * cp - across * sp + x[15]
         out[10] = along * sp + across * cp + x[16]
         out[11] = -u * st + (v * sf + w * cf) * ct + x[17]
+
+
+@njit(cache=True)
+def observe(x, a, place, flank, wanted, out):  # type: ignore[no-untyped-def]
+    """Readings of the wanted instruments from a full vector."""
+    phi, theta, psi = x[3], x[4], x[5]
+    angles = (np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi))
+    observe_at(x, a, place, flank, wanted, angles, out)
 
 
 @njit(cache=True)
@@ -276,7 +284,7 @@ def readings(path, inputs, place, flank):  # type: ignore[no-untyped-def]
     out, angles = np.empty((n, 12)), np.empty(6)
     for k in range(n):
         attitude(path[k], angles)
-        observe(path[k], inputs[k], place, flank, wanted, angles, out[k])
+        observe_at(path[k], inputs[k], place, flank, wanted, angles, out[k])
     return out
 
 

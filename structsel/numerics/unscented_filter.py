@@ -40,7 +40,7 @@ from structsel.numerics.kinematics import (
     attitude,
     attitude_near,
     noise_gain,
-    observe,
+    observe_at,
     step,
 )
 from structsel.numerics.square_root import absorb, copy, lower_triangle, row_lengths, triangularise
@@ -299,18 +299,18 @@ def predict_readings(k, data, points, estimate, work):  # type: ignore[no-untype
         return count
     here, there = work.angles[0], work.angles[1]
     attitude(full, here)
-    observe(full, inputs, data.place, data.flank, wanted, here, work.y_middle)
+    observe_at(full, inputs, data.place, data.flank, wanted, here, work.y_middle)
     point = work.point
     for i in range(len(active)):
         copy(full, point)
         for j in range(i, len(active)):
             point[active[j]] += points.reach * S[j, i]
         attitude_near(point, full, here, there)
-        observe(point, inputs, data.place, data.flank, wanted, there, work.y_up[i])
+        observe_at(point, inputs, data.place, data.flank, wanted, there, work.y_up[i])
         for j in range(i, len(active)):
             point[active[j]] = full[active[j]] - points.reach * S[j, i]
         attitude_near(point, full, here, there)
-        observe(point, inputs, data.place, data.flank, wanted, there, work.y_down[i])
+        observe_at(point, inputs, data.place, data.flank, wanted, there, work.y_down[i])
     return count
 
 
