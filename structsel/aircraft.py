@@ -20,7 +20,6 @@ from structsel.readers.toml import load_toml, toml_text
 from structsel.results import Summarised
 from structsel.tables import Summary
 
-_TRIANGLE_SLACK = 0.2
 _PART_OF = {"alpha_vane": "vane", "beta_vane": "vane", "pitot": "vane"}
 
 # Strict: a number in quotes is not a number.
@@ -74,12 +73,6 @@ class Inertia(_Table):
             raise ValueError(
                 "the products of inertia are too large for the moments (the tensor is not positive "
                 "definite); check their unit"
-            )
-        # Published tables break the triangle rule by a few per cent, through rounding and rough estimates.
-        if self.excess > _TRIANGLE_SLACK:
-            raise ValueError(
-                f"the largest principal moment exceeds the sum of the other two by {self.excess:.0%}, which "
-                "no body does; check the order and the units of Ix, Iy, Iz"
             )
         return self
 

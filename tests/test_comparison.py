@@ -12,12 +12,13 @@ from structsel.comparison.compare import compare
 from structsel.comparison.preparing import prepare
 from structsel.comparison.simulations import open_simulation
 from structsel.comparison.tolerances import biases_of, tolerances_of
+from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import nats
 from structsel.errors import DataError, ModelError
 from structsel.recording import Recording
 from tests.models import model_of
-from tests.noisy_flights import AIRCRAFT, TRUTH, T, fly, tried
+from tests.noisy_flights import AIRCRAFT, DT, TRUTH, T, fly, tried
 
 LIFT = {"CZ": {"alpha^2": -6.0}}
 
@@ -246,3 +247,20 @@ def test_no_recording_or_no_simulation_is_said(flights_and_truth, tmp_path):
         compare(tmp_path / "nowhere", recordings, AIRCRAFT)
     with pytest.raises(ModelError, match="cannot be loaded"):
         compare("python:no_such_module:f", recordings, AIRCRAFT)
+
+
+def test_channels_that_are_constant_as_on_a_ship_are_compared():
+    # p, q, phi and theta are zero: the rates of the attitude close exactly and have no noise to weigh them by.
+    rng = np.random.default_rng(3)
+    recordings, stated = [], {}
+    for k in range(2):
+        zero, dr = np.zeros(len(T)), 0.2 * np.sign(np.sin(T + k))
+        r = 0.02 * np.sin(0.7 * T + k) + 1e-4 * rng.standard_normal(len(T))
+        still = dict.fromkeys(("alpha", "beta", "p", "q", "phi", "theta", "ax"), zero)
+        moving = {"V": 8.0 + 0.01 * rng.standard_normal(len(T)), "r": r, "psi": np.cumsum(r) * DT, "ay": 8.0 * r}
+        recordings.append(Recording(f"m{k}", T, {**still, **moving, "az": zero - 9.81, "dr": dr}))
+        stated[f"m{k}"] = Recording(f"m{k}", T, {"CY": 0.1 * r, "Cn": -0.002 * dr})
+    flights = prepare(stated, recordings, AIRCRAFT).flights
+    assert not {"k_phi", "k_theta"} & set(flights[0].responses)
+    base = Bench.set_up(flights, []).base
+    assert np.isfinite(base.evidence).all()

@@ -80,9 +80,15 @@ def prepare(
     if set(AIRFRAME) <= set(flights[0].channels) and set(shared) & set(COEFFICIENTS):
         stand_in = find_surrogate(flights, [c for c in shared if c in COEFFICIENTS])
         flights = [replace(f, surrogate=stand_in) for f in flights]
-    common = set.intersection(*(set(f.measured) for f in flights))
+    common = set.intersection(*(set(f.measured) for f in flights)) - _unmeasured(flights)
     flights = [replace(f, measured={c: f.measured[c] for c in f.measured if c in common}) for f in flights]
     return PreparedComparison(tuple(flights), simulation, tuple(remarks))
+
+
+def _unmeasured(flights: Sequence[Flight]) -> set[str]:
+    """Kinematic responses whose channel is constant in all recordings: it was not measured, and has no noise."""
+    constant = {c for c in flights[0].raw if all(c in f.raw and not np.ptp(f.raw[c]) for f in flights)}
+    return {f"k_{c}" for c in constant}
 
 
 def _wanted(recording: Recording, aircraft: Aircraft) -> tuple[str, ...]:
