@@ -43,9 +43,10 @@ def test_what_is_written_follows_the_contract(ground):
     _, found = ground
     stated = json.loads(json.dumps(found.to_dict()))
     assert stated["schema"] == "structsel.diagnosis/1"
-    assert {"verdict", "findings", "not_testable", "remaining"} <= set(stated)
+    assert {"verdict", "within_tolerances", "findings", "not_testable", "remaining"} <= set(stated)
     finding = stated["findings"][0]
-    assert {"axes", "kind", "where", "physics", "ambiguous_with", "to_separate", "fit"} <= set(finding)
+    assert finding["probability"] == pytest.approx(sum(p["probability"] for p in finding["physics"]), abs=1e-3)
+    assert {"probability", "axes", "kind", "where", "physics", "ambiguous_with", "to_separate", "fit"} <= set(finding)
     assert {"effect", "probability", "says", "parameters", "terms"} <= set(finding["physics"][0])
     assert {"held_out", "explainable", "explained"} <= set(finding["fit"])
     assert all({"effect", "needs"} <= set(one) for one in stated["not_testable"])

@@ -21,6 +21,7 @@ from structsel.diagnosis import judging
 from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.detection import detect
 from structsel.diagnosis.held_out_simulation import simulate_held_out
 from structsel.diagnosis.modelling import corrected_model
 from structsel.diagnosis.ranking import Ranking, rank
@@ -29,7 +30,7 @@ from structsel.diagnosis.selftest import self_test
 from structsel.diagnosis.separating import with_separation
 from structsel.diagnosis.signatures import Library, work_out
 from structsel.diagnosis.tracing import residuals, traces_of
-from structsel.diagnosis.unnamed import find_unknown, turbulent
+from structsel.diagnosis.unnamed import detected, find_unknown, turbulent
 from structsel.diagnosis.weighing import not_borne_out
 from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
@@ -131,6 +132,8 @@ def conclude(
     findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling)]
     if not rough:
         findings += find_unknown(ranking, left, told, ceiling, bool(findings))
+        if not findings and (seen := detect(flights, bench.nuisances, prepared.simulation.form == "free")):
+            findings += detected(seen, ranking, told)
     verdict: Verdict = "mismatch" if findings else "consistent"
     if single and findings:
         verdict = "undecidable"

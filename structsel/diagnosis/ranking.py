@@ -62,12 +62,18 @@ class Ranking:
         Of all hypotheses, when they were last tried.
     motion : InputDrivenMotion, optional
         The flights as the inputs alone would have them, of which effects were asked.
+    considered : tuple of (effect, probability)
+        What was in question when nothing more was taken in, most probable first; "nothing" too.
+    others : tuple of EffectScore
+        Of those effects.
     """
 
     start: Bench
     steps: tuple[Step, ...]
     scores: tuple[EffectScore, ...] = ()
     motion: InputDrivenMotion | None = None
+    considered: tuple[tuple[str, float], ...] = (("nothing", 1.0),)
+    others: tuple[EffectScore, ...] = ()
 
     @property
     def bench(self) -> Bench:
@@ -93,18 +99,21 @@ def rank(bench: Bench, library: Library, progress: Progress | None = None) -> Ra
     start, driven = bench, InputDrivenMotion.of(bench.flights)
     steps: list[Step] = []
     scores: list[EffectScore] = []
+    considered: tuple[tuple[str, float], ...] = (("nothing", 1.0),)
+    asked: list[Weighed] = []
     while (k := len({s.score.effect for s in steps})) < MOST and len(steps) < _PLACES:
         tell("ranking", k, MOST)
         scores = driven.bear_out(bench, score_all(bench, library))
         weighed, rivals = _weighed(weigh(bench, scores))
         if not weighed or 1.0 - dict(rivals)["nothing"] < NAMED:
+            considered, asked = rivals, weighed
             break
         best = weighed[0]
         bench = bench.taking([*bench.accepted, best.score.signature], library.signatures)
         others = tuple(w.score for w in weighed)
         steps.append(Step(best.score, rivals, bench, others, best.constant))
     tell("ranking", MOST, MOST)
-    return Ranking(start, tuple(steps), tuple(scores), driven)
+    return Ranking(start, tuple(steps), tuple(scores), driven, considered, tuple(w.score for w in asked))
 
 
 def _weighed(effects: Sequence[Weighed]) -> tuple[list[Weighed], tuple[tuple[str, float], ...]]:

@@ -121,6 +121,11 @@ class EffectFinding:
         """Name of the likeliest."""
         return self.physics[0].effect
 
+    @property
+    def probability(self) -> float:
+        """Probability that this mismatch is there, whatever its name: the names share it."""
+        return min(1.0, sum(p.probability for p in self.physics))
+
     def to_dict(self) -> dict[str, Any]:
         """For diagnosis.json."""
         where: dict[str, Any] = {}
@@ -129,6 +134,7 @@ class EffectFinding:
         if self.region:
             where["region"] = {name: list(limits) for name, limits in self.region.items()}
         return {
+            "probability": round(self.probability, 4),
             "axes": list(self.axes),
             "kind": self.kind,
             "where": where,
@@ -259,6 +265,7 @@ class Diagnosis(Result):
         return {
             "schema": SCHEMA,
             "verdict": self.verdict,
+            "within_tolerances": not any(p.is_strained for p in self.pulls),
             "findings": [f.to_dict() for f in self.findings],
             "not_testable": [{"effect": e, "needs": n} for e, n in self.not_testable.items()],
             "remaining": {c: {"rrmse": r, "white": w} for c, (r, w) in self.remaining.items()},

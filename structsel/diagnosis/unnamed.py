@@ -1,4 +1,4 @@
-"""Findings that no hypothesis carries: physics that is unknown, and air that is rough."""
+"""Findings without one effect as their cause: a mismatch that is detected, unknown physics, and turbulence."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ import numpy as np
 from structsel.comparison.locating.ceiling import explainable
 from structsel.comparison.locating.turbulence import TurbulenceEstimate
 from structsel.diagnosis import judging
-from structsel.diagnosis.ranking import NAMED, Ranking
+from structsel.diagnosis.assembling import found_by
+from structsel.diagnosis.detection import Detection
+from structsel.diagnosis.ranking import NAMED, TIED, Ranking
 from structsel.diagnosis.result import UNNAMED, Bars, EffectFinding, Physics
 from structsel.numerics.arrays import Array
 
+_LEAST = 0.005  # probability of an effect that is listed
 _MATERIAL = 0.10  # share by which that would lower the error
 
 
@@ -62,6 +65,46 @@ def find_unknown(
     mean = float(np.mean([ceiling[c] for c in axes]))
     physics = Physics(UNNAMED, float(np.clip(np.mean([share[c] for c in axes]), 0.0, 1.0)), says)
     return [EffectFinding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
+
+
+def detected(detection: Detection, ranking: Ranking, told: Sequence[str]) -> list[EffectFinding]:
+    """A mismatch that the prediction errors show where no effect is probable enough to be named.
+
+    What was the probability of "nothing" among the effects in question is then, as far as a mismatch is detected, that
+    of an unknown cause. The effects keep their probabilities.
+
+    Parameters
+    ----------
+    detection : Detection
+    ranking : Ranking
+    told : sequence of str
+        Responses that are judged.
+    """
+    chances = dict(ranking.considered)
+    unknown = chances["nothing"] * detection.probability
+    if 1.0 - chances["nothing"] + unknown < NAMED:
+        return []
+    names = [
+        Physics(one.effect, chances[one.effect], one.hypothesis.says(found := found_by(one)), found.estimates)
+        for one in ranking.others
+        if chances[one.effect] >= _LEAST
+    ]
+    other = Physics(UNNAMED, unknown, f"Something that no single effect explains well. {detection.says}")
+    physics = sorted([other, *names], key=lambda one: -one.probability)
+    ties = tuple(p.effect for p in physics[1:4] if p.probability > TIED * physics[0].probability)
+    bench = ranking.bench
+    axes = tuple(c for c in detection.axes if c in told) or tuple(told[:1])
+    fits = [judging.fit(judging.measured(bench), judging.as_delivered(bench), axes)]
+    after = judging.refitted(judging.as_delivered(bench), judging.held_out(bench))
+    fits.append(judging.fit(judging.measured(bench), after, axes))
+    bars = {c: Bars(fits[0][c], fits[1][c], fits[1][c]) for c in axes if c in fits[1]}
+    kind = (
+        "unknown"
+        if physics[0] is other
+        else next(s.hypothesis.kind for s in ranking.others if s.effect == physics[0].effect)
+    )
+    nan = float("nan")
+    return [EffectFinding(axes, kind, tuple(physics), {}, {}, ties, "", bars, nan, 0.0, 0.0)]
 
 
 def turbulent(found: TurbulenceEstimate, ranking: Ranking, told: Sequence[str]) -> EffectFinding:

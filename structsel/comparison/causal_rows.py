@@ -1,0 +1,341 @@
+"""Rows of one-step prediction errors: what the past residuals of a response do not predict of it.
+
+In turbulence, and with noise in the states, what is left of the differences moves the aircraft at the next moment, and
+a pilot or damper responds to it. Columns made of the recorded motion are then functions of past residuals. Rows that
+are conditioned on the past residuals keep such columns from explaining them.
+
+References
+----------
+[Lju99], chapters 3 and 7, for prediction errors of a linear model with coloured noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.signal import lfilter
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.sensitivity import asked_wrongly
+from structsel.comparison.tolerances import Nuisance, biases_of
+from structsel.nomenclature import COEFFICIENTS, MOMENT_COEFFICIENTS
+from structsel.numerics.arrays import Array
+
+DELAY = 4
+"""Samples by which columns of the motion are delayed: the differentiator of the rates uses three samples ahead."""
+_ORDER_SPAN = 1.0  # s of its own past, that a difference is predicted from
+_FEWEST, _MOST = 12, 40  # samples of the same
+_ASKED = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr")
+_AHEAD = ("late", "over a step", "noise of", "the rest")
+"""Words of tolerances that are left out: rates of the motion use future samples. Timing has columns of its own."""
+_TIMED = ("de", "da", "dr", "df", "throttle", "thrust")
+_WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
+_RIDGE = 1e-9  # of the mean square of a residual: precision of the coefficients of the autoregression
+_DEGREES = 8.0  # of freedom, of the prior of the variances of single flights about their common value
+
+
+def averaged(flight: Flight, response: str, told: Array) -> Array:
+    """What a response of the simulation is on the average over the samples that measure it.
+
+    A measured moment is the differentiator's answer to rates: to the integral of the moment that acted.
+    """
+    if response not in MOMENT_COEFFICIENTS:
+        return told
+    return flight.rate(cumulative_trapezoid(told, dx=flight.dt, initial=0.0))
+
+
+def evaluated_at_readings(flights: Sequence[Flight], responses: Sequence[str]) -> float:
+    """Fraction of the noise of the readings that is in the simulated responses: one, or zero for smooth states.
+
+    Third differences leave the noise of what changes slowly.
+    """
+    products = np.zeros(2)
+    for c in responses:
+        for f in flights:
+            noise, told = np.diff(noise_of_readings(f, c), 3), np.diff(f.simulated[c], 3)
+            power = float(told @ told)
+            if power > 0.0:
+                products += np.array([noise @ told, noise @ noise]) / power
+    return float(np.clip(products[0] / products[1], 0.0, 1.0)) if products[1] > 0.0 else 0.0
+
+
+def noise_of_readings(flight: Flight, response: str) -> Array:
+    """What a simulated response would contain of the noise of the channels, were it evaluated at the readings."""
+    made = np.zeros(len(flight))
+    for c in (c for c in _ASKED if c in flight.recorded):
+        if (answer := asked_wrongly(flight, c).get(response)) is not None:
+            made -= answer * (flight.raw[c] - flight.air.get(c, flight.channels[c]))
+    return made
+
+
+def referred(flight: Flight, response: str, fraction: float) -> Array:
+    """Difference of a response, with the simulation referred to the smooth states wherever it was evaluated."""
+    told = flight.simulated[response] - fraction * noise_of_readings(flight, response)
+    return flight.measured[response] - averaged(flight, response, told)
+
+
+def delayed(x: Array, samples: int) -> Array:
+    """Samples (n,) or (n, k) as they stood some samples ago; the first is held."""
+    return np.concatenate([np.repeat(x[:1], samples, axis=0), x[: len(x) - samples]]) if samples else x
+
+
+@dataclass(frozen=True, eq=False)
+class Filter:
+    """Prediction of one response from past residuals.
+
+    Attributes
+    ----------
+    own : (p,) array
+        Coefficients of its past.
+    variance : (flights,) array
+        Of the prediction errors of each flight.
+    common : float
+        About which the variances of the flights are distributed.
+    """
+
+    own: Array
+    variance: Array
+    common: float
+
+    def __call__(self, x: Array) -> Array:
+        """Columns (n, k) or (n,) less what their own past predicts, from sample p on."""
+        made = lfilter(np.concatenate([[1.0], -self.own]), [1.0], x, axis=0)
+        return np.asarray(made[len(self.own) :])
+
+
+@dataclass(frozen=True, eq=False)
+class Null:
+    """The evidence of tolerances and biases alone, and what further columns need of it."""
+
+    log_evidence: float
+    filters: Mapping[str, Filter]
+    mean: Array
+    covariance: Array
+    A: Array
+    b: Array
+    power: Mapping[str, float]
+    density: Mapping[str, float]
+
+
+class CausalRows:
+    """Differences, tolerances and biases of flights in time, and their evidence on prediction errors.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    nuisances : sequence of Nuisance
+        Tolerances that all flights share.
+    """
+
+    def __init__(self, flights: Sequence[Flight], nuisances: Sequence[Nuisance]):
+        self.flights = list(flights)
+        self.responses = [c for c in flights[0].simulated if c in COEFFICIENTS]
+        dt = float(np.median([f.dt for f in flights]))
+        self.order = int(np.clip(round(_ORDER_SPAN / dt), _FEWEST, _MOST))
+        self.edge = DELAY
+        kept = [n for n in nuisances if not any(word in n.name for word in _AHEAD)]
+        self.names = [n.name for n in kept]
+        self.y: dict[tuple[str, int], Array] = {}
+        self.X: dict[tuple[str, int], Array] = {}
+        self.place: dict[tuple[str, int], NDArray[np.intp]] = {}
+        q = len(kept)
+        fraction = evaluated_at_readings(flights, self.responses)
+        for i, f in enumerate(flights):
+            own = [*_own(f), *_timing(f)]
+            inside = slice(self.edge, len(f) - self.edge)
+            for c in self.responses:
+                shared = [k for k, n in enumerate(kept) if c in n.columns[i]]
+                mine = [k for k, (_, x) in enumerate(own) if c in x]
+                columns = [delayed(kept[k].sd * kept[k].columns[i][c], self.edge) for k in shared]
+                columns += [own[k][0] * averaged(f, c, own[k][1][c]) for k in mine]
+                X = np.column_stack(columns) if columns else np.zeros((len(f), 0))
+                self.X[c, i], self.y[c, i] = X[inside], referred(f, c, fraction)[inside]
+                self.place[c, i] = np.array([*shared, *(q + k for k in mine)], dtype=np.intp)
+            q += len(own)
+        self.q = q
+        self.rows = np.array([len(f) - 2 * self.edge - self.order for f in flights], dtype=float)
+        self.size = {c: _variation(flights, c) for c in self.responses}
+
+    def null(self, rounds: int = 4) -> Null:
+        """Evidence of tolerances and biases alone; noise and coefficients are found in turn."""
+        left = {(c, i): y - y.mean() for (c, i), y in self.y.items()}
+        for turn in range(rounds + 1):
+            filters = {c: self._filter([left[c, i] for i in range(len(self.flights))]) for c in self.responses}
+            A, b, power = np.zeros((self.q, self.q)), np.zeros(self.q), {}
+            for c in self.responses:
+                power[c] = 0.0
+                for i, G in enumerate(self.products(c, filters[c])):
+                    at = self.place[c, i]
+                    A[np.ix_(at, at)] += G[:-1, :-1]
+                    b[at] += G[:-1, -1]
+                    power[c] += float(G[-1, -1])
+            lower = cholesky(A + np.eye(self.q), lower=True)
+            half = solve_triangular(lower, b, lower=True)
+            mean = solve_triangular(lower, half, lower=True, trans="T")
+            if turn < rounds:
+                left = {(c, i): y - self.X[c, i] @ mean[self.place[c, i]] for (c, i), y in self.y.items()}
+        density = {c: self._density(filters[c]) for c in self.responses}
+        log = -0.5 * (sum(power.values()) - float(half @ half)) - float(np.log(np.diag(lower)).sum())
+        covariance = cho_solve((lower, True), np.eye(self.q))
+        return Null(log + sum(density.values()), filters, mean, covariance, A, b, power, density)
+
+    def white(self, response: str, i: int, filtered: Filter, more: Array | None = None) -> Array:
+        """White rows of one flight: tolerances and biases, the difference, further columns."""
+        parts = [self.X[response, i], self.y[response, i][:, None]]
+        if more is not None:
+            parts.append(more)
+        W = filtered(np.hstack(parts))
+        return np.asarray(W / np.sqrt(filtered.variance[i]))
+
+    def products(self, response: str, filtered: Filter, more: Sequence[Array] | None = None) -> list[Array]:
+        """Products of the white rows of each flight."""
+        made = []
+        for i in range(len(self.flights)):
+            W = self.white(response, i, filtered, None if more is None else more[i])
+            made.append(W.T @ W)
+        return made
+
+    def _filter(self, left: Sequence[Array]) -> Filter:
+        """Autoregression of residuals by least squares over all flights, and the variances that it leaves."""
+        p = self.order
+        past = [np.column_stack([x[p - k : len(x) - k] for k in range(1, p + 1)]) for x in left]
+        squares, own = self.rows, np.zeros(p)
+        variance, common = np.ones(len(left)), 1.0
+        for _ in range(2):
+            M = sum(x.T @ x / v for x, v in zip(past, variance))
+            v = sum(x.T @ y[p:] / w for x, y, w in zip(past, left, variance))
+            own = np.linalg.solve(M + _RIDGE * np.trace(M) / p * np.eye(p), v)
+            squares = np.array([float(np.sum((y[p:] - x @ own) ** 2)) for x, y in zip(past, left)])
+            variance, common = self._variances(squares)
+        return Filter(own, variance, common)
+
+    def _variances(self, squares: Array) -> tuple[Array, float]:
+        """Most probable variance of each flight, and the value that they have in common."""
+        common = float(np.exp(np.mean(np.log(squares / self.rows))))
+        variance = squares / self.rows
+        for _ in range(20):
+            variance = (_DEGREES * common + squares) / (_DEGREES + self.rows)
+            common = float(1.0 / np.mean(1.0 / variance))
+        return variance, common
+
+    def _density(self, one: Filter) -> float:
+        """Log prior density of the variances, and the constants of the likelihood."""
+        k = 0.5 * _DEGREES
+        each = k * np.log(k * one.common) - (k + 0.5 * self.rows) * np.log(one.variance) - k * one.common / one.variance
+        return float(each.sum())
+
+    def remainder(self, null: Null, response: str, F: Sequence[Array], sizes: Array, rounds: int = 3) -> Remainder:
+        """Evidence of further columns in one response, of unknown size; the noise is found anew with them.
+
+        Parameters
+        ----------
+        null : Null
+        response : str
+        F : sequence of (n, k) array
+            Columns per flight, of standard deviation one each at size one.
+        sizes : (s,) array
+            Sizes of equal prior probability.
+        """
+        first = null.filters[response]
+        A0, b0 = null.A.copy(), null.b.copy()
+        for i, G in enumerate(self.products(response, first)):
+            at = self.place[response, i]
+            A0[np.ix_(at, at)] -= G[:-1, :-1]
+            b0[at] -= G[:-1, -1]
+        others = sum(x for c, x in null.power.items() if c != response)
+        density = sum(x for c, x in null.density.items() if c != response)
+        K = F[0].shape[1]
+        noise, best = first, Remainder(-np.inf, 0.0, np.zeros(K))
+        for turn in range(rounds + 1):
+            A, b, power = A0.copy(), b0.copy(), 0.0
+            S, C, z = np.zeros((K, K)), np.zeros((K, self.q)), np.zeros(K)
+            for i, G in enumerate(self.products(response, noise, F)):
+                at = self.place[response, i]
+                m = len(at)
+                A[np.ix_(at, at)] += G[:m, :m]
+                b[at] += G[:m, m]
+                power += float(G[m, m])
+                S += G[m + 1 :, m + 1 :]
+                C[:, at] += G[m + 1 :, :m]
+                z += G[m + 1 :, m]
+            lower = cholesky(A + np.eye(self.q), lower=True)
+            half = solve_triangular(lower, b, lower=True)
+            turned = solve_triangular(lower, C.T, lower=True)
+            values, Q = np.linalg.eigh(S - turned.T @ turned)
+            values, zq = np.maximum(values, 0.0), Q.T @ (z - turned.T @ half)
+            s2 = sizes[:, None] ** 2
+            each = 0.5 * np.sum(s2 * zq**2 / (1.0 + s2 * values) - np.log1p(s2 * values), axis=1)
+            j = int(np.argmax(each))
+            size = float(sizes[j])
+            u = Q @ (size**2 * zq / (1.0 + size**2 * values))
+            log = -0.5 * (others + power - float(half @ half)) - float(np.log(np.diag(lower)).sum())
+            log += float(np.logaddexp.reduce(each) - np.log(len(sizes))) + self._density(noise) + density
+            if log - null.log_evidence > best.log_bayes:
+                best = Remainder(log - null.log_evidence, size, u)
+            if turn < rounds:
+                mean = solve_triangular(lower, half - turned @ u, lower=True, trans="T")
+                left = [
+                    self.y[response, i] - self.X[response, i] @ mean[self.place[response, i]] - F[i] @ u
+                    for i in range(len(self.flights))
+                ]
+                noise = self._filter(left)
+        return best
+
+    def single(self, null: Null, response: str, i: int, S: Array, sizes: Array) -> Array:
+        """(columns, sizes) log Bayes factors of single columns in one flight; the noise as it is."""
+        m = self.X[response, i].shape[1]
+        W = self.white(response, i, null.filters[response], S)
+        X, y, s = W[:, :m], W[:, m], W[:, m + 1 :]
+        at = self.place[response, i]
+        cross = s.T @ X
+        z = s.T @ y - cross @ null.mean[at]
+        full = (s**2).sum(axis=0)
+        own = np.maximum(full - np.einsum("ti,ij,tj->t", cross, null.covariance[np.ix_(at, at)], cross), 1e-6 * full)
+        a2 = sizes[None] ** 2
+        return np.asarray(0.5 * z[:, None] ** 2 * a2 / (1.0 + a2 * own[:, None]) - 0.5 * np.log1p(a2 * own[:, None]))
+
+    def widened(self, null: Null, factors: Array) -> Array:
+        """(q, factors) log Bayes factors of the prior of each tolerance or bias widened by a factor."""
+        variance = np.diag(null.covariance)
+        h = np.maximum(1.0 / variance - 1.0, 1e-12)
+        linear = null.mean / variance
+
+        def log(factor: float) -> Array:
+            w2 = factor**2
+            return np.asarray(-0.5 * np.log1p(w2 * h) + 0.5 * linear**2 * w2 / (1.0 + w2 * h))
+
+        return np.stack([log(w) - log(1.0) for w in factors], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Remainder:
+    """Evidence of further columns: log Bayes factor, the most probable size, coefficients."""
+
+    log_bayes: float
+    size: float
+    coefficients: Array
+
+
+def _own(f: Flight) -> list[tuple[float, Mapping[str, Array]]]:
+    return [(sd, x) for _, sd, x in biases_of(f)]
+
+
+def _timing(f: Flight) -> list[tuple[float, Mapping[str, Array]]]:
+    """Own time of each control in one flight: what it acts on times its rate."""
+    made: list[tuple[float, Mapping[str, Array]]] = []
+    for c in _TIMED:
+        if c in f.raw and np.ptp(f.raw[c]) > 0.0:
+            turned = {r: a * f.rate(f.raw[c]) for r, a in asked_wrongly(f, c).items()}
+            if turned:
+                made.append((_WITHIN_SAMPLE * f.dt, turned))
+    return made
+
+
+def _variation(flights: Sequence[Flight], response: str) -> float:
+    told = np.concatenate([f.simulated[response] for f in flights])
+    return max(float(told.std()), 1e-9)

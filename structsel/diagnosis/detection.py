@@ -1,0 +1,214 @@
+"""Is anything there beyond tolerances and biases? Evidence from prediction errors, before anything is named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit, logsumexp
+
+from structsel.comparison.causal_rows import DELAY, CausalRows, Null, delayed
+from structsel.comparison.flight import AIRFRAME, Flight
+from structsel.comparison.tolerances import Nuisance
+from structsel.nomenclature import COEFFICIENTS
+from structsel.numerics.arrays import Array
+
+_CHANNELS = (
+    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "mach", "CT", "h_agl", "df", "gear",
+)  # fmt: skip
+_MOTION = frozenset({"alpha", "beta", "p_hat", "q_hat", "r_hat", "mach", "CT", "h_agl"})
+_PRODUCTS = (
+    ("alpha", "beta"), ("alpha", "de"), ("alpha", "da"), ("alpha", "dr"), ("alpha", "q_hat"), ("alpha", "p_hat"),
+    ("alpha", "r_hat"), ("CT", "de"), ("CT", "alpha"), ("CT", "beta"), ("alpha", "mach"), ("de", "mach"),
+    ("beta", "mach"), ("da", "mach"), ("p_hat", "r_hat"), ("q_hat", "mach"), ("p_hat", "mach"), ("alpha", "h_agl"),
+)  # fmt: skip
+_PAST = ("alpha", "beta", "de", "da", "dr", "q_hat", "p_hat", "r_hat", "CT")
+_DELAYS = (0.15, 0.4, 1.0)  # s
+_ORDERS = 4  # cosines over the range of a channel
+_SIZES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0])
+"""Sizes of an unknown function of the channels, of the rms by which the simulated response varies."""
+_FORM, _IDENTIFIED = 0.015, 0.03
+"""Of these, what the form of a simulation leaves within tolerance: of one that states coefficients, and of one whose
+coefficients were identified from its own flights (`form` in the design)."""
+_EVENT_SIZES = np.geomspace(0.02, 2.0, 5)  # the same
+_WIDER = np.array([5.0, 15.0, 50.0])  # times a stated tolerance
+_PRIOR = {"tolerance": 0.3, "remainder": 0.45, "event": 0.25}
+"""Prior probabilities of the kinds of mismatch, where there is one."""
+_EVEN, _SCALE = 60.0, 10.0
+"""Log Bayes factor at which a mismatch is as probable as none, and its scale. The largest of the correct simulations in
+calm air is 39 (generators of the proof, development seeds from 61200); in turbulence it reaches several hundred."""
+_SHOWN = 0.15  # of the largest log Bayes factor of a response, that another must have to be listed
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """Log Bayes factors of the kinds of mismatch, each over tolerances and biases alone.
+
+    Attributes
+    ----------
+    tolerance : float
+        A stated tolerance exceeded.
+    remainder : mapping of response to float
+        An unknown smooth function of the channels and their recent past.
+    events : sequence of (log Bayes factor, recording, shape, time [s], response)
+        A step, pulse or ramp; one for each flight.
+    exceeded : str
+        The tolerance that is exceeded most.
+    """
+
+    tolerance: float
+    remainder: dict[str, float]
+    events: list[tuple[float, str, str, float]]
+    exceeded: str
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """Log Bayes factor of each kind."""
+        return {
+            "tolerance": self.tolerance,
+            "remainder": _any_of(list(self.remainder.values())),
+            "event": _any_of([e[0] for e in self.events]),
+        }
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Responses in which the mismatch shows, the clearest first."""
+        most = max(self.remainder.values())
+        shown = [c for c, x in self.remainder.items() if x > _SHOWN * most or x == most]
+        return tuple(sorted(shown, key=lambda c: -self.remainder[c]))
+
+    @property
+    def probability(self) -> float:
+        """Probability that the mismatch is there."""
+        return float(expit((self.log_bayes - _EVEN) / _SCALE))
+
+    @property
+    def says(self) -> str:
+        """One plain sentence."""
+        size = f"log Bayes factor {self.log_bayes:.0f}"
+        kind = max(self.parts, key=lambda k: self.parts[k])
+        if kind == "event":
+            _, recording, shape, t = max(self.events)
+            return f"The differences change in '{recording}' at {t:.1f} s ({shape}; {size})."
+        if kind == "tolerance":
+            return f"The differences deviate from the stated tolerances, '{self.exceeded}' above all ({size})."
+        return (
+            f"What recorded states and inputs predict of the differences in {', '.join(self.axes)} exceeds noise and "
+            f"tolerances ({size})."
+        )
+
+    @property
+    def log_bayes(self) -> float:
+        """Log Bayes factor of a mismatch of any kind."""
+        return float(logsumexp([x + np.log(_PRIOR[k]) for k, x in self.parts.items()]))
+
+
+def detect(flights: Sequence[Flight], nuisances: Sequence[Nuisance], identified: bool = False) -> Detection | None:
+    """Evidence of any mismatch; None where the flights are not those of an aircraft with coefficients.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    nuisances : sequence of Nuisance
+        Tolerances that all flights share.
+    identified : bool
+        Whether the coefficients of the simulation were identified from its own flights: their form is not exact.
+    """
+    if not set(flights[0].simulated) & set(COEFFICIENTS) or not set(AIRFRAME) <= set(flights[0].channels):
+        return None
+    rows = CausalRows(flights, nuisances)
+    form = _IDENTIFIED if identified else _FORM
+    null = rows.null()
+    wide = logsumexp(rows.widened(null, _WIDER), axis=1)[: len(rows.names)] - np.log(len(_WIDER))
+    worst = int(np.argmax(wide))
+    F = features(flights)
+    inside = [x[rows.edge : len(x) - rows.edge] for x in F]
+    remainder = {c: _remainder(rows, null, c, [x * rows.size[c] for x in inside], form) for c in rows.responses}
+    events = [_event(rows, null, i) for i in range(len(flights))]
+    return Detection(float(logsumexp(wide) - np.log(len(wide))), remainder, events, rows.names[worst])
+
+
+def _remainder(rows: CausalRows, null: Null, response: str, F: Sequence[Array], form: float) -> float:
+    """Log Bayes factor of an unknown function of the channels that is larger than the form allows."""
+    within = form >= _SIZES
+    beyond = rows.remainder(null, response, F, _SIZES[~within]).log_bayes
+    return beyond if beyond < 0.0 else beyond - max(0.0, rows.remainder(null, response, F, _SIZES[within]).log_bayes)
+
+
+def _any_of(logs: Sequence[float]) -> float:
+    """Log Bayes factor of one of several, or of several at once, equally probable."""
+    one = logsumexp(logs) - np.log(len(logs))
+    several = np.sum(np.logaddexp(0.0, logs) - np.log(2.0))
+    return float(np.logaddexp(one, several) - np.log(2.0))
+
+
+def features(flights: Sequence[Flight]) -> list[Array]:
+    """Functions of the channels and of their recent past, per flight; each of the same rms, together of rms one.
+
+    Motion is taken as it stood some samples before, inputs as they are.
+    """
+    each: dict[str, list[Array]] = {}
+    for c in _CHANNELS:
+        if all(c in f or c in f.channels for f in flights):
+            x = [np.asarray(f[c], dtype=float) for f in flights]
+            whole = np.concatenate(x)
+            if np.ptp(whole) > 1e-9 * max(1.0, float(np.abs(whole).max())):
+                each[c] = [np.log(np.maximum(one, 0.0) + 2.0) for one in x] if c == "h_agl" else x
+    columns: list[list[Array]] = []
+    weights: list[float] = []
+
+    def add(x: list[Array], weight: float, moved: bool, least: float = 0.0) -> None:
+        late = [delayed(one, DELAY) for one in x] if moved else x
+        whole = np.concatenate(late)
+        size = max(float(whole.std()), least)
+        if size > 1e-9:
+            columns.append([(one - whole.mean()) / size for one in late])
+            weights.append(weight)
+
+    unit: dict[str, list[Array]] = {}
+    for c, x in each.items():
+        whole = np.concatenate(x)
+        low, high = np.quantile(whole, [0.002, 0.998])
+        along = [np.clip((one - low) / max(high - low, 1e-300), -0.05, 1.05) for one in x]
+        unit[c] = [(one - whole.mean()) / whole.std() for one in x]
+        add(unit[c], 1.0, c in _MOTION)
+        for k in range(2, _ORDERS + 1):
+            add([np.cos(np.pi * k * one) for one in along], 1.0 / (1.0 + (k / 4.0) ** 2), c in _MOTION)
+    for a, b in _PRODUCTS:
+        if a in unit and b in unit:
+            add([x * y for x, y in zip(unit[a], unit[b])], 0.7, a in _MOTION or b in _MOTION)
+    for c in (c for c in _PAST if c in unit):
+        for delay in _DELAYS:
+            past = [delayed(x, max(1, round(delay / f.dt))) - x for x, f in zip(unit[c], flights)]
+            # A difference keeps its own size: memory of what hardly changes is small.
+            add(past, 0.7, c in _MOTION, 0.3)
+    add([np.ones(len(f)) for f in flights], 0.0, False)
+    w = np.array(weights) / np.linalg.norm(weights)
+    return [np.column_stack([column[i] for column in columns]) * w for i in range(len(flights))]
+
+
+_SHAPES = ("step", "pulse of 1 s", "pulse of 4 s", "ramp of 5 s")
+
+
+def shapes(t: Array, every: float = 1.0) -> tuple[Array, list[str], Array]:
+    """Steps, pulses and ramps on a grid of times: columns (n, k), their shapes and times."""
+    at = np.arange(1.5, t[-1] - 1.5, every)
+    off = t[:, None] - at
+    columns = [(off >= 0.0).astype(float)]
+    columns += [np.where(np.abs(off) < w / 2.0, 0.5 * (1.0 + np.cos(2.0 * np.pi * off / w)), 0.0) for w in (1.0, 4.0)]
+    columns.append(np.clip(off / 5.0, 0.0, 1.0))
+    return np.hstack(columns), [s for s in _SHAPES for _ in at], np.tile(at, len(_SHAPES))
+
+
+def _event(rows: CausalRows, null: Null, i: int) -> tuple[float, str, str, float]:
+    """The most probable event of one flight, and the log Bayes factor of any."""
+    f = rows.flights[i]
+    S, shape, at = shapes(f.t - f.t[0])
+    total = np.zeros(len(at))
+    for c in rows.responses:
+        each = rows.single(null, c, i, S[rows.edge : len(S) - rows.edge], _EVENT_SIZES * rows.size[c])
+        one = logsumexp(each, axis=1) - np.log(len(_EVENT_SIZES))
+        total += np.logaddexp(0.0, one) - np.log(2.0)
+    k = int(np.argmax(total))
+    return float(logsumexp(total) - np.log(len(total))), f.name, shape[k], float(f.t[0] + at[k])
