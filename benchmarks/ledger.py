@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
-from timing import say
 
 from structsel.aircraft import Aircraft
 from structsel.comparison.noise import frequencies
@@ -162,9 +161,9 @@ def main() -> None:
     for folder, key in cases(stated.place):
         if not stated.only or folder.name in stated.only:
             made.append(entry(folder, key))
-            say(line(made[-1]))
+            print(line(made[-1]), flush=True)
     for text in summary(made):
-        say(text)
+        print(text)
     if stated.out:
         stated.out.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
 

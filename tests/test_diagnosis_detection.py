@@ -13,6 +13,7 @@ from structsel.diagnosis.detection import Detection, detect
 from structsel.diagnosis.ranking import Ranking
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.unnamed import detected
+from tests.benchmark_modules import load_benchmark
 from tests.models import model_of
 from tests.noisy_flights import AIRCRAFT, TRUTH, flights_with, fly, ready, tried
 
@@ -119,6 +120,33 @@ def test_the_sentence_says_what_shows_the_mismatch():
     assert "in Cl" in detection(300.0).says
 
 
+def test_recordings_of_two_seconds_are_asked_too(correct):
+    short = [f.between(0, 50, f.name) for f in correct]
+    assert detect(short, tolerances_of(short)).probability < 0.05
+
+
 def test_a_plant_without_coefficients_is_not_asked():
     plant = SimpleNamespace(simulated={"level": np.zeros(100)}, channels={})
     assert detect([plant], []) is None
+
+
+def test_the_ledger_places_the_evidence_of_a_quadratic_term_in_its_response(bent):
+    problem, library = tried(bent, "missing-term")
+    best = score_all(problem, library)[0]
+    by_band = load_benchmark("ledger").by_band(problem, best.signature)
+    clearest = max(by_band, key=lambda c: max(by_band[c].values(), default=-np.inf))
+    assert clearest == "CZ"
+    assert max(by_band["CZ"].values()) > 10.0
+
+
+def test_the_ledger_counts_evidence_of_correct_simulations():
+    def case(null, best, other, known=None):
+        form = None if best is None else {"log_bayes": best}
+        return {"null": null, "best form": form, "best other": {"log_bayes": other}, "true difference": known,
+                "detection": None}  # fmt: skip
+
+    said = load_benchmark("ledger").summary(
+        [case(True, None, 12.0), case(True, None, 3.0), case(False, 50.0, 0.0, 100.0)]
+    )
+    assert "1 of 2 above 10; 12" in said[0]
+    assert "1 of 1; median 50%" in said[1]

@@ -136,8 +136,9 @@ class CausalRows:
         self.flights = list(flights)
         self.responses = [c for c in flights[0].simulated if c in COEFFICIENTS]
         dt = float(np.median([f.dt for f in flights]))
-        self.order = int(np.clip(round(_ORDER_SPAN / dt), _FEWEST, _MOST))
         self.edge = DELAY
+        shortest = min(len(f) for f in flights) - 2 * self.edge
+        self.order = min(int(np.clip(round(_ORDER_SPAN / dt), _FEWEST, _MOST)), shortest // 3)
         kept = [n for n in nuisances if not any(word in n.name for word in _AHEAD)]
         self.names = [n.name for n in kept]
         self.y: dict[tuple[str, int], Array] = {}
@@ -204,13 +205,13 @@ class CausalRows:
         """Autoregression of residuals by least squares over all flights, and the variances that it leaves."""
         p = self.order
         past = [np.column_stack([x[p - k : len(x) - k] for k in range(1, p + 1)]) for x in left]
-        squares, own = self.rows, np.zeros(p)
-        variance, common = np.ones(len(left)), 1.0
+        own, common = np.zeros(p), 1.0
+        variance: Array = np.ones(len(left))
         for _ in range(2):
             M = sum(x.T @ x / v for x, v in zip(past, variance))
             v = sum(x.T @ y[p:] / w for x, y, w in zip(past, left, variance))
-            own = np.linalg.solve(M + _RIDGE * np.trace(M) / p * np.eye(p), v)
-            squares = np.array([float(np.sum((y[p:] - x @ own) ** 2)) for x, y in zip(past, left)])
+            own = np.linalg.solve(M + max(_RIDGE * float(np.trace(M)) / p, 1e-30) * np.eye(p), v)
+            squares = np.array([float(np.sum((y[p:] - x @ own) ** 2)) + 1e-30 for x, y in zip(past, left)])
             variance, common = self._variances(squares)
         return Filter(own, variance, common)
 

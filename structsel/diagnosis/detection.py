@@ -205,6 +205,8 @@ def _event(rows: CausalRows, null: Null, i: int) -> tuple[float, str, str, float
     """The most probable event of one flight, and the log Bayes factor of any."""
     f = rows.flights[i]
     S, shape, at = shapes(f.t - f.t[0])
+    if not len(at):  # too short for an event
+        return 0.0, f.name, _SHAPES[0], float(f.t[0])
     total = np.zeros(len(at))
     for c in rows.responses:
         each = rows.single(null, c, i, S[rows.edge : len(S) - rows.edge], _EVENT_SIZES * rows.size[c])
