@@ -5,78 +5,71 @@ The model is simulated by `trim`, `simulate`, `refine` and `resimulate`; `design
 and `diagnose` say where another simulation parts from the recordings, and which physics it leaves out.
 """
 
-from structsel.aircraft import Aircraft
-from structsel.candidates import Candidates, Factor, Term
-from structsel.coefficients import compute_all, compute_coefficients
-from structsel.comparison import Mismatch, compare
-from structsel.demo import demo_flights
-from structsel.deprecation import renamed_names
-from structsel.diagnosis import Diagnosis, diagnose
-from structsel.errors import StructselError, StructselWarning
-from structsel.exploring import explore_residuals
-from structsel.exporting import export_model
-from structsel.frequency_domain import (
-    FrequencyResponse,
-    RecursiveEstimate,
-    RecursiveEstimator,
-    TransferFunction,
-    fit_transfer_function,
-    frequency_response,
-)
-from structsel.inputs import InputComparison, InputDesign, compare_inputs, design_inputs
-from structsel.model import AeroModel, ResponseModel
-from structsel.qualification import Qualification, qualify
-from structsel.reconstruction import Reconstruction, Reconstructions, reconstruct, reconstruct_all
-from structsel.recording import (
-    Recording,
-    StoredRecording,
-    read_recording,
-    read_recordings,
-    stream_recordings,
-    write_recording,
-)
-from structsel.refinement import (
-    Derivatives,
-    EstimateComparison,
-    LinearStructure,
-    Refinement,
-    compare_estimates,
-    derivatives_by_condition,
-    equation_error,
-    refine,
-)
-from structsel.report import write_report
-from structsel.selection import Selection, Selections, select
-from structsel.simulation import (
-    Actuator,
-    Atmosphere,
-    Gust,
-    Instruments,
-    LinearModel,
-    PublishedAircraft,
-    Trim,
-    Turbulence,
-    linearise,
-    published_aircraft,
-    simulate,
-    trim,
-)
-from structsel.simulation.jsbsim import JSBSimAircraft, open_jsbsim
-from structsel.validation import Ensemble, Resimulation, Validation, ensemble, resimulate, validate
+from importlib import import_module
+from typing import Any
 
 __version__ = "0.1.0"
 
-__getattr__ = renamed_names(
-    __name__,
-    {
-        "Comparison": "EstimateComparison",
-        "Replay": "Resimulation",
-        "replay": "resimulate",
-        "Air": "Atmosphere",
-        "ReadyAircraft": "PublishedAircraft",
-        "ready": "published_aircraft",
-    },
-)
+_MODULES = ("estimators", "plotting")
+_PLACES = {
+    "aircraft": "Aircraft",
+    "candidates": "Candidates Factor Term",
+    "coefficients": "compute_all compute_coefficients",
+    "comparison": "Mismatch compare",
+    "demo": "demo_flights",
+    "diagnosis": "Diagnosis diagnose",
+    "errors": "StructselError StructselWarning",
+    "exploring": "explore_residuals",
+    "exporting": "export_model",
+    "frequency_domain": (
+        "FrequencyResponse RecursiveEstimate RecursiveEstimator TransferFunction fit_transfer_function "
+        "frequency_response"
+    ),
+    "inputs": "InputComparison InputDesign compare_inputs design_inputs",
+    "model": "AeroModel ResponseModel",
+    "qualification": "Qualification qualify",
+    "reconstruction": "Reconstruction Reconstructions reconstruct reconstruct_all",
+    "recording": "Recording StoredRecording read_recording read_recordings stream_recordings write_recording",
+    "refinement": (
+        "Derivatives EstimateComparison LinearStructure Refinement compare_estimates "
+        "derivatives_by_condition equation_error refine"
+    ),
+    "report": "write_report",
+    "selection": "Selection Selections select",
+    "simulation": (
+        "Actuator Atmosphere Gust Instruments LinearModel PublishedAircraft Trim Turbulence linearise "
+        "published_aircraft simulate trim"
+    ),
+    "simulation.jsbsim": "JSBSimAircraft open_jsbsim",
+    "validation": "Ensemble Resimulation Validation ensemble resimulate validate",
+}
+"""Public names by the module that each is imported from when it is first used."""
+_MODULE_OF = {name: module for module, names in _PLACES.items() for name in names.split()}
+_RENAMED = {
+    "Comparison": "EstimateComparison",
+    "Replay": "Resimulation",
+    "replay": "resimulate",
+    "Air": "Atmosphere",
+    "ReadyAircraft": "PublishedAircraft",
+    "ready": "published_aircraft",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(f"{__name__}.{name}")
+    if name in _MODULE_OF:
+        value = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+        globals()[name] = value  # the next use finds it without this function
+        return value
+    from structsel.deprecation import renamed_names
+
+    return renamed_names(__name__, _RENAMED)(name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULE_OF, *_MODULES})
+
 
 __all__ = [
     "Actuator",
@@ -129,12 +122,14 @@ __all__ = [
     "diagnose",
     "ensemble",
     "equation_error",
+    "estimators",
     "explore_residuals",
     "export_model",
     "fit_transfer_function",
     "frequency_response",
     "linearise",
     "open_jsbsim",
+    "plotting",
     "published_aircraft",
     "qualify",
     "read_recording",

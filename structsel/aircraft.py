@@ -33,7 +33,7 @@ Tolerance = _NotNegative | Literal["exact", "free"]
 class _Table(BaseModel):
     """A table of aircraft.toml: no unknown keys, nothing to change afterwards."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(defer_build=True, extra="forbid", frozen=True, populate_by_name=True)
 
 
 class Inertia(_Table):

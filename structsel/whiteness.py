@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from statsmodels.stats.diagnostic import acorr_ljungbox
-from statsmodels.stats.stattools import durbin_watson as durbin_watson_of
 
 from structsel.errors import DomainError
 from structsel.metrics import finite_vector, require_variation
@@ -65,6 +63,8 @@ def ljung_box(residual: Any, lags: int, n_terms: int = 0) -> tuple[float, float]
     DomainError, DataError
         As `autocorrelation`.
     """
+    from statsmodels.stats.diagnostic import acorr_ljungbox
+
     e = finite_vector(residual, "residual")
     _require_samples(e, lags, "Ljung-Box")
     table = acorr_ljungbox(e, lags=[lags], model_df=n_terms)
@@ -83,6 +83,8 @@ def durbin_watson(residual: Any) -> float:
     DataError
         A value is not finite.
     """
+    from statsmodels.stats.stattools import durbin_watson as durbin_watson_of
+
     e = finite_vector(residual, "residual")
     if not np.any(e):
         raise DomainError("Durbin-Watson needs a residual that is not zero throughout.")

@@ -23,7 +23,8 @@ def _apply_defaults(ctx: typer.Context, path: Path | None) -> Path | None:
     if path is None and DEFAULTS.exists():
         path = DEFAULTS
     if path is not None and not ctx.resilient_parsing:
-        stated = load_defaults(path, ctx.find_root().command.commands)[str(ctx.info_name)]  # type: ignore[attr-defined]
+        commands = ctx.find_root().command.all_commands()  # type: ignore[attr-defined]
+        stated = load_defaults(path, commands)[str(ctx.info_name)]
         ctx.default_map = {**(ctx.default_map or {}), **stated}
     return path
 

@@ -10,8 +10,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
-from filelock import FileLock, Timeout
-
 from structsel.errors import DataError
 
 log = logging.getLogger(__name__)
@@ -45,6 +43,8 @@ def lock_folder(folder: Path) -> None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
+    from filelock import FileLock, Timeout
+
     path = _sibling(folder, "lock")
     with _created_parents(path.parent, folder), ExitStack() as locks:
         lock = FileLock(path, timeout=0)

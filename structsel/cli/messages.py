@@ -11,7 +11,7 @@ import threading
 import time
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from types import TracebackType
@@ -23,9 +23,12 @@ from rich.text import Text
 
 from structsel.cli.input_files import provenance
 from structsel.formatting import printable
+from structsel.numerics.compiling import compilation
 
 PROGRESS_DELAY = 2.0
 """Seconds of work before a progress bar is shown."""
+COMPILING = "compiling numerical code, once on this computer, up to half a minute"
+"""Shown while numba compiles; it keeps the result in its cache."""
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
@@ -135,6 +138,8 @@ class ProgressBar:
         self._tasks: dict[str, TaskID] = {}
         self._timer: threading.Timer | None = None
         self._timed = log_duration(task)
+        self._compiling = 0  # kernels that are being compiled; one may wait for others that it calls
+        self._listening = ExitStack()
 
     def __enter__(self) -> ProgressBar:
         self._timed.__enter__()
@@ -143,6 +148,7 @@ class ProgressBar:
             self._timer = threading.Timer(PROGRESS_DELAY, self._show)
             self._timer.daemon = True
             self._timer.start()
+            self._listening.enter_context(compilation(self._note_compilation))
         return self
 
     def _show(self) -> None:
@@ -152,7 +158,22 @@ class ProgressBar:
                 return
             self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
             self._tasks[self._task] = self._bar.add_task(self._task, total=None)
+            self._show_compilation()
             self._bar.start()
+
+    def _note_compilation(self, begun: bool) -> None:
+        """Count the kernels that are being compiled."""
+        with self._lock:
+            self._compiling += 1 if begun else -1
+            self._show_compilation()
+
+    def _show_compilation(self) -> None:
+        if self._bar is None or bool(self._compiling) == (COMPILING in self._tasks):
+            return
+        if self._compiling:
+            self._tasks[COMPILING] = self._bar.add_task(COMPILING, total=None)
+        else:
+            self._bar.remove_task(self._tasks.pop(COMPILING))
 
     def __call__(self, stage: str, done: int, of: int) -> None:
         """Show the finished steps of a stage."""
@@ -171,6 +192,7 @@ class ProgressBar:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._listening.close()
         if self._timer is not None:
             self._timer.cancel()
         with self._lock:

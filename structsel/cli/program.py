@@ -3,31 +3,14 @@
 from __future__ import annotations
 
 from errno import EPIPE
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from structsel import __version__
-from structsel.cli import (
-    coefficients,
-    demo,
-    describe,
-    diagnose,
-    export,
-    frequency_response,
-    inputs,
-    monitor,
-    reconstruct,
-    refine,
-    select,
-    simulate,
-    validate,
-)
-from structsel.cli.common_options import with_common_options
-from structsel.cli.folders import folder_locks
 from structsel.cli.help_text import epilog
-from structsel.cli.messages import plain_warnings, say
 from structsel.errors import StructselError
 
 _EPILOG = epilog(
@@ -71,11 +54,76 @@ _EPILOG = epilog(
 )
 
 
+COMMANDS = {
+    "describe": "Print the channels of recordings with units and ranges, and report faults in the data.",
+    "reconstruct": "Reconstruct flight paths: estimate sensor biases, wind and vane errors, and the "
+    "states without these errors.",
+    "coefficients": "Compute the aerodynamic coefficients of recordings, and write them with the channels "
+    "of candidate terms.",
+    "select": "Select the terms of the model of each response from candidates, and estimate their uncertainty.",
+    "validate": "Score the predictions of a model on recordings: R2, relative rms error, Theil's "
+    "coefficient, whiteness.",
+    "inputs": "Design inputs (classical, multisine, optimal), and compare the information that they "
+    "give about parameters.",
+    "simulate": "Simulate a model: trim, modes, and the response to inputs, as recordings.",
+    "frequency-response": "Frequency responses and coherence of recorded inputs and outputs, and transfer functions "
+    "fitted to them.",
+    "monitor": "Estimate parameters by equation error in the frequency domain while a flight is recorded.",
+    "refine": "Estimate the parameters of a model by output error or filter error, from complete recorded manoeuvres.",
+    "diagnose": "Compare a simulation with recordings, and find the effects that it lacks, with their probabilities.",
+    "export": "Write a model for JSBSim, Python, C, Modelica, LaTeX or a spreadsheet, or as text.",
+    "demo": "Select models of all six axes from six simulated flights, and print them with the true values.",
+}
+"""Commands in the order of the help page, with what each does; its module has the same name."""
+
+
+class Commands(dict[str, Any]):
+    """Commands by name, each imported when it is looked up."""
+
+    def __missing__(self, name: str) -> Any:
+        """Import the command of this name.
+
+        Raises
+        ------
+        KeyError
+            There is no such command.
+        """
+        if name not in COMMANDS:
+            raise KeyError(name)
+        from structsel.cli.common_options import with_common_options
+
+        module = import_module(f"structsel.cli.{name.replace('-', '_')}")
+        single = typer.Typer(
+            rich_markup_mode="rich", add_completion=False, context_settings=_SETTINGS, pretty_exceptions_enable=False
+        )
+        single.command(name, epilog=module.EPILOG)(with_common_options(module.run))
+        self[name] = typer.main.get_command(single)
+        return self[name]
+
+
 class Program(TyperGroup):
-    """Group of commands that prints errors and warnings without a traceback."""
+    """Group of commands that imports the one that is called, and prints errors and warnings without a traceback."""
+
+    def __init__(self, *args: Any, **options: Any):
+        super().__init__(*args, **options)
+        # Name and help text, for the help page and for completion.
+        known = {name: TyperCommand(name, help=text, rich_markup_mode="rich") for name, text in COMMANDS.items()}
+        self.commands = {**known, **self.commands}
+
+    def all_commands(self) -> dict[str, Any]:
+        """Every command with its options; each is imported."""
+        return {name: LOADED[name] if name in COMMANDS else one for name, one in self.commands.items()}
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Command that is called, with its options, and the rest of the command line."""
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, LOADED[name] if name in COMMANDS else command, rest
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; exit code 1 for an error of the data or the request, 130 for Ctrl-C."""
+        from structsel.cli.folders import folder_locks
+        from structsel.cli.messages import plain_warnings, say
+
         with plain_warnings(), folder_locks():
             try:
                 return super().invoke(ctx)
@@ -103,6 +151,10 @@ def _origin(error: Any) -> str:
     return f" (from {error.ctx.params.get('config')})" if source is not None and source.name == "DEFAULT_MAP" else ""
 
 
+LOADED = Commands()
+"""Commands that were called, or whose options were needed."""
+_SETTINGS = {"help_option_names": ["-h", "--help"]}
+
 app = typer.Typer(
     cls=Program,
     name="structsel",
@@ -111,7 +163,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=_SETTINGS,
 )
 
 
@@ -130,27 +182,11 @@ def _options(
     """Identify aerodynamic models from flight-test recordings, and find what a simulation is missing."""
 
 
-for _name, _command in {
-    "describe": describe,
-    "reconstruct": reconstruct,
-    "coefficients": coefficients,
-    "select": select,
-    "validate": validate,
-    "inputs": inputs,
-    "simulate": simulate,
-    "frequency-response": frequency_response,
-    "monitor": monitor,
-    "refine": refine,
-    "diagnose": diagnose,
-    "export": export,
-    "demo": demo,
-}.items():
-    app.command(_name, epilog=_command.EPILOG)(with_common_options(_command.run))
-
-
 @app.command("prove", hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
 def _prove(ctx: typer.Context) -> None:
     """Moved: ``python -m proof``, from a clone of the repository."""
+    from structsel.cli.messages import say
+
     say("error", "'structsel prove' is no longer a command. Run 'python -m proof' from a clone of the repository.")
     raise typer.Exit(2)
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import pandas as pd
 import typer
 
 from structsel.aircraft import Aircraft
@@ -34,7 +33,6 @@ from structsel.errors import ReconstructionError
 from structsel.reconstruction import METHODS, Reconstructions, ReconstructOptions
 from structsel.reconstruction.result import COLUMN_NOTES
 from structsel.recording import Recording, write_recording
-from structsel.report import write_report
 from structsel.tables import csv_of_frame
 
 EPILOG = epilog(
@@ -168,6 +166,10 @@ def _write(out: Path, found: Mapping[str, Reconstructions], file_format: str, pl
 
 
 def _write_one(folder: Path, results: Reconstructions, method: str, file_format: str, plots: bool) -> None:
+    import pandas as pd
+
+    from structsel.report import write_report
+
     flights = folder / "flights"
     flights.mkdir(parents=True)
     for recording in results.recordings:

@@ -28,7 +28,6 @@ from structsel.model import AeroModel
 from structsel.recording import Recording
 from structsel.refinement import Refinement, refine
 from structsel.refinement.settings import RefineOptions
-from structsel.report import write_report
 from structsel.simulation import LinearModel, PublishedAircraft
 from structsel.tables import csv_of_frame
 from structsel.validation import Resimulation, resimulate
@@ -197,6 +196,8 @@ def _write(
     plots: bool,
 ) -> list[str]:
     """Write everything, or nothing; return the names written."""
+    from structsel.report import write_report
+
     with output_folder(out) as folder:
         if isinstance(found.model, AeroModel):
             _mark(found, failed).to_json(folder / "model.json", provenance=provenance())

@@ -10,7 +10,6 @@ from structsel.cli.folders import output_folder
 from structsel.cli.input_files import provenance
 from structsel.cli.messages import ProgressBar, json_text
 from structsel.recording import Recording
-from structsel.report import write_comparison, write_report
 from structsel.selection import Selections
 from structsel.tables import csv_of_frame
 from structsel.validation import Validation
@@ -41,6 +40,8 @@ def write_results(
     extra_files : callable, optional
         Writes further files to the folder that it is called with.
     """
+    from structsel.report import write_comparison, write_report
+
     with output_folder(out) as folder:
         context: dict[str, Any] = {"recordings": recordings, "provenance": provenance()}
         marks = {method: "" if len(found) == 1 else "_" + method.replace(", ", "_") for method in found}

@@ -16,8 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import solve
-from scipy.signal import fftconvolve
+import scipy
 
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.surrogate import CONFIGURATION
@@ -52,7 +51,7 @@ def driven(flights: Sequence[Flight]) -> tuple[Flight, ...]:
     motion = [np.column_stack([f[c] - f[c].mean() for c in AIRFRAME]) for f in flights]
     rows = np.concatenate(X)
     held = rows.T @ rows + _RIDGE * len(rows) * np.eye(rows.shape[1])
-    filters = solve(held, rows.T @ np.concatenate(motion), assume_a="pos")
+    filters = scipy.linalg.solve(held, rows.T @ np.concatenate(motion), assume_a="pos")
     return tuple(_moving(f, dict(zip(AIRFRAME, (x @ filters).T))) for f, x in zip(flights, X))
 
 
@@ -63,7 +62,7 @@ def _past(f: Flight, inputs: Sequence[str]) -> Array:
     columns = []
     for c in inputs:
         moved = f[c] - f[c][: max(1, round(_BEFORE / f.dt))].mean()
-        columns += [fftconvolve(moved, hat)[: len(f)] for hat in hats]
+        columns += [scipy.signal.fftconvolve(moved, hat)[: len(f)] for hat in hats]
         columns.append(np.cumsum(moved) * f.dt)
     X = np.column_stack(columns)
     return np.asarray(X - X.mean(axis=0))

@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.fft import dct, idct
-from scipy.integrate import cumulative_simpson
+import scipy
 
 from structsel.aircraft import Aircraft
 from structsel.comparison.responses import KINEMATIC, Rate, respond, told_rates
@@ -313,7 +312,7 @@ def _close(
         if name not in raw or not np.ptp(raw[name]) or not set(KINEMATIC[f"k_{name}"]) <= set(raw):
             flown[name] = made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
             continue
-        ahead = cumulative_simpson(told[name], x=t, initial=0.0)
+        ahead = scipy.integrate.cumulative_simpson(told[name], x=t, initial=0.0)
         slow, rest = _drift(x - ahead, t), _smooth(name, x - ahead, t)
         if np.std(rest - slow) < np.std(x - _drift(x, t)):
             inertial.add(name)
@@ -331,9 +330,9 @@ def _close(
 def _drift(x: Array, t: Array) -> Array:
     """The slow part of a signal: a line, and waves below `_SLOW`."""
     line = np.polynomial.Polynomial.fit(t, x, 1)(t)
-    waves = dct(x - line, norm="ortho")
+    waves = scipy.fft.dct(x - line, norm="ortho")
     waves[max(1, int(2.0 * (t[-1] - t[0]) * _SLOW)) + 1 :] = 0.0
-    return line + np.asarray(idct(waves, norm="ortho"))
+    return line + np.asarray(scipy.fft.idct(waves, norm="ortho"))
 
 
 def _complete(smooth: dict[str, Array], raw: Mapping[str, Array], aircraft: Aircraft, name: str) -> None:

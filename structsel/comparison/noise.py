@@ -6,8 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from joblib import Parallel, delayed
-from scipy.linalg import cholesky, solve_triangular
+import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.nomenclature import COEFFICIENTS
@@ -126,6 +125,8 @@ def estimate_noise(
     known : Noise, optional
         Of some responses, which are left as they are there.
     """
+    from joblib import Parallel, delayed
+
     bins = [bins_of(f) for f in flights]
     lowest = min(float(frequencies(f, b)[0]) for f, b in zip(flights, bins))
     highest = max(float(frequencies(f, b)[-1]) for f, b in zip(flights, bins))
@@ -194,9 +195,9 @@ def _residual(
         k = X.shape[1]
         rows = np.column_stack([X, Z]) * weight[:, None]
         held_to = np.concatenate([np.full(k, 1e-3), np.ones(Z.shape[1])])
-        lower = cholesky(rows.T @ rows + np.diag(held_to), lower=True)
-        turned = solve_triangular(lower, rows.T, lower=True)
-        fit = solve_triangular(lower, turned @ (y * weight), lower=True, trans="T")
+        lower = scipy.linalg.cholesky(rows.T @ rows + np.diag(held_to), lower=True)
+        turned = scipy.linalg.solve_triangular(lower, rows.T, lower=True)
+        fit = scipy.linalg.solve_triangular(lower, turned @ (y * weight), lower=True, trans="T")
         left = y - X @ fit[:k] - Z @ fit[k:]
         free = 1.0 - (turned**2).sum(axis=0)
         if turn < 2 and further is not None:

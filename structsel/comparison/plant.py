@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lstsq
-from scipy.signal import freqz, lfilter
+import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.responses import KINEMATIC
@@ -88,7 +87,7 @@ class Plant:
         if len(poles) < 2:
             return False
         high = min(4.0 * float(np.abs(poles).max()), _HIGHEST)
-        gains = np.abs(freqz(self.b, self.a, worN=[0.5 * high, high])[1])
+        gains = np.abs(scipy.signal.freqz(self.b, self.a, worN=[0.5 * high, high])[1])
         return bool(gains[0] > _FALLS * gains[1])
 
     @property
@@ -102,7 +101,7 @@ class Plant:
 
     def driven(self, u: Array) -> Array:
         """Response to an input."""
-        return lfilter(self.b, self.a, u - u.mean())
+        return scipy.signal.lfilter(self.b, self.a, u - u.mean())
 
     def errors(self, flights: Flights) -> dict[str, list[Array]]:
         """What an error of its stiffness and damping by all of each adds to the response, per flight.
@@ -114,7 +113,7 @@ class Plant:
             place, speed = self.along
             X = np.column_stack([centred(f.channels[c] for f in flights) for c in (place, speed, self.source)])
             y = centred(told)
-            values = lstsq(X, y)[0]
+            values = scipy.linalg.lstsq(X, y)[0]
             if float(np.sum((y - X @ values) ** 2)) > (1.0 - _LEAST_R2) * float(y @ y):
                 return {}
             names = zip(("stiffness", "damping"), (place, speed), values)
@@ -129,7 +128,7 @@ class Plant:
             other = denominator.copy()
             other[at] *= 1.0 + _SLIGHTLY
             over, under = (np.real(np.poly(np.exp(poles * dt))) for poles in (was, np.roots(other)))
-            made[name] = [(lfilter(over, under, y - y.mean()) - (y - y.mean())) / _SLIGHTLY for y in told]
+            made[name] = [(scipy.signal.lfilter(over, under, y - y.mean()) - (y - y.mean())) / _SLIGHTLY for y in told]
         return made
 
     def _slowest(self, dt: float) -> Array:
@@ -158,7 +157,7 @@ def find_plant(flights: Flights, response: str) -> Plant:
             b, a = _transfer(u, y, order)
             if np.abs(np.roots(a)).max(initial=0.0) >= 1.0:
                 continue
-            left = y - lfilter(b, a, u)
+            left = y - scipy.signal.lfilter(b, a, u)
             r2 = 1.0 - float(left @ left) / float(y @ y) if y.any() else 0.0
             if r2 > best[0] + 1e-6:
                 best = (r2, name, b, a)
@@ -196,7 +195,7 @@ def _rising(flights: Flights, rates: Sequence[Array], least: float) -> str | Non
 def _transfer(u: Array, y: Array, order: int) -> tuple[Array, Array]:
     n = len(y)
     rows = [-y[order - k : n - k] for k in range(1, order + 1)] + [u[order - k : n - k] for k in range(order + 1)]
-    values = lstsq(np.column_stack(rows), y[order:], lapack_driver="gelsy")[0]
+    values = scipy.linalg.lstsq(np.column_stack(rows), y[order:], lapack_driver="gelsy")[0]
     return values[order:], np.concatenate([[1.0], values[:order]])
 
 

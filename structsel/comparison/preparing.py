@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from structsel.aircraft import Aircraft
 from structsel.comparison.checking import check_alike, check_flown, check_recorded
@@ -45,6 +44,8 @@ def prepare(
     ModelError
         A simulation that cannot be opened.
     """
+    from joblib import Parallel, delayed
+
     if not recordings:
         raise DataError("compare needs at least one recording.")
     names = [r.name for r in recordings]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import root
+import scipy
 
 from structsel.aircraft import Aircraft
 from structsel.demo.aircraft import TRUTH, aerodynamics, demo_aircraft
@@ -270,7 +270,7 @@ def _trim(aircraft: Aircraft, V: float) -> tuple[np.ndarray, float]:
         slope, _ = _derivative(x, still[:3], still, thrust, x, aircraft, still[:3])
         return np.concatenate([slope[0:6, 0], slope[11]])
 
-    found = root(unbalance, np.array([0.08, 0.08, 0.0, 0.0, 0.0, 0.0, 2.0]), tol=1e-12)
+    found = scipy.optimize.root(unbalance, np.array([0.08, 0.08, 0.0, 0.0, 0.0, 0.0, 2.0]), tol=1e-12)
     x, thrust = assemble(found.x)
     return x[:, 0], float(thrust[0])
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from structsel.aircraft import Aircraft, Tolerances
 from structsel.coefficients import compute_coefficients
@@ -139,7 +139,9 @@ def _fly(truth: AeroModel, aircraft: Aircraft, k: int, seed: int) -> tuple[Recor
     )
     climb_away = np.where(pulses.t > 3.2, -0.012, 0.0) if low else np.zeros(len(pulses))
     # Rounded as by a hand: no derivative of the motion jumps between samples.
-    moves = {c: gaussian_filter1d(pulses[c] + (climb_away if c == "de" else 0.0), 4.0) for c in pulses.names}
+    moves = {
+        c: scipy.ndimage.gaussian_filter1d(pulses[c] + (climb_away if c == "de" else 0.0), 4.0) for c in pulses.names
+    }
     inputs = start.inputs(pulses.t, **moves)
     name = f"m{k + 1:02d}"
     instruments = Instruments(noise=_NOISE, seed=100 * seed + k)

@@ -8,8 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.special import logsumexp
-from threadpoolctl import threadpool_limits
+import scipy
 
 from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight
@@ -100,6 +99,8 @@ class EffectComparison:
 
     @cached_property
     def _library(self) -> Library:
+        from threadpoolctl import threadpool_limits
+
         with threadpool_limits(1):
             return work_out(self._effects, self._parts, self.responses)
 
@@ -125,6 +126,8 @@ class EffectComparison:
         DataError
             The contribution is of a recording or a response that is not compared.
         """
+        from threadpoolctl import threadpool_limits
+
         unknown = [f"recording '{name}'" for name in contribution if name not in self.t]
         unknown += [f"response '{c}'" for held in contribution.values() for c in held if c not in self.responses]
         if unknown:
@@ -134,7 +137,7 @@ class EffectComparison:
             rows = [replace(r, flight=f).difference() for r, f in zip(explained.rows, self._flights)]
             base = explained.base
             unexplained = Base(rows, base.given, base.groups, base.scales)
-        return float(logsumexp(base.evidence[:, 0]) - logsumexp(unexplained.evidence[:, 0]))
+        return float(scipy.special.logsumexp(base.evidence[:, 0]) - scipy.special.logsumexp(unexplained.evidence[:, 0]))
 
 
 def comparison(
@@ -174,6 +177,8 @@ def comparison(
     >>> compared.parts
     ('m01', 'm02')
     """
+    from threadpoolctl import threadpool_limits
+
     effects = but_without(effects, without_effects)
     with threadpool_limits(1):
         flights = prepare(simulation, recordings, aircraft, progress).flights

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from structsel.formatting import display_unit
 from structsel.numerics.arrays import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _WRITTEN = {"delivered": "before", "refitted": "refitted", "physics": "after"}
 
@@ -116,6 +117,8 @@ class HeldOutSimulation:
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each channel and stage."""
+        import pandas as pd
+
         return pd.DataFrame(
             [
                 {"channel": r.channel, "unit": r.unit, "stage": stage, **asdict(near), "band": r.band, "noise": r.noise}

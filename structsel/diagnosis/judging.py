@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import idct
+import scipy
 
 from structsel.comparison.noise import Rows, edge_of
 from structsel.diagnosis.bench import Bench
@@ -92,7 +92,8 @@ def excess_where_moved(
     made = {}
     for c in without.responses:
         one, other = (
-            np.concatenate([idct(left[r.part(c)][1:], norm="ortho") for r, left in side]) for side in zip(*pairs)
+            np.concatenate([scipy.fft.idct(left[r.part(c)][1:], norm="ortho") for r, left in side])
+            for side in zip(*pairs)
         )
         weight = (one - other) ** 2
         total = float(weight.sum())

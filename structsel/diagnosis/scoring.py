@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import log_ndtr, logsumexp
+import scipy
 
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.signatures import Library, Signature
@@ -97,13 +97,13 @@ def score(bench: Bench, hypothesis: Effect, forms: Sequence[Signature], trials: 
     within = np.array([_limited(s, t) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within
     log_forms = np.log(len(forms))
-    weights = np.exp(evidence - logsumexp(evidence))
+    weights = np.exp(evidence - scipy.special.logsumexp(evidence))
     # Weights of the forms as the other flights alone would give them.
     ahead = np.array([t.predictive for t in trials])
     without = evidence[:, None] - ahead
-    without = without - logsumexp(without, axis=0)
-    predictive = logsumexp(without + ahead, axis=0)
-    total = float(logsumexp(evidence) - log_forms)
+    without = without - scipy.special.logsumexp(without, axis=0)
+    predictive = scipy.special.logsumexp(without + ahead, axis=0)
+    total = float(scipy.special.logsumexp(evidence) - log_forms)
     spared = _spared(bench, trials)
     best = int(np.argmax(evidence + spared))
     return EffectScore(
@@ -173,5 +173,5 @@ def _log_between(a: float, b: float) -> float:
     """Log probability that a standard normal number lies between."""
     if a > 0.0:
         a, b = -b, -a
-    upper, lower = log_ndtr(b), log_ndtr(a)
+    upper, lower = scipy.special.log_ndtr(b), scipy.special.log_ndtr(a)
     return float(upper + np.log1p(-np.exp(min(lower - upper, -1e-12))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.fft import dct, idct
+import scipy
 
 from structsel.comparison.noise import bins_of
 from structsel.diagnosis.assembling import contributions
@@ -15,9 +15,9 @@ from structsel.numerics.arrays import Array
 
 def in_band(x: Array, bins: int) -> Array:
     """A signal without what is faster than the compared band."""
-    made = dct(np.asarray(x, dtype=float), norm="ortho")
+    made = scipy.fft.dct(np.asarray(x, dtype=float), norm="ortho")
     made[bins + 1 :] = 0.0
-    return idct(made, norm="ortho")
+    return scipy.fft.idct(made, norm="ortho")
 
 
 def traces_of(ranking: Ranking) -> dict[str, Trace]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import softmax
+import scipy
 
 from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
@@ -214,7 +214,7 @@ def _judged(bench: Bench, scores: Sequence[EffectScore]) -> tuple[list[tuple[Eff
 
 def chances(weighed: Sequence[Weighed]) -> Array:
     """(1 + n,) probabilities: that none of the effects is there, and of each."""
-    return np.asarray(softmax([0.0, *map(_log_odds, weighed)]))
+    return np.asarray(scipy.special.softmax([0.0, *map(_log_odds, weighed)]))
 
 
 def _log_odds(one: Weighed) -> float:

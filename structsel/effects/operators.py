@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from scipy.fft import dct
-from scipy.ndimage import median_filter, uniform_filter1d
-from scipy.signal import lfilter
+import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.numerics.arrays import Array
@@ -56,7 +54,7 @@ def oscillate(x: Array, dt: float, frequency: float, damping: float) -> Array:
         Fraction of the critical, below 1.
     """
     b, a = _second_order(2.0 * np.pi * frequency * dt, damping)
-    return x[0] + lfilter(b, a, x - x[0])
+    return x[0] + scipy.signal.lfilter(b, a, x - x[0])
 
 
 def _second_order(w: float, damping: float) -> tuple[Array, Array]:
@@ -147,12 +145,12 @@ def peaks(flights: Sequence[Flight], responses: Sequence[str], count: int, low: 
         for f in flights:
             if r in f.measured:
                 rounding += _ROUNDING**2 * float(f.measured[r] @ f.measured[r]) / len(f)
-                coefficients = dct(f.difference[r], norm="ortho")[1:]
+                coefficients = scipy.fft.dct(f.difference[r], norm="ortho")[1:]
                 at = np.arange(1, len(f)) / (2.0 * len(f) * f.dt)
-                power += np.interp(grid, at, uniform_filter1d(coefficients**2, 5))
+                power += np.interp(grid, at, scipy.ndimage.uniform_filter1d(coefficients**2, 5))
         if power.max() > rounding:
             level = np.log(power + 1e-12 * power.max() + rounding)
-            heights = np.maximum(heights, level - median_filter(level, _BINS // 6))
+            heights = np.maximum(heights, level - scipy.ndimage.median_filter(level, _BINS // 6))
     found: list[float] = []
     for i in np.argsort(heights)[::-1]:
         if len(found) < count and all(abs(np.log(grid[i] / x)) > 0.12 for x in found):

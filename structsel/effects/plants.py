@@ -15,13 +15,13 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numba import njit
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.plant import Plant, answers, find_plant
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.operators import spaced
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 from structsel.numerics.dynamic_elements import delayed, first_order_lag
 
 _GAIN = 0.3  # by which the gain may be off of a simulation fitted without the lag that is there

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.candidates import Candidates, Term
 from structsel.errors import SelectionError
@@ -20,6 +19,9 @@ from structsel.numerics.normal_equations import project
 from structsel.recording import Recording
 from structsel.results import Result
 from structsel.tables import Summary, table_of_frame
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _RANK_TOLERANCE = 1e-9  # fraction of a candidate's variance that the terms of the model must leave unexplained
 _SEGMENTS = 8  # for cross-validation with a single recording
@@ -72,6 +74,8 @@ class Additions(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for the model, then one for each candidate: term, value, r2, pse, held_out_r2."""
+        import pandas as pd
+
         r2, pse_before, held_out_r2 = self.before
         return pd.DataFrame(
             {

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from structsel.aircraft import Aircraft
 from structsel.exporting.header import one_line, reference_lines
@@ -27,7 +27,7 @@ def _summarise(name: str, held: ResponseModel) -> str:
 
     freedom = held.n - len(held.terms)
     t = held.t_values
-    law = stats.t(freedom) if freedom > 0 else stats.norm
+    law = scipy.stats.t(freedom) if freedom > 0 else scipy.stats.norm
     fitted = SimpleNamespace(params=held.values, model=SimpleNamespace(endog_names=name))  # what the tables ask for
     figures = (fitted, held.values, held.standard_errors, t, 2.0 * law.sf(np.abs(t)), held.intervals())
     text = Summary()

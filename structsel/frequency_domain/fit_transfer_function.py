@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.errors import DataError, ModelError
 from structsel.formatting import finite_or_none, format_number, join_names
@@ -23,6 +22,9 @@ from structsel.numerics.transfer_functions import (
 )
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ACCEPTABLE, GOOD = 100.0, 50.0
 """Costs J below which a fit is usually acceptable, and nearly perfect [TR12], [H79]."""
@@ -110,6 +112,8 @@ class TransferFunction(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each parameter: name, value, std, held."""
+        import pandas as pd
+
         held = [name in self.held for name in self.names]
         return pd.DataFrame({"name": self.names, "value": self.values, "std": self.std, "held": held})
 

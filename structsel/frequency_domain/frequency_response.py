@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.errors import ChannelError, DataError, DomainError
 from structsel.formatting import count_of, display_unit, finite_or_none, format_number, join_names
@@ -23,6 +22,9 @@ from structsel.numerics.transfer_functions import DB, DEG
 from structsel.recording import Recording, require_recordings
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CYCLES = 10.0
 """Cycles of a frequency that the windows of a composite hold at least; the longest may hold fewer. Short windows
@@ -136,6 +138,8 @@ class FrequencyResponse(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each response and frequency; columns of SI and of displayed units."""
+        import pandas as pd
+
         parts = []
         for output, given in self.pairs:
             o, i = self.places(output, given)

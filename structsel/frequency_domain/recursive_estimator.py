@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.candidates import Term
 from structsel.errors import ChannelError, DataError, DomainError
@@ -16,6 +15,9 @@ from structsel.numerics.recursive_transforms import RecursiveTransforms
 from structsel.recording import Recording
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SPACING = 0.04
 """Spacing of the default frequencies [Hz] [M00]."""
@@ -76,6 +78,8 @@ class RecursiveEstimate(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each term: name, value, std."""
+        import pandas as pd
+
         return pd.DataFrame({"name": self.names, "value": self.values, "std": self.std})
 
     def to_dict(self) -> dict[str, Any]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.errors import DomainError, ModelError
 from structsel.formatting import count_of, format_number
@@ -25,6 +24,9 @@ from structsel.recording import Recording
 from structsel.results import Result
 from structsel.simulation.linear import LinearModel
 from structsel.tables import Column, Summary, Table, table_of_frame, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _WIDTHS = 24  # tried for each kind of pulses
 
@@ -59,6 +61,8 @@ class InputComparison(Result):
         The columns ``std_<parameter>`` are in the parameter's unit; nan where the input does not determine all
         parameters.
         """
+        import pandas as pd
+
         rows = []
         for u, info in zip(self.inputs, self.found):
             scaled = info.covariance / np.outer(self.sizes, self.sizes)
@@ -82,6 +86,8 @@ class InputComparison(Result):
         ModelError
             No input of that name.
         """
+        import pandas as pd
+
         names = [u.name for u in self.inputs]
         if to not in names:
             raise ModelError(f"there is no input '{to}'; there are {', '.join(names)}.")
@@ -239,6 +245,8 @@ class Scatter(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row per parameter; ``ratio_error`` is the sampling error of ``ratio``, one sigma."""
+        import pandas as pd
+
         runs = len(self.estimates)
         return pd.DataFrame(
             {

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.errors import DomainError, ModelError
 from structsel.formatting import format_number
@@ -23,6 +22,9 @@ from structsel.recording import Recording, write_recording
 from structsel.results import Result
 from structsel.simulation.linear import LinearModel
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _CRITERIA = {
     "A": "trace of the covariance",

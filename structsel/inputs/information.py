@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-from scipy import linalg
+import scipy
 
 from structsel.deprecation import renamed_attribute
 from structsel.errors import ModelError
@@ -20,6 +19,9 @@ from structsel.recording import Recording
 from structsel.results import Result
 from structsel.simulation.linear import Hold, LinearModel
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _RANK = 1e-7
 """Singular value of the sensitivities, scaled to unit columns, below which a direction is not determined."""
@@ -89,6 +91,8 @@ class Information(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row per parameter."""
+        import pandas as pd
+
         return pd.DataFrame({"parameter": self.parameters, "value": self.values, "crlb": self.crlb})
 
     def to_dict(self) -> dict[str, Any]:
@@ -156,7 +160,7 @@ def of_sensitivities(name: str, names: tuple[str, ...], values: np.ndarray, S: n
     if not lines:
         scale = 1.0 / np.linalg.norm(S, axis=0)
         R = np.linalg.qr(S * scale, mode="r")
-        inverse = linalg.solve_triangular(R, np.eye(len(names)))
+        inverse = scipy.linalg.solve_triangular(R, np.eye(len(names)))
         covariance = inverse @ inverse.T * np.outer(scale, scale)
     return Information(name, names, values, M, covariance, lines)
 

@@ -18,8 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy import fft
-from scipy.sparse.linalg import LinearOperator, eigsh
+import scipy
 
 from structsel.errors import ModelError
 from structsel.inputs.information import select_parameters, sensitivities
@@ -176,19 +175,19 @@ def schulz(
     h = (h - sensitivities(model, names, 0.0 * pulses[:1], dt, noise, "hold"))[:, len(noise) :]
     h = h.reshape(ni, n, len(noise), len(names))
     h = h * np.array([(parameter_scales or {}).get(p, model.parameters[p]) for p in names])
-    length = fft.next_fast_len(2 * n, real=True)
-    H = fft.rfft(h.reshape(ni, n, -1), length, axis=1)
+    length = scipy.fft.next_fast_len(2 * n, real=True)
+    H = scipy.fft.rfft(h.reshape(ni, n, -1), length, axis=1)
 
     def sweep(v: np.ndarray) -> np.ndarray:
-        U = fft.rfft(v.reshape(n, ni).T, length, axis=1)
-        forward = fft.irfft(np.einsum("if,ifr->fr", U, H), length, axis=0)[:n]
-        F = fft.rfft(forward, length, axis=0)
-        back = fft.irfft(np.einsum("ifr,fr->if", H.conj(), F), length, axis=1)[:, :n]
+        U = scipy.fft.rfft(v.reshape(n, ni).T, length, axis=1)
+        forward = scipy.fft.irfft(np.einsum("if,ifr->fr", U, H), length, axis=0)[:n]
+        F = scipy.fft.rfft(forward, length, axis=0)
+        back = scipy.fft.irfft(np.einsum("ifr,fr->if", H.conj(), F), length, axis=1)[:, :n]
         return back.T.ravel()
 
-    operator = LinearOperator((n * ni, n * ni), matvec=sweep, dtype=float)
+    operator = scipy.sparse.linalg.LinearOperator((n * ni, n * ni), matvec=sweep, dtype=float)
     begin = np.sin(np.pi * np.repeat(np.arange(n), ni) / n)  # a fixed start, so that runs repeat
-    _, vectors = eigsh(operator, k=1, which="LA", v0=begin, tol=1e-10)
+    _, vectors = scipy.sparse.linalg.eigsh(operator, k=1, which="LA", v0=begin, tol=1e-10)
     u = vectors[:, 0].reshape(n, ni)
     u *= np.sqrt(energy / (float((u**2).sum()) * dt)) * np.sign(u[np.abs(u).argmax() // ni].sum())
     made = {c: u[:, i] * size[i] for i, c in enumerate(model.inputs)}

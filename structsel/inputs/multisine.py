@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from structsel.errors import DomainError
 from structsel.inputs.signals import clock
@@ -146,7 +146,7 @@ def phased(harmonics: np.ndarray, powers: np.ndarray, n: int, *, seed: int = 0) 
     for start in starts if len(harmonics) > 1 else ():
         phases = start
         for p in _NORMS:
-            phases = optimize.minimize(cost, phases, (p,), jac=True, method="L-BFGS-B").x
+            phases = scipy.optimize.minimize(cost, phases, (p,), jac=True, method="L-BFGS-B").x
         if (height := peak_factor(amplitudes @ np.cos(angles + phases[:, None]))) < lowest:
             best, lowest = phases, height
 
@@ -157,5 +157,5 @@ def phased(harmonics: np.ndarray, powers: np.ndarray, n: int, *, seed: int = 0) 
     wave = amplitudes @ np.cos(angles + best[:, None])
     up = np.flatnonzero((wave < 0.0) & (np.roll(wave, -1) >= 0.0))
     at = up[0] / finest
-    shift = optimize.brentq(wave_at, at, at + 1.0 / finest, xtol=1e-15)
+    shift = scipy.optimize.brentq(wave_at, at, at + 1.0 / finest, xtol=1e-15)
     return amplitudes @ np.cos(2.0 * np.pi * np.outer(harmonics, np.arange(n) / n + shift) + best[:, None])

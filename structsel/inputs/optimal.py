@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from structsel.errors import DomainError
 from structsel.inputs.criteria import DesignProblem
@@ -180,7 +180,7 @@ def search(problem: DesignProblem, starts: np.ndarray, *, seed: int, generations
         return np.where(np.isfinite(value), value, 1e300)
 
     bounds = [(-1.0, 1.0)] * b
-    evolved = optimize.differential_evolution(
+    evolved = scipy.optimize.differential_evolution(
         cost,
         bounds,
         init=pool,

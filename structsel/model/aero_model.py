@@ -8,10 +8,9 @@ import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
-import pandas as pd
 
 from structsel.candidates import Term
 from structsel.deprecation import renamed_attribute
@@ -26,6 +25,9 @@ from structsel.provenance import provenance_of
 from structsel.recording import Recording
 from structsel.results import Result
 from structsel.tables import Summary
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -255,6 +257,8 @@ class AeroModel(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row per response and term: response, term, value, std_error, t, low and high (95 %), held."""
+        import pandas as pd
+
         rows = [row for name, model in self.responses.items() for row in response_rows(name, model)]
         return pd.DataFrame(rows, columns=["response", "term", "value", "std_error", "t", "low", "high", "held"])
 

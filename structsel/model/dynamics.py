@@ -23,7 +23,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+import scipy
 
 from structsel.candidates.formula import Node, evaluate, get_channel
 from structsel.candidates.parse import parse_formula
@@ -149,7 +149,7 @@ class State:
 
     def clock(self, t: Array, held: Mapping[str, Array]) -> Array:
         """What its time constant or delay is counted in: time [s], or the distance travelled through the air [m]."""
-        return np.asarray(cumulative_trapezoid(held["V"], t, initial=0.0)) if self.by_distance else t
+        return np.asarray(scipy.integrate.cumulative_trapezoid(held["V"], t, initial=0.0)) if self.by_distance else t
 
     @property
     def input_formula(self) -> Node:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from structsel.candidates import Term
 from structsel.candidates.formula import substitute
@@ -192,7 +192,7 @@ class ResponseModel(Result):
             return np.full((self.values.size, 2), np.nan)
         dof = self.n - len(self.terms)
         freedom = self.error_dof if self.error_dof is not None else dof if dof > 0 else np.inf
-        quantile = stats.t.ppf(0.5 + level / 2, freedom)
+        quantile = scipy.stats.t.ppf(0.5 + level / 2, freedom)
         return np.column_stack([self.values - quantile * self._errors, self.values + quantile * self._errors])
 
     @property

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from structsel.errors import DomainError
+from structsel.numerics.compiling import njit
 
 Values = float | np.ndarray
 """A number, or an array of them."""

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_continuous_lyapunov
 
 from structsel.errors import DomainError
+from structsel.numerics.compiling import njit
 from structsel.numerics.dynamic_elements import first_order_noise
 from structsel.numerics.linear_systems import discretise_noise
 
@@ -292,7 +292,7 @@ def _transverse(
     A = np.array([[-1.0 / T, (1.0 - math.sqrt(3.0)) / T, 0.0], [0.0, -1.0 / T, 0.0], [1.0 / lag, 0.0, -1.0 / lag]])
     noise = np.array([k * math.sqrt(3.0), k, 0.0])
     step, gathered = (a[0] for a in discretise_noise(A[None], np.outer(noise, noise)[None], dt))
-    steady = solve_continuous_lyapunov(A, -np.outer(noise, noise))
+    steady = scipy.linalg.solve_continuous_lyapunov(A, -np.outer(noise, noise))
     start = _root(steady) @ rng.standard_normal(3)
     x = _march(step, _root(gathered), start, rng.standard_normal((n, 3)))
     return sigma * x[:, 0], sigma * (x[:, 0] - x[:, 2]) / lag

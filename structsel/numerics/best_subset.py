@@ -17,12 +17,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 from structsel.numerics.criteria import candidate_numbers, check_products, check_size
 from structsel.numerics.hierarchical_search import GroupRules, hierarchical_search, needs_of
 from structsel.numerics.hierarchy import Hierarchy
@@ -373,6 +373,9 @@ def _fit(C: Array, chosen: NDArray[np.int64]) -> Subset:
     if not chosen.size:
         return Subset((), np.empty(0), float(C[-1, -1]))
     b = C[chosen, -1]
-    theta = cho_solve(cho_factor(C[np.ix_(chosen, chosen)] / np.outer(scale, scale)), b / scale) / scale
+    theta = (
+        scipy.linalg.cho_solve(scipy.linalg.cho_factor(C[np.ix_(chosen, chosen)] / np.outer(scale, scale)), b / scale)
+        / scale
+    )
     theta.setflags(write=False)
     return Subset(tuple(int(j) for j in chosen), theta, max(float(C[-1, -1] - theta @ b), 0.0))

@@ -23,9 +23,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh
-from scipy.optimize import minimize_scalar
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array, read_only
@@ -100,7 +99,7 @@ def _principal_axes(C: ArrayLike, dof: float, who: str) -> _PrincipalAxes:
         bad = np.flatnonzero(~(squares > 0.0)).tolist()
         raise SelectionError(f"{who} needs candidates that vary; {bad} are constant. Leave them out.")
     D = np.sqrt(squares)
-    l, V = eigh(C[:p, :p] / np.outer(D, D))
+    l, V = scipy.linalg.eigh(C[:p, :p] / np.outer(D, D))
     l, V = l[::-1], V[:, ::-1]
     return _PrincipalAxes(D, l, V, V.T @ (C[:p, p] / D), float(C[-1, -1]))
 
@@ -252,7 +251,7 @@ def _best_constant(objective: Callable[[float], float]) -> float:
     values = np.array([objective(10.0**g) for g in grid])
     at = int(np.argmin(values))
     bounds = grid[max(at - 1, 0)], grid[min(at + 1, grid.size - 1)]
-    answer = minimize_scalar(lambda g: objective(10.0**g), bounds=bounds, method="bounded")
+    answer = scipy.optimize.minimize_scalar(lambda g: objective(10.0**g), bounds=bounds, method="bounded")
     return float(10.0 ** (float(answer.x) if answer.fun <= values[at] else float(grid[at])))
 
 

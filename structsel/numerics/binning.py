@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from structsel.errors import DomainError
 from structsel.numerics.arrays import Array
@@ -104,5 +104,5 @@ def bin_means(x: ArrayLike, y: ArrayLike, segment: ArrayLike, bins: int = 15, le
     several = m >= _MIN_SEGMENTS
     half = np.full(bins, np.nan)
     spread = np.sqrt(m[several] / (m[several] - 1.0) * (off[several] ** 2).sum(axis=1)) / counts[several]
-    half[several] = stats.t.ppf(0.5 + level / 2.0, m[several] - 1) * spread
+    half[several] = scipy.stats.t.ppf(0.5 + level / 2.0, m[several] - 1) * spread
     return BinMeans(np.bincount(cell, x) / counts, means, half, counts)

@@ -7,16 +7,18 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import DataSource
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 ROOM = 64 << 20  # bytes of cross-products stored block by block, per response
 MIN_BLOCKS, MAX_BLOCKS = 48, 512  # limits of the number of blocks that many manoeuvres are joined into
@@ -195,6 +197,8 @@ def choose_workers(workers: int | None, n: int, p: int) -> int:
 
 @cache
 def _blas() -> ThreadpoolController:
+    from threadpoolctl import ThreadpoolController
+
     return ThreadpoolController()
 
 

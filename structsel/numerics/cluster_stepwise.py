@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, stats
+import scipy
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
@@ -96,8 +96,8 @@ def _fit(G: Array, clusters: _Clusters, kept: Sequence[int]) -> _ClusterFit:
 
     # Every column regressed on the kept ones: beta = (G_AA)^-1 G_A, (k+1, q).
     size = np.sqrt(np.diag(G)[A])
-    factor = linalg.cho_factor(G[np.ix_(A, A)] / np.outer(size, size))
-    beta = linalg.cho_solve(factor, G[A] / size[:, None]) / size[:, None]
+    factor = scipy.linalg.cho_factor(G[np.ix_(A, A)] / np.outer(size, size))
+    beta = scipy.linalg.cho_solve(factor, G[A] / size[:, None]) / size[:, None]
     theta = beta[:, y]
     rss = max(float(G[y, y] - G[A, y] @ theta), 0.0)
     d = np.diag(G)[x] - np.einsum("ij,ij->j", G[A, x], beta[:, x])
@@ -120,7 +120,7 @@ def _fit(G: Array, clusters: _Clusters, kept: Sequence[int]) -> _ClusterFit:
         tolerance = np.where(np.diag(G)[x] > 0, d / np.diag(G)[x], 0.0)
 
     # The kept ones: the sandwich (G_AA)^-1 [sum_b e_b e_b'] (G_AA)^-1.
-    bread = linalg.cho_solve(factor, np.eye(len(A))) / np.outer(size, size)
+    bread = scipy.linalg.cho_solve(factor, np.eye(len(A))) / np.outer(size, size)
     sandwich = np.diag(bread @ (e_z[:, A].T @ e_z[:, A]) @ bread)
     F_kept = theta[1:] ** 2 / np.maximum(sandwich[1:], 1e-300) * shrink
     return _ClusterFit(rss, theta, F_kept, F, gain, np.sign(total), tolerance)
@@ -128,7 +128,7 @@ def _fit(G: Array, clusters: _Clusters, kept: Sequence[int]) -> _ClusterFit:
 
 def cluster_F_threshold(F: float, dof: float, clusters: int) -> float:
     """F of 1 and B - 1 degrees of freedom with the probability of ``F`` of 1 and ``dof``."""
-    return float(stats.f.isf(stats.f.sf(F, 1, dof), 1, max(clusters - 1, 1)))
+    return float(scipy.stats.f.isf(scipy.stats.f.sf(F, 1, dof), 1, max(clusters - 1, 1)))
 
 
 def samples_per_independent_sample(

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.linalg import cholesky, eigh
-from scipy.linalg.lapack import dtrtri
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array, read_only
@@ -59,7 +58,7 @@ def vif(C: ArrayLike) -> Array:
     varying = np.flatnonzero(np.diag(C) > 0.0)
     if not varying.size:
         return value
-    size, vectors = eigh(correlation(C[np.ix_(varying, varying)]))
+    size, vectors = scipy.linalg.eigh(correlation(C[np.ix_(varying, varying)]))
     dead = size <= varying.size * 1e-15
     # A candidate is in a dependent group if it has a component in a direction without variance.
     alone = (vectors[:, dead] ** 2).sum(axis=1) < 1e-12
@@ -127,7 +126,7 @@ def condition_indices(products: ArrayLike, *, centred: bool = False) -> Conditio
             f"condition_indices needs columns that {'vary' if centred else 'are not zero'}; found {bad} that "
             "do not. Leave them out."
         )
-    size, V = eigh(A / np.outer(np.sqrt(length), np.sqrt(length)))
+    size, V = scipy.linalg.eigh(A / np.outer(np.sqrt(length), np.sqrt(length)))
     size, V = size[::-1], V[:, ::-1]
     # Rounding can push the smallest eigenvalue below zero; such a direction has no variance.
     tiny = size[0] * np.finfo(float).eps
@@ -230,7 +229,7 @@ def drop_correlated(
 
 def _inverse(R: Array, who: str) -> Array:
     try:
-        factor = cholesky(R)
+        factor = scipy.linalg.cholesky(R)
     except (np.linalg.LinAlgError, ValueError):
         factor = np.zeros((1, 1))
     if factor.size and np.diag(factor).min() ** 2 < 1e-12:
@@ -238,5 +237,5 @@ def _inverse(R: Array, who: str) -> Array:
             f"{who} needs terms that vary and do not depend on one another. Leave out the dependent ones "
             "(vif is infinite, or beyond 1e12, for them)."
         )
-    U, _ = dtrtri(factor)
+    U, _ = scipy.linalg.lapack.dtrtri(factor)
     return U @ U.T

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import f as f_distribution
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
@@ -160,7 +160,7 @@ def familywise_F_in(p: int, dof: float, probability: float = 0.05) -> float:
         p, dof or probability out of range.
     """
     _check(p, dof, probability, "familywise_F_in", "probability")
-    return float(f_distribution.isf(-np.expm1(np.log1p(-probability) / p), 1, dof))
+    return float(scipy.stats.f.isf(-np.expm1(np.log1p(-probability) / p), 1, dof))
 
 
 def ebic_F_in(p: int, dof: float) -> float:
@@ -225,7 +225,7 @@ def fdr_F_in(p: int, dof: float, q: float = 0.05) -> NDArray[np.float64]:
     k = np.arange(1.0, p + 1.0)
     room = dof - k
     level = q * k / (p + 1.0 - k * (1.0 - q))
-    return np.where(room > 0.0, f_distribution.isf(level, 1, np.where(room > 0.0, room, 1.0)), np.inf)
+    return np.where(room > 0.0, scipy.stats.f.isf(level, 1, np.where(room > 0.0, room, 1.0)), np.inf)
 
 
 def _check(p: int, dof: float, probability: float, who: str, name: str) -> None:

@@ -12,7 +12,7 @@ from functools import lru_cache
 from math import factorial
 
 import numpy as np
-from scipy.signal import savgol_filter
+import scipy
 
 from structsel.errors import DataError, DomainError
 from structsel.numerics.fourier_series import smooth_fourier
@@ -197,4 +197,4 @@ def _local_polynomial(x: np.ndarray, dt: float, degree: int, derivative: int, wi
             f"a local polynomial over {samples} samples needs as many; there are {len(x)}.\n"
             "Give a smaller window, or a longer recording."
         )
-    return savgol_filter(x, samples, degree, deriv=derivative, delta=dt, axis=0, mode="interp")
+    return scipy.signal.savgol_filter(x, samples, degree, deriv=derivative, delta=dt, axis=0, mode="interp")

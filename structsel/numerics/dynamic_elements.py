@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
-from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
+import scipy
 
 from structsel.errors import DomainError
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 
 _PARTS = 20  # steps per time constant; a step is exact, so this resolves the begin and end of a limit only
 _GAP = 3.0  # median steps; longer gaps are not interpolated
@@ -21,7 +20,7 @@ def first_order_lag(x: Array, dt: float, tau: float) -> Array:
     keep = np.exp(-dt / tau)
     mean = (1.0 - keep) * tau / dt  # of exp(-s / tau) over a sample
     start = (mean - keep) * x[0] + keep * x[0]
-    return lfilter([1.0 - mean, mean - keep], [1.0, -keep], x, zi=np.array([start]))[0]
+    return scipy.signal.lfilter([1.0 - mean, mean - keep], [1.0, -keep], x, zi=np.array([start]))[0]
 
 
 def varying_lag(rate: Array, dt: float, decay: Array) -> Array:
@@ -80,7 +79,7 @@ def first_order_noise(white: Array, step: float) -> Array:
     """
     drive = np.sqrt(-np.expm1(-2.0 * step)) * white
     drive[0] = white[0]
-    return lfilter([1.0], [1.0, -np.exp(-step)], drive)
+    return scipy.signal.lfilter([1.0], [1.0, -np.exp(-step)], drive)
 
 
 def shift(x: np.ndarray, t: np.ndarray, delay: float) -> Array:
@@ -123,7 +122,9 @@ def shift(x: np.ndarray, t: np.ndarray, delay: float) -> Array:
         first, last = clock[segment[0]], clock[segment[-1]]
         rows = np.flatnonzero((clock + delay >= first - slack) & (clock + delay <= last + slack))
         if rows.size:
-            made[rows] = CubicSpline(clock[segment], values[segment])(np.clip(clock[rows] + delay, first, last))
+            made[rows] = scipy.interpolate.CubicSpline(clock[segment], values[segment])(
+                np.clip(clock[rows] + delay, first, last)
+            )
     return made
 
 

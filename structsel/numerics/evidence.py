@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.special import logsumexp
+import scipy
 
 from structsel.numerics.arrays import Array
 
@@ -122,11 +121,11 @@ class Posterior:
 def solve(products: NormalEquations) -> Posterior:
     """Posterior of the coefficients of `products`."""
     k = len(products.b)
-    factor = cho_factor(np.eye(k) + products.A)
-    mean = cho_solve(factor, products.b)
+    factor = scipy.linalg.cho_factor(np.eye(k) + products.A)
+    mean = scipy.linalg.cho_solve(factor, products.b)
     log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum())
     evidence = -0.5 * (products.c - float(products.b @ mean) + log_determinant)
-    return Posterior(mean, cho_solve(factor, np.eye(k)), evidence, chi2_of(products, mean))
+    return Posterior(mean, scipy.linalg.cho_solve(factor, np.eye(k)), evidence, chi2_of(products, mean))
 
 
 def chi2_of(products: NormalEquations, coefficients: Array) -> float:
@@ -253,7 +252,7 @@ class Base:
             inner.append(held[0])
         gained = np.stack(brought)  # (scales, 1 + m, sets)
         combined = self.evidence[..., None] + gained
-        evidence = logsumexp(combined, axis=0) - logsumexp(self.evidence, axis=0)[:, None]
+        evidence = scipy.special.logsumexp(combined, axis=0) - scipy.special.logsumexp(self.evidence, axis=0)[:, None]
         best = np.argmax(combined[:, 0], axis=0)
         return [
             Trial(

@@ -14,11 +14,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from structsel.errors import TermError
 from structsel.numerics.arrays import UNCOUNTED
+from structsel.numerics.compiling import njit
 
 OPERATIONS = (
     *("number", "add", "subtract", "multiply", "divide", "negate", "power", "plus"),

@@ -25,11 +25,11 @@ The entry of a delay stays zero; its value is looked up in the history of its in
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from structsel.numerics.air_data import body_from_wind_compiled, flow_angle_rates_compiled
 from structsel.numerics.arrays import UNCOUNTED
 from structsel.numerics.atmosphere import HIGHEST, LOWEST, standard_air
+from structsel.numerics.compiling import njit
 from structsel.numerics.expressions import run_program
 from structsel.numerics.flight_model import (
     AIRSPEED,

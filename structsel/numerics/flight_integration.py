@@ -8,12 +8,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from structsel.numerics import kinematics
 from structsel.numerics.arrays import UNCOUNTED, Array
 from structsel.numerics.atmosphere import HIGHEST, LOWEST
+from structsel.numerics.compiling import njit
 from structsel.numerics.flight_dynamics import state_derivative
 from structsel.numerics.flight_model import (
     DENSITY,

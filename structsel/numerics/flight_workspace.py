@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 from structsel.numerics.flight_model import DERIVED
 
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy import fft
-from scipy.fft import dct, prev_fast_len
-from scipy.optimize import minimize_scalar
+import scipy
 
 from structsel.errors import DataError
 from structsel.numerics.arrays import Array
@@ -104,8 +102,8 @@ class _Series:
         self.ends = x[[0, -1]]
         rise = np.arange(self.n) / (self.n - 1)
         self.line = np.column_stack([1.0 - rise, rise])
-        self.d = fft.dst(x[1:-1], type=1, norm="ortho")
-        self.X = fft.dst(self.line[1:-1], type=1, norm="ortho", axis=0)
+        self.d = scipy.fft.dst(x[1:-1], type=1, norm="ortho")
+        self.X = scipy.fft.dst(self.line[1:-1], type=1, norm="ortho", axis=0)
         self.k = np.arange(1.0, self.n - 1)
 
     def _passed(self, k_c: float, order: int) -> Array:
@@ -134,7 +132,9 @@ class _Series:
         grid = np.linspace(np.log(1.0), np.log(3.0 * self.n), _SERIES_CUTOFFS)
         at = int(np.argmin([self.risk(float(np.exp(g)), order, noise) for g in grid]))
         bounds = grid[max(at - 1, 0)], grid[min(at + 1, _SERIES_CUTOFFS - 1)]
-        found = minimize_scalar(lambda g: self.risk(float(np.exp(g)), order, noise), bounds=bounds, method="bounded")
+        found = scipy.optimize.minimize_scalar(
+            lambda g: self.risk(float(np.exp(g)), order, noise), bounds=bounds, method="bounded"
+        )
         return float(found.fun), float(np.exp(found.x))
 
     def noise_above(self, lowest: float, k_c: float, order: int, otherwise: float) -> float:
@@ -173,17 +173,17 @@ class _Series:
     def _sines(self, a: Array) -> Array:
         """sum_k a_k sqrt(2/N) sin(pi k j / N) at j = 0 ... N = n - 1."""
         made = np.zeros((self.n, *a.shape[1:]))
-        made[1:-1] = fft.dst(a, type=1, norm="ortho", axis=0)
+        made[1:-1] = scipy.fft.dst(a, type=1, norm="ortho", axis=0)
         return made
 
     def _cosines(self, a: Array) -> Array:
         padded = np.zeros((self.n, *a.shape[1:]))
         padded[1:-1] = a
-        return fft.dct(padded, type=1, axis=0) / np.sqrt(2.0 * (self.n - 1))
+        return scipy.fft.dct(padded, type=1, axis=0) / np.sqrt(2.0 * (self.n - 1))
 
     def _double(self, a: Array, sign: float) -> Array:
         """sum_k a_k (2/N) cos^2(pi k j / N) for sign 1, sin^2 for -1."""
-        doubled = fft.fft(np.concatenate(([0.0], a))).real
+        doubled = scipy.fft.fft(np.concatenate(([0.0], a))).real
         return (a.sum() + sign * np.append(doubled, doubled[0])) / (self.n - 1)
 
 
@@ -217,7 +217,7 @@ def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
     # Columns contiguous in memory: the transform of interleaved columns takes longer.
     tapered = np.multiply(np.asarray(x, dtype=float)[:n].T, weight, order="C")
     level = tapered @ weight / (weight @ weight)
-    coefficients = dct(tapered, norm="ortho", overwrite_x=True)[..., : bins + 1]
+    coefficients = scipy.fft.dct(tapered, norm="ortho", overwrite_x=True)[..., : bins + 1]
     coefficients = coefficients - np.multiply.outer(level, _constant_coefficients(n, edge)[: bins + 1])
     coefficients[..., 0] = level * np.sqrt(weight @ weight)
     return np.array(coefficients.T, order="C")
@@ -226,13 +226,13 @@ def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
 @lru_cache(maxsize=256)
 def _constant_coefficients(n: int, edge: int) -> Array:
     """(n,) coefficients of a tapered constant; not to be written to."""
-    return np.asarray(dct(taper(n, edge), norm="ortho"))
+    return np.asarray(scipy.fft.dct(taper(n, edge), norm="ortho"))
 
 
 @lru_cache(maxsize=256)
 def fast_length(n: int) -> int:
     """Number of samples that a spectrum of n samples uses: it leaves out a few at the end for a fast transform."""
-    return int(prev_fast_len(n, real=True))
+    return int(scipy.fft.prev_fast_len(n, real=True))
 
 
 @lru_cache(maxsize=256)

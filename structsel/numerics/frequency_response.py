@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy import signal
 
 from structsel.errors import DomainError
 
@@ -93,7 +93,7 @@ def spectral_matrix(
             f"{omega.min():.4g} to {omega.max():.4g} rad/s."
         )
     hop = max(1, per - int(per * overlap))
-    shape = signal.get_window("hann", per)
+    shape = scipy.signal.get_window("hann", per)
     phasors = shape[:, None] * np.exp(-1j * dt * np.outer(np.arange(per), omega))
     s = pieces[0].shape[1]
     total, lagged = (np.zeros((omega.size, s, s), dtype=complex) for _ in range(2))
@@ -106,7 +106,7 @@ def spectral_matrix(
         used += len(piece)
         segments = sliding_window_view(piece, per, axis=0)[::hop]  # (K, s, per)
         starts = dt * hop * np.arange(len(segments))
-        X = (signal.detrend(segments, axis=-1) @ phasors) * np.exp(-1j * np.outer(starts, omega))[:, None, :]
+        X = (scipy.signal.detrend(segments, axis=-1) @ phasors) * np.exp(-1j * np.outer(starts, omega))[:, None, :]
         total += np.einsum("ksf,ktf->fst", X.conj(), X, optimize=True)
         count += len(segments)
         for j in range(1, min(len(segments), -(-per // hop))):

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from structsel.errors import DomainError
 from structsel.numerics.output_error_problem import OutputErrorProblem
@@ -102,13 +102,13 @@ def search_globally(
         cost[~inside] = _FORBIDDEN * (1.0 - np.maximum(margin[~inside], -1e6))
         return cost
 
-    def report(intermediate_result: optimize.OptimizeResult) -> None:
+    def report(intermediate_result: scipy.optimize.OptimizeResult) -> None:
         history.append(float(intermediate_result.fun))
         if progress is not None:
             progress(len(history), history[-1])
 
     with np.errstate(all="ignore"):  # scipy's convergence measure overflows where all members are forbidden
-        result = optimize.differential_evolution(
+        result = scipy.optimize.differential_evolution(
             cost_of, bounds, vectorized=True, updating="deferred", polish=False, seed=seed, popsize=population,
             maxiter=generations, tol=tolerance, callback=report, x0=start, init="sobol",
         )  # fmt: skip

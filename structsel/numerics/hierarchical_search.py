@@ -15,10 +15,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 from structsel.numerics.hierarchy import Hierarchy
 from structsel.numerics.search_model import (
     CONSTANT,

@@ -31,8 +31,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
@@ -276,7 +276,7 @@ class PastFit:
         if dof <= 0 or not free.rss > 0.0:
             return 0.0, 1.0
         F = max(exogenous.rss - free.rss, 0.0) / k / (free.rss / dof)
-        return float(F), float(stats.f.sf(F, k, dof))
+        return float(F), float(scipy.stats.f.sf(F, k, dof))
 
     def test_instruments(self) -> tuple[float, float]:
         """F and its probability where the instruments do not follow the residual (Sargan)."""
@@ -295,7 +295,7 @@ class PastFit:
         if k <= 0 or dof <= 0 or not free.rss > 0.0:
             return 0.0, 1.0
         F = max(alone.rss - free.rss, 0.0) / k / (free.rss / dof)
-        return float(F), float(stats.f.sf(F, k, dof))
+        return float(F), float(scipy.stats.f.sf(F, k, dof))
 
     def fit(self, constants: Array, weights: Array) -> LeastSquaresFit:
         """The same as a fit in physical units.

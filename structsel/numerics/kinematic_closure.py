@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+import scipy
 
 from structsel.numerics.air_data import body_velocity, cross
 from structsel.numerics.arrays import Array
@@ -50,7 +50,7 @@ def window_means(t: Array, values: Array, samples: int) -> Array:
     NaN where a sample of the window is not finite.
     """
     finite = np.isfinite(values)
-    integral = cumulative_trapezoid(np.where(finite, values, 0.0), t, initial=0.0)
+    integral = scipy.integrate.cumulative_trapezoid(np.where(finite, values, 0.0), t, initial=0.0)
     missing = np.concatenate(([0], np.cumsum(~finite)))
     complete = missing[samples + 1 :] == missing[: -samples - 1]
     return np.where(complete, (integral[samples:] - integral[:-samples]) / (t[samples:] - t[:-samples]), np.nan)

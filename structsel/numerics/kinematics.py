@@ -26,9 +26,9 @@ Instruments away from the centre of gravity move through the air with v + omega 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from structsel.numerics.arrays import UNCOUNTED
+from structsel.numerics.compiling import njit
 from structsel.numerics.square_root import copy
 
 STATES = (

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
-from scipy.linalg.lapack import dgeqrf
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
@@ -205,7 +204,7 @@ def response_rows(
 
 def _triangle(variables: Array) -> Array:
     """Triangular factor R of (q, n) variables, samples or factors of them; n at least q, and they are overwritten."""
-    return np.triu(dgeqrf(variables.T, overwrite_a=1)[0][: len(variables)])
+    return np.triu(scipy.linalg.lapack.dgeqrf(variables.T, overwrite_a=1)[0][: len(variables)])
 
 
 def solve_factor(R: Array, scale: Array, n: int) -> LeastSquaresFit:
@@ -226,8 +225,8 @@ def solve_factor(R: Array, scale: Array, n: int) -> LeastSquaresFit:
             "the fit has terms that are exactly dependent in these data. "
             "Drop one of them, or record data in which they differ."
         )
-    theta = linalg.solve_triangular(R[:-1, :-1], R[:-1, -1])
-    inverse = linalg.solve_triangular(unit, np.eye(unit.shape[0])) / length[:, None]
+    theta = scipy.linalg.solve_triangular(R[:-1, :-1], R[:-1, -1])
+    inverse = scipy.linalg.solve_triangular(unit, np.eye(unit.shape[0])) / length[:, None]
     back = scale[-1] / scale[:-1]
     covariance = inverse @ inverse.T / np.outer(scale[:-1], scale[:-1])
     rss = float((R[-1, -1] * scale[-1]) ** 2)

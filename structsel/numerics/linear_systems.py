@@ -19,10 +19,10 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numba import njit
-from scipy.linalg import expm
+import scipy
 
 from structsel.errors import DomainError
+from structsel.numerics.compiling import njit
 
 Hold = Literal["hold", "linear"]
 
@@ -91,7 +91,7 @@ def _exponential(block: np.ndarray) -> np.ndarray:
     finite = np.isfinite(block).all(axis=(1, 2))
     step = np.full_like(block, np.nan)
     with np.errstate(all="ignore"):
-        step[finite] = expm(block[finite]) if finite.any() else step[finite]
+        step[finite] = scipy.linalg.expm(block[finite]) if finite.any() else step[finite]
     return step
 
 

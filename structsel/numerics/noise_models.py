@@ -48,12 +48,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, linalg, ndimage
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 
 LONGEST_SEGMENT = 1 << 16
 """Maximum number of samples of a segment, which bounds the memory; lags across the ends of segments are not counted."""
@@ -157,11 +157,11 @@ def fit_ar(lags: LagProducts, floor: float = 0.0) -> ARNoise:
     if not energy > n * floor**2 or energy == 0.0:
         return ARNoise(np.empty(0), max(floor, np.sqrt(energy / n), np.finfo(float).tiny))
     ridge = 1e-13 * np.trace(lags.products) / (top + 1)
-    factor = linalg.cholesky(lags.products + ridge * np.eye(top + 1), lower=False)
+    factor = scipy.linalg.cholesky(lags.products + ridge * np.eye(top + 1), lower=False)
     rss = np.cumsum(factor[::-1, -1] ** 2)[::-1]  # rss[k]: residual sum of squares at order k
     bic = n * np.log(rss) + np.arange(top + 1) * np.log(n)
     order = int(np.argmin(bic))
-    ar = linalg.solve_triangular(factor[:order, :order], factor[:order, -1]) if order else np.empty(0)
+    ar = scipy.linalg.solve_triangular(factor[:order, :order], factor[:order, -1]) if order else np.empty(0)
     return ARNoise(ar, max(float(np.sqrt(rss[order] / (n - order))), floor))
 
 
@@ -180,8 +180,8 @@ def pooled_innovation_std(models: Sequence[ARNoise], n: Sequence[int]) -> float:
 
 def autocovariance(x: Array, max_lag: int) -> Array:
     """Biased autocovariance of x about zero, (1/n) sum_t x[t] x[t + l] for l = 0 .. max_lag, (max_lag + 1,)."""
-    size = fft.next_fast_len(x.size + max_lag, real=True)
-    return fft.irfft(np.abs(fft.rfft(x, size)) ** 2, size)[: max_lag + 1] / x.size
+    size = scipy.fft.next_fast_len(x.size + max_lag, real=True)
+    return scipy.fft.irfft(np.abs(scipy.fft.rfft(x, size)) ** 2, size)[: max_lag + 1] / x.size
 
 
 def autocorrelation(x: Array, max_lag: int) -> Array:
@@ -213,7 +213,7 @@ def coloured_covariance(X: Sequence[Array], residuals: Sequence[Array]) -> Array
     """
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in X))
     scaled = [x / size for x in X]
-    bread = linalg.inv(sum(x.T @ x for x in scaled))
+    bread = scipy.linalg.inv(sum(x.T @ x for x in scaled))
     meat = sum(score_covariance(x.T[:, :, None], e[:, None]) for x, e in zip(scaled, residuals, strict=True))
     n = sum(e.size for e in residuals)
     return bread @ meat @ bread * (n / max(n - size.size, 1)) / np.outer(size, size)
@@ -237,7 +237,7 @@ def score_covariance(S: Array, residuals: Array) -> Array:
     segments = split_for_correlation(residuals.shape[0])
     total = np.sum([_score_covariance(S[:, a:b], residuals[a:b]) for a, b in segments], axis=0)
     # With missing samples the number of pairs varies with the lag, and small negative eigenvalues are possible.
-    values, vectors = linalg.eigh(0.5 * (total + total.T))
+    values, vectors = scipy.linalg.eigh(0.5 * (total + total.T))
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
@@ -254,11 +254,11 @@ def _score_covariance(S: Array, residuals: Array) -> Array:
     if not channels.size:
         return np.zeros((k, k))
     longest = n // 5 + 1
-    size = fft.next_fast_len(n + longest, real=True)  # lags beyond the window, which wrap around, have no weight
+    size = scipy.fft.next_fast_len(n + longest, real=True)  # lags beyond the window, which wrap around, have no weight
     sampled = np.isfinite(residuals[:, channels])
-    v = fft.rfft(np.where(sampled, residuals[:, channels], 0.0), size, axis=0)
+    v = scipy.fft.rfft(np.where(sampled, residuals[:, channels], 0.0), size, axis=0)
     complete = bool(sampled.all())
-    mask = fft.rfft(sampled.astype(float), size, axis=0) if not complete else np.empty((0, 0))
+    mask = scipy.fft.rfft(sampled.astype(float), size, axis=0) if not complete else np.empty((0, 0))
     distance = np.minimum(np.arange(size), size - np.arange(size))
 
     def covariance(a: int, b: int) -> tuple[Array, Array]:
@@ -266,8 +266,8 @@ def _score_covariance(S: Array, residuals: Array) -> Array:
         if complete:
             pairs = np.maximum(n - distance, 0).astype(float)
         else:
-            pairs = np.round(fft.irfft(mask[:, a] * mask[:, b].conj(), size))
-        return fft.irfft(v[:, a] * v[:, b].conj(), size) / np.maximum(pairs, 1.0), pairs
+            pairs = np.round(scipy.fft.irfft(mask[:, a] * mask[:, b].conj(), size))
+        return scipy.fft.irfft(v[:, a] * v[:, b].conj(), size) / np.maximum(pairs, 1.0), pairs
 
     own = [covariance(c, c) for c in range(channels.size)]
     reach = min(max(6 * last_correlated_lag(*(x[:longest] for x in of)) for of in own), longest)
@@ -275,7 +275,7 @@ def _score_covariance(S: Array, residuals: Array) -> Array:
     if channels.size == 1 and complete and reach <= FEW_LAGS:
         # R(l) w(l) x(i - l) directly: few lags cost less than transforms of all sensitivities.
         lags = np.arange(-reach, reach + 1)
-        filtered = ndimage.correlate1d(S[:, :, 0], (window * own[0][0])[lags], axis=1, mode="constant")
+        filtered = scipy.ndimage.correlate1d(S[:, :, 0], (window * own[0][0])[lags], axis=1, mode="constant")
         return S[:, :, 0] @ filtered.T
     # Parseval: the sum over samples is one over the frequencies of a real transform, which holds one of each pair.
     weight = np.full(v.shape[0], 2.0 / size)
@@ -283,10 +283,10 @@ def _score_covariance(S: Array, residuals: Array) -> Array:
     if size % 2 == 0:
         weight[-1] = 1.0 / size
     total = np.zeros((k, k))
-    transformed = [fft.rfft(S[:, :, c], size, axis=1) for c in channels]
+    transformed = [scipy.fft.rfft(S[:, :, c], size, axis=1) for c in channels]
     for a in range(channels.size):
         pairs = [own[a][0] if a == b else covariance(a, b)[0] for b in range(channels.size)]
-        filtered = sum(of * fft.rfft(window * R) for of, R in zip(transformed, pairs, strict=True))
+        filtered = sum(of * scipy.fft.rfft(window * R) for of, R in zip(transformed, pairs, strict=True))
         total += ((transformed[a].conj() * weight) @ filtered.T).real
     return total
 
@@ -333,7 +333,7 @@ def spectral_score_covariance(S: Array, residuals: Array) -> Array:
     v = residuals[:half] + 1j * residuals[half:]
     products = np.einsum("fa,fb->fab", v, v.conj()).real / 2.0
     neighbours = max(int(np.sqrt(half)), 1)
-    power = ndimage.uniform_filter1d(products, 2 * neighbours + 1, axis=0, mode="nearest")
+    power = scipy.ndimage.uniform_filter1d(products, 2 * neighbours + 1, axis=0, mode="nearest")
     parts = (S[:, :half], S[:, half:])
     return np.sum([np.einsum("kfa,fab,lfb->kl", part, power, part, optimize=True) for part in parts], axis=0)
 

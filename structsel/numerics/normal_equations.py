@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

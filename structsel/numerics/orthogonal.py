@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cholesky, solve_triangular
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
@@ -66,7 +66,7 @@ class OrthogonalPath(SearchPath):
             raise SelectionError(
                 f"coefficients needs a number of terms from 0 to {len(self.order)}; found {n}. The path ends there."
             )
-        return solve_triangular(self.factor[:n, :n], self.products[:n])
+        return scipy.linalg.solve_triangular(self.factor[:n, :n], self.products[:n])
 
 
 def orthogonal(
@@ -196,8 +196,8 @@ def _assemble(
     tss = float(C[-1, -1])
     m = ranked.size
     scale = np.sqrt(np.diag(C)[ranked])
-    factor = cholesky(C[np.ix_(ranked, ranked)] / np.outer(scale, scale)) if m else np.empty((0, 0))
-    z = solve_triangular(factor, C[ranked, -1] / scale, trans="T") if m else np.empty(0)
+    factor = scipy.linalg.cholesky(C[np.ix_(ranked, ranked)] / np.outer(scale, scale)) if m else np.empty((0, 0))
+    z = scipy.linalg.solve_triangular(factor, C[ranked, -1] / scale, trans="T") if m else np.empty(0)
     rss_path = np.maximum(tss - np.concatenate([[0.0], np.cumsum(z * z)]), 0.0)
     pse_path = pse(rss_path, tss, dof + 1.0, np.arange(m + 1), bound)
     least = int(np.isin(ranked, included).sum())
@@ -210,7 +210,7 @@ def _assemble(
         F = partial_r2 * (dof - i - 1) / (1.0 - partial_r2) if partial_r2 < 1.0 else float("inf")
         r = float(np.sign(z[i]) * np.sqrt(partial_r2))
         steps.append(SearchStep("enter", kept[i], -1, F, r, float(rss_path[i + 1]), i + 1))
-    theta = solve_triangular(factor[:n, :n], z[:n]) if n else np.empty(0)
+    theta = scipy.linalg.solve_triangular(factor[:n, :n], z[:n]) if n else np.empty(0)
     reductions = gains[ranked]
     for array in (theta, reductions, rss_path, pse_path, factor, z):
         array.setflags(write=False)

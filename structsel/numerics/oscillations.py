@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 _STARTS = 12  # frequencies from which the search starts; chosen, not critical
 
@@ -81,7 +81,7 @@ def fit_oscillation(t: np.ndarray, x: np.ndarray) -> Oscillation | None:
     low, high = np.pi / t[-1], 0.25 * 2.0 * np.pi * n / t[-1]
     limits = ([-3.0 / t[-1], 0.5 * low], [max(20.0 / t[-1], high), high])
     starts = np.geomspace(1.01 * low, min(high, 40.0 * low), _STARTS)
-    found = [least_squares(residuals, [0.3 * w / np.pi / 2.0, w], bounds=limits) for w in starts]
+    found = [scipy.optimize.least_squares(residuals, [0.3 * w / np.pi / 2.0, w], bounds=limits) for w in starts]
     decay, omega = min(found, key=lambda one: one.cost).x
     scaled = x / size
     B = basis(np.array([decay, omega]))

@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from structsel.errors import DataError, DomainError
 
@@ -157,7 +157,7 @@ class OutputErrorProblem:
 
     def whitener(self, R: np.ndarray) -> np.ndarray:
         """(c, c) matrix F such that v F has unit covariance."""
-        return linalg.inv(linalg.cholesky(R, lower=True)).T
+        return scipy.linalg.inv(scipy.linalg.cholesky(R, lower=True)).T
 
     # --- the cost ---------------------------------------------------------------------------------
 
@@ -188,14 +188,14 @@ class OutputErrorProblem:
         if not np.isfinite(products).all():
             return np.inf
         if self.weights is not None:
-            return 0.5 * float(np.sum(linalg.inv(self.weights) * products))
+            return 0.5 * float(np.sum(scipy.linalg.inv(self.weights) * products))
         if self.full:
             covariance = products / self.counts
             R = self._raised(covariance)
             sign, logarithm = np.linalg.slogdet(R)
             if sign <= 0.0:
                 return np.inf
-            return 0.5 * float(self.counts[0] * (logarithm + np.sum(linalg.inv(R) * covariance) - self.c))
+            return 0.5 * float(self.counts[0] * (logarithm + np.sum(scipy.linalg.inv(R) * covariance) - self.c))
         variance = np.diag(products) / self.counts
         held = np.maximum(variance, self.floor)
         # If the floor raises R, the two terms of the likelihood do not cancel.
@@ -275,7 +275,7 @@ def _decompose(H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Scale to unit diagonal, eigenvalues and vectors of the scaled matrix."""
     d = np.sqrt(np.diag(H))
     inverse = np.where(d > 0.0, 1.0 / np.where(d > 0.0, d, 1.0), 0.0)
-    values, vectors = linalg.eigh(H * np.outer(inverse, inverse))
+    values, vectors = scipy.linalg.eigh(H * np.outer(inverse, inverse))
     return inverse, values, vectors
 
 

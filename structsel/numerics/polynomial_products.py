@@ -18,10 +18,10 @@ from itertools import combinations_with_replacement
 from math import comb
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 from structsel.numerics.regressors import SLAB, DataSource, MonomialPlan, Scales, Word, fill_rows, plan_monomials
 
 _CHUNK = 256  # samples of the rows: two rows of a tile fit in the first-level cache, all rows in the second

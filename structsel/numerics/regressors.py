@@ -14,11 +14,11 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from structsel.errors import TermError
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 
 Scales = tuple[Array, Array]
 """Root mean squares of base signals and of responses."""

@@ -30,9 +30,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 
 # int64, not plain integers: numba would compile every kernel again for each literal value.
 ZERO, NONE = np.int64(0), np.int64(-1)

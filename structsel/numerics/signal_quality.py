@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, median_filter
 
 from structsel.errors import DataError, DomainError
 from structsel.numerics.arrays import Array
@@ -180,10 +180,13 @@ def estimate_white_noise(x: Array) -> Array:
     noise = np.zeros(len(x))
     above, of_one, width = np.asarray(x, dtype=float), one, _NARROWEST
     while width < _WIDEST * len(x):
-        below, passed = gaussian_filter1d(x, width, mode="nearest"), gaussian_filter1d(one, width)
+        below, passed = (
+            scipy.ndimage.gaussian_filter1d(x, width, mode="nearest"),
+            scipy.ndimage.gaussian_filter1d(one, width),
+        )
         band = above - below
         expected = sd**2 * float(((of_one - passed) ** 2).sum())
-        power = gaussian_filter1d(band**2, _AROUND * width, mode="nearest")
+        power = scipy.ndimage.gaussian_filter1d(band**2, _AROUND * width, mode="nearest")
         fraction = np.minimum(1.0, _MODEST * expected / np.maximum(power, 1e-300)) ** 2
         noise += fraction * band
         above, of_one, width = below, passed, _WIDER * width
@@ -314,6 +317,6 @@ def _scale(x: Array) -> Array:
     weights, gain = _parabola(outside, np.array([_SIDE]))
     windows = np.lib.stride_tricks.sliding_window_view(x, size)
     deviation = np.abs(windows[:, _SIDE] - windows[:, outside] @ weights[0])
-    local = median_filter(deviation, size=min(_LOCAL, deviation.size), mode="nearest")
+    local = scipy.ndimage.median_filter(deviation, size=min(_LOCAL, deviation.size), mode="nearest")
     scale = np.maximum(local, np.median(deviation)) * _MAD / gain
     return np.pad(scale, _SIDE, mode="edge")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from math import factorial
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from structsel.errors import DataError, StructselWarning
 from structsel.numerics.arrays import Array
@@ -179,7 +179,11 @@ class _SplineFit:
             k = int(np.argmin([self._profile(g) for g in grid]))
             bounds = grid[max(k - 1, 0)], grid[min(k + 1, _SPLINE_CUTOFFS - 1)]
             cutoff = float(
-                np.exp(minimize_scalar(self._profile, bounds=bounds, method="bounded", options={"xatol": 0.01}).x)
+                np.exp(
+                    scipy.optimize.minimize_scalar(
+                        self._profile, bounds=bounds, method="bounded", options={"xatol": 0.01}
+                    ).x
+                )
             )
         self.cutoff = cutoff
         rss, logdet = self._sweep(y, step, float(np.log(cutoff)))

@@ -19,7 +19,8 @@ The kernels are in one file because numba's cache does not detect changes in ker
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from structsel.numerics.compiling import njit
 
 _EVEN = 1e-9  # relative difference of steps that are treated as even; times are rounded
 _STILL = 1e-13  # of the diagonal; a smaller change of the triangle is none

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, signal
+import scipy
 
 from structsel.errors import DataError, DomainError
 from structsel.numerics.arrays import Array
@@ -66,7 +66,7 @@ def cross_spectrum(x: Sequence[Array], y: Sequence[Array], dt: float, segment: f
         if len(one) < per:
             continue
         count = (len(one) - per) // (per - int(per * OVERLAP)) + 1
-        f, density = signal.csd(one, other, 1.0 / dt, nperseg=per, noverlap=int(per * OVERLAP), detrend="linear")
+        f, density = scipy.signal.csd(one, other, 1.0 / dt, nperseg=per, noverlap=int(per * OVERLAP), detrend="linear")
         total = total + count * density[1 : per // 2 + 1]
         segments += count
     if not segments:
@@ -179,14 +179,14 @@ def transform(x: np.ndarray, dt: float, frequencies: np.ndarray, detrend: bool =
     if f.size and not (np.abs(f).max() <= 0.5 / dt * (1.0 + 1e-9)):
         raise DomainError(f"{f.max():g} Hz is above half the sampling frequency, {0.5 / dt:g} Hz.")
     flat = x.reshape(n, -1)
-    flat = signal.detrend(flat, axis=0) if detrend else flat
+    flat = scipy.signal.detrend(flat, axis=0) if detrend else flat
     weights = np.full(n, dt)
     weights[[0, -1]] *= 0.5
     even = f.size > 2 and np.allclose(np.diff(f), f[1] - f[0], rtol=1e-9)
     if even and f.size * n > _LONG:
         step = np.exp(-2j * np.pi * (f[1] - f[0]) * dt)
         start = np.exp(2j * np.pi * f[0] * dt)
-        found = signal.czt(weights[:, None] * flat, f.size, step, start, axis=0)
+        found = scipy.signal.czt(weights[:, None] * flat, f.size, step, start, axis=0)
     else:
         found = np.exp(-2j * np.pi * np.outer(f, dt * np.arange(n))) @ (weights[:, None] * flat)
     return found.reshape(f.size, *x.shape[1:])
@@ -270,7 +270,7 @@ def equation_error(
         raise DataError(f"{equations // 2} frequencies give {equations} equations for {k} parameters; ask for more.")
     z = [transform(y, step, f) for _, y, step, f in manoeuvres]
     X = [transform(X_t, step, f) for X_t, _, step, f in manoeuvres]
-    noise = linalg.block_diag(*(_noise_gram(len(y), step, f) for _, y, step, f in manoeuvres))
+    noise = scipy.linalg.block_diag(*(_noise_gram(len(y), step, f) for _, y, step, f in manoeuvres))
     return regress_transforms(X, z, noise)
 
 
@@ -298,7 +298,7 @@ def regress_transforms(X: Sequence[np.ndarray], z: Sequence[np.ndarray], noise: 
             "equation error: the regressors depend on each other at these frequencies, or one is not excited there. "
             "Leave one out, widen the band, or fly an input that moves them apart."
         )
-    inverse = linalg.pinv(stacked / length) / length[:, None]
+    inverse = scipy.linalg.pinv(stacked / length) / length[:, None]
     theta = inverse @ np.concatenate([part for one in z for part in (one.real, one.imag)])
     fit = np.concatenate([one @ theta for one in X])
     left = np.eye(len(stacked)) - stacked @ inverse

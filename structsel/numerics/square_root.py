@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from structsel.numerics.arrays import REORDERED, UNCOUNTED
+from structsel.numerics.compiling import njit
 
 SMALLEST_SPREAD, LARGEST_SPREAD = 0.52, 1.93
 """Between them the centre point's weight is not negative."""

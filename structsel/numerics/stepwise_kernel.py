@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 from structsel.numerics.search_model import (
     CONSTANT,
     ENTER,

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from structsel.errors import DataError
 
@@ -177,7 +177,7 @@ def fit_factored(
         theta[delays] = rng.uniform(0.0, 0.5 / np.exp(high), int(delays.sum()))
         theta = np.where(np.isnan(held), theta, held)
         theta = _with_gains(models, data, theta, gains, held)
-        solved = least_squares(
+        solved = scipy.optimize.least_squares(
             lambda x, t=theta: _residuals(models, data, _filled(t, free, x)),
             theta[free],
             lambda x, t=theta: _slopes(models, data, _filled(t, free, x))[:, free],

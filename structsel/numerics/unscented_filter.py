@@ -26,10 +26,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import UNCOUNTED, Array
+from structsel.numerics.compiling import njit
 from structsel.numerics.kinematics import (
     CIRCULAR,
     GUST,

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, MaxNLocator
-from scipy import stats
 
 from structsel.deprecation import renamed_arguments
 from structsel.nomenclature import latex_of
@@ -144,7 +144,7 @@ def plot_nis(result: Reconstruction, *, ax: Axes | None = None) -> Axes:
     total = np.convolve(np.nansum(e**2, axis=1), window, "same")
     count = np.convolve(np.isfinite(e).sum(axis=1), window, "same")
     known = count > 0.5
-    low, high = (stats.chi2.ppf(p, count[known]) / count[known] for p in (0.025, 0.975))
+    low, high = (scipy.stats.chi2.ppf(p, count[known]) / count[known] for p in (0.025, 0.975))
     some = decimate(int(known.sum()))
     time = t[known][some]
     text = "95 % band of a correct filter model"

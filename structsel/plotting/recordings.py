@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from matplotlib.patches import Rectangle
-from scipy.spatial import ConvexHull, QhullError
 
 from structsel.comparison import Mismatch
 from structsel.deprecation import renamed_arguments
@@ -120,9 +120,9 @@ def plot_coverage(
     points = np.concatenate([np.column_stack([display_values(r, x), display_values(r, y)]) for r in flights])
     points = points[np.isfinite(points).all(axis=1)]
     try:
-        edge = points[ConvexHull(points).vertices]
+        edge = points[scipy.spatial.ConvexHull(points).vertices]
         ax.fill(*edge.T, facecolor="none", edgecolor=SELECTED, lw=1.0, label="convex hull")
-    except QhullError:  # all points on one line: no area
+    except scipy.spatial.QhullError:  # all points on one line: no area
         pass
     ranges = {} if model is None else model.ranges
     if x in ranges and y in ranges:

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullLocator
-from scipy import stats
 
 from structsel.deprecation import renamed_arguments
 from structsel.formatting import format_number, format_percent
@@ -184,7 +184,7 @@ def plot_intervals(selection: Selection, *, level: float = 0.95, ax: Axes | None
     values = selection.values
     size = np.where(values != 0.0, np.abs(values), 1.0)
     half = np.nan_to_num((selection.intervals(level)[:, 1] - values) / size)  # no bar for an unknown error
-    textbook = stats.t.ppf(0.5 + level / 2, max(selection.dof, 1)) * selection.textbook_errors / size
+    textbook = scipy.stats.t.ppf(0.5 + level / 2, max(selection.dof, 1)) * selection.textbook_errors / size
     y = np.arange(len(names))
     cut = half > _MAX_INTERVAL
     for width, height, style in (

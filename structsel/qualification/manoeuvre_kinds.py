@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import find_objects, label
+import scipy
 
 from structsel.formatting import join_names
 from structsel.numerics.atmosphere import G0
@@ -58,7 +58,7 @@ def find_movements(recording: Recording) -> list[Movement]:
         for a, b in pairwise(edges):
             if b - a <= gap:
                 closed[a:b] = True
-        for (rows,) in find_objects(label(closed)[0]):
+        for (rows,) in scipy.ndimage.find_objects(scipy.ndimage.label(closed)[0]):
             if (rows.stop - rows.start) * recording.dt < _BRIEF:
                 continue
             found.append(Movement((name,), float(recording.t[rows.start]), float(recording.t[rows.stop - 1])))

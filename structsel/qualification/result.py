@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.formatting import count_of, display_unit, finite_or_none, format_number
 from structsel.nomenclature import unit_of
@@ -16,6 +15,9 @@ from structsel.qualification.tolerances import MEASURES, SOURCE, TESTS, Objectiv
 from structsel.recording import Recording
 from structsel.results import Result
 from structsel.tables import Cell, Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 BEFORE, AFTER = "before", "after"
 
@@ -124,6 +126,8 @@ class Qualification(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each manoeuvre, model and parameter; SI units and radians."""
+        import pandas as pd
+
         rows = [
             {
                 "manoeuvre": one.name, "kind": one.kind, "entry": one.test.entry if one.test else "", "stage": stage,

@@ -61,7 +61,7 @@ class ChannelEntry(BaseModel):
         channels are interpolated linearly.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(defer_build=True, extra="forbid", frozen=True)
 
     column: StrictStr | _Positive | None = None
     columns: dict[str, FiniteFloat] | None = None
@@ -112,7 +112,7 @@ class FileOptions(BaseModel):
         Text: lines before the header.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(defer_build=True, extra="forbid", frozen=True)
 
     dt: PositiveFloat | None = None
     time_offset: FiniteFloat = 0.0
@@ -142,7 +142,7 @@ class ChannelMap(BaseModel):
         Where it came from, for messages and provenance.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(defer_build=True, extra="forbid", frozen=True, populate_by_name=True)
 
     schema_name: Literal["structsel.map/1"] = Field(default="structsel.map/1", alias="schema")
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)

@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from structsel.errors import DataError
 from structsel.readers.channel_map import FileOptions
@@ -27,6 +25,9 @@ def read_parquet(path: Path, options: FileOptions) -> FileTable:
     DataError
         When the file is no Parquet file.
     """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     try:
         # One file, by its handle: a path would let folders named key=value add columns.
         with path.open("rb") as stream:

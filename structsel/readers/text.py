@@ -11,12 +11,12 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, TYPE_CHECKING, Any, cast
 
 import numpy as np
-import pandas as pd
 
 from structsel.errors import DataError, MapError
 from structsel.nomenclature import is_known
@@ -26,6 +26,9 @@ from structsel.readers.table import FileTable, as_float, channels_at_cg, require
 from structsel.readers.time_stamps import is_time_stamp, seconds_of
 from structsel.readers.units import is_unit
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 PROVENANCE = "# provenance: "
 """Begins a line above the table in which `write_recording` stores one note of the provenance, as a JSON string."""
 AT_CG = "# at_cg: "
@@ -34,10 +37,16 @@ _HEAD_LINES = 200
 _MAX_COLUMNS = 200_000  # read in 0.23 ms each with 50 rows: 23 s and 0.4 GiB for 100,000 (2026-11-24, one core)
 _SEPARATORS = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", " ": r"\s+", "space": r"\s+", "comma": ","}
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "inf", "-inf", "+inf", "true", "false"}
-# From 3.1 on pandas reads to the last bit of itself, and no longer wants to be asked.
-_OLD_PANDAS = tuple(int(part) for part in pd.__version__.split(".")[:2]) < (3, 1)
-_LAST_BIT: dict[str, Any] = {"float_precision": "round_trip"} if _OLD_PANDAS else {}
 _DECIMAL_COMMA = re.compile(r"^[+-]?\d+,\d+(?:[eE][+-]?\d+)?$")
+
+
+@cache
+def _exact_floats() -> Any:
+    """Option of pandas before 3.1 that reads numbers to the last bit; later versions do so without."""
+    import pandas as pd
+
+    old = tuple(int(part) for part in pd.__version__.split(".")[:2]) < (3, 1)
+    return {"float_precision": "round_trip"} if old else {}
 
 
 def read_text(path: Path, options: FileOptions) -> FileTable:
@@ -51,6 +60,8 @@ def read_text(path: Path, options: FileOptions) -> FileTable:
     DataError
         When the file holds no samples, or its lines do not have the same number of fields.
     """
+    import pandas as pd
+
     encoding, own, lines = _head(path, options.skip_rows)
     (provenance, at_cg), skipped = _own_notes(path, own), options.skip_rows + len(own)
     body = [line for line in lines if line.strip()]
@@ -84,7 +95,7 @@ def read_text(path: Path, options: FileOptions) -> FileTable:
                 encoding=encoding,
                 skipinitialspace=True,
                 low_memory=False,
-                **_LAST_BIT,
+                **_exact_floats(),
             )
     except (pd.errors.ParserError, UnicodeDecodeError, ValueError, OSError, EOFError, zlib.error) as error:
         reason = str(error).removeprefix("Error tokenizing data. C error: ").strip()
@@ -249,6 +260,8 @@ def _table(
     first_row: int,
     notes: tuple[str, ...],
 ) -> FileTable:
+    import pandas as pd
+
     columns: dict[str, np.ndarray] = {}
     unusable: dict[str, str] = {}
     times: dict[str, str] = {}

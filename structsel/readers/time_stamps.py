@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _DATE = re.compile(r"\d{4}-?\d{2}-?\d{2}[T ]\d{2}:?\d{2}(?::?\d{2}(?:[.,]\d+)?)?(?:Z|[+-]\d{2}(?::?\d{2})?)?")
 _TIME_OF_DAY = re.compile(r"\d{1,2}:[0-5]\d:[0-5]\d(?:[.,]\d+)?")
@@ -28,6 +31,8 @@ def seconds_of(cells: pd.Series) -> tuple[np.ndarray, str] | None:
     cells : (n,) Series of text
         A missing cell becomes NaN.
     """
+    import pandas as pd
+
     given = cells.notna().to_numpy()
     text = cells[given].astype(str).str.strip()
     if not len(text):

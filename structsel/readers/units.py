@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import re
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pint
+
+if TYPE_CHECKING:
+    import pint
 
 _DIMENSIONLESS = {"", "-", "--", "1", "none", "n/d", "nd"}
 _NAMED = {"kg/m/s^2": "Pa", "kg*m/s^2": "N", "kg*m^2/s^2": "N*m", "kg*m^2/s^3": "W", "kg*m^2/A/s^3": "V"}
@@ -28,6 +30,8 @@ _BARE_POWER = re.compile(r"(?<=[A-Za-z])(-?\d)")
 
 @cache
 def _registry() -> pint.UnitRegistry:
+    import pint
+
     registry: pint.UnitRegistry = pint.UnitRegistry(on_redefinition="raise")
     registry.define("pound_force_per_square_foot = force_pound / foot ** 2 = psf")
     return registry

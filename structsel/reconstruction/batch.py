@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-from joblib import Parallel, cpu_count, delayed
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DomainError, StructselError
@@ -20,6 +18,9 @@ from structsel.reconstruction.settings import ReconstructOptions
 from structsel.recording import Recording
 from structsel.results import Result
 from structsel.tables import Cell, Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,6 +66,8 @@ class Reconstructions(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each manoeuvre: verdict, NIS, and every constant with its standard deviation."""
+        import pandas as pd
+
         rows = []
         for one in self.done:
             row: dict[str, Any] = {"name": one.name, "trusted": one.trusted, "nis": one.consistency.nis}
@@ -148,6 +151,8 @@ def reconstruct_all(
     DomainError
         Two recordings of one name, fewer than one worker, or an option out of range.
     """
+    from joblib import Parallel, cpu_count, delayed
+
     given = list(recordings)
     names = [recording.name for recording in given]
     double = next((name for name in names if names.count(name) > 1), None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from structsel.numerics import kinematics as fp
 from structsel.numerics.noise_models import autocorrelation
@@ -143,7 +143,7 @@ def check_innovations(
     used = run.used[rows]
     dof = int(used.sum())
     nis = float(np.nansum(run.nis[rows])) / max(dof, 1)
-    low, high = (stats.chi2.ppf(p, dof) / dof for p in (0.025, 0.975)) if dof else (np.nan, np.nan)
+    low, high = (scipy.stats.chi2.ppf(p, dof) / dof for p in (0.025, 0.975)) if dof else (np.nan, np.nan)
     # A variance is in error by twice as much as its root.
     errors = [
         c.n * (2.0 * NOISE_LEVEL_ERROR / np.sqrt(max(c.n, 1)) if c.channel in estimated else 0.0) for c in channels

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+import scipy
 
 from structsel.numerics import kinematics as fp
 from structsel.reconstruction.data_compatibility import check_data_compatibility, fit_attitude_scales, simulate_outputs
@@ -123,7 +123,7 @@ def _attitude_scales(problem: KinematicsProblem, values: np.ndarray) -> tuple[st
     errors = np.sqrt(np.diag(fit.covariance) + variance)[L:]
     angle = simulate_outputs(problem, fit.theta[:L])[:, angles]
     spread = np.sqrt(np.mean((angle - angle[0]) ** 2, axis=0))
-    limit = norm.isf(_SCALE_FALSE_ALARMS / (2 * len(angles)))
+    limit = scipy.stats.norm.isf(_SCALE_FALSE_ALARMS / (2 * len(angles)))
     return tuple(
         f"{fp.MEASUREMENTS[c]} has a scale error of {scale:+.1%} +- {one:.1%} by output error, which is not in the "
         "model: it changes the biases, so correct the channel"
@@ -135,7 +135,7 @@ def _attitude_scales(problem: KinematicsProblem, values: np.ndarray) -> tuple[st
 
 def _contradictions(method: str, mine: Mapping[str, Constant], others: list[_Estimate]) -> tuple[str, ...]:
     """One sentence for each method with a constant that differs by more than the standard deviations of both allow."""
-    limit = norm.isf(_FALSE_ALARMS / (2 * max(len(others), 1)))
+    limit = scipy.stats.norm.isf(_FALSE_ALARMS / (2 * max(len(others), 1)))
     found: dict[str, list[str]] = {}
     for other in others:
         own = mine[other.name]

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from structsel.errors import DataError
 from structsel.nomenclature import AIR_DATA
@@ -277,5 +277,5 @@ def _most_likely_factor(problem: KinematicsProblem, group: list[int]) -> float:
 
     # The noise cannot be smaller than in the readings themselves.
     limits = (0.0, float(np.log(_LARGEST_FACTOR)))
-    found = minimize_scalar(cost, bounds=limits, method="bounded", options={"xatol": 0.1})
+    found = scipy.optimize.minimize_scalar(cost, bounds=limits, method="bounded", options={"xatol": 0.1})
     return float(np.exp(found.x)) if found.fun < cost(0.0) - _MIN_GAIN else 1.0

@@ -11,11 +11,11 @@ are integrated over segments of at most a minute [M86].
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from scipy.fft import dct, idct
+import scipy
 
 from structsel.errors import DomainError
 from structsel.numerics.air_data import body_velocity
+from structsel.numerics.compiling import njit
 from structsel.numerics.kinematics import MEASUREMENTS, MOTION, readings, slopes
 from structsel.reconstruction.ukf import KinematicsProblem
 
@@ -91,9 +91,9 @@ def _without_noise(values: np.ndarray, std: float) -> np.ndarray:
     """Signal of the cosines above the level of white noise, because noise in the path is no excitation."""
     if not values.size or std == 0.0:
         return values
-    waves = dct(values, norm="ortho")
+    waves = scipy.fft.dct(values, norm="ortho")
     waves[1:][np.abs(waves[1:]) < std * np.sqrt(2.0 * np.log(values.size / _P_NOISE))] = 0.0
-    return idct(waves, norm="ortho")
+    return scipy.fft.idct(waves, norm="ortho")
 
 
 def _attitude(problem: KinematicsProblem, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from structsel.aircraft import Aircraft
 from structsel.errors import ReconstructionError
@@ -111,6 +110,8 @@ def _reconstruct_aligned(
     progress: Progress | None,
 ) -> Reconstruction:
     """Reconstruction of a recording whose channels are first advanced by these delays."""
+    from threadpoolctl import threadpool_limits
+
     aligned = recording.align(delays) if delays else recording
     # The matrices are small: more threads would be slower.
     with threadpool_limits(1, user_api="blas"):

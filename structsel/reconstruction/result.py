@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.formatting import format_number
 from structsel.nomenclature import BODY_RATES, SPECIFIC_FORCES
@@ -17,6 +16,9 @@ from structsel.reconstruction.observability import Reconstructibility
 from structsel.recording import Finding, Recording
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CONSTANTS = {
     **{f"b{c}": (f"bias of {c}", "m/s^2") for c in SPECIFIC_FORCES},
@@ -191,6 +193,8 @@ class Reconstruction(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each constant: name, value, std, std_white, unit, meaning."""
+        import pandas as pd
+
         rows = [
             {"name": c.name, "value": c.value, "std": c.std, "std_white": c.std_white, "unit": c.unit,
              "meaning": CONSTANTS[c.name][0]}

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from structsel.numerics import kinematics as fp
 from structsel.reconstruction.ukf import KinematicsProblem, negative_log_likelihood
@@ -107,7 +107,7 @@ def _improved(problem: KinematicsProblem, gusts: Gusts, axes: list[int] | None, 
         return replace(gusts, std=std)
 
     bounds = _BETWEEN_AXES if axes is not None and len(axes) == 1 else _RANGE
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda x: _cost(problem, scaled(x), lateral), bounds=bounds, method="bounded", options={"xatol": 0.1}
     )
     return scaled(float(found.x))

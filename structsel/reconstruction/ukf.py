@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+import scipy
 
 from structsel.errors import DomainError
 from structsel.numerics import unscented_filter as kernel
@@ -119,7 +119,7 @@ class KinematicsProblem:
         """(n,) heading [rad] from the body rates along a path (n, 34), from its initial value."""
         path = path.copy()
         path[:, 5] = self.start[5]
-        return self.start[5] + cumulative_trapezoid(self.slopes(path)[:, 5], self.t, initial=0.0)
+        return self.start[5] + scipy.integrate.cumulative_trapezoid(self.slopes(path)[:, 5], self.t, initial=0.0)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.errors import ChannelError, DataError
 from structsel.nomenclature import UNKNOWN, find_channel, is_known
@@ -24,6 +23,8 @@ def checked_time(t: Any, name: str) -> np.ndarray:
     DataError
         It is not a vector, or contains neither real numbers nor times.
     """
+    import pandas as pd
+
     if _holds_times(t):
         index = pd.Index(np.asarray(t))
         t = np.asarray((index - index[0] if index.dtype.kind != "m" else index) / np.timedelta64(1, "s"))
@@ -99,6 +100,8 @@ def read_only(values: Any, name: str, channel: str) -> np.ndarray:
 
 
 def _holds_times(values: Any) -> bool:
+    import pandas as pd
+
     array = np.asarray(values)
     if array.dtype.kind != "O":
         return array.dtype.kind in "mM"

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import find_objects, label, median_filter
+import scipy
 
 from structsel.errors import DomainError
 from structsel.nomenclature import BODY_RATES, CONTROL_SURFACES
@@ -201,7 +201,7 @@ def _activities(recording: Recording, names: Iterable[str], parts: list[slice], 
         values[name], size[name] = np.empty(len(filled)), np.zeros(len(filled))
         for part in parts:
             # The median of three removes single spikes and does not move edges.
-            values[name][part] = median_filter(filled[part], 3, mode="nearest")
+            values[name][part] = scipy.ndimage.median_filter(filled[part], 3, mode="nearest")
             size[name][part] = _detrended_std(values[name][part], half)
         unit = recording.unit(name)
         largest[unit] = max(largest.get(unit, 0.0), float(size[name].max()))
@@ -241,7 +241,7 @@ def _inputs_of(activity: _Activity, part: slice, half: int, t: np.ndarray) -> li
     size, values, t = activity.size[part], activity.values[part], t[part]
     spans: list[tuple[int, int]] = []
     offset, since = 0.0, 0  # offset of the channel after the last inputs, and the span that caused it
-    for (region,) in find_objects(label(size > activity.off)[0]):
+    for (region,) in scipy.ndimage.find_objects(scipy.ndimage.label(size > activity.off)[0]):
         if size[region].max() <= activity.on:
             continue
         # The window contains an edge half its length before its centre does.

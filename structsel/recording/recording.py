@@ -10,10 +10,9 @@ import sys
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.errors import DataError, StructselWarning
 from structsel.formatting import count_of
@@ -34,6 +33,9 @@ from structsel.recording.finding import Finding
 from structsel.recording.summary import range_of, summarise
 from structsel.results import Result
 from structsel.tables import Summary
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -350,6 +352,8 @@ class Recording(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """Columns ``t`` and the channels, one row for each sample."""
+        import pandas as pd
+
         return pd.DataFrame({"t": self.t, **self.channels})
 
     def to_dict(self) -> dict[str, Any]:

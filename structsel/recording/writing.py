@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-
-import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
+from typing import TYPE_CHECKING
 
 from structsel.errors import DataError
 from structsel.files import replacing
@@ -16,6 +13,9 @@ from structsel.readers.parquet import METADATA
 from structsel.readers.table import SCHEMA
 from structsel.readers.text import AT_CG, PROVENANCE
 from structsel.recording.recording import Recording
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def write_recording(recording: Recording, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -79,6 +79,9 @@ def _write_csv(frame: pd.DataFrame, recording: Recording, path: Path) -> None:
 
 
 def _write_parquet(frame: pd.DataFrame, recording: Recording, path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     table = pa.Table.from_pandas(frame, preserve_index=False)
     about = {"schema": SCHEMA, "provenance": recording.provenance, "at_cg": sorted(recording.at_cg)}
     metadata = json.dumps(about, ensure_ascii=False).encode()

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-from scipy import stats
+import scipy
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DataError, ModelError, RefinementError, StructselError
@@ -25,6 +24,9 @@ from structsel.refinement.refine import refine
 from structsel.refinement.result import Refinement
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 METHODS = ("equation error", "two-step", "output error", "filter error")
 _TRIM = 1.0  # s at the start of a manoeuvre, whose median is its condition
@@ -67,10 +69,12 @@ class Derivatives(Result):
     @property
     def half(self) -> np.ndarray:
         """(g, p, m) half widths of the confidence intervals, normal."""
-        return stats.norm.ppf(0.5 + self.level / 2.0) * self.std
+        return scipy.stats.norm.ppf(0.5 + self.level / 2.0) * self.std
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each condition, parameter and method, with its interval and note."""
+        import pandas as pd
+
         rows = [
             {"recordings": ", ".join(self.recordings[g]), self.against: self.conditions[g], "parameter": name,
              "method": method, "value": self.values[g, i, j], "std": self.std[g, i, j],

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import pandas as pd
 
 from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_all
@@ -24,6 +23,9 @@ from structsel.refinement.parameters import check_recordings
 from structsel.results import Result
 from structsel.simulation.linear import LinearModel
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,6 +77,8 @@ class EquationError(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each parameter: name, value, std."""
+        import pandas as pd
+
         return pd.DataFrame({"name": self.names, "value": self.values, "std": self.std})
 
     def summary(self) -> Summary:

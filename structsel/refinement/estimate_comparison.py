@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-from scipy import stats
+import scipy
 
 from structsel.errors import ModelError
 from structsel.formatting import format_number
@@ -17,6 +16,9 @@ from structsel.refinement.equation_error import EquationError
 from structsel.refinement.result import Refinement
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,7 +50,7 @@ class EstimateComparison(Result):
     @property
     def intervals(self) -> np.ndarray:
         """(p, m, 2) confidence intervals, normal."""
-        half = stats.norm.ppf(0.5 + self.level / 2.0) * self.std
+        half = scipy.stats.norm.ppf(0.5 + self.level / 2.0) * self.std
         return np.stack([self.values - half, self.values + half], axis=2)
 
     @property
@@ -63,6 +65,8 @@ class EstimateComparison(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each parameter and method: parameter, method, value, std, low, high, truth."""
+        import pandas as pd
+
         bounds = self.intervals
         rows = [
             {"parameter": name, "method": method, "value": self.values[i, j], "std": self.std[i, j],
@@ -78,7 +82,7 @@ class EstimateComparison(Result):
     def summary(self) -> Summary:
         """Estimates and half-widths of their intervals, method by method."""
         known = bool(np.isfinite(self.truth).any())
-        half = stats.norm.ppf(0.5 + self.level / 2.0) * self.std
+        half = scipy.stats.norm.ppf(0.5 + self.level / 2.0) * self.std
         rows = []
         for i, name in enumerate(self.parameters):
             cells = [self._cell(i, j, half[i, j]) for j in range(len(self.methods))]

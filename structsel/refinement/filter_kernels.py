@@ -17,7 +17,8 @@ References
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from structsel.numerics.compiling import njit
 
 _DOUBLINGS = 60  # 2^60 samples: a gain that is not steady by then never is
 _CONVERGED = 1e-12

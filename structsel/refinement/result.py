@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.deprecation import renamed_attribute
 from structsel.formatting import count_of
@@ -17,6 +16,9 @@ from structsel.recording import Recording
 from structsel.refinement.held_out import HeldOutComparison, Verdict
 from structsel.results import Result
 from structsel.tables import Cell, Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _PER_RECORDING = ("start", "jump", "drift", "bias")
 
@@ -207,6 +209,8 @@ class Refinement(Result):
 
     def history(self) -> pd.DataFrame:
         """One row for each step: step, cost, and every parameter."""
+        import pandas as pd
+
         frame = pd.DataFrame(self.thetas, columns=list(self.names))
         frame.insert(0, "cost", self.costs)
         frame.insert(0, "step", np.arange(len(self.costs)))
@@ -217,6 +221,8 @@ class Refinement(Result):
 
         Columns: name, kind, value, std, std_white, low95, high95, start, low, high, at_bound.
         """
+        import pandas as pd
+
         return pd.DataFrame(_records((*self.estimates, *self.held)))
 
     def to_dict(self) -> dict[str, Any]:

@@ -17,7 +17,6 @@ from typing import Any
 from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
-from filelock import FileLock, Timeout
 
 from structsel.errors import DataError
 from structsel.files import replacing
@@ -50,6 +49,8 @@ class Checkpoint:
     """
 
     def __init__(self, path: Path, identity: str):
+        from filelock import FileLock, Timeout
+
         self.path, self.identity = path, identity
         self._lock = FileLock(path.with_name(f".{path.name}.lock"), timeout=0)
         try:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
@@ -82,7 +82,7 @@ def constants_differ(products: CrossProducts, own: Search) -> bool:
         return True
     between = size @ (of_group - np.average(of_group, weights=size)) ** 2 / freedom[0]
     within = n @ (means - of_group[group]) ** 2 / freedom[1]
-    return bool(between > within * stats.f.isf(SIGNIFICANCE, *freedom))
+    return bool(between > within * scipy.stats.f.isf(SIGNIFICANCE, *freedom))
 
 
 def slope_error(search: Search, within: CrossProducts) -> float:

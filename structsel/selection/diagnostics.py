@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from structsel.candidates import Candidates, Term
 from structsel.nomenclature import UNKNOWN
@@ -102,7 +102,7 @@ def _about_the_search(found: ArraySelection, names: Sequence[str], options: Sele
     if by_F and options.stopping_rule == "F" and options.F_in != "fdr" and not found.cluster_robust:
         F_in = thresholds(options, p, search.dof)[0]
         outside = p - len(search.selected)
-        expected = outside * stats.f.sf(F_in, 1, max(search.dof - len(search.selected), 1.0))
+        expected = outside * scipy.stats.f.sf(F_in, 1, max(search.dof - len(search.selected), 1.0))
         if expected > 0.5:
             warnings.append(
                 f"With F_in = {F_in:.3g} and {p} candidates about {expected:.1f} false terms are expected; "

@@ -20,8 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, stats
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
@@ -60,7 +60,7 @@ class Heterogeneity:
         if not self.p_value[term] < SIGNIFICANCE:
             return []
         size = np.abs(self.standardised[term])
-        limit = stats.norm.isf(SIGNIFICANCE / 2.0 / size.size)
+        limit = scipy.stats.norm.isf(SIGNIFICANCE / 2.0 / size.size)
         return [int(k) for k in np.argsort(size)[::-1] if size[k] > limit]
 
 
@@ -109,7 +109,7 @@ def _of_term(
     if freedom < 1:
         return 0.0, 1.0, deviation, standardised
     added = variance_between(deviation[usable], c * s2 / q[usable]) * float(q[usable] @ q[usable]) / whole**2
-    return added, float(stats.chi2.sf(Q, freedom)), deviation, standardised
+    return added, float(scipy.stats.chi2.sf(Q, freedom)), deviation, standardised
 
 
 def variance_between(values: Array, variances: Array) -> float:
@@ -121,7 +121,7 @@ def variance_between(values: Array, variances: Array) -> float:
 
     if excess(0.0) <= 0.0:
         return 0.0
-    return float(optimize.brentq(excess, 0.0, 2.0 * float(np.ptp(values)) ** 2))
+    return float(scipy.optimize.brentq(excess, 0.0, 2.0 * float(np.ptp(values)) ** 2))
 
 
 def _samples_per_one(score: Array, square: Array, group: NDArray[np.intp], s2: float) -> float:

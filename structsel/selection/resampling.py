@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import expit, logit
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, choose_workers
@@ -88,7 +88,7 @@ class Bootstrap:
         """
         shift, slope = CALIBRATION
         inner = np.clip(self.posterior, LEAST, 1.0 - LEAST)
-        value = expit(shift + slope * logit(inner))
+        value = scipy.special.expit(shift + slope * scipy.special.logit(inner))
         return np.where(self.posterior > 0.0, value, 0.0)
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from structsel.candidates import Candidates, Term
 from structsel.deprecation import renamed_attribute
@@ -24,6 +23,9 @@ from structsel.selection.diagnostics import Alias
 from structsel.selection.settings import SelectOptions
 from structsel.selection.trace import HeldOutPart, TraceStep
 from structsel.tables import Cell, Column, Summary, Table, Tone, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 COLUMN_NOTES = (
     "std error and interval include the uncertainty of the structure where the selection was resampled; F: partial F; "
@@ -190,7 +192,7 @@ class Selection(Result):
         """Two-sided intervals (1 + k, 2) with the structure's uncertainty, the constant first; nan where biased."""
         if self.biased:
             return np.full((self.values.size, 2), np.nan)
-        half = stats.t.ppf(0.5 + level / 2, self.error_dof) * self.standard_errors
+        half = scipy.stats.t.ppf(0.5 + level / 2, self.error_dof) * self.standard_errors
         return np.column_stack([self.values - half, self.values + half])
 
     @property
@@ -230,6 +232,8 @@ class Selection(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row per parameter, the constant first."""
+        import pandas as pd
+
         low, high = self.intervals().T
         names = ["1", *map(str, self.terms)]
         return pd.DataFrame(
@@ -253,6 +257,8 @@ class Selection(Result):
 
         Two or more fractions above 0.5 with an index above 30 name terms that depend on one another [B80].
         """
+        import pandas as pd
+
         names = ["1", *map(str, self.terms)]
         fractions = pd.DataFrame(self.conditioning.proportions, columns=names)
         fractions.insert(0, "condition_index", self.conditioning.indices)
@@ -260,6 +266,8 @@ class Selection(Result):
 
     def correlation_frame(self) -> pd.DataFrame:
         """Correlation of the parameters, the terms taken as given; the constant first."""
+        import pandas as pd
+
         names = ["1", *map(str, self.terms)]
         root = np.sqrt(np.diag(self.covariance))
         root = np.where(root > 0, root, 1.0)
@@ -267,6 +275,8 @@ class Selection(Result):
 
     def trace_frame(self) -> pd.DataFrame:
         """One row per move of the search."""
+        import pandas as pd
+
         rows = [{**vars(s), "term": str(s.term), "other": str(s.other or "")} for s in self.trace]
         return pd.DataFrame(rows, columns=list(TraceStep.__dataclass_fields__))
 
@@ -373,6 +383,8 @@ class Selections(Result, Mapping[str, Selection]):
 
     def to_frame(self) -> pd.DataFrame:
         """One row per response and parameter."""
+        import pandas as pd
+
         return pd.concat([s.to_frame() for s in self.values()], ignore_index=True)
 
     def to_dict(self) -> dict[str, Any]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpstrf
 
 from structsel.errors import SelectionError
 from structsel.numerics import criteria
@@ -180,7 +180,9 @@ def _given(C: Array, terms: Sequence[int], dof: float) -> SearchResult:
     columns = [j for j in terms if C[j, j] > 0.0]
     if columns:
         root = np.sqrt(np.diag(C)[columns])
-        _, pivot, rank, _ = dpstrf(C[np.ix_(columns, columns)] / np.outer(root, root), tol=DEPENDENT)
+        _, pivot, rank, _ = scipy.linalg.lapack.dpstrf(
+            C[np.ix_(columns, columns)] / np.outer(root, root), tol=DEPENDENT
+        )
         columns = sorted(columns[i - 1] for i in pivot[:rank])
     rss = project(C, columns).rss if columns else float(C[-1, -1])
     return SearchResult(tuple(columns), rss, float(C[-1, -1]), (), "terms as given", dof, dof)

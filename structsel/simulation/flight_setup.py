@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+import scipy
 
 from structsel.aircraft import Aircraft
 from structsel.candidates.formula import Node, evaluate
@@ -285,7 +285,7 @@ def _mass(t: np.ndarray, given: Mapping[str, Any], aircraft: Aircraft, name: str
     mass = np.full(len(t), aircraft.mass)
     if "fuel_flow" in given:
         flow = _column("fuel_flow", t, given, {}, name)
-        mass[1:] -= cumulative_trapezoid(flow, t)
+        mass[1:] -= scipy.integrate.cumulative_trapezoid(flow, t)
         if not mass[-1] > 0.0:
             raise DataError(f"'{name}': the fuel flow exceeds the mass of the aircraft. Check its unit, kg/s.")
     return mass

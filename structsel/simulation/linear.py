@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import pandas as pd
 
 from structsel.errors import DataError, ModelError, SimulationError
 from structsel.nomenclature import is_known, suggest, unit_of
@@ -21,6 +20,9 @@ from structsel.recording import Recording
 from structsel.results import Result
 from structsel.simulation.modes import Modes, modes
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Hold = Literal["hold", "linear"]
 
@@ -243,6 +245,8 @@ class LinearModel(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row per parameter."""
+        import pandas as pd
+
         return pd.DataFrame({"parameter": self.family.names, "value": self.theta})
 
     def to_dict(self) -> dict[str, Any]:

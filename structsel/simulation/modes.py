@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from structsel.errors import DomainError
 from structsel.formatting import format_number
@@ -115,7 +115,7 @@ def modes(A: np.ndarray, states: Sequence[str] = ()) -> Modes:
         raise DomainError(f"modes needs one square matrix of finite numbers; found shape {A.shape}.")
     if states and len(states) != len(A):
         raise DomainError(f"modes was given {len(states)} names for {len(A)} states.")
-    values, left, right = linalg.eig(A, left=True, right=True)
+    values, left, right = scipy.linalg.eig(A, left=True, right=True)
     participation = np.abs(left * right)
     participation = (participation / np.maximum(participation.sum(axis=0), np.finfo(float).tiny)).T
     upper = values.imag >= 0.0

@@ -6,11 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import pandas as pd
-from scipy.optimize import least_squares
+import scipy
 
 from structsel.errors import ChannelError
 from structsel.formatting import format_number
@@ -20,6 +19,9 @@ from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import STATES
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 EQUATIONS = ("u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot", "climb")
 """What is zero in a steady flight: accelerations, and the error of the rate of climb."""
@@ -107,6 +109,8 @@ class Trim(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row: the content of `to_dict`."""
+        import pandas as pd
+
         return pd.DataFrame([self.to_dict()])
 
     def summary(self) -> Summary:
@@ -211,7 +215,7 @@ class TrimProblem:
 
     def nearest(self, first: np.ndarray, *, tolerance: float, evaluations: int, **difference: Any) -> Any:
         """Least squares within the limits; `difference` are options of `scipy.optimize.least_squares`."""
-        return least_squares(
+        return scipy.optimize.least_squares(
             self.residual, first, bounds=(self.limits[:, 0], self.limits[:, 1]), x_scale=0.1, xtol=tolerance,
             ftol=tolerance, gtol=tolerance, max_nfev=evaluations, **difference,
         )  # fmt: skip

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import root
+import scipy
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DomainError, ModelError, SimulationError
@@ -202,7 +202,7 @@ def _solve(problem: TrimProblem) -> np.ndarray:
         guess["turn_rate"] = G0 * math.tan(fixed["phi"]) / V
     first = best = np.clip([guess[name] for name in problem.unknowns], low, high)
     if len(problem.unknowns) == len(problem.rows):
-        best = root(problem.residual, first, tol=1e-13).x
+        best = scipy.optimize.root(problem.residual, first, tol=1e-13).x
     inside = bool((best >= low - 1e-9).all() and (best <= high + 1e-9).all())
     if inside and np.abs(problem.residual(best)).max() <= _BALANCED:
         return best

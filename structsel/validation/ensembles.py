@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from structsel.candidates import Term
 from structsel.errors import ModelError
@@ -16,6 +15,9 @@ from structsel.formatting import count_of
 from structsel.model import AeroModel
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,8 @@ class Ensemble(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row per response and term: count, mean, low, high, variance, std_error, ratio."""
+        import pandas as pd
+
         return pd.DataFrame([asdict(row) for row in self.rows], columns=list(TermScatter.__dataclass_fields__))
 
     def to_dict(self) -> dict[str, Any]:

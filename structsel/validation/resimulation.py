@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-import pandas as pd
 
 from structsel.deprecation import renamed_attribute
 from structsel.errors import ModelError
@@ -18,6 +17,9 @@ from structsel.nomenclature import unit_of
 from structsel.recording import Recording
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Kind = Literal["windows", "whole"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -190,6 +192,8 @@ class Resimulation(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each recording, kind of simulation and output, then the pooled ones."""
+        import pandas as pd
+
         return pd.DataFrame([one.to_dict() for one in (*self.scores, *self.pooled)])
 
     def to_dict(self) -> dict[str, Any]:

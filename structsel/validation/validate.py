@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import pandas as pd
-from scipy import stats
+import scipy
 
 from structsel import whiteness
 from structsel.errors import DomainError, ModelError
@@ -19,6 +18,9 @@ from structsel.model import AeroModel
 from structsel.recording import Recording, require_recordings
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _FEWEST = 10
 _WHITE = 0.05
@@ -116,6 +118,8 @@ class Validation(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row per response and recording, then the pooled ones; the autocorrelation is left out."""
+        import pandas as pd
+
         rows = [score.to_dict() for score in (*self.scores, *self.pooled)]
         return pd.DataFrame([{k: v for k, v in row.items() if k != "autocorrelation"} for row in rows])
 
@@ -286,7 +290,7 @@ def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> dict[str, Any]:
         "bound": bound,
         "outside": float(np.mean(np.abs(rho[1:]) > bound)),
         "ljung_box": statistic,
-        "ljung_box_p": float(stats.chi2.sf(statistic, lags * len(residuals))),
+        "ljung_box_p": float(scipy.stats.chi2.sf(statistic, lags * len(residuals))),
         "durbin_watson": float(steps / sum(e @ e for e in residuals)),
     }
 

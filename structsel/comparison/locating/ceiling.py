@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
-from scipy.fft import idct
-from threadpoolctl import threadpool_limits
+import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.windows import Flags
@@ -105,7 +104,7 @@ def _in_band(x: Array, f: Flight) -> Array:
     coefficients = spectrum(x, bins_of(f), edge_of(f))
     n = fast_length(len(x))
     made[1 : len(coefficients)] = coefficients[1:]
-    made[:n] = idct(made[:n], axis=0, norm="ortho")
+    made[:n] = scipy.fft.idct(made[:n], axis=0, norm="ortho")
     return made
 
 
@@ -134,6 +133,7 @@ def _foretell(X: Array, products: Array, Y: Array, group: Array) -> Array:
     from sklearn.ensemble import HistGradientBoostingRegressor
     from sklearn.linear_model import Ridge
     from sklearn.model_selection import GroupKFold
+    from threadpoolctl import threadpool_limits
 
     scale = products.std(axis=0)
     P = products[:, scale > 0.0] / scale[scale > 0.0]

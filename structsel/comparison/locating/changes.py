@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import idct
-from scipy.stats import norm
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.windows import Intervals
@@ -84,7 +83,7 @@ def whitened(spectrum: Array, std: Array, n: int) -> Array:
     bins = len(spectrum) - 1
     made[1 : bins + 1] = spectrum[1:] / std[1:] * np.sqrt(n / bins)
     m = fast_length(n)
-    made[:m] = idct(made[:m], norm="ortho")
+    made[:m] = scipy.fft.idct(made[:m], norm="ortho")
     return made
 
 
@@ -98,7 +97,7 @@ def standing_out(powers: Array, ceiling: float = 2.0) -> Array:
     logs = np.log(np.maximum(powers, 1e-12))
     middle = float(np.median(logs))
     scatter = max(middle - float(np.quantile(logs, 0.1587)), 0.1)
-    return np.asarray(norm.sf((logs - min(middle, np.log(ceiling))) / scatter))
+    return np.asarray(scipy.stats.norm.sf((logs - min(middle, np.log(ceiling))) / scatter))
 
 
 def find_windows(

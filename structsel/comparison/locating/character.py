@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as t_distribution
+import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import Noise, bins_of, edge_of
@@ -127,7 +127,7 @@ def _test(kind: str, response: str, y: Array, beside: Array, X: Array, cuts: Arr
     share = float(((y - before) ** 2).sum() - ((y - after) ** 2).sum()) / max(float(y @ y), 1e-300)
     error = float(gains.std(ddof=1)) / np.sqrt(len(gains))
     statistic = float(gains.mean()) / max(error, 1e-12)
-    return [Character(kind, response, share, statistic, float(t_distribution.sf(statistic, len(gains) - 1)))]
+    return [Character(kind, response, share, statistic, float(scipy.stats.t.sf(statistic, len(gains) - 1)))]
 
 
 def _foretold(X: Array, y: Array, cuts: Array) -> Array:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import stft
+import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import HIGHEST
@@ -106,7 +106,7 @@ def _transforms(signals: Mapping[str, Sequence[Array]], dt: float, per: int) -> 
     for name, each in signals.items():
         parts = []
         for x in each:
-            f_hz, _, z = stft(
+            f_hz, _, z = scipy.signal.stft(
                 x, fs=1.0 / dt, nperseg=per, noverlap=int(per * OVERLAP), detrend="linear", boundary=None, padded=False
             )
             parts.append(z)

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.special import logsumexp
+import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import bins_of, edge_of, frequencies
@@ -218,7 +217,7 @@ def _undriven(y: list[Array], X: list[Array], hz: list[Array]) -> tuple[list[Arr
 
 def _averaged(costs: Array) -> float:
     """Cost averaged over a grid: minus the logarithm of the mean likelihood."""
-    return -float(logsumexp(-costs) - np.log(len(costs)))
+    return -float(scipy.special.logsumexp(-costs) - np.log(len(costs)))
 
 
 def _unlike(sigmas: Sequence[float]) -> float:
@@ -298,7 +297,7 @@ def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _Dryd
 
     x = np.array([np.log(start), 0.0, np.log(size), *np.zeros(flights)])
     bounds = [(x[0] - 9.0, x[0] + 3.0), (-4.0, 4.0), (x[2] - 12.0, x[2] + 5.0), *[(-3.0, 3.0)] * flights]
-    found = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds)
+    found = scipy.optimize.minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds)
     sigma = float(np.sqrt(np.mean(np.exp(found.x[2] + found.x[3:])))) if length else 0.0
     return _DrydenFit(float(found.fun), sigma, np.sum(parts(found.x), axis=0))
 
