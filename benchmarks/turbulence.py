@@ -30,7 +30,7 @@ def errors_of(level: float, seed: int, flights: int) -> list[tuple[str, float, f
     for response, terms in truth.items():
         names = [name for name in terms if name != "1"]
         pool = ss.Candidates.parse(names)
-        found = ss.select(manoeuvres, response, pool, include=names, parsimony="none", bootstrap=0)[response]
+        found = ss.select(manoeuvres, response, pool, include=names, parsimony="none", bootstrap=0)
         plain = stats.t.ppf(0.975, found.dof) * np.sqrt(np.diag(found.covariance))
         for i, (term, (low, high)) in enumerate(zip(["1", *map(str, found.terms)], found.intervals(), strict=True)):
             if term != "1":

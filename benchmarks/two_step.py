@@ -125,7 +125,7 @@ def fitted(recordings: list[Recording], aircraft: ss.Aircraft) -> dict[tuple[str
     for response, terms in TERMS.items():
         kept = ss.select(
             flights, response, ss.Candidates.parse(terms), include=terms, noise="white", bootstrap=0, constants="shared"
-        )[response].to_model()  # fmt: skip
+        ).to_model()  # fmt: skip
         found |= {(response, term): float(kept[term]) for term in terms}
     return found
 

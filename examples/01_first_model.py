@@ -38,8 +38,7 @@ print(f"{len(pool)} candidates: {pool}")
 # The entry threshold is set for the size of the pool.
 
 # %%
-found = select(used, "Cm", pool, F_in="auto")
-chosen = found["Cm"]
+chosen = select(used, "Cm", pool, F_in="auto")
 print(chosen)
 
 # %% [markdown]
@@ -53,7 +52,7 @@ for step in chosen.trace:
 # ## Validation with a flight that was not used for the selection
 
 # %%
-print(validate(found.model, held_out))
+print(validate(chosen.model, held_out))
 
 # %% [markdown]
 # ## Comparison with the true terms
@@ -62,11 +61,11 @@ print(validate(found.model, held_out))
 kept = {str(term) for term in chosen.terms}
 given = set(truth["Cm"]) - {"1"}
 print("missed:", sorted(given - kept), " false:", sorted(kept - given))
-model = found.model["Cm"]
+model = chosen.model["Cm"]
 for term, value in truth["Cm"].items():
     if term in model:
         print(f"{term:8} truth {value:8.4g}   found {model[term]:8.4g}")
 
 assert given <= kept, "a true term was missed"
 assert abs(model["de"] / truth["Cm"]["de"] - 1.0) < 0.02, "the elevator's effect is off by more than 2 %"
-assert validate(found.model, held_out).score("Cm").r2 > 0.95
+assert validate(chosen.model, held_out).score("Cm").r2 > 0.95

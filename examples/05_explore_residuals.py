@@ -79,7 +79,7 @@ plot_component(full, manoeuvres, "Cm", "alpha")
 # ## The same by `select`, whose F-tests account for the residual autocorrelation
 
 # %%
-chosen = ss.select(manoeuvres, "Cm", pool, F_in="auto", bootstrap=0)["Cm"]
+chosen = ss.select(manoeuvres, "Cm", pool, F_in="auto", bootstrap=0)
 print("by hand:  ", ", ".join(sorted(terms)))
 print("by select:", ", ".join(sorted(map(str, chosen.terms))))
 chosen

@@ -20,6 +20,7 @@ from structsel.numerics.air_data import air_data_at_cg, lift_and_drag
 from structsel.numerics.atmosphere import standard_atmosphere
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Finding, Recording, with_entry_findings
+from structsel.recording.arguments import as_recordings
 
 _WHO = "compute_coefficients"
 _OPTIONAL = (
@@ -124,7 +125,7 @@ def compute_all(
     made: list[Recording] = []
     shared = aircraft.V0 if V0 is None else V0
     source = ""
-    for recording in recordings:
+    for recording in as_recordings(recordings, "compute_all"):
         one = _Computation(recording, aircraft, method, order)
         if shared is None:
             shared = one.mean_airspeed()

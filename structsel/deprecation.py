@@ -59,7 +59,7 @@ def _translating(function: Any, name: str, new_names: Mapping[str, str]) -> Any:
             new = new_names[old]
             if new in keywords:
                 raise TypeError(f"{name}() got {new!r} twice: {old!r} is its old name.")
-            _warn(f"argument {old!r} of {name}()", new)
+            warn_deprecated(f"argument {old!r} of {name}()", new)
             keywords[new] = keywords.pop(old)
         return function(*args, **keywords)
 
@@ -84,7 +84,7 @@ class renamed_attribute:
     def __get__(self, instance: Any, owner: type) -> Any:
         if instance is None:
             return self
-        _warn(f"{owner.__name__}.{self._old}", self._new)
+        warn_deprecated(f"{owner.__name__}.{self._old}", self._new)
         return getattr(instance, self._new)
 
 
@@ -108,7 +108,7 @@ def renamed_names(module: str, new_names: Mapping[str, str]) -> Callable[[str], 
         if name not in new_names:
             raise AttributeError(f"module {module!r} has no attribute {name!r}", name=name)
         place, _, new = new_names[name].rpartition(":")
-        _warn(f"{module}.{name}", f"{place}.{new}" if place else new)
+        warn_deprecated(f"{module}.{name}", f"{place}.{new}" if place else new)
         return getattr(import_module(place or module), new)
 
     return getattr_
@@ -128,11 +128,14 @@ def renamed_value(option: str, value: Any, new_values: Mapping[str, str]) -> Any
     """
     if not isinstance(value, str) or value not in new_values:
         return value
-    _warn(f"{option}={value!r}", f"{option}={new_values[value]!r}", levels=4)  # one more: the function with the option
+    warn_deprecated(
+        f"{option}={value!r}", f"{option}={new_values[value]!r}", levels=4
+    )  # one more: the function with the option
     return new_values[value]
 
 
-def _warn(old: str, new: str, levels: int = 3) -> None:
+def warn_deprecated(old: str, new: str, levels: int = 3) -> None:
+    """Warn at the user's line that `old` is replaced by `new`."""
     # Levels up to the user's line: this function, the one above that translates the name, the user's; further up
     # where the caller is a function of this package.
     frame: FrameType | None = sys._getframe(levels - 1)

@@ -9,6 +9,7 @@
     ├── AircraftError (ValueError)       aircraft.toml is incomplete or contradicts itself
     ├── MapError (ValueError)            a channel map does not fit the file
     ├── TermError (ValueError)           a candidate term cannot be read
+    ├── ArgumentError (TypeError)        a function was given an object of the wrong type
     ├── ModelError (ValueError)          a model file or a model's use is wrong
     ├── SelectionError (ValueError)      a selection that cannot be made
     └── UnfinishedError (RuntimeError)   a run stopped early; has the partial result
@@ -84,6 +85,10 @@ class MapError(StructselError, ValueError):
 
 class TermError(StructselError, ValueError):
     """A candidate term cannot be read or evaluated."""
+
+
+class ArgumentError(StructselError, TypeError):
+    """A function was given an object of a type that it cannot use; the message says what to pass."""
 
 
 class ModelError(StructselError, ValueError):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 
 from structsel.tables import Summary, Table, one_line
 
@@ -47,11 +50,18 @@ class Result(Summarised):
             object.__setattr__(self, name, _frozen(value))
 
     def to_frame(self) -> pd.DataFrame:
-        """First table of the summary as a DataFrame, numbers unrounded."""
+        """First table of the summary as a DataFrame, numbers unrounded; without a table, its facts."""
         import pandas as pd
 
+        if not self.tables():
+            return pd.DataFrame(self.summary().facts, columns=["name", "value"])
         table = self.tables()[0]
         return pd.DataFrame(table.rows, columns=[column.name for column in table.columns])
+
+    def plot(self, *arguments: Any, ax: Any = None, **options: Any) -> Any:
+        """Draw the result on `ax`, or in a new figure; see `structsel.plotting.plot`."""
+        # By name: figures are made in a room above this one, which imports Matplotlib.
+        return import_module("structsel.plotting").plot(self, *arguments, ax=ax, **options)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: _thawed(value) for name, value in vars(self).items()}
@@ -59,6 +69,58 @@ class Result(Summarised):
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name, value in state.items():
             object.__setattr__(self, name, _restored(value))
+
+
+class Estimates(Result):
+    """Base of results with a value and a standard error for each parameter: what users of statsmodels look for.
+
+    Everything is a pandas object indexed by the names of the parameters. A subclass has `_estimates`.
+    """
+
+    def _estimates(self) -> tuple[Sequence[str], Any, Any, Any]:
+        """Names (k,), values (k,), standard errors (k,), and degrees of freedom (k,) or a number."""
+        raise NotImplementedError
+
+    def _by_name(self, values: Any, name: str) -> pd.Series:
+        import pandas as pd
+
+        return pd.Series(
+            np.array(values, dtype=float), index=pd.Index(list(self._estimates()[0]), name="term"), name=name
+        )
+
+    @property
+    def params(self) -> pd.Series:
+        """Values by term."""
+        return self._by_name(self._estimates()[1], "value")
+
+    @property
+    def bse(self) -> pd.Series:
+        """Standard errors by term."""
+        return self._by_name(self._estimates()[2], "std_error")
+
+    @property
+    def tvalues(self) -> pd.Series:
+        """Values over their standard errors, by term."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self._by_name(np.divide(self._estimates()[1], self._estimates()[2]), "t")
+
+    @property
+    def pvalues(self) -> pd.Series:
+        """Two-sided probabilities of a larger ratio of value to standard error if the true value is zero, by term.
+
+        From Student's t with the degrees of freedom of each error. Terms of a selection were chosen for being large:
+        their probabilities are smaller than those of terms that were chosen beforehand.
+        """
+        return self._by_name(2.0 * scipy.stats.t.sf(np.abs(self.tvalues), self._estimates()[3]), "p")
+
+    def conf_int(self, alpha: float = 0.05) -> pd.DataFrame:
+        """Two-sided confidence intervals of level ``1 - alpha``: columns ``low`` and ``high``, a row for each term."""
+        import pandas as pd
+
+        names, values, errors, dof = self._estimates()
+        half = scipy.stats.t.ppf(1.0 - alpha / 2.0, dof) * np.asarray(errors)
+        index = pd.Index(list(names), name="term")
+        return pd.DataFrame({"low": values - half, "high": values + half}, index=index)
 
 
 class _ReadOnly(dict[Any, Any]):

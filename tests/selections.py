@@ -35,4 +35,4 @@ def made(y, seed=0, n=1500, n_recordings=2, noise=0.1, **more):
 
 
 def warnings_of(recordings, pool=POOL, **options):
-    return "\n".join(select(recordings, "CZ", pool, **{"F_in": "auto", "bootstrap": 50, **options})["CZ"].doubts)
+    return "\n".join(select(recordings, "CZ", pool, **{"F_in": "auto", "bootstrap": 50, **options}).doubts)

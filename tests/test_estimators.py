@@ -66,7 +66,7 @@ def test_an_estimator_gives_what_select_gives_on_recordings(kind, noise):
         for g in ("second", "first", "third")
     ]
     options = {"noise": noise, "bootstrap": 15, "seed": 2}
-    expected = select(flights, "CZ", Candidates.polynomial(NAMES, 1), method=METHOD[kind], **options)["CZ"]
+    expected = select(flights, "CZ", Candidates.polynomial(NAMES, 1), method=METHOD[kind], **options)
     model = kind(**options).fit(X, y, groups=groups)
     kept = [NAMES.index(str(t)) for t in expected.terms]
     assert list(model.selection_.search.selected) == kept

@@ -157,9 +157,9 @@ def test_a_selection_brings_its_own_pool():
         "ipywidgets", reason='ipywidgets is not installed; pip install "structsel[notebooks]" brings it'
     )
     chosen = select(RECORDINGS, "Cm", POOL, max_terms=2, bootstrap=0)
-    offered = {*explore_residuals(chosen, RECORDINGS).term.options, *map(str, chosen["Cm"].terms)}
+    offered = {*explore_residuals(chosen, RECORDINGS).term.options, *map(str, chosen.terms)}
     assert offered == {str(term) for term in POOL}
-    alone = explore_residuals(chosen["Cm"], RECORDINGS[0])
+    alone = explore_residuals(chosen, RECORDINGS[0])
     assert alone.response.options == ("Cm",)
 
 

@@ -130,14 +130,14 @@ def test_a_method_from_outside_is_an_option_of_select_with_its_errors_warnings_a
     recordings = fly({"1": -0.3, "alpha": -4.0, "de": -0.2}, 0.03, lengths=(600, 500, 700))
     pool = Candidates.polynomial(["alpha", "q_hat", "de"], 2)
     selections = select(recordings, "CZ", pool, method="single_best", bootstrap=5)
-    (term,) = selections["CZ"].terms
+    (term,) = selections.terms
     assert str(term) == "alpha"
-    assert selections["CZ"].standard_errors[1] > 0.0
-    assert len(selections["CZ"].held_out) == 3
-    assert "1 of 9 candidate terms, single_best" in str(selections["CZ"])
-    chosen = select(recordings, "CZ", pool, method="single_best", criterion="BIC", max_terms=2, bootstrap=0)["CZ"]
+    assert selections.standard_errors[1] > 0.0
+    assert len(selections.held_out) == 3
+    assert "1 of 9 candidate terms, single_best" in str(selections)
+    chosen = select(recordings, "CZ", pool, method="single_best", criterion="BIC", max_terms=2, bootstrap=0)
     assert chosen.stop_reason == "least BIC of 3 models visited"
-    assert "The single best term; " in describe_method(selections["CZ"])[0]
+    assert "The single best term; " in describe_method(selections)[0]
     with pytest.raises(SelectionError, match="is not one of 'stepwise', 'orthogonal', 'best_subset', 'single_best'"):
         select(recordings, "CZ", pool, method="double_best")
 

@@ -27,7 +27,7 @@ def pairs(selection):
 @pytest.mark.parametrize(("noise", "residual"), [("white", "white"), ("ar", "ar1_0.92")])
 def test_alpha_and_alpha_times_speed_are_aliases_at_nearly_constant_speed(noise, residual):
     flights = fly(TRUTH, 0.02, residual, (2000, 2000), **speed(0.001))
-    found = select(flights, "CZ", POOL, F_in="auto", noise=noise, bootstrap=0)["CZ"]
+    found = select(flights, "CZ", POOL, F_in="auto", noise=noise, bootstrap=0)
     (alias,) = [a for a in found.aliases if {str(a.kept), str(a.other)} == {"alpha", "V_ratio*alpha"}]
     # Of two terms the data cannot separate, the simpler is in the model.
     assert str(alias.kept) == "alpha"
@@ -45,8 +45,8 @@ def test_flying_at_other_speeds_as_advised_separates_them(true):
     truth = {**{k: v for k, v in TRUTH.items() if k != "alpha"}, true: -4.0}
     flights = fly(truth, 0.02, "ar1_0.92", (2000, 2000), **speed(0.001))
     faster = fly(truth, 0.02, "ar1_0.92", (2000, 2000), seed=7, **speed(0.001, mean=1.3))
-    before = select(flights, "CZ", POOL, F_in="auto", bootstrap=0)["CZ"]
-    after = select(flights + faster, "CZ", POOL, F_in="auto", bootstrap=0)["CZ"]
+    before = select(flights, "CZ", POOL, F_in="auto", bootstrap=0)
+    after = select(flights + faster, "CZ", POOL, F_in="auto", bootstrap=0)
     assert {"alpha", "V_ratio*alpha"} in pairs(before)
     assert {"alpha", "V_ratio*alpha"} not in pairs(after)
     assert {str(t) for t in after.terms} == {true, "de", "q_hat"}
@@ -56,7 +56,7 @@ def test_pitch_rate_and_rate_of_angle_of_attack_that_move_together_are_aliases()
     # In level flight without plunging, angle of attack turns as fast as the nose does.
     near = {"alpha_dot_hat": lambda c, rng: c["q_hat"] * (1 + 1e-3 * rng.standard_normal(c["q_hat"].size))}
     pool = Candidates.polynomial(["alpha", "de", "q_hat", "alpha_dot_hat"], 1)
-    found = select(fly(TRUTH, 0.02, lengths=(2000, 2000), **near), "CZ", pool, F_in="auto", bootstrap=0)["CZ"]
+    found = select(fly(TRUTH, 0.02, lengths=(2000, 2000), **near), "CZ", pool, F_in="auto", bootstrap=0)
     assert pairs(found) == [{"q_hat", "alpha_dot_hat"}]
     (alias,) = found.aliases
     assert alias.to_separate.startswith("alpha_dot_hat and q_hat move together here: ")
@@ -66,7 +66,7 @@ def test_pitch_rate_and_rate_of_angle_of_attack_that_move_together_are_aliases()
 
 
 def test_at_exactly_constant_speed_the_copy_is_listed_as_dependent():
-    found = select(fly(TRUTH, 0.02, lengths=(2000, 2000), **speed(0.0)), "CZ", POOL, F_in="auto", bootstrap=0)["CZ"]
+    found = select(fly(TRUTH, 0.02, lengths=(2000, 2000), **speed(0.0)), "CZ", POOL, F_in="auto", bootstrap=0)
     assert {str(t) for t in found.terms} == {"alpha", "de", "q_hat"}
     assert [str(t) for t in found.dependent] == ["V_ratio*alpha"]
     assert any("exactly dependent on the kept terms" in d for d in found.doubts)
@@ -80,7 +80,7 @@ def test_with_good_excitation_there_is_no_alias(seed):
     channels["V_ratio"] = 1.0 + 0.2 * ar1(rng, n, 0.95, 0.3)
     channels["CZ"] = -4 * channels["alpha"] - channels["de"] - 3 * channels["q_hat"] + 0.05 * ar1(rng, n, 0.9, 0.4)
     pool = POOL + Candidates.parse(["alpha_dot_hat", "de*V_ratio", "q_hat*V_ratio"])
-    found = select(Recording("a", 0.02 * np.arange(n), channels), "CZ", pool, F_in="auto", bootstrap=0)["CZ"]
+    found = select(Recording("a", 0.02 * np.arange(n), channels), "CZ", pool, F_in="auto", bootstrap=0)
     assert found.aliases == ()
     assert found.dependent == ()
     assert not any("told apart" in d or "Collinear" in d for d in found.doubts)

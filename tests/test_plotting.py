@@ -75,7 +75,7 @@ def test_the_path_shows_the_residual_after_each_move(selections, ax):
 
 
 def test_a_search_without_a_path_says_so(recordings, ax):
-    selection = select(recordings, "Cm", Candidates(["alpha", "de"]), method="best_subset", bootstrap=0)["Cm"]
+    selection = select(recordings, "Cm", Candidates(["alpha", "de"]), method="best_subset", bootstrap=0)
     assert "no path" in plot_search(selection, ax=ax).texts[0].get_text()
 
 
@@ -154,7 +154,7 @@ def test_a_move_of_every_kind_has_its_mark(ax):
     CZ = -5.0 * alpha * V_ratio + 0.001 * rng.standard_normal(2000)
     flight = Recording("steady", 0.02 * np.arange(2000), {"alpha": alpha, "V_ratio": V_ratio, "CZ": CZ})
     pool = Candidates.parse(["alpha", "alpha*V_ratio"])
-    selection = select(flight, "CZ", pool, noise="white", F_in="auto", bootstrap=0)["CZ"]
+    selection = select(flight, "CZ", pool, noise="white", F_in="auto", bootstrap=0)
     actions = {step.action for step in selection.trace}
     plot_search(selection, ax=ax)
     labels = [text.get_text() for text in ax.get_xticklabels()]

@@ -88,7 +88,7 @@ def test_a_coefficient_stands_manoeuvre_by_manoeuvre_with_its_interval(ax):
 
 
 def test_criteria_stand_over_the_number_of_terms_the_best_of_each_size():
-    selection = select(RECORDINGS, "Cm", POOL, bootstrap=0)["Cm"]
+    selection = select(RECORDINGS, "Cm", POOL, bootstrap=0)
     ax = plot_criteria(selection, ax=Figure().add_subplot())
     right = next(one for one in ax.figure.axes if one is not ax)
     sizes = sorted({step.n_terms for step in selection.trace})
@@ -100,5 +100,5 @@ def test_criteria_stand_over_the_number_of_terms_the_best_of_each_size():
 
 
 def test_a_search_without_a_path_has_no_criteria_to_show():
-    selection = select(RECORDINGS, "Cm", Candidates(["alpha", "de"]), method="best_subset", bootstrap=0)["Cm"]
+    selection = select(RECORDINGS, "Cm", Candidates(["alpha", "de"]), method="best_subset", bootstrap=0)
     assert "no path" in plot_criteria(selection, ax=Figure().add_subplot()).texts[0].get_text()

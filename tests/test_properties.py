@@ -138,7 +138,7 @@ def flights(seed, count=2, n=300):
 
 
 def values_of(found):
-    return dict(zip(("1", *map(str, found["Cm"].terms)), found["Cm"].values))
+    return dict(zip(("1", *map(str, found.terms)), found.values))
 
 
 def assert_same(found, expected, factor=None, rtol=1e-8):

@@ -44,9 +44,7 @@ PUBLISHED = {
 def test_forced_terms_on_hfb320_give_the_published_equation_error_within_one_per_cent(hfb320, response):
     expected = PUBLISHED[response]
     terms = [t for t in expected if t != "1"]
-    selection = ss.select(hfb320, response, ss.Candidates.parse(terms), include=terms, noise="white", bootstrap=0)[
-        response
-    ]
+    selection = ss.select(hfb320, response, ss.Candidates.parse(terms), include=terms, noise="white", bootstrap=0)
     model = selection.to_model()
     for term, value in expected.items():
         assert model[term] == pytest.approx(value, rel=0.01)

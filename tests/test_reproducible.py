@@ -50,7 +50,7 @@ def test_a_selection_with_its_resampling_is_repeatable_also_on_two_threads(metho
 
 def test_another_seed_draws_other_manoeuvres(recordings):
     # Else the test above would say nothing of seeds.
-    one, other = (select(recordings, "CZ", POOL, bootstrap=40, seed=seed)["CZ"].inclusion for seed in (3, 4))
+    one, other = (select(recordings, "CZ", POOL, bootstrap=40, seed=seed).inclusion for seed in (3, 4))
     assert one != other
 
 

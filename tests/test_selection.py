@@ -27,7 +27,7 @@ def coloured():
 
 
 def test_terms_come_back_by_name_with_values_the_fit_and_a_model(flights):
-    found = select(flights, "CZ", POOL, F_in="auto")["CZ"]
+    found = select(flights, "CZ", POOL, F_in="auto")
     assert names(found.terms) == TERMS
     assert all(isinstance(t, Term) for t in found.terms)
     values = dict(zip(["1", *map(str, found.terms)], found.values))
@@ -41,7 +41,7 @@ def test_terms_come_back_by_name_with_values_the_fit_and_a_model(flights):
 
 
 def test_values_fit_and_textbook_errors_with_white_residuals_are_those_of_statsmodels(flights):
-    found = select(flights, "CZ", POOL, F_in=12.0, **WHITE)["CZ"]
+    found = select(flights, "CZ", POOL, F_in=12.0, **WHITE)
     X, y = columns(flights, found.terms)
     ols = sm.OLS(y, X).fit()
     assert_allclose(found.values, ols.params, rtol=1e-9)
@@ -55,7 +55,7 @@ def test_values_fit_and_textbook_errors_with_white_residuals_are_those_of_statsm
 
 
 def test_intervals_are_student_s_about_the_values(coloured):
-    found = select(coloured, "CZ", POOL, bootstrap=20)["CZ"]
+    found = select(coloured, "CZ", POOL, bootstrap=20)
     half = stats.t.ppf(0.95, found.error_dof) * found.standard_errors
     assert_allclose(found.intervals(0.9), np.column_stack([found.values - half, found.values + half]), rtol=1e-12)
     assert (found.standard_errors >= np.sqrt(np.diag(found.covariance)) * (1 - 1e-12)).all()
@@ -78,7 +78,7 @@ def test_several_responses_come_back_as_a_mapping_and_one_model(flights):
 
 def test_the_model_evaluates_to_the_values_fitted_and_knows_the_region_simulated(flights):
     found = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0)
-    one, sse = found["CZ"], 0.0
+    one, sse = found, 0.0
     for r in flights:
         X, y = columns([r], one.terms)
         fitted = found.model.evaluate(r)["CZ"]
@@ -94,7 +94,7 @@ def test_the_model_evaluates_to_the_values_fitted_and_knows_the_region_simulated
 
 
 def test_only_channels_of_kept_terms_are_in_the_region():
-    found = select(made(lambda c: 2.0 * c["alpha"]), "CZ", POOL, F_in="auto", bootstrap=0)["CZ"]
+    found = select(made(lambda c: 2.0 * c["alpha"]), "CZ", POOL, F_in="auto", bootstrap=0)
     assert set(found.region) == {"alpha"}
 
 
@@ -112,7 +112,7 @@ def test_the_result_is_plain_json(coloured):
 
 
 def test_the_report_names_method_residuals_terms_and_warnings(coloured):
-    found = select(coloured, "CZ", POOL, F_in=12.0, bootstrap=20)["CZ"]
+    found = select(coloured, "CZ", POOL, F_in=12.0, bootstrap=20)
     text = str(found)
     assert text.startswith(f"CZ: {len(found.terms)} of 19 candidate terms, stepwise, coloured residuals, AR order")
     for line in (*map(str, found.terms), *found.doubts):
@@ -129,7 +129,7 @@ def test_progress_is_stated_stage_by_stage(coloured):
 
 @pytest.mark.parametrize("method", ["stepwise", "orthogonal"])
 def test_the_trace_ends_where_the_model_is_and_every_line_is_statsmodels_fit(flights, method):
-    found = select(flights, "CZ", POOL, method=method, F_in=12.0, **WHITE)["CZ"]
+    found = select(flights, "CZ", POOL, method=method, F_in=12.0, **WHITE)
     inside, bic = [], []
     for step in found.trace:
         gone = step.other if step.other is not None else step.term if step.action == "leave" else None
@@ -154,7 +154,7 @@ def test_the_trace_ends_where_the_model_is_and_every_line_is_statsmodels_fit(fli
 
 
 def test_the_trace_reads_as_a_table_and_as_lines(flights):
-    found = select(flights, "CZ", POOL, F_in=12.0, **WHITE)["CZ"]
+    found = select(flights, "CZ", POOL, F_in=12.0, **WHITE)
     frame = found.trace_frame()
     assert list(frame["term"]) == [str(s.term) for s in found.trace]
     assert (frame["R2"].diff().dropna() > 0).all()

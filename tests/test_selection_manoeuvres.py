@@ -47,7 +47,7 @@ def with_indicators(recordings, names):
 def test_own_constants_are_least_squares_with_an_indicator_of_each_recording(noise):
     recordings = recorded([0.0, 0.05, -0.02], rho=0.0)
     pool = Candidates.parse(list(TRUTH))
-    found = select(recordings, "Cm", pool, constants="own", include=list(TRUTH), noise=noise, bootstrap=0)["Cm"]
+    found = select(recordings, "Cm", pool, constants="own", include=list(TRUTH), noise=noise, bootstrap=0)
     names = [str(term) for term in found.terms]
     X, y = with_indicators(recordings, names)
     ols = sm.OLS(y, X).fit()
@@ -105,8 +105,8 @@ def test_recordings_of_different_levels_have_constants_of_their_own_by_default()
     # The level goes with the trim angle of attack, which one constant would take for a part of Cm_alpha.
     trims = [0.02, 0.05, 0.08, 0.11]
     recordings = recorded([0.0, 0.06, 0.02, 0.1], trims=trims)
-    own = select(recordings, "Cm", POOL, bootstrap=0)["Cm"]
-    shared = select(recordings, "Cm", POOL, constants="shared", bootstrap=0)["Cm"]
+    own = select(recordings, "Cm", POOL, bootstrap=0)
+    shared = select(recordings, "Cm", POOL, constants="shared", bootstrap=0)
     assert {str(term) for term in own.terms} == set(TRUTH)
     low, high = own.intervals().T
     for term, value in TRUTH.items():
@@ -120,7 +120,7 @@ def test_recordings_of_different_levels_have_constants_of_their_own_by_default()
 
 def test_recordings_of_one_level_share_a_constant_by_default():
     # 20 sets of four recordings: a test at 5 %, and a better prediction besides, are seldom met by chance.
-    own = sum(bool(select(recorded([0.01] * 4, seed=s), "Cm", POOL, bootstrap=0)["Cm"].constants) for s in range(20))
+    own = sum(bool(select(recorded([0.01] * 4, seed=s), "Cm", POOL, bootstrap=0).constants) for s in range(20))
     assert own <= 3
 
 
@@ -128,10 +128,10 @@ def test_a_model_of_own_constants_predicts_a_new_recording_with_their_mean():
     recordings = recorded([0.0, 0.06, 0.03])
     found = select(recordings, "Cm", POOL, constants="own", bootstrap=0)
     model = found.model["Cm"]
-    assert_allclose(model["1"], np.mean(list(found["Cm"].constants.values())), rtol=1e-9)
+    assert_allclose(model["1"], np.mean(list(found.constants.values())), rtol=1e-9)
     # The error of that mean is the scatter of the constants over the root of their number.
-    scatter = np.std(list(found["Cm"].constants.values()), ddof=1) / np.sqrt(3)
-    assert_allclose(found["Cm"].standard_errors[0], scatter, rtol=0.05)
+    scatter = np.std(list(found.constants.values()), ddof=1) / np.sqrt(3)
+    assert_allclose(found.standard_errors[0], scatter, rtol=0.05)
 
 
 def test_own_constants_of_recordings_that_share_blocks_are_refused():
@@ -144,8 +144,8 @@ def test_a_product_that_predicts_no_better_than_the_linear_terms_is_left_out():
     recordings = recorded([0.0] * 5, n=1500, noise=0.001)
     first = recordings[0]
     bent = first.with_channels(Cm=first["Cm"] + 6.0 * (first["alpha"] - 0.05) ** 2)
-    searched = select([bent, *recordings[1:]], "Cm", POOL, parsimony="none", bootstrap=0)["Cm"]
-    simplest = select([bent, *recordings[1:]], "Cm", POOL, bootstrap=0)["Cm"]
+    searched = select([bent, *recordings[1:]], "Cm", POOL, parsimony="none", bootstrap=0)
+    simplest = select([bent, *recordings[1:]], "Cm", POOL, bootstrap=0)
     assert len(searched.terms) > 3
     assert {str(term) for term in simplest.terms} == set(TRUTH)
     assert "candidates up to degree 1 predict as well" in simplest.stop_reason
@@ -155,13 +155,13 @@ def test_a_curvature_of_every_recording_stays():
     recordings = [
         r.with_channels(Cm=r["Cm"] + 4.0 * (r["alpha"] - 0.05) ** 2) for r in recorded([0.0] * 5, noise=0.001)
     ]
-    found = select(recordings, "Cm", POOL, bootstrap=0)["Cm"]
+    found = select(recordings, "Cm", POOL, bootstrap=0)
     assert "alpha^2" in {str(term) for term in found.terms}
 
 
 def test_the_held_out_r2_of_the_linear_model_is_printed_next_to_that_of_the_model():
     recordings = recorded([0.0] * 4)
-    found = select(recordings, "Cm", POOL, constants="shared", bootstrap=0)["Cm"]
+    found = select(recordings, "Cm", POOL, constants="shared", bootstrap=0)
     error = total = 0.0
     for held in recordings:
         rest = [r for r in recordings if r is not held]
@@ -176,9 +176,9 @@ def test_the_held_out_r2_of_the_linear_model_is_printed_next_to_that_of_the_mode
 
 
 def test_a_value_that_differs_between_recordings_is_reported_and_widens_its_error():
-    alike = select(recorded([0.0] * 5), "Cm", POOL, include=list(TRUTH), bootstrap=0)["Cm"]
+    alike = select(recorded([0.0] * 5), "Cm", POOL, include=list(TRUTH), bootstrap=0)
     slopes = [-20.0, -20.0, -35.0, -20.0, -20.0]
-    found = select(recorded([0.0] * 5, slopes=slopes), "Cm", POOL, include=list(TRUTH), bootstrap=0)["Cm"]
+    found = select(recorded([0.0] * 5, slopes=slopes), "Cm", POOL, include=list(TRUTH), bootstrap=0)
     i = 1 + [str(term) for term in found.terms].index("q_hat")
     j = 1 + [str(term) for term in alike.terms].index("q_hat")
     (warning,) = [d for d in found.doubts if d.startswith("q_hat differs between recordings")]
@@ -194,7 +194,7 @@ def test_values_that_are_the_same_in_every_recording_have_intervals_of_their_sta
     # 60 sets of three recordings, three terms: 95 % of 180 within three binomial standard deviations, 86 at least.
     inside = 0
     for seed in range(60):
-        found = select(recorded([0.0] * 3, seed=seed), "Cm", POOL, include=list(TRUTH), bootstrap=0)["Cm"]
+        found = select(recorded([0.0] * 3, seed=seed), "Cm", POOL, include=list(TRUTH), bootstrap=0)
         intervals = dict(zip(["1", *map(str, found.terms)], found.intervals(), strict=True))
         inside += sum(intervals[name][0] < value < intervals[name][1] for name, value in TRUTH.items())
     assert inside >= 0.90 * 180

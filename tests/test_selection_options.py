@@ -26,7 +26,7 @@ def flights():
 def test_every_method_finds_the_terms_of_a_noise_free_response_by_name(method):
     clean = fly(TRUTH, 0.0, lengths=(700, 800))
     for noise in ("white", "ar"):
-        found = select(clean, "CZ", POOL, method=method, noise=noise, F_in=12.0, bootstrap=0)["CZ"]
+        found = select(clean, "CZ", POOL, method=method, noise=noise, F_in=12.0, bootstrap=0)
         assert names(found.terms) == TERMS
         expected = [TRUTH[t] for t in ("1", *map(str, found.terms))]
         assert_allclose(found.values, expected, rtol=1e-7)
@@ -34,17 +34,15 @@ def test_every_method_finds_the_terms_of_a_noise_free_response_by_name(method):
 
 @pytest.mark.parametrize("method", ["stepwise", "orthogonal", "best_subset"])
 def test_forced_terms_stay_by_name_or_term(flights, method):
-    found = select(flights, "CZ", POOL, method=method, include=["de^3", Term("q_hat^2"), "1"], bootstrap=0)["CZ"]
+    found = select(flights, "CZ", POOL, method=method, include=["de^3", Term("q_hat^2"), "1"], bootstrap=0)
     assert {"de^3", "q_hat^2"} <= names(found.terms)
-    found = select(flights, "CZ", POOL, method=method, include="de^3", max_terms=2, bootstrap=0)["CZ"]
+    found = select(flights, "CZ", POOL, method=method, include="de^3", max_terms=2, bootstrap=0)
     assert "de^3" in names(found.terms)
     assert len(found.terms) <= 2
 
 
 def test_a_search_may_start_from_nothing_the_linear_terms_or_all(flights):
-    found = {
-        s: select(flights, "CZ", POOL, initial_terms=s, F_in=12.0, **WHITE)["CZ"] for s in ("empty", "linear", "all")
-    }
+    found = {s: select(flights, "CZ", POOL, initial_terms=s, F_in=12.0, **WHITE) for s in ("empty", "linear", "all")}
     assert {names(f.terms) == TERMS for f in found.values()} == {True}
     assert [str(s.term) for s in found["linear"].trace[:3]] == ["alpha", "de", "q_hat"]
     assert [s.action for s in found["all"].trace[:19]] == ["enter"] * 19
@@ -53,7 +51,7 @@ def test_a_search_may_start_from_nothing_the_linear_terms_or_all(flights):
 
 
 def test_the_automatic_threshold_is_sidaks_for_this_many_candidates(flights):
-    found = select(flights, "CZ", POOL, F_in="auto", **WHITE)["CZ"]
+    found = select(flights, "CZ", POOL, F_in="auto", **WHITE)
     limit = stats.f.isf(1 - 0.95 ** (1 / 19), 1, 5299)
     assert min(s.F for s in found.trace if s.action == "enter") >= limit
     X, y = columns(flights, found.terms)
@@ -77,7 +75,7 @@ def test_false_discovery_control_has_lower_thresholds_for_later_terms():
         y = 3.2 * X[:, :12].sum(axis=1) + rng.standard_normal(n)
         one = [Recording("a", 0.02 * np.arange(n), {**dict(zip(pool.names, X.T)), "CZ": y})]
         for F_in in kept:
-            found = select(one, "CZ", pool, F_in=F_in, **WHITE)["CZ"]
+            found = select(one, "CZ", pool, F_in=F_in, **WHITE)
             kept[F_in] += len(found.terms)
             entered = [s.F for s in found.trace if s.action == "enter"]
             assert F_in == "auto" or (entered >= limits[: len(entered)]).all()
@@ -85,7 +83,7 @@ def test_false_discovery_control_has_lower_thresholds_for_later_terms():
 
 
 def test_the_r2_stop_keeps_what_brings_enough_and_nothing_else(flights):
-    found = select(flights, "CZ", POOL, stopping_rule="R2", min_r2_gain=0.01, **WHITE)["CZ"]
+    found = select(flights, "CZ", POOL, stopping_rule="R2", min_r2_gain=0.01, **WHITE)
     r2 = [0.0, *(s.R2 for s in found.trace if s.action == "enter")]
     assert (np.diff(r2) >= 0.01).all()
     X, y = columns(flights, found.terms)
@@ -95,11 +93,11 @@ def test_the_r2_stop_keeps_what_brings_enough_and_nothing_else(flights):
         if t not in found.terms
     ]
     assert max(gains) < 0.01
-    assert len(found.terms) < len(select(flights, "CZ", POOL, **WHITE)["CZ"].terms)
+    assert len(found.terms) < len(select(flights, "CZ", POOL, **WHITE).terms)
 
 
 def test_the_pse_stop_ends_where_pse_would_rise(flights):
-    found = select(flights, "CZ", POOL, stopping_rule="PSE", **WHITE)["CZ"]
+    found = select(flights, "CZ", POOL, stopping_rule="PSE", **WHITE)
     entered = [s.PSE for s in found.trace if s.action == "enter"]
     assert (np.diff(entered) < 0).all()
     X, y = columns(flights, found.terms)
@@ -113,7 +111,7 @@ def test_the_pse_stop_ends_where_pse_would_rise(flights):
 
 @pytest.mark.parametrize("criterion", ["PSE", "BIC", "AICc", "adj_R2"])
 def test_a_criterion_chooses_its_best_of_the_models_visited(flights, criterion):
-    found = select(flights, "CZ", POOL, F_in=0.5, criterion=criterion, **WHITE)["CZ"]
+    found = select(flights, "CZ", POOL, F_in=0.5, criterion=criterion, **WHITE)
     assert f"least {criterion} of" in found.stop_reason
     n = found.n
     k = np.array([s.n_terms for s in found.trace])
@@ -133,14 +131,14 @@ def test_a_criterion_chooses_its_best_of_the_models_visited(flights, criterion):
 def test_sigma_max_in_the_responses_units_is_the_charge_per_term(flights):
     # Morelli's bound: with sigma_max given, PSE charges sigma_max^2 / N per term, so a larger one keeps fewer terms.
     kept = [
-        len(select(flights, "CZ", POOL, method="orthogonal", criterion="PSE", sigma_max=s, **WHITE)["CZ"].terms)
+        len(select(flights, "CZ", POOL, method="orthogonal", criterion="PSE", sigma_max=s, **WHITE).terms)
         for s in (0.02, 0.2, 2.0, 10.0)
     ]
     assert kept == sorted(kept, reverse=True)
     assert kept[0] > kept[-1]
     std = np.std(np.concatenate([r["CZ"] for r in flights]))
-    same = select(flights, "CZ", POOL, method="orthogonal", criterion="PSE", sigma_max=float(std), **WHITE)["CZ"]
-    assert same.terms == select(flights, "CZ", POOL, method="orthogonal", criterion="PSE", **WHITE)["CZ"].terms
+    same = select(flights, "CZ", POOL, method="orthogonal", criterion="PSE", sigma_max=float(std), **WHITE)
+    assert same.terms == select(flights, "CZ", POOL, method="orthogonal", criterion="PSE", **WHITE).terms
 
 
 def test_a_bound_of_pse_is_refused_where_pse_decides_nothing(flights):
@@ -157,8 +155,8 @@ def test_splines_and_formulas_stand_in_the_pool_like_any_term():
         + Candidates.parse(["abs(de)*de", "abs(de)"])
     )
     found = select(flights, "CZ", pool, F_in="auto", bootstrap=0)
-    assert names(found["CZ"].terms) == set(truth) - {"1"}
-    values = dict(zip(["1", *map(str, found["CZ"].terms)], found["CZ"].values))
+    assert names(found.terms) == set(truth) - {"1"}
+    values = dict(zip(["1", *map(str, found.terms)], found.values))
     for name, value in truth.items():
         assert_allclose(values[name], value, rtol=0.15)
     clean = sum(v * Term(t).evaluate(flights[0]) for t, v in truth.items())
@@ -170,9 +168,9 @@ def test_alpha_squared_is_replaced_by_alpha_where_alpha_is_far_from_zero():
     far = {"alpha": lambda c, rng: 0.15 + 0.02 * ar1(rng, 1500, 0.98, 0.2)}
     flights = made(lambda c: -0.03 + 0.6 * c["alpha"] + 0.8 * c["alpha"] ** 2 - 0.2 * c["de"], noise=0.0005, **far)
     pool = Candidates.parse(["alpha", "alpha^2", "de", "q_hat"])
-    both = select(flights, "CZ", pool, F_in=12.0, bootstrap=0)["CZ"]
+    both = select(flights, "CZ", pool, F_in=12.0, bootstrap=0)
     assert names(both.terms) == {"alpha", "alpha^2", "de"}
-    one = select(flights, "CZ", pool, F_in=12.0, correlation_limit=0.9, bootstrap=0)["CZ"]
+    one = select(flights, "CZ", pool, F_in=12.0, correlation_limit=0.9, bootstrap=0)
     assert names(one.terms) == {"alpha", "de"}
     assert one.stop_reason.endswith("; 1 dropped, parameters correlated above 0.9")
     last = one.trace[-1]
@@ -181,13 +179,13 @@ def test_alpha_squared_is_replaced_by_alpha_where_alpha_is_far_from_zero():
     correlation = sm.OLS(y, X).fit().cov_params()
     i, j = (1 + [str(t) for t in both.terms].index(n) for n in ("alpha", "alpha^2"))
     assert correlation[i, j] / np.sqrt(correlation[i, i] * correlation[j, j]) < -0.9
-    forced = select(flights, "CZ", pool, F_in=12.0, correlation_limit=0.9, include=["alpha^2"], bootstrap=0)["CZ"]
+    forced = select(flights, "CZ", pool, F_in=12.0, correlation_limit=0.9, include=["alpha^2"], bootstrap=0)
     assert names(forced.terms) == {"alpha^2", "de"}
 
 
 def test_a_loose_correlation_limit_changes_nothing(flights):
-    free = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0)["CZ"]
-    held = select(flights, "CZ", POOL, F_in=12.0, correlation_limit=0.999, bootstrap=0)["CZ"]
+    free = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0)
+    held = select(flights, "CZ", POOL, F_in=12.0, correlation_limit=0.999, bootstrap=0)
     assert held.terms == free.terms
     assert held.stop_reason == free.stop_reason
 
@@ -198,7 +196,7 @@ def test_principal_components_equal_scikit_learns_and_are_called_biased(componen
     flights = made(lambda c: 1.0 + c["alpha"] + c["q_hat"] - c["de"], **near)
     pool = Candidates.polynomial(["alpha", "de", "q_hat"], 1)
     options = {"include": pool.names, "estimate": "principal_components", **WHITE}
-    found = select(flights, "CZ", pool, components=components, **options)["CZ"]
+    found = select(flights, "CZ", pool, components=components, **options)
     X, y = columns(flights, found.terms)
     X = X[:, 1:]
     size = X.std(axis=0)
@@ -221,7 +219,7 @@ def test_ridge_is_called_biased_and_shrinks_correlated_terms():
     flights = made(lambda c: c["alpha"] + c["q_hat"], noise=0.3, **near)
     pool = Candidates.polynomial(["alpha", "q_hat"], 1)
     plain, ridge = (
-        select(flights, "CZ", pool, include=pool.names, estimate=e, **WHITE)["CZ"] for e in ("least_squares", "ridge")
+        select(flights, "CZ", pool, include=pool.names, estimate=e, **WHITE) for e in ("least_squares", "ridge")
     )
     assert not plain.biased
     assert ridge.biased
@@ -249,9 +247,9 @@ def test_ridge_is_called_biased_and_shrinks_correlated_terms():
     ],
 )
 def test_old_names_of_options_work_and_warn(flights, old, new):
-    expected = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0, **new)["CZ"]
+    expected = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0, **new)
     with pytest.warns(DeprecationWarning, match="use ") as seen:
-        found = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0, **old)["CZ"]
+        found = select(flights, "CZ", POOL, F_in=12.0, bootstrap=0, **old)
     assert {w.filename for w in seen} == {__file__}
     assert found.terms == expected.terms
     assert_array_equal(found.values, expected.values)
@@ -259,8 +257,8 @@ def test_old_names_of_options_work_and_warn(flights, old, new):
 
 def test_options_may_be_given_as_one_object_and_single_ones_replaced(flights):
     options = SelectOptions(F_in=12.0, bootstrap=5, noise="white")
-    as_object = select(flights, "CZ", POOL, options=options, bootstrap=0)["CZ"]
-    as_keywords = select(flights, "CZ", POOL, F_in=12.0, noise="white", bootstrap=0)["CZ"]
+    as_object = select(flights, "CZ", POOL, options=options, bootstrap=0)
+    as_keywords = select(flights, "CZ", POOL, F_in=12.0, noise="white", bootstrap=0)
     assert as_object.options == as_keywords.options
     assert_array_equal(as_object.values, as_keywords.values)
     with pytest.raises(TypeError, match="unexpected keyword argument 'F_inn'"):
@@ -275,7 +273,7 @@ def test_orthogonal_functions_are_made_in_the_order_the_candidates_were_given(or
     channels = {name: shared + 0.3 * ar1(rng, 2000, 0.9) for name in ("alpha", "q_hat")}
     channels["CZ"] = channels["alpha"] + channels["q_hat"] + 0.1 * rng.standard_normal(2000)
     flight = Recording("f", np.arange(2000) * 0.02, channels)
-    found = select(flight, "CZ", Candidates(order), method="orthogonal", order="given", **WHITE)["CZ"]
+    found = select(flight, "CZ", Candidates(order), method="orthogonal", order="given", **WHITE)
     assert [str(step.term) for step in found.trace if step.action == "enter"] == order
 
 
@@ -287,9 +285,7 @@ def test_the_order_of_the_pool_decides_with_orthogonal_functions_in_the_order_gi
     )
     given = {"method": "orthogonal", "order": "given", "max_terms": 2, "noise": "white", "parsimony": "none"}
     kept = {
-        first: names(
-            select(recordings, "CZ", Candidates.parse([first, second, "q_hat"]), bootstrap=0, **given)["CZ"].terms
-        )
+        first: names(select(recordings, "CZ", Candidates.parse([first, second, "q_hat"]), bootstrap=0, **given).terms)
         for first, second in (("alpha", "near"), ("near", "alpha"))
     }
     assert kept == {"alpha": {"alpha", "q_hat"}, "near": {"near", "q_hat"}}

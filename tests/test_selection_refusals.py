@@ -104,17 +104,17 @@ def test_leaving_out_manoeuvres_needs_something_to_leave_out():
 def test_what_a_selection_returns_cannot_be_changed(flights):
     found = select(flights, "CZ", POOL, bootstrap=5)
     with pytest.raises(AttributeError):
-        found["CZ"].r2 = 1.0
+        found.r2 = 1.0
     with pytest.raises(TypeError):
-        found.by_response["CZ"] = None
-    one = found["CZ"]
+        select(flights, ["CZ"], POOL, bootstrap=0).by_response["CZ"] = None
+    one = found
     for array in (one.values, one.covariance, one.textbook_errors, one.standard_errors, one.partial_F, one.vif):
         assert not array.flags.writeable
 
 
 def test_collinearity_tables_equal_belsleys_formulas_and_the_parameter_correlation(flights):
     terms = ["alpha", "alpha^2", "q_hat"]
-    found = select(flights, "CZ", Candidates.parse(terms), include=terms, noise="white", bootstrap=0)["CZ"]
+    found = select(flights, "CZ", Candidates.parse(terms), include=terms, noise="white", bootstrap=0)
     names = ["1", *map(str, found.terms)]
     columns = [np.concatenate([Candidates.parse([t]).evaluate(f)[:, 0] for f in flights]) for t in names[1:]]
     X = np.column_stack([np.ones(len(columns[0])), *columns])

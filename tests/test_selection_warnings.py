@@ -20,13 +20,13 @@ def test_white_and_coloured_rules_are_reported_side_by_side_where_they_disagree(
     slow = {c: lambda _, rng: 0.1 * ar1(rng, 1500, 0.97, 0.24) for c in ("alpha", "de", "q_hat")}
     slow["gust"] = lambda _, rng: 0.1 * ar1(rng, 1500, 0.98, 0.2)
     flights = made(lambda c: c["alpha"] - c["de"] + c["gust"], noise=0.0, **slow)
-    found = select(flights, "CZ", POOL, F_in="auto", bootstrap=0)["CZ"]
+    found = select(flights, "CZ", POOL, F_in="auto", bootstrap=0)
     extra = [str(t) for t in found.classical if t not in found.terms]
     assert names(found.terms) == {"alpha", "de"}
     assert len(extra) >= 2
     (stated,) = [d for d in found.doubts if d.startswith("With white residuals the search")]
     assert f"would also keep {', '.join(extra[:3])}" in stated
-    white = select(flights, "CZ", POOL, F_in="auto", parsimony="none", **WHITE)["CZ"]
+    white = select(flights, "CZ", POOL, F_in="auto", parsimony="none", **WHITE)
     assert white.terms == found.classical
     assert not any(d.startswith("With white residuals") for d in white.doubts)
 
@@ -40,11 +40,11 @@ def delayed(recordings, samples):
 def test_whitening_is_given_up_where_the_residual_is_misfit_and_not_noise():
     # A channel that is late leaves a residual that follows the inputs: whitening takes it for noise and predicts worse.
     flights = fly(TRUTH, 0.005, lengths=(2000, 1500, 1800))
-    found = select(delayed(flights, 10), "CZ", POOL, F_in="auto", bootstrap=0)["CZ"]
+    found = select(delayed(flights, 10), "CZ", POOL, F_in="auto", bootstrap=0)
     (said,) = [d for d in found.doubts if d.startswith("Prewhitening was dropped")]
     assert "look for delayed channels" in said
     assert found.noise_models == ()
-    robust = select(delayed(flights, 10), "CZ", POOL, F_in="auto", noise="cluster", bootstrap=0)["CZ"]
+    robust = select(delayed(flights, 10), "CZ", POOL, F_in="auto", noise="cluster", bootstrap=0)
     assert found.terms == robust.terms
     assert_allclose(found.values, robust.values, rtol=1e-12)
     assert "Whitening" not in warnings_of(flights)
@@ -56,7 +56,7 @@ def test_tests_by_blocks_hold_in_coloured_noise():
     for seed in range(10):
         flights = fly(TRUTH, 0.02, "ar1_0.92", lengths=(2000, 1500, 1800), seed=seed)
         for noise in exact:
-            found = select(flights, "CZ", POOL, F_in="auto", noise=noise, bootstrap=0)["CZ"]
+            found = select(flights, "CZ", POOL, F_in="auto", noise=noise, bootstrap=0)
             exact[noise] += names(found.terms) == TERMS
     assert exact["cluster"] >= 8
     assert exact["white"] <= 2
@@ -69,7 +69,7 @@ def test_a_threshold_that_lets_probability_in_is_named():
 
 def test_more_candidates_than_samples_is_said_and_the_search_goes_on():
     short = made(lambda c: 3.0 * c["alpha"], n=15, n_recordings=1, noise=0.01)
-    found = select(short, "CZ", POOL, F_in="auto", bootstrap=0)["CZ"]
+    found = select(short, "CZ", POOL, F_in="auto", bootstrap=0)
     assert "alpha" in names(found.terms)
     assert len(found.terms) < 14
     assert "15 samples for 19 candidates: many models fit equally well" in "\n".join(found.doubts)
@@ -81,7 +81,7 @@ def test_exactly_dependent_candidates_are_listed_not_fitted():
     copies = {"beta": lambda c, rng: 2.0 * c["alpha"], "da": lambda c, rng: c["de"] - c["q_hat"]}
     flights = made(lambda c: c["alpha"] + c["de"] + c["q_hat"], **copies)
     pool = Candidates.polynomial(["alpha", "beta", "de", "q_hat", "da"], 1)
-    found = select(flights, "CZ", pool, F_in=12.0, bootstrap=0)["CZ"]
+    found = select(flights, "CZ", pool, F_in=12.0, bootstrap=0)
     assert len(found.terms) == 3
     assert len(found.dependent) == 2
     assert len({"alpha", "beta"} & names(found.dependent)) == 1
@@ -90,7 +90,7 @@ def test_exactly_dependent_candidates_are_listed_not_fitted():
 
 def test_a_channel_that_never_moves_is_listed_with_its_terms():
     flights = made(lambda c: c["alpha"], df=lambda c, rng: np.full(1500, 0.35))
-    found = select(flights, "CZ", Candidates.polynomial(["alpha", "df"], 2), F_in=12.0, bootstrap=0)["CZ"]
+    found = select(flights, "CZ", Candidates.polynomial(["alpha", "df"], 2), F_in=12.0, bootstrap=0)
     assert len(found.terms) == 1
     assert {"df", "df^2"} <= names(found.dependent)
     assert "Constant, or exactly dependent" in "\n".join(found.doubts)
@@ -123,7 +123,7 @@ def test_terms_that_probably_do_not_belong_in_the_model_are_named():
     # A true t value near the entry threshold: kept here, but in about half of the resamples.
     for seed in range(30):
         flights = made(lambda c: c["alpha"] + 0.062 * c["de"], seed=seed)
-        found = select(flights, "CZ", POOL, F_in="auto", bootstrap=50)["CZ"]
+        found = select(flights, "CZ", POOL, F_in="auto", bootstrap=50)
         unsure = [n for n in names(found.terms) if found.probability[n] < 0.5]
         said = [d for d in found.doubts if d.startswith("More probably not")]
         assert bool(unsure) == bool(said)

@@ -17,7 +17,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from structsel import Candidates, compute_coefficients, read_recordings, select, stream_recordings, write_recording
+from structsel import (
+    Candidates,
+    Selection,
+    compute_coefficients,
+    read_recordings,
+    select,
+    stream_recordings,
+    write_recording,
+)
 from structsel.demo import demo_flights
 from structsel.errors import ChannelError, DataError, SelectionError
 from structsel.numerics import blocks
@@ -44,6 +52,8 @@ def folder(tmp_path_factory):
 
 def assert_same(found, expected, rtol=1e-10):
     """Every response: the same terms, values and errors to rtol, the same words."""
+    if isinstance(found, Selection):
+        found, expected = ({one.response: one} for one in (found, expected))
     assert list(found) == list(expected)
     for name, one in found.items():
         other = expected[name]
@@ -163,10 +173,10 @@ def test_joined_blocks_hold_every_manoeuvre_complete_and_once_in_their_order(len
 
 def test_manoeuvres_joined_to_blocks_add_up_and_are_left_out_together(folder, monkeypatch):
     flights = read_recordings(folder)
-    separate = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)["CZ"]
+    separate = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)
     monkeypatch.setattr(blocks, "MIN_BLOCKS", 3)
     monkeypatch.setattr(blocks, "MAX_BLOCKS", 3)
-    joined = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)["CZ"]
+    joined = select(flights, "CZ", POOL, bootstrap=0, F_in=12.0)
     assert joined.terms == separate.terms
     assert_allclose(joined.values, separate.values, rtol=1e-10)
     assert [part.name for part in separate.held_out] == [f"flight_{k}" for k in range(1, 7)]
@@ -227,14 +237,14 @@ def test_a_killed_run_continues_in_another_process(folder, tmp_path):
         pool = Candidates.polynomial(["alpha", "q_hat", "de"], 2)
         found = select(stream_recordings({str(folder)!r}), "CZ", pool, checkpoint={str(tmp_path / "kept")!r},
                        F_in=12.0, bootstrap=20, progress=report)
-        print(json.dumps(found["CZ"].values.tolist()))
+        print(json.dumps(found.values.tolist()))
         """
     )
     killed = subprocess.run([sys.executable, "-c", script, "die"], capture_output=True, text=True, check=False)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert (tmp_path / "kept").exists()
     again = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    expected = select(read_recordings(folder), "CZ", POOL, **ASKED)["CZ"]
+    expected = select(read_recordings(folder), "CZ", POOL, **ASKED)
     assert_allclose(json.loads(again.stdout), expected.values, rtol=1e-10)
     assert list(tmp_path.iterdir()) == []
 

@@ -22,6 +22,7 @@ from structsel.comparison.result import Mismatch, Size
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.fourier_series import spectrum
 from structsel.recording import Recording
+from structsel.recording.arguments import as_recordings
 
 Progress = Callable[[str, int, int], None]
 
@@ -59,7 +60,7 @@ def compare(
         A simulation that cannot be opened.
     """
     tell = progress or (lambda what, done, of: None)
-    recordings = list(recordings)
+    recordings = as_recordings(recordings, "compare")
     made = prepare(simulation, recordings, aircraft, tell)
     flights = made.flights
     compared = tuple(c for c in flights[0].simulated if c in flights[0].measured)

@@ -36,6 +36,7 @@ from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
 from structsel.nomenclature import COEFFICIENTS, suggest
 from structsel.recording import Recording
+from structsel.recording.arguments import as_recordings
 
 Progress = Callable[[str, int, int], None]
 _PARTS = 3
@@ -89,6 +90,7 @@ def diagnose(
     """
     begun = time.perf_counter()
     effects = but_without(effects, without_effects)
+    recordings = as_recordings(recordings, "diagnose")
     prepared = prepare(simulation, recordings, aircraft, progress)
     found = conclude(prepared, set_up(prepared.flights, effects, held_out, progress), held_out, progress)
     return replace(found, seconds=time.perf_counter() - begun)

@@ -17,6 +17,7 @@ from structsel.numerics.binning import split_into_segments
 from structsel.numerics.criteria import pse
 from structsel.numerics.normal_equations import project
 from structsel.recording import Recording
+from structsel.recording.arguments import as_recordings
 from structsel.results import Result
 from structsel.tables import Summary, table_of_frame
 
@@ -133,7 +134,7 @@ def try_additions(
     SelectionError
         Every candidate is in the model, or a linear combination of its terms.
     """
-    flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    flights = as_recordings(recordings, "try_additions")
     own = [term for term in model[response].terms if not term.is_constant]
     tried = [term for term in candidates if term not in own and not term.is_constant]
     if not tried:

@@ -9,6 +9,7 @@ from structsel.candidates import Candidates
 from structsel.errors import StructselError
 from structsel.model import AeroModel
 from structsel.recording import Recording
+from structsel.recording.arguments import as_recordings
 from structsel.selection import Selection, Selections
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def explore_residuals(
     from structsel.exploring.notebook_explorer import ResidualExplorer
 
     model, pool = _model_and_pool(selection_or_model)
-    flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    flights = as_recordings(recordings, "explore_residuals")
     return ResidualExplorer(model, flights, candidates or pool)
 
 

@@ -20,7 +20,7 @@ from structsel.formatting import count_of
 from structsel.model.dynamics import RecordingWithStates, State
 from structsel.model.ranges import RangeExcursion, find_excursions
 from structsel.nomenclature import unit_of
-from structsel.results import Result
+from structsel.results import Estimates
 from structsel.tables import Column, Summary, Table, text_column
 
 _COLUMNS = {
@@ -35,7 +35,7 @@ _COLUMNS = {
 
 @renamed_arguments(region="ranges")
 @dataclass(frozen=True, eq=False, repr=False)
-class ResponseModel(Result):
+class ResponseModel(Estimates):
     """A response as a sum of terms times values.
 
     Attributes
@@ -188,12 +188,16 @@ class ResponseModel(Result):
         Where neither these nor n are known, from the normal distribution. Nan for biased estimates, whose bias is not
         known.
         """
-        if self.biased:
-            return np.full((self.values.size, 2), np.nan)
-        dof = self.n - len(self.terms)
-        freedom = self.error_dof if self.error_dof is not None else dof if dof > 0 else np.inf
+        freedom = self._estimates()[3]
         quantile = scipy.stats.t.ppf(0.5 + level / 2, freedom)
         return np.column_stack([self.values - quantile * self._errors, self.values + quantile * self._errors])
+
+    def _estimates(self) -> tuple[list[str], np.ndarray, np.ndarray, Any]:
+        dof = self.n - len(self.terms)
+        freedom: Any = self.error_dof if self.error_dof is not None else dof if dof > 0 else np.inf
+        if self.biased:
+            freedom = np.nan  # no interval and no probability: the bias is not known
+        return [str(term) for term in self.terms], self.values, self._errors, freedom
 
     @property
     def _errors(self) -> np.ndarray:

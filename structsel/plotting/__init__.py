@@ -9,6 +9,7 @@ from structsel.deprecation import renamed_names
 from structsel.plotting.diagnosis import plot_difference_against, plot_error_by_stage, plot_explained, plot_time_history
 from structsel.plotting.frequency_domain import draw_frequency_response, plot_bode
 from structsel.plotting.inputs import draw_inputs, plot_cramer_rao, plot_input
+from structsel.plotting.plot import plot, plot_recording
 from structsel.plotting.qualification import draw_qualification, draw_qualification_test, plot_match
 from structsel.plotting.reconstruction import (
     draw_reconstruction,
@@ -61,6 +62,7 @@ __all__ = [
     "draw_resimulation",
     "draw_selection",
     "label",
+    "plot",
     "plot_addition",
     "plot_autocorrelation",
     "plot_bode",
@@ -89,6 +91,7 @@ __all__ = [
     "plot_mismatch_coherence",
     "plot_nis",
     "plot_readings",
+    "plot_recording",
     "plot_residual_against",
     "plot_residual_with",
     "plot_resimulation",

@@ -16,6 +16,7 @@ from structsel.reconstruction.reconstruct import reconstruct
 from structsel.reconstruction.result import CONSTANTS, Reconstruction
 from structsel.reconstruction.settings import ReconstructOptions
 from structsel.recording import Recording
+from structsel.recording.arguments import as_recordings
 from structsel.results import Result
 from structsel.tables import Cell, Column, Summary, Table, text_column
 
@@ -153,7 +154,7 @@ def reconstruct_all(
     """
     from joblib import Parallel, cpu_count, delayed
 
-    given = list(recordings)
+    given = as_recordings(recordings, "reconstruct_all")
     names = [recording.name for recording in given]
     double = next((name for name in names if names.count(name) > 1), None)
     if double is not None:

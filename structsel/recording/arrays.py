@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from structsel.errors import ChannelError, DataError
 from structsel.nomenclature import UNKNOWN, find_channel, is_known
 from structsel.readers.units import convert, is_convertible
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _TIMES = ("datetime64", "datetime", "timedelta64", "timedelta")
 
@@ -118,3 +121,29 @@ def _in_nomenclature_unit(values: np.ndarray, unit: str, name: str, channel: str
             f"[{row.unit}].\nCorrect the unit, or rename the channel."
         )
     return read_only(convert(values, unit, row.unit), name, channel)
+
+
+def frame_channels(
+    frame: pd.DataFrame, name: str, time: str, units: Mapping[str, str] | None
+) -> tuple[Any, dict[str, Any]]:
+    """Time and columns of a data frame.
+
+    Raises
+    ------
+    DataError
+        There is no time, or a name in `time` or `units` is no column.
+    """
+    columns = {str(column): frame[column].to_numpy() for column in frame.columns}
+    for wanted in ([time] if time else []) + list(units or {}):
+        if wanted not in columns:
+            there = ", ".join(list(columns)[:10])
+            raise DataError(f"'{name}': the data frame has no column '{wanted}'. It has: {there}.")
+    if time or "t" in columns:
+        return columns.pop(time or "t"), columns
+    index = frame.index
+    if index.dtype.kind in "mM" or index.name in ("t", "time"):
+        return index.to_numpy(), columns
+    raise DataError(
+        f"'{name}': the data frame has no time. It has: {', '.join(list(columns)[:10])}.\n"
+        'Name its column: Recording.from_frame(frame, time="Time").'
+    )

@@ -18,7 +18,7 @@ from structsel.errors import DataError, StructselWarning
 from structsel.formatting import count_of
 from structsel.nomenclature import unit_of
 from structsel.recording import signals
-from structsel.recording.arrays import checked_channels, checked_time
+from structsel.recording.arrays import checked_channels, checked_time, frame_channels
 from structsel.recording.channel_errors import missing_channels_error, not_finite_error
 from structsel.recording.checks import (
     GAP,
@@ -86,6 +86,33 @@ class Recording(Result):
         object.__setattr__(self, "provenance", tuple(self.provenance))
         object.__setattr__(self, "findings", tuple(self.findings))
         object.__setattr__(self, "at_cg", frozenset(self.at_cg) & frozenset(channels))
+
+    @classmethod
+    def from_frame(
+        cls, frame: pd.DataFrame, units: Mapping[str, str] | None = None, *, name: str = "recording", time: str = ""
+    ) -> Recording:
+        """Recording of a data frame, a channel for each column.
+
+        Parameters
+        ----------
+        frame : DataFrame
+            One row for each sample.
+        units : mapping of str to str, optional
+            Units of columns, such as ``{"alpha": "deg", "V": "kt"}``; the values are converted to SI units and radians.
+            Columns that are not named are in the units of the nomenclature.
+        name : str
+        time : str
+            Column of the time [s], or of time stamps. By default the column ``t``, or else the index, if it has time
+            stamps, time differences or the name ``t`` or ``time``.
+
+        Raises
+        ------
+        DataError
+            There is no such column, or no time; or see `Recording`.
+        ChannelError
+            A unit is not of the quantity of its channel.
+        """
+        return cls(name, *frame_channels(frame, name, time, units), units=dict(units or {}))
 
     def __len__(self) -> int:
         return len(self.t)

@@ -17,10 +17,11 @@ from structsel.numerics import spectra
 from structsel.numerics.differentiation import differentiate
 from structsel.numerics.noise_models import coloured_covariance
 from structsel.recording import Recording
+from structsel.recording.arguments import as_recordings
 from structsel.refinement.linear_flight import LinearFlight
 from structsel.refinement.linear_structure import LinearStructure
 from structsel.refinement.parameters import check_recordings
-from structsel.results import Result
+from structsel.results import Estimates
 from structsel.simulation.linear import LinearModel
 from structsel.tables import Column, Summary, Table, text_column
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EquationError(Result):
+class EquationError(Estimates):
     """Parameters by regression of each response on its own terms.
 
     Attributes
@@ -74,6 +75,9 @@ class EquationError(Result):
             raise KeyError(name)
         i = self.names.index(name)
         return float(self.values[i]), float(self.std[i])
+
+    def _estimates(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, float]:
+        return self.names, self.values, self.std, np.inf
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each parameter: name, value, std."""
@@ -128,7 +132,7 @@ def equation_error(
     ----------
     [K79], [KM16] ch. 5 and frequency-domain methods.
     """
-    flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    flights = as_recordings(recordings, "equation_error")
     check_recordings(flights)
     if domain not in ("time", "frequency") or (domain == "frequency") != (band is not None):
         raise ModelError(

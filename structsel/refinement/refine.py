@@ -17,6 +17,7 @@ from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.numerics.output_error_problem import Constraint, OutputErrorProblem
 from structsel.options import takes_options
 from structsel.recording import Recording
+from structsel.recording.arguments import as_recordings
 from structsel.refinement.estimate_checks import check_estimates
 from structsel.refinement.filter_error import FilterErrorProblem, iterate_noise
 from structsel.refinement.frequency import FrequencyProblem, check_frequency
@@ -86,7 +87,7 @@ def refine(
     ----------
     [KM16], [A10], [J15].
     """
-    flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    flights = as_recordings(recordings, "refine")
     if options.domain == "frequency" and options.noise == "process":
         raise ModelError("refine predicts sample by sample with noise='process', which needs domain='time'.")
     flight = _make_flight(model, aircraft, options)

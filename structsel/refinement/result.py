@@ -14,7 +14,7 @@ from structsel.metrics import MetricValues, compute_metrics, in_tables
 from structsel.numerics.global_search import GlobalSearch
 from structsel.recording import Recording
 from structsel.refinement.held_out import HeldOutComparison, Verdict
-from structsel.results import Result
+from structsel.results import Estimates
 from structsel.tables import Cell, Column, Summary, Table, text_column
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def compare_output(recording: str, output: str, measured: np.ndarray, modelled: 
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Refinement(Result):
+class Refinement(Estimates):
     """Parameters of a model, refined on complete recordings by output error or filter error.
 
     `converged` tells how the search ended, `verdict` whether the refined model predicts recordings that were held out
@@ -189,6 +189,9 @@ class Refinement(Result):
     def std(self) -> np.ndarray:
         """(k,) standard deviations, with the autocorrelation of the residuals."""
         return np.array([e.std for e in self.estimates])
+
+    def _estimates(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, float]:
+        return self.names, self.values, self.std, np.inf
 
     @property
     def verdict(self) -> Verdict:

@@ -12,13 +12,15 @@ import scipy
 from numpy.typing import NDArray
 
 from structsel.candidates import Candidates, Term
-from structsel.deprecation import renamed_attribute
+from structsel.deprecation import renamed_attribute, warn_deprecated
 from structsel.errors import SelectionError
 from structsel.formatting import format_number
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics.collinearity import ConditionIndices
 from structsel.numerics.noise_models import ARNoise
-from structsel.results import Result
+from structsel.recording import Recording, StoredRecording
+from structsel.recording.arguments import as_recordings
+from structsel.results import Estimates, Result
 from structsel.selection.diagnostics import Alias
 from structsel.selection.settings import SelectOptions
 from structsel.selection.trace import HeldOutPart, TraceStep
@@ -63,7 +65,7 @@ def _tone(probability: float) -> Tone:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Selection(Result):
+class Selection(Estimates):
     """Model selected for one response, with the steps of the search.
 
     Attributes
@@ -128,6 +130,8 @@ class Selection(Result):
     region : mapping of channel to (least, greatest)
     recordings : tuple of str
     dt : float [s]
+    data : tuple of Recording or StoredRecording
+        The recordings themselves, for residuals and figures.
     """
 
     response: str
@@ -168,6 +172,7 @@ class Selection(Result):
     region: Mapping[str, tuple[float, float]]
     recordings: tuple[str, ...]
     dt: float
+    data: tuple[Recording | StoredRecording, ...] = ()
 
     colours = renamed_attribute("noise_models")
     by_blocks = renamed_attribute("cluster_robust")
@@ -211,6 +216,78 @@ class Selection(Result):
         orders = [c.order for c in self.noise_models]
         span = str(orders[0]) if min(orders) == max(orders) else f"{min(orders)} to {max(orders)}"
         return f"AR order {span}"
+
+    def _estimates(self) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        dof = np.full(self.values.size, np.nan) if self.biased else self.error_dof
+        return ["1", *map(str, self.terms)], self.values, self.standard_errors, dof
+
+    @property
+    def fittedvalues(self) -> pd.Series:
+        """The model on the recordings of the selection, each with its own constant where it has one; see `predict`."""
+        return self._over_samples(self._fitted, self.response)
+
+    @property
+    def resid(self) -> pd.Series:
+        """Response minus `fittedvalues`."""
+        return self._over_samples(lambda one: one[self.response] - self._fitted(one), "residual")
+
+    def predict(self, recordings: Any = None) -> pd.Series:
+        """Response by the model, with the mean constant.
+
+        Parameters
+        ----------
+        recordings : Recording, DataFrame or sequence of these, optional
+            Without any, `fittedvalues` are returned.
+
+        Returns
+        -------
+        Series
+            By time, or by recording and time if there are several.
+
+        Raises
+        ------
+        ChannelError, TermError
+            A channel is missing, or a formula does not hold.
+        """
+        if recordings is None:
+            return self.fittedvalues
+        model = self.to_model()
+        return self._over_samples(model.evaluate, self.response, as_recordings(recordings, "predict"))
+
+    def _fitted(self, recording: Recording) -> NDArray[np.float64]:
+        """The model on a recording of the selection."""
+        own = self.constants.get(recording.name, self.values[0]) - self.values[0]
+        return self.to_model().evaluate(recording) + own
+
+    def _over_samples(self, values: Any, name: str, recordings: Any = None) -> pd.Series:
+        """Samples of a function of a recording, by time."""
+        import pandas as pd
+
+        given = self.data if recordings is None else recordings
+        if not given:
+            raise SelectionError(
+                "the selection has no recordings, as it was not made by select().", remedy="Use predict(recordings)."
+            )
+        read = [one.read() if isinstance(one, StoredRecording) else one for one in given]
+        parts = {one.name: pd.Series(values(one), index=pd.Index(one.t, name="t"), name=name) for one in read}
+        return next(iter(parts.values())) if len(parts) == 1 else pd.concat(parts, names=["recording", "t"])
+
+    @property
+    def model(self) -> AeroModel:
+        """The selection as an AeroModel of one response."""
+        return AeroModel({self.response: self.to_model()}, recordings=self.recordings)
+
+    def __getitem__(self, response: str) -> Selection:
+        """Return the selection itself: `select` with one response returned a mapping before."""
+        if response != self.response:
+            raise SelectionError(
+                f"the selection is of {self.response!r}, not of {response!r}.",
+                remedy=f"Select both: select(recordings, [{self.response!r}, {response!r}], candidates).",
+            )
+        warn_deprecated(f"selection[{response!r}] of one response", "selection")
+        return self
+
+    __iter__ = None  # else Python would call __getitem__ with numbers
 
     def to_model(self) -> ResponseModel:
         """The selection as a model of its response."""

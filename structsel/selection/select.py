@@ -6,18 +6,19 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from structsel.candidates import Candidates, Term
 from structsel.deprecation import renamed_arguments
-from structsel.errors import SelectionError
+from structsel.errors import ArgumentError, SelectionError
 from structsel.nomenclature import COEFFICIENTS, FLOW_ANGLES
 from structsel.numerics import criteria
 from structsel.numerics.blocks import JobRunner
 from structsel.options import takes_options
-from structsel.recording import Recording, StoredRecording, warn_of_entry_errors
+from structsel.recording import StoredRecording, warn_of_entry_errors
+from structsel.recording.arguments import as_recordings
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.checkpoint import Checkpoint
 from structsel.selection.data import AnyRecording, DataSummary, RecordingData, summarise_recordings
@@ -27,34 +28,38 @@ from structsel.selection.result import Selection, Selections
 from structsel.selection.settings import RENAMED_ARGUMENTS, InitialTerms, SelectOptions
 from structsel.selection.trace import HeldOutPart, TraceStep
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 SPELLED_OUT = 12  # recordings of a part held out whose names are all given
 
 
 @renamed_arguments(**RENAMED_ARGUMENTS)
 @takes_options(SelectOptions)
 def select(
-    recordings: AnyRecording | Sequence[AnyRecording],
+    recordings: AnyRecording | pd.DataFrame | Sequence[AnyRecording | pd.DataFrame],
     responses: str | Sequence[str],
-    candidates: Candidates,
+    candidates: Candidates | Iterable[Term | str],
     *,
     options: SelectOptions,
     include: Iterable[Term | str] = (),
     progress: Progress | None = None,
     checkpoint: str | Path | None = None,
     client: Any = None,
-) -> Selections:
+) -> Any:
     """Choose which candidate terms belong in the model of each response.
 
     Parameters
     ----------
-    recordings : Recording or sequence of Recording
+    recordings : Recording, DataFrame, or sequence of these
         One manoeuvre each, with the candidates' channels and the responses. Never joined: lags do not cross from
         one to the next, and each has its own noise model. Those that `stream_recordings` lists are read one at a
-        time, several times over: all of them need not fit in memory.
+        time, several times over: all of them need not fit in memory. A DataFrame has a column ``t`` and is in SI units
+        and radians; see `Recording.from_frame` for others.
     responses : str or sequence of str
         ``"CZ"``, or several; all share one pass over the data.
-    candidates : Candidates
-        The pool. The constant is always in the model.
+    candidates : Candidates, or iterable of Term or str
+        The pool; ``["alpha", "alpha^2", "de"]`` is read as by `Candidates.parse`. The constant is always in the model.
     options : SelectOptions, optional
         Every field may be given as a keyword of its own instead: ``select(..., method="orthogonal", bootstrap=0)``.
     include : iterable of Term or str
@@ -70,11 +75,14 @@ def select(
 
     Returns
     -------
-    Selections
-        A mapping from response to `Selection`; ``.model`` is the AeroModel.
+    Selection or Selections
+        The `Selection` of one response given as text; for a sequence of responses, a mapping from each to its
+        `Selection`. ``.model`` is the AeroModel.
 
     Raises
     ------
+    ArgumentError
+        The recordings or candidates are objects of another type.
     ChannelError, DataError
         A channel is missing, not finite, or a response does not vary.
         The checkpoint belongs to something else, or cannot be read or written.
@@ -86,7 +94,8 @@ def select(
     ----------
     [C89], [TP1916], [H17], [M95], [KM16] ch. 5.
     """
-    given = [recordings] if isinstance(recordings, Recording | StoredRecording) else list(recordings)
+    given = as_recordings(recordings, "select")
+    candidates = _as_candidates(candidates)
     wanted = [responses] if isinstance(responses, str) else list(responses)
     warn_of_entry_errors(given, stacklevel=5)
     stored = any(isinstance(recording, StoredRecording) for recording in given)
@@ -108,7 +117,27 @@ def select(
             companions=_companions(data, candidates, wanted) if options.rows != "sampled" else [],
             flow_angles=[i for i, factor in enumerate(candidates.base) if str(factor) in FLOW_ANGLES],
         )
-    return Selections({r: _named(r, one, candidates, data, options) for r, one in zip(wanted, found)})
+    named = {r: _named(r, one, candidates, data, options, tuple(given)) for r, one in zip(wanted, found)}
+    return named[responses] if isinstance(responses, str) else Selections(named)
+
+
+def _as_candidates(given: Any) -> Candidates:
+    """Candidates, also from terms or their names.
+
+    Raises
+    ------
+    ArgumentError
+        It is something else.
+    """
+    if isinstance(given, Candidates):
+        return given
+    terms = list(given) if isinstance(given, Iterable) and not isinstance(given, str | bytes) else [None]
+    if not all(isinstance(term, str | Term) for term in terms):
+        raise ArgumentError(
+            f"select needs candidate terms, and was given {given!r:.60}.",
+            remedy='Pass Candidates.polynomial(["alpha", "de"], 2), or a list such as ["alpha", "alpha^2", "de"].',
+        )
+    return Candidates.parse([str(term) for term in terms])
 
 
 @contextmanager
@@ -232,6 +261,7 @@ def _named(
     candidates: Candidates,
     data: DataSummary,
     options: SelectOptions,
+    recordings: tuple[AnyRecording, ...],
 ) -> Selection:
     kept = list(found.search.selected)
     terms = tuple(candidates[i] for i in kept)
@@ -293,4 +323,5 @@ def _named(
         region={c: (data.statistics(c).low, data.statistics(c).high) for c in sorted(used)},
         recordings=data.names,
         dt=data.dt,
+        data=recordings,
     )

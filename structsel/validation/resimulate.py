@@ -22,6 +22,7 @@ from structsel.nomenclature import (
 )
 from structsel.numerics.flight_model import REASONS
 from structsel.recording import Recording, require_recordings
+from structsel.recording.arguments import as_recordings
 from structsel.simulation import Atmosphere, prepare
 from structsel.simulation.flight_setup import start_from
 from structsel.validation.resimulation import Divergence, Resimulation, score_output
@@ -101,7 +102,7 @@ def resimulate(
     ----------
     [M86], [J15], [FSTD].
     """
-    flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    flights = as_recordings(recordings, "resimulate")
     _check(flights, window, normaliser)
     lateral = any(name in model for name in LATERAL_COEFFICIENTS)
     shown = _choose(flights, outputs, lateral)

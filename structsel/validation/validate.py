@@ -16,6 +16,7 @@ from structsel.formatting import UNDEFINED
 from structsel.metrics import MetricValues, Normaliser, compute_metrics, in_tables
 from structsel.model import AeroModel
 from structsel.recording import Recording, require_recordings
+from structsel.recording.arguments import as_recordings
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
 
@@ -205,7 +206,7 @@ def validate(
     ----------
     [KM16], [H17], [J15]
     """
-    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    recordings = as_recordings(recordings, "validate")
     if responses is None:
         wanted = list(model.responses)
     else:
