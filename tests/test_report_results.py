@@ -136,7 +136,7 @@ def hostile():
         for k, one in enumerate(manoeuvre(k) for k in range(2))
     ]  # fmt: skip
     found = select(recordings, f"{BAD}y", Candidates.polynomial(["alpha", "de"], 1), bootstrap=0)
-    one = next(iter(found.values()))
+    one = found
     yield render(replace(one, doubts=(BAD,)), recordings=recordings)
     one = next(iter(reconstructed()))
     recording = Recording(BAD, one.recording.t, one.recording.channels, {}, (BAD,))

@@ -11,6 +11,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from structsel import __version__
+from structsel.cli.cutting import set_cuts
 from structsel.cli.defaults import DEFAULTS, load_defaults
 from structsel.cli.input_files import record_inputs
 from structsel.cli.messages import log_duration, say, set_verbosity
@@ -65,23 +66,40 @@ _COMMON: dict[str, tuple[Any, Any]] = {
 }
 
 
+_CUT = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--cut",
+        metavar="PART",
+        help="Part of each recording that is used: START:END in s, rows=FIRST:LAST, or manoeuvres, the parts in which "
+        "controls move; may be repeated. Recordings are always split at gaps in time.",
+        rich_help_panel=_PANEL,
+    ),
+]
+
+
 def with_common_options(run: Callable[..., None]) -> Callable[..., None]:
     """Return the command with the options ``--config``, ``--quiet`` and ``--verbose`` added."""
 
     @wraps(run)
     def command(config: Path | None, quiet: bool, verbose: bool, **options: Any) -> None:
+        cuts = options.pop("cut", None) or []
         if quiet and verbose:
             raise typer.BadParameter("give one of --quiet and --verbose, not both.")
         with set_verbosity(quiet, verbose, written=options.get("out") is not None), record_inputs(options, config):
             if config is not None:
                 say("note", f"defaults of options are from '{config}'.")
-            with log_duration(f"structsel {__version__} {run.__module__.rpartition('.')[2]}"):
+            if cuts and options.get("stream"):
+                raise typer.BadParameter("--stream reads complete files: leave --cut out, or cut them first.")
+            with set_cuts(cuts), log_duration(f"structsel {__version__} {run.__module__.rpartition('.')[2]}"):
                 run(**options)
 
     common = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
         for name, (default, annotation) in _COMMON.items()
     ]
+    if {"files", "recordings"} & inspect.signature(run).parameters.keys():
+        common.insert(0, inspect.Parameter("cut", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=_CUT))
     kinds = get_type_hints(run, include_extras=True)
     declared = [one.replace(annotation=kinds[one.name]) for one in inspect.signature(run).parameters.values()]
     command.__signature__ = inspect.Signature([*declared, *common])  # type: ignore[attr-defined]

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from structsel.cli.cutting import cut
 from structsel.cli.help_text import epilog
 from structsel.cli.messages import print_json, say, stdout
 from structsel.cli.recordings import Files, Json, Map, read_files
@@ -42,12 +43,12 @@ _TONES: dict[str, Tone] = {SURE: "good", UNSURE: "warning"}
 _MOST_NAMES = 20  # unrecognised columns that are named; the map lists all
 
 
-def run(files: Files, channel_map: Map = None, guess: GuessMap = None, json: Json = False) -> None:
+def run(files: Files, channel_map: Map = None, guess_map_file: GuessMap = None, json: Json = False) -> None:
     """Print the channels of recordings with units and ranges, and report faults in the data."""
-    if guess is not None:
-        _guess(files, channel_map, guess, json)
+    if guess_map_file is not None:
+        guess(files, channel_map, guess_map_file, json)
         return
-    recordings = read_files(files, channel_map)
+    recordings = [part for recording in read_files(files, channel_map) for part in cut(recording)]
     if json:
         print_json({"schema": "structsel.description/1", "recordings": [r.to_dict() for r in recordings]})
         return
@@ -56,16 +57,26 @@ def run(files: Files, channel_map: Map = None, guess: GuessMap = None, json: Jso
         print_summary(console, recording.summary())
 
 
-def _guess(files: list[Path], channel_map: Path | None, target: Path, json: bool) -> None:
+def guess(files: list[Path], channel_map: Path | None, target: Path, json: bool, option: str = "--guess-map") -> None:
+    """Guess the channel map of a file, write it and print it.
+
+    Raises
+    ------
+    BadParameter
+        There are several files, or it is a folder.
+    DataError
+        The target exists, or cannot be written.
+    """
     if len(files) != 1 or files[0].is_dir():
+        verb = "structsel map" if option == "--out" else option
         raise typer.BadParameter(
-            "--guess-map takes one file, neither several nor a folder. The map then applies to all files of that kind."
+            f"{verb} takes one file, neither several nor a folder. The map then applies to all files of that kind."
         )
     if target.exists():
-        raise DataError(f"--guess-map '{target}' exists already and is not overwritten. Choose another name.")
+        raise DataError(f"{option} '{target}' exists already and is not overwritten. Choose another name.")
     options = FileOptions() if channel_map is None else load_channel_map(channel_map).file
     guessed = guess_map(read_table(files[0], options), options)
-    _write(guessed, target)
+    _write(guessed, target, option)
     if json:
         print_json({"schema": "structsel.guessed_map/1", "map": str(target), **guessed.to_dict()})
         return
@@ -73,11 +84,11 @@ def _guess(files: list[Path], channel_map: Path | None, target: Path, json: bool
     say("note", f"written to '{target}'. Check it, then: structsel describe {files[0]} --map {target}")
 
 
-def _write(guessed: GuessedMap, target: Path) -> None:
+def _write(guessed: GuessedMap, target: Path, option: str) -> None:
     try:
         write_text(target, str(guessed))
     except OSError as error:
-        raise DataError(f"--guess-map '{target}' cannot be written: {error.strerror or error}.") from error
+        raise DataError(f"{option} '{target}' cannot be written: {error.strerror or error}.") from error
 
 
 def _summary(guessed: GuessedMap) -> Summary:

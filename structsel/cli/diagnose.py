@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
 from rich.text import Text
 
 from structsel.aircraft import Aircraft
+from structsel.cli.cutting import is_cut
 from structsel.cli.folders import output_folder, refuse_existing
 from structsel.cli.help_text import epilog
 from structsel.cli.input_files import provenance
@@ -17,6 +19,7 @@ from structsel.cli.recordings import (
     OUTPUT,
     Json,
     Map,
+    MoreRecordings,
     Overwrite,
     hold_out,
     load_aircraft,
@@ -63,24 +66,23 @@ EPILOG = epilog(
     """[bold]--out[/bold] is written with diagnosis.json, report.html (a page that needs no network) and model.json,
     the simulation with the missing effect added. For an aircraft of JSBSim it also has the folder AIRCRAFT-corrected,
     if the effect can be written in its format. If the effects of finding N cannot be distinguished, to-separate-N.csv
-    has inputs that distinguish them, as perturbations from trim. The verdict is mismatch, consistent or undecidable;
-    the exit code is 0 for all three.""",
+    has inputs that distinguish them, as perturbations from trim. """,
+    """[bold]Exit code[/bold] 0 for the verdicts mismatch, consistent and undecidable; 3 if recordings and simulation
+    are consistent only with a parameter outside its stated tolerance, "within_tolerances": false in diagnosis.json.""",
 )
+OUTSIDE_TOLERANCES = 3
+"""Exit code where recordings and simulation agree only with a parameter outside its stated tolerance."""
 _WRITTEN = ("diagnosis.json", "report.html", "model.json")
 
 
 def run(
-    aircraft: Annotated[
-        Path,
-        option(
-            "--aircraft",
-            "Geometry, mass, inertia, thrust line, positions of the instruments, tolerances.",
-            metavar="AIRCRAFT.TOML",
-        ),
-    ],
     recordings: Annotated[
         list[Path],
-        option("--recordings", "Recordings or folders of them, one manoeuvre each; may be repeated.", metavar="FILES"),
+        option(
+            "--recordings",
+            "Files with one manoeuvre each, folders, or patterns in quotes; several.",
+            metavar="FILES...",
+        ),
     ],
     simulation: Annotated[
         str,
@@ -90,6 +92,16 @@ def run(
             metavar="SIMULATION",
         ),
     ],
+    more_recordings: MoreRecordings = None,
+    aircraft: Annotated[
+        Path | None,
+        option(
+            "--aircraft",
+            "Geometry, mass, inertia, thrust line, positions of the instruments, tolerances. Not needed for plants, "
+            "whose recordings have no channels of a flight.",
+            metavar="AIRCRAFT.TOML",
+        ),
+    ] = None,
     channel_map: Map = None,
     held_out: Annotated[
         str, option("--held-out", "Validation recordings; by default each recording in turn.", metavar="NAMES")
@@ -105,7 +117,10 @@ def run(
     refuse_existing(out, overwrite)
     if out is not None:
         _refuse_overwriting(out, simulation)
-    aircraft_model = load_aircraft(aircraft)
+    aircraft_model = None if aircraft is None else load_aircraft(aircraft)
+    recordings = [*recordings, *(more_recordings or [])]
+    if is_cut() and not _is_model(simulation):
+        raise typer.BadParameter("--cut applies to models: a simulated file belongs to a complete recording.")
     # A simulated file belongs to a complete recording; a model can be evaluated along any part of one.
     recorded = (
         read_manoeuvres(recordings, channel_map) if _is_model(simulation) else read_files(recordings, channel_map)
@@ -119,6 +134,8 @@ def run(
         _print_text(found)
         if out is not None:
             print_files(stdout(), path_text(out), written)
+    if found.verdict == "consistent" and not found.within_tolerances:
+        raise typer.Exit(OUTSIDE_TOLERANCES)
 
 
 def _is_model(simulation: str) -> bool:
@@ -134,7 +151,7 @@ def _refuse_overwriting(out: Path, simulation: str) -> None:
 
 
 def _diagnose(
-    simulation: str, recorded: Sequence[Recording], aircraft_model: Aircraft, validation: Sequence[str]
+    simulation: str, recorded: Sequence[Recording], aircraft_model: Aircraft | None, validation: Sequence[str]
 ) -> Diagnosis:
     from structsel.diagnosis.diagnose import diagnose  # takes a while to load
 

@@ -12,7 +12,7 @@ from typing import Any
 from structsel.provenance import provenance_of
 from structsel.recording.reading import files_read
 
-_WRITTEN = ("out", "guess", "checkpoint")
+_WRITTEN = ("out", "guess_map_file", "checkpoint")
 _MODEL_OPTIONS = ("model", "simulation")  # texts that may be the name of a file
 _PROVENANCE: ContextVar[Callable[[], dict[str, Any]]] = ContextVar("provenance", default=provenance_of)
 

@@ -13,6 +13,7 @@ from structsel.cli.messages import say
 from structsel.cli.parsing import read_numbers, split_names
 from structsel.cli.recordings import load_aircraft, option, read_manoeuvres
 from structsel.errors import ChannelError, ModelError
+from structsel.formatting import join_names
 from structsel.model import AeroModel
 from structsel.recording import Recording
 from structsel.simulation import PUBLISHED_AIRCRAFT, Atmosphere, LinearModel, PublishedAircraft, published_aircraft
@@ -68,7 +69,9 @@ Rho = Annotated[
 ]
 RecordingsOption = Annotated[
     list[Path] | None,
-    option("--recordings", "Files with one manoeuvre each, or folders of them; may be repeated.", metavar="FILES"),
+    option(
+        "--recordings", "Files with one manoeuvre each, folders, or patterns in quotes; several.", metavar="FILES..."
+    ),
 ]
 
 
@@ -218,7 +221,7 @@ def read_inputs(files: Sequence[Path], channel_map: Path | None, option: str) ->
         A file does not exist.
     """
     for path in files:
-        if not path.exists():
+        if not path.exists() and not any(mark in str(path) for mark in "*?["):
             raise typer.BadParameter(f"{option} '{path}' does not exist.")
     return read_manoeuvres(files, channel_map) if files else []
 
@@ -235,6 +238,13 @@ def add_perturbations(inputs: Recording, controls: Mapping[str, float]) -> Recor
     if not moved:
         raise ChannelError(
             f"'{inputs.name}' has {', '.join(inputs.names)}, but the controls of the model are {', '.join(controls)}."
+        )
+    if unused := [name for name in inputs.names if name not in controls]:
+        which = "it" if len(unused) == 1 else "them"
+        say(
+            "warning",
+            f"'{inputs.name}': {join_names(unused)} left out; no term of the model depends on {which}. "
+            f"The controls of the model are {join_names(controls)}.",
         )
     values: dict[str, Any] = {
         name: controls[name] + inputs[name] if name in moved else controls[name] for name in controls

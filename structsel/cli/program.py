@@ -50,12 +50,15 @@ _EPILOG = epilog(
     for each command, such as \\[select] with f-in = "auto" and degree = 3. Options above the tables, such as aircraft
     = "aircraft.toml", apply to every command that has them. The command line has precedence.""",
     """[bold]Exit code[/bold] 0: success. 1: the data or the options cannot be used; the message gives the reason and a
-    remedy. 2: the command line cannot be read. 130: stopped by Ctrl-C; no file is incomplete.""",
+    remedy. 2: the command line cannot be read. 3: diagnose, consistent only outside stated tolerances. 130: stopped by
+    Ctrl-C; no file is incomplete.""",
 )
 
 
 COMMANDS = {
     "describe": "Print the channels of recordings with units and ranges, and report faults in the data.",
+    "map": "Guess the channel map of a file from names, units and values, and write it with comments.",
+    "aircraft": "Print a commented aircraft file to fill in, or check one.",
     "reconstruct": "Reconstruct flight paths: estimate sensor biases, wind and vane errors, and the "
     "states without these errors.",
     "coefficients": "Compute the aerodynamic coefficients of recordings, and write them with the channels "

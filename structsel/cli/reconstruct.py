@@ -50,7 +50,7 @@ EPILOG = epilog(
         (
             "One long recording; delays of channels are estimated and corrected",
             "structsel reconstruct flight.csv --aircraft aircraft.toml \\\n"
-            "    --find-manoeuvres --delays estimate --out path/",
+            "    --cut manoeuvres --delays estimate --out path/",
         ),
         (
             "Compare three methods",
@@ -87,7 +87,7 @@ def run(
     options: dict[str, Any],
     find_manoeuvres: Annotated[
         bool,
-        option("--find-manoeuvres", "Cut long recordings into the parts in which controls move.", "What is estimated"),
+        typer.Option("--find-manoeuvres", hidden=True),
     ] = False,
     out: Annotated[
         Path | None,
@@ -104,6 +104,8 @@ def run(
     ] = None,
 ) -> None:
     """Reconstruct flight paths: estimate sensor biases, wind and vane errors, and the states without these errors."""
+    if find_manoeuvres:
+        say("warning", "--find-manoeuvres is deprecated: use --cut manoeuvres.")
     refuse_existing(out, overwrite)
     aircraft_model = load_aircraft(aircraft)
     recorded = read_manoeuvres(files, channel_map, find_manoeuvres)

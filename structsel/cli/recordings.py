@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from glob import glob
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 
 from structsel.aircraft import Aircraft
+from structsel.cli.cutting import cut, is_cut
 from structsel.cli.messages import ProgressBar, say
 from structsel.cli.parsing import split_names
 from structsel.coefficients import compute_all
 from structsel.errors import DataError, ReconstructionError, SelectionError
+from structsel.formatting import count_of
 from structsel.readers.channel_map import load_channel_map
 from structsel.reconstruction import METHODS, Reconstructions, reconstruct_all
-from structsel.recording import Recording, StoredRecording, read_recordings, split_manoeuvres
+from structsel.recording import Recording, StoredRecording, read_recordings
 from structsel.recording.sets import same_flights
 
+MoreRecordings = Annotated[list[Path] | None, typer.Argument(hidden=True)]
+"""Files after the first one of ``--recordings``."""
 Flight = TypeVar("Flight", Recording, StoredRecording)
 
 OUTPUT = "Output"
@@ -97,6 +102,26 @@ def option(name: str, text: str, panel: str | None = None, metavar: str | None =
     return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
 
 
+def expand(files: Iterable[Path]) -> list[Path]:
+    """Files and folders, with patterns such as ``flights/m*.csv`` replaced by the files that match, in order of name.
+
+    Raises
+    ------
+    DataError
+        No file matches a pattern.
+    """
+    found: list[Path] = []
+    for path in files:
+        if path.exists() or not any(mark in str(path) for mark in "*?["):
+            found.append(path)
+            continue
+        matches = [Path(name) for name in sorted(glob(str(path), recursive=True))]
+        if not matches:
+            raise DataError(f"no file matches '{path}'.\nCheck the folder and the ending of the name.")
+        found += matches
+    return found
+
+
 def read_files(files: Iterable[Path], channel_map: Path | None) -> list[Recording]:
     """Every recording of files and folders, in the order given.
 
@@ -107,7 +132,7 @@ def read_files(files: Iterable[Path], channel_map: Path | None) -> list[Recordin
     """
     mapped = None if channel_map is None else load_channel_map(channel_map)
     found: list[Recording] = []
-    for path in files:
+    for path in expand(files):
         for recording in read_recordings(path, mapped):
             if recording.name in {other.name for other in found}:
                 raise DataError(
@@ -127,7 +152,7 @@ def load_aircraft(path: Path) -> Aircraft:
 
 
 def read_manoeuvres(files: Iterable[Path], channel_map: Path | None, find: bool = False) -> list[Recording]:
-    """Recordings split at gaps in time and, with `find`, into the parts in which controls move.
+    """Recordings cut as `--cut` states, or with `find` where controls move, and split at gaps in time.
 
     Raises
     ------
@@ -136,17 +161,18 @@ def read_manoeuvres(files: Iterable[Path], channel_map: Path | None, find: bool 
     """
     recordings: list[Recording] = []
     for recording in read_files(files, channel_map):
-        parts = recording.split()
-        if len(parts) > 1:
-            names = f"{parts[0].name} to {parts[-1].name}"
-            say("note", f"'{recording.name}' has gaps in time and is read as {len(parts)} manoeuvres, {names}.")
-        if find:
-            parts = split_manoeuvres(recording)
-            names = ", ".join(part.name for part in parts) or "none"
-            say("note", f"'{recording.name}': {len(parts)} manoeuvres found: {names}.")
-        recordings += parts
+        chosen = cut(recording, find)
+        if find or is_cut():
+            names = ", ".join(f"{p.name} ({p.t[0]:g} to {p.t[-1]:g} s)" for p in chosen) or "none"
+            say("note", f"'{recording.name}' is cut into {count_of(len(chosen), 'part')}: {names}.")
+        for part in chosen:
+            parts = part.split()
+            if len(parts) > 1:
+                names = f"{parts[0].name} to {parts[-1].name}"
+                say("note", f"'{part.name}' has gaps in time and is read as {len(parts)} manoeuvres, {names}.")
+            recordings += parts
     if not recordings:
-        raise DataError("--find-manoeuvres found no part in which controls move.\nLeave it out to use complete files.")
+        raise DataError("--cut manoeuvres found no part in which controls move.\nLeave it out to use complete files.")
     return recordings
 
 

@@ -21,7 +21,7 @@ from structsel.cli.models import (
     SimulationModel,
     read_inputs,
 )
-from structsel.cli.recordings import OUTPUT, Map, OutputOptions, hold_out, option
+from structsel.cli.recordings import OUTPUT, Map, MoreRecordings, OutputOptions, hold_out, option
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import RefinementError
 from structsel.model import AeroModel
@@ -72,6 +72,7 @@ def run(
     source: AircraftModelOptions,
     output: OutputOptions,
     recordings: RecordingsOption = None,
+    more_recordings: MoreRecordings = None,
     channel_map: Map = None,
     *,
     options: dict[str, Any],
@@ -90,6 +91,7 @@ def run(
     aircraft_model = source.open(model)
     if not recordings:
         raise typer.BadParameter("refine needs --recordings.")
+    recordings = [*recordings, *(more_recordings or [])]
     training, validation = hold_out(read_inputs(recordings, channel_map, "--recordings"), held_out)
     if validation and (not isinstance(aircraft_model, PublishedAircraft) or aircraft_model.model is None):
         raise typer.BadParameter("--held-out is available for model files and built-in aircraft only.")

@@ -26,7 +26,7 @@ from structsel.cli.models import (
     trim_model,
 )
 from structsel.cli.parsing import read_numbers
-from structsel.cli.recordings import OUTPUT, Map, OutputOptions, option
+from structsel.cli.recordings import OUTPUT, Map, MoreRecordings, OutputOptions, option
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import SimulationError
 from structsel.nomenclature import LATERAL_COEFFICIENTS
@@ -81,7 +81,7 @@ class InputFileOptions:
 
     inputs: Annotated[
         list[Path] | None,
-        option("--inputs", "Input time histories, as perturbations from trim; may be repeated.", metavar="FILES"),
+        option("--inputs", "Input time histories, as perturbations from trim; several.", metavar="FILES..."),
     ] = None
     recordings: RecordingsOption = None
     channel_map: Map = None
@@ -130,6 +130,7 @@ def run(
     steady: SteadyFlightOptions,
     environment: EnvironmentOptions,
     output: OutputOptions,
+    more_files: MoreRecordings = None,
     modes: Annotated[
         bool, typer.Option("--modes", help="Print the modes of small perturbations about the trim.")
     ] = False,
@@ -141,8 +142,12 @@ def run(
     """Simulate a model: trim, modes, and the response to inputs, as recordings."""
     refuse_existing(out, output.overwrite)
     aircraft_model = source.open(model)
-    perturbed = read_inputs(files.inputs or (), files.channel_map, "--inputs")
-    recorded = read_inputs(files.recordings or (), files.channel_map, "--recordings")
+    if more_files and bool(files.inputs) == bool(files.recordings):
+        raise typer.BadParameter(f"'{more_files[0]}': name it by --inputs or --recordings.")
+    inputs, recordings = files.inputs or [], files.recordings or []
+    (inputs if files.inputs else recordings).extend(more_files or [])
+    perturbed = read_inputs(inputs, files.channel_map, "--inputs")
+    recorded = read_inputs(recordings, files.channel_map, "--recordings")
     conditions = _Conditions(environment)
     found = _SimulationRun(recorded={r.name: r for r in recorded})
     if isinstance(aircraft_model, LinearModel):

@@ -11,8 +11,9 @@ from typing import Annotated
 
 import typer
 
+from structsel.cli.cutting import is_cut
 from structsel.cli.messages import ProgressBar, say
-from structsel.cli.recordings import RecordingOptions, load_aircraft, option, report_findings
+from structsel.cli.recordings import RecordingOptions, expand, load_aircraft, option, report_findings
 from structsel.coefficients import compute_coefficients
 from structsel.errors import DataError
 from structsel.readers.channel_map import load_channel_map
@@ -63,8 +64,9 @@ class StreamingOptions:
                 "--stream reads recordings many times, and --reconstruct would be repeated each time: write "
                 "reconstructed recordings with structsel reconstruct --out, and stream those."
             )
-        if self.stream is not None or reconstruct:
+        if self.stream is not None or reconstruct or is_cut():
             return bool(self.stream)
+        files = expand(files)
         return sum(path.stat().st_size for one in files if one.exists() for path in list_files(one)) > STREAM_ABOVE
 
     def checkpoint_file(self, out: Path | None, streamed: bool) -> Path | None:
@@ -84,7 +86,7 @@ def stream_flights(files: Iterable[Path], recorded: RecordingOptions, wanted: se
     DataError
         Two recordings of one name, or whatever reading raises.
     """
-    paths = [path for given in files for path in sorted(list_files(given), key=lambda path: path.stem)]
+    paths = [path for given in expand(files) for path in sorted(list_files(given), key=lambda path: path.stem)]
     mapped = None if recorded.channel_map is None else load_channel_map(recorded.channel_map)
     prepare = None
     if recorded.aircraft is not None:

@@ -30,7 +30,7 @@ _STEPS = 4
 
 
 def compare(
-    simulation: Any, recordings: Sequence[Recording], aircraft: Aircraft, progress: Progress | None = None
+    simulation: Any, recordings: Sequence[Recording], aircraft: Aircraft | None = None, progress: Progress | None = None
 ) -> Mismatch:
     """Where, when and how a simulation and recordings part.
 
@@ -42,8 +42,8 @@ def compare(
         (free).
     recordings : sequence of Recording
         One manoeuvre each.
-    aircraft : Aircraft
-        With its tolerances.
+    aircraft : Aircraft, optional
+        With its tolerances. Not needed for plants, whose recordings have no channels of a flight.
     progress : callable, optional
         Told what is being done, how much of it is done, and of how much.
 

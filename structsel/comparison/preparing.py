@@ -33,7 +33,7 @@ class PreparedComparison:
 
 
 def prepare(
-    source: object, recordings: Sequence[Recording], aircraft: Aircraft, progress: Progress | None = None
+    source: object, recordings: Sequence[Recording], aircraft: Aircraft | None, progress: Progress | None = None
 ) -> PreparedComparison:
     """Bring recordings and a simulation together.
 
@@ -53,6 +53,7 @@ def prepare(
         raise DataError(f"two recordings are called '{twice[0]}'. Rename one.")
     check_recorded(recordings)
     warn_of_entry_errors(recordings, stacklevel=4)
+    aircraft = aircraft or _no_aircraft(recordings)
     simulation = open_simulation(source, recordings, aircraft)
     remarks: list[str] = []
     tell = progress or (lambda what, done, of: None)
@@ -90,6 +91,26 @@ def _unmeasured(flights: Sequence[Flight]) -> set[str]:
     """Kinematic responses whose channel is constant in all recordings: it was not measured, and has no noise."""
     constant = {c for c in flights[0].raw if all(c in f.raw and not np.ptp(f.raw[c]) for f in flights)}
     return {f"k_{c}" for c in constant}
+
+
+def _no_aircraft(recordings: Sequence[Recording]) -> Aircraft:
+    """Stand-in for plants such as test rigs, of which only the default tolerances are used.
+
+    Raises
+    ------
+    DataError
+        The recordings are of an aircraft.
+    """
+    for recording in recordings:
+        flying = [name for name in AIRFRAME if name in recording]
+        if "V" in flying and len(flying) > 1:
+            raise DataError(
+                f"'{recording.name}' has {', '.join(flying[:4])}: it is of an aircraft, "
+                "whose geometry, mass and inertia are needed.",
+                remedy="Pass Aircraft.from_toml(path).",
+                cli_remedy="Give --aircraft AIRCRAFT.TOML; structsel aircraft --template prints one to fill in.",
+            )
+    return Aircraft(name="plant", S=1.0, b=1.0, cbar=1.0)
 
 
 def _wanted(recording: Recording, aircraft: Aircraft) -> tuple[str, ...]:

@@ -51,7 +51,7 @@ _DROWNED = 0.7  # of the rms measured, that is left: what a simulation lacks wou
 def diagnose(
     simulation: Any,
     recordings: Sequence[Recording],
-    aircraft: Aircraft,
+    aircraft: Aircraft | None = None,
     *,
     held_out: Sequence[str] = (),
     effects: Sequence[Effect] = EFFECTS,
@@ -66,7 +66,8 @@ def diagnose(
         In any of the five forms: see `structsel.comparison.simulations.open_simulation`.
     recordings : sequence of Recording
         One manoeuvre each.
-    aircraft : Aircraft
+    aircraft : Aircraft, optional
+        Not needed for plants, whose recordings have no channels of a flight.
         With the tolerances of the simulation and the instruments.
     held_out : sequence of str
         Names of recordings to judge by; by default each is held out in turn.

@@ -260,12 +260,17 @@ class Diagnosis(Result):
     seconds: float = 0.0
     replayed: HeldOutSimulation | None = None
 
+    @property
+    def within_tolerances(self) -> bool:
+        """Whether no parameter had to leave its stated tolerance for recordings and simulation to agree."""
+        return not any(pull.is_strained for pull in self.pulls)
+
     def to_dict(self) -> dict[str, Any]:
         """Content of diagnosis.json."""
         return {
             "schema": SCHEMA,
             "verdict": self.verdict,
-            "within_tolerances": not any(p.is_strained for p in self.pulls),
+            "within_tolerances": self.within_tolerances,
             "findings": [f.to_dict() for f in self.findings],
             "not_testable": [{"effect": e, "needs": n} for e, n in self.not_testable.items()],
             "remaining": {c: {"rrmse": r, "white": w} for c, (r, w) in self.remaining.items()},

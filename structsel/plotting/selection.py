@@ -290,7 +290,7 @@ def plot_residual_against(
     return ax
 
 
-def draw_selection(selections: Selections, recordings: Sequence[Recording]) -> Iterator[tuple[str, Figure]]:
+def draw_selection(selections: Selection | Selections, recordings: Sequence[Recording]) -> Iterator[tuple[str, Figure]]:
     """Figures of a selection: for each response the fit, the choice of the terms, and the residual.
 
     Parameters
@@ -305,6 +305,8 @@ def draw_selection(selections: Selections, recordings: Sequence[Recording]) -> I
         ``CZ_fit``, ``CZ_choice``, ``CZ_residual``: stem of a file name.
     figure : Figure
     """
+    if isinstance(selections, Selection):
+        selections = Selections({selections.response: selections})
     scores = validate(selections.model, recordings)
     for response, selection in selections.items():
         stem = "".join(c if c.isalnum() else "_" for c in response)

@@ -25,6 +25,7 @@ from structsel.recording import Recording, require_recordings
 from structsel.recording.arguments import as_recordings
 from structsel.simulation import Atmosphere, prepare
 from structsel.simulation.flight_setup import start_from
+from structsel.simulation.missing_responses import describe_missing, missing_responses
 from structsel.validation.resimulation import Divergence, Resimulation, score_output
 
 BANDS: Mapping[str, float] = {
@@ -142,6 +143,8 @@ def resimulate(
         for name in shown:
             pairs = [(r[name], s[name]) for r, s in zip(flights, simulations)]
             pooled.append(score_output(kind, "all", name, pairs, held.get(name), normaliser))
+    if missing := describe_missing(model, missing_responses(model, lateral=lateral)):
+        doubts.append(missing)
     doubts += _outside_region(model, flights)
     return Resimulation(
         model.name, shown, window, normaliser, {name: held[name] for name in shown if name in held}, tuple(scores),
