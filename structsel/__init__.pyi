@@ -1,6 +1,8 @@
 # ruff: noqa: I001
 """Public names for type checkers and editors; at run time `__init__.py` imports each at its first use."""
 
+from typing import Any, overload
+
 from structsel import estimators as estimators, plotting as plotting
 from structsel.aircraft import Aircraft as Aircraft
 from structsel.candidates import Candidates as Candidates, Factor as Factor, Term as Term
@@ -52,7 +54,7 @@ from structsel.refinement import (
     refine as refine,
 )
 from structsel.report import write_report as write_report
-from structsel.selection import Selection as Selection, Selections as Selections, select as select
+from structsel.selection import Selection as Selection, Selections as Selections
 from structsel.simulation import (
     Actuator as Actuator,
     Atmosphere as Atmosphere,
@@ -78,3 +80,8 @@ from structsel.validation import (
 )
 
 __version__: str
+
+@overload
+def select(recordings: Any, responses: str, candidates: Any, **options: Any) -> Selection: ...
+@overload
+def select(recordings: Any, responses: list[str] | tuple[str, ...], candidates: Any, **options: Any) -> Selections: ...

@@ -158,10 +158,13 @@ def test_a_delayed_channel_is_named_and_advanced_by_what_is_given(folder, common
 def test_manoeuvres_are_found_in_a_long_recording(common, tmp_path):
     flight = demo_instruments("elevator-3211", 3, duration=30.0)
     write_recording(flight.measured, tmp_path / "long.csv")
-    result = run("reconstruct", tmp_path / "long.csv", *common, "--find-manoeuvres", "--json")
+    result = run("reconstruct", tmp_path / "long.csv", *common, "--cut", "manoeuvres", "--json")
     found = [one["name"] for one in json.loads(result.stdout)["done"]]
     assert found == [part.name for part in split_manoeuvres(read_recording(tmp_path / "long.csv"))]
-    assert "manoeuvres found" in result.stderr
+    assert "'long' is cut into 3 parts: long_m01 (0 to" in result.stderr
+    former = run("reconstruct", tmp_path / "long.csv", *common, "--find-manoeuvres", "--json")
+    assert "--find-manoeuvres is deprecated: use --cut manoeuvres." in former.stderr
+    assert [one["name"] for one in json.loads(former.stdout)["done"]] == found
 
 
 # --- what is written ---------------------------------------------------------------------------------

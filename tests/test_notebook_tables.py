@@ -86,7 +86,7 @@ def test_every_result_with_a_table_shows_it_in_a_notebook():
 
 @pytest.fixture(scope="module")
 def selections():
-    return ss.select([recording("m1"), recording("m2")], "Cm", ss.Candidates(["alpha", "alpha^2"]), bootstrap=0)
+    return ss.select([recording("m1"), recording("m2")], ["Cm"], ss.Candidates(["alpha", "alpha^2"]), bootstrap=0)
 
 
 def test_a_selection_shows_its_parameters_under_what_it_prints_first(selections):

@@ -41,7 +41,7 @@ def recordings():
 
 @pytest.fixture(scope="module")
 def selections(recordings):
-    return select(recordings, "Cm", Candidates(["alpha", "de", "alpha*de"]), bootstrap=30)
+    return select(recordings, ["Cm"], Candidates(["alpha", "de", "alpha*de"]), bootstrap=30)
 
 
 def test_the_fit_shows_measured_modelled_and_their_difference(recordings, selections):

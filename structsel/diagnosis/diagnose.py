@@ -22,12 +22,9 @@ from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.detection import detect
-from structsel.diagnosis.held_out_simulation import simulate_held_out
-from structsel.diagnosis.modelling import corrected_model
 from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.result import Diagnosis, Pull, Verdict
 from structsel.diagnosis.selftest import self_test
-from structsel.diagnosis.separating import with_separation
 from structsel.diagnosis.signatures import Library, work_out
 from structsel.diagnosis.tracing import residuals, traces_of
 from structsel.diagnosis.unnamed import detected, find_unknown, turbulent
@@ -119,6 +116,11 @@ def conclude(
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Diagnosis of flights that are prepared and set up (see `set_up`)."""
+    # These import simulation, refinement and input design, which nothing before here needs.
+    from structsel.diagnosis.held_out_simulation import simulate_held_out
+    from structsel.diagnosis.modelling import corrected_model
+    from structsel.diagnosis.separating import with_separation
+
     bench, library, turbulence = ready
     remarks = list(prepared.remarks)
     flights, told, rough = bench.flights, bench.told, turbulence is not None

@@ -15,7 +15,6 @@ from structsel.errors import DataError, ModelError, RefinementError, StructselEr
 from structsel.formatting import display_unit, format_number
 from structsel.model import AeroModel
 from structsel.nomenclature import unit_of
-from structsel.reconstruction import reconstruct
 from structsel.recording import Recording
 from structsel.refinement.equation_error import equation_error
 from structsel.refinement.estimate_comparison import Estimates, estimates_by_name
@@ -207,6 +206,8 @@ def _estimate(
     method: str, model: AeroModel, aircraft: Aircraft, recorded: list[Recording], options: Mapping[str, Any]
 ) -> tuple[dict[str, tuple[float, float]], str]:
     """Estimates by name, and a note."""
+    from structsel.reconstruction import reconstruct
+
     try:
         found: Estimates
         if method == "equation error":
