@@ -92,7 +92,7 @@ def of_rolling_moment(flights: tuple[list[ss.Recording], dict[str, dict[str, flo
     recordings, truth = flights
     terms = [term for term in truth["Cl"] if term != "1"]
     pool = ss.Candidates.parse(terms)
-    return ss.select(recordings, "Cl", pool, include=terms, parsimony="none", bootstrap=0, rows=rows)["Cl"]
+    return ss.select(recordings, "Cl", pool, include=terms, parsimony="none", bootstrap=0, rows=rows)
 
 
 def test_in_turbulence_rows_are_causal_by_default_and_roll_damping_is_that_of_the_aircraft(flights):
@@ -111,7 +111,7 @@ def test_in_calm_air_with_exact_readings_rows_stay_as_sampled():
     recordings, aircraft, truth = ss.demo_flights(4, 3, turbulence=0.0, noise=0.0)
     manoeuvres = ss.compute_all(recordings, aircraft)
     terms = [term for term in truth["Cl"] if term != "1"]
-    found = ss.select(manoeuvres, "Cl", ss.Candidates.parse(terms), bootstrap=0)["Cl"]
+    found = ss.select(manoeuvres, "Cl", ss.Candidates.parse(terms), bootstrap=0)
     assert found.rows == "sampled"
 
 
