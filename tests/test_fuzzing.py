@@ -105,7 +105,7 @@ TEXTS = {
     "aircraft.toml": (AIRCRAFT, Aircraft.from_toml, AircraftError),
     "map.toml": (MAP, load_channel_map, MapError),
     "key.json": (KEY, Key.read, DataError),
-    "structsel.toml": (DEFAULTS, lambda path: load_defaults(path, get_command(app).commands), DataError),
+    "structsel.toml": (DEFAULTS, lambda path: load_defaults(path, get_command(app).all_commands()), DataError),
 }
 RUBBISH = [
     *(b'NaN nan Infinity inf -1 1e999 1e308 0 2 null true [] {} "" \'\' a.b.c , ; = [ { } ] " \x00 \xff\xfe'.split()),

@@ -14,10 +14,10 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from proof.polynomial.terms import SIGNALS, VARIABLES, add_terms
 from structsel.numerics.atmosphere import standard_air
+from structsel.numerics.compiling import njit
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi", "x", "y", "h",
           "downwash", "sidewash", "wagner1", "wagner2", "attached", "slosh", "slosh_rate", *SIGNALS)  # fmt: skip

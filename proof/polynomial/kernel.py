@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from proof.polynomial.equations import (
     CONSTANT,
@@ -26,6 +25,7 @@ from proof.polynomial.equations import (
 )
 from proof.polynomial.terms import VARIABLES
 from structsel.numerics.atmosphere import standard_air
+from structsel.numerics.compiling import njit
 
 GAINS = ("q", "theta", "p", "phi", "r", "alpha", "h", "h_dot", "V")
 TRIMS = ("de", "alpha", "theta", "throttle", "V")

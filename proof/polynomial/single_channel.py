@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from proof.case_files import Case
 from proof.keys import EffectKey, Form, Key, Kind
@@ -17,6 +16,7 @@ from proof.polynomial.effects import name
 from proof.scenario.errors import severity_of
 from proof.scenario.sizing import NotAttainable, bisect
 from structsel.aircraft import Aircraft, Tolerances
+from structsel.numerics.compiling import njit
 from structsel.recording import Recording
 
 _SUBSTEPS = 4

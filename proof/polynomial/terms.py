@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from proof.keys import COEFFICIENTS
 from proof.scenario.declared import MOST_FACTORS, MOST_FOLLOWING
+from structsel.numerics.compiling import njit
 
 AXES = COEFFICIENTS
 SIGNALS = tuple(f"signal{j}" for j in range(1, MOST_FOLLOWING + 1))

@@ -49,9 +49,11 @@ def summarise_truth(selection: Selection, truth: Mapping[str, float]) -> Summary
         inside = Cell("false", "bad")
         if true is not None:
             inside = Cell("yes", "good") if row["low95"] <= true <= row["high95"] else Cell("no", "warning")
-        rows.append((term, true, *(row[key] for key in ("value", "std_error", "low95", "high95", "inclusion")), inside))
+        rows.append(
+            (term, true, *(row[key] for key in ("value", "std_error", "low95", "high95", "probability")), inside)
+        )
     columns = (text_column("term"), Column("truth"), Column("estimate"), Column("std error", "2g"),
-               Column("95 % low"), Column("95 % high"), Column("freq.", "%"), text_column("inside"))  # fmt: skip
+               Column("95 % low"), Column("95 % high"), Column("prob.", "%"), text_column("inside"))  # fmt: skip
     return Summary(
         s.response,
         f"{len(s.terms)} of {len(s.pool)} candidates kept",

@@ -59,10 +59,10 @@ def run(
             f"{aircraft.name}\n{TRAINING} manoeuvres, {seconds:.0f} s at {1 / held.dt:.0f} Hz, with light turbulence "
             f"and instrument noise. {len(pool)} candidate terms for each of {len(truth)} responses: products up to "
             f"degree {DEGREE} of {', '.join(CHANNELS)}.\n"
-            "truth: true value in the simulation. freq.: fraction of the resampled selections that kept the term. "
+            "truth: true value in the simulation. prob.: probability that the term belongs in the model. "
             "inside: whether the true value is inside the interval. The interval allows for coloured residuals and for "
-            "the choice of terms. It does not allow for noise on the candidates, nor for controls that respond to "
-            "gusts.\n"
+            "the choice of terms. In turbulence the values are those of causal rows, which allow for controls that "
+            "respond to gusts and for noise on the candidates.\n"
         )
     with ProgressBar("selecting") as waiting:
         found = select(used, list(truth), pool, F_in="auto", bootstrap=bootstrap, progress=waiting)

@@ -15,10 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
-from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.signal import lfilter
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import asked_wrongly
@@ -46,7 +44,7 @@ def averaged(flight: Flight, response: str, told: Array) -> Array:
     """
     if response not in MOMENT_COEFFICIENTS:
         return told
-    return flight.rate(cumulative_trapezoid(told, dx=flight.dt, initial=0.0))
+    return flight.rate(scipy.integrate.cumulative_trapezoid(told, dx=flight.dt, initial=0.0))
 
 
 def evaluated_at_readings(flights: Sequence[Flight], responses: Sequence[str]) -> float:
@@ -104,7 +102,7 @@ class Filter:
 
     def __call__(self, x: Array) -> Array:
         """Columns (n, k) or (n,) less what their own past predicts, from sample p on."""
-        made = lfilter(np.concatenate([[1.0], -self.own]), [1.0], x, axis=0)
+        made = scipy.signal.lfilter(np.concatenate([[1.0], -self.own]), [1.0], x, axis=0)
         return np.asarray(made[len(self.own) :])
 
 
@@ -175,14 +173,14 @@ class CausalRows:
                     A[np.ix_(at, at)] += G[:-1, :-1]
                     b[at] += G[:-1, -1]
                     power[c] += float(G[-1, -1])
-            lower = cholesky(A + np.eye(self.q), lower=True)
-            half = solve_triangular(lower, b, lower=True)
-            mean = solve_triangular(lower, half, lower=True, trans="T")
+            lower = scipy.linalg.cholesky(A + np.eye(self.q), lower=True)
+            half = scipy.linalg.solve_triangular(lower, b, lower=True)
+            mean = scipy.linalg.solve_triangular(lower, half, lower=True, trans="T")
             if turn < rounds:
                 left = {(c, i): y - self.X[c, i] @ mean[self.place[c, i]] for (c, i), y in self.y.items()}
         density = {c: self._density(filters[c]) for c in self.responses}
         log = -0.5 * (sum(power.values()) - float(half @ half)) - float(np.log(np.diag(lower)).sum())
-        covariance = cho_solve((lower, True), np.eye(self.q))
+        covariance = scipy.linalg.cho_solve((lower, True), np.eye(self.q))
         return Null(log + sum(density.values()), filters, mean, covariance, A, b, power, density)
 
     def white(self, response: str, i: int, filtered: Filter, more: Array | None = None) -> Array:
@@ -264,9 +262,9 @@ class CausalRows:
                 S += G[m + 1 :, m + 1 :]
                 C[:, at] += G[m + 1 :, :m]
                 z += G[m + 1 :, m]
-            lower = cholesky(A + np.eye(self.q), lower=True)
-            half = solve_triangular(lower, b, lower=True)
-            turned = solve_triangular(lower, C.T, lower=True)
+            lower = scipy.linalg.cholesky(A + np.eye(self.q), lower=True)
+            half = scipy.linalg.solve_triangular(lower, b, lower=True)
+            turned = scipy.linalg.solve_triangular(lower, C.T, lower=True)
             values, Q = np.linalg.eigh(S - turned.T @ turned)
             values, zq = np.maximum(values, 0.0), Q.T @ (z - turned.T @ half)
             s2 = sizes[:, None] ** 2
@@ -279,7 +277,7 @@ class CausalRows:
             if log - null.log_evidence > best.log_bayes:
                 best = Remainder(log - null.log_evidence, size, u)
             if turn < rounds:
-                mean = solve_triangular(lower, half - turned @ u, lower=True, trans="T")
+                mean = scipy.linalg.solve_triangular(lower, half - turned @ u, lower=True, trans="T")
                 left = [
                     self.y[response, i] - self.X[response, i] @ mean[self.place[response, i]] - F[i] @ u
                     for i in range(len(self.flights))

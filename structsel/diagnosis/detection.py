@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit, logsumexp
+import scipy
 
 from structsel.comparison.causal_rows import DELAY, CausalRows, Null, delayed
 from structsel.comparison.flight import AIRFRAME, Flight
@@ -81,7 +81,7 @@ class Detection:
     @property
     def probability(self) -> float:
         """Probability that the mismatch is there."""
-        return float(expit((self.log_bayes - _EVEN) / _SCALE))
+        return float(scipy.special.expit((self.log_bayes - _EVEN) / _SCALE))
 
     @property
     def says(self) -> str:
@@ -101,7 +101,7 @@ class Detection:
     @property
     def log_bayes(self) -> float:
         """Log Bayes factor of a mismatch of any kind."""
-        return float(logsumexp([x + np.log(_PRIOR[k]) for k, x in self.parts.items()]))
+        return float(scipy.special.logsumexp([x + np.log(_PRIOR[k]) for k, x in self.parts.items()]))
 
 
 def detect(flights: Sequence[Flight], nuisances: Sequence[Nuisance], identified: bool = False) -> Detection | None:
@@ -120,13 +120,13 @@ def detect(flights: Sequence[Flight], nuisances: Sequence[Nuisance], identified:
     rows = CausalRows(flights, nuisances)
     form = _IDENTIFIED if identified else _FORM
     null = rows.null()
-    wide = logsumexp(rows.widened(null, _WIDER), axis=1)[: len(rows.names)] - np.log(len(_WIDER))
+    wide = scipy.special.logsumexp(rows.widened(null, _WIDER), axis=1)[: len(rows.names)] - np.log(len(_WIDER))
     worst = int(np.argmax(wide))
     F = features(flights)
     inside = [x[rows.edge : len(x) - rows.edge] for x in F]
     remainder = {c: _remainder(rows, null, c, [x * rows.size[c] for x in inside], form) for c in rows.responses}
     events = [_event(rows, null, i) for i in range(len(flights))]
-    return Detection(float(logsumexp(wide) - np.log(len(wide))), remainder, events, rows.names[worst])
+    return Detection(float(scipy.special.logsumexp(wide) - np.log(len(wide))), remainder, events, rows.names[worst])
 
 
 def _remainder(rows: CausalRows, null: Null, response: str, F: Sequence[Array], form: float) -> float:
@@ -138,7 +138,7 @@ def _remainder(rows: CausalRows, null: Null, response: str, F: Sequence[Array], 
 
 def _any_of(logs: Sequence[float]) -> float:
     """Log Bayes factor of one of several, or of several at once, equally probable."""
-    one = logsumexp(logs) - np.log(len(logs))
+    one = scipy.special.logsumexp(logs) - np.log(len(logs))
     several = np.sum(np.logaddexp(0.0, logs) - np.log(2.0))
     return float(np.logaddexp(one, several) - np.log(2.0))
 
@@ -210,7 +210,7 @@ def _event(rows: CausalRows, null: Null, i: int) -> tuple[float, str, str, float
     total = np.zeros(len(at))
     for c in rows.responses:
         each = rows.single(null, c, i, S[rows.edge : len(S) - rows.edge], _EVENT_SIZES * rows.size[c])
-        one = logsumexp(each, axis=1) - np.log(len(_EVENT_SIZES))
+        one = scipy.special.logsumexp(each, axis=1) - np.log(len(_EVENT_SIZES))
         total += np.logaddexp(0.0, one) - np.log(2.0)
     k = int(np.argmax(total))
-    return float(logsumexp(total) - np.log(len(total))), f.name, shape[k], float(f.t[0] + at[k])
+    return float(scipy.special.logsumexp(total) - np.log(len(total))), f.name, shape[k], float(f.t[0] + at[k])

@@ -269,17 +269,17 @@ def _scores(criterion: str, models: Sequence[Model], problem: SearchProblem, fol
 def prefer_lower_degree(result: SearchResult, problem: SearchProblem) -> SearchResult:
     """Of terms between which these data cannot decide, keep the one of lowest degree.
 
-    All exchanges together raise the residual sum of squares by less than 4 s^2.
+    Exchanges of one term after another raise the residual sum of squares by less than 4 s^2 together.
     """
     C, constraints = problem.products, problem.constraints
     kept, steps = list(result.selected), list(result.steps)
-    rss, left = result.rss, SAME_FIT
+    rss, lost = result.rss, dict.fromkeys(kept, 0.0)
     for _ in kept:
         higher = [j for j in kept if j not in constraints.include and constraints.degrees[j] > 1]
         better = [
             a
             for a in find_aliases(C, kept, result.effective_dof, higher)
-            if a.loss < left
+            if lost[a.kept] + a.loss < SAME_FIT
             and constraints.degrees[a.other] < constraints.degrees[a.kept]
             and constraints.allow(a.other if j == a.kept else j for j in kept)
         ]
@@ -287,7 +287,7 @@ def prefer_lower_degree(result: SearchResult, problem: SearchProblem) -> SearchR
             break
         move = min(better, key=lambda a: (constraints.degrees[a.other], a.loss))
         kept[kept.index(move.kept)] = move.other
-        left -= max(move.loss, 0.0)
+        lost[move.other] = lost.pop(move.kept) + max(move.loss, 0.0)
         _, F, rss = partial_f(C, result.dof, kept)
         F_new = float(F[kept.index(move.other)])
         steps.append(SearchStep("simplify", move.other, move.kept, F_new, move.correlation, rss, len(kept)))

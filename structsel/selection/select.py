@@ -16,10 +16,12 @@ from structsel.errors import ArgumentError, SelectionError
 from structsel.nomenclature import COEFFICIENTS, FLOW_ANGLES
 from structsel.numerics import criteria
 from structsel.numerics.blocks import JobRunner
+from structsel.numerics.instrumental import SIGNAL_LAGS
 from structsel.options import takes_options
 from structsel.recording import StoredRecording, warn_of_entry_errors
 from structsel.recording.arguments import as_recordings
 from structsel.selection.array_selection import ArraySelection
+from structsel.selection.causal import LONGEST_LAG
 from structsel.selection.checkpoint import Checkpoint
 from structsel.selection.data import AnyRecording, DataSummary, RecordingData, summarise_recordings
 from structsel.selection.diagnostics import Alias, find_warnings, to_separate
@@ -115,7 +117,7 @@ def select(
             scales=data.scales,
             runner=JobRunner(client, store),
             companions=_companions(data, candidates, wanted) if options.rows != "sampled" else [],
-            flow_angles=[i for i, factor in enumerate(candidates.base) if str(factor) in FLOW_ANGLES],
+            flow_angles=_flow_angles(candidates, data.dt),
         )
     named = {r: _named(r, one, candidates, data, options, tuple(given)) for r, one in zip(wanted, found)}
     return named[responses] if isinstance(responses, str) else Selections(named)
@@ -164,6 +166,13 @@ def _companions(data: DataSummary, candidates: Candidates, wanted: Sequence[str]
         and all(name in recording and np.isfinite(recording[name]).all() for recording in data.recordings)
     ]
     return data.sources(candidates, others) if others else []
+
+
+def _flow_angles(candidates: Candidates, dt: float) -> list[int]:
+    """Base signals in which turbulence shows; none where the lags of the instruments are long for the aircraft."""
+    if SIGNAL_LAGS[0] * dt > LONGEST_LAG:
+        return []
+    return [i for i, factor in enumerate(candidates.base) if str(factor) in FLOW_ANGLES]
 
 
 def _positions(candidates: Candidates, terms: Iterable[Term | str]) -> list[int]:
