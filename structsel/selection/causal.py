@@ -7,14 +7,15 @@ what acts on several responses at once.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from structsel.formatting import count_of
 from structsel.numerics.arrays import Array
-from structsel.numerics.cross_products import cross_products, prewhitened_cross_products
+from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products
 from structsel.numerics.instrumental import (
     RESIDUAL_LAGS,
     SIGNAL_LAGS,
@@ -28,7 +29,19 @@ from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import project
 from structsel.numerics.regressors import DataSource, Scales, find_scales
 from structsel.numerics.residuals import fit_residual_noise
+from structsel.numerics.stepwise import SearchStep
+from structsel.selection.choices import (
+    LEAST_INNOVATION,
+    NO_MODELS,
+    Choice,
+    EngineData,
+    ResponseModels,
+    fit_noise,
+    models_of,
+)
+from structsel.selection.methods.method import thresholds
 
+PAST_ROUNDS = 3  # of noise models and causal rows, whose terms are given
 SIGNIFICANCE = 0.01
 """Of the tests of exogeneity (Durbin, Wu and Hausman) and of the instruments (Sargan), by which rows are chosen."""
 TURBULENT = 0.01
@@ -39,7 +52,6 @@ LONGEST_LAG = 0.25
 """Least lag of an instrument [s] with which turbulence can be told from the motion: below the time constants of short
 period and roll. At 10 Hz, half a second, 1 % of alpha is not predicted in calm air either."""
 COMPANION_DEGREE = 2  # of the models whose residuals are regressors
-LEAST_INNOVATION = 1e-10  # of the response's scale
 SAMPLES_PER_INSTRUMENT = 10
 """With fewer samples for each instrument the prediction approaches the candidates themselves, and corrects little."""
 
@@ -63,27 +75,6 @@ class CombinedData:
     def responses(self, start: int, stop: int) -> Array:
         """Responses of both."""
         return np.concatenate([self.source.responses(start, stop), self.companion.responses(start, stop)])
-
-
-@dataclass(frozen=True)
-class ResponseModels:
-    """Terms and parameters of every response in physical units, the constant first.
-
-    Attributes
-    ----------
-    exponents : tuple of (k, s) int array
-    theta : tuple of (1 + k,) array
-    """
-
-    exponents: tuple[NDArray[np.integer], ...]
-    theta: tuple[Array, ...]
-
-    def joined(self, other: ResponseModels) -> ResponseModels:
-        """Those of both."""
-        return ResponseModels(self.exponents + other.exponents, self.theta + other.theta)
-
-
-NO_MODELS = ResponseModels((), ())
 
 
 def fit_companions(companions: Sequence[DataSource], responses: int, max_ar_order: int, **given: Any) -> ResponseModels:
@@ -177,3 +168,98 @@ def instrumented_products(
         InstrumentedProducts(one, len(pool), n_instruments, first + np.flatnonzero(number != r), own)
         for one, r, own in zip(whitened, responses, own_constants, strict=True)
     ]
+
+
+def use_past(data: EngineData, choices: list[Choice], shared: list[CrossProducts]) -> list[Choice]:
+    """Causal rows for the responses whose candidates follow the residual, or for all where the options say so."""
+    choices = list(choices)
+    companions = data.companions[0].responses(0, 1).shape[0] if data.companions else 0
+    signals, terms = data.exponents.shape[1], sum(len(choice.result.selected) for choice in choices)
+    pending = [
+        r
+        for r, choice in enumerate(choices)
+        if choice.result.selected
+        and choice.search.products.separate
+        and enough_samples(choice.search.products.samples(), signals, len(choices) + companions, terms)
+    ]
+    rows = data.options.rows
+    given: dict[str, Any] = {"blocks": data.blocks, "workers": data.options.workers, "runner": data.runner}
+    if rows == "sampled" or data.options.noise != "ar" or not pending:
+        return choices
+    if rows == "auto" and not (
+        data.flow_angles and turbulence_shows(data.manoeuvres, data.flow_angles, data.scales, **given)
+    ):
+        return choices
+    further = NO_MODELS
+    if companions:
+        further = fit_companions(data.companions, companions, data.options.max_ar_order, **given)
+    for number in range(PAST_ROUNDS):
+        if not pending:
+            break
+        noise = fit_noise(data, choices, pending, shared)
+        found = _past(data, choices, shared, further, pending, noise)
+        for r, past, models in zip(list(pending), found, noise, strict=True):
+            if not number and rows == "auto" and not is_needed(past, choices[r].prewhitening_dropped is not None):
+                pending.remove(r)
+                continue
+            choices[r] = _eliminate(replace(choices[r], noise=models, past=past, prewhitening_dropped=None))
+    return choices
+
+
+def _eliminate(choice: Choice) -> Choice:
+    """The choice without the terms that what the past predicts does not show."""
+    past, search, result = choice.past, choice.search, choice.result
+    if past is None or search.fixed is not None:
+        return choice
+    number = dict(zip(past.terms, result.selected, strict=True))  # candidates of the products -> of the pool
+    F_out = thresholds(search.options, search.constraints.degrees.size, result.dof)[1]
+    include = [i for i, j in number.items() if j in search.constraints.include]
+    left = past.source.eliminate(past.terms, F_out, include)
+    if not left:
+        return choice
+    steps = [SearchStep("leave", number[i], -1, F, np.nan, fit.rss, len(fit.terms)) for i, F, fit in left]
+    fit = left[-1][-1]
+    reason = f"{result.stop_reason}; {count_of(len(left), 'term')} not shown by causal rows"
+    kept = tuple(number[i] for i in fit.terms)
+    result = replace(result, selected=kept, rss=fit.rss, steps=(*result.steps, *steps), stop_reason=reason)
+    return replace(choice, result=result, past=fit)
+
+
+def _past(
+    data: EngineData,
+    choices: Sequence[Choice],
+    shared: list[CrossProducts],
+    further: ResponseModels,
+    responses: list[int],
+    noise: Sequence[tuple[ARNoise, ...]],
+) -> list[PastFit]:
+    """The selected terms of these responses estimated by what the past predicts, given the models chosen so far."""
+    models, reduced = models_of(data, choices, range(len(choices)), shared)
+    sources = [CombinedData(*pair) for pair in zip(reduced, data.companions, strict=True)] if further.theta else reduced
+    selected = {j for r in responses for j in choices[r].result.selected}
+    pool = sorted(selected)
+    degrees = data.exponents.sum(axis=1)
+    products = instrumented_products(
+        sources,
+        models.joined(further),
+        responses,
+        data.exponents[pool],
+        [i for i, j in enumerate(pool) if degrees[j] > 1],
+        noise,
+        [choices[r].search.products.own_constants for r in responses],
+        (data.scales[0], data.scales[1][responses]),
+        blocks=data.blocks,
+        workers=data.options.workers,
+        progress=data.stage("causal rows"),
+        runner=data.runner,
+    )
+    kept = [[pool.index(j) for j in choices[r].result.selected] for r in responses]
+    return [one.fit_terms(terms) for one, terms in zip(products, kept, strict=True)]
+
+
+def constants_of_past(choice: Choice, shared: CrossProducts) -> Array:
+    """Constant of each manoeuvre with the slopes of what the past predicts; empty where all share one."""
+    if not choice.search.products.own_constants:
+        return np.empty(0)
+    assert choice.slopes is not None
+    return shared.constants(choice.slopes, [j + 1 for j in choice.result.selected]) * shared.scale[-1]

@@ -5,45 +5,30 @@ Candidates are rows of a table of exponents. `structsel.selection.select` puts n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from structsel.formatting import count_of
-from structsel.numerics.arrays import Array
-from structsel.numerics.blocks import JobRunner, choose_workers
+from structsel.numerics.blocks import JobRunner
 from structsel.numerics.collinearity import condition_indices, vif
 from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products
 from structsel.numerics.hierarchy import Hierarchy, find_parents
-from structsel.numerics.instrumental import PastFit
 from structsel.numerics.least_squares import LeastSquaresFit, fit_each
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import project
 from structsel.numerics.regressors import DataSource, Scales, find_scales
-from structsel.numerics.residuals import fit_residual_noise, likelihood_lost, streamed_coloured_covariance
-from structsel.numerics.stepwise import SearchStep
+from structsel.numerics.residuals import likelihood_lost, streamed_coloured_covariance
 from structsel.selection.aliases import find_aliases, find_dependent
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.biased import estimate_biased
-from structsel.selection.causal import (
-    LEAST_INNOVATION,
-    NO_MODELS,
-    CombinedData,
-    ResponseModels,
-    enough_samples,
-    fit_companions,
-    instrumented_products,
-    is_needed,
-    turbulence_shows,
-)
-from structsel.selection.constants import choose_constants, without_constants
+from structsel.selection.causal import constants_of_past, use_past
+from structsel.selection.choices import Choice, EngineData, Progress, fit_noise
+from structsel.selection.constants import choose_constants
 from structsel.selection.data import SelectedResponses
 from structsel.selection.heterogeneity import Heterogeneity, find_heterogeneity
 from structsel.selection.methods import SearchConstraints
-from structsel.selection.methods.method import thresholds
 from structsel.selection.parsimony import find_simplest, linear_search
 from structsel.selection.resampling import bootstrap_selection, cross_validate
 from structsel.selection.search import (
@@ -59,13 +44,7 @@ from structsel.selection.search import (
 from structsel.selection.settings import SelectOptions
 
 ROUNDS = 4  # of noise model and search; the terms stay the same after two almost always
-PAST_ROUNDS = 3  # of noise models and causal rows, whose terms are given
 WORSE = 1.25  # squared error of the fit from which prewhitening is dropped, if cross-validation agrees
-MANY_BLOCKS, FEW_BLOCKS = 32, 12  # kept apart, for resampling and tests between blocks
-MANY_UP_TO = 200  # candidates; above it blocks take much memory
-FEW_TERMS = 30  # that a pass over selected terms is taken to have
-
-Progress = Callable[[str, int, int], None]
 
 
 def select_arrays(
@@ -107,7 +86,7 @@ def select_arrays(
         One per response.
     """
     exponents = np.asarray(exponents)
-    data = _EngineData(
+    data = EngineData(
         manoeuvres,
         exponents,
         options,
@@ -133,12 +112,12 @@ def select_arrays(
     searches = [choose_constants(search) for search in shared]
     white_noise = [search.run() for search in searches]
     if options.noise == "white":
-        chosen = [_Choice(search, result) for search, result in zip(searches, white_noise, strict=True)]
+        chosen = [Choice(search, result) for search, result in zip(searches, white_noise, strict=True)]
     elif options.noise == "cluster":
         chosen = [_cluster_robust(search) for search in searches]
     else:
         chosen = _iterate_prewhitening(data, searches, white_noise, [s.products for s in shared])
-    chosen = _use_past(data, [_simplest(choice) for choice in chosen], [s.products for s in shared])
+    chosen = use_past(data, [_simplest(choice) for choice in chosen], [s.products for s in shared])
     fits = fit_each(
         manoeuvres,
         [exponents[list(c.result.selected)] for c in chosen],
@@ -152,7 +131,7 @@ def select_arrays(
     weights = np.array([m.n for m in manoeuvres]) / sum(m.n for m in manoeuvres)
     for r, choice in enumerate(chosen):
         if choice.past is not None:
-            fits[r] = choice.past.fit(_own_constants(choice, shared[r].products), weights)
+            fits[r] = choice.past.fit(constants_of_past(choice, shared[r].products), weights)
     return [
         _describe(r, data, searches[r].products, shared[r].products, white_noise[r], chosen[r], fits[r])
         for r in range(plain.n_responses)
@@ -166,83 +145,24 @@ def _hierarchy(exponents: NDArray[np.integer], options: SelectOptions, include: 
     return Hierarchy(find_parents(exponents), options.hierarchy == "strong").without(include)
 
 
-def _own_constants(choice: _Choice, shared: CrossProducts) -> Array:
-    """Constant of each manoeuvre with the slopes of what the past predicts; empty where all share one."""
-    if not choice.search.products.own_constants:
-        return np.empty(0)
-    assert choice.slopes is not None
-    return shared.constants(choice.slopes, [j + 1 for j in choice.result.selected]) * shared.scale[-1]
-
-
-@dataclass(frozen=True)
-class _EngineData:
-    """What is read, by whom, with what progress."""
-
-    manoeuvres: Sequence[DataSource]
-    exponents: NDArray[np.integer]
-    options: SelectOptions
-    scales: Scales
-    runner: JobRunner
-    progress: Progress | None
-    companions: Sequence[DataSource] = ()
-    flow_angles: tuple[int, ...] = ()
-
-    @property
-    def blocks(self) -> int:
-        """How many to keep apart."""
-        return MANY_BLOCKS if len(self.exponents) <= MANY_UP_TO else FEW_BLOCKS
-
-    @property
-    def workers(self) -> int:
-        """Threads for passes over the selected terms."""
-        return choose_workers(self.options.workers, sum(m.n for m in self.manoeuvres), FEW_TERMS)
-
-    @property
-    def given(self) -> dict[str, Any]:
-        """Arguments of every pass."""
-        return {"scales": self.scales, "runner": self.runner}
-
-    def stage(self, name: str) -> Callable[[int, int], None] | None:
-        """Progress of one pass."""
-        progress = self.progress
-        return None if progress is None else lambda done, of: progress(name, done, of)
-
-
-@dataclass(frozen=True)
-class _Choice:
-    """The search whose result is used; see `ArraySelection` for the other fields."""
-
-    search: Search
-    result: SearchResult
-    noise: tuple[ARNoise, ...] = ()
-    converged: bool = True
-    prewhitening_dropped: tuple[float, float] | None = None
-    past: PastFit | None = None
-
-    @property
-    def slopes(self) -> Array | None:
-        """(k,) scaled parameters of what the past predicts; None with rows as sampled."""
-        return None if self.past is None else self.past.slopes
-
-
-def _cluster_robust(plain: Search) -> _Choice:
+def _cluster_robust(plain: Search) -> Choice:
     """Ordinary least squares with tests between blocks."""
     search = replace(plain, cluster_robust=True)
-    return _Choice(search, search.run())
+    return Choice(search, search.run())
 
 
 def _iterate_prewhitening(
-    data: _EngineData, plain: list[Search], white_noise: list[SearchResult], shared: list[CrossProducts]
-) -> list[_Choice]:
+    data: EngineData, plain: list[Search], white_noise: list[SearchResult], shared: list[CrossProducts]
+) -> list[Choice]:
     """Fit a noise model to each manoeuvre's residual, prewhiten, search; again until the terms stay the same.
 
     This is the iteration of Cochrane and Orcutt, with a selection in every round. It also ends where the noise models
     change by less than their own errors of estimation.
     """
-    choices = [_Choice(search, result, (), False) for search, result in zip(plain, white_noise, strict=True)]
+    choices = [Choice(search, result, (), False) for search, result in zip(plain, white_noise, strict=True)]
     pending = list(range(len(plain)))
     for _ in range(ROUNDS):
-        noise = _fit_noise(data, choices, pending, shared)
+        noise = fit_noise(data, choices, pending, shared)
         noise = [of for r, of in zip(list(pending), noise, strict=True) if not _settled(data, choices, pending, r, of)]
         if not pending:
             break
@@ -261,7 +181,7 @@ def _iterate_prewhitening(
             search = replace(plain[r], products=prewhitened.within_manoeuvres() if own else prewhitened)
             result = search.run()
             converged = set(result.selected) == set(choices[r].result.selected)
-            choices[r] = _Choice(search, result, models, converged)
+            choices[r] = Choice(search, result, models, converged)
             if converged:
                 pending.remove(r)
         if not pending:
@@ -269,7 +189,7 @@ def _iterate_prewhitening(
     return [_check_prewhitening(choice, search) for choice, search in zip(choices, plain, strict=True)]
 
 
-def _settled(data: _EngineData, choices: list[_Choice], pending: list[int], r: int, noise: tuple[ARNoise, ...]) -> bool:
+def _settled(data: EngineData, choices: list[Choice], pending: list[int], r: int, noise: tuple[ARNoise, ...]) -> bool:
     """Whether new noise models hardly differ from those searched with; they are then used for the fit."""
     known = choices[r].noise
     parameters = sum(model.order + 1 for model in noise)
@@ -280,94 +200,7 @@ def _settled(data: _EngineData, choices: list[_Choice], pending: list[int], r: i
     return True
 
 
-def _use_past(data: _EngineData, choices: list[_Choice], shared: list[CrossProducts]) -> list[_Choice]:
-    """Causal rows for the responses whose candidates follow the residual, or for all where the options say so."""
-    choices = list(choices)
-    companions = data.companions[0].responses(0, 1).shape[0] if data.companions else 0
-    signals, terms = data.exponents.shape[1], sum(len(choice.result.selected) for choice in choices)
-    pending = [
-        r
-        for r, choice in enumerate(choices)
-        if choice.result.selected
-        and choice.search.products.separate
-        and enough_samples(choice.search.products.samples(), signals, len(choices) + companions, terms)
-    ]
-    rows = data.options.rows
-    given: dict[str, Any] = {"blocks": data.blocks, "workers": data.options.workers, "runner": data.runner}
-    if rows == "sampled" or data.options.noise != "ar" or not pending:
-        return choices
-    if rows == "auto" and not (
-        data.flow_angles and turbulence_shows(data.manoeuvres, data.flow_angles, data.scales, **given)
-    ):
-        return choices
-    further = NO_MODELS
-    if companions:
-        further = fit_companions(data.companions, companions, data.options.max_ar_order, **given)
-    for number in range(PAST_ROUNDS):
-        if not pending:
-            break
-        noise = _fit_noise(data, choices, pending, shared)
-        found = _past(data, choices, shared, further, pending, noise)
-        for r, past, models in zip(list(pending), found, noise, strict=True):
-            if not number and rows == "auto" and not is_needed(past, choices[r].prewhitening_dropped is not None):
-                pending.remove(r)
-                continue
-            choices[r] = _eliminate(replace(choices[r], noise=models, past=past, prewhitening_dropped=None))
-    return choices
-
-
-def _eliminate(choice: _Choice) -> _Choice:
-    """The choice without the terms that what the past predicts does not show."""
-    past, search, result = choice.past, choice.search, choice.result
-    if past is None or search.fixed is not None:
-        return choice
-    number = dict(zip(past.terms, result.selected, strict=True))  # candidates of the products -> of the pool
-    F_out = thresholds(search.options, search.constraints.degrees.size, result.dof)[1]
-    include = [i for i, j in number.items() if j in search.constraints.include]
-    left = past.source.eliminate(past.terms, F_out, include)
-    if not left:
-        return choice
-    steps = [SearchStep("leave", number[i], -1, F, np.nan, fit.rss, len(fit.terms)) for i, F, fit in left]
-    fit = left[-1][-1]
-    reason = f"{result.stop_reason}; {count_of(len(left), 'term')} not shown by causal rows"
-    kept = tuple(number[i] for i in fit.terms)
-    result = replace(result, selected=kept, rss=fit.rss, steps=(*result.steps, *steps), stop_reason=reason)
-    return replace(choice, result=result, past=fit)
-
-
-def _past(
-    data: _EngineData,
-    choices: Sequence[_Choice],
-    shared: list[CrossProducts],
-    further: ResponseModels,
-    responses: list[int],
-    noise: Sequence[tuple[ARNoise, ...]],
-) -> list[PastFit]:
-    """The selected terms of these responses estimated by what the past predicts, given the models chosen so far."""
-    models, reduced = _models(data, choices, range(len(choices)), shared)
-    sources = [CombinedData(*pair) for pair in zip(reduced, data.companions, strict=True)] if further.theta else reduced
-    selected = {j for r in responses for j in choices[r].result.selected}
-    pool = sorted(selected)
-    degrees = data.exponents.sum(axis=1)
-    products = instrumented_products(
-        sources,
-        models.joined(further),
-        responses,
-        data.exponents[pool],
-        [i for i, j in enumerate(pool) if degrees[j] > 1],
-        noise,
-        [choices[r].search.products.own_constants for r in responses],
-        (data.scales[0], data.scales[1][responses]),
-        blocks=data.blocks,
-        workers=data.options.workers,
-        progress=data.stage("causal rows"),
-        runner=data.runner,
-    )
-    kept = [[pool.index(j) for j in choices[r].result.selected] for r in responses]
-    return [one.fit_terms(terms) for one, terms in zip(products, kept, strict=True)]
-
-
-def _simplest(choice: _Choice) -> _Choice:
+def _simplest(choice: Choice) -> Choice:
     """The choice, or a simpler one that predicts as well."""
     options = choice.search.options
     if options.parsimony == "none" or options.criterion is not None:
@@ -379,45 +212,7 @@ def _simplest(choice: _Choice) -> _Choice:
     return replace(choice, search=found.search, result=result)
 
 
-def _fit_noise(
-    data: _EngineData, choices: Sequence[_Choice], responses: Sequence[int], shared: Sequence[CrossProducts]
-) -> list[tuple[ARNoise, ...]]:
-    """Noise models of the residuals of each choice, manoeuvre by manoeuvre."""
-    models, sources = _models(data, choices, responses, shared)
-    return fit_residual_noise(
-        sources,
-        models.exponents,
-        models.theta,
-        responses,
-        data.options.max_ar_order,
-        [LEAST_INNOVATION * float(choices[r].search.products.scale[-1]) for r in responses],
-        workers=data.workers,
-        progress=data.stage("noise models"),
-        **data.given,
-    )
-
-
-def _models(
-    data: _EngineData, choices: Sequence[_Choice], responses: Sequence[int], shared: Sequence[CrossProducts]
-) -> tuple[ResponseModels, Sequence[DataSource]]:
-    """Models of these responses, and the manoeuvres less their own constants."""
-    terms, theta = [], []
-    own: list[tuple[Array, Sequence[int]] | None] = [None] * len(choices)
-    for r in responses:
-        products, kept = choices[r].search.products, list(choices[r].result.selected)
-        scale = products.scale
-        scaled = solve(products.total(), kept)
-        past = choices[r].past
-        if past is not None:
-            scaled = past.scaled.copy()
-        if products.own_constants:
-            own[r], scaled[0] = (scaled[1:], kept), 0.0
-        theta.append(scaled * scale[-1] / scale[[0, *(j + 1 for j in kept)]])
-        terms.append(data.exponents[kept])
-    return ResponseModels(tuple(terms), tuple(theta)), without_constants(data.manoeuvres, shared, own)
-
-
-def _check_prewhitening(choice: _Choice, plain: Search) -> _Choice:
+def _check_prewhitening(choice: Choice, plain: Search) -> Choice:
     """Drop prewhitening where it describes the response clearly worse than least squares, and predicts it worse.
 
     With coloured noise both are right; where prewhitening is worse the residual is model error, not noise.
@@ -440,11 +235,11 @@ def _check_prewhitening(choice: _Choice, plain: Search) -> _Choice:
 
 def _describe(
     response: int,
-    data: _EngineData,
+    data: EngineData,
     plain: CrossProducts,
     shared: CrossProducts,
     white_noise: SearchResult,
-    choice: _Choice,
+    choice: Choice,
     fit: LeastSquaresFit,
 ) -> ArraySelection:
     """Values, errors, and how far the terms selected can be trusted.
@@ -516,7 +311,7 @@ def _searched(search: Search) -> Search:
     return search if search.fixed is None else replace(search, fixed=None, degree=1)
 
 
-def _heterogeneity(choice: _Choice) -> Heterogeneity | None:
+def _heterogeneity(choice: Choice) -> Heterogeneity | None:
     """Values of the kept terms between manoeuvres, in units of the response."""
     products, kept = choice.search.products, choice.result.selected
     scale = products.scale[[j + 1 for j in kept]] / products.scale[-1]
