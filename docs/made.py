@@ -26,7 +26,14 @@ def on_files(files: Files, config: Any) -> Files:
 
 def reference() -> str:
     """One entry for each public name."""
-    return "# Python\n\n" + "\n\n".join(f"::: structsel.{name}" for name in sorted(structsel.__all__, key=str.lower))
+    return "# Python\n\n" + "\n\n".join(map(_entry, sorted(structsel.__all__, key=str.lower)))
+
+
+def _entry(name: str) -> str:
+    """Entry of one name; of `select`, whose stub has overloads without a body, where it is defined."""
+    if name != "select":
+        return f"::: structsel.{name}"
+    return "::: structsel.selection.select.select\n    options:\n      heading: structsel.select"
 
 
 def commands() -> str:
