@@ -15,7 +15,7 @@ import zipfile
 from pathlib import Path, PurePosixPath
 
 PACKAGE = Path(__file__).parents[1] / "structsel"
-EXTRA = (".html", ".css", ".js", "py.typed")
+EXTRA = (".html", ".css", ".js", ".pyi", "py.typed")
 LARGEST = 3 << 20  # bytes; code and templates alone are well below
 
 
