@@ -24,9 +24,8 @@ from structsel.numerics.instrumental import (
     PastFit,
     past_exponents,
 )
-from structsel.numerics.least_squares import fit_each
 from structsel.numerics.noise_models import ARNoise
-from structsel.numerics.normal_equations import project
+from structsel.numerics.normal_equations import project, solve_normal_equations
 from structsel.numerics.regressors import DataSource, Scales, find_scales
 from structsel.numerics.residuals import fit_residual_noise
 from structsel.numerics.stepwise import SearchStep
@@ -86,8 +85,11 @@ def fit_companions(companions: Sequence[DataSource], responses: int, max_ar_orde
     everyone, scales = range(responses), find_scales(companions)
     signals = scales[0].size
     terms = np.concatenate([power * np.eye(signals, dtype=int) for power in range(1, COMPANION_DEGREE + 1)])
-    fits = fit_each(companions, [terms] * responses, [None] * responses, everyone, scales=scales)
-    theta = [fit.theta for fit in fits]
+    products = cross_products(companions, terms, scales=scales, **given)
+    theta = []
+    for r in everyone:
+        one = products.of_response(r)
+        theta.append(solve_normal_equations(one.total(), range(1 + len(terms))) * one.scale[-1] / one.scale[:-1])
     floors = [LEAST_INNOVATION * scale for scale in scales[1]]
     noise = fit_residual_noise(companions, [terms] * responses, theta, everyone, max_ar_order, floors, scales=scales)
     models = ResponseModels((terms,) * responses, tuple(theta))
