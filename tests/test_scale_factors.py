@@ -37,7 +37,7 @@ def scales_of(found):
 
 def test_scale_errors_that_were_set_are_found_within_their_intervals_and_the_result_is_trusted():
     flight = demo_instruments("all-axes", 3, duration=20.0)
-    found = reconstruct(scaled(flight, theta=1.04, phi=1.07, p=1.03), flight.aircraft)
+    found = reconstruct(scaled(flight, theta=1.04, phi=1.07, p=1.03), flight.aircraft, scales="auto")
     truth = {"Ktheta": 0.04, "Kphi": 0.07, "Kp": 0.03}
     scales = scales_of(found)
     assert set(scales) == set(truth)
@@ -62,7 +62,7 @@ def test_scale_errors_that_were_set_are_found_within_their_intervals_and_the_res
 def test_each_scale_error_is_found_alone_if_the_flight_determines_it(channel, stated):
     flight = demo_instruments("all-axes", 4, duration=20.0)
     aircraft = flight.aircraft if stated else silent(flight.aircraft)
-    scales = scales_of(reconstruct(scaled(flight, **{channel: 1.06}), aircraft))
+    scales = scales_of(reconstruct(scaled(flight, **{channel: 1.06}), aircraft, scales="auto"))
     assert set(scales) <= {f"K{channel}"}
     for one in scales.values():
         assert abs(one.value - 0.06) < 3.0 * one.std
@@ -77,7 +77,7 @@ def test_no_scale_error_is_invented(count):
     for seed in range(count):
         flight = demo_instruments(seed % 6, seed, duration=12.0)
         for aircraft in (flight.aircraft, silent(flight.aircraft)):
-            invented += bool(scales_of(reconstruct(flight.measured, aircraft)))
+            invented += bool(scales_of(reconstruct(flight.measured, aircraft, scales="auto")))
     assert invented <= 0.05 * 2 * count
 
 
@@ -114,7 +114,7 @@ def test_a_scale_error_that_is_named_is_estimated_whatever_its_odds():
 
 def test_output_error_finds_the_scale_errors_too():
     flight = demo_instruments("all-axes", 3, duration=15.0)
-    found = reconstruct(scaled(flight, theta=1.04, phi=1.07), flight.aircraft, method="output-error")
+    found = reconstruct(scaled(flight, theta=1.04, phi=1.07), flight.aircraft, method="output-error", scales="auto")
     scales = scales_of(found)
     assert set(scales) >= {"Kphi", "Ktheta"}
     assert abs(scales["Kphi"].value - 0.07) < 5.0 * scales["Kphi"].std < 0.02
@@ -125,6 +125,6 @@ def test_longitudinal_channels_have_no_lateral_scale_errors():
     flight = demo_instruments("elevator-3211", 5, duration=12.0)
     kept = ("V", "alpha", "theta", "h", "ax", "az", "q")
     left = ss.Recording("longitudinal", flight.measured.t, {name: flight.measured[name] for name in kept})
-    found = reconstruct(left.with_channels(theta=1.06 * left["theta"]), flight.aircraft)
+    found = reconstruct(left.with_channels(theta=1.06 * left["theta"]), flight.aircraft, scales="auto")
     assert set(scales_of(found)) == {"Ktheta"}
     assert abs(found["Ktheta"].value - 0.06) < 3.0 * found["Ktheta"].std

@@ -93,7 +93,7 @@ class ReconstructOptions:
         metavar="NAMES",
     )
     scales: Literal["auto", "none"] = option(
-        "auto",
+        "none",
         help="auto: estimate scale errors of attitude, gyros and accelerometers that the data support; or none.",
         group=_ESTIMATION,
     )
