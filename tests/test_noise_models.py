@@ -1,12 +1,10 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy import signal
 from statsmodels.tsa.ar_model import AutoReg
 
 from structsel.errors import SelectionError
-from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar, prewhiten
-from structsel.numerics.residuals import likelihood_lost
+from structsel.numerics.noise_models import LagProducts, fit_ar, prewhiten
 
 from .pools import ar1
 
@@ -72,18 +70,3 @@ def test_whitening_rows_is_the_written_sum(order):
 def test_a_manoeuvre_too_short_for_its_orders_is_refused_with_the_remedy():
     with pytest.raises(SelectionError, match="Lower max_order"):
         fitted(np.ones(20), 10)
-
-
-def test_the_likelihood_lost_by_a_wrong_noise_model_is_that_of_simulated_noise():
-    # Twice the log-likelihood of AR(1) noise with its own model and with a wrong one, 400 records of 2,000 samples.
-    right, used, n = ARNoise(np.array([0.8]), 1.0), ARNoise(np.array([0.7, 0.05]), 1.1), 2000
-    rng = np.random.default_rng(0)
-    lost = []
-    for _ in range(400):
-        e = signal.lfilter([1.0], [1.0, -0.8], rng.standard_normal(n + 200))[200:]
-        white = [signal.lfilter([1.0, *-m.ar], [1.0], e)[2:] for m in (right, used)]
-        terms = [np.sum((w / m.sigma) ** 2) + w.size * np.log(m.sigma**2) for w, m in zip(white, (right, used))]
-        lost.append(terms[1] - terms[0])
-    error = np.std(lost) / np.sqrt(len(lost))
-    assert likelihood_lost([used], [right], [n]) == pytest.approx(np.mean(lost), abs=3.0 * error)
-    assert likelihood_lost([right], [right], [n]) == pytest.approx(0.0, abs=1e-9)

@@ -15,7 +15,6 @@ from structsel.numerics.least_squares import LeastSquaresFit, response_rows
 from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar, score_covariance, split_for_correlation
 from structsel.numerics.regressors import DataSource, RegressorChunks, Scales, column_scale, find_scales, words_of
 
-FREQUENCIES = 4096  # at which two noise models are compared; chosen, not critical
 SAMPLES_PER_ORDER = 12  # least number of samples of a manoeuvre for each order of its noise model
 
 
@@ -43,31 +42,6 @@ class Residuals:
         weights = self.theta * scale[: len(self.theta)] / unit
         for rows in response_rows(part, self.exponents, self.scales, self.response):
             yield unit * (rows[-1] - weights @ rows[:-1])
-
-
-def likelihood_lost(used: Sequence[ARNoise], right: Sequence[ARNoise], lengths: Sequence[int]) -> float:
-    """Expected loss of twice the log-likelihood by noise models of the manoeuvres where others are right.
-
-    With the whitening filters A(z) = 1 - sum_l ar[l-1] z^-l and the mean over frequencies::
-
-        ratio = sigma_right^2 mean |A_used / A_right|^2 / sigma_used^2,    loss = n (ratio - 1 - log ratio)
-                + n log mean |A_used / A_right|^2
-
-    A model of L coefficients and a level loses L + 1 in the mean by its own errors of estimation.
-
-    Parameters
-    ----------
-    used, right : sequence of ARNoise
-    lengths : sequence of int
-        Samples of each manoeuvre.
-    """
-    total = 0.0
-    for a, b, n in zip(used, right, lengths, strict=True):
-        gains = [np.abs(np.fft.rfft(np.concatenate([[1.0], -m.ar]), FREQUENCIES)) ** 2 for m in (a, b)]
-        spread = float(np.mean(gains[0] / gains[1]))
-        ratio = spread * (b.sigma / a.sigma) ** 2
-        total += n * (ratio - 1.0 - np.log(ratio) + np.log(spread))
-    return total
 
 
 def fit_residual_noise(

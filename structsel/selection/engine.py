@@ -16,10 +16,9 @@ from structsel.numerics.collinearity import condition_indices, vif
 from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products
 from structsel.numerics.hierarchy import Hierarchy, find_parents
 from structsel.numerics.least_squares import LeastSquaresFit, fit_each
-from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import project
 from structsel.numerics.regressors import DataSource, Scales, find_scales
-from structsel.numerics.residuals import likelihood_lost, streamed_coloured_covariance
+from structsel.numerics.residuals import streamed_coloured_covariance
 from structsel.selection.aliases import find_aliases, find_dependent
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.biased import estimate_biased
@@ -156,16 +155,12 @@ def _iterate_prewhitening(
 ) -> list[Choice]:
     """Fit a noise model to each manoeuvre's residual, prewhiten, search; again until the terms stay the same.
 
-    This is the iteration of Cochrane and Orcutt, with a selection in every round. It also ends where the noise models
-    change by less than their own errors of estimation.
+    This is the iteration of Cochrane and Orcutt, with a selection in every round.
     """
     choices = [Choice(search, result, (), False) for search, result in zip(plain, white_noise, strict=True)]
     pending = list(range(len(plain)))
     for _ in range(ROUNDS):
         noise = fit_noise(data, choices, pending, shared)
-        noise = [of for r, of in zip(list(pending), noise, strict=True) if not _settled(data, choices, pending, r, of)]
-        if not pending:
-            break
         products = prewhitened_cross_products(
             [SelectedResponses(m, tuple(pending)) for m in data.manoeuvres],
             data.exponents,
@@ -187,17 +182,6 @@ def _iterate_prewhitening(
         if not pending:
             break
     return [_check_prewhitening(choice, search) for choice, search in zip(choices, plain, strict=True)]
-
-
-def _settled(data: EngineData, choices: list[Choice], pending: list[int], r: int, noise: tuple[ARNoise, ...]) -> bool:
-    """Whether new noise models hardly differ from those searched with; they are then used for the fit."""
-    known = choices[r].noise
-    parameters = sum(model.order + 1 for model in noise)
-    if not known or likelihood_lost(known, noise, [m.n for m in data.manoeuvres]) >= parameters:
-        return False
-    choices[r] = replace(choices[r], noise=noise, converged=True)
-    pending.remove(r)
-    return True
 
 
 def _simplest(choice: Choice) -> Choice:
