@@ -134,10 +134,7 @@ def conclude(
     ceiling = explainable(flights, [{c: f.difference[c] for c in told} for f in flights])
     traces = traces_of(ranking)
     left = residuals(ranking.bench)
-    made = make_findings(ranking, ceiling)
-    # Turbulence that explains nothing is not a finding.
-    made = [f for f in made if f.explained > 0.0 or any(p.effect != "turbulence" for p in f.physics)]
-    findings = [with_separation(f, ranking) for f in made]
+    findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling)]
     if not rough:
         findings += find_unknown(ranking, left, told, ceiling, bool(findings))
         if not findings and (seen := detect(flights, bench.nuisances, prepared.simulation.form == "free")):
