@@ -71,6 +71,27 @@ class Result(Summarised):
             object.__setattr__(self, name, _restored(value))
 
 
+class NamedEstimates:
+    """Values and standard errors that are found by the name of their parameter."""
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    std: np.ndarray
+
+    def __getitem__(self, name: str) -> tuple[float, float]:
+        """Value and standard error of a parameter.
+
+        Raises
+        ------
+        KeyError
+            It is no parameter's name.
+        """
+        if name not in self.names:
+            raise KeyError(name)
+        i = self.names.index(name)
+        return float(self.values[i]), float(self.std[i])
+
+
 class Estimates(Result):
     """Base of results with a value and a standard error for each parameter: what users of statsmodels look for.
 

@@ -20,7 +20,7 @@ from structsel.numerics.transfer_functions import (
     ResponseData,
     fit_factored,
 )
-from structsel.results import Result
+from structsel.results import NamedEstimates, Result
 from structsel.tables import Column, Summary, Table, text_column
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ _AGREEING = 3  # starts that should end at the least cost; chosen, not critical
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TransferFunction(Result):
+class TransferFunction(NamedEstimates, Result):
     """Transfer functions fitted to frequency responses.
 
     Attributes
@@ -73,19 +73,6 @@ class TransferFunction(Result):
 
     def __post_init__(self) -> None:
         self.freeze()
-
-    def __getitem__(self, name: str) -> tuple[float, float]:
-        """Value and standard error of a parameter.
-
-        Raises
-        ------
-        KeyError
-            It is no parameter's name.
-        """
-        if name not in self.names:
-            raise KeyError(name)
-        i = self.names.index(name)
-        return float(self.values[i]), float(self.std[i])
 
     def evaluate(self, omega: np.ndarray, pair: tuple[str, str] | None = None) -> np.ndarray:
         """(f,) complex response [SI units] at frequencies [rad/s]; of the first pair if none is given."""

@@ -13,7 +13,7 @@ from structsel.errors import ChannelError, DataError, DomainError
 from structsel.formatting import count_of, finite_or_none
 from structsel.numerics.recursive_transforms import RecursiveTransforms
 from structsel.recording import Recording
-from structsel.results import Result
+from structsel.results import NamedEstimates, Result
 from structsel.tables import Column, Summary, Table, text_column
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _UNEVEN = 0.05  # of the sampling interval; chosen, not critical
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RecursiveEstimate(Result):
+class RecursiveEstimate(NamedEstimates, Result):
     """Parameters at one time.
 
     Attributes
@@ -62,19 +62,6 @@ class RecursiveEstimate(Result):
     def determined(self) -> bool:
         """Whether the samples determine the parameters."""
         return bool(np.isfinite(self.values).all())
-
-    def __getitem__(self, name: str) -> tuple[float, float]:
-        """Value and standard error of a term.
-
-        Raises
-        ------
-        KeyError
-            It is no term.
-        """
-        if name not in self.names:
-            raise KeyError(name)
-        i = self.names.index(name)
-        return float(self.values[i]), float(self.std[i])
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each term: name, value, std."""

@@ -21,7 +21,7 @@ from structsel.recording.arguments import as_recordings
 from structsel.refinement.linear_flight import LinearFlight
 from structsel.refinement.linear_structure import LinearStructure
 from structsel.refinement.parameters import check_recordings
-from structsel.results import Estimates
+from structsel.results import Estimates, NamedEstimates
 from structsel.simulation.linear import LinearModel
 from structsel.tables import Column, Summary, Table, text_column
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EquationError(Estimates):
+class EquationError(NamedEstimates, Estimates):
     """Parameters by regression of each response on its own terms.
 
     Attributes
@@ -62,19 +62,6 @@ class EquationError(Estimates):
         self.values.setflags(write=False)
         self.std.setflags(write=False)
         object.__setattr__(self, "r2", MappingProxyType(dict(self.r2)))
-
-    def __getitem__(self, name: str) -> tuple[float, float]:
-        """Value and standard deviation.
-
-        Raises
-        ------
-        KeyError
-            It is no parameter's name.
-        """
-        if name not in self.names:
-            raise KeyError(name)
-        i = self.names.index(name)
-        return float(self.values[i]), float(self.std[i])
 
     def _estimates(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, float]:
         return self.names, self.values, self.std, np.inf
