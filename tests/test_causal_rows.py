@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -80,6 +82,14 @@ def test_a_term_without_effect_is_eliminated_by_the_past():
     assert [number for number, _, _ in left] == [2]
     kept = instrumented(x, response).eliminate([0, 1, 2], 12.0, include=[2])
     assert kept == []
+
+
+def test_without_terms_the_constant_of_each_manoeuvre_is_left():
+    x, y, _ = two_signals()
+    own = replace(instrumented(x, y), own_constants=True)
+    found = own.fit_terms([]).fit(np.array([y.mean()]), np.ones(1))
+    assert found.theta == pytest.approx([y.mean()])
+    assert found.condition == 1.0
 
 
 @pytest.fixture(scope="module")

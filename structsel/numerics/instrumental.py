@@ -36,8 +36,8 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
-from structsel.numerics.least_squares import LeastSquaresFit
-from structsel.numerics.normal_equations import project, solve_normal_equations
+from structsel.numerics.least_squares import LeastSquaresFit, with_mean_constant
+from structsel.numerics.normal_equations import Projection, project, solve_normal_equations
 from structsel.numerics.regressors import DataSource
 
 SIGNAL_LAGS = (5, 8, 13)
@@ -252,16 +252,19 @@ class PastFit:
         return [0, *(1 + j for j in self.terms)]
 
     @cached_property
+    def _projection(self) -> Projection:
+        return project(self.products.total(), self._columns)
+
+    @property
     def rss(self) -> float:
         """Residual sum of squares, scaled."""
-        return project(self.products.total(), self._columns).rss
+        return self._projection.rss
 
     @property
     def partial_F(self) -> Array:
         """(k,) partial F of the terms."""
-        found = project(self.products.total(), self._columns)
-        s2 = found.rss / max(self.products.dof() - len(self.terms) - self.source.other.size, 1.0)
-        variance = s2 * np.diag(found.inverse)[1:]
+        s2 = self.rss / max(self.products.dof() - len(self.terms) - self.source.other.size, 1.0)
+        variance = s2 * np.diag(self._projection.inverse)[1:]
         with np.errstate(divide="ignore"):
             return self.slopes**2 / variance
 
@@ -272,11 +275,7 @@ class PastFit:
         total = M.T @ self.source.products.total() @ M
         k = len(terms)
         exogenous, free = project(total, range(1 + k)), project(total, range(1 + 2 * k))
-        dof = self.products.dof() - 2 * k - self.source.other.size
-        if dof <= 0 or not free.rss > 0.0:
-            return 0.0, 1.0
-        F = max(exogenous.rss - free.rss, 0.0) / k / (free.rss / dof)
-        return float(F), float(scipy.stats.f.sf(F, k, dof))
+        return _test_reduction(exogenous.rss, free.rss, k, self.products.dof() - 2 * k - self.source.other.size)
 
     def test_instruments(self) -> tuple[float, float]:
         """F and its probability where the instruments do not follow the residual (Sargan)."""
@@ -290,12 +289,8 @@ class PastFit:
             total[1:-1, 1:-1] / np.outer(*(2 * [np.sqrt(np.diag(total)[1:-1])])), hermitian=True
         )
         alone, free = project(total, [0]), project(total, range(1 + z))
-        k = rank - len(self.terms)
         dof = self.products.dof() - rank - self.source.other.size
-        if k <= 0 or dof <= 0 or not free.rss > 0.0:
-            return 0.0, 1.0
-        F = max(alone.rss - free.rss, 0.0) / k / (free.rss / dof)
-        return float(F), float(scipy.stats.f.sf(F, k, dof))
+        return _test_reduction(alone.rss, free.rss, rank - len(self.terms), dof)
 
     def fit(self, constants: Array, weights: Array) -> LeastSquaresFit:
         """The same as a fit in physical units.
@@ -307,19 +302,26 @@ class PastFit:
         weights : (K,) array
             Samples of each manoeuvre over all.
         """
-        rows = self._columns[1:] if constants.size else self._columns
+        first = 1 if constants.size else 0
+        rows = self._columns[first:]
         total, unit = self.products.total()[np.ix_(rows, rows)], self.products.scale[rows]
+        inverse = self._projection.inverse[first:, first:] / np.outer(unit, unit)
         root = np.sqrt(np.diag(total))
-        inverse = np.linalg.pinv(total / np.outer(root, root), hermitian=True) / np.outer(root * unit, root * unit)
-        condition = float(np.sqrt(np.linalg.cond(total / np.outer(root, root))))
+        condition = float(np.sqrt(np.linalg.cond(total / np.outer(root, root)))) if rows else 1.0
         values = self.theta
         if constants.size:
             raw = self.source.given
             heads = np.array([raw.sums[raw.manoeuvre == k].sum(axis=0) for k in np.unique(raw.manoeuvre)])
             means = weights @ (heads[:, rows] / heads[:, :1]) * unit
-            across = -inverse @ means
-            variance = float(np.sum(weights**2 / heads[:, 0])) - means @ across
-            inverse = np.block([[np.array([[variance]]), across[None, :]], [across[:, None], inverse]])
+            inverse = with_mean_constant(inverse, means, float(np.sum(weights**2 / heads[:, 0])))
             values = np.append(weights @ constants, values[1:])
         n = int(self.products.samples()) - self.source.other.size
         return LeastSquaresFit(values, inverse, self.rss * self.products.scale[-1] ** 2, n, condition, constants)
+
+
+def _test_reduction(rss: float, free: float, k: int, dof: float) -> tuple[float, float]:
+    """F and its probability where k further columns, which leave ``free`` of ``rss``, have no effect."""
+    if k <= 0 or dof <= 0 or not free > 0.0:
+        return 0.0, 1.0
+    F = max(rss - free, 0.0) / k / (free / dof)
+    return float(F), float(scipy.stats.f.sf(F, k, dof))

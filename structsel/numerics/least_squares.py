@@ -254,8 +254,23 @@ def solve_with_own_constants(factors: Sequence[Array], scale: Array, n: int, wei
     slopes = solve_factor(_triangle(np.ascontiguousarray(np.vstack([R[1:, 1:] for R in factors]).T)), scale[1:], n)
     constants = (heads[:, -1] - heads[:, 1:-1] @ (slopes.theta * scale[1:-1] / scale[-1])) * scale[-1]
     means = weights @ heads[:, 1:-1] * scale[1:-1]
-    across = -slopes.unscaled_covariance @ means
-    variance = sum((w / R[0, 0]) ** 2 for w, R in zip(weights, factors, strict=True)) - means @ across
-    covariance = np.block([[np.array([[variance]]), across[None, :]], [across[:, None], slopes.unscaled_covariance]])
+    alone = sum((w / R[0, 0]) ** 2 for w, R in zip(weights, factors, strict=True))
+    covariance = with_mean_constant(slopes.unscaled_covariance, means, alone)
     theta = np.append(weights @ constants, slopes.theta)
     return LeastSquaresFit(theta, covariance, slopes.rss, n, slopes.condition, constants)
+
+
+def with_mean_constant(slopes: Array, means: Array, alone: float) -> Array:
+    """Covariance (1 + k, 1 + k) of the mean of the manoeuvres' constants and of the slopes.
+
+    Parameters
+    ----------
+    slopes : (k, k) array
+        Covariance of the slopes.
+    means : (k,) array
+        Mean of each regressor over the manoeuvres, with the weights of the mean constant.
+    alone : float
+        Variance of the mean constant for known slopes.
+    """
+    across = -slopes @ means
+    return np.block([[np.array([[alone - means @ across]]), across[None, :]], [across[:, None], slopes]])

@@ -185,16 +185,15 @@ def use_past(data: EngineData, choices: list[Choice], shared: list[CrossProducts
         and enough_samples(choice.search.products.samples(), signals, len(choices) + companions, terms)
     ]
     rows = data.options.rows
-    given: dict[str, Any] = {"blocks": data.blocks, "workers": data.options.workers, "runner": data.runner}
     if rows == "sampled" or data.options.noise != "ar" or not pending:
         return choices
     if rows == "auto" and not (
-        data.flow_angles and turbulence_shows(data.manoeuvres, data.flow_angles, data.scales, **given)
+        data.flow_angles and turbulence_shows(data.manoeuvres, data.flow_angles, data.scales, **data.block_arguments)
     ):
         return choices
     further = NO_MODELS
     if companions:
-        further = fit_companions(data.companions, companions, data.options.max_ar_order, **given)
+        further = fit_companions(data.companions, companions, data.options.max_ar_order, **data.block_arguments)
     for number in range(PAST_ROUNDS):
         if not pending:
             break
@@ -238,8 +237,7 @@ def _past(
     """The selected terms of these responses estimated by what the past predicts, given the models chosen so far."""
     models, reduced = models_of(data, choices, range(len(choices)), shared)
     sources = [CombinedData(*pair) for pair in zip(reduced, data.companions, strict=True)] if further.theta else reduced
-    selected = {j for r in responses for j in choices[r].result.selected}
-    pool = sorted(selected)
+    pool = sorted({j for r in responses for j in choices[r].result.selected})
     degrees = data.exponents.sum(axis=1)
     products = instrumented_products(
         sources,
@@ -250,10 +248,8 @@ def _past(
         noise,
         [choices[r].search.products.own_constants for r in responses],
         (data.scales[0], data.scales[1][responses]),
-        blocks=data.blocks,
-        workers=data.options.workers,
         progress=data.stage("causal rows"),
-        runner=data.runner,
+        **data.block_arguments,
     )
     kept = [[pool.index(j) for j in choices[r].result.selected] for r in responses]
     return [one.fit_terms(terms) for one, terms in zip(products, kept, strict=True)]
@@ -261,7 +257,6 @@ def _past(
 
 def constants_of_past(choice: Choice, shared: CrossProducts) -> Array:
     """Constant of each manoeuvre with the slopes of what the past predicts; empty where all share one."""
-    if not choice.search.products.own_constants:
+    if choice.past is None or not choice.search.products.own_constants:
         return np.empty(0)
-    assert choice.slopes is not None
-    return shared.constants(choice.slopes, [j + 1 for j in choice.result.selected]) * shared.scale[-1]
+    return shared.constants(choice.past.slopes, [j + 1 for j in choice.result.selected]) * shared.scale[-1]

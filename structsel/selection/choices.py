@@ -77,6 +77,11 @@ class EngineData:
         """Arguments of every pass."""
         return {"scales": self.scales, "runner": self.runner}
 
+    @property
+    def block_arguments(self) -> dict[str, Any]:
+        """Arguments of every pass that forms cross-products, without the scales."""
+        return {"blocks": self.blocks, "workers": self.options.workers, "runner": self.runner}
+
     def stage(self, name: str) -> Callable[[int, int], None] | None:
         """Progress of one pass."""
         progress = self.progress
@@ -93,11 +98,6 @@ class Choice:
     converged: bool = True
     prewhitening_dropped: tuple[float, float] | None = None
     past: PastFit | None = None
-
-    @property
-    def slopes(self) -> Array | None:
-        """(k,) scaled parameters of what the past predicts; None with rows as sampled."""
-        return None if self.past is None else self.past.slopes
 
 
 def fit_noise(
@@ -127,10 +127,8 @@ def models_of(
     for r in responses:
         products, kept = choices[r].search.products, list(choices[r].result.selected)
         scale = products.scale
-        scaled = solve(products.total(), kept)
         past = choices[r].past
-        if past is not None:
-            scaled = past.scaled.copy()
+        scaled = solve(products.total(), kept) if past is None else past.scaled.copy()
         if products.own_constants:
             own[r], scaled[0] = (scaled[1:], kept), 0.0
         theta.append(scaled * scale[-1] / scale[[0, *(j + 1 for j in kept)]])

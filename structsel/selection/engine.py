@@ -98,10 +98,9 @@ def select_arrays(
     plain = cross_products(
         manoeuvres,
         exponents,
-        blocks=data.blocks,
-        workers=options.workers,
+        scales=data.scales,
         progress=data.stage("cross-products"),
-        **data.given,
+        **data.block_arguments,
     )
     constraints = SearchConstraints(
         exponents.sum(axis=1), tuple(include), tuple(initial), _hierarchy(exponents, options, include)
@@ -117,24 +116,36 @@ def select_arrays(
     else:
         chosen = _iterate_prewhitening(data, searches, white_noise, [s.products for s in shared])
     chosen = use_past(data, [_simplest(choice) for choice in chosen], [s.products for s in shared])
-    fits = fit_each(
-        manoeuvres,
-        [exponents[list(c.result.selected)] for c in chosen],
-        [c.noise or None for c in chosen],
-        range(len(chosen)),
-        own_constants=[c.search.products.own_constants for c in chosen],
-        workers=data.workers,
-        progress=data.stage("fit"),
-        **data.given,
-    )
-    weights = np.array([m.n for m in manoeuvres]) / sum(m.n for m in manoeuvres)
-    for r, choice in enumerate(chosen):
-        if choice.past is not None:
-            fits[r] = choice.past.fit(constants_of_past(choice, shared[r].products), weights)
+    fits = _fits(data, chosen, [s.products for s in shared])
     return [
         _describe(r, data, searches[r].products, shared[r].products, white_noise[r], chosen[r], fits[r])
         for r in range(plain.n_responses)
     ]
+
+
+def _fits(data: EngineData, chosen: Sequence[Choice], shared: Sequence[CrossProducts]) -> list[LeastSquaresFit]:
+    """The fit of the terms chosen for each response, on the rows as sampled or on what the past predicts."""
+    sampled = [r for r, choice in enumerate(chosen) if choice.past is None]
+    found = (
+        fit_each(
+            data.manoeuvres,
+            [data.exponents[list(chosen[r].result.selected)] for r in sampled],
+            [chosen[r].noise or None for r in sampled],
+            sampled,
+            own_constants=[chosen[r].search.products.own_constants for r in sampled],
+            workers=data.workers,
+            progress=data.stage("fit"),
+            **data.given,
+        )
+        if sampled
+        else []
+    )
+    fits = dict(zip(sampled, found, strict=True))
+    weights = np.array([m.n for m in data.manoeuvres]) / sum(m.n for m in data.manoeuvres)
+    for r, choice in enumerate(chosen):
+        if choice.past is not None:
+            fits[r] = choice.past.fit(constants_of_past(choice, shared[r]), weights)
+    return [fits[r] for r in range(len(chosen))]
 
 
 def _hierarchy(exponents: NDArray[np.integer], options: SelectOptions, include: Sequence[int]) -> Hierarchy | None:
@@ -165,11 +176,9 @@ def _iterate_prewhitening(
             [SelectedResponses(m, tuple(pending)) for m in data.manoeuvres],
             data.exponents,
             noise,
-            blocks=data.blocks,
-            workers=data.options.workers,
-            progress=data.stage("prewhitened"),
             scales=(data.scales[0], data.scales[1][pending]),
-            runner=data.runner,
+            progress=data.stage("prewhitened"),
+            **data.block_arguments,
         )
         for r, models, prewhitened in zip(list(pending), noise, products, strict=True):
             own = plain[r].products.own_constants
