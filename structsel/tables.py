@@ -162,11 +162,10 @@ class Table:
         rows = tuple((*row[:place], cell, *row[place:]) for row, cell in zip(self.rows, cells, strict=True))
         return replace(self, columns=(*self.columns[:place], column, *self.columns[place:]), rows=rows)
 
-    def without_columns(self, *names: str) -> Table:
-        """Table without the columns of these names."""
-        kept = [j for j, column in enumerate(self.columns) if column.name not in names]
-        rows = tuple(tuple(row[j] for j in kept) for row in self.rows)
-        return replace(self, columns=tuple(self.columns[j] for j in kept), rows=rows)
+    def without_column(self, place: int) -> Table:
+        """Table without the column at `place`."""
+        rows = tuple(row[:place] + row[place + 1 :] for row in self.rows)
+        return replace(self, columns=self.columns[:place] + self.columns[place + 1 :], rows=rows)
 
     def texts(self) -> list[list[str]]:
         """Cells as text, row by row."""

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from structsel.aircraft import Aircraft
 from structsel.cli.cutting import is_cut
-from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.folders import names_in, output_folder, refuse_existing
 from structsel.cli.help_text import epilog
 from structsel.cli.input_files import provenance
 from structsel.cli.messages import ProgressBar, is_quiet, json_text, print_json, say, stdout
@@ -173,7 +173,7 @@ def _write(out: Path, found: Diagnosis) -> list[str]:
         for number, finding in enumerate(found.findings, 1):
             if finding.manoeuvre is not None:
                 write_recording(finding.manoeuvre, folder / f"to-separate-{number}.csv")
-        written = [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+        written = names_in(folder)
     if found.model is None and (out / "model.json").exists():
         say("warning", f"'{out / 'model.json'}' was there before; it is not a result of this diagnosis.")
     return written

@@ -10,7 +10,7 @@ import typer
 from structsel.cli.help_text import epilog
 from structsel.cli.messages import stdout
 from structsel.cli.models import Define, read_definitions
-from structsel.cli.parsing import split_names
+from structsel.cli.parsing import read_texts, split_names
 from structsel.cli.recordings import Overwrite, load_aircraft, option
 from structsel.exporting import Target, export_model
 from structsel.model import AeroModel
@@ -63,17 +63,7 @@ def run(
         to=to,
         aircraft=None if aircraft is None else load_aircraft(aircraft),
         definitions=read_definitions(define),
-        properties=_read_properties(properties),
+        properties=read_texts("--properties", split_names(properties), "NAME=PROPERTY"),
         overwrite=overwrite,
     )
     stdout().print(f"Written to {written}.", markup=False, soft_wrap=True)
-
-
-def _read_properties(text: str) -> dict[str, str]:
-    found = {}
-    for word in split_names(text):
-        name, _, path = (part.strip() for part in word.partition("="))
-        if not name or not path:
-            raise typer.BadParameter(f"--properties '{word}' is not NAME=PROPERTY.")
-        found[name] = path
-    return found

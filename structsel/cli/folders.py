@@ -5,12 +5,17 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from structsel.cli.messages import ProgressBar
 from structsel.errors import DataError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 log = logging.getLogger(__name__)
 
@@ -149,6 +154,21 @@ def output_folder(folder: Path) -> Iterator[Path]:
             raise _unwritable(folder, error) from error
         finally:
             shutil.rmtree(partial, ignore_errors=True)
+
+
+def names_in(folder: Path) -> list[str]:
+    """Names of the files of a folder, and of its folders with a slash, in order."""
+    return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+
+
+def save_figures(folder: Path, figures: Iterable[tuple[str, Figure]], count: int | None = None) -> None:
+    """Write figures to a new folder, each as ``name.png``; `count` is their number for the progress bar."""
+    folder.mkdir()
+    with ProgressBar("drawing") as progress:
+        for i, (name, figure) in enumerate(figures, 1):
+            figure.savefig(folder / f"{name}.png", dpi=110)
+            if count:
+                progress("plots", i, count)
 
 
 def _move(partial: Path, folder: Path) -> None:

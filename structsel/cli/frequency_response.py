@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from structsel.cli.dataclass_options import takes_dataclass
-from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.folders import names_in, output_folder, refuse_existing, save_figures
 from structsel.cli.help_text import epilog
 from structsel.cli.messages import json_text, print_json, stdout
 from structsel.cli.parsing import read_numbers, read_pair, split_names
@@ -131,7 +131,5 @@ def _write(out: Path, response: FrequencyResponse, fit: TransferFunction | None,
         if plots:
             from structsel.plotting import draw_frequency_response  # matplotlib takes a while to load
 
-            (folder / "plots").mkdir()
-            for name, figure in draw_frequency_response(response, fit):
-                figure.savefig(folder / "plots" / f"{name}.png", dpi=110)
-        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+            save_figures(folder / "plots", draw_frequency_response(response, fit))
+        return names_in(folder)

@@ -12,7 +12,7 @@ import typer
 from structsel import inputs as signals
 from structsel.cli.comparison_tables import summarise_scatter
 from structsel.cli.dataclass_options import takes_dataclass
-from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.folders import names_in, output_folder, refuse_existing
 from structsel.cli.help_text import epilog
 from structsel.cli.messages import ProgressBar, json_text, print_json, stdout
 from structsel.cli.models import (
@@ -298,4 +298,4 @@ def _write(
             from structsel.plotting import draw_inputs  # matplotlib takes a while to load
 
             draw_inputs(found, model).savefig(folder / "inputs.png", dpi=110)
-        return [p.name for p in sorted(folder.iterdir())]
+        return names_in(folder)

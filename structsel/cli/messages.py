@@ -207,6 +207,13 @@ def print_json(content: Any) -> None:
     sys.stdout.write(json_text(content))
 
 
+def by_method(results: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """JSON content of one method's result, or of the results of several methods by name."""
+    if len(results) == 1:
+        return next(iter(results.values()))
+    return {"schema": "structsel.comparison/1", "methods": results}
+
+
 def json_text(content: Any) -> str:
     """Return a result as JSON with its provenance; numbers that are not finite become null."""
     if isinstance(content, dict) and "schema" in content:

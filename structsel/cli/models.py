@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from structsel.cli.messages import say
-from structsel.cli.parsing import read_numbers, split_names
+from structsel.cli.parsing import read_numbers, read_texts, split_names
 from structsel.cli.recordings import load_aircraft, option, read_manoeuvres
 from structsel.errors import ChannelError, ModelError
 from structsel.formatting import join_names
@@ -117,20 +117,8 @@ def read_trim(text: str) -> dict[str, float]:
 
 
 def read_definitions(texts: Sequence[str] | None) -> dict[str, str]:
-    """Formulas by channel.
-
-    Raises
-    ------
-    BadParameter
-        One is not NAME=FORMULA.
-    """
-    found = {}
-    for text in texts or ():
-        name, equals, formula = text.partition("=")
-        if not equals or not name.strip() or not formula.strip():
-            raise typer.BadParameter(f"--define '{text}' is not NAME=FORMULA.")
-        found[name.strip()] = formula.strip()
-    return found
+    """Formulas of ``--define`` by channel."""
+    return read_texts("--define", texts or (), "NAME=FORMULA")
 
 
 def open_model(

@@ -12,6 +12,23 @@ def split_names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
+def read_texts(option: str, texts: Iterable[str], form: str) -> dict[str, str]:
+    """Texts by name, from texts such as ``m01=phugoid``; `form` is their form in the message.
+
+    Raises
+    ------
+    BadParameter
+        One has no name or no value.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not name or not value:
+            raise typer.BadParameter(f"{option} '{text}' is not {form}.")
+        found[name] = value
+    return found
+
+
 def read_numbers(name: str, text: str, example: str = "alpha=0.002,q=0.001") -> dict[str, float]:
     """Numbers by name, ``alpha=0.002,q=0.001``.
 

@@ -7,9 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import typer
-
-from structsel.cli.folders import output_folder
+from structsel.cli.folders import names_in, output_folder
 from structsel.cli.messages import ProgressBar, json_text, print_json, stdout
 from structsel.cli.tables import print_files, print_summary
 from structsel.formatting import join_names
@@ -17,23 +15,6 @@ from structsel.model import AeroModel
 from structsel.provenance import provenance_of
 from structsel.qualification import Qualification, qualify
 from structsel.tables import csv_of_frame
-
-
-def read_kinds(texts: Sequence[str]) -> dict[str, str]:
-    """Kind of each manoeuvre, from texts such as ``m01=phugoid``.
-
-    Raises
-    ------
-    BadParameter
-        One is not of that form.
-    """
-    kinds = {}
-    for text in texts:
-        name, equals, kind = (part.strip() for part in text.partition("="))
-        if not equals or not name or not kind:
-            raise typer.BadParameter(f"--kind '{text}' is not MANOEUVRE=KIND, as m01=phugoid.")
-        kinds[name] = kind
-    return kinds
 
 
 def qualify_and_show(
@@ -62,4 +43,4 @@ def _write(out: Path, result: Qualification, files: Sequence[Path]) -> list[str]
         (folder / "qtg.json").write_text(json_text(result.to_dict()), encoding="utf-8")
         csv_of_frame(result.to_frame(), folder / "qtg.csv")
         write_qualification(result, folder, provenance=provenance_of(files))
-        return sorted(p.name for p in folder.iterdir())
+        return names_in(folder)

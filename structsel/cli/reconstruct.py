@@ -12,10 +12,10 @@ import typer
 from structsel.aircraft import Aircraft
 from structsel.cli.comparison_tables import summarise_reconstructions
 from structsel.cli.dataclass_options import takes_dataclass
-from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.folders import names_in, output_folder, refuse_existing, save_figures
 from structsel.cli.help_text import epilog
 from structsel.cli.input_files import provenance
-from structsel.cli.messages import ProgressBar, explain, json_text, print_json, say, stdout
+from structsel.cli.messages import by_method, explain, json_text, print_json, say, stdout
 from structsel.cli.recordings import (
     OUTPUT,
     Files,
@@ -153,10 +153,7 @@ def _print(found: Mapping[str, Reconstructions], recorded: Sequence[Recording]) 
 
 def _as_dict(found: Mapping[str, Reconstructions]) -> dict[str, Any]:
     """Return one method's reconstructions, or all methods by name."""
-    parts = {method: results.to_dict() for method, results in found.items()}
-    if len(parts) == 1:
-        return next(iter(parts.values()))
-    return {"schema": "structsel.comparison/1", "methods": parts}
+    return by_method({method: results.to_dict() for method, results in found.items()})
 
 
 def _write(out: Path, found: Mapping[str, Reconstructions], file_format: str, plots: bool) -> list[str]:
@@ -164,7 +161,7 @@ def _write(out: Path, found: Mapping[str, Reconstructions], file_format: str, pl
     with output_folder(out) as folder:
         for method, results in found.items():
             _write_one(folder if len(found) == 1 else folder / method, results, method, file_format, plots)
-        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+        return names_in(folder)
 
 
 def _write_one(folder: Path, results: Reconstructions, method: str, file_format: str, plots: bool) -> None:
@@ -184,14 +181,6 @@ def _write_one(folder: Path, results: Reconstructions, method: str, file_format:
     first = ["manoeuvre", "method", "trusted"]
     csv_of_frame(table[[*first, *(name for name in table if name not in first)]], folder / "constants.csv")
     if plots:
-        _write_plots(folder / "plots", results)
+        from structsel.plotting import draw_reconstructions  # matplotlib takes a while to load
 
-
-def _write_plots(folder: Path, results: Reconstructions) -> None:
-    from structsel.plotting import draw_reconstructions  # matplotlib takes a while to load
-
-    folder.mkdir()
-    with ProgressBar("drawing") as waiting:
-        for i, (name, figure) in enumerate(draw_reconstructions(results), 1):
-            figure.savefig(folder / f"{name}.png", dpi=110)
-            waiting("plots", i, 4 * len(results) + 1)
+        save_figures(folder / "plots", draw_reconstructions(results), 4 * len(results) + 1)

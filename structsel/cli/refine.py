@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from structsel.cli.dataclass_options import takes_dataclass
-from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.folders import names_in, output_folder, refuse_existing, save_figures
 from structsel.cli.help_text import epilog
 from structsel.cli.input_files import provenance
 from structsel.cli.messages import ProgressBar, json_text, print_json, say, stdout
@@ -218,8 +218,10 @@ def _write(
             provenance=provenance(),
         )
         if plots:
-            _draw(folder / "plots", found, recordings)
-        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+            from structsel.plotting import draw_refinement  # matplotlib takes a while to load
+
+            save_figures(folder / "plots", draw_refinement(found, recordings))
+        return names_in(folder)
 
 
 def _mark(found: Refinement, failed: RefinementError | None) -> AeroModel:
@@ -234,11 +236,3 @@ def _mark(found: Refinement, failed: RefinementError | None) -> AeroModel:
         if set(one.held) != set(one.terms)
     }
     return replace(model, responses={**model.responses, **estimated})
-
-
-def _draw(folder: Path, found: Refinement, recordings: Sequence[Recording]) -> None:
-    from structsel.plotting import draw_refinement  # matplotlib takes a while to load
-
-    folder.mkdir()
-    for name, figure in draw_refinement(found, recordings):
-        figure.savefig(folder / f"{name}.png", dpi=110)

@@ -15,7 +15,7 @@ from structsel.cli.comparison_tables import summarise_methods
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import refuse_existing
 from structsel.cli.help_text import epilog
-from structsel.cli.messages import ProgressBar, explain, print_json, say, stdout
+from structsel.cli.messages import ProgressBar, by_method, explain, print_json, say, stdout
 from structsel.cli.parsing import split_names
 from structsel.cli.recordings import (
     OUTPUT,
@@ -252,13 +252,12 @@ def _select_by(
 
 def _as_dict(found: dict[str, Selections], scores: dict[str, Validation]) -> dict[str, Any]:
     """Return one method's selection with its scores, or all methods by name."""
-    parts = {
-        name: {**s.to_dict(), "validation": scores[name].to_dict() if name in scores else None}
-        for name, s in found.items()
-    }
-    if len(parts) == 1:
-        return next(iter(parts.values()))
-    return {"schema": "structsel.comparison/1", "methods": parts}
+    return by_method(
+        {
+            name: {**s.to_dict(), "validation": scores[name].to_dict() if name in scores else None}
+            for name, s in found.items()
+        }
+    )
 
 
 def _print(found: dict[str, Selections], scores: dict[str, Validation], trace: bool) -> None:

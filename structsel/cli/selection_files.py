@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from structsel.cli.folders import output_folder
+from structsel.cli.folders import names_in, output_folder, save_figures
 from structsel.cli.input_files import provenance
-from structsel.cli.messages import ProgressBar, json_text
+from structsel.cli.messages import json_text
 from structsel.recording import Recording
 from structsel.selection import Selections
 from structsel.tables import csv_of_frame
@@ -50,13 +50,15 @@ def write_results(
             _write_one(folder, mark, selections, scores.get(method))
             write_report(selections, folder / f"report{mark}.html", judged=scores.get(method), **context)
             if plots:
-                _write_plots(folder / f"plots{mark}", selections, shown)
+                from structsel.plotting import draw_selection  # matplotlib takes a while to load
+
+                save_figures(folder / f"plots{mark}", draw_selection(selections, shown), 3 * len(selections))
         if len(found) > 1:
             pages = {method: f"report{mark}.html" for method, mark in marks.items()}
             write_comparison(found, folder / "report.html", judged=scores, pages=pages, **context)
         if extra_files is not None:
             extra_files(folder)
-        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+        return names_in(folder)
 
 
 def _write_one(folder: Path, mark: str, selections: Selections, scores: Validation | None) -> None:
@@ -68,13 +70,3 @@ def _write_one(folder: Path, mark: str, selections: Selections, scores: Validati
     (folder / f"report{mark}.txt").write_text("\n\n".join(report) + "\n", encoding="utf-8")
     if scores is not None:
         (folder / f"validation{mark}.json").write_text(json_text(scores.to_dict()), encoding="utf-8")
-
-
-def _write_plots(folder: Path, selections: Selections, shown: Sequence[Recording]) -> None:
-    from structsel.plotting import draw_selection  # matplotlib takes a while to load
-
-    folder.mkdir()
-    with ProgressBar("drawing") as waiting:
-        for i, (name, figure) in enumerate(draw_selection(selections, shown), 1):
-            figure.savefig(folder / f"{name}.png", dpi=110)
-            waiting("plots", i, 3 * len(selections))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ import typer
 
 from structsel.cli.comparison_tables import summarise_simulation
 from structsel.cli.dataclass_options import takes_dataclass
-from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.folders import names_in, output_folder, refuse_existing, save_figures
 from structsel.cli.help_text import epilog
 from structsel.cli.messages import ProgressBar, json_text, print_json, say, stdout
 from structsel.cli.models import (
@@ -311,13 +311,8 @@ def _write(out: Path, found: _SimulationRun, content: Mapping[str, Any], plots: 
             write_recording(flight, folder / "flights" / f"{flight.name}.csv")
         (folder / "simulation.json").write_text(json_text(content), encoding="utf-8")
         if plots and found.flights:
-            _draw(folder / "plots", found.flights, found.recorded)
-        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+            from structsel.plotting import draw_flight  # matplotlib takes a while to load
 
-
-def _draw(folder: Path, flights: Sequence[Recording], recorded: Mapping[str, Recording]) -> None:
-    from structsel.plotting import draw_flight  # matplotlib takes a while to load
-
-    folder.mkdir()
-    for flight in flights:
-        draw_flight(flight, recorded.get(flight.name)).savefig(folder / f"{flight.name}.png", dpi=110)
+            pairs = ((flight, found.recorded.get(flight.name)) for flight in found.flights)
+            save_figures(folder / "plots", ((one.name, draw_flight(one, recorded)) for one, recorded in pairs))
+        return names_in(folder)

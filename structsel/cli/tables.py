@@ -39,7 +39,7 @@ def print_table(console: Console, table: Table) -> None:
     """Print a table; columns of detail that do not fit are left out, the last one first."""
     shown = table
     while _width(shown) > console.width and any(column.detail for column in shown.columns):
-        shown = _without_last_detail(shown)
+        shown = shown.without_column(max(j for j, column in enumerate(shown.columns) if column.detail))
     if shown.title:
         console.print(Text(shown.title, "bold"))
     rich = RichTable(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 0, 0, 1), collapse_padding=True)
@@ -72,13 +72,6 @@ def _folding_column(table: Table) -> int | None:
     """The widest column of words, which is wrapped if the table is too wide."""
     words = [j for j, column in enumerate(table.columns) if column.align == "left"]
     return max(words, key=lambda j: _width_of(table, j), default=None)
-
-
-def _without_last_detail(table: Table) -> Table:
-    last = max(j for j, column in enumerate(table.columns) if column.detail)
-    kept = [j for j in range(len(table.columns)) if j != last]
-    rows = tuple(tuple(row[j] for j in kept) for row in table.rows)
-    return Table(tuple(table.columns[j] for j in kept), rows, table.title, table.rules)
 
 
 def indented(console: Console, mark: str, style: str, text: str) -> None:

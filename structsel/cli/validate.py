@@ -11,12 +11,12 @@ import typer
 
 from structsel.aircraft import Aircraft
 from structsel.cli.dataclass_options import takes_dataclass
-from structsel.cli.folders import output_folder, refuse_existing
+from structsel.cli.folders import names_in, output_folder, refuse_existing, save_figures
 from structsel.cli.help_text import epilog
 from structsel.cli.messages import ProgressBar, json_text, print_json, stdout
 from structsel.cli.models import Define, Rho, read_definitions
-from structsel.cli.parsing import split_names
-from structsel.cli.qualification import qualify_and_show, read_kinds
+from structsel.cli.parsing import read_texts, split_names
+from structsel.cli.qualification import qualify_and_show
 from structsel.cli.recordings import (
     OUTPUT,
     Files,
@@ -177,7 +177,7 @@ def _qualify(
     """Proof of match; see `structsel.cli.qualification`."""
     if replay.outputs:
         raise typer.BadParameter("--outputs does not apply to --qtg: the tests state what is compared.")
-    kinds = read_kinds(replay.kind or [])
+    kinds = read_texts("--kind", replay.kind or [], "MANOEUVRE=KIND, as m01=phugoid")
     aircraft, flights = _read(files, recorded)
     qualify_and_show(
         model, replay.corrected, files, out, json, aircraft=aircraft, recordings=flights, kinds=kinds,
@@ -203,7 +203,5 @@ def _write(out: Path, found: Resimulation, plots: bool) -> list[str]:
         if plots:
             from structsel.plotting import draw_resimulation  # matplotlib takes a while to load
 
-            (folder / "plots").mkdir()
-            for name, figure in draw_resimulation(found):
-                figure.savefig(folder / "plots" / f"{name}.png", dpi=110)
-        return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
+            save_figures(folder / "plots", draw_resimulation(found))
+        return names_in(folder)
