@@ -105,22 +105,11 @@ def compute_all(
     Parameters
     ----------
     recordings : iterable of Recording
-    aircraft : Aircraft
+    aircraft, method, order
+        As for `compute_coefficients`, which has the exceptions as well.
     V0 : float, optional
         Reference airspeed [m/s]. Where neither it nor the aircraft's is given, it is the mean V of the first
         recording, and a finding in each says so.
-    method, order
-        Of differentiation, as for `compute_coefficients`.
-
-    Returns
-    -------
-    list of Recording
-        In the same order.
-
-    Raises
-    ------
-    ChannelError, DomainError, AircraftError
-        As `compute_coefficients`.
     """
     made: list[Recording] = []
     shared = aircraft.V0 if V0 is None else V0
@@ -142,12 +131,12 @@ class _Computation:
         recording.require(*(name for name in _OPTIONAL if name in recording), finite=True, by=_WHO)
         self.aircraft, self.method, self.order = aircraft, method, order
         recording = with_entry_findings(recording)
-        # Findings of an earlier run would speak of channels that are made anew.
+        # Findings of an earlier run would speak of channels that are computed again.
         old = tuple(f for f in recording.findings if f.kind not in _KINDS)
         self.recording = replace(recording, findings=old)
         self.findings: list[Finding] = []
         self.at_cg = recording.at_cg
-        _require_above_zero(self.recording, "V", recording["V"])
+        self.recording.require_above_zero("V", by=_WHO)
         self._differentiate(*(rate for rate in BODY_RATES if rate in recording))
         self._carry_vanes()
 
@@ -223,10 +212,10 @@ class _Computation:
                     "If the file holds one under another name, say so in a channel map."
                 )
             self._add(f"qbar: 0.5 rho V^2 with {source}", qbar=0.5 * rho * record["V"] ** 2)
-        _require_above_zero(self.recording, "qbar", self.recording["qbar"])
+        self.recording.require_above_zero("qbar", by=_WHO)
         if "mach" not in record:
             if "temperature" in record:
-                _require_above_zero(record, "temperature", record["temperature"])
+                record.require_above_zero("temperature", by=_WHO)
                 sound, source = np.sqrt(1.4 * 287.05287 * record["temperature"]), "the recorded temperature"
             elif "h" in record:
                 sound, source = standard_atmosphere(record["h"])[3], "the standard atmosphere at h"
@@ -256,7 +245,7 @@ class _Computation:
         record, thrust_line = self.recording, self.aircraft.thrust
         if "mass" in record:
             mass: float | np.ndarray = record["mass"]
-            _require_above_zero(record, "mass", record["mass"])
+            record.require_above_zero("mass", by=_WHO)
         elif self.aircraft.mass is not None:
             mass = self.aircraft.mass
         else:
@@ -278,7 +267,7 @@ class _Computation:
         beta = record.channels.get("beta", np.zeros(len(record)))
         if "beta" not in record or "ay" not in record:
             missing = " and ".join(name for name in ("beta", "ay") if name not in record)
-            self._say("assumed", "CD", f"no {missing} recorded; their share of the drag is taken as zero")
+            self._say("assumed", "CD", f"no {missing} recorded; their part of the drag is taken as zero")
         CL, CD = lift_and_drag(CX, CY, CZ, record["alpha"], beta)
         self._add("CL, CD: from the body-axis coefficients", CL=CL, CD=CD)
 
@@ -353,28 +342,3 @@ class _Computation:
 
 def _metres(place: np.ndarray) -> str:
     return "(" + ", ".join(f"{x:g}" for x in place) + ") m"
-
-
-def _require_above_zero(recording: Recording, name: str, values: np.ndarray) -> None:
-    bad = np.flatnonzero(~(values > 0.0))
-    if not bad.size:
-        return
-    i = int(bad[0])
-    # The longest stretch in flight is what the user most likely wants.
-    edges = np.concatenate(([-1], bad, [len(values)]))
-    k = int(np.argmax(np.diff(edges)))
-    first, last = int(edges[k]) + 1, int(edges[k + 1]) - 1
-    remedy, cli_remedy = "Check the unit and the sign in the channel map.", ""
-    if last > first:
-        t = recording.t
-        part = f"{t[first]:g}, {t[last]:g}"
-        remedy = f"Take the part in flight: recording.between({part}) is the longest."
-        cli_remedy = (
-            f"Take the part in flight with [file] rows = [first, last] in a channel map; t = {part} s is the longest."
-        )
-    raise DomainError(
-        f"{_WHO} needs '{name}' [{recording.unit(name)}] above zero; in '{recording.name}' it is "
-        f"{values[i]:g} at sample {i} (t = {recording.t[i]:g} s), {bad.size} such samples in all.",
-        remedy=remedy,
-        cli_remedy=cli_remedy,
-    )

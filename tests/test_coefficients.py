@@ -107,7 +107,7 @@ def test_a_longitudinal_recording_gives_what_it_can_and_says_what_it_cannot(calm
     assert {"CY", "Cl", "Cn", "beta"} <= set(left_out)
     assert "no p and r recorded" in left_out["Cl"]
     assert "inertial coupling in Cm" in assumed["p"]
-    assert "share of the drag is taken as zero" in assumed["CD"]
+    assert "part of the drag is taken as zero" in assumed["CD"]
 
 
 def test_an_unrecorded_thrust_stays_inside_and_is_said(clean):

@@ -1,4 +1,4 @@
-"""Errors about channels that are missing from a recording, or not finite, with the most likely remedy."""
+"""Errors about channels that a recording lacks, or that are not finite or not above zero, with the likely remedy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from structsel.errors import ChannelError, DataError
+from structsel.errors import ChannelError, DataError, DomainError
 from structsel.nomenclature import close_names, find_channel, is_known
 
 _COMMANDS = {
@@ -44,6 +44,28 @@ def not_finite_error(text: str, recording: str, t: np.ndarray, values: np.ndarra
         f"{text}; in '{recording}' it is {values[i]} at sample {i} (t = {t[i]:g} s), {bad.size} in all.",
         remedy="Take a part without them with recording.between(), or correct the file.",
         cli_remedy="Take a part without them with [file] rows = [first, last] in a channel map.",
+    )
+
+
+def not_above_zero_error(text: str, recording: str, t: np.ndarray, values: np.ndarray) -> DomainError:
+    """Error that begins with `text`, then has the first sample that is not above zero, and the longest part that is."""
+    bad = np.flatnonzero(~(values > 0.0))
+    i = int(bad[0])
+    # The longest part in flight is most likely what the user wants.
+    edges = np.concatenate(([-1], bad, [len(values)]))
+    k = int(np.argmax(np.diff(edges)))
+    first, last = int(edges[k]) + 1, int(edges[k + 1]) - 1
+    remedy, cli_remedy = "Check the unit and the sign in the channel map.", ""
+    if last > first:
+        part = f"{t[first]:g}, {t[last]:g}"
+        remedy = f"Take the part in flight: recording.between({part}) is the longest."
+        cli_remedy = (
+            f"Take the part in flight with [file] rows = [first, last] in a channel map; t = {part} s is the longest."
+        )
+    return DomainError(
+        f"{text}; in '{recording}' it is {values[i]:g} at sample {i} (t = {t[i]:g} s), {bad.size} such samples in all.",
+        remedy=remedy,
+        cli_remedy=cli_remedy,
     )
 
 

@@ -85,8 +85,8 @@ class GrowingFile:
         if not self._last_line and not self._found_header(text):
             return None
         if not self._last_line:
-            whole, text = text, text[len(self._header) :]
-            self._place += len(whole)
+            all_text, text = text, text[len(self._header) :]
+            self._place += len(all_text)
         else:
             self._place += len(text)
         return text

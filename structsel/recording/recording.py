@@ -17,9 +17,8 @@ import numpy as np
 from structsel.errors import DataError, StructselWarning
 from structsel.formatting import count_of
 from structsel.nomenclature import unit_of
-from structsel.recording import signals
 from structsel.recording.arrays import checked_channels, checked_time, frame_channels
-from structsel.recording.channel_errors import missing_channels_error, not_finite_error
+from structsel.recording.channel_errors import missing_channels_error, not_above_zero_error, not_finite_error
 from structsel.recording.checks import (
     GAP,
     RECOMPUTED_KINDS,
@@ -30,6 +29,7 @@ from structsel.recording.checks import (
     require_time,
 )
 from structsel.recording.finding import Finding
+from structsel.recording.signals import SignalMethods
 from structsel.recording.summary import range_of, summarise
 from structsel.results import Result
 from structsel.tables import Summary
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recording(Result):
+class Recording(SignalMethods, Result):
     """Named channels on one time axis, read-only.
 
     Attributes
@@ -185,12 +185,19 @@ class Recording(Result):
                 text = f"{needs} finite samples of channel '{name}' [{self.unit(name)}]"
                 raise not_finite_error(text, self.name, self.t, self[name])
 
+    def require_above_zero(self, name: str, *, by: str) -> None:
+        """Raise a DomainError if a sample of a channel is not above zero; `by` is the function that needs it."""
+        if not (self[name] > 0.0).all():
+            text = f"{by} needs '{name}' [{self.unit(name)}] above zero"
+            raise not_above_zero_error(text, self.name, self.t, self[name])
+
     def with_channels(
         self,
         *,
         note: str = "",
         units: Mapping[str, str] | None = None,
         at_cg: Iterable[str] = (),
+        findings: Iterable[Finding] = (),
         **arrays: np.ndarray | float,
     ) -> Recording:
         """Recording with additional or replaced channels.
@@ -203,6 +210,8 @@ class Recording(Result):
             Units of the new channels; see `Recording`.
         at_cg : iterable of str
             Channels that are at the centre of gravity, in addition to those that were there.
+        findings : iterable of Finding
+            Added to the findings, after those of the new channels.
         **arrays : (n,) array or float
             In the nomenclature's unit and sign unless `units` gives another unit; a number is a constant channel.
         """
@@ -220,7 +229,7 @@ class Recording(Result):
         )
         for name in added:
             kept += check_channel(name, made.t, made[name])
-        object.__setattr__(made, "findings", tuple(kept))
+        object.__setattr__(made, "findings", (*kept, *findings))
         return made
 
     def between(self, start: float, end: float) -> Recording:
@@ -294,88 +303,6 @@ class Recording(Result):
         found = check_recording(self.t, self.channels)
         kept = tuple(f for f in self.findings if f.kind not in RECOMPUTED_KINDS)
         return replace(self, findings=kept + found)
-
-    def differentiate(self, *names: str, method: str = "central", order: int = 4) -> Recording:
-        """Add the time derivatives ``p_dot``, ... of channels.
-
-        If the sampling is not uniform, the chain rule over the sample number is used; the spline needs no such rule,
-        and "fourier" needs uniform sampling. The spline also interpolates samples that are NaN; the provenance has
-        their number.
-
-        Parameters
-        ----------
-        *names : str
-        method, order
-            As `structsel.numerics.differentiation.differentiate` takes them.
-
-        Raises
-        ------
-        ChannelError
-            If a channel is missing.
-        DataError
-            If there is a gap in time, or a sample is not finite.
-        """
-        return signals.differentiate(self, names, method, order)
-
-    def remove_spikes(self, *names: str, threshold: float = 5.0) -> Recording:
-        """Replace isolated wrong samples of channels by a local fit, and report each.
-
-        A channel with replaced samples gets a finding of kind "spike" and a line in the provenance with the number,
-        time and old value of every replaced sample.
-
-        Parameters
-        ----------
-        *names : str
-        threshold : float [-]
-            In standard deviations of the channel's noise; the other criteria are those of
-            `structsel.numerics.signal_quality.find_spikes`.
-
-        Raises
-        ------
-        ChannelError
-            If a channel is missing.
-        """
-        return signals.remove_spikes(self, names, threshold)
-
-    def unwrap(self, *names: str, turn: float = 2.0 * np.pi) -> Recording:
-        """Remove jumps by complete turns from angles, which then continue beyond pi (or 360 degrees).
-
-        A jump within a quarter turn of a multiple of a turn is a wrap; other jumps are kept. NaN samples are ignored.
-
-        Parameters
-        ----------
-        *names : str
-        turn : float [rad]
-            Jump of the channel where it wraps: pi for a bank angle that is recorded in half turns.
-
-        Raises
-        ------
-        ChannelError
-            If a channel is missing.
-        """
-        return signals.unwrap(self, names, turn)
-
-    def align(self, delays: Mapping[str, float]) -> Recording:
-        """Advance delayed channels, each by its own delay.
-
-        Parameters
-        ----------
-        delays : mapping of str to float [s]
-            Positive if the channel is delayed; `reconstruct` estimates the delays of a recording.
-
-        Returns
-        -------
-        Recording
-            The last samples of an advanced channel are unknown: they are NaN, with a finding "not-finite".
-
-        Raises
-        ------
-        ChannelError
-            If a channel is missing.
-        DomainError
-            If a delay is not finite.
-        """
-        return signals.align(self, delays)
 
     def to_frame(self) -> pd.DataFrame:
         """Columns ``t`` and the channels, one row for each sample."""
