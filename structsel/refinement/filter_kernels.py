@@ -1,7 +1,7 @@
 """Filter error of linear models: the steady Kalman gain of many systems, and their predictions sample by sample.
 
-Process noise w, for example turbulence, moves the states beside the inputs. The innovations v correct the states
-through a steady Kalman gain K::
+Process noise w, for example turbulence, moves the states in addition to the inputs. The innovations v correct the
+states through a steady Kalman gain K::
 
     x' = f(x, u) + w                        v[k] = z[k] - y(x[k], u[k])
     z  = y(x, u) + n                        x[k] <- x[k] + K v[k], then on to the next sample
@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from structsel.numerics.compiling import njit
+from structsel.numerics.linear_systems import discretise_noise
 
 _DOUBLINGS = 60  # 2^60 samples: a gain that is not steady by then never is
 _CONVERGED = 1e-12
@@ -122,6 +123,26 @@ def predict_linear(
     arrays = [np.ascontiguousarray(a, dtype=float) for a in (Phi, state_input, C, feedthrough, x0, gain, measured)]
     _predict(*arrays, y)  # type: ignore[call-arg]
     return y
+
+
+def sampled_gain(
+    A: np.ndarray, C: np.ndarray, process: np.ndarray, variances: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Steady gain (m, s, c) of continuous systems, and the variance (m, c) of their outputs from that of the states.
+
+    Parameters
+    ----------
+    A : (m, s, s) array
+    C : (m, c, s) array
+    process : (m, s) array
+        Intensities of the process noise, the square roots of its spectral densities.
+    variances : (m, c) array
+        Of the measurements.
+    dt : float [s]
+    """
+    Phi, Q = discretise_noise(A, diagonal(process**2), dt)
+    K, P = steady_gain(Phi, C, Q, variances)
+    return K, np.einsum("mcs,mst,mct->mc", C, P, C)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

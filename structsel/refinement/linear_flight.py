@@ -8,9 +8,9 @@ import numpy as np
 
 from structsel.errors import ModelError
 from structsel.nomenclature import suggest
-from structsel.numerics.linear_systems import discretise, discretise_noise, interval, simulate_linear, split_delay
+from structsel.numerics.linear_systems import discretise, interval, simulate_linear, split_delay
 from structsel.recording import Recording
-from structsel.refinement.filter_kernels import diagonal, predict_linear, steady_gain
+from structsel.refinement.filter_kernels import predict_linear, sampled_gain
 from structsel.refinement.linear_structure import LinearStructure, Matrices
 from structsel.refinement.protocols import Simulator
 from structsel.simulation.linear import LinearModel
@@ -146,12 +146,12 @@ class InputResponse:
         for which, extra in ((self.delayed, delay), (~self.delayed, 0.0)):
             if not which.any():
                 continue
-            whole, part = split_delay(np.clip(made.delay + extra, 0.0, longest), self.dt)
+            steps, part = split_delay(np.clip(made.delay + extra, 0.0, longest), self.dt)
             Phi, _, G = interval(made.A, made.B * which, self.dt, part, self.hold)
             D = made.D * which
             weight_before = (part > 0.0).astype(float) if self.hold == "hold" else part
-            for d in np.unique(whole):
-                some = np.flatnonzero(whole == d)
+            for d in np.unique(steps):
+                some = np.flatnonzero(steps == d)
                 for e in range(3):
                     state_input[some] += np.einsum("fi,msi->mfs", self.shifted(d + 1 - e), G[e, some])
                 for shift, weight in ((d, 1.0 - weight_before), (d + 1, weight_before)):
@@ -178,9 +178,7 @@ class LinearFilter:
         """Steady gain (m, s, o), and the variance of the outputs due to the uncertainty of the states, (m, o)."""
         made = self.structure.matrices(values)
         C = made.C[:, self.outputs]
-        Phi, Q = discretise_noise(made.A, diagonal(process**2), self.dt)
-        K, P = steady_gain(Phi, C, Q, variances)
-        return K, np.einsum("mos,mst,mot->mo", C, P, C)
+        return sampled_gain(made.A, C, process, variances, self.dt)
 
     def predict(
         self, values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray, gain: np.ndarray,

@@ -20,9 +20,8 @@ from structsel.nomenclature import (
 from structsel.numerics.air_data import body_velocity
 from structsel.numerics.flight_model import STATES, outputs_index
 from structsel.numerics.flight_simulation import Correction, linearise_batch, simulate_batch
-from structsel.numerics.linear_systems import discretise_noise
 from structsel.recording import Recording
-from structsel.refinement.filter_kernels import diagonal, steady_gain
+from structsel.refinement.filter_kernels import sampled_gain
 from structsel.refinement.linear_flight import delayed_inputs
 from structsel.refinement.protocols import Simulator
 from structsel.simulation.atmosphere import Atmosphere
@@ -241,9 +240,7 @@ class NonlinearFilter:
         A, C = linearise_batch(
             ready.compiled, ready.manoeuvre, self._full(values), self.about, self.controls, self.states, self.observed
         )
-        Phi, Q = discretise_noise(A, diagonal(process**2), self.dt)
-        K, P = steady_gain(Phi, C, Q, variances)
-        return K, np.einsum("mos,mst,mot->mo", C, P, C)
+        return sampled_gain(A, C, process, variances, self.dt)
 
     def predict(
         self, values: np.ndarray, start: np.ndarray, drift: np.ndarray, delay: np.ndarray, gain: np.ndarray,
