@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import re
 import sys
 import threading
@@ -22,7 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.text import Text
 
 from structsel.cli.input_files import provenance
-from structsel.formatting import printable
+from structsel.formatting import finite_or_none, printable
 from structsel.numerics.compiling import compilation
 
 PROGRESS_DELAY = 2.0
@@ -218,14 +217,6 @@ def json_text(content: Any) -> str:
     """Return a result as JSON with its provenance; numbers that are not finite become null."""
     if isinstance(content, dict) and "schema" in content:
         content = {**content, "provenance": provenance()}
-    text = json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(finite_or_none(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     # JSON itself escapes the control characters below 32 only; a terminal obeys these too.
     return re.sub("[\x7f-\x9f]", lambda found: f"\\u{ord(found[0]):04x}", text)
-
-
-def _plain(content: Any) -> Any:
-    if isinstance(content, dict):
-        return {key: _plain(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_plain(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content

@@ -15,6 +15,7 @@ import scipy
 
 from structsel.deprecation import renamed_attribute
 from structsel.errors import ModelError
+from structsel.formatting import finite_or_none
 from structsel.recording import Recording
 from structsel.results import Result
 from structsel.simulation.linear import Hold, LinearModel
@@ -97,7 +98,7 @@ class Information(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types, for JSON."""
-        bounds = [float(s) if np.isfinite(s) else None for s in self.crlb]
+        bounds = finite_or_none(self.crlb.tolist())
         return {
             "input": self.name,
             "crlb": dict(zip(self.parameters, bounds)),

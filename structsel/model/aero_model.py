@@ -212,7 +212,8 @@ class AeroModel(Result):
         path : path
         overwrite : bool
         provenance : mapping, optional
-            As `structsel.provenance.provenance_of` the files that the model was made of; versions alone if not given.
+            As `structsel.provenance.provenance_of`, with the files that the model was identified from; versions alone
+            if not given.
 
         Raises
         ------

@@ -29,6 +29,7 @@ from structsel.candidates.formula import Node, evaluate, get_channel
 from structsel.candidates.parse import parse_formula
 from structsel.deprecation import renamed_value
 from structsel.errors import ChannelError, ModelError
+from structsel.formatting import finite_or_none
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import actuate, delayed, steady_formula
 
@@ -202,7 +203,7 @@ class State:
             "kind": self.kind,
             "input": self.input,
             "parameters": {
-                name: {"value": q.value, "std": q.std if math.isfinite(q.std) else None, "unit": q.unit}
+                name: {"value": q.value, "std": finite_or_none(q.std), "unit": q.unit}
                 for name, q in self.parameters.items()
             },
         }

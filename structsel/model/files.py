@@ -1,4 +1,4 @@
-"""model.json: its schema, read and written whole or not at all."""
+"""model.json: its schema, read and written completely or not at all."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def write(path: str | os.PathLike[str], content: dict[str, Any], overwrite: bool) -> None:
-    """Write a model file; what stood there stays until the new one is whole.
+    """Write a model file; a former one remains until the new one is complete.
 
     Raises
     ------

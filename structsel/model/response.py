@@ -16,7 +16,7 @@ from structsel.candidates.formula import substitute
 from structsel.candidates.terms import Factor, product, samples
 from structsel.deprecation import renamed_arguments, renamed_attribute
 from structsel.errors import ModelError
-from structsel.formatting import count_of
+from structsel.formatting import count_of, finite_or_none
 from structsel.model.dynamics import RecordingWithStates, State
 from structsel.model.ranges import RangeExcursion, find_excursions
 from structsel.nomenclature import unit_of
@@ -255,7 +255,7 @@ class ResponseModel(Estimates):
         return {
             "terms": [str(term) for term in self.terms],
             "values": self.values.tolist(),
-            "standard_errors": [_known(v) for v in self._errors.tolist()],
+            "standard_errors": finite_or_none(self._errors.tolist()),
             **({} if self.error_dof is None else {"error_dof": self.error_dof.tolist()}),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
             "method": self.method,
@@ -263,23 +263,11 @@ class ResponseModel(Estimates):
             "biased": self.biased,
             "region": {name: list(bounds) for name, bounds in self.ranges.items()},
             "n": self.n,
-            "s2": _known(self.s2),
-            "r2": _known(self.r2),
+            "s2": finite_or_none(self.s2),
+            "r2": finite_or_none(self.r2),
             **({"constants": dict(self.constants)} if self.constants else {}),
             **({"held": [str(term) for term in self.held]} if self.held else {}),
         }
-
-    def _table(self) -> list[str]:
-        width = max([4, *(len(str(term)) for term in self.terms)])
-        heads = [("value", 12), ("std error", 10), ("t", 8), ("95 % low", 12), ("high", 12)]
-        lines = ["  ".join([f"  {'term':<{width}}", *(f"{head:>{w}}" for head, w in heads)])]
-        rows = zip(self.terms, self.values, self._errors, self.t_values, self.intervals())
-        for term, value, error, t, (low, high) in rows:
-            known = [f"{error:>10.3g}", f"{t:>8.1f}", f"{low:>12.5g}", f"{high:>12.5g}"]
-            if not math.isfinite(error):
-                known = [f"{'-':>{w}}" for _, w in heads[1:]]
-            lines.append("  ".join([f"  {term!s:<{width}}", f"{value:>12.5g}", *known]))
-        return lines
 
     def summary(self, name: str = "") -> Summary:
         """Terms and estimates, under the name of the response."""
@@ -309,10 +297,6 @@ def _array(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     if array.shape != shape:
         raise ModelError(f"{what} has shape {array.shape}; {shape[0]} terms need {shape}.")
     return array
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def response_rows(name: str, model: ResponseModel) -> list[dict[str, Any]]:

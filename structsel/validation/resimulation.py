@@ -11,7 +11,7 @@ import numpy as np
 
 from structsel.deprecation import renamed_attribute
 from structsel.errors import ModelError
-from structsel.formatting import count_of, format_number
+from structsel.formatting import count_of, finite_or_none, format_number
 from structsel.metrics import MetricValues, Normaliser, compute_metrics, in_tables
 from structsel.nomenclature import unit_of
 from structsel.recording import Recording
@@ -204,8 +204,8 @@ class Resimulation(Result):
             "window": self.window,
             "normaliser": self.normaliser,
             "bands": dict(self.bands),
-            "scores": [_plain(one) for one in self.scores],
-            "pooled": [_plain(one) for one in self.pooled],
+            "scores": finite_or_none([one.to_dict() for one in self.scores]),
+            "pooled": finite_or_none([one.to_dict() for one in self.pooled]),
             "departures": [asdict(one) for one in self.divergences],
             "doubts": list(self.doubts),
         }
@@ -229,7 +229,3 @@ class Resimulation(Result):
             notes=(f"{note}in band: fraction of samples within {bands}.",),
             warnings=(*self.divergence_notes(), *self.doubts),
         )
-
-
-def _plain(score: ResimulationScore) -> dict[str, Any]:
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in score.to_dict().items()}

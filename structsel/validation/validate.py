@@ -12,7 +12,7 @@ import scipy
 
 from structsel import whiteness
 from structsel.errors import DomainError, ModelError
-from structsel.formatting import UNDEFINED
+from structsel.formatting import UNDEFINED, finite_or_none
 from structsel.metrics import MetricValues, Normaliser, compute_metrics, in_tables
 from structsel.model import AeroModel
 from structsel.recording import Recording, require_recordings
@@ -74,9 +74,9 @@ class Score(MetricValues):
     def to_dict(self) -> dict[str, Any]:
         """Return the score as plain numbers, None for what is not defined."""
         row: dict[str, Any] = {"response": self.response, "recording": self.recording, "n": self.n, **self.metrics}
-        row["autocorrelation"] = [_known(v) for v in self.autocorrelation.tolist()]
-        row |= {name: getattr(self, name) for name in _WHITENESS}
-        return {key: _known(v) if isinstance(v, float) else v for key, v in row.items()}
+        row["autocorrelation"] = self.autocorrelation.tolist()
+        found: dict[str, Any] = finite_or_none(row | {name: getattr(self, name) for name in _WHITENESS})
+        return found
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -294,7 +294,3 @@ def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> dict[str, Any]:
         "ljung_box_p": float(scipy.stats.chi2.sf(statistic, lags * len(residuals))),
         "durbin_watson": float(steps / sum(e @ e for e in residuals)),
     }
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
