@@ -180,14 +180,6 @@ def r2(measured: Any, modelled: Any) -> float:
 
     One is perfect, zero no better than the mean; below zero is worse than the mean.
 
-    Parameters
-    ----------
-    measured, modelled : (n,) array
-
-    Returns
-    -------
-    float
-
     Raises
     ------
     DomainError
@@ -212,7 +204,6 @@ def adjusted_r2(measured: Any, modelled: Any, n_terms: int) -> float:
 
     Parameters
     ----------
-    measured, modelled : (n,) array
     n_terms : int
         Terms of the model, the constant not counted.
 
@@ -236,7 +227,6 @@ def rrmse(measured: Any, modelled: Any, normaliser: Normaliser = "rms") -> float
 
     Parameters
     ----------
-    measured, modelled : (n,) array
     normaliser : {"rms", "std", "range"}
         ``rms`` of the measured response about zero, its standard deviation (divided by n), or its greatest
         less its least value.
@@ -266,10 +256,6 @@ def tic(measured: Any, modelled: Any) -> float:
 
         TIC = rms(y - yhat) / (rms(y) + rms(yhat))
 
-    Parameters
-    ----------
-    measured, modelled : (n,) array
-
     Raises
     ------
     DomainError
@@ -291,10 +277,6 @@ def tic(measured: Any, modelled: Any) -> float:
 @metric(label="corr", best=1.0, brief=False)
 def correlation(measured: Any, modelled: Any) -> float:
     """Pearson's correlation coefficient of measured and modelled response.
-
-    Parameters
-    ----------
-    measured, modelled : (n,) array
 
     Raises
     ------

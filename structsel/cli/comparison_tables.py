@@ -16,7 +16,7 @@ from structsel.selection import Selection
 from structsel.tables import Cell, Column, Summary, Table, text_column
 
 _MOTION = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "h", "ax", "ay", "az")
-_MOST_PARAMETERS = 5  # in one table
+_MAX_PARAMETERS = 5  # in one table
 
 
 def summarise_methods(response: str, by_method: Mapping[str, Selection]) -> Summary:
@@ -125,8 +125,8 @@ def summarise_scatter(found: Sequence[Scatter]) -> Summary:
     """Scatter of the estimates of repeated simulations over the Cramer-Rao bound, for each input."""
     names = found[0].parameters
     tables = []
-    for first in range(0, len(names), _MOST_PARAMETERS):
-        some = slice(first, first + _MOST_PARAMETERS)
+    for first in range(0, len(names), _MAX_PARAMETERS):
+        some = slice(first, first + _MAX_PARAMETERS)
         rows = tuple((one.name, len(one.estimates), one.lost, *(one.std / one.crlb)[some]) for one in found)
         numbers = (Column("simulations"), Column("lost"), *(Column(name, "3f") for name in names[some]))
         tables.append(Table((text_column("input"), *numbers), rows))

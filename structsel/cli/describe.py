@@ -40,7 +40,7 @@ GuessMap = Annotated[
     ),
 ]
 _TONES: dict[str, Tone] = {SURE: "good", UNSURE: "warning"}
-_MOST_NAMES = 20  # unrecognised columns that are named; the map lists all
+_MAX_NAMES = 20  # unrecognised columns that are named; the map lists all
 
 
 def run(files: Files, channel_map: Map = None, guess_map_file: GuessMap = None, json: Json = False) -> None:
@@ -95,10 +95,10 @@ def _summary(guessed: GuessedMap) -> Summary:
     columns = (text_column("channel"), text_column("sure"), text_column("column"), text_column("why"))
     rows = tuple((g.channel, Cell(g.sure, _TONES.get(g.sure, "")), " ".join(g.columns), g.why) for g in guessed.guesses)
     names = list(guessed.unplaced)
-    more = f", ... ({len(names)} in all)" if len(names) > _MOST_NAMES else ""
+    more = f", ... ({len(names)} in all)" if len(names) > _MAX_NAMES else ""
     return Summary(
         Path(guessed.path).name,
         f"{count_of(len(guessed.guesses), 'channel')} guessed",
         tables=(Table(columns, rows),),
-        notes=(f"not recognised: {', '.join(names[:_MOST_NAMES])}{more}",) if names else (),
+        notes=(f"not recognised: {', '.join(names[:_MAX_NAMES])}{more}",) if names else (),
     )

@@ -122,7 +122,7 @@ class CandidateOptions:
 
 @dataclass(frozen=True)
 class SelectionOutputOptions:
-    """What is printed, and what is written to the folder of ``--out``."""
+    """Content of the printed text, and of the folder of ``--out``."""
 
     out: Annotated[
         Path | None, option("--out", "Folder for model.json, report.html, tables and plots.", OUTPUT, "DIR")

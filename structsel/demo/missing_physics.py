@@ -93,7 +93,7 @@ def demo_missing_physics(effect: str = "ground-effect", flights: int = 4, *, see
     Raises
     ------
     DataError
-        The effect has no example, or no flight is asked for.
+        The effect has no example, or the number of flights is zero.
 
     Examples
     --------

@@ -39,7 +39,7 @@ _HELPERS = {
 
 
 def write_c(model: AeroModel, aircraft: Aircraft | None, path: Path) -> dict[Path, str]:
-    """Source and, beside it, the header that declares inputs, outputs and the function.
+    """Source, and the header that declares inputs, outputs and the function.
 
     Raises
     ------

@@ -56,10 +56,10 @@ def export_model(
     model : AeroModel
     path : str or path
     to : {"jsbsim", "python", "c", "modelica", "latex", "csv", "summary"}
-        ``jsbsim``: section ``<aerodynamics>``, forces and moments in body axes; with an `aircraft` the whole aircraft
-        around it, its thrust an external force. ``python``, ``c`` (C99, its header written beside it), ``modelica``:
-        a function of the model's channels [SI] that needs nothing else. ``latex``: equations and table. ``csv``: one
-        row per term below comments. ``summary``: text as statsmodels prints it.
+        ``jsbsim``: section ``<aerodynamics>``, forces and moments in body axes; with an `aircraft` the
+        complete aircraft around it, its thrust an external force. ``python``, ``c`` (C99, with its header),
+        ``modelica``: a function of the model's channels [SI] that needs nothing else. ``latex``: equations
+        and table. ``csv``: one row per term below comments. ``summary``: text as statsmodels prints it.
     aircraft : Aircraft, optional
         For the areas and lengths that the coefficients refer to; for JSBSim with mass and inertia.
     definitions : mapping of channel to formula, optional
@@ -67,7 +67,7 @@ def export_model(
     properties : mapping of channel to str, optional
         For JSBSim: properties that hold channels [SI] which it does not have, or has under another name.
     overwrite : bool
-        Replace files that are there. They stay until the new ones are whole.
+        Replace files that are there. They remain until the new ones are complete.
 
     Returns
     -------
@@ -117,8 +117,8 @@ def export_model(
 def _write(written: _Written) -> None:
     """Write all files, or none."""
     try:
-        with ExitStack() as whole:  # none takes its name before all are written
+        with ExitStack() as files_to_replace:  # none takes its name before all are written
             for file, text in written.items():
-                whole.enter_context(replacing(file)).write_text(text, encoding="utf-8", newline="\n")
+                files_to_replace.enter_context(replacing(file)).write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
         raise DataError(f"'{next(iter(written))}' cannot be written: {error.strerror or error}.") from error

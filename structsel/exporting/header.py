@@ -23,9 +23,9 @@ def reference_lines(model: AeroModel, aircraft: Aircraft | None) -> list[str]:
         lines.append(f"Reference: {sizes} ({one_line(aircraft.name)}).")
     if not model.ranges:
         return [*lines, "The model does not say where it was flown. Inputs are not clipped."]
-    flown = [f"  {one_line(name)} {low!r} to {high!r} {unit_of(name)}" for name, (low, high) in model.ranges.items()]
+    ranges = [f"  {one_line(name)} {low!r} to {high!r} {unit_of(name)}" for name, (low, high) in model.ranges.items()]
     outside = "Outside it is an extrapolation. Inputs are not clipped."
-    return [*lines, "Flown by every response, and valid, within:", *flown, outside]
+    return [*lines, "Flown by every response, and valid, within:", *ranges, outside]
 
 
 def unit_of(name: str) -> str:
@@ -38,8 +38,8 @@ def describe_channel(name: str, model: AeroModel, written: str) -> str:
     said = find_channel(name).meaning if is_known(name) else "as in the recordings"
     said += f", {one_line(name)} in the model" if written != name else ""
     low, high = model.ranges.get(name, (-math.inf, math.inf))
-    flown = f"; flown {low:.6g} to {high:.6g}" if low > -math.inf else ""
-    return f"[{unit_of(name)}] {said}{flown}"
+    recorded = f"; flown {low:.6g} to {high:.6g}" if low > -math.inf else ""
+    return f"[{unit_of(name)}] {said}{recorded}"
 
 
 def term_notes(response: ResponseModel) -> list[str]:

@@ -83,13 +83,13 @@ def write_jsbsim(
     definitions: Mapping[str, str],
     properties: Mapping[str, str],
 ) -> dict[Path, str]:
-    """Section ``<aerodynamics>``; with an aircraft, the whole aircraft around it.
+    """Section ``<aerodynamics>``; with an aircraft, the complete aircraft around it.
 
     Raises
     ------
     ModelError
         A response that is no coefficient, body and wind axes mixed, a channel that JSBSim does not have, or
-        definitions in a circle or of a whole aircraft's thrust; or another suffix than ``.xml``.
+        definitions in a circle or of a complete aircraft's thrust; or another suffix than ``.xml``.
     AircraftError
         The aircraft has no mass or no inertia.
     """
@@ -116,7 +116,7 @@ def write_jsbsim(
 def force_functions(
     model: AeroModel, definitions: Mapping[str, str], held: Mapping[str, tuple[str, float]], under: str
 ) -> tuple[list[ET.Element], dict[str, str]]:
-    """Functions of JSBSim that make a model's forces [lb] and moments [lb ft], to stand in another's aerodynamics.
+    """Functions of JSBSim with a model's forces [lb] and moments [lb ft], for the aerodynamics of another aircraft.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ class _Section:
         return [name for name in _AXES if name in self.model or name in ("CX", "CZ")]
 
     def _total(self, held: ResponseModel) -> ET.Element:
-        """Sum of the terms, each below a comment that says what its value is worth."""
+        """Sum of the terms, each below a comment with its standard error."""
         terms = [self._term(term, value) for term, value in zip(held.terms, held.values.tolist())]
         total = joined("sum", terms)
         if len(terms) > 1:

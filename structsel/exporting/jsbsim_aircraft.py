@@ -55,7 +55,7 @@ def aircraft_around(aerodynamics: ET.Element, aircraft: Aircraft, name: str, inp
     for place in ("AERORP", "EYEPOINT", "VRP"):
         _place(metrics, (0.0, 0.0, 0.0), place)
     balance = ET.SubElement(root, "mass_balance")
-    # Ixz as it stands in the tensor, the other products as integrals over the mass.
+    # Ixz as in the tensor, the other products as integrals over the mass.
     signs = {"Ix": 1.0, "Iy": 1.0, "Iz": 1.0, "Ixz": -1.0, "Ixy": 1.0, "Iyz": 1.0}
     for key, sign in signs.items():
         tag = f"i{(key[1:] * 2)[:2]}"

@@ -99,7 +99,7 @@ class InputComparison(Result):
         return {"energy": self.energy, "inputs": [info.to_dict() for info in self.found]}
 
     def summary(self) -> Summary:
-        """Cramer-Rao bounds of each input in percent of the parameters; a table for five parameters at a time."""
+        """Cramer-Rao bounds of each input in percent of the parameters; in tables of five parameters."""
         records = self.to_frame().to_dict("records")
         tables = []
         for first in range(0, len(self.parameters), _TOGETHER):
@@ -190,7 +190,9 @@ def compare_inputs(
         pulses("3-2-1-1", (3, -2, 1, -1)),
         pulses("2-1-1-1", (2, -1, 1, -1)),
         signals.combine(*sweeps, name="frequency sweep"),
-        multisine(tuple(size), tuple(size.values()), low=low, high=high, period=_whole(duration, dt), dt=dt, seed=seed),
+        multisine(
+            tuple(size), tuple(size.values()), low=low, high=high, period=_to_steps(duration, dt), dt=dt, seed=seed
+        ),
         mehra(model, low=1.0 / duration, high=high, scales=size, seed=seed, **common),
         schulz(model, scales=size, parameter_scales=options.parameter_scales, **common),
     ]
@@ -206,7 +208,7 @@ def compare_inputs(
     return InputComparison(names, sizes, energy, tuple(u for u, _, _ in done), tuple(info for _, info, _ in done))
 
 
-def _whole(duration: float, dt: float) -> float:
+def _to_steps(duration: float, dt: float) -> float:
     return dt * round(duration / dt)
 
 

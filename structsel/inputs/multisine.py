@@ -60,7 +60,7 @@ def multisine(
     low, high : float [Hz]
         Band; the harmonics of 1 / period within it are assigned to the inputs in turn.
     period, dt : float [s]
-        The period is a whole number of steps.
+        The period is an integer number of steps.
     powers : sequence of float, optional
         Relative power of each harmonic, lowest first; equal where absent.
     periods : int
@@ -122,7 +122,7 @@ def phased(harmonics: np.ndarray, powers: np.ndarray, n: int, *, seed: int = 0) 
     n : int
         Samples in the period.
     seed : int
-        Of the random starts beside Schroeder's.
+        Of the random starts, in addition to Schroeder's.
     """
     amplitudes = np.sqrt(2.0 * powers)
     finest = max(n, 16 * int(harmonics.max()))

@@ -31,7 +31,7 @@ _ENERGIES = 10  # tried between that at which a limit is reached and the given o
 def orthonormal_functions(kind: Basis, count: int, n: int, dt: float) -> np.ndarray:
     """(count, n) functions with sum_k phi_i phi_j dt = delta_ij on samples 0 to n - 1.
 
-    ``"sines"`` begin and end at zero, half a wave apart; ``"fourier"`` are whole cosines and sines without the
+    ``"sines"`` begin and end at zero, half a wave apart; ``"fourier"`` are complete cosines and sines without the
     constant; ``"legendre"`` are polynomials of rising degree, the constant first.
 
     Raises

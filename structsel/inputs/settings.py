@@ -50,12 +50,12 @@ class InputOptions:
 
 @dataclass(frozen=True)
 class DesignOptions(InputOptions):
-    """What an optimal input is to achieve, and within which limits; beside what `InputOptions` has.
+    """Purpose and limits of an optimal input, in addition to the fields of `InputOptions`.
 
     Attributes
     ----------
     to_separate : sequence of str, optional
-        Two or more parameters to tell apart: the largest variance of any combination of these is minimised (criterion
+        Two or more parameters to separate: the largest variance of any combination of these is minimised (criterion
         ``"E"``), all other parameters being estimated too. The combination with the largest variance is the one that
         the parameters explain alike.
     criterion : {"A", "D", "trace", "E"}
@@ -73,7 +73,7 @@ class DesignOptions(InputOptions):
         Input between samples.
     """
 
-    to_separate: Sequence[str] | None = option(None, help="Parameters to tell apart.", group=_OPTIMAL, metavar="NAMES")
+    to_separate: Sequence[str] | None = option(None, help="Parameters to separate.", group=_OPTIMAL, metavar="NAMES")
     criterion: Criterion = option("A", help="Criterion of optimal inputs.", group=_OPTIMAL)
     energy: float | None = option(None, help="Integral of the squared inputs.", group=_OPTIMAL)
     limits: Mapping[str, float] | None = option(

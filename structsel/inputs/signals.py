@@ -1,6 +1,6 @@
 """Classical inputs, each a Recording of one control on an even clock: held from each sample to the next.
 
-Amplitudes are changes from trim, in the channel's unit; pulses begin at ``start`` and last whole samples.
+Amplitudes are changes from trim, in the channel's unit; pulses begin at ``start`` and end at a sample.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ UNCOUNTED: dict[str, Any] = {"cache": True, "_nrt": False, "error_model": "numpy
 reference-counted, which makes functions that take tuples of arrays several times faster."""
 
 REORDERED: dict[str, Any] = {**UNCOUNTED, "fastmath": {"reassoc", "contract", "nsz", "arcp"}}
-"""The same for sums of products whose order does not matter: the processor may add several at a time."""
+"""The same for sums of products whose order does not matter: the processor may add several at once."""
 
 
 def read_only(array: Array) -> Array:

@@ -1,9 +1,11 @@
 """Criteria for the size of a model, entry thresholds for a number of candidates, and argument checks of the searches.
 
-In every criterion ``n`` is the number of samples (or the effective number), ``rss`` the residual sum of squares,
-``tss`` the sum of squares of the response about its mean, and ``k`` the number of terms *without the constant*: the
-constant is always in the model and is counted inside, as k + 1 coefficients. rss and k may be arrays, for a complete
-path at once.
+In every criterion ``n`` is the number of samples (or the effective number), ``rss`` the residual sum of squares
+[response^2], ``tss`` the sum of squares of the response about its mean, and ``k`` the number of terms *without the
+constant*: the constant is always in the model and is counted inside, as k + 1 coefficients. rss and k may be (m,)
+arrays, for a complete path at once; the criterion is then an (m,) array.
+
+In every threshold ``p`` is the number of candidates and ``dof`` that of the degrees of freedom.
 """
 
 from __future__ import annotations
@@ -23,18 +25,10 @@ def pse(rss: ArrayLike, tss: float, n: float, k: ArrayLike, sigma_max2: float | 
 
     Parameters
     ----------
-    rss : float or (m,) array [response^2]
-    tss : float [response^2]
-    n : float [-]
-    k : int or (m,) array [-]
     sigma_max2 : float [response^2], optional
         Upper bound of the squared prediction error; default tss / n, the variance of the response, as
         in [H17]. With it a term stays if it explains more than 1 / n of tss: a partial F near
         1 / (1 - R^2), which is loose when R^2 is low and strict when it is high.
-
-    Returns
-    -------
-    pse : float or (m,) array [response^2]
 
     References
     ----------
@@ -48,16 +42,6 @@ def bic(rss: ArrayLike, n: float, k: ArrayLike) -> NDArray[np.float64]:
     """Bayesian information criterion, n log(rss / n) + (k + 1) log n.
 
     Defined up to a constant of the data, so only differences are meaningful. -inf for a perfect fit.
-
-    Parameters
-    ----------
-    rss : float or (m,) array [response^2]
-    n : float [-]
-    k : int or (m,) array [-]
-
-    Returns
-    -------
-    bic : float or (m,) array [-]
     """
     with np.errstate(divide="ignore"):
         return n * np.log(np.asarray(rss, dtype=float) / n) + (np.asarray(k, dtype=float) + 1.0) * np.log(n)
@@ -69,18 +53,6 @@ def ebic(rss: ArrayLike, n: float, k: ArrayLike, p: int) -> NDArray[np.float64]:
     BIC takes every model of the pool as equally probable, and so most of its probability is on large models: with 164
     candidates and 20,000 samples it admits one false term in three selections. The extended criterion (gamma = 1/2)
     takes every size as equally probable to a degree.
-
-    Parameters
-    ----------
-    rss : float or (m,) array [response^2]
-    n : float [-]
-    k : int or (m,) array [-]
-    p : int
-        Candidates.
-
-    Returns
-    -------
-    ebic : float or (m,) array [-]
 
     References
     ----------
@@ -96,16 +68,7 @@ def aicc(rss: ArrayLike, n: float, k: ArrayLike) -> NDArray[np.float64]:
 
         AICc = n log(rss / n) + 2 K + 2 K (K + 1) / (n - K - 1)
 
-    Parameters
-    ----------
-    rss : float or (m,) array [response^2]
-    n : float [-]
-    k : int or (m,) array [-]
-
-    Returns
-    -------
-    aicc : float or (m,) array [-]
-        inf where n - K - 1 is not above zero; else -inf for a perfect fit.
+    inf where n - K - 1 is not above zero; else -inf for a perfect fit.
     """
     K = np.asarray(k, dtype=float) + 2.0
     room = n - K - 1.0
@@ -116,20 +79,7 @@ def aicc(rss: ArrayLike, n: float, k: ArrayLike) -> NDArray[np.float64]:
 
 
 def adjusted_r2(rss: ArrayLike, tss: float, n: float, k: ArrayLike) -> NDArray[np.float64]:
-    """R^2 with both variances unbiased, 1 - (rss / (n - k - 1)) / (tss / (n - 1)).
-
-    Parameters
-    ----------
-    rss : float or (m,) array [response^2]
-    tss : float [response^2]
-    n : float [-]
-    k : int or (m,) array [-]
-
-    Returns
-    -------
-    adjusted_r2 : float or (m,) array [-]
-        nan where no degree of freedom is left.
-    """
+    """R^2 with both variances unbiased, 1 - (rss / (n - k - 1)) / (tss / (n - 1)); nan without degrees of freedom."""
     room = n - np.asarray(k, dtype=float) - 1.0
     ratio = np.asarray(rss, dtype=float) / np.where(room > 0.0, room, np.nan)
     return 1.0 - ratio * (n - 1.0) / tss
@@ -141,18 +91,6 @@ def familywise_F_in(p: int, dof: float, probability: float = 0.05) -> float:
     Each is tested at 1 - (1 - probability)^(1/p) (Sidak; exact for independent candidates, safe for
     correlated ones). The classical 4 and 12 take no account of p: at 494 candidates 12 admits a false term
     about one time in four.
-
-    Parameters
-    ----------
-    p : int
-        Candidates.
-    dof : float [-]
-        Residual degrees of freedom.
-    probability : float [-]
-
-    Returns
-    -------
-    F_in : float [-]
 
     Raises
     ------
@@ -169,17 +107,6 @@ def ebic_F_in(p: int, dof: float) -> float:
     A term lowers n log rss + k (log n + log p) if its F exceeds::
 
         F = (n - 1) (exp((log n + log p) / n) - 1),    n = dof + 1
-
-    Parameters
-    ----------
-    p : int
-        Candidates.
-    dof : float
-        Samples less one.
-
-    Returns
-    -------
-    F_in : float [-]
 
     References
     ----------
@@ -199,10 +126,8 @@ def fdr_F_in(p: int, dof: float, q: float = 0.05) -> NDArray[np.float64]:
 
     Parameters
     ----------
-    p : int
-        Candidates.
-    dof : float [-]
-        Samples less those swept out for the constant, N - 1.
+    p, dof
+        dof is the number of samples less those swept out for the constant, N - 1.
     q : float [-]
         Fraction of false terms allowed.
 

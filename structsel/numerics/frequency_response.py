@@ -1,6 +1,6 @@
 """Frequency responses of several inputs and outputs, from windowed segments of recorded signals. Arrays only.
 
-The transform of each segment is evaluated at any frequencies, so that windows of different lengths share one grid. The
+The transform of each segment is evaluated at any frequencies, so that windows of different lengths have one grid. The
 spectral densities are those of `scipy.signal.csd` where its frequencies coincide::
 
     S_ab(w) = 2 dt / sum w_k^2  mean over segments of  conj(A(w)) B(w)
@@ -225,8 +225,8 @@ def combine_windows(each: Sequence[ConditionedSpectra], cycles: float, omega: np
         W_i = (e_i / e_least)^-4,      S = sum W_i^2 S_i / sum W_i^2       [TR12], start values of COMPOSITE
 
     The search that follows there, which also fits the coherences, is left out: the averages of spectra are themselves
-    consistent, with a coherence between zero and one. A window takes part at frequencies of which it holds at least
-    `cycles`; the longest window always does.
+    consistent, with a coherence between zero and one. A window takes part at a frequency if it holds `cycles`
+    periods of it or more; the longest window always does.
     """
     windows = np.array([one.window.flat[0] for one in each])
     usable = (windows[:, None] * omega >= 2.0 * np.pi * cycles * (1.0 - 1e-9)) | (windows == windows.max())[:, None]
@@ -249,8 +249,8 @@ def combine_windows(each: Sequence[ConditionedSpectra], cycles: float, omega: np
 def error_correlation(omega: np.ndarray, window: np.ndarray) -> np.ndarray:
     """(f, f) correlation between the random errors at two frequencies, from the width of the Hann window.
 
-    Neighbouring errors share samples. That of two transforms is the transform of the squared window, with
-    y = (w1 - w2) T / 2 pi and sinc(y) = sin(pi y) / pi y::
+    Neighbouring errors have samples in common. The correlation of two transforms is the transform of the squared
+    window, with y = (w1 - w2) T / 2 pi and sinc(y) = sin(pi y) / pi y::
 
         c = sinc(y) + 2/3 (sinc(y - 1) + sinc(y + 1)) + 1/6 (sinc(y - 2) + sinc(y + 2))
 

@@ -24,8 +24,8 @@ class RecursiveTransforms:
     """Transforms of c signals at f frequencies [Hz], and what their detrending and their noise need.
 
     Sums over samples, with the age s = t_n - t of each: `transforms` of the signals, `lines` of 1 and s, `products` of
-    signals and lines, `moments` of the lines; with squared weights `gram`, `crossed` and `squared` of the phasors and
-    lines, for the covariance of white noise.
+    signals and lines, `line_products` of the lines; with squared weights `gram`, `crossed` and `squared` of the
+    phasors and lines, for the covariance of white noise.
     """
 
     def __init__(self, signals: int, frequencies: np.ndarray, dt: float, forgetting: float = 1.0) -> None:
@@ -34,7 +34,7 @@ class RecursiveTransforms:
         self.count, self.t = 0, 0.0
         self.first, self.last = np.zeros(signals), np.zeros(signals)
         self.transforms, self.lines = np.zeros((f, signals), dtype=complex), np.zeros((f, 2), dtype=complex)
-        self.products, self.moments = np.zeros((2, signals)), np.zeros((2, 2))
+        self.products, self.line_products = np.zeros((2, signals)), np.zeros((2, 2))
         self.gram, self.crossed, self.squared = np.zeros((2 * f, 2 * f)), np.zeros((2, 2 * f)), np.zeros((2, 2))
 
     def add(self, x: np.ndarray) -> None:
@@ -49,7 +49,7 @@ class RecursiveTransforms:
         self.transforms += phasor[:, None] * x
         self.lines[:, 0] += phasor  # the newest sample has the age zero
         self.products[0] += x
-        self.moments[0, 0] += 1.0
+        self.line_products[0, 0] += 1.0
         self.gram += np.outer(parts, parts)
         self.crossed[0] += parts
         self.squared[0, 0] += 1.0
@@ -61,7 +61,7 @@ class RecursiveTransforms:
         self.transforms *= self.forgetting
         self.lines = self.forgetting * self.lines @ shift.T
         self.products = self.forgetting * shift @ self.products
-        self.moments = self.forgetting * shift @ self.moments @ shift.T
+        self.line_products = self.forgetting * shift @ self.line_products @ shift.T
         self.gram *= self.forgetting**2
         self.crossed = self.forgetting**2 * shift @ self.crossed
         self.squared = self.forgetting**2 * shift @ self.squared @ shift.T
@@ -96,7 +96,7 @@ class RecursiveTransforms:
             means = np.array([xT - weight * x0 - rate * integral[0],
                               -weight * self.t * x0 + integral[0] - rate * integral[1]])  # fmt: skip
             products[:, j] = means / self.dt
-        return np.asarray(signals - lines @ np.linalg.solve(self.moments, products))
+        return np.asarray(signals - lines @ np.linalg.solve(self.line_products, products))
 
     def noise(self) -> np.ndarray:
         """(2 f, 2 f) covariance of the parts of the detrended transform of white noise of variance one."""
@@ -107,7 +107,7 @@ class RecursiveTransforms:
             gram -= 0.75 * w**2 * np.outer(parts, parts)
             crossed -= 0.5 * w**2 * np.outer([1.0, age], parts)
         lines = self._trapezoidal()[1]
-        C = np.vstack([lines.real, lines.imag]) @ np.linalg.inv(self.moments)
+        C = np.vstack([lines.real, lines.imag]) @ np.linalg.inv(self.line_products)
         mixed = self.dt * C @ crossed
         return np.asarray(self.dt**2 * gram - mixed - mixed.T + C @ self.squared @ C.T)
 

@@ -69,9 +69,9 @@ def largest_noise_level(x: np.ndarray, dt: float) -> float:
     """Upper limit of the standard deviation of white noise on a channel.
 
     Noise has no more power in any band than the channel itself. White noise has the same power in all bands, so its
-    level is at most that of each of the three octaves below the Nyquist frequency, of which vibration and motion are a
-    part. The recorder's filter reduces it in the highest ones: the limit is that of the octave with the most power, two
-    standard errors above its mean power, and at most the standard deviation of the channel.
+    level is at most that of each of the three octaves below the Nyquist frequency; vibration and motion are in these
+    as well. The recorder's filter reduces it in the highest ones: the limit is that of the octave with the most power,
+    two standard errors above its mean power, and at most the standard deviation of the channel.
 
     Parameters
     ----------

@@ -87,7 +87,7 @@ def coherence(
     Parameters
     ----------
     x, y, dt, segment
-        As `cross_spectrum` takes them.
+        As for `cross_spectrum`, which has the exceptions as well.
     probability : float
         Of a coherence above the threshold at any frequency, for independent signals.
 
@@ -97,11 +97,6 @@ def coherence(
     squared : (m,) array [-]
     threshold : float [-]
         1 if there are too few segments.
-
-    Raises
-    ------
-    DomainError
-        As `cross_spectrum`.
 
     References
     ----------
@@ -115,19 +110,7 @@ def coherence(
 
 
 def coherence_threshold(free: float, frequencies: int, probability: float) -> float:
-    """Squared coherence that independent signals exceed at any frequency with a given probability.
-
-    Parameters
-    ----------
-    free : float
-        Number of independent segments, more than one.
-    frequencies : int
-    probability : float
-
-    References
-    ----------
-    [CKN73]
-    """
+    """Squared coherence that independent signals exceed at any frequency with a probability, of `free` segments."""
     return float(1.0 - (probability / frequencies) ** (1.0 / (free - 1.0)))
 
 

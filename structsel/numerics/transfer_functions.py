@@ -147,7 +147,7 @@ def fit_factored(
 
     The standard errors follow from the random errors of the response and their correlation from frequency to frequency,
     not from the size of the residuals: covariance (A'A)^-1 A' C A (A'A)^-1 with A the weighted slopes and C the
-    weighted error covariance. They leave out what the form of the transfer function cannot follow.
+    weighted error covariance. They leave out the error of the form of the transfer function.
 
     Parameters
     ----------

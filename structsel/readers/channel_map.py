@@ -132,7 +132,7 @@ class FileOptions(BaseModel):
 
 
 class ChannelMap(BaseModel):
-    """A whole map; see the module's own text for the form.
+    """A complete map; the docstring of the module has its form.
 
     Attributes
     ----------

@@ -95,7 +95,7 @@ def equation_error(
     ----------
     model : AeroModel, LinearStructure or LinearModel
         An AeroModel's responses are regressed on its terms; of a linear model each state's derivative on states and
-        inputs, a constant in each recording beside them. Its values do not matter.
+        inputs, and a constant in each recording. Its values do not matter.
     aircraft : Aircraft or None
         To make coefficients that the recordings lack.
     recordings : Recording or sequence of Recording
@@ -146,7 +146,7 @@ class _Equation:
     names: list[str]
     X: list[np.ndarray]
     y: list[np.ndarray]
-    constant: bool = False  # a constant of each recording's own beside them
+    constant: bool = False  # and a constant of each recording
 
 
 def _aero(model: AeroModel, aircraft: Aircraft | None, flights: Sequence[Recording]) -> dict[str, _Equation]:

@@ -57,7 +57,7 @@ class EstimateComparison(Result):
     def distance(self) -> np.ndarray:
         """(p, m, m) difference of two methods over the root of their variances' sum.
 
-        Methods that use the same records share their noise, so this understates the significance of a difference.
+        Methods that use the same records have the same noise, so this understates the significance of a difference.
         """
         difference = self.values[:, :, None] - self.values[:, None, :]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 EQUATIONS = ("u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot", "climb")
-"""What is zero in a steady flight: accelerations, and the error of the rate of climb."""
+"""Quantities that are zero in a steady flight: accelerations, and the error of the rate of climb."""
 _ANGLES = ("alpha", "beta", "phi", "theta", "p", "q", "r")
 
 
@@ -49,7 +49,7 @@ class Trim(Result):
     turn_rate : float [rad/s]
         Of the heading; positive to the right.
     unbalance : mapping of str to float
-        What is left of each equation: accelerations [m/s^2, rad/s^2] and rate of climb [m/s].
+        Residual of each equation: accelerations [m/s^2, rad/s^2] and rate of climb [m/s].
     outputs : mapping of channel to value
         What else the flight gives there: ax, az, qbar, CX, ...
     """
@@ -199,7 +199,7 @@ class TrimProblem:
         return {c: held[c] for c in self.plant.controls}
 
     def imbalance(self, z: np.ndarray) -> np.ndarray:
-        """(7,) what is left of each of `EQUATIONS`: accelerations, and the error of the rate of climb."""
+        """(7,) residuals of `EQUATIONS`: accelerations, and the error of the rate of climb."""
         left = np.array(self.plant.accelerations(self.state(z), self.controls(z)), dtype=float)
         left[6] -= self.V * math.sin(self.values(z)["climb"])
         return left

@@ -95,7 +95,7 @@ def trim(model: AeroModel, aircraft: Aircraft, V: float, h: float, *, options: T
     SimulationError
         No trim exists within the limits; ``.partial`` is the nearest found, a `Trim`.
     ModelError
-        There are fewer controls to find than the flight has equations, or turning is asked of a model without
+        There are fewer controls to find than the flight has equations, or a turn is requested of a model without
         lateral coefficients.
     DomainError
         V is not above zero.

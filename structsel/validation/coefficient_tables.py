@@ -37,7 +37,7 @@ class Windows:
 
     @classmethod
     def split(cls, samples: Sequence[int], dt: Sequence[float], seconds: float) -> Windows:
-        """Each recording cut into even windows of about so many seconds; neighbours share a sample."""
+        """Each recording cut into equal windows of about so many seconds; neighbours have one sample in common."""
         edges, first = [], 0
         for n, step in zip(samples, dt):
             count = max(1, round((n - 1) * step / seconds))

@@ -1,4 +1,4 @@
-"""ensemble(): the values of many manoeuvres' models beside each other."""
+"""ensemble(): the values of the models of many manoeuvres, side by side."""
 
 from __future__ import annotations
 
