@@ -41,11 +41,11 @@ def format_decimals(value: float | None, decimals: int = 4) -> str:
     return UNDEFINED if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
 
 
-def format_percent(fraction: float | None, decimals: int = 0) -> str:
+def format_percent(fraction: float | None) -> str:
     """Return a fraction in percent."""
     if fraction is None or not math.isfinite(fraction):
         return UNDEFINED
-    return f"{100.0 * fraction:.{decimals}f} %"
+    return f"{100.0 * fraction:.0f} %"
 
 
 def format_explained(r2: float) -> str:

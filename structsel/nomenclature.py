@@ -205,8 +205,8 @@ def latex_of(name: str) -> str:
     return r"\mathrm{" + "".join(_LATEX.get(c, c if c.isprintable() else " ") for c in name) + "}"
 
 
-def close_names(name: str, among: Iterable[str], count: int = 3) -> list[str]:
-    """Names in `among` that look like `name`, nearest first, whatever their case.
+def close_names(name: str, among: Iterable[str]) -> list[str]:
+    """At most three names in `among` that look like `name`, nearest first, whatever their case.
 
     A name that carries on after `name`, as ``alpha_deg`` or ``alpha [deg]`` after ``alpha``, is near.
     """
@@ -215,9 +215,9 @@ def close_names(name: str, among: Iterable[str], count: int = 3) -> list[str]:
         by_folded.setdefault(other.casefold(), []).append(other)
     folded = name.casefold()
     near = [other for other in by_folded if other.startswith(tuple(f"{folded}{mark}" for mark in "_ [(."))]
-    near += difflib.get_close_matches(folded, by_folded, n=count, cutoff=0.6)
+    near += difflib.get_close_matches(folded, by_folded, n=3, cutoff=0.6)
     found = [other for key in dict.fromkeys(near) for other in by_folded[key] if other != name]
-    return found[:count]
+    return found[:3]
 
 
 def suggest(name: str, among: Iterable[str]) -> str:

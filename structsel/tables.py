@@ -325,14 +325,13 @@ def rows_of_frame(frame: Any, columns: Mapping[str, Column]) -> tuple[tuple[Any,
     return tuple(frame[list(columns)].itertuples(index=False, name=None))
 
 
-def table_of_frame(frame: Any, columns: Mapping[str, Column] | None = None, digits: int = 4, **options: Any) -> Table:
-    """Table of a DataFrame; by default of all its columns, numbers with `digits` digits and words aligned left."""
-    if columns is None:
-        numeric = {name: frame[name].dtype.kind in "iuf" for name in frame.columns}
-        columns = {
-            name: Column(str(name), f"{digits}g") if numeric[name] else text_column(str(name)) for name in frame.columns
-        }
-    return Table(tuple(columns.values()), rows_of_frame(frame, columns), **options)
+def table_of_frame(frame: Any, digits: int = 4) -> Table:
+    """Table of the columns of a DataFrame, numbers with `digits` digits and words aligned left."""
+    numeric = {name: frame[name].dtype.kind in "iuf" for name in frame.columns}
+    columns = {
+        name: Column(str(name), f"{digits}g") if numeric[name] else text_column(str(name)) for name in frame.columns
+    }
+    return Table(tuple(columns.values()), rows_of_frame(frame, columns))
 
 
 def csv_of_frame(frame: Any, path: Any = None, **options: Any) -> str | None:
@@ -349,7 +348,7 @@ def _csv_cell(value: Any) -> Any:
     return csv_text(printable(value)) if isinstance(value, str) else value
 
 
-def one_line(summary: Summary, width: int = 160) -> str:
-    """Title of a summary on one line of limited length."""
+def one_line(summary: Summary) -> str:
+    """Title of a summary on one line of at most 160 characters."""
     text = " ".join(summary.head.split())
-    return text if len(text) <= width else f"{text[: width - 3]}..."
+    return text if len(text) <= 160 else f"{text[:157]}..."

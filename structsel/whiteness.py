@@ -44,15 +44,13 @@ def white_bound(n: int) -> float:
     return 1.959963984540054 / float(np.sqrt(n))
 
 
-def ljung_box(residual: Any, lags: int, n_terms: int = 0) -> tuple[float, float]:
+def ljung_box(residual: Any, lags: int) -> tuple[float, float]:
     """Ljung-Box statistic of a residual and its p value; a small p says that it is not white.
 
     Parameters
     ----------
     residual : (n,) array
     lags : int
-    n_terms : int
-        Taken off the degrees of freedom; autoregressive terms fitted to the residual, else 0.
 
     Returns
     -------
@@ -67,7 +65,7 @@ def ljung_box(residual: Any, lags: int, n_terms: int = 0) -> tuple[float, float]
 
     e = finite_vector(residual, "residual")
     _require_samples(e, lags, "Ljung-Box")
-    table = acorr_ljungbox(e, lags=[lags], model_df=n_terms)
+    table = acorr_ljungbox(e, lags=[lags])
     return float(table["lb_stat"].iloc[0]), float(table["lb_pvalue"].iloc[0])
 
 

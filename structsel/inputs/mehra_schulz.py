@@ -27,6 +27,7 @@ from structsel.inputs.signals import clock
 from structsel.recording import Recording
 from structsel.simulation.linear import LinearModel
 
+_TOLERANCE, _ITERATIONS = 1e-6, 20000  # relative excess over the optimum, and most steps to it
 _FRACTION = 1e-3  # of the total power: lines below are left out of the multisine
 
 
@@ -115,7 +116,7 @@ def mehra(
     return Recording("Mehra", t, made, provenance=(f"Mehra-type input: {kept}",))
 
 
-def optimal_powers(M: np.ndarray, *, tolerance: float = 1e-6, iterations: int = 20000) -> np.ndarray:
+def optimal_powers(M: np.ndarray) -> np.ndarray:
     """Powers (l,), adding to one, of least ln det inv(sum_l P_l M_l), for M (l, k, k).
 
     Raises
@@ -131,9 +132,9 @@ def optimal_powers(M: np.ndarray, *, tolerance: float = 1e-6, iterations: int = 
         )
     flat = (M / np.outer(size, size)).reshape(lines, k * k)
     power = np.full(lines, 1.0 / lines)
-    for _ in range(iterations):
+    for _ in range(_ITERATIONS):
         gain = flat @ np.linalg.inv((power @ flat).reshape(k, k)).ravel()
-        if gain.max() <= k * (1.0 + tolerance):
+        if gain.max() <= k * (1.0 + _TOLERANCE):
             break
         power = power * gain / k
         power /= power.sum()

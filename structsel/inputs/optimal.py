@@ -22,6 +22,8 @@ from structsel.inputs.criteria import DesignProblem
 
 Basis = Literal["sines", "fourier", "legendre"]
 
+_STEPS, _GENERATIONS = 200, 60  # maxima of Newton-Raphson and of the direct search; chosen, not critical
+_GRADIENT = 1e-8  # length of the gradient by the angles, over 1 + |criterion|, at which Newton-Raphson has converged
 _LONGEST_STEP = 0.5  # rad
 _PENALTIES = (1e0, 1e2, 1e4)
 _LARGEST_ENERGY = 10.0
@@ -93,9 +95,7 @@ class Optimum:
     converged: bool
 
 
-def newton(
-    problem: DesignProblem, a: np.ndarray, weight: float = 0.0, *, iterations: int = 200, tolerance: float = 1e-8
-) -> Optimum:
+def newton(problem: DesignProblem, a: np.ndarray, weight: float = 0.0) -> Optimum:
     """Newton-Raphson on the spherical angles, from a (b,) of the problem's energy.
 
     Where the curvature is not positive the magnitudes of its eigenvalues are used, so that every step descends; it is
@@ -107,10 +107,6 @@ def newton(
     a : (b,) array
     weight : float
         Of the penalty on limits, over the criterion's magnitude at the start.
-    iterations : int
-        Maximum number of steps.
-    tolerance : float
-        Length of the gradient by the angles, over 1 + |criterion|, at which the search has converged.
     """
     root = np.sqrt(problem.energy)
     a = root * a / np.linalg.norm(a)
@@ -121,7 +117,7 @@ def newton(
         return value + scale * problem.penalty(a)[0] if weight else value
 
     history, converged, value = [], False, total(a)
-    for _ in range(iterations):
+    for _ in range(_STEPS):
         _, g, H = problem.derivatives(a)
         if not np.isfinite(g).all():
             break
@@ -134,7 +130,7 @@ def newton(
         curvature = problem.energy * Q.T @ H @ Q - (a @ g) * np.eye(len(a) - 1)
         size = float(np.linalg.norm(slope))
         history.append((value, size))
-        if size <= tolerance * (abs(value) if problem.criterion != "D" else 1.0 + abs(value)):
+        if size <= _GRADIENT * (abs(value) if problem.criterion != "D" else 1.0 + abs(value)):
             converged = True
             break
         w, Z = np.linalg.eigh(curvature)
@@ -153,14 +149,14 @@ def newton(
     return Optimum(a, float(problem.values(a[None])[0]), tuple(history), converged)
 
 
-def search(problem: DesignProblem, starts: np.ndarray, *, seed: int, generations: int = 60) -> np.ndarray:
+def search(problem: DesignProblem, starts: np.ndarray, *, seed: int) -> np.ndarray:
     """Direct search: differential evolution over directions, from given starts and random ones.
 
     Parameters
     ----------
     problem : DesignProblem
     starts : (m, b) array
-    seed, generations : int
+    seed : int
 
     Returns
     -------
@@ -184,7 +180,7 @@ def search(problem: DesignProblem, starts: np.ndarray, *, seed: int, generations
         cost,
         bounds,
         init=pool,
-        maxiter=generations,
+        maxiter=_GENERATIONS,
         polish=False,
         vectorized=True,
         updating="deferred",

@@ -34,15 +34,13 @@ _LOW, _HIGH = 1000.0 * FOOT, 2000.0 * FOOT
 _HIGH_SCALE = 1750.0 * FOOT
 
 
-def standard_atmosphere(h: ArrayLike, offset: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def standard_atmosphere(h: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Temperature, pressure, density and speed of sound of the standard atmosphere.
 
     Parameters
     ----------
     h : float or (n,) array [m]
         Geopotential altitude, up. (Geometric altitude is larger by h^2 / 6357 km: 16 m at 10 km.)
-    offset : float [K]
-        The air is warmer than standard by this at the same pressure altitude.
 
     Returns
     -------
@@ -69,13 +67,13 @@ def standard_atmosphere(h: ArrayLike, offset: float = 0.0) -> tuple[np.ndarray, 
             f"sample {i} has h = {np.atleast_1d(h)[i]:g} m.\n"
             "Check the unit and the sign of h (metres, up), or give rho."
         )
-    temperature, pressure, rho, sound = _many(h.ravel(), offset).reshape(4, *h.shape)
+    temperature, pressure, rho, sound = _many(h.ravel()).reshape(4, *h.shape)
     return temperature, pressure, rho, sound
 
 
 @njit(cache=True)
 def standard_air(h, offset):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Temperature, pressure, density and speed of sound at one altitude; nan outside the table."""
+    """Temperature, pressure, density and speed of sound at one altitude, `offset` [K] warmer; nan outside the table."""
     if not (h >= LOWEST and h <= HIGHEST):
         return np.nan, np.nan, np.nan, np.nan
     h0, T0, lapse, p0 = _LAYERS[0]
@@ -93,10 +91,10 @@ def standard_air(h, offset):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @njit(cache=True)
-def _many(h, offset):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _many(h):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     out = np.empty((4, h.size))
     for i in range(h.size):
-        out[0, i], out[1, i], out[2, i], out[3, i] = standard_air(h[i], offset)
+        out[0, i], out[1, i], out[2, i], out[3, i] = standard_air(h[i], 0.0)
     return out
 
 
@@ -257,9 +255,9 @@ def one_minus_cosine(t: ArrayLike, start: float, duration: float, size: float) -
     return np.where((part > 0.0) & (part < 1.0), 0.5 * size * (1.0 - np.cos(2.0 * math.pi * part)), 0.0)
 
 
-def power_law(h: ArrayLike, speed: float, reference: float, exponent: float = 1.0 / 7.0) -> NDArray[np.float64]:
-    """Wind speed [m/s] at heights above ground [m]: speed (h / reference)^exponent; zero at the ground."""
-    return speed * (np.maximum(np.asarray(h, dtype=float), 0.0) / reference) ** exponent
+def power_law(h: ArrayLike, speed: float, reference: float) -> NDArray[np.float64]:
+    """Wind speed [m/s] at heights above ground [m]: speed (h / reference)^(1/7); zero at the ground."""
+    return speed * (np.maximum(np.asarray(h, dtype=float), 0.0) / reference) ** (1.0 / 7.0)
 
 
 def log_law(h: ArrayLike, speed: float, reference: float, roughness: float = 0.15 * FOOT) -> NDArray[np.float64]:

@@ -56,7 +56,7 @@ def split_into_segments(lengths: ArrayLike, least: int = 20) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def bin_means(x: ArrayLike, y: ArrayLike, segment: ArrayLike, bins: int = 15, level: float = 0.95) -> BinMeans:
+def bin_means(x: ArrayLike, y: ArrayLike, segment: ArrayLike, bins: int = 15) -> BinMeans:
     """Mean of y over bins of x that hold equal numbers of samples.
 
     Samples of one segment are correlated, so a bin of n samples has less than n independent ones. The interval
@@ -65,7 +65,7 @@ def bin_means(x: ArrayLike, y: ArrayLike, segment: ArrayLike, bins: int = 15, le
 
         variance of the mean = m / (m - 1) sum_s S_s^2 / (sum_s c_s)^2
 
-    and Student's t with m - 1 degrees of freedom.
+    and Student's t with m - 1 degrees of freedom; the interval is that of 95 %.
 
     Parameters
     ----------
@@ -74,8 +74,6 @@ def bin_means(x: ArrayLike, y: ArrayLike, segment: ArrayLike, bins: int = 15, le
         Number of the segment of each sample, from zero; see `split_into_segments`.
     bins : int
         At least 1; fewer are used if there are few samples.
-    level : float
-        Of the interval.
 
     Returns
     -------
@@ -104,5 +102,5 @@ def bin_means(x: ArrayLike, y: ArrayLike, segment: ArrayLike, bins: int = 15, le
     several = m >= _MIN_SEGMENTS
     half = np.full(bins, np.nan)
     spread = np.sqrt(m[several] / (m[several] - 1.0) * (off[several] ** 2).sum(axis=1)) / counts[several]
-    half[several] = scipy.stats.t.ppf(0.5 + level / 2.0, m[several] - 1) * spread
+    half[several] = scipy.stats.t.ppf(0.975, m[several] - 1) * spread
     return BinMeans(np.bincount(cell, x) / counts, means, half, counts)

@@ -79,16 +79,13 @@ class ConditionIndices:
     proportions : (m, m) array [-]
         Row i: fraction of each coefficient's variance that belongs to index i; columns sum to 1. Values above
         0.5 in a row with a high index identify the columns that depend on one another.
-    centred : bool
-        Whether the constant was swept out first; if not, column 0 is the constant.
     """
 
     indices: Array
     proportions: Array
-    centred: bool
 
 
-def condition_indices(products: ArrayLike, *, centred: bool = False) -> ConditionIndices:
+def condition_indices(products: ArrayLike) -> ConditionIndices:
     """Condition indices and variance-decomposition proportions.
 
     The columns are scaled to unit length; with Z'Z = V diag(mu^2) V' the indices are mu_max / mu_i and
@@ -96,35 +93,31 @@ def condition_indices(products: ArrayLike, *, centred: bool = False) -> Conditio
 
     Parameters
     ----------
-    products : (1+p, 1+p) array
-        Z'Z of [1, x_1 ... x_p], *not* centred, the constant first (no response).
-    centred : bool
-        Sweep the constant out first, which leaves the dependence of the candidates without their means.
+    products : (m, m) array
+        Z'Z of the columns: [1, x_1 ... x_p] without the response, or the centred candidates alone, which leaves
+        their dependence without their means.
 
     Returns
     -------
     ConditionIndices
-        Without the constant if ``centred``. Computed from products, an index beyond 3e7 (1 / sqrt(eps))
-        cannot be distinguished from an exact dependence and is inf.
+        Computed from products, an index beyond 3e7 (1 / sqrt(eps)) cannot be distinguished from an exact dependence
+        and is inf.
 
     Raises
     ------
     SelectionError
-        A column is zero, or constant where ``centred``.
+        A column is zero.
 
     References
     ----------
     [B80]
     """
     A = np.asarray(products, dtype=float)
-    if centred:
-        A = A[1:, 1:] - np.outer(A[1:, 0], A[0, 1:]) / A[0, 0]
     length = np.diag(A)
     if not (length > 0.0).all():
         bad = np.flatnonzero(~(length > 0.0)).tolist()
         raise SelectionError(
-            f"condition_indices needs columns that {'vary' if centred else 'are not zero'}; found {bad} that "
-            "do not. Leave them out."
+            f"condition_indices needs columns that are not zero; found {bad} that are. Leave them out."
         )
     size, V = scipy.linalg.eigh(A / np.outer(np.sqrt(length), np.sqrt(length)))
     size, V = size[::-1], V[:, ::-1]
@@ -133,7 +126,7 @@ def condition_indices(products: ArrayLike, *, centred: bool = False) -> Conditio
     dead = size <= tiny
     parts = V**2 / np.maximum(size, tiny)
     indices = np.where(dead, np.inf, np.sqrt(size[0] / np.maximum(size, tiny)))
-    return ConditionIndices(read_only(indices), read_only((parts / parts.sum(axis=1, keepdims=True)).T), centred)
+    return ConditionIndices(read_only(indices), read_only((parts / parts.sum(axis=1, keepdims=True)).T))
 
 
 def parameter_correlation(C: ArrayLike, selected: Sequence[int]) -> Array:

@@ -22,7 +22,7 @@ _GAIN = 0.1  # least relative reduction of the expected error by another order t
 # ---------------------------------------------------------------- smoothing by a sine series
 
 
-def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> SmoothedSignal:
+def smooth_fourier(x: np.ndarray, dt: float) -> SmoothedSignal:
     """Smooth one channel on an even clock, with its first two derivatives and their accuracy.
 
     Without the linear trend between its ends, and reflected to an odd periodic signal, a smooth record has a sine
@@ -43,8 +43,6 @@ def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> Smo
     x : (n,) array
         Finite.
     dt : float [s]
-    order : {2, 3, 4}, optional
-        Power of frequency with which amplitudes fall; chosen as above if not given.
 
     Returns
     -------
@@ -76,8 +74,8 @@ def smooth_fourier(x: np.ndarray, dt: float, *, order: int | None = None) -> Smo
     series = _Series(values, dt)
     noise = noise_level(values, dt)
     for _ in range(_ROUNDS):
-        risks = {m: series.least_risk(noise, m) for m in (ORDERS if order is None else (order,))}
-        chosen = 3 if order is None else order
+        risks = {m: series.least_risk(noise, m) for m in ORDERS}
+        chosen = 3
         best = min(risks, key=lambda m: risks[m][0])
         if risks[best][0] < (1.0 - _GAIN) * risks[chosen][0]:
             chosen = best

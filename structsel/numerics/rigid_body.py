@@ -300,7 +300,6 @@ def state_derivative(
     airframe: Airframe,
     thrust: Values = 0.0,
     wind: Triple = NONE,
-    g: float = G0,
 ) -> np.ndarray:
     """Derivative of the rigid-body state for given aerodynamic coefficients.
 
@@ -335,7 +334,7 @@ def state_derivative(
     qS = qbar * S
     moment = (qS * b * Cl + LT, qS * cbar * Cm + MT, qS * b * Cn + NT)
     out = np.empty(np.broadcast_shapes(state.shape, (12, *np.shape(qS * CX))))
-    out[0:3] = velocity_derivative(velocity, rates, force, phi, theta, g)
+    out[0:3] = velocity_derivative(velocity, rates, force, phi, theta)
     out[3:6] = angular_acceleration(rates, moment, inertia, rotor_momentum)
     out[6:9] = euler_rates(rates[0], rates[1], rates[2], phi, theta)
     north, east, down = np.einsum("...ij,j...->i...", body_to_earth(phi, theta, psi), velocity)

@@ -28,6 +28,7 @@ OVERLAP = 0.5
 FEWER = 0.75
 """Number of independent segments for each overlapping one, with a Hann window."""
 _FEWEST = 16  # samples of a segment
+_FALSE_ALARM = 0.01  # probability of a coherence above the threshold at any frequency, for independent signals
 _LONG = 1 << 22  # products in an explicit transform; above it the chirp-z transform is used
 
 
@@ -75,21 +76,17 @@ def cross_spectrum(x: Sequence[Array], y: Sequence[Array], dt: float, segment: f
     return f[1 : per // 2 + 1], total / segments, segments
 
 
-def coherence(
-    x: Sequence[Array], y: Sequence[Array], dt: float, segment: float, probability: float = 0.01
-) -> tuple[Array, Array, float]:
+def coherence(x: Sequence[Array], y: Sequence[Array], dt: float, segment: float) -> tuple[Array, Array, float]:
     """Magnitude squared coherence, and its significance threshold.
 
     With K independent segments the coherence of two independent signals exceeds 1 - a^(1/(K - 1)) at one frequency
-    with probability a. Here a is `probability` over the number of frequencies, and K is three quarters of the number
+    with probability a. Here a is 0.01 over the number of frequencies, and K is three quarters of the number
     of overlapping segments.
 
     Parameters
     ----------
     x, y, dt, segment
         As for `cross_spectrum`, which has the exceptions as well.
-    probability : float
-        Of a coherence above the threshold at any frequency, for independent signals.
 
     Returns
     -------
@@ -106,7 +103,7 @@ def coherence(
     own, other = (cross_spectrum(each, each, dt, segment)[1].real for each in (x, y))
     squared = np.abs(cross) ** 2 / np.maximum(own * other, np.finfo(float).tiny)
     free = FEWER * segments
-    return f, squared, coherence_threshold(free, len(f), probability) if free > 1.0 else 1.0
+    return f, squared, coherence_threshold(free, len(f), _FALSE_ALARM) if free > 1.0 else 1.0
 
 
 def coherence_threshold(free: float, frequencies: int, probability: float) -> float:

@@ -207,7 +207,6 @@ def table_from_matrix(path: str, matrix: np.ndarray, *, transpose: bool = False)
 def table_from_arrays(
     path: str,
     arrays: Mapping[str, object],
-    notes: tuple[str, ...] = (),
     *,
     units: Mapping[str, object] | None = None,
     numbered: bool = False,
@@ -223,8 +222,6 @@ def table_from_arrays(
         The file, for messages.
     arrays : mapping of str to array
         Arrays or lists of numbers, in the order of the file.
-    notes : tuple of str
-        Changes and omissions in reading.
     units : mapping of str to str, optional
         Units by name, where the file states them elsewhere than in the names. They precede those of the names; a note
         lists those that cannot be read.
@@ -241,6 +238,7 @@ def table_from_arrays(
             raise DataError(f"'{path}' holds {type(named).__name__} where {what} by name are needed: it is damaged.")
     columns: dict[str, np.ndarray] = {}
     unusable: dict[str, str] = {}
+    notes: tuple[str, ...] = ()
     source: dict[str, str] = {}  # name in the file of each column
     for name, value in arrays.items():
         made, reason = _columns_of(name, value)
