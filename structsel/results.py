@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
-from structsel.tables import Summary, Table, one_line
+from structsel.tables import Column, Summary, Table, one_line, text_column
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +72,7 @@ class Result(Summarised):
 
 
 class NamedEstimates:
-    """Values and standard errors that are found by the name of their parameter."""
+    """Values and standard errors that are found by the name of their parameter; a base in front of `Result`."""
 
     names: tuple[str, ...]
     values: np.ndarray
@@ -90,6 +90,17 @@ class NamedEstimates:
             raise KeyError(name)
         i = self.names.index(name)
         return float(self.values[i]), float(self.std[i])
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each parameter: name, value, std."""
+        import pandas as pd
+
+        return pd.DataFrame({"name": self.names, "value": self.values, "std": self.std})
+
+    def estimate_table(self, head: str, title: str = "") -> Table:
+        """Values and standard errors under the heading of the names."""
+        columns = (text_column(head), Column("value", "5g"), Column("std error", "2g"))
+        return Table(columns, tuple(zip(self.names, self.values.tolist(), self.std.tolist())), title)
 
 
 class Estimates(Result):

@@ -21,6 +21,7 @@ from structsel.exporting.jsbsim_aircraft import FOOT, POUND, aircraft_around
 from structsel.exporting.jsbsim_pieces import comment, joined, number, op, prop
 from structsel.model import AeroModel, ResponseModel
 from structsel.nomenclature import EULER_ANGLES, suggest
+from structsel.simulation.compile_model import has_wind_axes
 from structsel.simulation.jsbsim.fdm import EXTERNAL
 
 _SLUG = POUND / FOOT
@@ -164,9 +165,7 @@ def _require_coefficients(model: AeroModel) -> None:
             f"JSBSim flies the coefficients {', '.join(known)}; the model has the response '{unknown[0]}'."
             f"{suggest(unknown[0], known)}\nLeave it out of the model, or export it to another target."
         )
-    wind, body = [n for n in model if n in ("CL", "CD")], [n for n in model if n in ("CX", "CZ")]
-    if wind and body:
-        raise ModelError(f"The model mixes wind and body axes: {', '.join(wind + body)}. Keep one pair.")
+    has_wind_axes(model)
 
 
 class _Section:

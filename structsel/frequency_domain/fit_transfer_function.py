@@ -99,10 +99,7 @@ class TransferFunction(NamedEstimates, Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each parameter: name, value, std, held."""
-        import pandas as pd
-
-        held = [name in self.held for name in self.names]
-        return pd.DataFrame({"name": self.names, "value": self.values, "std": self.std, "held": held})
+        return super().to_frame().assign(held=[name in self.held for name in self.names])
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, for JSON."""

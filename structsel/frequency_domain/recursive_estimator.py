@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +14,7 @@ from structsel.formatting import count_of, finite_or_none
 from structsel.numerics.recursive_transforms import RecursiveTransforms
 from structsel.recording import Recording
 from structsel.results import NamedEstimates, Result
-from structsel.tables import Column, Summary, Table, text_column
-
-if TYPE_CHECKING:
-    import pandas as pd
+from structsel.tables import Summary
 
 SPACING = 0.04
 """Spacing of the default frequencies [Hz] [M00]."""
@@ -63,12 +60,6 @@ class RecursiveEstimate(NamedEstimates, Result):
         """Whether the samples determine the parameters."""
         return bool(np.isfinite(self.values).all())
 
-    def to_frame(self) -> pd.DataFrame:
-        """One row for each term: name, value, std."""
-        import pandas as pd
-
-        return pd.DataFrame({"name": self.names, "value": self.values, "std": self.std})
-
     def to_dict(self) -> dict[str, Any]:
         """Time, values and standard errors, for JSON."""
         content = {
@@ -87,12 +78,10 @@ class RecursiveEstimate(NamedEstimates, Result):
 
     def summary(self) -> Summary:
         """Values and standard errors."""
-        columns = (text_column("term"), Column("value", "5g"), Column("std error", "2g"))
-        rows = tuple(zip(self.names, self.values.tolist(), self.std.tolist()))
         warnings = () if self.determined else ("The samples do not determine the parameters yet.",)
         about = f"{self.response} at t = {self.t:.4g} s, {count_of(self.samples, 'sample')}"
         return Summary(
-            "Recursive estimate", about, facts=(("R2", f"{self.r2:.4f}"),), tables=(Table(columns, rows),),
+            "Recursive estimate", about, facts=(("R2", f"{self.r2:.4f}"),), tables=(self.estimate_table("term"),),
             warnings=warnings,
         )  # fmt: skip
 

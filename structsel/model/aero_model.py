@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -14,11 +13,11 @@ import numpy as np
 
 from structsel.candidates import Term
 from structsel.deprecation import renamed_attribute
-from structsel.errors import ModelError, StructselError, StructselWarning
+from structsel.errors import ModelError, StructselError
 from structsel.formatting import count_of
 from structsel.model import files
 from structsel.model.dynamics import Quantity, State
-from structsel.model.ranges import RangeExcursion, find_excursions
+from structsel.model.ranges import RangeExcursion, check_outside, find_excursions, report_excursions
 from structsel.model.response import ResponseModel, response_rows
 from structsel.nomenclature import latex_of
 from structsel.provenance import provenance_of
@@ -145,6 +144,14 @@ class AeroModel(Result):
         """Channels that a recording takes outside the recorded ranges, and how far."""
         return find_excursions(source, self.ranges)
 
+    def warnings_on(self, recording: Recording) -> list[str]:
+        """Reasons to doubt the model on a recording: it leaves the recorded ranges, or was used to identify it."""
+        outside = self.range_excursions(recording)
+        texts = [f"'{recording.name}' leaves the ranges the model was identified in: {each}" for each in outside]
+        if recording.name in self.recordings:
+            texts.append(f"'{recording.name}' was used to identify the model: its scores describe the fit.")
+        return texts
+
     def evaluate(self, source: Any, *, outside: Literal["warn", "ignore", "raise"] = "warn") -> dict[str, np.ndarray]:
         """Every response on a recording or mapping of arrays.
 
@@ -170,17 +177,12 @@ class AeroModel(Result):
         StructselWarning
             A range is left: names each channel, the fraction of the samples and the distance.
         """
-        if outside not in ("warn", "ignore", "raise"):
-            raise ModelError(f"outside={outside!r} is not one of 'warn', 'ignore', 'raise'.")
+        check_outside(outside)
         known: dict[Any, np.ndarray] = {}
         values = {name: model.evaluate(source, known=known) for name, model in self.responses.items()}
-        if outside != "ignore" and (excursions := self.range_excursions(source)):
+        if outside != "ignore":
             whose = repr(source.name) if isinstance(getattr(source, "name", None), str) else "The source"
-            message = f"{whose} leaves the ranges the model was identified in: "
-            message += "; ".join(map(str, excursions)) + ". The model is an extrapolation there."
-            if outside == "raise":
-                raise ModelError(message)
-            warnings.warn(message, StructselWarning, stacklevel=2)
+            report_excursions(whose, self.range_excursions(source), outside, stacklevel=2)
         return values
 
     def predict(self, recording: Recording, *, outside: Literal["warn", "ignore", "raise"] = "warn") -> Recording:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from structsel.candidates.formula import get_channel
+from structsel.errors import ModelError, StructselWarning
 from structsel.nomenclature import unit_of
 
 
@@ -84,3 +86,22 @@ def find_excursions(source: Any, ranges: Mapping[str, tuple[float, float]]) -> t
             below, above = max(low - values.min(), 0.0), max(values.max() - high, 0.0)
             out.append(RangeExcursion(name, low, high, float(outside.mean()), float(below), float(above)))
     return tuple(out)
+
+
+def report_excursions(
+    whose: str, excursions: Sequence[RangeExcursion], outside: Literal["warn", "raise"], stacklevel: int
+) -> None:
+    """Warn, or raise a ModelError, if a source leaves the ranges that a model was identified in."""
+    if not excursions:
+        return
+    message = f"{whose} leaves the ranges the model was identified in: "
+    message += "; ".join(map(str, excursions)) + ". The model is an extrapolation there."
+    if outside == "raise":
+        raise ModelError(message)
+    warnings.warn(message, StructselWarning, stacklevel=stacklevel + 1)
+
+
+def check_outside(outside: str) -> None:
+    """Refuse a value of the option `outside` that is none."""
+    if outside not in ("warn", "ignore", "raise"):
+        raise ModelError(f"outside={outside!r} is not one of 'warn', 'ignore', 'raise'.")

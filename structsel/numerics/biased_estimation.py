@@ -122,8 +122,6 @@ def principal_components(C: ArrayLike, dof: float, n_components: int) -> BiasedE
 
     Parameters
     ----------
-    C : (p+1, p+1) array
-    dof : float [-]
     n_components : int
         From 1 to the rank; with p this is ordinary least squares.
 
@@ -199,8 +197,6 @@ def ridge(C: ArrayLike, dof: float, k: float) -> BiasedEstimate:
 
     Parameters
     ----------
-    C : (p+1, p+1) array
-    dof : float [-]
     k : float [-]
         Ridge constant, above zero, added to correlations of 1.
 

@@ -130,17 +130,7 @@ def condition_indices(products: ArrayLike) -> ConditionIndices:
 
 
 def parameter_correlation(C: ArrayLike, selected: Sequence[int]) -> Array:
-    """Correlation matrix of the least-squares coefficients of the given terms.
-
-    Parameters
-    ----------
-    C : (p+1, p+1) array
-    selected : sequence of int
-
-    Returns
-    -------
-    correlation : (k, k) array [-]
-    """
+    """Correlation matrix (k, k) of the least-squares coefficients of the given terms; C (p+1, p+1)."""
     chosen = np.asarray(list(selected), dtype=int)
     C = np.asarray(C, dtype=float)
     inverse = _inverse(correlation(C[np.ix_(chosen, chosen)]), "parameter_correlation")
@@ -176,8 +166,6 @@ def drop_correlated(
 
     Parameters
     ----------
-    C : (p+1, p+1) array
-    dof : float [-]
     selected : sequence of int
     limit : float [-]
     include : sequence of int

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,10 +22,7 @@ from structsel.refinement.linear_structure import LinearStructure
 from structsel.refinement.parameters import check_recordings
 from structsel.results import Estimates, NamedEstimates
 from structsel.simulation.linear import LinearModel
-from structsel.tables import Column, Summary, Table, text_column
-
-if TYPE_CHECKING:
-    import pandas as pd
+from structsel.tables import Summary
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,26 +55,17 @@ class EquationError(NamedEstimates, Estimates):
     recordings: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        self.values.setflags(write=False)
-        self.std.setflags(write=False)
-        object.__setattr__(self, "r2", MappingProxyType(dict(self.r2)))
+        self.freeze()
 
     def _estimates(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, float]:
         return self.names, self.values, self.std, np.inf
 
-    def to_frame(self) -> pd.DataFrame:
-        """One row for each parameter: name, value, std."""
-        import pandas as pd
-
-        return pd.DataFrame({"name": self.names, "value": self.values, "std": self.std})
-
     def summary(self) -> Summary:
         """Estimates and their standard errors."""
         band = "" if self.band is None else f" from {self.band[0]:g} to {self.band[1]:g} Hz"
-        columns = (text_column("parameter"), Column("value", "5g"), Column("std error", "2g"))
-        rows = tuple(zip(self.names, self.values.tolist(), self.std.tolist()))
+        tables = (self.estimate_table("parameter"),)
         notes = tuple(f"{name}: R2 {r2:.4f}" for name, r2 in self.r2.items())
-        return Summary(f"Equation error{band}", ", ".join(self.recordings), tables=(Table(columns, rows),), notes=notes)
+        return Summary(f"Equation error{band}", ", ".join(self.recordings), tables=tables, notes=notes)
 
 
 def equation_error(

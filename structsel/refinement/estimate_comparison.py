@@ -44,8 +44,7 @@ class EstimateComparison(Result):
     level: float
 
     def __post_init__(self) -> None:
-        for array in (self.values, self.std, self.truth):
-            array.setflags(write=False)
+        self.freeze()
 
     @property
     def intervals(self) -> np.ndarray:

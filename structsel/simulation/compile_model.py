@@ -187,12 +187,18 @@ def _rows_of(model: AeroModel) -> dict[str, int]:
             f"A flight needs the coefficients {', '.join(COEFFICIENTS)} (or CL and CD for CX and CZ); the model has "
             f"'{unknown[0]}'.{suggest(unknown[0], COEFFICIENTS)}"
         )
-    wind, body = [n for n in given if n in ("CL", "CD")], [n for n in given if n in ("CX", "CZ")]
-    if wind and body:
-        raise ModelError(f"The model mixes wind and body axes: {', '.join(wind + body)}. Keep one pair.")
+    wind = has_wind_axes(model)
     order = WIND_AXIS_COEFFICIENTS if wind else COEFFICIENTS
     rows = {name: order.index(name) for name in given}
     return rows | ({"CD": 0} if wind else {})
+
+
+def has_wind_axes(model: AeroModel) -> bool:
+    """Whether a model has CL or CD; refuses one that has CX or CZ as well."""
+    wind, body = [n for n in model if n in ("CL", "CD")], [n for n in model if n in ("CX", "CZ")]
+    if wind and body:
+        raise ModelError(f"The model mixes wind and body axes: {', '.join(wind + body)}. Keep one pair.")
+    return bool(wind)
 
 
 def _rate_of(term: Term, formulas: Formulas, response: str) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import Literal
 
@@ -10,8 +9,9 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.candidates.formula import Node, evaluate
-from structsel.errors import ModelError, SimulationError, StructselWarning
+from structsel.errors import SimulationError
 from structsel.model import AeroModel
+from structsel.model.ranges import check_outside, report_excursions
 from structsel.nomenclature import COEFFICIENTS, LATERAL_STATES, WIND_AXIS_COEFFICIENTS
 from structsel.numerics.flight_model import READINGS, REASONS, STATES
 from structsel.readers.table import MOVED_TO_CG
@@ -99,6 +99,7 @@ def simulate(
     ----------
     [M86], [KM16] ch. 3.
     """
+    check_outside(outside)
     vanes = None if instruments is None else instruments.vane_errors
     setup = prepare(
         model, aircraft, inputs, start=start, air=air, actuators=actuators, definitions=definitions, between=between,
@@ -126,7 +127,8 @@ def simulate(
             "damping terms. With --out the flight so far is written.",
         )
     assert flight is not None
-    _judge_region(setup, model, flight, outside)
+    if outside != "ignore":
+        _report_excursions(setup, model, flight, outside)
     return flight
 
 
@@ -172,19 +174,12 @@ def _recording(
     return Recording(setup.name, t, channels, provenance=tuple(notes), at_cg=at_cg).check()
 
 
-def _judge_region(setup: FlightSetup, model: AeroModel, flight: Recording, outside: str) -> None:
-    if outside not in ("warn", "ignore", "raise"):
-        raise ModelError(f"outside={outside!r} is not one of 'warn', 'ignore', 'raise'.")
-    if outside == "ignore":
-        return
+def _report_excursions(
+    setup: FlightSetup, model: AeroModel, flight: Recording, outside: Literal["warn", "raise"]
+) -> None:
+    """Report the channels that leave the ranges of the model, computed ones among them."""
     channels = dict(flight.channels)
     for name in model.ranges:
         if name not in channels and name in setup.formulas and set(setup.formulas.needs([name])) <= set(channels):
             channels[name] = evaluate(setup.formulas.expand(Node("channel", name=name)), channels, name)
-    if not (excursions := model.range_excursions(channels)):
-        return
-    message = f"The simulated flight '{flight.name}' leaves the ranges the model was identified in: "
-    message += "; ".join(map(str, excursions)) + ". The model is an extrapolation there."
-    if outside == "raise":
-        raise ModelError(message)
-    warnings.warn(message, StructselWarning, stacklevel=3)
+    report_excursions(f"The simulated flight '{flight.name}'", model.range_excursions(channels), outside, stacklevel=3)

@@ -110,7 +110,7 @@ def resimulate(
     held = {**BANDS, **(bands or {})}
     if strange := [name for name in bands or {} if not held[name] > 0.0]:
         raise DomainError(f"resimulate needs bands above zero; that of '{strange[0]}' is {held[strange[0]]:g}.")
-    scores, pooled, divergences, doubts = [], [], [], []
+    scores, pooled, divergences = [], [], []
     simulated: dict[str, list[Recording]] = {"whole": [], "windows": []}
     for recording in flights:
         options = {"air": air, "definitions": definitions, "substeps": substeps}
@@ -137,15 +137,12 @@ def resimulate(
             ]
             note = f"simulated by resimulate, {'whole' if kind == 'whole' else f'in windows of {window:g} s'}"
             simulated[kind].append(recording.with_channels(note=note, **channels))  # type: ignore[arg-type]
-        if recording.name in model.recordings:
-            doubts.append(f"'{recording.name}' was used to identify the model: its scores describe the fit.")
     for kind, simulations in simulated.items():
         for name in shown:
             pairs = [(r[name], s[name]) for r, s in zip(flights, simulations)]
             pooled.append(score_output(kind, "all", name, pairs, held.get(name), normaliser))
-    if missing := describe_missing(model, missing_responses(model, lateral=lateral)):
-        doubts.append(missing)
-    doubts += _outside_region(model, flights)
+    missing = describe_missing(model, missing_responses(model, lateral=lateral))
+    doubts = [*([missing] if missing else []), *(text for r in flights for text in model.warnings_on(r))]
     return Resimulation(
         model.name, shown, window, normaliser, {name: held[name] for name in shown if name in held}, tuple(scores),
         tuple(pooled), tuple(divergences), tuple(flights), tuple(simulated["whole"]), tuple(simulated["windows"]),
@@ -226,12 +223,3 @@ def _divergence(
     if of:
         why = f"{of} is off by more than its measured range"
         yield Divergence(recording.name, "whole", float(recording.t[0]), float(recording.t[first]), why)
-
-
-def _outside_region(model: AeroModel, flights: Sequence[Recording]) -> list[str]:
-    said = []
-    for recording in flights:
-        known = [name for name in model.ranges if name in recording]
-        excursions = model.range_excursions({name: recording[name] for name in known})
-        said += [f"'{recording.name}' leaves the ranges the model was identified in: {e}" for e in excursions]
-    return said

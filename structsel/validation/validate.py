@@ -222,12 +222,7 @@ def validate(
     for recording in recordings:
         recording.require(*part.channels, *wanted, finite=True, by="validate")
         modelled = part.evaluate(recording, outside="ignore")
-        excursions = part.range_excursions(recording)
-        doubts += [
-            f"'{recording.name}' leaves the ranges the model was identified in: {excursion}" for excursion in excursions
-        ]
-        if recording.name in model.recordings:
-            doubts.append(f"'{recording.name}' was used to identify the model: its scores describe the fit.")
+        doubts += part.warnings_on(recording)
         for name in wanted:
             pair = np.asarray(recording[name]), modelled[name]
             held[name].append((pair[0] - pair[0].mean(), pair[1] - pair[1].mean()) if name in own else pair)
