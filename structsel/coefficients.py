@@ -106,10 +106,20 @@ def compute_all(
     ----------
     recordings : iterable of Recording
     aircraft, method, order
-        As for `compute_coefficients`, which has the exceptions as well.
+        As for `compute_coefficients`.
     V0 : float, optional
         Reference airspeed [m/s]. Where neither it nor the aircraft's is given, it is the mean V of the first
         recording, and a finding in each says so.
+
+    Returns
+    -------
+    list of Recording
+        In the same order.
+
+    Raises
+    ------
+    ChannelError, DomainError, AircraftError
+        As `compute_coefficients`.
     """
     made: list[Recording] = []
     shared = aircraft.V0 if V0 is None else V0

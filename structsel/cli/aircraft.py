@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import print_json, say, stdout
 from structsel.cli.recordings import Json, load_aircraft
 from structsel.cli.tables import print_files, print_summary
@@ -79,9 +79,9 @@ Ixz = 117.6                     # integral of x z over the mass; its sign in the
 
 def run(
     file: Annotated[Path | None, typer.Argument(metavar="AIRCRAFT.TOML", help="File to be checked.")] = None,
-    template: Annotated[bool, typer.Option("--template", help="Print a commented file to fill in.")] = False,
+    template: Annotated[bool, option("--template", "Print a commented file to fill in.")] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE.TOML", help="With --template: new file instead of printing.")
+        Path | None, option("--out", "With --template: new file instead of printing.", metavar="FILE.TOML")
     ] = None,
     json: Json = False,
 ) -> None:

@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
-
 from structsel.cli.folders import output_folder, refuse_existing
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import print_json, stdout
-from structsel.cli.recordings import V0, Files, Json, Map, Overwrite, Reconstruct, option, read_flights
+from structsel.cli.recordings import V0, Files, Json, Map, Overwrite, Reconstruct, read_flights
 from structsel.cli.tables import print_files, print_summary
 from structsel.recording import write_recording
 
@@ -32,10 +30,10 @@ _AIRCRAFT = "Geometry, mass, inertia, thrust line, positions of the instruments.
 
 def run(
     files: Files,
-    aircraft: Annotated[Path, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)],
+    aircraft: Annotated[Path, option("--aircraft", _AIRCRAFT, metavar="AIRCRAFT.TOML")],
     out: Annotated[Path, option("--out", "Folder for one file per manoeuvre.", metavar="DIR")],
     channel_map: Map = None,
-    file_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="File format.")] = "csv",
+    file_format: Annotated[Literal["csv", "parquet"], option("--format", "File format.")] = "csv",
     reconstruct: Reconstruct = False,
     v0: V0 = None,
     overwrite: Overwrite = False,

@@ -13,6 +13,7 @@ import typer
 from structsel import __version__
 from structsel.cli.cutting import set_cuts
 from structsel.cli.defaults import DEFAULTS, load_defaults
+from structsel.cli.help_text import option
 from structsel.cli.input_files import record_inputs
 from structsel.cli.messages import log_duration, say, set_verbosity
 
@@ -49,18 +50,14 @@ _COMMON: dict[str, tuple[Any, Any]] = {
         False,
         Annotated[
             bool,
-            typer.Option(
-                "--quiet",
-                help="Print warnings, errors and the result only; with --out no result.",
-                rich_help_panel=_PANEL,
-            ),
+            option("--quiet", "Print warnings, errors and the result only; with --out no result.", _PANEL),
         ],
     ),
     "verbose": (
         False,
         Annotated[
             bool,
-            typer.Option("--verbose", help="Print each step and its duration.", rich_help_panel=_PANEL),
+            option("--verbose", "Print each step and its duration.", _PANEL),
         ],
     ),
 }
@@ -68,12 +65,12 @@ _COMMON: dict[str, tuple[Any, Any]] = {
 
 _CUT = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
         "--cut",
-        metavar="PART",
-        help="Part of each recording that is used: START:END in s, rows=FIRST:LAST, or manoeuvres, the parts in which "
+        "Part of each recording that is used: START:END in s, rows=FIRST:LAST, or manoeuvres, the parts in which "
         "controls move; may be repeated. Recordings are always split at gaps in time.",
-        rich_help_panel=_PANEL,
+        _PANEL,
+        "PART",
     ),
 ]
 

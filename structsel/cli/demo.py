@@ -6,14 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from structsel.candidates import Candidates
 from structsel.cli.comparison_tables import summarise_truth
 from structsel.cli.folders import lock_folder
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import ProgressBar, print_json, stdout
-from structsel.cli.recordings import Json, option
+from structsel.cli.recordings import Json
 from structsel.cli.selection_files import write_results
 from structsel.cli.tables import print_files, print_summary
 from structsel.coefficients import compute_all
@@ -36,11 +34,11 @@ TURBULENCE = 0.4  # fraction of a gust of 0.8 m/s
 
 def run(
     out: Annotated[Path | None, option("--out", "Folder for model, tables and plots.", metavar="DIR")] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of turbulence and instrument noise.")] = 1,
+    seed: Annotated[int, option("--seed", "Seed of turbulence and instrument noise.")] = 1,
     bootstrap: Annotated[
         int, option("--bootstrap", "Selections repeated on resampled data; 0: none.", metavar="N")
     ] = 200,
-    plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Whether --out gets plots.")] = True,
+    plots: Annotated[bool, option("--plots/--no-plots", "Whether --out gets plots.")] = True,
     json: Json = False,
 ) -> None:
     """Select models of all six axes from six simulated flights, and print them with the true values."""

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from structsel.cli.cutting import cut
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import print_json, say, stdout
 from structsel.cli.recordings import Files, Json, Map, read_files
 from structsel.cli.tables import print_summary
@@ -32,11 +32,11 @@ EPILOG = epilog(
 )
 GuessMap = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--guess-map",
-        metavar="MAP.TOML",
-        help="Guess a channel map from names, units and values, rate the confidence of each line, and write it to this "
+        "Guess a channel map from names, units and values, rate the confidence of each line, and write it to this "
         "new file. The [file] table of --map, if given, states how to read the file.",
+        metavar="MAP.TOML",
     ),
 ]
 _TONES: dict[str, Tone] = {SURE: "good", UNSURE: "warning"}

@@ -12,7 +12,7 @@ from rich.text import Text
 from structsel.aircraft import Aircraft
 from structsel.cli.cutting import is_cut
 from structsel.cli.folders import names_in, output_folder, refuse_existing
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.input_files import provenance
 from structsel.cli.messages import ProgressBar, is_quiet, json_text, print_json, say, stdout
 from structsel.cli.recordings import (
@@ -23,7 +23,6 @@ from structsel.cli.recordings import (
     Overwrite,
     hold_out,
     load_aircraft,
-    option,
     read_files,
     read_manoeuvres,
 )

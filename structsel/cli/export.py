@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import stdout
 from structsel.cli.models import Define, read_definitions
 from structsel.cli.parsing import read_texts, split_names
-from structsel.cli.recordings import Overwrite, load_aircraft, option
+from structsel.cli.recordings import Overwrite, load_aircraft
 from structsel.exporting import Target, export_model
 from structsel.model import AeroModel
 
@@ -42,8 +42,8 @@ _AIRCRAFT = (
 def run(
     model: Annotated[Path, typer.Argument(metavar="MODEL.JSON", help="Model file of select or refine.")],
     out: Annotated[Path, option("--out", "File to write.", metavar="FILE")],
-    to: Annotated[Target, typer.Option("--to", help="Format of the file.")] = "jsbsim",
-    aircraft: Annotated[Path | None, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)] = None,
+    to: Annotated[Target, option("--to", "Format of the file.")] = "jsbsim",
+    aircraft: Annotated[Path | None, option("--aircraft", _AIRCRAFT, metavar="AIRCRAFT.TOML")] = None,
     define: Define = None,
     properties: Annotated[
         str,

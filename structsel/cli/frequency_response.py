@@ -9,10 +9,10 @@ import typer
 
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import names_in, output_folder, refuse_existing, save_figures
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import json_text, print_json, stdout
 from structsel.cli.parsing import read_numbers, read_pair, split_names
-from structsel.cli.recordings import OUTPUT, Files, OutputOptions, RecordingOptions, option
+from structsel.cli.recordings import OUTPUT, Files, OutputOptions, RecordingOptions
 from structsel.cli.tables import print_files, print_summary
 from structsel.frequency_domain import (
     FORMS,
@@ -53,13 +53,11 @@ def run(
     files: Files,
     recorded: RecordingOptions,
     output: OutputOptions,
-    outputs: Annotated[str, typer.Option("--outputs", metavar="NAMES", help="Channels that respond.")],
-    inputs: Annotated[str, typer.Option("--inputs", metavar="NAMES", help="Channels that drive them.")],
-    band: Annotated[
-        str | None, typer.Option("--band", metavar="LOW,HIGH", help="Lowest and highest frequency, in rad/s.")
-    ] = None,
+    outputs: Annotated[str, option("--outputs", "Channels that respond.", metavar="NAMES")],
+    inputs: Annotated[str, option("--inputs", "Channels that drive them.", metavar="NAMES")],
+    band: Annotated[str | None, option("--band", "Lowest and highest frequency, in rad/s.", metavar="LOW,HIGH")] = None,
     windows: Annotated[
-        str | None, typer.Option("--windows", metavar="SECONDS", help="Lengths of the windows, such as 40,20,10.")
+        str | None, option("--windows", "Lengths of the windows, such as 40,20,10.", metavar="SECONDS")
     ] = None,
     points: Annotated[int, typer.Option("--points", min=2, help="Number of frequencies.")] = 100,
     fit: Annotated[

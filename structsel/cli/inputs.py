@@ -13,7 +13,7 @@ from structsel import inputs as signals
 from structsel.cli.comparison_tables import summarise_scatter
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import names_in, output_folder, refuse_existing
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import ProgressBar, json_text, print_json, stdout
 from structsel.cli.models import (
     MODEL_HELP,
@@ -23,7 +23,7 @@ from structsel.cli.models import (
     trim_model,
 )
 from structsel.cli.parsing import read_numbers, split_names
-from structsel.cli.recordings import OUTPUT, OutputOptions, option
+from structsel.cli.recordings import OUTPUT, OutputOptions
 from structsel.cli.tables import print_files, print_summary
 from structsel.formatting import format_number
 from structsel.inputs import Information, InputComparison, InputDesign, Scatter

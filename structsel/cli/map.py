@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from structsel.cli.describe import guess
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.recordings import Json, Map
 
 EPILOG = epilog(
@@ -28,7 +28,7 @@ def run(
         Path, typer.Argument(metavar="FILE", help="One recording; the map then applies to all of its kind.")
     ],
     out: Annotated[
-        Path, typer.Option("--out", metavar="MAP.TOML", help="New file to be written; an existing one is refused.")
+        Path, option("--out", "New file to be written; an existing one is refused.", metavar="MAP.TOML")
     ] = Path("map.toml"),
     channel_map: Map = None,
     json: Json = False,

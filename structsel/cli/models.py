@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from structsel.cli.help_text import option
 from structsel.cli.messages import say
 from structsel.cli.parsing import read_numbers, read_texts, split_names
-from structsel.cli.recordings import load_aircraft, option, read_manoeuvres
+from structsel.cli.recordings import load_aircraft, read_manoeuvres
 from structsel.errors import ChannelError, ModelError
 from structsel.formatting import join_names
 from structsel.model import AeroModel
@@ -37,11 +38,11 @@ AircraftOption = Annotated[
 ]
 TrimOption = Annotated[
     str,
-    typer.Option(
+    option(
         "--trim",
-        metavar="V,H,...",
-        help="Steady flight at airspeed V in m/s and altitude H in m; optionally climb=, turn_rate=, bank=, sideslip= "
+        "Steady flight at airspeed V in m/s and altitude H in m; optionally climb=, turn_rate=, bank=, sideslip= "
         "in rad and rad/s: 45,600,climb=0.05",
+        metavar="V,H,...",
     ),
 ]
 Controls = Annotated[
@@ -58,15 +59,13 @@ Free = Annotated[
 ]
 Define = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
         "--define",
+        'Channel computed from others; may be repeated: "thrust=9000*throttle*rho/1.225"',
         metavar="NAME=FORMULA",
-        help='Channel computed from others; may be repeated: "thrust=9000*throttle*rho/1.225"',
     ),
 ]
-Rho = Annotated[
-    float | None, typer.Option("--rho", help="Constant air density in kg/m^3. Default: standard atmosphere.")
-]
+Rho = Annotated[float | None, option("--rho", "Constant air density in kg/m^3. Default: standard atmosphere.")]
 RecordingsOption = Annotated[
     list[Path] | None,
     option(

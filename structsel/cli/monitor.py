@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import say, stdout
 from structsel.cli.parsing import read_pair, split_names
 from structsel.cli.recordings import OUTPUT, Map
@@ -46,22 +46,18 @@ _FOLLOW = "A file that grows"
 
 def run(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording; with --follow a text file.")],
-    response: Annotated[str, typer.Option("--response", metavar="NAME", help="Channel, or derivative of one.")],
-    terms: Annotated[str, typer.Option("--terms", metavar="NAMES", help="Terms, such as alpha,q,de.")],
+    response: Annotated[str, option("--response", "Channel, or derivative of one.", metavar="NAME")],
+    terms: Annotated[str, option("--terms", "Terms, such as alpha,q,de.", metavar="NAMES")],
     channel_map: Map = None,
-    band: Annotated[
-        str | None, typer.Option("--band", metavar="LOW,HIGH", help="Frequencies, in Hz. Default: 0.1,1.5.")
-    ] = None,
+    band: Annotated[str | None, option("--band", "Frequencies, in Hz. Default: 0.1,1.5.", metavar="LOW,HIGH")] = None,
     memory: Annotated[
         float | None,
-        typer.Option("--memory", help="Time in which the weight of a sample falls to 1/e, in s. Default: none does."),
+        option("--memory", "Time in which the weight of a sample falls to 1/e, in s. Default: none does."),
     ] = None,
-    every: Annotated[float, typer.Option("--every", help="Interval of the estimates, in s of flight.")] = 2.0,
-    follow: Annotated[bool, typer.Option("--follow", help="Go on as the file grows.", rich_help_panel=_FOLLOW)] = False,
-    idle: Annotated[
-        float, typer.Option("--idle", help="Stop when nothing was added for this long, in s.", rich_help_panel=_FOLLOW)
-    ] = 30.0,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object a line.", rich_help_panel=OUTPUT)] = False,
+    every: Annotated[float, option("--every", "Interval of the estimates, in s of flight.")] = 2.0,
+    follow: Annotated[bool, option("--follow", "Go on as the file grows.", _FOLLOW)] = False,
+    idle: Annotated[float, option("--idle", "Stop when nothing was added for this long, in s.", _FOLLOW)] = 30.0,
+    json: Annotated[bool, option("--json", "Print one JSON object a line.", OUTPUT)] = False,
 ) -> None:
     """Estimate parameters by equation error in the frequency domain while a flight is recorded."""
     if not every > 0.0 or not idle > 0.0 or (memory is not None and not memory > 0.0):

@@ -13,7 +13,7 @@ from structsel.aircraft import Aircraft
 from structsel.cli.comparison_tables import summarise_reconstructions
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import names_in, output_folder, refuse_existing, save_figures
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.input_files import provenance
 from structsel.cli.messages import by_method, explain, json_text, print_json, say, stdout
 from structsel.cli.recordings import (
@@ -24,7 +24,6 @@ from structsel.cli.recordings import (
     Overwrite,
     Plots,
     load_aircraft,
-    option,
     read_manoeuvres,
     reconstruct_paths,
 )
@@ -71,7 +70,7 @@ _AIRCRAFT = "Positions of the instruments and, if known, their noise."
 @takes_dataclass(ReconstructOptions, without=("method",))
 def run(
     files: Files,
-    aircraft: Annotated[Path, typer.Option("--aircraft", metavar="AIRCRAFT.TOML", help=_AIRCRAFT)],
+    aircraft: Annotated[Path, option("--aircraft", _AIRCRAFT, metavar="AIRCRAFT.TOML")],
     channel_map: Map = None,
     method: Annotated[
         Literal["unscented", "extended", "output-error", "all"],

@@ -12,6 +12,7 @@ import typer
 
 from structsel.aircraft import Aircraft
 from structsel.cli.cutting import cut, is_cut
+from structsel.cli.help_text import option
 from structsel.cli.messages import ProgressBar, say
 from structsel.cli.parsing import split_names
 from structsel.coefficients import compute_all
@@ -38,40 +39,35 @@ Files = Annotated[
 ]
 Map = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--map",
+        "Channel map: columns, units and signs of the channels. Without it columns keep their names.",
         metavar="MAP.TOML",
-        help="Channel map: columns, units and signs of the channels. Without it columns keep their names.",
     ),
 ]
 AircraftFile = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--aircraft",
-        metavar="AIRCRAFT.TOML",
-        help="Geometry, mass, inertia, thrust line, positions of the instruments. If given, coefficients are computed "
+        "Geometry, mass, inertia, thrust line, positions of the instruments. If given, coefficients are computed "
         "first; else the responses must be channels of the files.",
+        metavar="AIRCRAFT.TOML",
     ),
 ]
 V0 = Annotated[
     float | None,
-    typer.Option(
-        "--v0",
-        help="Reference airspeed of V_ratio, in m/s. Default: that of the aircraft file, else the first mean V.",
-    ),
+    option("--v0", "Reference airspeed of V_ratio, in m/s. Default: that of the aircraft file, else the first mean V."),
 ]
 Reconstruct = Annotated[
     bool,
-    typer.Option(
+    option(
         "--reconstruct",
-        help="Reconstruct the flight paths first, with the defaults of structsel reconstruct. Needs --aircraft.",
+        "Reconstruct the flight paths first, with the defaults of structsel reconstruct. Needs --aircraft.",
     ),
 ]
-Plots = Annotated[
-    bool, typer.Option("--plots/--no-plots", help="Whether to write plots to --out.", rich_help_panel=OUTPUT)
-]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON only.", rich_help_panel=OUTPUT)]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing files.", rich_help_panel=OUTPUT)]
+Plots = Annotated[bool, option("--plots/--no-plots", "Whether to write plots to --out.", OUTPUT)]
+Json = Annotated[bool, option("--json", "Print JSON only.", OUTPUT)]
+Overwrite = Annotated[bool, option("--overwrite", "Replace existing files.", OUTPUT)]
 
 
 @dataclass(frozen=True)
@@ -95,11 +91,6 @@ class OutputOptions:
     overwrite: Overwrite = False
     plots: Plots = True
     json: Json = False
-
-
-def option(name: str, text: str, panel: str | None = None, metavar: str | None = None) -> Any:
-    """Option of a command, on a panel of its help page."""
-    return typer.Option(name, help=text, rich_help_panel=panel, metavar=metavar)
 
 
 def expand(files: Iterable[Path]) -> list[Path]:

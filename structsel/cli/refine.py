@@ -11,7 +11,7 @@ import typer
 
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import names_in, output_folder, refuse_existing, save_figures
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.input_files import provenance
 from structsel.cli.messages import ProgressBar, json_text, print_json, say, stdout
 from structsel.cli.models import (
@@ -21,7 +21,7 @@ from structsel.cli.models import (
     SimulationModel,
     read_inputs,
 )
-from structsel.cli.recordings import OUTPUT, Map, MoreRecordings, OutputOptions, hold_out, option
+from structsel.cli.recordings import OUTPUT, Map, MoreRecordings, OutputOptions, hold_out
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import RefinementError
 from structsel.model import AeroModel

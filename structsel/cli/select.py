@@ -14,19 +14,10 @@ from structsel.candidates import Candidates
 from structsel.cli.comparison_tables import summarise_methods
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import refuse_existing
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import ProgressBar, by_method, explain, print_json, say, stdout
 from structsel.cli.parsing import split_names
-from structsel.cli.recordings import (
-    OUTPUT,
-    Files,
-    Json,
-    Overwrite,
-    Plots,
-    RecordingOptions,
-    hold_out,
-    option,
-)
+from structsel.cli.recordings import OUTPUT, Files, Json, Overwrite, Plots, RecordingOptions, hold_out
 from structsel.cli.selection_files import write_results
 from structsel.cli.streaming import StreamingOptions, report_sample, stream_flights
 from structsel.cli.tables import print_files, print_summary

@@ -13,7 +13,7 @@ import typer
 from structsel.cli.comparison_tables import summarise_simulation
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import names_in, output_folder, refuse_existing, save_figures
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import ProgressBar, json_text, print_json, say, stdout
 from structsel.cli.models import (
     MODEL_HELP,
@@ -26,7 +26,7 @@ from structsel.cli.models import (
     trim_model,
 )
 from structsel.cli.parsing import read_numbers
-from structsel.cli.recordings import OUTPUT, Map, MoreRecordings, OutputOptions, option
+from structsel.cli.recordings import OUTPUT, Map, MoreRecordings, OutputOptions
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import SimulationError
 from structsel.nomenclature import LATERAL_COEFFICIENTS
@@ -92,33 +92,31 @@ class EnvironmentOptions:
     """Air, instruments, and interpolation of the inputs."""
 
     between: Annotated[
-        Literal["linear", "hold"], typer.Option("--between", help="Interpolation of the inputs between samples.")
+        Literal["linear", "hold"], option("--between", "Interpolation of the inputs between samples.")
     ] = "linear"
-    stabilise: Annotated[bool, typer.Option("--stabilise", help="JSBSim only: add a stabilising feedback.")] = False
+    stabilise: Annotated[bool, option("--stabilise", "JSBSim only: add a stabilising feedback.")] = False
     noise: Annotated[
         str,
-        typer.Option(
+        option(
             "--noise",
-            metavar="STD",
-            help="stated: instruments with the positions and the noise of the aircraft file; or NAME=STD,...",
-            rich_help_panel=_AIR,
+            "stated: instruments with the positions and the noise of the aircraft file; or NAME=STD,...",
+            _AIR,
+            "STD",
         ),
     ] = ""
     turbulence: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--turbulence",
-            metavar="W20",
-            help="Dryden turbulence, given by the wind at 20 ft in m/s: 7.7 light, 15 moderate, 23 severe.",
-            rich_help_panel=_AIR,
+            "Dryden turbulence, given by the wind at 20 ft in m/s: 7.7 light, 15 moderate, 23 severe.",
+            _AIR,
+            "W20",
         ),
     ] = None
     wind: Annotated[str, option("--wind", "Steady wind in m/s, towards north, east, down.", _AIR, "N,E,D")] = ""
     seed: Annotated[
         int,
-        typer.Option(
-            "--seed", help="Seed of noise and turbulence; increased by 1 for each flight.", rich_help_panel=_AIR
-        ),
+        option("--seed", "Seed of noise and turbulence; increased by 1 for each flight.", _AIR),
     ] = 0
 
 
@@ -131,9 +129,7 @@ def run(
     environment: EnvironmentOptions,
     output: OutputOptions,
     more_files: MoreRecordings = None,
-    modes: Annotated[
-        bool, typer.Option("--modes", help="Print the modes of small perturbations about the trim.")
-    ] = False,
+    modes: Annotated[bool, option("--modes", "Print the modes of small perturbations about the trim.")] = False,
     out: Annotated[
         Path | None,
         option("--out", "Folder for flights, table and plots.", OUTPUT, "DIR"),

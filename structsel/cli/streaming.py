@@ -12,8 +12,9 @@ from typing import Annotated
 import typer
 
 from structsel.cli.cutting import is_cut
+from structsel.cli.help_text import option
 from structsel.cli.messages import ProgressBar, say
-from structsel.cli.recordings import RecordingOptions, expand, load_aircraft, option, report_findings
+from structsel.cli.recordings import RecordingOptions, expand, load_aircraft, report_findings
 from structsel.coefficients import compute_coefficients
 from structsel.errors import DataError
 from structsel.readers.channel_map import load_channel_map
@@ -34,10 +35,10 @@ class StreamingOptions:
 
     stream: Annotated[
         bool | None,
-        typer.Option(
+        option(
             "--stream/--no-stream",
-            help="Read recordings one by one, in every pass. By default where files have more than 512 MiB.",
-            rich_help_panel=_PANEL,
+            "Read recordings one by one, in every pass. By default where files have more than 512 MiB.",
+            _PANEL,
         ),
     ] = None
     checkpoint: Annotated[

@@ -12,7 +12,7 @@ import typer
 from structsel.aircraft import Aircraft
 from structsel.cli.dataclass_options import takes_dataclass
 from structsel.cli.folders import names_in, output_folder, refuse_existing, save_figures
-from structsel.cli.help_text import epilog
+from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import ProgressBar, json_text, print_json, stdout
 from structsel.cli.models import Define, Rho, read_definitions
 from structsel.cli.parsing import read_texts, split_names
@@ -23,7 +23,6 @@ from structsel.cli.recordings import (
     OutputOptions,
     RecordingOptions,
     load_aircraft,
-    option,
     read_manoeuvres,
     reconstruct_paths,
 )
@@ -64,11 +63,11 @@ _REPLAY = "With --replay"
 class ReplayOptions:
     """Simulation of a model with the recorded inputs."""
 
-    replay: Annotated[
-        bool, typer.Option("--replay", help="Simulate the model with the recorded inputs. Needs --aircraft.")
-    ] = False
+    replay: Annotated[bool, option("--replay", "Simulate the model with the recorded inputs. Needs --aircraft.")] = (
+        False
+    )
     outputs: Annotated[str, option("--outputs", "Channels to compare.", _REPLAY, "NAMES")] = ""
-    window: Annotated[float, typer.Option("--window", help="Length of a window, in s.", rich_help_panel=_REPLAY)] = 4.0
+    window: Annotated[float, option("--window", "Length of a window, in s.", _REPLAY)] = 4.0
     define: Define = None
     rho: Rho = None
     qtg: Annotated[
@@ -92,16 +91,12 @@ def run(
     recorded: RecordingOptions,
     replay: ReplayOptions,
     output: OutputOptions,
-    responses: Annotated[
-        str, typer.Option("--responses", help="Responses to score; by default all responses of the model.")
-    ] = "",
+    responses: Annotated[str, option("--responses", "Responses to score; by default all responses of the model.")] = "",
     constants: Annotated[
         Literal["auto", "model", "own"],
-        typer.Option("--constants", help="Compare levels too (model), or about each recording's mean (own)."),
+        option("--constants", "Compare levels too (model), or about each recording's mean (own)."),
     ] = "auto",
-    normaliser: Annotated[
-        Literal["rms", "std", "range"], typer.Option("--normaliser", help="Denominator of RRMSE.")
-    ] = "rms",
+    normaliser: Annotated[Literal["rms", "std", "range"], option("--normaliser", "Denominator of RRMSE.")] = "rms",
     out: Annotated[
         Path | None,
         option("--out", "With --replay: folder for table and plots.", OUTPUT, "DIR"),
