@@ -17,7 +17,7 @@ from structsel.errors import AircraftError, ChannelError, DataError, DomainError
 from structsel.nomenclature import AIR_DATA, ANGULAR_ACCELERATIONS, BODY_RATES
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.air_data import air_data_at_cg, lift_and_drag
-from structsel.numerics.atmosphere import standard_atmosphere
+from structsel.numerics.atmosphere import speed_of_sound, standard_atmosphere
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Finding, Recording, with_entry_findings
 from structsel.recording.arguments import as_recordings
@@ -226,7 +226,7 @@ class _Computation:
         if "mach" not in record:
             if "temperature" in record:
                 record.require_above_zero("temperature", by=_WHO)
-                sound, source = np.sqrt(1.4 * 287.05287 * record["temperature"]), "the recorded temperature"
+                sound, source = speed_of_sound(record["temperature"]), "the recorded temperature"
             elif "h" in record:
                 sound, source = standard_atmosphere(record["h"])[3], "the standard atmosphere at h"
             else:

@@ -71,6 +71,11 @@ def standard_atmosphere(h: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return temperature, pressure, rho, sound
 
 
+def speed_of_sound(temperature: ArrayLike) -> NDArray[np.float64]:
+    """Speed of sound [m/s] at a temperature [K]."""
+    return np.sqrt(_KAPPA * _R * np.asarray(temperature, dtype=float))
+
+
 @njit(cache=True)
 def standard_air(h, offset):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Temperature, pressure, density and speed of sound at one altitude, `offset` [K] warmer; nan outside the table."""

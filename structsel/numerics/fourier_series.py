@@ -9,7 +9,7 @@ import scipy
 
 from structsel.errors import DataError
 from structsel.numerics.arrays import Array
-from structsel.numerics.signal_quality import noise_level
+from structsel.numerics.signal_quality import MEDIAN_SQUARE, noise_level
 from structsel.numerics.smoothing import ORDERS, SmoothedSignal
 
 _SERIES_SAMPLES = 32
@@ -139,8 +139,7 @@ class _Series:
         """Noise from the coefficients above `lowest`, or `otherwise` if these are too few."""
         _, rest, _ = self._line(self._passed(k_c, order))
         beyond = rest[self.k > lowest]
-        # The square of a normal variable has its median at 0.4549.
-        return float(np.sqrt(np.median(beyond**2) / 0.4549)) if beyond.size > 0.2 * self.n else otherwise
+        return float(np.sqrt(np.median(beyond**2) / MEDIAN_SQUARE)) if beyond.size > 0.2 * self.n else otherwise
 
     def smoothed(self, k_c: float, order: int, noise: float) -> SmoothedSignal:
         passed = self._passed(k_c, order)

@@ -18,7 +18,10 @@ _REPEATS = 0.1  # fraction of repeated samples above which a channel is coarse
 _SIDE = 4  # samples of the local fit on each side
 _LOCAL = 51  # samples of the local median deviation
 _CLEAR = 1.35  # least ratio of the steps into and out of a spike to the largest step nearby
-_MAD = 1.4826  # standard deviation over the median absolute deviation, normal distribution
+STD_OVER_MAD = 1.4826
+"""Standard deviation over the median absolute deviation, of a normal distribution."""
+MEDIAN_SQUARE = 0.4549
+"""Median of the square of a standard normal variable."""
 _NARROWEST, _WIDER, _WIDEST = 0.7, 1.6, 0.125
 """Widths of the smoothers, in samples: of the first, of each over the last, and of the widest over the length."""
 _AROUND = 3.0  # widths over which the power of a band is averaged
@@ -152,7 +155,9 @@ def _spectrum(x: Array, dt: float) -> tuple[np.ndarray, np.ndarray]:
 
 def noise_std_from_differences(steps: Array) -> float:
     """Standard deviation of white noise from third differences of a signal, which remove slow motion."""
-    return float(np.sqrt(np.median(steps**2) / 0.4549 / 20.0))  # the median of chi squared, and 1 + 9 + 9 + 1
+    return float(
+        np.sqrt(np.median(steps**2) / MEDIAN_SQUARE / 20.0)
+    )  # the variance of the differences is 1 + 9 + 9 + 1
 
 
 def estimate_white_noise(x: Array) -> Array:
@@ -318,5 +323,5 @@ def _scale(x: Array) -> Array:
     windows = np.lib.stride_tricks.sliding_window_view(x, size)
     deviation = np.abs(windows[:, _SIDE] - windows[:, outside] @ weights[0])
     local = scipy.ndimage.median_filter(deviation, size=min(_LOCAL, deviation.size), mode="nearest")
-    scale = np.maximum(local, np.median(deviation)) * _MAD / gain
+    scale = np.maximum(local, np.median(deviation)) * STD_OVER_MAD / gain
     return np.pad(scale, _SIDE, mode="edge")

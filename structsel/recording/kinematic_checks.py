@@ -17,6 +17,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from structsel.nomenclature import BODY_RATES, EULER_ANGLES
+from structsel.numerics.atmosphere import G0
 from structsel.numerics.kinematic_closure import NEEDS, USES, closure_sides
 from structsel.recording.finding import Finding
 from structsel.recording.kinematic_corrections import (
@@ -30,7 +31,6 @@ from structsel.recording.kinematic_corrections import (
     unit,
 )
 
-_G = 9.80665  # m/s^2
 _EQUATIONS = ("p", "q", "r", "az", "h")
 """Forces along x and y are left out: turbulence and vanes far from the centre of gravity affect them too much."""
 _WINDOWS = (4, 8, 16, 32, 64)  # samples; 0.1 to 6 s for the usual 10 to 50 Hz
@@ -143,7 +143,7 @@ def _closures(parts: Sequence[Mapping[str, np.ndarray]], of: Iterable[str] | Non
     turned = [{**part, **{name: _unwrapped(part[name]) for name in ("phi", "psi") if name in part}} for part in parts]
     for samples in _WINDOWS:
         sides = [
-            closure_sides(part["t"], part, samples, equations, g=_G) for part in turned if len(part["t"]) > 2 * samples
+            closure_sides(part["t"], part, samples, equations, g=G0) for part in turned if len(part["t"]) > 2 * samples
         ]
         for name in equations:
             left = np.concatenate([s[name][0] for s in sides]) if sides else np.empty(0)

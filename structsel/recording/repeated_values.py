@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structsel.numerics.signal_quality import starts_of_runs
+from structsel.numerics.signal_quality import STD_OVER_MAD, starts_of_runs
 
 _STUCK_SECONDS, _STUCK_SAMPLES, _STUCK_RATIO = 1.0, 20, 10.0  # shortest interval, the last in median run lengths
 _STUCK_JUMP = 5.0  # median steps of the channel, by which it jumps when the instrument works again
@@ -65,7 +65,9 @@ def is_noisy(values: np.ndarray) -> bool:
     if fourth.size < 40:
         return False
     steps = np.abs(np.diff(finite))
-    level = 1.4826 * float(np.median(np.abs(fourth))) / np.sqrt(70.0)  # variance of fourth differences: 70 sigma^2
+    level = (
+        STD_OVER_MAD * float(np.median(np.abs(fourth))) / np.sqrt(70.0)
+    )  # variance of fourth differences: 70 sigma^2
     return bool(np.mean(fourth[1:] * fourth[:-1] < 0.0) > 0.65 and level >= steps[steps > 0.0].min())
 
 
