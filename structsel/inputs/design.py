@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from structsel.formatting import format_number
 from structsel.inputs.criteria import Criterion, DesignProblem, elementary_matrices
 from structsel.inputs.information import Information, information, of_sensitivities, select_parameters, sensitivities
 from structsel.inputs.limits import LimitUse, limit_rows, reached
-from structsel.inputs.optimal import optimise, orthonormal_functions, within_limits
+from structsel.inputs.optimal import Optimum, optimise, orthonormal_functions, within_limits
 from structsel.inputs.settings import DesignOptions
 from structsel.inputs.signals import clock
 from structsel.options import takes_options
@@ -196,21 +196,8 @@ def design_inputs(model: LinearModel, *, noise: Mapping[str, float], options: De
     except DomainError as error:
         raise ModelError(f"design_inputs: {error} Parameters: {', '.join(names)}.") from error
     found = within_limits(problem, free, energy)
-    a, notes = found.a, []
-    value, held = float(problem.values(a[None])[0]), float(a @ a)
-    if energy is None:
-        notes.append(f"the limits set the energy, {held:.4g}")
-    elif held < (1.0 - _ENERGY_TOLERANCE) * energy:
-        notes.append(
-            f"within the limits the best energy is {held:.4g}, not the given {energy:.4g}; without limits the "
-            f"criterion is {free.value:.4g} instead of {value:.4g}"
-        )
-    elif found is not free:
-        notes.append(
-            f"the limits change this input; without them the criterion is {free.value:.4g} instead of {value:.4g}"
-        )
-    if not found.converged:
-        notes.append("the search stopped before the gradient was zero; the best input found is given")
+    a = found.a
+    value = float(problem.values(a[None])[0])
     made = np.tensordot(a, u, 1)
     note = f"optimal input: criterion {criterion}, {count} {basis}, energy {float(a @ a):.6g}"
     units = {c: model.unit(c) for c in model.inputs}
@@ -229,8 +216,24 @@ def design_inputs(model: LinearModel, *, noise: Mapping[str, float], options: De
         limits=reached(model, made, options),
         history=found.history,
         converged=found.converged,
-        notes=tuple(notes),
+        notes=tuple(_search_notes(free, found, value, energy)),
     )
+
+
+def _search_notes(free: Optimum, found: Optimum, value: float, energy: float | None) -> Iterator[str]:
+    """Effect of the limits on the input, and whether the search converged."""
+    used = float(found.a @ found.a)
+    if energy is None:
+        yield f"the limits set the energy, {used:.4g}"
+    elif used < (1.0 - _ENERGY_TOLERANCE) * energy:
+        yield (
+            f"within the limits the best energy is {used:.4g}, not the given {energy:.4g}; without limits the "
+            f"criterion is {free.value:.4g} instead of {value:.4g}"
+        )
+    elif found is not free:
+        yield f"the limits change this input; without them the criterion is {free.value:.4g} instead of {value:.4g}"
+    if not found.converged:
+        yield "the search stopped before the gradient was zero; the best input found is given"
 
 
 def parameter_sizes(
