@@ -224,10 +224,3 @@ def suggest(name: str, among: Iterable[str]) -> str:
     """Sentence " Did you mean ...?" for a message, or nothing where no name is similar."""
     near = close_names(name, among)
     return f" Did you mean {' or '.join(repr(other) for other in near)}?" if near else ""
-
-
-def to_markdown() -> str:
-    """The table as Markdown, for the documentation."""
-    lines = ["| channel | unit | meaning |", "|---|---|---|"]
-    lines += [f"| `{row.name}` | {row.unit} | {row.meaning} |" for row in _TABLE.values()]
-    return "\n".join(lines) + "\n"

@@ -12,7 +12,6 @@ from structsel.nomenclature import (
     latex_of,
     list_channels,
     suggest,
-    to_markdown,
     unit_of,
 )
 from structsel.readers.units import convert, is_convertible, is_unit, si_unit
@@ -92,8 +91,3 @@ def test_unknown_channels_take_the_recordings_own_unit():
 def test_latex_is_the_symbol_and_unknown_names_stand_upright():
     assert latex_of("alpha") == r"\alpha"
     assert latex_of("n1_left") == r"\mathrm{n1\_left}"
-
-
-def test_markdown_holds_every_row_once():
-    text = to_markdown()
-    assert all(text.count(f"| `{row.name}` |") == 1 for row in list_channels())
