@@ -76,7 +76,8 @@ class EstimateComparison(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The table, as to_frame() has it."""
-        return {"schema": "structsel.comparison/1", "level": self.level, "rows": self.to_frame().to_dict("records")}
+        rows = self.to_frame().to_dict("records")
+        return {"schema": "structsel.estimate_comparison/1", "level": self.level, "rows": rows}
 
     def summary(self) -> Summary:
         """Estimates and half-widths of their intervals, method by method."""
