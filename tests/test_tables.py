@@ -101,6 +101,8 @@ def test_columns_are_added_and_removed_and_a_bar_is_text_outside_of_pages():
     assert table.rules == TABLE.rules
     note = Table((Column("a", note="first"),), ((1.0,),), note="All of it.")
     assert note.legend == "a: first. All of it."
+    two = Table((Column("a", note="first"), Column("b", note="second")), ((1.0, 2.0),), note="All of it.")
+    assert two.without_column(1).legend == note.legend
 
 
 @dataclass(frozen=True, eq=False, repr=False)
