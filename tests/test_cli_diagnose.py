@@ -96,7 +96,7 @@ def test_a_simulation_of_any_form_is_passed_on(case, asked, simulation):
 def test_json_is_all_that_is_printed_and_the_same_as_in_the_file(case, asked):
     result = run_diagnose(*given(case), "--json", "--out", case / "out")
     assert json.loads(result.stdout) == json.loads((case / "out" / "diagnosis.json").read_text())
-    assert json.loads(result.stdout)["schema"] == "structsel.diagnosis/1"
+    assert json.loads(result.stdout)["schema"] == "structsel.diagnosis/2"
     assert result.stderr == ""
 
 

@@ -42,7 +42,7 @@ def test_a_missing_ground_effect_is_named_located_and_brings_a_gain(ground):
 def test_what_is_written_follows_the_contract(ground):
     _, found = ground
     stated = json.loads(json.dumps(found.to_dict()))
-    assert stated["schema"] == "structsel.diagnosis/1"
+    assert stated["schema"] == "structsel.diagnosis/2"
     assert {"verdict", "within_tolerances", "findings", "not_testable", "remaining"} <= set(stated)
     finding = stated["findings"][0]
     assert finding["probability"] == pytest.approx(sum(p["probability"] for p in finding["physics"]), abs=1e-3)

@@ -5,12 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import norm
 
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.causal_rows import CausalRows, averaged, evaluated_at_readings, referred
-from structsel.comparison.tolerances import tolerances_of
+from structsel.comparison.tolerances import Nuisance, tolerances_of
+from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.detection import Detection, detect
+from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded
 from structsel.diagnosis.ranking import Ranking
+from structsel.diagnosis.result import Event
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.unnamed import detected
 from tests.benchmark_modules import load_benchmark
@@ -31,19 +35,19 @@ def correct():
 
 
 def test_a_missing_quadratic_term_is_detected_in_its_response(bent):
-    found = detect(bent, tolerances_of(bent))
+    found = detect(bent, Bench.set_up(bent, ()))
     assert found.axes == ("CZ",)
     assert found.probability > 0.95
 
 
 def test_a_correct_simulation_is_not_a_mismatch(correct):
-    assert detect(correct, tolerances_of(correct)).probability < 0.05
+    assert detect(correct, Bench.set_up(correct, ())).probability < 0.05
 
 
 def test_rounding_of_the_samples_does_not_matter(bent):
     # Thresholds act on a continuous score: a change of 1e-12 in the samples must not change it visibly.
     moved = [type(f)(**{**vars_of(f), "measured": {c: x * (1.0 + 1e-12) for c, x in f.measured.items()}}) for f in bent]
-    first, second = (detect(f, tolerances_of(f)).log_bayes for f in (bent, moved))
+    first, second = (detect(f, Bench.set_up(f, ())).log_bayes for f in (bent, moved))
     assert_allclose(second, first, rtol=1e-6)
 
 
@@ -52,7 +56,7 @@ def vars_of(flight):
 
 
 def test_the_order_of_the_recordings_does_not_matter(bent):
-    first, second = (detect(f, tolerances_of(f)).log_bayes for f in (bent, bent[::-1]))
+    first, second = (detect(f, Bench.set_up(f, ())).log_bayes for f in (bent, bent[::-1]))
     assert_allclose(second, first, rtol=1e-6)
 
 
@@ -95,8 +99,12 @@ def unsure(bent):
     return Ranking(problem, (), scores, None, (("nothing", 0.6), ("missing-term", 0.4)), scores)
 
 
-def detection(log_bayes):
-    return Detection(-2.0, {"CZ": 0.0, "Cl": log_bayes}, [(-2.0, "m01", "step", 5.0)], "mass")
+def detection(log_bayes, *tolerances):
+    return Detection(tolerances, {"CZ": 0.0, "Cl": log_bayes}, [(-2.0, Event("m01", 5.0, 0.3, "step"))])
+
+
+def mass(log_bayes):
+    return ExceededTolerance(Nuisance("mass", 0.01, "relative", (), effect="missing-term"), 6.0, 0.2, log_bayes, 0.75)
 
 
 def test_names_share_the_probability_of_what_was_detected(unsure):
@@ -114,20 +122,89 @@ def test_what_is_not_detected_is_no_finding(unsure):
 
 
 def test_the_sentence_says_what_shows_the_mismatch():
-    step = Detection(-2.0, {"CZ": 0.0}, [(200.0, "m02", "step", 12.5)], "mass")
-    assert "'m02' at 12.5 s (step" in step.says
-    assert "'mass' above all" in Detection(200.0, {"CZ": 0.0}, [(0.0, "m01", "step", 1.0)], "mass").says
+    step = Detection((), {"CZ": 0.0}, [(200.0, Event("m02", 12.5, 0.3, "step"))])
+    assert "'m02' at 12.5 +- 0.3 s (step" in step.says
+    assert "'mass' deviates from its stated value by +6.0 +- 0.2 %, 6.0 times" in detection(0.0, mass(30.0)).says
     assert "in Cl" in detection(300.0).says
+
+
+def test_a_tolerance_exceeded_is_named_by_its_effect_and_unknown_has_what_others_exceed(unsure):
+    (finding,) = detected(detection(0.0, mass(30.0)), unsure, ("CZ", "Cl"))
+    chances = {p.effect: p.probability for p in finding.physics}
+    # 0.4 as before, and of the rest 0.75 that the mass alone is exceeded.
+    assert_allclose([chances["missing-term"], chances["unknown"]], [0.4 + 0.6 * 0.75, 0.6 * 0.25], atol=1e-4)
+    assert finding.physics[0].parameters["mass"].value == pytest.approx(0.06)
+    assert detected(detection(0.0, mass(0.0)), unsure, ("CZ", "Cl")) == []
+
+
+def test_the_event_is_written_with_its_time(unsure):
+    step = Detection((), {"CZ": 0.0, "Cl": 0.0}, [(200.0, Event("m02", 12.5, 0.3, "step"))])
+    (finding,) = detected(step, unsure, ("CZ", "Cl"))
+    assert finding.to_dict()["where"]["events"] == [{"recording": "m02", "t": 12.5, "std": 0.3, "shape": "step"}]
+
+
+def test_the_evidence_of_an_exceeded_tolerance_is_that_of_the_wider_prior():
+    # One observation of a value known to v, prior of standard deviation s: its density is normal of variance v + s^2.
+    v, seen = 0.3, 5.0
+    variance = np.array([[1.0 / (1.0 + 1.0 / v)]])
+    tolerance = Nuisance("mass", 0.01, "relative", (), effect="mass-error")
+    (one,) = exceeded([tolerance], variance[0] * seen / v, variance)
+    densities = [norm.pdf(seen, scale=np.sqrt(v + s**2)) for s in (5.0, 15.0, 50.0)]
+    expected = np.log(np.mean(densities)) - norm.logpdf(seen, scale=np.sqrt(v + 1.0))
+    assert_allclose(one.log_bayes, expected, rtol=1e-10)
+    assert_allclose(one.deviations, seen, rtol=0.01)
+    assert_allclose(one.estimate.value, 0.05, rtol=0.01)
+
+
+def test_four_tolerances_known_exactly_are_as_probably_an_exceeded_one_as_not():
+    tolerance = Nuisance("mass", 0.01, "relative", (), effect="mass-error")
+    (one,) = exceeded([tolerance], np.array([4.0]), np.array([[1e-9]]))
+    assert_allclose(one.log_odds, 0.0, atol=1e-6)
+
+
+def test_what_deviates_by_more_than_its_own_value_is_not_in_the_simulation():
+    term = Nuisance("Cl: alpha*beta", 0.15, "relative", (), effect="wrong-derivative", absent="cross-coupling")
+    small, large = (exceeded([term], np.array([x]), np.array([[1e-6]]))[0] for x in (5.0, 9.0))
+    assert (small.effect, large.effect) == ("wrong-derivative", "cross-coupling")
+
+
+def test_what_has_no_stated_tolerance_and_explains_more_takes_the_name():
+    stated = Nuisance("Cm: de", 0.05, "relative", (), effect="wrong-derivative")
+    unstated = Nuisance("Cm over a step", 0.01, "s^2", (), delivered=True)
+    (one,) = exceeded([stated, unstated], np.array([6.0, 12.0]), 1e-4 * np.eye(2))
+    assert one.tolerance is stated
+    assert one.alone < 1e-6
+    (sure,) = exceeded([stated, unstated], np.array([6.0, 0.0]), 1e-4 * np.eye(2))
+    assert sure.alone > 0.99
+
+
+def test_evidence_of_recorded_motion_does_not_count_where_what_is_left_is_no_white_noise(monkeypatch):
+    flights = flights_with({"Cm": {"de": 1.4 * TRUTH["Cm"]["de"]}}, **SPEEDS)
+    bench = Bench.set_up(flights, ())
+    calm = exceeded_as_recorded(bench)[0]
+    monkeypatch.setattr("structsel.diagnosis.exceeded.coloured_shares", lambda *_: {"CX": 0.2, "CZ": 0.98})
+    rough = {one.tolerance.name: one.log_bayes for one in exceeded_as_recorded(bench)}
+    assert calm.log_odds > 3.0
+    assert rough[calm.tolerance.name] < 0.1 * calm.log_bayes
+
+
+def test_a_wrong_derivative_is_found_as_a_tolerance_exceeded():
+    flights = flights_with({"Cm": {"de": 1.4 * TRUTH["Cm"]["de"]}}, **SPEEDS)
+    first = detect(flights, Bench.set_up(flights, ())).tolerances[0]
+    assert (first.tolerance.name, first.effect) == ("Cm: de", "wrong-derivative")
+    assert_allclose(first.estimate.value, 0.4, atol=3.0 * first.estimate.std)
+    assert first.estimate.std < 0.1
+    assert first.log_odds > 3.0
 
 
 def test_recordings_of_two_seconds_are_asked_too(correct):
     short = [f.between(0, 50, f.name) for f in correct]
-    assert detect(short, tolerances_of(short)).probability < 0.05
+    assert detect(short, Bench.set_up(short, ())).probability < 0.05
 
 
 def test_a_plant_without_coefficients_is_not_asked():
     plant = SimpleNamespace(simulated={"level": np.zeros(100)}, channels={})
-    assert detect([plant], []) is None
+    assert detect([plant], None) is None
 
 
 def test_the_ledger_places_the_evidence_of_a_quadratic_term_in_its_response(bent):

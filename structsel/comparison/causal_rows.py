@@ -138,7 +138,7 @@ class CausalRows:
         shortest = min(len(f) for f in flights) - 2 * self.edge
         self.order = min(int(np.clip(round(_ORDER_SPAN / dt), _FEWEST, _MOST)), shortest // 3)
         kept = [n for n in nuisances if not any(word in n.name for word in _AHEAD)]
-        self.names = [n.name for n in kept]
+        self.tolerances = kept
         self.y: dict[tuple[str, int], Array] = {}
         self.X: dict[tuple[str, int], Array] = {}
         self.place: dict[tuple[str, int], NDArray[np.intp]] = {}
@@ -297,18 +297,6 @@ class CausalRows:
         own = np.maximum(full - np.einsum("ti,ij,tj->t", cross, null.covariance[np.ix_(at, at)], cross), 1e-6 * full)
         a2 = sizes[None] ** 2
         return np.asarray(0.5 * z[:, None] ** 2 * a2 / (1.0 + a2 * own[:, None]) - 0.5 * np.log1p(a2 * own[:, None]))
-
-    def widened(self, null: Null, factors: Array) -> Array:
-        """(q, factors) log Bayes factors of the prior of each tolerance or bias widened by a factor."""
-        variance = np.diag(null.covariance)
-        h = np.maximum(1.0 / variance - 1.0, 1e-12)
-        linear = null.mean / variance
-
-        def log(factor: float) -> Array:
-            w2 = factor**2
-            return np.asarray(-0.5 * np.log1p(w2 * h) + 0.5 * linear**2 * w2 / (1.0 + w2 * h))
-
-        return np.stack([log(w) - log(1.0) for w in factors], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,13 @@ from structsel.aircraft import Tolerances
 from structsel.comparison.flight import Flight
 from structsel.comparison.plant import find_plant
 from structsel.comparison.sensitivity import asked_wrongly, misread, reading
-from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
+from structsel.nomenclature import (
+    COEFFICIENTS,
+    FORCE_COEFFICIENTS,
+    LATERAL_COEFFICIENTS,
+    LONGITUDINAL_COEFFICIENTS,
+    MOMENT_COEFFICIENTS,
+)
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.air_data import air_data_at_cg
 from structsel.numerics.arrays import Array
@@ -23,9 +29,15 @@ MAIN = {
 }  # fmt: skip
 """Derivatives that a simulation is expected to hold best."""
 
+_ACROSS, _ALONG = ("beta", "abs(beta)", "p_hat", "r_hat", "da", "dr"), ("alpha", "q_hat", "de")
+_OTHERS = {
+    **{c: frozenset(_ACROSS) for c in LONGITUDINAL_COEFFICIENTS},
+    **{c: frozenset(_ALONG) for c in LATERAL_COEFFICIENTS},
+}
 _SAMPLING = 0.25  # of a sampling interval
 _FREE = 30.0  # times the usual tolerance, where one is stated to be free
 _USUAL = Tolerances()
+_ARM = 0.1  # of the chord: a lever arm that is not stated is known at least so well
 _TURNED = ("alpha", "beta", "phi", "theta", "psi", "de", "da", "dr")
 _BIAS = {"V": 0.3, "p": 0.001, "q": 0.001, "r": 0.001, "ax": 0.05, "ay": 0.05, "az": 0.05}
 _UNSTATED = 0.005  # rad
@@ -57,6 +69,10 @@ class Nuisance:
         Part of `sd` that does not come of a stated tolerance: sampling, noise in the states.
     delivered : bool
         Whether it is free in a simulation taken as delivered: of how it is sampled and asked, not of what it says.
+    effect : str
+        Name of the effect that it is where it is larger than the tolerance; empty where no tolerance is stated for it.
+    absent : str
+        Name where it deviates by more than its own value, so that the simulation has nothing of the kind.
     """
 
     name: str
@@ -65,6 +81,8 @@ class Nuisance:
     columns: Sequence[Mapping[str, Array]]
     least: float = 0.0
     delivered: bool = False
+    effect: str = ""
+    absent: str = ""
 
     def scale(self, share: float) -> float:
         """Factor on `sd` where things are off by a share of the stated tolerances."""
@@ -85,17 +103,24 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
     made: list[Nuisance] = []
 
     def add(
-        name: str, key: str, unit: str, columns: Sequence[Mapping[str, Array]], factor: float = 1.0, least: float = 0.0
+        name: str,
+        key: str,
+        unit: str,
+        columns: Sequence[Mapping[str, Array]],
+        effect: str,
+        factor: float = 1.0,
+        least: float = 0.0,
+        absent: str = "",
     ) -> None:
-        sd = math.hypot(_sd(stated, key) * factor, least)
+        sd = math.hypot(_sd(stated, key, first.aircraft.cbar) * factor, least)
         if sd > 0.0 and _acts(columns):
-            made.append(Nuisance(name, sd, unit, columns, least, least > 0.0))
+            made.append(Nuisance(name, sd, unit, columns, least, least > 0.0, effect, absent))
 
     for response in first.simulated:
         if response not in COEFFICIENTS:
             wrong = {"scale": [f.simulated[response] for f in flights], **find_plant(flights, response).errors(flights)}
             for what, told in wrong.items():
-                add(f"{response}: {what}", "main", "relative", [{response: x} for x in told])
+                add(f"{response}: {what}", "main", "relative", [{response: x} for x in told], "wrong-derivative")
             continue
         if first.surrogate is None:
             continue
@@ -103,20 +128,28 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             name = "*".join(term)
             key = "main" if (response, name) in MAIN else "secondary"
             each = [{response: value * f.surrogate.column(f, term)} for f in flights if f.surrogate is not None]
-            add(f"{response}: {name}", key, "relative", each)
+            absent = "cross-coupling" if couples(response, term) else "missing-term"
+            add(f"{response}: {name}", key, "relative", each, "wrong-derivative", absent=absent)
         rest = [{response: f.simulated[response] - f.surrogate.evaluate(f, response)} for f in flights if f.surrogate]
         level = float(np.sqrt(np.mean([np.mean(f.simulated[response] ** 2) for f in flights])))
-        add(f"{response}: 1", "secondary", "-", [{response: np.ones(len(f))} for f in flights], level)
+        add(
+            f"{response}: 1",
+            "secondary",
+            "-",
+            [{response: np.ones(len(f))} for f in flights],
+            "wrong-derivative",
+            level,
+        )
         # What the states as we have them do not give may be the noise of the states it was asked at.
         made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0, True))
     if not set(COEFFICIENTS) & set(first.simulated):
         return made
-    add("mass", "mass", "relative", [mass_columns(f) for f in flights])
+    add("mass", "mass", "relative", [mass_columns(f) for f in flights], "mass-error")
     for axis in ("Ix", "Iy", "Iz"):
-        add(f"inertia {axis}", "inertia", "relative", [inertia_columns(f, axis) for f in flights])
+        add(f"inertia {axis}", "inertia", "relative", [inertia_columns(f, axis) for f in flights], "inertia-error")
     for k, axis in enumerate("xyz"):
-        add(f"centre of gravity {axis}", "cg", "chords", [offset_columns(f, k) for f in flights])
-    add("thrust", "thrust", "relative", [thrust_columns(f) for f in flights])
+        add(f"centre of gravity {axis}", "cg", "chords", [offset_columns(f, k) for f in flights], "cg-shift")
+    add("thrust", "thrust", "relative", [thrust_columns(f) for f in flights], "thrust-scale")
     for channel, share in _SCALED.items():
         if all(channel in f.recorded for f in flights):
             add(
@@ -124,28 +157,34 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
                 "vane_scale",
                 "relative",
                 [misread(f, **{channel: f[channel]}) for f in flights],
+                "sensor-scale",
                 share,
             )
     for one, other in (("ax", "az"), ("ax", "ay"), ("ay", "az"), ("p", "r"), ("p", "q"), ("q", "r")):
         each = [misread(f, **{one: reading(f, other), other: -reading(f, one)}) for f in flights]
-        add(f"{one} and {other} turned", "alignment", "rad", each)
+        add(f"{one} and {other} turned", "alignment", "rad", each, "sensor-misalignment")
     # Nothing recorded at intervals is registered better than to a fraction of one.
     timing = _SAMPLING * float(np.median([f.dt for f in flights]))
     for channels in _LATE:
         here = [c for c in channels if all(c in f.recorded for f in flights)]
         if here:
             each = [misread(f, **{c: -f.rate(reading(f, c)) for c in here}) for f in flights]
-            add(f"{', '.join(here)} late", "delay", "s", each, least=timing)
+            add(f"{', '.join(here)} late", "delay", "s", each, "sensor-delay", least=timing)
     for group in (COEFFICIENTS[:3], COEFFICIENTS[3:]):
         each = [{c: f.rate(f.simulated[c]) for c in group if c in f.simulated} for f in flights]
-        add(f"simulated {', '.join(group)} late", "delay", "s", each, least=timing)
+        add(f"simulated {', '.join(group)} late", "delay", "s", each, "sensor-delay", least=timing)
     made += _held(flights, timing)
     made += _noise_asked_at(flights)
     for k, axis in enumerate("xyz"):
-        add(f"accelerometer {axis}", "lever_arm", "m", [accelerometer_moved(f, k) for f in flights])
+        add(f"accelerometer {axis}", "lever_arm", "m", [accelerometer_moved(f, k) for f in flights], "sensor-position")
         if axis != "y":
-            add(f"vane {axis}", "lever_arm", "m", [vane_moved(f, k) for f in flights])
+            add(f"vane {axis}", "lever_arm", "m", [vane_moved(f, k) for f in flights], "sensor-position")
     return made
+
+
+def couples(response: str, term: Sequence[str]) -> bool:
+    """Whether a term is of the other family: longitudinal and lateral motion are then not apart."""
+    return not _OTHERS[response].isdisjoint(term)
 
 
 def _acts(columns: Sequence[Mapping[str, Array]]) -> bool:
@@ -180,7 +219,7 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
     if not set(COEFFICIENTS) & set(flight.simulated):
         size = {c: float(np.ptp(flight.measured[c])) for c in flight.simulated}
         return [(f"{c}: offset", size[c], {c: np.ones(len(flight))}) for c in size]
-    turned = _sd(flight.aircraft.tolerances, "alignment") or _UNSTATED
+    turned = _sd(flight.aircraft.tolerances, "alignment", flight.aircraft.cbar) or _UNSTATED
     sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS}
     made: list[tuple[str, float, Mapping[str, Array]]] = []
     made += ((c, sd, x) for c, sd in sizes.items() if c in flight.recorded for x in _biased(flight, c))
@@ -214,11 +253,16 @@ def _jumps(flight: Flight, channel: str) -> list[Array]:
     return [np.where(np.arange(len(flight)) == k + 1, steps[k], 0.0) for k in found]
 
 
-def _sd(stated: Tolerances, key: str) -> float:
+def _sd(stated: Tolerances, key: str, cbar: float) -> float:
     value = getattr(stated, key)
     if value == "exact":
         return 0.0
-    return _FREE * float(getattr(_USUAL, key)) if value == "free" else float(value)
+    usual = float(getattr(_USUAL, key))
+    if key == "lever_arm":
+        usual = min(usual, _ARM * cbar)
+    if value == "free":
+        return _FREE * usual
+    return float(value) if key in stated.model_fields_set else usual
 
 
 def mass_columns(f: Flight) -> dict[str, Array]:

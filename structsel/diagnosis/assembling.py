@@ -230,7 +230,7 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Ef
                 told_apart,
                 bars,
                 _mean(explainable, axes),
-                _explained(delivered, after, bench, axes),
+                judging.explained(delivered, after, axes),
                 carried[i] / total if total > 0.0 else 1.0,
             )
         )
@@ -312,13 +312,3 @@ def _doubted(physics: Sequence[Physics], stays: float, axes: Sequence[str]) -> t
 def _mean(values: Mapping[str, float], axes: Sequence[str]) -> float:
     some = [values[c] for c in axes if c in values]
     return float(np.mean(some)) if some else float("nan")
-
-
-def _explained(delivered: judging.Residuals, after: judging.Residuals, bench: Bench, axes: Sequence[str]) -> float:
-    """Share of the mismatch variance gone on flights not used for fitting, mean over the axes."""
-    shares = []
-    for c in axes:
-        size = judging.rms(delivered, c)
-        if size > 0.0:
-            shares.append(1.0 - (judging.rms(after, c) / size) ** 2)
-    return float(np.clip(np.mean(shares), 0.0, 1.0)) if shares else 0.0

@@ -11,6 +11,9 @@ import scipy
 from structsel.comparison.causal_rows import DELAY, CausalRows, Null, delayed
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.tolerances import Nuisance
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded
+from structsel.diagnosis.result import Event
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
@@ -32,12 +35,11 @@ _FORM, _IDENTIFIED = 0.015, 0.03
 """Of these, what the form of a simulation leaves within tolerance: of one that states coefficients, and of one whose
 coefficients were identified from its own flights (`form` in the design)."""
 _EVENT_SIZES = np.geomspace(0.02, 2.0, 5)  # the same
-_WIDER = np.array([5.0, 15.0, 50.0])  # times a stated tolerance
-_PRIOR = {"tolerance": 0.3, "remainder": 0.45, "event": 0.25}
-"""Prior probabilities of the kinds of mismatch, where there is one."""
+_PRIOR = {"remainder": 0.64, "event": 0.36}
+"""Prior probabilities of the kinds of mismatch that are no tolerance exceeded, where there is one."""
 _EVEN, _SCALE = 60.0, 10.0
-"""Log Bayes factor at which a mismatch is as probable as none, and its scale. The largest of the correct simulations in
-calm air is 39 (generators of the proof, development seeds from 61200); in turbulence it reaches several hundred."""
+"""Log Bayes factor at which such a mismatch is as probable as none, and its scale. The largest of the correct
+simulations in calm air is 39 (generators of the proof, development seeds from 61200); in turbulence several hundred."""
 _SHOWN = 0.15  # of the largest log Bayes factor of a response, that another must have to be listed
 
 
@@ -47,26 +49,25 @@ class Detection:
 
     Attributes
     ----------
-    tolerance : float
-        A stated tolerance exceeded.
+    tolerances : tuple of ExceededTolerance
+        Stated tolerances that may be exceeded, the most probable first.
     remainder : mapping of response to float
         An unknown smooth function of the channels and their recent past.
-    events : sequence of (log Bayes factor, recording, shape, time [s], response)
+    events : sequence of (log Bayes factor, Event)
         A step, pulse or ramp; one for each flight.
-    exceeded : str
-        The tolerance that is exceeded most.
+    deviations : tuple of (Nuisance, mean, standard deviation)
+        Of the stated tolerances, with none exceeded [stated tolerances].
     """
 
-    tolerance: float
+    tolerances: tuple[ExceededTolerance, ...]
     remainder: dict[str, float]
-    events: list[tuple[float, str, str, float]]
-    exceeded: str
+    events: list[tuple[float, Event]]
+    deviations: tuple[tuple[Nuisance, float, float], ...] = ()
 
     @property
     def parts(self) -> dict[str, float]:
-        """Log Bayes factor of each kind."""
+        """Log Bayes factor of each kind that is no tolerance exceeded."""
         return {
-            "tolerance": self.tolerance,
             "remainder": _any_of(list(self.remainder.values())),
             "event": _any_of([e[0] for e in self.events]),
         }
@@ -79,54 +80,82 @@ class Detection:
         return tuple(sorted(shown, key=lambda c: -self.remainder[c]))
 
     @property
+    def log_odds(self) -> tuple[float, float]:
+        """Log odds of a tolerance exceeded, and of any other mismatch."""
+        first = self.tolerances[0].log_odds if self.tolerances else -np.inf
+        return first, (self.log_bayes - _EVEN) / _SCALE
+
+    @property
     def probability(self) -> float:
         """Probability that the mismatch is there."""
-        return float(scipy.special.expit((self.log_bayes - _EVEN) / _SCALE))
+        return float(scipy.special.expit(np.logaddexp(*self.log_odds)))
+
+    @property
+    def shares(self) -> list[float]:
+        """Of each tolerance that may be exceeded: probability that it is the cause, and alone, where there is one."""
+        if not self.tolerances:
+            return []
+        first, other = self.log_odds
+        each = scipy.special.softmax([one.log_bayes for one in self.tolerances])
+        return [float(scipy.special.expit(first - other) * e * one.alone) for e, one in zip(each, self.tolerances)]
 
     @property
     def says(self) -> str:
         """One plain sentence."""
+        first, other = self.log_odds
+        if first > other:
+            return f"Tolerances are exceeded, this one above all: {self.tolerances[0].says}"
         size = f"log Bayes factor {self.log_bayes:.0f}"
-        kind = max(self.parts, key=lambda k: self.parts[k])
-        if kind == "event":
-            _, recording, shape, t = max(self.events)
-            return f"The differences change in '{recording}' at {t:.1f} s ({shape}; {size})."
-        if kind == "tolerance":
-            return f"The differences deviate from the stated tolerances, '{self.exceeded}' above all ({size})."
+        if self.event:
+            (one,) = self.event
+            return (
+                f"The differences change in '{one.recording}' at {one.t:.1f} +- {one.std:.1f} s ({one.shape}; {size})."
+            )
         return (
             f"What recorded states and inputs predict of the differences in {', '.join(self.axes)} exceeds noise and "
             f"tolerances ({size})."
         )
 
     @property
+    def event(self) -> tuple[Event, ...]:
+        """The most probable event, where one is more probable than the other kinds of mismatch."""
+        if self.parts["event"] < self.parts["remainder"]:
+            return ()
+        return (max(self.events, key=lambda one: one[0])[1],)
+
+    @property
     def log_bayes(self) -> float:
-        """Log Bayes factor of a mismatch of any kind."""
+        """Log Bayes factor of a mismatch that is no tolerance exceeded."""
         return float(scipy.special.logsumexp([x + np.log(_PRIOR[k]) for k, x in self.parts.items()]))
 
 
-def detect(flights: Sequence[Flight], nuisances: Sequence[Nuisance], identified: bool = False) -> Detection | None:
+def detect(flights: Sequence[Flight], bench: Bench, identified: bool = False) -> Detection | None:
     """Evidence of any mismatch; None where the flights are not those of an aircraft with coefficients.
 
     Parameters
     ----------
     flights : sequence of Flight
-    nuisances : sequence of Nuisance
-        Tolerances that all flights share.
+    bench : Bench
+        Of these flights, without any effect.
     identified : bool
         Whether the coefficients of the simulation were identified from its own flights: their form is not exact.
     """
     if not set(flights[0].simulated) & set(COEFFICIENTS) or not set(AIRFRAME) <= set(flights[0].channels):
         return None
-    rows = CausalRows(flights, nuisances)
+    rows = CausalRows(flights, bench.nuisances)
     form = _IDENTIFIED if identified else _FORM
     null = rows.null()
-    wide = scipy.special.logsumexp(rows.widened(null, _WIDER), axis=1)[: len(rows.names)] - np.log(len(_WIDER))
-    worst = int(np.argmax(wide))
     F = features(flights)
     inside = [x[rows.edge : len(x) - rows.edge] for x in F]
     remainder = {c: _remainder(rows, null, c, [x * rows.size[c] for x in inside], form) for c in rows.responses}
     events = [_event(rows, null, i) for i in range(len(flights))]
-    return Detection(float(scipy.special.logsumexp(wide) - np.log(len(wide))), remainder, events, rows.names[worst])
+    ways = [*exceeded(rows.tolerances, null.mean, null.covariance), *exceeded_as_recorded(bench)]
+    best: dict[str, ExceededTolerance] = {}
+    for one in sorted(ways, key=lambda one: -one.log_bayes):
+        best.setdefault(one.tolerance.name, one)
+    std = np.sqrt(np.diag(null.covariance))
+    deviations = tuple((n, float(m), float(s)) for n, m, s in zip(rows.tolerances, null.mean, std))
+    return Detection(tuple(best.values()), remainder, events, deviations)
 
 
 def _remainder(rows: CausalRows, null: Null, response: str, F: Sequence[Array], form: float) -> float:
@@ -188,10 +217,13 @@ def features(flights: Sequence[Flight]) -> list[Array]:
     return [np.column_stack([column[i] for column in columns]) * w for i in range(len(flights))]
 
 
-_SHAPES = ("step", "pulse of 1 s", "pulse of 4 s", "ramp of 5 s")
+_SHAPES = ("step", "pulse", "pulse", "ramp")
 
 
-def shapes(t: Array, every: float = 1.0) -> tuple[Array, list[str], Array]:
+_EVERY = 1.0  # s, between the times at which events are sought
+
+
+def shapes(t: Array, every: float = _EVERY) -> tuple[Array, list[str], Array]:
     """Steps, pulses and ramps on a grid of times: columns (n, k), their shapes and times."""
     at = np.arange(1.5, t[-1] - 1.5, every)
     off = t[:, None] - at
@@ -201,16 +233,21 @@ def shapes(t: Array, every: float = 1.0) -> tuple[Array, list[str], Array]:
     return np.hstack(columns), [s for s in _SHAPES for _ in at], np.tile(at, len(_SHAPES))
 
 
-def _event(rows: CausalRows, null: Null, i: int) -> tuple[float, str, str, float]:
+def _event(rows: CausalRows, null: Null, i: int) -> tuple[float, Event]:
     """The most probable event of one flight, and the log Bayes factor of any."""
     f = rows.flights[i]
     S, shape, at = shapes(f.t - f.t[0])
     if not len(at):  # too short for an event
-        return 0.0, f.name, _SHAPES[0], float(f.t[0])
+        return 0.0, Event(f.name, float(f.t[0]), 0.0, _SHAPES[0])
     total = np.zeros(len(at))
     for c in rows.responses:
         each = rows.single(null, c, i, S[rows.edge : len(S) - rows.edge], _EVENT_SIZES * rows.size[c])
         one = scipy.special.logsumexp(each, axis=1) - np.log(len(_EVENT_SIZES))
         total += np.logaddexp(0.0, one) - np.log(2.0)
-    k = int(np.argmax(total))
-    return float(scipy.special.logsumexp(total) - np.log(len(total))), f.name, shape[k], float(f.t[0] + at[k])
+    best = shape[int(np.argmax(total))]
+    same = np.array([s == best for s in shape])
+    weight = scipy.special.softmax(total[same])
+    t = float(weight @ at[same])
+    std = float(np.sqrt(weight @ (at[same] - t) ** 2 + _EVERY**2 / 12.0))  # the grid adds its own
+    log_bayes = float(scipy.special.logsumexp(total) - np.log(len(total)))
+    return log_bayes, Event(f.name, float(f.t[0]) + t, std, best)

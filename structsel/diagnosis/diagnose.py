@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -16,6 +16,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.locating.ceiling import explainable
 from structsel.comparison.locating.turbulence import TurbulenceEstimate, find_turbulence, unfelt
 from structsel.comparison.preparing import PreparedComparison, prepare
+from structsel.comparison.tolerances import Nuisance
 from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
 from structsel.diagnosis.asides import asides
@@ -40,6 +41,7 @@ _PARTS = 3
 _SHORTEST = 5.0  # s, of a part
 _HARDEST = 8  # tolerances listed
 _SAID = 3  # of tolerances pulled further than any is, in remarks
+_LISTED = 0.005  # share of the variance, below which turbulence explains nothing
 _DROWNED = 0.7  # of the rms measured, that is left: what a simulation lacks would have to be large to show
 
 
@@ -123,7 +125,7 @@ def conclude(
 
     bench, library, turbulence = ready
     remarks = list(prepared.remarks)
-    flights, told, rough = bench.flights, bench.told, turbulence is not None
+    flights, told = bench.flights, bench.told
     single = len(prepared.flights) == 1
     if single:
         remarks.append(
@@ -135,24 +137,30 @@ def conclude(
     traces = traces_of(ranking)
     left = residuals(ranking.bench)
     findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling)]
-    if not rough:
+    considered, seen = 1.0 - dict(ranking.considered)["nothing"], None
+    if turbulence is None and not findings:
+        turbulence = unfelt(flights, left, not_borne_out(ranking.scores))
+    if turbulence is None:
         findings += find_unknown(ranking, left, told, ceiling, bool(findings))
-        if not findings and (seen := detect(flights, bench.nuisances, prepared.simulation.form == "free")):
+        if not findings and (seen := detect(flights, bench, prepared.simulation.form == "free")):
             findings += detected(seen, ranking, told)
+            considered += (1.0 - considered) * seen.probability
     verdict: Verdict = "mismatch" if findings else "consistent"
     if single and findings:
         verdict = "undecidable"
     if ranking.steps:
         turbulence = find_turbulence(flights, left)
-    if turbulence is None and not findings:
-        turbulence = unfelt(flights, not_borne_out(ranking.scores))
-    if turbulence is not None:
+    if turbulence is not None and turbulence.explained > _LISTED:
         findings.append(turbulent(turbulence, ranking, told))
     replayed = simulate_held_out(ranking)
     corrected = corrected_model(prepared, ranking) if ranking.steps else None
     remarks += corrected.remarks if corrected is not None else ()
     # Where gusts push the aircraft about, tolerances are pulled by what follows its motion; not by what inputs drive.
-    pulls = _pulls((turbulence and ranking.driven) or ranking.bench)
+    if seen is not None and not findings:
+        pulls = _pulls(seen.deviations)
+    else:
+        judged = (turbulence and ranking.driven) or ranking.bench
+        pulls = _pulls(zip(judged.nuisances, *judged.pulled))
     remaining = _remaining(ranking, told)
     remarks += [*strained(pulls), *asides(ranking), *drowned(remaining)]
     return Diagnosis(
@@ -170,6 +178,8 @@ def conclude(
         traces,
         self_test(ranking.start, library),
         replayed=replayed,
+        considered=considered,
+        levels=_levels(ranking.bench, told),
     )
 
 
@@ -217,21 +227,25 @@ def _groups(names: Sequence[str], held_out: Sequence[str]) -> list[tuple[int, ..
     return [tuple(names.index(h) for h in dict.fromkeys(held_out))]
 
 
-def _pulls(bench: Bench) -> tuple[Pull, ...]:
-    pulled, std = bench.pulled
-    order = np.argsort(-np.abs(pulled))[:_HARDEST]
-    return tuple(
-        Pull(n.name, float(pulled[j]), float(pulled[j] * n.sd), float(std[j] * n.sd), n.unit)
-        for j in order
-        for n in (bench.nuisances[j],)
-    )
+def _pulls(deviations: Iterable[tuple[Nuisance, float, float]]) -> tuple[Pull, ...]:
+    """The largest deviations from stated values; what no tolerance is stated for is not among them."""
+    stated = [(n, float(x), float(std)) for n, x, std in deviations if n.effect]
+    stated.sort(key=lambda one: -abs(one[1]))
+    return tuple(Pull(n.name, x, x * n.sd, std * n.sd, n.unit) for n, x, std in stated[:_HARDEST])
+
+
+def _levels(bench: Bench, told: Sequence[str]) -> dict[str, float]:
+    """Constant part of what is left of each response, mean over the flights."""
+    left_of = bench.left_out
+    levels = {c: [x[r.part(c)][0] / r.weight[c][0] / np.sqrt(len(r.flight)) for r, x in left_of] for c in told}
+    return {c: float(np.mean(each)) for c, each in levels.items()}
 
 
 def strained(pulls: Sequence[Pull]) -> list[str]:
     """Remarks on tolerances pulled further than any is, hardest first: what was found does not account for them."""
     return [
-        f"'{p.name}' is pulled {p.sigmas:+.1f} of its stated standard deviations, which is more than a tolerance; no "
-        "effect was likely enough to be named for it; look there first"
+        f"'{p.name}' is pulled {p.deviations:+.1f} of its stated standard deviations, which is more than a tolerance; "
+        "no effect was likely enough to be named for it; look there first"
         for p in pulls[:_SAID]
         if p.is_strained
     ]

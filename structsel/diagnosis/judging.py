@@ -114,6 +114,13 @@ def is_noise(bench: Bench, response: str) -> bool:
     return bool(np.mean(rows**2) < _WHITE)
 
 
+def explained(delivered: Residuals, after: Residuals, axes: Sequence[str]) -> float:
+    """Share of the variance of the differences explained on flights not used for fitting, mean over the axes."""
+    sizes = {c: rms(delivered, c) for c in axes}
+    shares = [1.0 - (rms(after, c) / size) ** 2 for c, size in sizes.items() if size > 0.0]
+    return float(np.clip(np.mean(shares), 0.0, 1.0)) if shares else 0.0
+
+
 @dataclass(frozen=True)
 class ResponseFit:
     """How well one response is foretold.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from structsel.diagnosis.held_out_result import HeldOutSimulation
@@ -16,7 +16,7 @@ from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
 
 Verdict = Literal["mismatch", "consistent", "undecidable"]
-SCHEMA = "structsel.diagnosis/1"
+SCHEMA = "structsel.diagnosis/2"
 UNNAMED = "unknown"
 """Name of physics that no hypothesis carries."""
 _STRAINED = 4.0  # stated standard deviations of a tolerance, beyond which it is none
@@ -74,6 +74,25 @@ class Bars:
 
 
 @dataclass(frozen=True)
+class Event:
+    """A change at one moment of a recording.
+
+    Attributes
+    ----------
+    recording : str
+    t, std : float [s]
+        When, and its standard deviation.
+    shape : str
+        "step", "ramp" or "pulse".
+    """
+
+    recording: str
+    t: float
+    std: float
+    shape: str
+
+
+@dataclass(frozen=True)
 class EffectFinding:
     """One effect that the simulation lacks.
 
@@ -95,6 +114,8 @@ class EffectFinding:
         What would: in words, and of manoeuvres tried with the simulation the best.
     manoeuvre : Recording, optional
         That one's inputs, departures from trim; with a tie only, where one tells the two apart.
+    events : tuple of Event
+        Moments at which the differences change, where that is what was detected.
     bars : mapping of response to Bars
         After this finding and those before it.
     explainable, explained : float
@@ -115,6 +136,7 @@ class EffectFinding:
     explained: float
     share: float
     manoeuvre: Recording | None = None
+    events: tuple[Event, ...] = ()
 
     @property
     def effect(self) -> str:
@@ -131,6 +153,8 @@ class EffectFinding:
         where: dict[str, Any] = {}
         if self.intervals:
             where["intervals"] = {name: [list(s) for s in each] for name, each in self.intervals.items()}
+        if self.events:
+            where["events"] = [asdict(e) for e in self.events]
         if self.region:
             where["region"] = {name: list(limits) for name, limits in self.region.items()}
         return {
@@ -172,14 +196,14 @@ class Pull:
     Attributes
     ----------
     name : str
-    sigmas : float
+    deviations : float
         In its stated standard deviations.
     value, std : float
     unit : str
     """
 
     name: str
-    sigmas: float
+    deviations: float
     value: float
     std: float
     unit: str
@@ -187,7 +211,7 @@ class Pull:
     @property
     def is_strained(self) -> bool:
         """Whether it is pulled further than any tolerance is."""
-        return abs(self.sigmas) > _STRAINED
+        return abs(self.deviations) > _STRAINED
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +266,10 @@ class Diagnosis(Result):
     seconds : float
     replayed : HeldOutSimulation or None
         The simulation flown again in short windows, on recordings not used for fitting.
+    considered : float
+        Probability of a mismatch where none is found.
+    levels : mapping of response to float
+        Constant part of what is left, in the response's unit: mean over the recordings.
     """
 
     verdict: Verdict
@@ -259,6 +287,13 @@ class Diagnosis(Result):
     detects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     seconds: float = 0.0
     replayed: HeldOutSimulation | None = None
+    considered: float = 0.0
+    levels: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def probability(self) -> float:
+        """Probability that anything beyond the stated tolerances and instruments is there; turbulence is not."""
+        return max([self.considered, *(f.probability for f in self.findings if f.kind != "random")])
 
     @property
     def within_tolerances(self) -> bool:
@@ -270,12 +305,16 @@ class Diagnosis(Result):
         return {
             "schema": SCHEMA,
             "verdict": self.verdict,
+            "probability": round(self.probability, 4),
             "within_tolerances": self.within_tolerances,
             "findings": [f.to_dict() for f in self.findings],
             "not_testable": [{"effect": e, "needs": n} for e, n in self.not_testable.items()],
-            "remaining": {c: {"rrmse": r, "white": w} for c, (r, w) in self.remaining.items()},
+            "remaining": {
+                c: {"rrmse": r, "level": self.levels.get(c, 0.0), "white": w} for c, (r, w) in self.remaining.items()
+            },
             "tolerances": [
-                {"name": p.name, "sigmas": p.sigmas, "value": p.value, "std": p.std, "unit": p.unit} for p in self.pulls
+                {"name": p.name, "deviations": p.deviations, "value": p.value, "std": p.std, "unit": p.unit}
+                for p in self.pulls
             ],
             "remarks": list(self.remarks),
             "form": self.form,

@@ -76,7 +76,7 @@ def _within(pulls: Sequence[Pull]) -> str:
     strained = next((p for p in pulls if p.is_strained), None)
     if strained is None:
         return ": recordings and simulation agree within the stated tolerances"
-    off = f"'{strained.name}' is off by {strained.sigmas:+.1f} of its stated standard deviations"
+    off = f"'{strained.name}' is off by {strained.deviations:+.1f} of its stated standard deviations"
     return f", but beyond the stated tolerances: no effect is likely to be missing, yet they agree only if {off}"
 
 
@@ -107,7 +107,7 @@ def no_model(diagnosis: Diagnosis) -> str:
 def pull_text(pull: Pull) -> str:
     """How far a tolerance was pulled, in its standard deviations and in its unit."""
     factor, unit = display_unit(pull.unit)
-    return f"{pull.name} {pull.sigmas:+.1f} sigma ({f'{factor * pull.value:+.2g} {unit}'.strip()})"
+    return f"{pull.name} {pull.deviations:+.1f} sigma ({f'{factor * pull.value:+.2g} {unit}'.strip()})"
 
 
 def together(finding: EffectFinding) -> float:
@@ -204,7 +204,7 @@ def _tell_rest(diagnosis: Diagnosis) -> Iterator[str]:
     ]
     yield from _labelled("re-flown", _flown_again(diagnosis), indent="")
     yield from _labelled("left", ", ".join(left), indent="")
-    pulls = [p for p in diagnosis.pulls if abs(p.sigmas) >= _LEAST_PULL][:_PULLS]
+    pulls = [p for p in diagnosis.pulls if abs(p.deviations) >= _LEAST_PULL][:_PULLS]
     yield from _labelled("pulled", ", ".join(map(pull_text, pulls)) or "no tolerance beyond one sigma", indent="")
     yield from _labelled("not tested", _untested(diagnosis), indent="")
     yield from _labelled("self-test", _self_test(diagnosis), indent="")

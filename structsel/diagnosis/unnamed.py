@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from structsel.comparison.locating.turbulence import TurbulenceEstimate
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import found_by
 from structsel.diagnosis.detection import Detection
+from structsel.diagnosis.exceeded import ExceededTolerance
 from structsel.diagnosis.ranking import NAMED, TIED, Ranking
 from structsel.diagnosis.result import UNNAMED, Bars, EffectFinding, Physics
 from structsel.numerics.arrays import Array
@@ -71,7 +73,7 @@ def detected(detection: Detection, ranking: Ranking, told: Sequence[str]) -> lis
     """A mismatch that the prediction errors show where no effect is probable enough to be named.
 
     What was the probability of "nothing" among the effects in question is then, as far as a mismatch is detected, that
-    of an unknown cause. The effects keep their probabilities.
+    of tolerances exceeded and of an unknown cause. The effects keep their probabilities.
 
     Parameters
     ----------
@@ -81,16 +83,30 @@ def detected(detection: Detection, ranking: Ranking, told: Sequence[str]) -> lis
         Responses that are judged.
     """
     chances = dict(ranking.considered)
-    unknown = chances["nothing"] * detection.probability
-    if 1.0 - chances["nothing"] + unknown < NAMED:
+    beyond = chances["nothing"] * detection.probability
+    if 1.0 - chances["nothing"] + beyond < NAMED:
         return []
-    names = [
-        Physics(one.effect, chances[one.effect], one.hypothesis.says(found := found_by(one)), found.estimates)
-        for one in ranking.others
-        if chances[one.effect] >= _LEAST
-    ]
+    named = {s.hypothesis.name for s in ranking.scores}
+    by_effect: dict[str, list[tuple[float, ExceededTolerance]]] = {}
+    for share, one in zip(detection.shares, detection.tolerances):
+        if one.effect in named:
+            by_effect.setdefault(one.effect, []).append((beyond * share, one))
+    names = {
+        e: Physics(e, sum(p for p, _ in each), each[0][1].says, {x.tolerance.name: x.estimate for _, x in each[:1]})
+        for e, each in by_effect.items()
+    }
+    unknown = beyond - sum(p.probability for p in names.values())
+    for score in ranking.others:
+        before = names.get(score.effect)
+        total = chances[score.effect] + (0.0 if before is None else before.probability)
+        if before is None or before.probability < chances[score.effect]:
+            found = found_by(score)
+            names[score.effect] = Physics(score.effect, total, score.hypothesis.says(found), found.estimates)
+        else:
+            names[score.effect] = replace(before, probability=total)
     other = Physics(UNNAMED, unknown, f"Something that no single effect explains well. {detection.says}")
-    physics = sorted([other, *names], key=lambda one: -one.probability)
+    listed = [p for p in names.values() if p.probability >= _LEAST]
+    physics = sorted([other, *listed], key=lambda one: -one.probability)
     ties = tuple(p.effect for p in physics[1:4] if p.probability > TIED * physics[0].probability)
     bench = ranking.bench
     axes = tuple(c for c in detection.axes if c in told) or tuple(told[:1])
@@ -98,13 +114,10 @@ def detected(detection: Detection, ranking: Ranking, told: Sequence[str]) -> lis
     after = judging.refitted(judging.as_delivered(bench), judging.held_out(bench))
     fits.append(judging.fit(judging.measured(bench), after, axes))
     bars = {c: Bars(fits[0][c], fits[1][c], fits[1][c]) for c in axes if c in fits[1]}
-    kind = (
-        "unknown"
-        if physics[0] is other
-        else next(s.hypothesis.kind for s in ranking.others if s.effect == physics[0].effect)
-    )
+    kinds = {s.hypothesis.name: s.hypothesis.kind for s in ranking.scores}
+    kind = kinds.get(physics[0].effect, "unknown")
     nan = float("nan")
-    return [EffectFinding(axes, kind, tuple(physics), {}, {}, ties, "", bars, nan, 0.0, 0.0)]
+    return [EffectFinding(axes, kind, tuple(physics), {}, {}, ties, "", bars, nan, 0.0, 0.0, events=detection.event)]
 
 
 def turbulent(found: TurbulenceEstimate, ranking: Ranking, told: Sequence[str]) -> EffectFinding:
@@ -115,4 +128,4 @@ def turbulent(found: TurbulenceEstimate, ranking: Ranking, told: Sequence[str]) 
     fits = judging.fit(got, after, axes)
     bars = {c: Bars(fits[c], fits[c], fits[c]) for c in axes if c in fits}
     physics = Physics("turbulence", found.probability, found.says)
-    return EffectFinding(axes[:2], "random", (physics,), {}, {}, (), "", bars, 0.0, 0.0, 0.0)
+    return EffectFinding(axes[:2], "random", (physics,), {}, {}, (), "", bars, found.explained, found.explained, 0.0)

@@ -128,6 +128,23 @@ def solve(products: NormalEquations) -> Posterior:
     return Posterior(mean, scipy.linalg.cho_solve(factor, np.eye(k)), evidence, chi2_of(products, mean))
 
 
+def wider_priors(mean: Array, variance: Array, factors: Array) -> Array:
+    """Increase of the log evidence where the prior of one coefficient at a time is wider by a factor.
+
+    Parameters
+    ----------
+    mean, variance : (k,) arrays [prior standard deviations]
+        Of the posterior under the prior as it is.
+    factors : (k,) or (k, f) array
+    """
+    wider = np.asarray(factors, dtype=float) ** 2
+    less = 1.0 / wider - 1.0  # of the prior's precision
+    # Rounding may put the posterior variance of what is not determined above that of the prior, which is 1.
+    mean, variance = (x.reshape(-1, *(1,) * (wider.ndim - 1)) for x in (mean, np.minimum(variance, 1.0)))
+    held = 1.0 + less * variance
+    return np.asarray(-0.5 * (np.log(wider) + np.log(held) + less * mean**2 / held))
+
+
 def chi2_of(products: NormalEquations, coefficients: Array) -> float:
     """Residual sum of squares of given coefficients on these rows."""
     return products.c - 2.0 * float(products.b @ coefficients) + float(coefficients @ products.A @ coefficients)
@@ -208,11 +225,7 @@ class Base:
         first, last = self.scales[0], self.scales[-1]
         inverse = self._inverse[-1, 0]
         mean = inverse.T @ self._rotated[-1, 0]
-        variance = (inverse**2).sum(axis=0)
-        wider = (first / last) ** 2
-        less = 1.0 / wider - 1.0  # of the prior's precision
-        held = 1.0 + less * variance
-        return -0.5 * (np.log(wider) + np.log(held) + less * mean**2 / held)
+        return wider_priors(mean, (inverse**2).sum(axis=0), first / last)
 
     def try_each(self, sets: Sequence[Sequence[Further]]) -> list[Trial]:
         """Evidence for each set of further columns (scaled by their priors), with all manoeuvres and without each.

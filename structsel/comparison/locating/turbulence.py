@@ -21,6 +21,7 @@ import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import bins_of, edge_of, frequencies
+from structsel.nomenclature import FORCE_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.atmosphere import dryden_spectra
 from structsel.numerics.fourier_series import spectrum, taper
@@ -42,6 +43,8 @@ _OCCAM = 2.5  # nats that a size free over orders of magnitude costs
 _BETWEEN_AXES = 0.35  # standard deviation of the logarithm of the size
 _BETWEEN_FLIGHTS = 0.7  # standard deviation of the logarithm of the power
 _UNFELT = 300.0  # nats of what follows the motion and no input, above which only the air does that
+_MOST = 0.5  # share of what is left of every force, of which air that no vane feels must be the cause
+_MOTION = (0.1, 2.0)  # Hz, in which gusts move an aircraft
 _FORCED = {"v": ("CY", "beta"), "w": ("CZ", "alpha")}
 _FROM_NOISE = 1.0  # standard deviation of the logarithm of the noise about what the readings show
 
@@ -62,6 +65,9 @@ class TurbulenceEstimate:
     probability : float
     driven : float
         Share of its power that inputs explain: what is left of other physics.
+    explained : float
+        Share of the variance that is moving air: of what the vanes read beyond the inertial motion; where no vane feels
+        it, at most that of what is left of the forces beyond white noise.
     """
 
     sigma: Mapping[str, float]
@@ -69,6 +75,7 @@ class TurbulenceEstimate:
     nats: float
     probability: float
     driven: float
+    explained: float
 
     @property
     def says(self) -> str:
@@ -119,12 +126,16 @@ def find_turbulence(flights: Sequence[Flight], residuals: Sequence[Mapping[str, 
     return _judge(vanes) if "w" in vanes else None
 
 
-def unfelt(flights: Sequence[Flight], nats: float) -> TurbulenceEstimate | None:
-    """Turbulence that no vane feels, where so many nats follow the motion and no input.
+def unfelt(
+    flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]], nats: float
+) -> TurbulenceEstimate | None:
+    """Turbulence that no vane feels, where so many nats follow the motion and no input, and all forces show it.
 
     Parameters
     ----------
     flights : sequence of Flight
+    residuals : sequence of mapping of response to (n,) array
+        Differences less what tolerances and the effects found explain, per flight.
     nats : float
         Of what an effect brings on the recorded motion, those that the inputs do not bear out.
 
@@ -133,7 +144,9 @@ def unfelt(flights: Sequence[Flight], nats: float) -> TurbulenceEstimate | None:
     TurbulenceEstimate or None
         Its sizes are those of gusts that would make the differences of the forces: noise and tolerances are in them.
     """
-    if nats < _UNFELT:
+    coloured = coloured_shares(flights, residuals)
+    explained = min(coloured.values(), default=0.0)
+    if nats < _UNFELT or explained < _MOST:
         return None
     sigma: dict[str, float] = {}
     for axis, (response, angle) in _FORCED.items():
@@ -144,7 +157,31 @@ def unfelt(flights: Sequence[Flight], nats: float) -> TurbulenceEstimate | None:
             sigma |= {axis: float(np.sqrt(power)) / slope} if slope > 0.0 else {}
     if not sigma:
         return None
-    return TurbulenceEstimate(sigma, float("nan"), nats, float(1.0 / (1.0 + np.exp(1.0 - nats / _UNFELT))), 0.0)
+    probability = float(1.0 / (1.0 + np.exp(1.0 - nats / _UNFELT)))
+    return TurbulenceEstimate(sigma, float("nan"), nats, probability, 0.0, explained)
+
+
+def coloured_shares(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> dict[str, float]:
+    """Share of the power of what is left of each force that is not white noise of the instruments.
+
+    In the band of the motion. Moving air acts on all forces, and so does their share with it; white noise moves no
+    aircraft. The level of the white noise is that of the third differences of the measured coefficient.
+    """
+    made = {}
+    for c in FORCE_COEFFICIENTS:
+        if not all(c in left and c in f.measured for f, left in zip(flights, residuals)):
+            continue
+        power = white = 0.0
+        for f, left in zip(flights, residuals):
+            bins = bins_of(f)
+            hz = frequencies(f, bins)
+            inside = (hz > _MOTION[0]) & (hz < _MOTION[1])
+            x = spectrum(left[c], bins, edge_of(f))[1:][inside]
+            power += float(x @ x)
+            white += inside.sum() * noise_std_from_differences(np.diff(f.measured[c], 3)) ** 2
+        if power > 0.0:
+            made[c] = max(0.0, 1.0 - white / power)
+    return made
 
 
 def _of_vane(
@@ -230,6 +267,7 @@ def _unlike(sigmas: Sequence[float]) -> float:
 class _DrydenFit:
     cost: float
     sigma: float
+    air: Array
     told: Array
 
 
@@ -256,7 +294,14 @@ def _judge(axes: Mapping[str, _Bands]) -> TurbulenceEstimate | None:
     if any(_peak(b, best[a].told) > _PEAK for a, b in axes.items()):
         return None
     probability = float(1.0 / (1.0 + np.exp(-(nats - 0.5 * _LEAST) / 4.0)))
-    return TurbulenceEstimate(sigma, float(_LENGTHS[i]), nats, probability, driven)
+    explained = float(np.mean([_share_of_air(b, best[a]) for a, b in axes.items()]))
+    return TurbulenceEstimate(sigma, float(_LENGTHS[i]), nats, probability, driven, explained)
+
+
+def _share_of_air(b: _Bands, fit: _DrydenFit) -> float:
+    """Share of the variance of what a vane reads that is moving air; the bands hold the rate of that."""
+    weight = b.count / b.f**2
+    return float(weight @ fit.air / (weight @ fit.told))
 
 
 def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _DrydenFit:
@@ -299,7 +344,8 @@ def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _Dryd
     bounds = [(x[0] - 9.0, x[0] + 3.0), (-4.0, 4.0), (x[2] - 12.0, x[2] + 5.0), *[(-3.0, 3.0)] * flights]
     found = scipy.optimize.minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds)
     sigma = float(np.sqrt(np.mean(np.exp(found.x[2] + found.x[3:])))) if length else 0.0
-    return _DrydenFit(float(found.fun), sigma, np.sum(parts(found.x), axis=0))
+    each = parts(found.x)
+    return _DrydenFit(float(found.fun), sigma, each[2], np.sum(each, axis=0))
 
 
 def _dryden(omega: Array, V: float, length: float, axis: str) -> Array:

@@ -1,0 +1,141 @@
+"""Stated tolerances that are exceeded: the evidence for each of them, and the effect that it then is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from structsel.comparison.locating.turbulence import coloured_shares
+from structsel.comparison.tolerances import Nuisance
+from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.tracing import residuals
+from structsel.effects.base import ParameterEstimate
+from structsel.numerics.arrays import Array
+from structsel.numerics.evidence import wider_priors
+
+_WIDER = np.array([5.0, 15.0, 50.0])
+"""Times a stated tolerance (1 sigma), by which something may be off that exceeds it; equally probable."""
+_EVEN = 4.0
+"""Stated tolerances by which something well determined is off that as probably exceeds its tolerance as not."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExceededTolerance:
+    """One tolerance as an explanation of the differences, with all others as stated.
+
+    Attributes
+    ----------
+    tolerance : Nuisance
+    deviations : float
+        From the stated value, in stated tolerances.
+    std : float
+        Standard error of that.
+    log_bayes : float
+        Log Bayes factor of the tolerance exceeded over all as stated.
+    alone : float
+        Probability that no other is exceeded besides, and that nothing without a stated tolerance is the cause.
+    """
+
+    tolerance: Nuisance
+    deviations: float
+    std: float
+    log_bayes: float
+    alone: float
+
+    @property
+    def log_odds(self) -> float:
+        """Log odds that the tolerance is exceeded."""
+        return self.log_bayes - _log_bayes_at(_EVEN)
+
+    @property
+    def effect(self) -> str:
+        """Name of the effect that it is: what deviates by more than its own value is not in the simulation."""
+        n = self.tolerance
+        return n.absent if n.absent and abs(self.estimate.value) > 1.0 else n.effect
+
+    @property
+    def estimate(self) -> ParameterEstimate:
+        """The deviation with its standard error, in its unit."""
+        n = self.tolerance
+        return ParameterEstimate(self.deviations * n.sd, self.std * n.sd, n.unit)
+
+    @property
+    def says(self) -> str:
+        """One plain sentence."""
+        found = self.estimate
+        size = f"{100.0 * found.value:+.1f} +- {100.0 * found.std:.1f} %"
+        if found.unit != "relative":
+            size = f"{found.value:+.3g} +- {found.std:.1g} {found.unit}"
+        return (
+            f"'{self.tolerance.name}' deviates from its stated value by {size}, "
+            f"{abs(self.deviations):.1f} times its tolerance."
+        )
+
+
+def exceeded(
+    tolerances: Sequence[Nuisance], mean: Array, covariance: Array, scale: Array | float = 1.0, worth: float = 1.0
+) -> tuple[ExceededTolerance, ...]:
+    """The stated tolerances that may be exceeded, the most probable first.
+
+    Each is tried with all others as they are; its prior is then wider by one of some factors.
+
+    Parameters
+    ----------
+    tolerances : sequence of Nuisance
+    mean, covariance : (k,) and (k, k) array [prior standard deviations]
+        Posterior of these tolerances and of whatever else is uncertain.
+    scale : (k,) array or float
+        Prior standard deviations, in stated tolerances.
+    worth : float
+        Factor on the log Bayes factors.
+    """
+    scale = np.broadcast_to(scale, mean.shape)
+    stated = [j for j, n in enumerate(tolerances) if n.effect]
+    logs = worth * _log_bayes(mean, np.diag(covariance), scale)
+    others = max((logs[j] for j in range(len(tolerances)) if j not in stated), default=-np.inf)
+    made = []
+    for j in sorted((j for j in stated if logs[j] > 0.0), key=lambda j: -logs[j]):
+        freed, spread = _freed(mean, covariance, j, _WIDER[-1] / scale[j])
+        left = worth * _log_bayes(freed, np.diag(spread), scale)[[i for i in stated if i != j]]
+        alone = scipy.special.expit(_log_bayes_at(_EVEN) - left.max(initial=-np.inf))
+        alone = float(alone * scipy.special.expit(logs[j] - others))
+        off, std = scale[j] * freed[j], scale[j] * np.sqrt(spread[j, j])
+        made.append(ExceededTolerance(tolerances[j], float(off), float(std), float(logs[j]), alone))
+    return tuple(made)
+
+
+def exceeded_as_recorded(bench: Bench) -> tuple[ExceededTolerance, ...]:
+    """The same on rows that look both ways, as far as what is left cannot have caused the motion.
+
+    White noise of the instruments moves no aircraft; of anything else that is left of the forces the motion may be a
+    consequence. So the evidence counts in proportion to the share of the white noise.
+    """
+    k = len(bench.nuisances)
+    base = bench.base
+    scale = np.ones(len(base.posterior.mean))
+    scale[:k] = base.scales[base.chosen][:k]
+    worth = 1.0 - max(coloured_shares(bench.flights, residuals(bench)).values(), default=0.0)
+    return exceeded(bench.nuisances, base.posterior.mean, base.posterior.covariance, scale, worth)
+
+
+def _log_bayes(mean: Array, variance: Array, scale: Array) -> Array:
+    """(k,) log Bayes factors of each prior wider than stated by one of some factors, over the prior as stated."""
+    wide = wider_priors(mean, variance, _WIDER / scale[:, None])
+    more = scipy.special.logsumexp(wide, axis=1) - np.log(len(_WIDER))
+    return np.asarray(more - wider_priors(mean, variance, 1.0 / scale))
+
+
+def _log_bayes_at(deviations: float) -> float:
+    """Log Bayes factor of a deviation that is known exactly."""
+    wide = scipy.stats.norm.logpdf(deviations, scale=_WIDER)
+    return float(scipy.special.logsumexp(wide) - np.log(len(_WIDER)) - scipy.stats.norm.logpdf(deviations))
+
+
+def _freed(mean: Array, covariance: Array, j: int, factor: float) -> tuple[Array, Array]:
+    """Posterior mean and covariance where the prior of one coefficient is wider by a factor (Sherman and Morrison)."""
+    less = 1.0 / factor**2 - 1.0
+    along = covariance[:, j] / (1.0 + less * min(covariance[j, j], 1.0))
+    return mean - less * along * mean[j], covariance - less * np.outer(along, covariance[j])
