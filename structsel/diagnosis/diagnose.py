@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -133,10 +134,11 @@ def conclude(
             "is found may hold here alone; a second manoeuvre would show"
         )
     ranking = rank(bench, library, progress)
-    ceiling = explainable(flights, [{c: f.difference[c] for c in told} for f in flights])
+    # The learners take a second, and a simulation that lacks nothing does not need them.
+    ceiling = cache(lambda: explainable(flights, [{c: f.difference[c] for c in told} for f in flights]))
     traces = traces_of(ranking)
     left = residuals(ranking.bench)
-    findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling)]
+    findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling() if ranking.steps else {})]
     considered, seen = 1.0 - dict(ranking.considered)["nothing"], None
     if turbulence is None and not findings:
         turbulence = unfelt(flights, left, not_borne_out(ranking.scores))

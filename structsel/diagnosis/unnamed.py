@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +25,7 @@ def find_unknown(
     ranking: Ranking,
     left: Sequence[Mapping[str, Array]],
     told: Sequence[str],
-    ceiling: Mapping[str, float],
+    ceiling: Callable[[], Mapping[str, float]],
     others: bool,
 ) -> list[EffectFinding]:
     """A real, repeatable mismatch that no physics of the library explains, where there is one.
@@ -37,8 +37,8 @@ def find_unknown(
         What tolerances and the effects found leave, per flight.
     told : sequence of str
         Responses that are judged.
-    ceiling : mapping of response to float
-        Share of the whole mismatch that a learner foretells.
+    ceiling : callable
+        Gives, by response, the share of the whole mismatch that a learner foretells.
     others : bool
         Whether something was found beside it.
     """
@@ -64,7 +64,7 @@ def find_unknown(
         f"Something real that none of the known physics explains{' beside it' if others else ''}: a learner foretells "
         f"{listed} on recordings it has not seen."
     )
-    mean = float(np.mean([ceiling[c] for c in axes]))
+    mean = float(np.mean([ceiling()[c] for c in axes]))
     physics = Physics(UNNAMED, float(np.clip(np.mean([share[c] for c in axes]), 0.0, 1.0)), says)
     return [EffectFinding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
 
