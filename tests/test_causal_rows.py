@@ -11,7 +11,7 @@ from statsmodels.sandbox.regression.gmm import IV2SLS
 
 import structsel as ss
 from structsel.numerics.cross_products import prewhitened_cross_products
-from structsel.numerics.instrumental import SIGNAL_LAGS, InstrumentedProducts, PastData, past_exponents
+from structsel.numerics.instrumental import RESIDUAL_LAGS, SIGNAL_LAGS, InstrumentedProducts, PastData, past_exponents
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import ArrayData
 
@@ -36,6 +36,17 @@ def instrumented(x: np.ndarray, y: np.ndarray) -> InstrumentedProducts:
     white = [[ARNoise(np.empty(0), 1.0)]]
     products = prewhitened_cross_products([data], table, white)[0]
     return InstrumentedProducts(products, 3, instruments, np.empty(0, dtype=int))
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 9), (4, 40), (300, 340)])
+def test_past_signals_and_residuals_are_those_of_earlier_samples(start, stop):
+    x, y, _ = two_signals()
+    theta = np.array([1.5, 2.0, 0.5])
+    data = PastData(ArrayData(x, y[None, :]), (np.array([[1, 0], [2, 1]]),), (theta,), (0,))
+    residual = y - 1.5 - 2.0 * x[0] - 0.5 * x[0] ** 2 * x[1]
+    expected = [*x, *(lagged(signal, lag) for lag in SIGNAL_LAGS for signal in x)]
+    expected += [lagged(residual, lag) for lag in RESIDUAL_LAGS]
+    np.testing.assert_allclose(data.base(start, stop), np.array(expected)[:, start:stop], rtol=1e-12, atol=1e-12)
 
 
 def reference(x: np.ndarray, y: np.ndarray) -> IV2SLS:

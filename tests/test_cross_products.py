@@ -14,6 +14,7 @@ from structsel.numerics.cross_products import cross_products, prewhitened_cross_
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import centre
 from structsel.numerics.polynomial_products import plan_polynomial_products
+from structsel.numerics.rank_update import add_products
 from structsel.numerics.regressors import CHUNK, ArrayData, words_of
 
 from .pools import design, monomial_exponents
@@ -133,3 +134,17 @@ def test_a_constant_or_a_negative_power_is_refused():
 def test_zero_workers_are_refused():
     with pytest.raises(SelectionError, match="workers"):
         cross_products(manoeuvres(np.random.default_rng(8), [100]), monomial_exponents(4, 1), workers=0)
+
+
+@pytest.mark.parametrize("columns", [slice(None), slice(3, 20)])
+def test_products_of_rows_are_added_to_the_upper_triangle(columns):
+    rows = np.random.default_rng(2).standard_normal((7, 31))[:, columns]
+    total = np.ones((7, 7))
+    add_products(rows, total)
+    expected = np.where(np.arange(7)[:, None] <= np.arange(7), 1.0 + rows @ rows.T, 1.0)
+    assert_allclose(total, expected, rtol=1e-13)
+
+
+def test_products_are_not_added_to_a_matrix_of_another_size():
+    with pytest.raises(SelectionError, match="add_products needs rows"):
+        add_products(np.ones((3, 5)), np.zeros((4, 4)))

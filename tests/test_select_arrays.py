@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from structsel.numerics.cross_products import cross_products
 from structsel.numerics.noise_models import random_block_weights
 from structsel.numerics.regressors import ArrayData
+from structsel.selection import prewhitening
 from structsel.selection.engine import select_arrays
 from structsel.selection.resampling import bootstrap_units
 from structsel.selection.settings import SelectOptions
@@ -346,3 +347,31 @@ def test_memory_above_the_signals_does_not_grow_with_the_samples():
         peaks.append(min(traced))
     assert peaks[1] < 20.0
     assert peaks[1] < peaks[0] + 2.0
+
+
+@pytest.mark.parametrize("seed", [3, 7])
+def test_a_pilot_search_saves_a_complete_pass_and_changes_nothing(monkeypatch, seed):
+    # 164 candidates, AR(1) residuals of 0.9: without prewhitening many false terms are selected first.
+    rng = np.random.default_rng(seed)
+    exponents = monomial_exponents(8, 3)
+    signals = np.array([ar1(rng, 9000, 0.97) for _ in range(8)])
+    X = design(signals, exponents[[0, 5, 20, 90]])[:, 1:]
+    response = X / X.std(axis=0) @ [1.0, -0.7, 0.5, 0.1] + 0.3 * ar1(rng, 9000, 0.9)
+    complete = []
+
+    def counted(data, responses, noise, candidates):
+        complete.append(len(candidates) == len(exponents) and data.manoeuvres[0].n == 9000)
+        return prewhitened(data, responses, noise, candidates)
+
+    prewhitened = prewhitening._prewhitened
+    monkeypatch.setattr(prewhitening, "_prewhitened", counted)
+    flights = [ArrayData(signals, response[None, :])]
+    found, passes = run(flights, exponents, F_in="auto")[0], sum(complete)
+    complete.clear()
+    monkeypatch.setattr(prewhitening, "LARGEST_PILOT", 0.0)
+    without = run(flights, exponents, F_in="auto")[0]
+    assert (passes, sum(complete)) == (1, 2)
+    assert len(without.white_noise.selected) > len(without.search.selected)
+    assert found.search.selected == without.search.selected
+    assert_allclose(found.values, without.values, rtol=1e-9)
+    assert_allclose(found.covariance, without.covariance, rtol=1e-8, atol=1e-12 * np.abs(without.covariance).max())

@@ -36,6 +36,12 @@ def test_errors_are_larger_by_as_many_standard_errors_as_asked():
     assert not is_larger(a, b, 3.5)
 
 
+def test_errors_that_differ_by_rounding_are_not_larger():
+    b = np.array([1.0, 2.0, 3.0])
+    assert not is_larger(b * (1.0 + 4e-16), b)
+    assert is_larger(b * 1.001, b)
+
+
 @dataclass(frozen=True)
 class Errors:
     """A search that is known by its errors in the folds, with a selection in each and with the terms given."""

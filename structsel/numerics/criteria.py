@@ -98,7 +98,8 @@ def familywise_F_in(p: int, dof: float, probability: float = 0.05) -> float:
         p, dof or probability out of range.
     """
     _check(p, dof, probability, "familywise_F_in", "probability")
-    return float(scipy.stats.f.isf(-np.expm1(np.log1p(-probability) / p), 1, dof))
+    # The square of Student's t; scipy.stats.f takes fifty times as long to check its arguments.
+    return float(scipy.special.stdtrit(dof, -0.5 * np.expm1(np.log1p(-probability) / p)) ** 2)
 
 
 def ebic_F_in(p: int, dof: float) -> float:

@@ -31,6 +31,7 @@ from structsel.numerics.blocks import (
 )
 from structsel.numerics.noise_models import ARNoise, pooled_innovation_std, prewhiten
 from structsel.numerics.polynomial_products import PolynomialProducts, plan_polynomial_products
+from structsel.numerics.rank_update import add_products
 from structsel.numerics.regressors import (
     CHUNK,
     DataSource,
@@ -248,11 +249,10 @@ def _products_of_block(words: tuple[Word, ...], scales: Scales, block: Sequence[
         polynomial = PolynomialProducts(words, scales)
         return reduce(np.add, (polynomial.over(part.source, part.start, part.stop) for part in block))
     chunks = RegressorChunks(words, scales)
-    total, product = np.zeros((2, chunks.q, chunks.q))
+    total = np.zeros((chunks.q, chunks.q))
     for part in block:
         for rows in chunks.over(part.source, part.start, part.stop):
-            np.matmul(rows, rows.T, out=product)
-            total += product
+            add_products(rows, total)
     return total[np.triu_indices(chunks.q)]
 
 
@@ -307,8 +307,7 @@ def _prewhitened_products_of_block(
 ) -> Array:
     """Upper triangles of all responses; rows are made once, and filtered for each response."""
     q, m = 2 + len(words), scales[1].size
-    filtered, product = np.empty((q, CHUNK)), np.empty((q, q))
-    totals = np.zeros((m, q, q))
+    filtered, totals = np.empty((q, CHUNK)), np.zeros((m, q, q))
     chunks: dict[int, RegressorChunks] = {}
     for part in block:
         reach = max(model.order for model in part.noise)
@@ -320,7 +319,6 @@ def _prewhitened_products_of_block(
             for r, model in enumerate(part.noise):
                 rows[q - 1] = responses[r]
                 prewhiten(rows[:q], model.ar, levels[r] / model.sigma, reach, into)
-                np.matmul(into, into.T, out=product)
-                totals[r] += product
+                add_products(into, totals[r])
     upper = np.triu_indices(q)
     return np.concatenate([total[upper] for total in totals])

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.normal_equations import project
@@ -55,7 +56,9 @@ def inclusion_probabilities(
     """
     p = C.shape[0] - 1
     kept = np.asarray(list(selected), dtype=int)
-    outside = np.setdiff1d(np.flatnonzero(np.diag(C)[:p] > 0.0), kept)
+    free = np.diag(C)[:p] > 0.0
+    free[kept] = False
+    outside = np.flatnonzero(free)
     less, more, other = _residuals(C, kept, outside)
     n, floor = dof + 1.0, ROUNDING * float(C[p, p])
     own = max(project(C, kept.tolist()).rss if kept.size else float(C[p, p]), floor)
@@ -65,7 +68,8 @@ def inclusion_probabilities(
         return -0.5 * (n * np.log(np.maximum(rss, floor) / own) + change * price)
 
     fewer, larger, exchanged = log_weight(less, -1), log_weight(more, 1), log_weight(other, 0)
-    fixed = np.isin(kept, list(include))
+    always = set(include)
+    fixed = [i for i, j in enumerate(kept.tolist()) if j in always]
     fewer[fixed], exchanged[fixed] = -np.inf, -np.inf
     if allowed is not None:
         model = kept.tolist()
@@ -83,7 +87,7 @@ def inclusion_probabilities(
     return probability
 
 
-def _residuals(C: Array, kept: Array, outside: Array) -> tuple[Array, Array, Array]:
+def _residuals(C: Array, kept: NDArray[np.integer], outside: NDArray[np.integer]) -> tuple[Array, Array, Array]:
     """Residual sums of squares without each kept term (k,), with each other one (m,), and exchanged (k, m)."""
     size = np.sqrt(np.where(np.diag(C) > 0.0, np.diag(C), 1.0))
     response, tss = C[-1] / (size * size[-1]), float(C[-1, -1])

@@ -83,16 +83,30 @@ class PastData:
         for row, y, terms, theta in zip(residuals, responses, self.exponents, self.theta, strict=False):
             row[:] = y - theta[0]
             for value, powers in zip(theta[1:], terms, strict=True):
-                row -= value * np.prod(signals ** powers[:, None], axis=0)
-        at = np.arange(start, stop)
-        parts = [signals[:, at - first]]
-        parts += [signals[:, np.maximum(at - lag, 0) - first] for lag in SIGNAL_LAGS]
-        parts += [residuals[:, np.maximum(at - lag, 0) - first] for lag in RESIDUAL_LAGS]
-        return np.concatenate(parts)
+                row -= value * _monomial(signals, powers)
+        s, m, width = len(signals), len(residuals), stop - start
+        found = np.empty((s * (1 + len(SIGNAL_LAGS)) + m * len(RESIDUAL_LAGS), width))
+        found[:s] = signals[:, start - first :]
+        for values, lags, at in ((signals, SIGNAL_LAGS, s), (residuals, RESIDUAL_LAGS, s * (1 + len(SIGNAL_LAGS)))):
+            for i, lag in enumerate(lags):
+                into, before = found[at + i * len(values) : at + (i + 1) * len(values)], min(max(lag - start, 0), width)
+                into[:, :before] = values[:, :1]
+                into[:, before:] = values[:, start + before - lag - first : stop - lag - first]
+        return found
 
     def responses(self, start: int, stop: int) -> Array:
         """(rows, stop - start) responses."""
         return self.source.responses(start, stop)[list(self.rows)]
+
+
+def _monomial(signals: Array, powers: NDArray[np.integer]) -> Array:
+    """(n,) product of powers of the signals (s, n)."""
+    used = np.flatnonzero(powers)
+    value = np.ones(signals.shape[1])
+    for i in used.tolist():
+        for _ in range(int(powers[i])):
+            value *= signals[i]
+    return value
 
 
 def past_exponents(

@@ -96,10 +96,16 @@ def prewhiten(rows: Array, ar: Array, weight: float, start: int, out: Array) -> 
         x, y = rows[i], out[i]
         for t in range(n):
             y[t] = weight * x[start + t]
-        for lag in range(1, ar.size + 1):  # by lag, so that the inner loop has unit stride
+        single = ar.size % 4
+        for lag in range(1, single + 1):  # by lag, so that the inner loop has unit stride
             a = weight * ar[lag - 1]
             for t in range(n):
                 y[t] -= a * x[start + t - lag]
+        for lag in range(single + 1, ar.size + 1, 4):  # several at once, so that y is read and written less often
+            a, b, c, d = weight * ar[lag - 1], weight * ar[lag], weight * ar[lag + 1], weight * ar[lag + 2]
+            at = start - lag
+            for t in range(n):
+                y[t] -= a * x[at + t] + b * x[at + t - 1] + c * x[at + t - 2] + d * x[at + t - 3]
 
 
 class LagProducts:

@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.compiling import njit
+
+WELL_DETERMINED = 1e-4  # of a column's length that the columns before it leave; rounding is then below 1e-8
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -72,7 +75,17 @@ def solve_normal_equations(product: Array, columns: Sequence[int]) -> Array:
 
 
 def _inverse(A: Array) -> Array:
-    """Pseudo-inverse of a symmetric matrix whose columns are scaled to unit length for it."""
-    root = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    inverse: Array = np.linalg.pinv(A / np.outer(root, root), hermitian=True) / np.outer(root, root)
-    return inverse
+    """Pseudo-inverse of a symmetric matrix whose columns are scaled to unit length for it.
+
+    Of a matrix that is clearly positive definite it is the inverse, from Cholesky's factor.
+    """
+    root = np.sqrt(np.maximum(A.diagonal(), np.finfo(float).tiny))
+    units = root[:, None] * root
+    scaled = A / units
+    factor, failed = scipy.linalg.lapack.dpotrf(scaled, lower=1)
+    if A.size and not failed and factor.diagonal().min() > WELL_DETERMINED:
+        lower: Array = np.tril(scipy.linalg.lapack.dpotri(factor, lower=1)[0])
+        inverse: Array = lower + np.tril(lower, -1).T
+    else:
+        inverse = np.linalg.pinv(scaled, hermitian=True)
+    return inverse / units

@@ -22,7 +22,15 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.compiling import njit
-from structsel.numerics.regressors import SLAB, DataSource, MonomialPlan, Scales, Word, fill_rows, plan_monomials
+from structsel.numerics.regressors import (
+    READ_AT_ONCE,
+    DataSource,
+    MonomialPlan,
+    Scales,
+    Word,
+    fill_rows,
+    plan_monomials,
+)
 
 _CHUNK = 256  # samples of the rows: two rows of a tile fit in the first-level cache, all rows in the second
 _TALL, _WIDE = 4, 3  # size of a tile of sums: twelve sums and their rows fill the registers
@@ -191,8 +199,8 @@ class PolynomialProducts:
         """Upper triangle of Z'Z of these samples, row by row."""
         above, plan, sums = self.above, self.plan.rows, np.zeros(self.n_sums)
         responses, monomials = self.rows[1:above], self.rows[above:]
-        for slab in range(start, stop, SLAB):
-            end = min(slab + SLAB, stop)
+        for slab in range(start, stop, READ_AT_ONCE):
+            end = min(slab + READ_AT_ONCE, stop)
             base = source.base(slab, end) / self.scales[0][:, None]
             response = source.responses(slab, end) / self.scales[1][:, None]
             for a in range(0, end - slab, _CHUNK):

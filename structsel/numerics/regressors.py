@@ -27,7 +27,8 @@ Word = tuple[int, ...]
 """A monomial as the sorted numbers of its base signals: alpha^2 de is (0, 0, 1)."""
 
 CHUNK = 512  # samples of a workspace, so that its rows fit in the second-level cache
-SLAB = 2048  # samples read from a manoeuvre in one call
+SLAB = 2048  # samples of a workspace with few rows
+READ_AT_ONCE = 16384  # samples read from a manoeuvre in one call: 1 MiB of eight signals
 
 
 class DataSource(Protocol):
@@ -227,8 +228,8 @@ class RegressorChunks:
     def over(self, source: DataSource, start: int, stop: int) -> Iterator[Array]:
         """Rows (q, reach + c) of c samples each, from ``start``, which is at least ``reach``, to ``stop``."""
         p = self.q - 1 - self.m
-        for slab in range(start, stop, SLAB):
-            end = min(slab + SLAB, stop)
+        for slab in range(start, stop, READ_AT_ONCE):
+            end = min(slab + READ_AT_ONCE, stop)
             base = source.base(slab - self.reach, end) / self.base_scale[:, None]
             response = source.responses(slab - self.reach, end) / self.response_scale[:, None]
             for a in range(slab, end, self.chunk):

@@ -51,13 +51,15 @@ def find_aliases(
     """
     p = C.shape[0] - 1
     kept = list(selected)
-    if not kept:
+    if not kept or (among is not None and not among):
         return []
     size = np.sqrt(np.diag(C))
     size[size == 0] = 1.0
     R = C[kept] / np.outer(size[kept], size)  # only these rows, and everybody's with the response, are looked at
     response = C[p] / (size * size[p])
-    outside = np.setdiff1d(np.flatnonzero(np.diag(C)[:p] > 0), kept)
+    varies = np.diag(C)[:p] > 0
+    varies[kept] = False
+    outside = np.flatnonzero(varies)
     inverse = np.linalg.inv(R[:, kept])
     theta, explained = inverse @ R[:, p], inverse @ R[:, outside]
     rss = max(response[p] - R[:, p] @ theta, 1e-28)

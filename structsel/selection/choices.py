@@ -90,7 +90,13 @@ class EngineData:
 
 @dataclass(frozen=True)
 class Choice:
-    """The search whose result is used; see `ArraySelection` for the other fields."""
+    """The search whose result is used; see `ArraySelection` for the other fields.
+
+    Attributes
+    ----------
+    scaled : (1 + k,) array, optional
+        Parameters of the terms in the units of the products, where the products themselves are not kept.
+    """
 
     search: Search
     result: SearchResult
@@ -98,6 +104,7 @@ class Choice:
     converged: bool = True
     prewhitening_dropped: tuple[float, float] | None = None
     past: PastFit | None = None
+    scaled: Array | None = None
 
 
 def fit_noise(
@@ -127,8 +134,8 @@ def models_of(
     for r in responses:
         products, kept = choices[r].search.products, list(choices[r].result.selected)
         scale = products.scale
-        past = choices[r].past
-        scaled = solve(products.total(), kept) if past is None else past.scaled.copy()
+        past, known = choices[r].past, choices[r].scaled
+        scaled = past.scaled.copy() if past is not None else solve(products.total(), kept) if known is None else known
         if products.own_constants:
             own[r], scaled[0] = (scaled[1:], kept), 0.0
         theta.append(scaled * scale[-1] / scale[[0, *(j + 1 for j in kept)]])

@@ -58,6 +58,9 @@ class RecordingData:
 
     def base(self, start: int, stop: int) -> NDArray[np.float64]:
         """(s, stop - start) base signals."""
+        base = self.candidates.base
+        if base and all(factor.kind == "channel" for factor in base):  # checked by `summarise_recordings`
+            return np.array([self.recording[factor.channels[0]][start:stop] for factor in base])
         return self.candidates.evaluate_base(_Window(self.recording, start, stop))
 
     def responses(self, start: int, stop: int) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from structsel.numerics.blocks import JobRunner
 from structsel.numerics.collinearity import condition_indices, vif
-from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products
+from structsel.numerics.cross_products import CrossProducts, cross_products
 from structsel.numerics.hierarchy import Hierarchy, find_parents
 from structsel.numerics.least_squares import LeastSquaresFit, fit_each
 from structsel.numerics.normal_equations import project
@@ -23,15 +23,14 @@ from structsel.selection.aliases import find_aliases, find_dependent
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.biased import estimate_biased
 from structsel.selection.causal import constants_of_past, use_past
-from structsel.selection.choices import Choice, EngineData, Progress, fit_noise
+from structsel.selection.choices import Choice, EngineData, Progress
 from structsel.selection.constants import choose_constants
-from structsel.selection.data import SelectedResponses
 from structsel.selection.heterogeneity import Heterogeneity, find_heterogeneity
 from structsel.selection.methods import SearchConstraints
 from structsel.selection.parsimony import find_simplest, linear_search
+from structsel.selection.prewhitening import cluster_robust, iterate_prewhitening
 from structsel.selection.resampling import bootstrap_selection, cross_validate
 from structsel.selection.search import (
-    ROUNDING,
     Search,
     SearchResult,
     centred,
@@ -41,9 +40,6 @@ from structsel.selection.search import (
     weights_without,
 )
 from structsel.selection.settings import SelectOptions
-
-ROUNDS = 4  # of noise model and search; the terms stay the same after two almost always
-WORSE = 1.25  # squared error of the fit from which prewhitening is dropped, if cross-validation agrees
 
 
 def select_arrays(
@@ -112,9 +108,9 @@ def select_arrays(
     if options.noise == "white":
         chosen = [Choice(search, result) for search, result in zip(searches, white_noise, strict=True)]
     elif options.noise == "cluster":
-        chosen = [_cluster_robust(search) for search in searches]
+        chosen = [cluster_robust(search) for search in searches]
     else:
-        chosen = _iterate_prewhitening(data, searches, white_noise, [s.products for s in shared])
+        chosen = iterate_prewhitening(data, searches, white_noise, [s.products for s in shared])
     chosen = use_past(data, [_simplest(choice) for choice in chosen], [s.products for s in shared])
     fits = _fits(data, chosen, [s.products for s in shared])
     return [
@@ -155,44 +151,6 @@ def _hierarchy(exponents: NDArray[np.integer], options: SelectOptions, include: 
     return Hierarchy(find_parents(exponents), options.hierarchy == "strong").without(include)
 
 
-def _cluster_robust(plain: Search) -> Choice:
-    """Ordinary least squares with tests between blocks."""
-    search = replace(plain, cluster_robust=True)
-    return Choice(search, search.run())
-
-
-def _iterate_prewhitening(
-    data: EngineData, plain: list[Search], white_noise: list[SearchResult], shared: list[CrossProducts]
-) -> list[Choice]:
-    """Fit a noise model to each manoeuvre's residual, prewhiten, search; again until the terms stay the same.
-
-    This is the iteration of Cochrane and Orcutt, with a selection in every round.
-    """
-    choices = [Choice(search, result, (), False) for search, result in zip(plain, white_noise, strict=True)]
-    pending = list(range(len(plain)))
-    for _ in range(ROUNDS):
-        noise = fit_noise(data, choices, pending, shared)
-        products = prewhitened_cross_products(
-            [SelectedResponses(m, tuple(pending)) for m in data.manoeuvres],
-            data.exponents,
-            noise,
-            scales=(data.scales[0], data.scales[1][pending]),
-            progress=data.stage("prewhitened"),
-            **data.block_arguments,
-        )
-        for r, models, prewhitened in zip(list(pending), noise, products, strict=True):
-            own = plain[r].products.own_constants
-            search = replace(plain[r], products=prewhitened.within_manoeuvres() if own else prewhitened)
-            result = search.run()
-            converged = set(result.selected) == set(choices[r].result.selected)
-            choices[r] = Choice(search, result, models, converged)
-            if converged:
-                pending.remove(r)
-        if not pending:
-            break
-    return [_check_prewhitening(choice, search) for choice, search in zip(choices, plain, strict=True)]
-
-
 def _simplest(choice: Choice) -> Choice:
     """The choice, or a simpler one that predicts as well."""
     options = choice.search.options
@@ -203,27 +161,6 @@ def _simplest(choice: Choice) -> Choice:
         return choice
     result = replace(found.result, stop_reason=f"{found.result.stop_reason}; {found.reason}")
     return replace(choice, search=found.search, result=result)
-
-
-def _check_prewhitening(choice: Choice, plain: Search) -> Choice:
-    """Drop prewhitening where it describes the response clearly worse than least squares, and predicts it worse.
-
-    With coloured noise both are right; where prewhitening is worse the residual is model error, not noise.
-    """
-    if not plain.folds:
-        return choice
-    other = _cluster_robust(plain)
-    total = plain.products.total()
-    errors = [
-        prediction_error(solve(c.search.products.total(), c.result.selected), c.result.selected, total)
-        for c in (choice, other)
-    ]
-    if errors[0] <= max(WORSE * errors[1], ROUNDING * total[-1, -1]):
-        return choice
-    with_it, without = (cross_validate(c.search, plain.products) for c in (choice, other))
-    if with_it is None or without is None or with_it.sse.sum() <= without.sse.sum():
-        return choice
-    return replace(other, prewhitening_dropped=(float(with_it.sse.sum()), float(without.sse.sum())))
 
 
 def _describe(

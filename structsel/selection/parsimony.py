@@ -17,6 +17,7 @@ from structsel.selection.search import (
     weights_without,
 )
 
+SAME_ERROR = 1e-9  # of a squared error: a smaller difference is rounding
 REFUTED = 2.0  # standard errors by which the complete model, its terms given, predicts better
 
 
@@ -96,7 +97,7 @@ def is_larger(a: Array, b: Array, standard_errors: float = 1.0) -> bool:
     """Whether the errors a of the folds exceed b in the mean, by more than one standard error of the differences."""
     difference = a - b
     limit = standard_errors * np.std(difference, ddof=1) / np.sqrt(difference.size) if a.size > 1 else np.inf
-    return bool(difference.mean() > limit)
+    return bool(difference.mean() > max(limit, SAME_ERROR * b.mean()))
 
 
 def _fewest_terms(tried: Sequence[Simplest]) -> Simplest:

@@ -1,0 +1,55 @@
+"""Sums of products of rows, added up in place by the BLAS of scipy.
+
+`scipy.linalg.blas.dsyrk` keeps the interpreter's lock, so that two threads take turns, and numpy's product of a matrix
+with its own transpose copies one triangle to the other. Here the same routine is called through its address.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import scipy.linalg.cython_blas
+
+from structsel.errors import SelectionError
+from structsel.numerics.arrays import Array
+
+_INT, _DOUBLE = ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_double)
+
+
+@cache
+def _dsyrk() -> Callable[..., None]:
+    """The routine, which releases the lock while it runs."""
+    capsule = scipy.linalg.cython_blas.__pyx_capi__["dsyrk"]
+    api = ctypes.pythonapi
+    api.PyCapsule_GetName.restype, api.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    api.PyCapsule_GetPointer.restype = ctypes.c_void_p
+    api.PyCapsule_GetPointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+    address = api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule))
+    kinds = [ctypes.c_char_p] * 2 + [_INT] * 2 + [_DOUBLE] * 2 + [_INT] + [_DOUBLE] * 2 + [_INT]
+    function: Any = ctypes.CFUNCTYPE(None, *kinds)(address)
+    return function
+
+
+def add_products(rows: Array, total: Array) -> None:
+    """Add ``rows @ rows.T`` to the upper triangle of ``total``; the lower one is not written.
+
+    Parameters
+    ----------
+    rows : (q, n) float64 array
+        Samples of a row one after another in memory.
+    total : (q, q) float64 array, C-contiguous
+    """
+    q, n = rows.shape
+    if total.shape != (q, q) or not total.flags.c_contiguous or rows.strides[1] != rows.itemsize or not q or not n:
+        raise SelectionError(f"add_products needs rows (q, n) and a total (q, q); found {rows.shape}, {total.shape}.")
+    size, k, ld, step = (ctypes.c_int(v) for v in (q, n, rows.strides[0] // rows.itemsize, q))
+    one = ctypes.c_double(1.0)
+    by = ctypes.byref
+    # In Fortran's order the rows are columns of a matrix (n, q), and the upper triangle is the lower one.
+    _dsyrk()(
+        *(b"L", b"T", by(size), by(k), by(one), rows.ctypes.data_as(_DOUBLE), by(ld)),
+        *(by(one), total.ctypes.data_as(_DOUBLE), by(step)),
+    )

@@ -1,0 +1,189 @@
+"""Noise models and searches in turn: the iteration of Cochrane and Orcutt, with a selection in every round."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structsel.numerics.arrays import Array
+from structsel.numerics.cross_products import CrossProducts, prewhitened_cross_products
+from structsel.numerics.noise_models import ARNoise
+from structsel.numerics.normal_equations import project
+from structsel.numerics.regressors import DataSource
+from structsel.selection.aliases import DEPENDENT
+from structsel.selection.choices import Choice, EngineData, fit_noise
+from structsel.selection.data import SelectedResponses
+from structsel.selection.resampling import cross_validate
+from structsel.selection.search import ROUNDING, Search, SearchResult, prediction_error, solve
+
+ROUNDS = 4  # of noise model and search; the terms stay the same after two almost always
+WORSE = 1.25  # squared error of the fit from which prewhitening is dropped, if cross-validation agrees
+PILOT = 32, 0.2
+"""Candidates that a pilot search takes from each of two rankings, and the fraction of all where that is more. The first
+is that of the unfiltered products, the second that of prewhitened products of a part of the samples."""
+LARGEST_PILOT = 0.5  # of the candidates; the products cost the square of it
+SPARSE, PARTS, SHORTEST_PART = 8, 4, 256
+"""Samples of which one is in a part, parts of each manoeuvre, and samples of the shortest part."""
+
+
+@dataclass(frozen=True)
+class PartOfData:
+    """Consecutive samples of a manoeuvre."""
+
+    source: DataSource
+    first: int
+    last: int
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return self.last - self.first
+
+    def base(self, start: int, stop: int) -> Array:
+        """Base signals of these samples."""
+        return self.source.base(self.first + start, self.first + stop)
+
+    def responses(self, start: int, stop: int) -> Array:
+        """Responses of these samples."""
+        return self.source.responses(self.first + start, self.first + stop)
+
+
+def cluster_robust(plain: Search) -> Choice:
+    """Ordinary least squares with tests between blocks."""
+    search = replace(plain, cluster_robust=True)
+    return Choice(search, search.run())
+
+
+def iterate_prewhitening(
+    data: EngineData, plain: list[Search], white_noise: list[SearchResult], shared: list[CrossProducts]
+) -> list[Choice]:
+    """Fit a noise model to each manoeuvre's residual, prewhiten, search; again until the terms stay the same.
+
+    The first round searches the candidates that explain most of the residual only: what it finds makes the noise model
+    of the first complete round, which usually confirms it.
+    """
+    choices = [Choice(search, result, (), False) for search, result in zip(plain, white_noise, strict=True)]
+    pending = list(range(len(plain)))
+    noise = fit_noise(data, choices, pending, shared)
+    piloted = _pilot(data, choices, noise)
+    for number in range(ROUNDS):
+        if number:
+            noise = fit_noise(data, choices, pending, shared)
+        elif piloted:
+            again = fit_noise(data, [piloted.get(r, choice) for r, choice in enumerate(choices)], list(piloted), shared)
+            noise = [dict(zip(piloted, again, strict=True)).get(r, models) for r, models in enumerate(noise)]
+            choices = [piloted.get(r, choice) for r, choice in enumerate(choices)]
+        products = _prewhitened(data, pending, noise, data.exponents)
+        for r, models, prewhitened in zip(list(pending), noise, products, strict=True):
+            search = replace(plain[r], products=_own_constants(prewhitened, plain[r]))
+            result = search.run()
+            converged = set(result.selected) == set(choices[r].result.selected)
+            choices[r] = Choice(search, result, models, converged)
+            if converged:
+                pending.remove(r)
+        if not pending:
+            break
+    return [_check_prewhitening(choice, search) for choice, search in zip(choices, plain, strict=True)]
+
+
+def _prewhitened(
+    data: EngineData, responses: Sequence[int], noise: Sequence[Sequence[ARNoise]], exponents: NDArray[np.integer]
+) -> list[CrossProducts]:
+    """Prewhitened products of these candidates and responses."""
+    return prewhitened_cross_products(
+        [SelectedResponses(m, tuple(responses)) for m in data.manoeuvres],
+        exponents,
+        noise,
+        scales=(data.scales[0], data.scales[1][list(responses)]),
+        progress=data.stage("prewhitened"),
+        **data.block_arguments,
+    )
+
+
+def _own_constants(products: CrossProducts, search: Search) -> CrossProducts:
+    return products.within_manoeuvres() if search.products.own_constants else products
+
+
+def _pilot(data: EngineData, choices: Sequence[Choice], noise: Sequence[Sequence[ARNoise]]) -> dict[int, Choice]:
+    """Choices of a search among the candidates that explain most, where they differ from those given, by response."""
+    p, options, everyone = len(data.exponents), data.options, range(len(choices))
+    most = max(PILOT[0], int(PILOT[1] * p))
+    if 2 * most > LARGEST_PILOT * p or options.criterion_used == "cv" or options.hierarchy != "none":
+        return {}
+    parts, models = _in_parts(data.manoeuvres, noise)
+    if not parts:
+        return {}
+    some = _prewhitened(replace(data, manoeuvres=parts), everyone, models, data.exponents)
+    pool = np.zeros(p, dtype=bool)
+    for choice, products in zip(choices, some, strict=True):
+        sparse = replace(choice.search, products=_own_constants(products, choice.search))
+        pool |= _most_explaining(choice.search, choice.result, most) | _most_explaining(sparse, sparse.run(), most)
+    numbers = np.flatnonzero(pool)
+    if numbers.size > LARGEST_PILOT * p:
+        return {}
+    found = {}
+    columns = np.concatenate([[0], 1 + numbers, [1 + p]])
+    for r, products in enumerate(_prewhitened(data, everyone, noise, data.exponents[numbers])):
+        search, inside = choices[r].search, np.zeros((p + 2, p + 2))
+        inside[np.ix_(columns, columns)] = _own_constants(products, search).total()
+        result = search.run(product=inside)  # candidates that are constant zero are not searched
+        if set(result.selected) != set(choices[r].result.selected):
+            found[r] = Choice(search, result, (), False, scaled=solve(inside, result.selected))
+    return found
+
+
+def _in_parts(
+    manoeuvres: Sequence[DataSource], noise: Sequence[Sequence[ARNoise]]
+) -> tuple[list[PartOfData], list[list[ARNoise]]]:
+    """Parts spread over the manoeuvres, with the noise models of theirs; none where they would be short."""
+    parts: list[PartOfData] = []
+    models: list[list[ARNoise]] = [[] for _ in noise]
+    for k, manoeuvre in enumerate(manoeuvres):
+        length = manoeuvre.n // (PARTS * SPARSE)
+        if length < SHORTEST_PART:
+            return [], []
+        for i in range(PARTS):
+            start = (2 * i + 1) * manoeuvre.n // (2 * PARTS) - length // 2
+            parts.append(PartOfData(manoeuvre, start, start + length))
+            for of, given in zip(models, noise, strict=True):
+                of.append(given[k])
+    return parts, models
+
+
+def _most_explaining(search: Search, result: SearchResult, most: int) -> NDArray[np.bool_]:
+    """(p,) whether a candidate is chosen, given, or among those that explain most of what the chosen ones leave."""
+    product, kept = search.products.total(), list(result.selected)
+    rows = [0, *(1 + j for j in kept)]
+    on = project(product, rows)
+    left, with_response = on.remaining[1:-1], (product[-1] - product[rows, -1] @ on.coefficients)[1:-1]
+    varies = left > DEPENDENT * np.diag(product)[1:-1]
+    explained = np.where(varies, with_response**2 / np.where(varies, left, 1.0), 0.0)
+    always = [*kept, *search.constraints.include, *search.constraints.initial]
+    explained[always] = np.inf
+    pool = np.zeros(explained.size, dtype=bool)
+    pool[np.argsort(-explained, kind="stable")[: max(most, len(set(always)))]] = True
+    return pool
+
+
+def _check_prewhitening(choice: Choice, plain: Search) -> Choice:
+    """Drop prewhitening where it describes the response clearly worse than least squares, and predicts it worse.
+
+    With coloured noise both are right; where prewhitening is worse the residual is model error, not noise.
+    """
+    if not plain.folds:
+        return choice
+    other = cluster_robust(plain)
+    total = plain.products.total()
+    errors = [
+        prediction_error(solve(c.search.products.total(), c.result.selected), c.result.selected, total)
+        for c in (choice, other)
+    ]
+    if errors[0] <= max(WORSE * errors[1], ROUNDING * total[-1, -1]):
+        return choice
+    with_it, without = (cross_validate(c.search, plain.products) for c in (choice, other))
+    if with_it is None or without is None or with_it.sse.sum() <= without.sse.sum():
+        return choice
+    return replace(other, prewhitening_dropped=(float(with_it.sse.sum()), float(without.sse.sum())))
