@@ -18,7 +18,7 @@ from structsel.selection.engine import select_arrays
 from structsel.selection.resampling import bootstrap_units
 from structsel.selection.settings import SelectOptions
 
-from .flights import cases
+from .flights import cases, signals_of
 from .pools import ar1, design, monomial_exponents
 
 POOL = monomial_exponents(4, 2)  # 14 candidates
@@ -375,3 +375,12 @@ def test_a_pilot_search_saves_a_complete_pass_and_changes_nothing(monkeypatch, s
     assert found.search.selected == without.search.selected
     assert_allclose(found.values, without.values, rtol=1e-9)
     assert_allclose(found.covariance, without.covariance, rtol=1e-8, atol=1e-12 * np.abs(without.covariance).max())
+
+
+@pytest.mark.parametrize("method", ["stepwise", "orthogonal"])
+@pytest.mark.parametrize(("noise_model", "seed"), [("ar2_mode_3Hz", 51), ("white", 102)])
+def test_pairs_of_terms_that_stand_in_for_the_true_pair_are_exchanged(method, noise_model, seed):
+    # Exchanges of single terms end 20 units of BIC above the true model.
+    case = cases.recovery_case(noise_model, seed)
+    found = run(signals_of(case), case.exponents, method=method, F_in="auto", constants="auto")[0]
+    assert set(found.search.selected) == set(case.true)

@@ -16,6 +16,8 @@ from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.hierarchy import Hierarchy
 from structsel.numerics.stepwise import SearchPath, SearchStep
 
+PAIRS_UP_TO = 40  # terms; exchanges of pairs in a larger model cost more than they have ever brought
+
 Model = tuple[tuple[int, ...], float]
 """Candidates in a model, and its residual sum of squares."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from structsel.numerics import criteria
 from structsel.numerics.orthogonal import OrthogonalPath, orthogonal
 from structsel.numerics.stepwise import refine_subset
-from structsel.selection.methods.method import SearchProblem, SelectionMethod, VisitedModels, visited_on
+from structsel.selection.methods.method import PAIRS_UP_TO, SearchProblem, SelectionMethod, VisitedModels, visited_on
 
 RANK_AT_FIRST = 100  # orthogonal functions
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding
@@ -39,7 +39,7 @@ def search(problem: SearchProblem) -> VisitedModels:
 
 
 def _refined(path: OrthogonalPath, problem: SearchProblem) -> VisitedModels:
-    """The path to its least extended BIC, and then single terms in, out or exchanged while that falls.
+    """The path to its least extended BIC, and then one or two terms in, out or exchanged while that falls.
 
     A function that is ranked early stays on the path when later ones explain what it stood for.
     """
@@ -56,7 +56,7 @@ def _refined(path: OrthogonalPath, problem: SearchProblem) -> VisitedModels:
         price,
         include=problem.constraints.include,
         max_terms=problem.options.max_terms,
-        depth=1,
+        depth=2 if len(begin) <= PAIRS_UP_TO else 1,
         hierarchy=problem.constraints.hierarchy,
     )
     steps = (*path.steps[:best], *better.steps[len(begin) :])

@@ -8,9 +8,15 @@ import numpy as np
 
 from structsel.numerics.cluster_stepwise import cluster_stepwise, samples_per_independent_sample
 from structsel.numerics.stepwise import SearchPath, refine_subset, stepwise
-from structsel.selection.methods.method import SearchProblem, SelectionMethod, VisitedModels, thresholds, visited_on
+from structsel.selection.methods.method import (
+    PAIRS_UP_TO,
+    SearchProblem,
+    SelectionMethod,
+    VisitedModels,
+    thresholds,
+    visited_on,
+)
 
-PAIRS_UP_TO = 40  # terms; exchanges of pairs in a larger model cost more than they have ever brought
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding, and no model is better for it
 
 
