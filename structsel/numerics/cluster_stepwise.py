@@ -28,7 +28,7 @@ import scipy
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.hierarchy import Hierarchy
-from structsel.numerics.stepwise import SearchPath, SearchStep
+from structsel.numerics.search_path import SearchPath, SearchStep
 
 PERFECT = 1e-12  # of the response's sum of squares
 

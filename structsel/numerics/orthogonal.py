@@ -18,7 +18,7 @@ from structsel.numerics.criteria import candidate_numbers, check_products, check
 from structsel.numerics.hierarchical_search import GroupRules, hierarchical_search, needs_of
 from structsel.numerics.hierarchy import Hierarchy
 from structsel.numerics.search_model import ACTION, ENTER, INDEX, PARTIAL_R, UNEXPLAINED
-from structsel.numerics.stepwise import SearchPath, SearchStep, run_kernel
+from structsel.numerics.search_path import SearchPath, SearchStep, run_kernel
 from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
 
 

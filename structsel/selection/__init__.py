@@ -3,8 +3,9 @@
 from structsel.deprecation import renamed_names
 from structsel.selection.diagnostics import Alias
 from structsel.selection.engine import select_arrays
-from structsel.selection.result import Selection, Selections
+from structsel.selection.result import Selection
 from structsel.selection.select import select
+from structsel.selection.selections import Selections
 from structsel.selection.settings import SelectOptions
 from structsel.selection.trace import HeldOutPart, TraceStep
 

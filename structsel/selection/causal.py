@@ -28,7 +28,7 @@ from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import project, solve_normal_equations
 from structsel.numerics.regressors import DataSource, Scales, find_scales
 from structsel.numerics.residuals import fit_residual_noise
-from structsel.numerics.stepwise import SearchStep
+from structsel.numerics.search_path import SearchStep
 from structsel.selection.choices import (
     LEAST_INNOVATION,
     NO_MODELS,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 from structsel.candidates import Candidates, Term
 from structsel.deprecation import renamed_attribute, warn_deprecated
 from structsel.errors import SelectionError
-from structsel.formatting import format_number
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics.collinearity import ConditionIndices
 from structsel.numerics.noise_models import ARNoise
 from structsel.recording import Recording, StoredRecording
 from structsel.recording.arguments import as_recordings
-from structsel.results import Estimates, Result
+from structsel.results import Estimates
 from structsel.selection.diagnostics import Alias
+from structsel.selection.result_tables import as_dict, summarise, summarise_search
 from structsel.selection.settings import SelectOptions
 from structsel.selection.trace import HeldOutPart, TraceStep
-from structsel.tables import Cell, Column, Summary, Table, Tone, text_column
+from structsel.tables import Summary
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,33 +35,6 @@ COLUMN_NOTES = (
     "cross-validated: each manoeuvre (part of a single one) predicted by a model selected without it."
 )
 """What the columns of a selection mean."""
-_COLUMNS = {
-    "term": text_column("term"),
-    "value": Column("value"),
-    "std_error": Column("std error", "2g"),
-    "low95": Column("95 % low"),
-    "high95": Column("95 % high"),
-    "partial_F": Column("F", "3g"),
-    "probability": Column("prob.", "%"),
-    "vif": Column("VIF", "2g"),
-}
-_TRACE_COLUMNS = {
-    "action": text_column("move"),
-    "term": text_column("term"),
-    "F": Column("F", "3g"),
-    "partial_r": Column("partial r", "3f"),
-    "n_terms": Column("terms"),
-    "R2": Column("R2", "4f"),
-    "PSE": Column("PSE", "3g"),
-    "BIC": Column("BIC", "0f"),
-}
-
-
-PRINTED = 0.01  # least probability of a candidate in to_dict()
-
-
-def _tone(probability: float) -> Tone:
-    return "good" if probability >= 0.8 else "bad" if probability < 0.5 else ""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -359,115 +332,12 @@ class Selection(Estimates):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types, for JSON; not a number is None."""
-
-        def plain(x: float) -> float | None:
-            return float(x) if np.isfinite(x) else None
-
-        frame = self.to_frame().drop(columns="response")
-        rows = [{k: (plain(v) if isinstance(v, float) else v) for k, v in r.items()} for r in frame.to_dict("records")]
-        return {
-            "response": self.response,
-            "method": self.options.method,
-            "residuals": self.residual_description,
-            "biased": self.biased,
-            "parameters": rows,
-            "fit": {k: plain(getattr(self, k)) for k in ("r2", "adjusted_r2", "rms", "condition")},
-            "n": self.n,
-            "condition_indices": [plain(x) for x in self.conditioning.indices],
-            "constants": {name: plain(value) for name, value in self.constants.items()},
-            "held_out": {
-                "r2": plain(self.held_out_r2),
-                "linear_r2": plain(self.linear_held_out_r2),
-                "rms": plain(self.held_out_rms),
-                "parts": [{"name": p.name, "r2": plain(p.r2), "rms": plain(p.rms)} for p in self.held_out],
-            },
-            "inclusion": {k: float(v) for k, v in self.inclusion.items() if v > 0},
-            "probability": {k: float(v) for k, v in self.probability.items() if v > PRINTED},
-            "classical_terms": [str(t) for t in self.classical],
-            "aliases": [
-                {"kept": str(a.kept), "other": str(a.other), "loss": a.loss, "to_separate": a.to_separate}
-                for a in self.aliases
-            ],
-            "dependent": [str(t) for t in self.dependent],
-            "trace": [str(s) for s in self.trace],
-            "stopped": self.stop_reason,
-            "doubts": list(self.doubts),
-        }
+        return as_dict(self)
 
     def summary(self) -> Summary:
         """Terms, estimates and fit."""
-        facts = [("n", str(self.n)), ("R2", f"{self.r2:.4f}"), ("adjusted R2", f"{self.adjusted_r2:.4f}")]
-        facts += [("rms", format_number(self.rms, 3))]
-        if np.isfinite(self.held_out_r2):
-            facts += [("cross-validated R2", f"{self.held_out_r2:.4f}, rms {format_number(self.held_out_rms, 3)}")]
-        if np.isfinite(self.linear_held_out_r2):
-            facts += [("of the linear model", f"{self.linear_held_out_r2:.4f}")]
-        if self.constants:
-            spread = np.std(list(self.constants.values()), ddof=1) if len(self.constants) > 1 else 0.0
-            facts += [("constants", f"own of each recording, scatter {format_number(float(spread), 3)}")]
-        columns = {key: column for key, column in _COLUMNS.items() if key != "probability" or self.probability}
-        records: Any = self.to_frame().to_dict("records")
-        for row in records:
-            row["probability"] = Cell(row["probability"], _tone(row["probability"]))
-        return Summary(
-            self.response,
-            f"{len(self.terms)} of {len(self.pool)} candidate terms, {self.options.method}, "
-            f"{self.residual_description}",
-            alerts=(f"BIASED estimates: {self.estimator}; std error is the scatter about a biased mean",)
-            if self.biased
-            else (),
-            facts=tuple(facts),
-            tables=(Table.from_records(columns, records),),
-            warnings=self.doubts,
-        )
+        return summarise(self)
 
     def search_summary(self) -> Summary:
         """Every move of the search."""
-        records = ({**vars(s), "term": f"{s.other} -> {s.term}" if s.other else str(s.term)} for s in self.trace)
-        table = Table.from_records(_TRACE_COLUMNS, records)
-        return Summary(self.response, f"the search; it ended: {self.stop_reason}", tables=(table,))
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class Selections(Result, Mapping[str, Selection]):
-    """Selections of several responses from the same recordings; a mapping by response."""
-
-    by_response: Mapping[str, Selection]
-
-    def __post_init__(self) -> None:
-        """Make the mapping read-only."""
-        object.__setattr__(self, "by_response", MappingProxyType(dict(self.by_response)))
-
-    def __contains__(self, response: object) -> bool:
-        return response in self.by_response
-
-    def __getitem__(self, response: str) -> Selection:
-        if response not in self.by_response:
-            raise SelectionError(f"No selection for {response!r}; there is one for {', '.join(self.by_response)}.")
-        return self.by_response[response]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.by_response)
-
-    def __len__(self) -> int:
-        return len(self.by_response)
-
-    @property
-    def model(self) -> AeroModel:
-        """All responses as one model."""
-        first = next(iter(self.by_response.values()))
-        return AeroModel({r: s.to_model() for r, s in self.items()}, recordings=first.recordings)
-
-    def to_frame(self) -> pd.DataFrame:
-        """One row per response and parameter."""
-        import pandas as pd
-
-        return pd.concat([s.to_frame() for s in self.values()], ignore_index=True)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain types, for JSON."""
-        return {"schema": "structsel.selection/1", "responses": {r: s.to_dict() for r, s in self.items()}}
-
-    def summary(self) -> Summary:
-        """Summaries of the selections."""
-        return Summary("", f"Selections of {', '.join(self)}", parts=tuple(s.summary() for s in self.values()))
+        return summarise_search(self)

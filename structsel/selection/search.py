@@ -18,7 +18,8 @@ from structsel.numerics.collinearity import drop_correlated
 from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.inclusion import inclusion_probabilities
 from structsel.numerics.normal_equations import centre, project, solve_normal_equations
-from structsel.numerics.stepwise import SearchStep, partial_f, stepwise
+from structsel.numerics.search_path import SearchStep
+from structsel.numerics.stepwise import partial_f, stepwise
 from structsel.selection.aliases import DEPENDENT, SAME_FIT, find_aliases
 from structsel.selection.methods import METHODS, SearchConstraints, SearchProblem
 from structsel.selection.methods.method import Model

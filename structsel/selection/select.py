@@ -26,7 +26,8 @@ from structsel.selection.checkpoint import Checkpoint
 from structsel.selection.data import AnyRecording, DataSummary, RecordingData, summarise_recordings
 from structsel.selection.diagnostics import Alias, find_warnings, to_separate
 from structsel.selection.engine import Progress, select_arrays
-from structsel.selection.result import Selection, Selections
+from structsel.selection.result import Selection
+from structsel.selection.selections import Selections
 from structsel.selection.settings import RENAMED_ARGUMENTS, InitialTerms, SelectOptions
 from structsel.selection.trace import HeldOutPart, TraceStep
 

@@ -14,7 +14,7 @@ from structsel.numerics import criteria
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.hierarchy import Hierarchy
-from structsel.numerics.stepwise import SearchPath, SearchStep
+from structsel.numerics.search_path import SearchPath, SearchStep
 
 PAIRS_UP_TO = 40  # terms; exchanges of pairs in a larger model cost more than they have ever brought
 

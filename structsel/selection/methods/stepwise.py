@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from structsel.numerics.cluster_stepwise import cluster_stepwise, samples_per_independent_sample
-from structsel.numerics.stepwise import SearchPath, refine_subset, stepwise
+from structsel.numerics.search_path import SearchPath
+from structsel.numerics.stepwise import refine_subset, stepwise
 from structsel.selection.methods.method import (
     PAIRS_UP_TO,
     SearchProblem,
