@@ -1,8 +1,13 @@
-"""A plant of one response, as a simulation has it: what drives it, how it answers, and where a force acts."""
+"""A plant of one response, as a simulation has it: what drives it, how it responds, and where a force acts.
+
+A force is a function of a motion. That motion is recorded in other channels, or it is the response itself where a plant
+with inertia lies between the force and the response: the force then acts through the past of the response only.
+Anything else would be a response that explains itself.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +25,10 @@ _ORDERS = (0, 1, 2, 3, 4)
 _LEAST_R2 = 0.8
 _ACCELERATES, _MOVES = 0.9, 0.95
 """Least correlation of a response with the rate of a speed, and of a speed with the rate of a place."""
+_NEEDED = 0.95  # R2 of a simulated force by a recorded motion, above which the motion needs it, whatever the input
+_INERTIA = 0.05  # of the rms of a simulated force, above which its sense is that of the acceleration, not of the speed
+_OF_FLIGHT = {"V", "phi", "theta", "psi", "vn", "ve", "vd", "ax", "ay", "az"}
+_FLYING = 3  # of these channels, from which a recording is of a vehicle, whose motion is no mechanism's
 _HIGHEST = 2.0  # rad per sample, above which a discrete gain is no longer that of what it stands for
 _FALLS = 2.9  # by which a gain falls within an octave: inertia makes it four and more, a lag alone two
 _SLIGHTLY = 1e-3  # by which a parameter is changed to see what that does
@@ -46,8 +55,11 @@ class Plant:
     motion, speed : float
         Rms of the displacement and of its rate.
     along : (str, str), optional
-        Channels of displacement and its rate where the response is what accelerates them; without, the measured
-        response is the displacement.
+        Channels of displacement (empty where it is not recorded) and its rate, where the response is what accelerates
+        them or the force that they need; without, the measured response is the displacement.
+    sense : float
+        -1 where a force against the motion lowers the response (what accelerates it), 1 where it raises it (what the
+        motion needs).
     """
 
     response: str
@@ -58,12 +70,13 @@ class Plant:
     motion: float
     speed: float
     along: tuple[str, str] | None = None
+    sense: float = -1.0
 
     def path(self, flight: Flight) -> tuple[Array, Array]:
-        """Displacement and its rate along a flight."""
+        """Displacement (zero where it is not recorded) and its rate along a flight."""
         if self.along:
             place, speed = self.along
-            return flight.channels[place], flight.channels[speed]
+            return flight.channels[place] if place else np.zeros(len(flight)), flight.channels[speed]
         y = flight.measured[self.response]
         return y, flight.rate(y)
 
@@ -92,8 +105,17 @@ class Plant:
 
     @property
     def pushes_back(self) -> bool:
-        """Whether a force can act on its motion: a plant without inertia only passes its input on, late or at once."""
-        return self.speed > 0.0 and (not self.source or self.swings)
+        """Whether a force can act on its motion, which is recorded, or lies behind an input and inertia.
+
+        A plant without inertia only passes its input on, delayed or at once. Without an input, a force along the
+        measured response would explain the response by itself.
+        """
+        return self.speed > 0.0 and (self.along is not None or (bool(self.source) and self.swings))
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether the displacement is recorded, so that a force can depend on it."""
+        return self.along is None or bool(self.along[0])
 
     def under(self, force: Array) -> Array:
         """Response to a force beside the input."""
@@ -111,13 +133,14 @@ class Plant:
         told = [f.simulated[self.response] for f in flights]
         if self.along and self.source:
             place, speed = self.along
-            X = np.column_stack([centred(f.channels[c] for f in flights) for c in (place, speed, self.source)])
+            used = [c for c in (place, speed, self.source) if c]
+            X = np.column_stack([centred(f.channels[c] for f in flights) for c in used])
             y = centred(told)
             values = scipy.linalg.lstsq(X, y)[0]
             if float(np.sum((y - X @ values) ** 2)) > (1.0 - _LEAST_R2) * float(y @ y):
                 return {}
-            names = zip(("stiffness", "damping"), (place, speed), values)
-            return {name: [v * (f.channels[c] - f.channels[c].mean()) for f in flights] for name, c, v in names}
+            parts = zip(("stiffness", "damping") if place else ("damping",), used, values)
+            return {name: [v * (f.channels[c] - f.channels[c].mean()) for f in flights] for name, c, v in parts}
         dt = flights[0].dt
         was = self._slowest(dt)
         if self.along or not self.source or not len(was):
@@ -131,6 +154,11 @@ class Plant:
             made[name] = [(scipy.signal.lfilter(over, under, y - y.mean()) - (y - y.mean())) / _SLIGHTLY for y in told]
         return made
 
+    def frequency(self, dt: float) -> float:
+        """Of its slowest poles [Hz]; zero where it has none."""
+        poles = self._slowest(dt)
+        return float(np.abs(poles).max()) / (2.0 * np.pi) if len(poles) else 0.0
+
     def _slowest(self, dt: float) -> Array:
         """The slowest pole [rad/s] and its conjugate, or where it is real the slowest two that are; fewer of fewer."""
         z = np.roots(self.a).astype(complex)
@@ -141,15 +169,37 @@ class Plant:
 
 
 def find_plant(flights: Flights, response: str) -> Plant:
-    """Linear plant that a simulation is, as far as one channel of the recordings drives it."""
+    """Linear plant that a simulation is, as far as one channel of the recordings drives it: the likeliest reading."""
+    return find_plants(flights, response)[0]
+
+
+def find_plants(flights: Flights, response: str) -> list[Plant]:
+    """Plants that a simulation may be, one for each motion along which its response may be a force."""
     held = [f for f in flights if response in f.simulated]
     first = held[0]
-    told = first.simulated[response][:_SAMPLES]
+    motions = _motions(held, response)
+    moved = rms_within(f.measured[response] for f in held)
+    made = []
+    for along, sense, r2_motion in motions:
+        _, source, b, a = _driven_by(first, response, first.recorded - {"t", *first.simulated, *along})
+        if r2_motion >= _NEEDED or not source:
+            moves, paces = (rms_within(f.channels[c] for f in held) if c else 0.0 for c in along)
+            made.append(Plant(response, source, b, a, moved, moves or paces, paces, along, sense))
+    if made:
+        return made
+    _, source, b, a = _driven_by(first, response, first.recorded - {"t", *first.simulated})
+    u = first.raw[source] if source else first.simulated[response][:_SAMPLES]
+    speed = np.concatenate([f.rate(f.measured[response]) for f in held])
+    return [Plant(response, source, b, a, _rms(u - u.mean()), moved, _rms(speed))]
+
+
+def _driven_by(flight: Flight, response: str, channels: Iterable[str]) -> tuple[float, str, Array, Array]:
+    """R2, channel and transfer function by which a simulated response is best driven; no channel where none does."""
+    told = flight.simulated[response][:_SAMPLES]
     y = told - told.mean()
-    along = _accelerated(held, response)
     best: tuple[float, str, Array, Array] = (_LEAST_R2, "", np.ones(1), np.ones(1))
-    for name in sorted(first.recorded - {"t", *first.simulated, *(along or ())}):
-        u = first.raw[name][:_SAMPLES]
+    for name in sorted(channels):
+        u = flight.raw[name][:_SAMPLES]
         u = u - u.mean()
         if not u.any():
             continue
@@ -161,33 +211,66 @@ def find_plant(flights: Flights, response: str) -> Plant:
             r2 = 1.0 - float(left @ left) / float(y @ y) if y.any() else 0.0
             if r2 > best[0] + 1e-6:
                 best = (r2, name, b, a)
-    _, source, b, a = best
-    u = first.raw[source] if source else told
-    moved = rms_within(f.measured[response] for f in held)
-    if along:
-        moves, paces = (rms_within(f.channels[c] for f in held) for c in along)
-        return Plant(response, source, b, a, moved, moves, paces, along)
-    speed = np.concatenate([f.rate(f.measured[response]) for f in held])
-    return Plant(response, source, b, a, _rms(u - u.mean()), moved, _rms(speed))
+    return best
 
 
-def _accelerated(flights: Flights, response: str) -> tuple[str, str] | None:
-    """Channels of a displacement and its rate that a response accelerates; None where there are none."""
+def of_vehicle(flights: Flights) -> bool:
+    """Whether recordings are of a vehicle that moves freely, not of a mechanism."""
+    return len(_OF_FLIGHT & flights[0].recorded) >= _FLYING
+
+
+def _motions(flights: Flights, response: str) -> list[tuple[tuple[str, str], float, float]]:
+    """Displacement and rate that a response accelerates, or that need it, best first.
+
+    With the sense of a force against them, and the R2 of the simulated response by them.
+    """
+    if of_vehicle(flights):
+        return []
     speed = _rising(flights, [f.measured[response] for f in flights], _ACCELERATES)
-    if speed is None:
-        return None
-    place = _rising(flights, [f.channels[speed] for f in flights], _MOVES)
-    return None if place is None else (place, speed)
+    if speed is not None:
+        place = _rising(flights, [f.channels[speed] for f in flights], _MOVES)
+        return [((place or "", speed), -1.0, 1.0)]
+    places = {c: _rising(flights, [f.channels[c] for f in flights], _ACCELERATES) for c in _others(flights)}
+    pairs = [(place, c) for c, place in places.items() if place is not None and places[place] is None]
+    # Two channels of a chain are displacement and speed, or speed and acceleration: both are tried.
+    pairs += [("", place) for place, c in pairs if c not in places.values()]
+    needed = [(*_needed(flights, response, pair), pair) for pair in pairs]
+    return [(pair, sense, r2) for r2, sense, pair in sorted(needed, reverse=True) if r2 > _LEAST_R2]
+
+
+def _needed(flights: Flights, response: str, along: tuple[str, str]) -> tuple[float, float]:
+    """R2 of a simulated force by displacement, rate and acceleration, and the sense of a force against the motion."""
+    place, speed = along
+    parts = [centred(f.rate(f.channels[speed]) for f in flights), centred(f.channels[speed] for f in flights)]
+    X = np.column_stack([*parts, *([centred(f.channels[place] for f in flights)] if place else [])])
+    y = centred(f.simulated[response] for f in flights)
+    values = scipy.linalg.lstsq(X / _rms_of(X), y)[0]
+    left = y - X / _rms_of(X) @ values
+    by = values[0] if abs(values[0]) > _INERTIA * _rms(y) else values[1]
+    r2 = 1.0 - float(left @ left) / max(float(y @ y), 1e-300)
+    return r2, 1.0 if by >= 0.0 else -1.0
+
+
+def _rms_of(X: Array) -> Array:
+    """Rms of each column, one where it is zero."""
+    size = np.sqrt(np.mean(X**2, axis=0))
+    return np.where(size > 0.0, size, 1.0)
+
+
+def _others(flights: Flights) -> list[str]:
+    """Channels of all recordings that are not simulated."""
+    return [
+        c for c in sorted(flights[0].recorded - {"t", *flights[0].simulated}) if all(c in f.channels for f in flights)
+    ]
 
 
 def _rising(flights: Flights, rates: Sequence[Array], least: float) -> str | None:
     """The channel whose rate is most like one given."""
     told = centred(rates)
     alike = {}
-    for name in sorted(flights[0].recorded - set(flights[0].simulated)):
-        if all(name in f.channels for f in flights):
-            x = centred(f.rate(f.channels[name]) for f in flights)
-            alike[name] = float(x @ told) / max(float(np.linalg.norm(x) * np.linalg.norm(told)), 1e-300)
+    for name in _others(flights):
+        x = centred(f.rate(f.channels[name]) for f in flights)
+        alike[name] = float(x @ told) / max(float(np.linalg.norm(x) * np.linalg.norm(told)), 1e-300)
     best = max(alike, key=lambda c: alike[c], default=None)
     return best if best is not None and alike[best] > least else None
 

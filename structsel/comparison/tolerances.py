@@ -40,6 +40,7 @@ _USUAL = Tolerances()
 _ARM = 0.1  # of the chord: a lever arm that is not stated is known at least so well
 _TURNED = ("alpha", "beta", "phi", "theta", "psi", "de", "da", "dr")
 _BIAS = {"V": 0.3, "p": 0.001, "q": 0.001, "r": 0.001, "ax": 0.05, "ay": 0.05, "az": 0.05}
+_LEVEL = dict.fromkeys(("V", "vn", "ve", "vd"), 0.3)  # m/s: a larger constant is wind
 _UNSTATED = 0.005  # rad
 _JUMPING = ("de", "da", "dr", "df", "throttle")
 _WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
@@ -217,7 +218,7 @@ def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
 def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
     """Constant errors of one flight's instruments: name, 1 sigma, and what one unit does."""
     if not set(COEFFICIENTS) & set(flight.simulated):
-        size = {c: float(np.ptp(flight.measured[c])) for c in flight.simulated}
+        size = {c: _LEVEL.get(c, float(np.ptp(flight.measured[c]))) for c in flight.simulated}
         return [(f"{c}: offset", size[c], {c: np.ones(len(flight))}) for c in size]
     turned = _sd(flight.aircraft.tolerances, "alignment", flight.aircraft.cbar) or _UNSTATED
     sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS}

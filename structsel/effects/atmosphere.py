@@ -5,60 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
+import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
+from structsel.effects.moving_air import Added, blown, channels_in_wind, frames
 from structsel.effects.operators import more_and_more, pulse, pulses, shape_of
 from structsel.effects.readings import cannot_be_shifted, wrong_readings
 from structsel.effects.signals import available, coefficients, gathered, moves, signature
 from structsel.effects.wording import shown
 from structsel.nomenclature import COEFFICIENTS
-from structsel.numerics.air_data import body_to_earth, body_velocity, flow_angle_rates
-from structsel.numerics.arrays import Array
+from structsel.numerics.air_data import flow_angle_rates
+from structsel.numerics.arrays import Array, centred
 
-_OVER_GROUND = ("vn", "ve", "vd")
 _AXES = ("north", "east", "down")
 _RANGE = 15.0  # m of height below which a shear does not show
 _LENGTHS = (0.4, 0.57, 0.8, 1.13, 1.6, 2.26, 3.2)  # s
 _GUSTS = 6  # manoeuvres tried for each length
-
-
-def _frames(flight: Flight) -> tuple[Array, Array]:
-    """(n, 3) air-relative velocity in body axes and (n, 3, 3) body to earth."""
-    body = np.stack(body_velocity(flight["V"], flight["alpha"], flight["beta"]), axis=-1)
-    return body, body_to_earth(flight["phi"], flight["theta"], flight["psi"])
-
-
-def moving_air(flight: Flight, wind: Array) -> dict[str, Array]:
-    """What a wind that changes in time adds to the kinematic responses.
-
-    Parameters
-    ----------
-    flight : Flight
-    wind : (n, 3) array [m/s]
-        Velocity of the air over the ground, north, east, down.
-    """
-    (u, v, w), frame = (lambda made: (made[0].T, made[1]))(_frames(flight))
-    # The instruments feel the motion through space; that through the air also loses what the air gains.
-    gains = np.column_stack([flight.rate(x) for x in wind.T])
-    ud, vd, wd = -np.einsum("nji,nj->in", frame, gains)
-    alpha_dot, beta_dot, V_dot = flow_angle_rates(u, v, w, ud, vd, wd)
-    made = {
-        "k_V": V_dot,
-        "k_alpha": alpha_dot,
-        "k_beta": beta_dot,
-        "k_h": wind[:, 2] * -1.0,
-        **{f"k_{name}": x for name, x in zip(_OVER_GROUND, wind.T)},
-    }
-    return {r: x for r, x in made.items() if r in flight.measured}
-
-
-def _blown(winds: Callable[[Flight], list[Array]]) -> Callable[[Flight], Columns]:
-    def columns(flight: Flight) -> Columns:
-        each = [moving_air(flight, wind) for wind in winds(flight)]
-        return {r: np.column_stack([made[r] for made in each]) for r in each[0]}
-
-    return columns
+_CHANNEL_LENGTHS = (0.8, 1.6, 3.2, 6.4)  # s, of gusts that channels show
+_CHANNEL_GUSTS = 3  # manoeuvres tried for each of these lengths
+_WAYS = ("to the north", "to the east", "downward")
+_PERIODS, _STEP = (1.0, 25.0), 0.25  # of a periodic wind in the shortest manoeuvre, and the resolution
+_OF_SAMPLING = 0.1  # of the sampling rate, up to which its frequency is sought
+_FREQUENCIES = 2  # that are tried
 
 
 def _along(axis: int, size: Array) -> Array:
@@ -72,7 +41,7 @@ def _along(axis: int, size: Array) -> Array:
 
 def _ground_speed_as_airspeed(flight: Flight) -> list[dict[str, Array]]:
     """Readings that are wrong because they were made from the motion over the ground, for 1 m/s of wind each way."""
-    (u, v, w), frame = (lambda made: (made[0].T, made[1]))(_frames(flight))
+    (u, v, w), frame = (lambda made: (made[0].T, made[1]))(frames(flight))
     made = []
     for axis in range(3):
         dalpha, dbeta, dV = flow_angle_rates(u, v, w, *frame[:, axis, :].T)
@@ -83,8 +52,9 @@ def _ground_speed_as_airspeed(flight: Flight) -> list[dict[str, Array]]:
 def _wind_variants(flights: Flights) -> list[Variant]:
     level = tuple(EffectParameter(a, "m/s", 5.0, -50.0, 50.0) for a in _AXES[:2])
     # In each manoeuvre a wind of its own would be free; one for all is what can be told.
-    made = [Variant(level, _blown(lambda f: [_along(i, np.ones(len(f))) for i in range(2)]), about="over the ground")]
-    if available(flights, "psi"):
+    steady = blown(lambda f: [_along(i, np.ones(len(f))) for i in range(2)], channels_in_wind(flights))
+    made = [Variant(level, steady, about="over the ground")]
+    if available(flights, "psi") and not cannot_be_shifted(flights):
         made.append(
             Variant(
                 level,
@@ -103,6 +73,8 @@ def _wind_variants(flights: Flights) -> list[Variant]:
 
 
 def _wind_needs(flights: Flights) -> str:
+    if channels_in_wind(flights):
+        return ""
     if missing := cannot_be_shifted(flights):
         return missing
     if not all(any(available(flights, c) for c in pair) for pair in (("vn", "x"), ("ve", "y"))):
@@ -120,6 +92,7 @@ def _wind_says(found: FittedEffect) -> str:
 
 def _shear_variants(flights: Flights) -> list[Variant]:
     height = "h_agl" if available(flights, "h_agl") else "h"
+    channels = channels_in_wind(flights)
     made = []
     if moves(flights, height):
         lowest = float(gathered(flights, height).min())
@@ -132,20 +105,80 @@ def _shear_variants(flights: Flights) -> list[Variant]:
             laws["near the lowest height"] = lambda f: np.log1p(np.maximum(f[height] - lowest, 0.0) / 20.0)
         for name, law in laws.items():
             unit = "m/s per 100 m" if name.startswith("linear") else "m/s"
-            made.append(_sheared(law, name, unit))
-    made.append(_sheared(lambda f: (f.t - f.t[0]) / 60.0, "linear with time", "m/s per min"))
-    return made
+            made.append(_sheared(channels, law, name, unit))
+    made.append(_sheared(channels, lambda f: (f.t - f.t[0]) / 60.0, "linear with time", "m/s per min"))
+    return made + _waves(flights, channels)
 
 
-def _sheared(law: Callable[[Flight], Array], name: str, unit: str) -> Variant:
+def _sheared(channels: Mapping[str, Added], law: Callable[[Flight], Array], name: str, unit: str) -> Variant:
     def winds(flight: Flight) -> list[Array]:
         size = law(flight)
         return [_along(i, size) for i in range(2)]
 
-    return Variant(tuple(EffectParameter(a, unit, 5.0, -60.0, 60.0) for a in _AXES[:2]), _blown(winds), about=name)
+    parameters = tuple(EffectParameter(a, unit, 5.0, -60.0, 60.0) for a in _AXES[:2])
+    return Variant(parameters, blown(winds, channels), about=name)
+
+
+def _waves(flights: Flights, channels: Mapping[str, Added]) -> list[Variant]:
+    """A wind that comes and goes with one frequency, in each manoeuvre with its own phase, as channels show it."""
+    if not channels:
+        return []
+    duration = min(len(f) * f.dt for f in flights)
+    tried = np.arange(_PERIODS[0], _PERIODS[1], _STEP) / duration
+    tried = tried[tried < _OF_SAMPLING / max(f.dt for f in flights)]
+    if not len(tried):
+        return []
+    left = np.array([sum(_periodic(f, channels, x)[1] for f in flights) for x in tried])
+    made = []
+    for frequency in tried[scipy.signal.argrelmin(np.pad(left, 1, constant_values=np.inf))[0] - 1]:
+        made.append((float(left[tried == frequency][0]), float(frequency)))
+    found = []
+    for _, frequency in sorted(made)[:_FREQUENCIES]:
+        amplitudes = {f.name: _periodic(f, channels, frequency)[0] for f in flights}
+        for axis in range(2):
+            crests = {
+                f.name: _first_after(f.t[0], np.arctan2(*amplitudes[f.name][axis][::-1]), frequency) for f in flights
+            }
+            found += [_wave(channels, axes, frequency, crests) for axes in ((axis,), (0, 1))]
+    return found
+
+
+def _first_after(start: float, phase: float, frequency: float) -> float:
+    """First time [s] after the start at which a wave of a frequency and a phase [rad] has its crest."""
+    return float(start + (phase / (2.0 * np.pi * frequency) - start) % (1.0 / frequency))
+
+
+def _periodic(flight: Flight, channels: Mapping[str, Added], frequency: float) -> tuple[Array, float]:
+    """Amplitudes (axis; cosine, sine) of a periodic wind that channels show, and the fraction of their power left."""
+    phase = 2.0 * np.pi * frequency * flight.t
+    size = {r: float(np.std(flight.difference[r])) for r in channels if r in flight.measured}
+    used = {r: channels[r] for r, x in size.items() if x > 0.0}
+    if not used:
+        return np.zeros((2, 2)), 0.0
+    waves = [_along(axis, wave) for axis in range(2) for wave in (np.cos(phase), np.sin(phase))]
+    each = [np.concatenate([centred([add(flight, w)]) / size[r] for r, add in used.items()]) for w in waves]
+    y = np.concatenate([centred([flight.difference[r]]) / size[r] for r in used])
+    X = np.column_stack(each)
+    values = np.linalg.lstsq(X, y, rcond=None)[0]
+    return values.reshape(2, 2), float(np.sum((y - X @ values) ** 2)) / len(y)
+
+
+def _wave(
+    channels: Mapping[str, Added], axes: tuple[int, ...], frequency: float, crests: Mapping[str, float]
+) -> Variant:
+    def winds(flight: Flight) -> list[Array]:
+        wave = np.cos(2.0 * np.pi * frequency * (flight.t - crests[flight.name]))
+        return [_along(i, wave) for i in axes]
+
+    shape = {**shape_of(crests), "frequency": frequency}
+    units = {**dict.fromkeys(shape_of(crests), "s"), "frequency": "Hz"}
+    parameters = tuple(EffectParameter(_AXES[i], "m/s", 5.0, -60.0, 60.0) for i in axes)
+    return Variant(parameters, blown(winds, channels), shape, units, f"with a frequency of {frequency:.2g} Hz")
 
 
 def _shear_needs(flights: Flights) -> str:
+    if channels_in_wind(flights):
+        return ""
     if missing := cannot_be_shifted(flights):
         return missing
     if not available(flights, "psi"):
@@ -174,7 +207,22 @@ def _gust_variants(flights: Flights) -> list[Variant]:
         for length in _LENGTHS:
             for times in more_and_more(pulses(flights, responses, length, _GUSTS)):
                 made.append(_gust(angle, times, length, name))
+    channels = channels_in_wind(flights)
+    for length in _CHANNEL_LENGTHS if channels else ():
+        for times in more_and_more(pulses(flights, tuple(channels), length, _CHANNEL_GUSTS)):
+            made += [_blown_gust(channels, axis, times, length) for axis in range(3)]
     return made
+
+
+def _blown_gust(channels: Mapping[str, Added], axis: int, times: Mapping[str, float], length: float) -> Variant:
+    def winds(flight: Flight) -> list[Array]:
+        here = flight.name in times
+        return [_along(axis, pulse(flight.t, times[flight.name], length) if here else np.zeros(len(flight)))]
+
+    speed = EffectParameter("speed", "m/s", 4.0, -30.0, 30.0)
+    shape = {**shape_of(times), "length": length}
+    about = f"{_WAYS[axis]}, in {', '.join(map(repr, times))}"
+    return Variant((speed,), blown(winds, channels), shape, dict.fromkeys(shape, "s"), about)
 
 
 def _gust(angle: str, times: Mapping[str, float], length: float, name: str) -> Variant:
@@ -196,6 +244,8 @@ def _gust(angle: str, times: Mapping[str, float], length: float, name: str) -> V
 
 
 def _gust_needs(flights: Flights) -> str:
+    if channels_in_wind(flights):
+        return ""
     if not coefficients(flights):
         return "simulated coefficients"
     return "" if any(available(flights, c) for c in ("alpha", "beta")) else "channel alpha or beta"

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
+from structsel.effects.inputs import InputResponse, input_responses
 from structsel.effects.signals import (
     CHANNELS_OF,
     CONTROLS,
+    UNITS,
     Column,
     beside,
     coefficients,
@@ -77,20 +80,58 @@ def _bends(flights: Flights) -> list[Variant]:
             term = f"sign({control})*(abs({control}) - {share * largest!r})+"
             made.append(_bent(flights, control, column, "beyond a deflection", term, shape=shape))
             made.append(_bent(flights, control, column, "beyond a deflection", term, main, shape))
+    return made + [v for one in input_responses(flights) for v in _bent_inputs(flights, one)]
+
+
+def _bent_inputs(flights: Flights, one: InputResponse) -> list[Variant]:
+    """The input of a simulated channel, bent by the same laws; what is no surface counts from its mean."""
+    recorded = np.concatenate([f.raw[one.control] for f in flights])
+    middle = 0.0 if one.control in CONTROLS else float(recorded.mean())
+    largest = float(np.abs(recorded - middle).max())
+    made = []
+    for name, law in _LAWS.items():
+        made.append(_bent_input(one, partial(_share_lost, law=law, largest=largest), middle, name))
+    for share in _THRESHOLDS:
+        start = share * largest
+        made.append(_bent_input(one, partial(_excess, start=start), middle, "beyond a deflection", {"beyond": start}))
     return made
+
+
+def _share_lost(d: Array, law: Callable[[Array], Array], largest: float) -> Array:
+    return largest * law(d / largest)
+
+
+def _excess(d: Array, start: float) -> Array:
+    return np.sign(d) * np.maximum(np.abs(d) - start, 0.0)
+
+
+def _bent_input(
+    one: InputResponse,
+    lost: Callable[[Array], Array],
+    middle: float,
+    about: str,
+    shape: Mapping[str, float] | None = None,
+) -> Variant:
+    def columns(flight: Flight) -> Columns:
+        if one.response not in flight.measured:
+            return {}
+        return {one.response: -one.to(flight, lost(flight.raw[one.control] - middle))[:, None]}
+
+    given = shape or {}
+    unit = UNITS.get(one.control, "")
+    words = {"control": one.control, "law": f"{about} in {one.response}", "where": f" in {one.response}", "unit": unit}
+    parameter = EffectParameter(f"{one.control} loss", "-", 0.25, -1.2, 1.2)
+    about = f"{one.control}: {words['law']}"
+    return Variant((parameter,), columns, given, dict.fromkeys(given, unit), about, words=words)
 
 
 def _power(control: str, law: Callable[[Array], Array], largest: float) -> Column:
     """Loss of deflection [rad], such that one is the whole of the largest."""
-    return lambda flight: largest * law(flight[control] / largest)
+    return lambda flight: _share_lost(flight[control], law, largest)
 
 
 def _beyond(control: str, start: float) -> Column:
-    def column(flight: Flight) -> Array:
-        d = flight[control]
-        return np.sign(d) * np.maximum(np.abs(d) - start, 0.0)
-
-    return column
+    return lambda flight: _excess(flight[control], start)
 
 
 def _bent(
@@ -118,9 +159,11 @@ def _bent(
 
 
 def _needs_bend(flights: Flights) -> str:
+    if input_responses(flights):
+        return ""
     gone = lacking(flights)
     if gone:
-        return gone
+        return f"{gone}, or a simulated channel that an input drives"
     used = _used(flights)
     if not used:
         return "a control (de, da, dr) that moves"
@@ -135,8 +178,9 @@ def _says_bend(found: FittedEffect) -> str:
     control, law = variant.words["control"], variant.words["law"]
     percent = found.text(name, 100.0, "%")
     if "beyond" in variant.shape:
-        start = np.rad2deg(variant.shape["beyond"])
-        return f"Beyond {start:.1f} deg the slope of {control} falls by {percent}{variant.words['where']}."
+        angle = variant.words.get("unit", "rad") == "rad"
+        start = f"{np.rad2deg(variant.shape['beyond']):.1f} deg" if angle else found.text("beyond")
+        return f"Beyond {start} the slope of {control} falls by {percent}{variant.words['where']}."
     if law.startswith("d^2"):
         return f"The effect of {control} differs between its two sides by {percent} at the largest deflection ({law})."
     return f"At its largest deflection {control} has lost {percent} of its effect ({law})."

@@ -45,6 +45,8 @@ _POWERS = (("alpha", "alpha"), ("alpha", "alpha", "alpha"))
 _LONGITUDINAL_PRODUCTS = (("alpha", "q_hat"), ("alpha", "de"), ("de", "de"), ("alpha", "alpha", "de"))
 _SIDE_POWERS = (("beta", "beta", "beta"),)
 _SIDE_PRODUCTS = (("p_hat", "p_hat", "p_hat"), ("r_hat", "r_hat", "r_hat"), ("beta", "beta", "r_hat"))
+_CROSS_FLOW = (("beta", "|beta|"), ("r_hat", "|r_hat|"), ("beta", "|r_hat|"), ("r_hat", "|beta|"))
+"""Drag of a slender body across its axis: of hulls and fuselages."""
 _EVEN = (
     ("beta", "beta"), ("|beta|",), ("p_hat", "r_hat"), ("beta", "p_hat"), ("beta", "r_hat"), ("p_hat", "p_hat"),
     ("beta",), ("p_hat",), ("r_hat",), ("beta", "beta", "de"),
@@ -191,7 +193,7 @@ def _missing_terms(flights: Flights) -> list[Variant]:
         powers, products = (
             (_POWERS, _LONGITUDINAL_PRODUCTS)
             if response in LONGITUDINAL_COEFFICIENTS
-            else (_SIDE_POWERS, _SIDE_PRODUCTS)
+            else (_SIDE_POWERS, (*_SIDE_PRODUCTS, *_CROSS_FLOW))
         )
         for channels in (*powers, *products):
             if _tried(flights, channels):
@@ -205,6 +207,7 @@ def _missing_terms(flights: Flights) -> list[Variant]:
             made += [_term(flights, response, (c, c)), _refitted(flights, response, (c, c))]
             made += [_term(flights, response, (c, c, c)), _refitted(flights, response, (c, c, c))]
             made += [_term(flights, response, (c, other)) for other in inputs[i + 1 :]]
+            made += [_term(flights, response, (c, f"|{other}|")) for other in inputs]
     return made
 
 

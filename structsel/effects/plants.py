@@ -5,8 +5,10 @@ what is simulated is G f, with f along the *measured* motion: no iteration, howe
 simulation's own input and output. Errors of its stiffness, damping and gain go along, since whoever fitted a linear
 plant to a bent one got them wrong.
 
-A simulation may also say at once what accelerates a motion that is recorded: then y and its rate are channels, and what
-is measured less what is simulated is the force itself.
+A simulation may also state what accelerates a recorded motion, or the force that this motion needs, such as the current
+of a motor. Then y and its rate are channels, and what is measured less what is simulated is the force itself. Without
+such channels, and without inertia between force and response, no force is tried: it would be a function of the response
+that it is to explain.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from functools import partial
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.plant import Plant, answers, find_plant
+from structsel.comparison.plant import Plant, answers, find_plant, find_plants
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.operators import spaced
 from structsel.numerics.arrays import Array
@@ -44,11 +46,13 @@ def _forced(
 ) -> Variant:
     """A missing force, with what stiffness, damping and gain may be off beside it, unless it is to stand alone.
 
-    With inertia as well, forces along the measured motion would give that motion back, and explain anything.
+    With inertia as well, forces along the measured motion would give that motion back, and explain anything. A force
+    that the motion needs is larger by what acts against it.
     """
     stiffness = EffectParameter("stiffness", "input per response", 0.2 * plant.stiffness)
     damping = EffectParameter("damping", "input per rate", 0.05 * plant.stiffness * plant.motion / plant.speed)
-    beside = [stiffness, damping] if plant.swings and not alone else []
+    off = [stiffness, damping] if plant.is_placed else [damping]
+    beside = off if plant.swings and not alone else []
     # What accelerates a motion is told apart from its own gain by nothing but noise.
     gain = [EffectParameter("gain", "relative", 0.05)] if beside and not plant.along else []
     parameters = (parameter, *beside, *gain)
@@ -57,22 +61,25 @@ def _forced(
         if plant.response not in flight.measured:
             return {}
         y, v = plant.path(flight)
-        forces = [-force(y, v), *([-y, -v] if beside else [])]
-        made = [plant.under(f) for f in forces]
+        forces = [force(y, v), *([y, v] if plant.is_placed else [v])[: len(beside)]]
+        made = [plant.under(plant.sense * f) for f in forces]
         told = flight.simulated[plant.response]
         return {plant.response: np.column_stack([*made, *([told - told.mean()] if gain else [])])}
 
     units = dict.fromkeys(shape or {}, unit)
-    of = plant.along[0] if plant.along else plant.response
+    of = next(filter(None, plant.along)) if plant.along else plant.response
     return Variant(parameters, columns, shape or {}, units, f"{about} of {of}")
+
+
+def _pushed(flights: Flights, placed: bool = False) -> list[Plant]:
+    """Plants on whose motion a force can act; `placed` where it depends on the displacement."""
+    found = [plant for response in answers(flights) for plant in find_plants(flights, response)]
+    return [plant for plant in found if plant.pushes_back and (plant.is_placed or not placed)]
 
 
 def _stiffening(flights: Flights) -> list[Variant]:
     made = []
-    for response in answers(flights):
-        plant = find_plant(flights, response)
-        if not plant.pushes_back:
-            continue
+    for plant in _pushed(flights, placed=True):
         unit = plant.stiffness
         laws: tuple[tuple[str, int, Force], ...] = (
             ("cube", 3, lambda y, v: y**3),
@@ -96,10 +103,7 @@ def _stribeck(y: Array, v: Array, slow: float) -> Array:
 
 def _friction(flights: Flights) -> list[Variant]:
     made = []
-    for response in answers(flights):
-        plant = find_plant(flights, response)
-        if not plant.pushes_back:
-            continue
+    for plant in _pushed(flights):
         parameter = EffectParameter("force", "input", 0.3 * plant.size, 0.0)
         for share in (0.03, 0.1, 0.3):
             smooth = share * plant.speed
@@ -112,10 +116,7 @@ def _friction(flights: Flights) -> list[Variant]:
 
 def _hysteresis(flights: Flights) -> list[Variant]:
     made = []
-    for response in answers(flights):
-        plant = find_plant(flights, response)
-        if not plant.pushes_back:
-            continue
+    for plant in _pushed(flights, placed=True):
         parameter = EffectParameter("force", "input per response", 0.5 * plant.stiffness)
         for share in spaced(0.2, 6.4, 6):
             for angle in np.radians(_PATHS):
@@ -170,7 +171,8 @@ def _saturation(flights: Flights) -> list[Variant]:
                 words = {"channel": response, "side": f"{side} side"}
                 about = f"{response}, {side} side"
                 made.append(Variant((share,), cut, {"limit": level}, {"limit": ""}, about, words=words))
-        made += _end_stops(plant, held)
+        for moved in find_plants(flights, response):
+            made += _end_stops(moved, held)
         if plant.source:
             largest = float(np.abs(np.concatenate([f.raw[plant.source] for f in held])).max())
             for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
@@ -196,7 +198,7 @@ def _saturation(flights: Flights) -> list[Variant]:
 
 def _end_stops(plant: Plant, flights: Flights) -> list[Variant]:
     """What moves runs into a stiff spring: at either end, or at one."""
-    if not plant.pushes_back:
+    if not plant.pushes_back or not plant.is_placed:
         return []
     paths = [plant.path(f)[0] for f in flights]
     y = np.concatenate(paths)

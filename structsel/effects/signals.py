@@ -175,8 +175,9 @@ def product(channels: Sequence[str]) -> Column:
 
 
 def term_text(channels: Sequence[str]) -> str:
-    """Term of a model: ("alpha", "alpha", "de") as ``alpha^2*de``."""
-    counted = {c: list(channels).count(c) for c in dict.fromkeys(channels)}
+    """Term of a model: ("alpha", "alpha", "de") as ``alpha^2*de``, ("beta", "|beta|") as ``beta*abs(beta)``."""
+    named = [f"abs({c[1:-1]})" if c.startswith("|") else c for c in channels]
+    counted = {c: named.count(c) for c in dict.fromkeys(named)}
     return "*".join(c if n == 1 else f"{c}^{n}" for c, n in counted.items())
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import highest_of
 from structsel.effects.base import Columns, Effect, EffectParameter, Flights, Variant
+from structsel.effects.inputs import InputResponse, input_responses
 from structsel.effects.operators import oscillate, peaks
 from structsel.effects.signals import coefficients, held, moves, signature, variation
 from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
@@ -20,7 +21,43 @@ _SPREAD = (1.5, 3.0)  # Hz, tried whatever the spectrum says
 _DAMPINGS = (0.01, 0.025, 0.06)  # of what bends: with more, a mode is any lag of second order
 _ANGLES = ("alpha", "beta")
 _AT_REST = 0.7  # damping of what has the mode's frequency and does not ring
+_PERIODS = 8.0  # of a mode that a channel shows, in the shortest manoeuvre at least
+_ITS_OWN = 0.4  # log of the frequency over that of a plant, below which its mode is the plant itself
+_HOW = ("", ", as it moves")
+_UNITS = {"frequency": "Hz", "damping": "-"}
 _FAMILIES = ((LONGITUDINAL_COEFFICIENTS, ("de", "alpha")), (LATERAL_COEFFICIENTS, ("da", "dr", "beta")))
+
+
+def _through(one: InputResponse, frequency: float, damping: float) -> Callable[[Flight], Columns]:
+    """What a mode that an input excites adds to a channel, through the plant of that channel if it has one."""
+
+    def columns(flight: Flight) -> Columns:
+        if one.response not in flight.measured:
+            return {}
+        x = flight.raw[one.control]
+        swung = oscillate(x, flight.dt, frequency, damping)
+        moving = flight.rate(swung) / (2.0 * np.pi * frequency)
+        return {one.response: np.column_stack([one.to(flight, part) for part in (swung - x, moving)])}
+
+    return columns
+
+
+def _in_channels(flights: Flights) -> list[Variant]:
+    """Modes that the inputs of channels excite, but for that which a plant is itself."""
+    made = []
+    for one in input_responses(flights):
+        low = _PERIODS / min(len(f) * f.dt for f in flights)
+        own = one.plant.frequency(flights[0].dt) if one.plant else 0.0
+        found = peaks(flights, (one.response,), _PEAKS, low, _OF_BAND * min(highest_of(f) for f in flights))
+        parameters = tuple(EffectParameter(f"{one.response} per {one.control}{how}", "-", 0.3) for how in _HOW)
+        for frequency in found:
+            if own and abs(np.log(frequency / own)) < _ITS_OWN:
+                continue
+            for damping in _DAMPINGS:
+                shape = {"frequency": frequency, "damping": damping}
+                ringing = _through(one, frequency, damping)
+                made.append(Variant(parameters, ringing, shape, _UNITS, one.control))
+    return made
 
 
 def _ringing(responses: Sequence[str], drive: str, frequency: float, damping: float) -> Callable[[Flight], Columns]:
@@ -53,7 +90,7 @@ def _variants(flights: Flights) -> list[Variant]:
                 continue
             parameters = tuple(
                 EffectParameter(f"{r} per {drive}{how}", "1/rad", _size(flights, r, drive))
-                for how in ("", ", as it moves")
+                for how in _HOW
                 for r in responses
             )
             for frequency in frequencies:
@@ -63,11 +100,11 @@ def _variants(flights: Flights) -> list[Variant]:
                             parameters,
                             _ringing(responses, drive, frequency, damping),
                             {"frequency": frequency, "damping": damping},
-                            {"frequency": "Hz", "damping": "-"},
+                            _UNITS,
                             drive,
                         )
                     )
-    return made
+    return made + _in_channels(flights)
 
 
 def _size(flights: Flights, response: str, drive: str) -> float:
@@ -76,8 +113,10 @@ def _size(flights: Flights, response: str, drive: str) -> float:
 
 
 def _needs(flights: Flights) -> str:
+    if input_responses(flights):
+        return ""
     if not coefficients(flights):
-        return "simulated coefficients"
+        return "simulated coefficients, or a simulated channel that an input drives"
     if _OF_BAND * min(highest_of(f) for f in flights) <= 2.0 * _LOWEST:
         return f"samples faster than {4.0 * _LOWEST / (0.32 * _OF_BAND):.0f} Hz"
     return "" if any(moves(flights, d) for _, drives in _FAMILIES for d in drives) else "a control that moves"
