@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -13,7 +13,6 @@ from structsel.comparison.plant import answers
 from structsel.comparison.sensitivity import reading
 from structsel.effects import plants
 from structsel.effects.base import (
-    Columns,
     Effect,
     EffectParameter,
     FittedEffect,
@@ -26,68 +25,32 @@ from structsel.effects.base import (
 from structsel.effects.changes import confined
 from structsel.effects.model_forms import MakeModel, add_term, derivative, one_hot, state_after
 from structsel.effects.operators import spaced
-from structsel.effects.signals import CONTROLS, available, coefficients, gathered, mean_slope, moves, signature
+from structsel.effects.rate_limits import rate_says, rate_variants
+from structsel.effects.signals import CONTROLS, available, coefficients, gathered
+from structsel.effects.surfaces import (
+    ALL,
+    SHARE,
+    actuated,
+    behind,
+    departure,
+    displaced,
+    followed,
+    stopped,
+    used_controls,
+)
 from structsel.effects.wording import SURFACES, shown
 from structsel.model import Quantity, State
-from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.dynamic_elements import actuate, delayed, first_order_lag
+from structsel.numerics.dynamic_elements import delayed, first_order_lag
 
-Surface = Callable[[Flight], Array]
-
-ALL = "all surfaces"
-"""What a form is about that takes each alike."""
-_SHARE = EffectParameter("share", "-", 1.0, 0.5, 1.5)
 # Feedbacks that aircraft have: surface, what is fed back, prior deviation of the gain, unit.
 _FEEDBACKS = (
     ("de", "q", 0.3, "s"), ("de", "alpha", 0.3, "-"), ("de", "theta", 0.3, "-"), ("de", "az", 0.005, "rad s^2/m"),
     ("da", "p", 0.15, "s"), ("da", "phi", 0.3, "-"), ("da", "r", 0.3, "s"), ("da", "beta", 0.3, "-"),
     ("dr", "r", 0.3, "s"), ("dr", "beta", 0.3, "-"), ("dr", "p", 0.15, "s"), ("dr", "ay", 0.01, "rad s^2/m"),
 )  # fmt: skip
-_LONGEST = 1.5  # s, that a surface takes at most through all it is asked
-_FINE = 1.3  # ratio of one rate tried to the next
 _ABOVE_NOISE = 3.0  # standard deviations of a reading's noise, that a play is wide at least
 _WASHOUTS = (1.0, 3.0)  # s, of a damper that leaves steady turns alone
-
-
-def used_controls(flights: Flights) -> list[str]:
-    """Controls that move and that the simulation answers to."""
-    wanted = coefficients(flights)
-    return [c for c in CONTROLS if moves(flights, c) and any(mean_slope(flights, r, c) != 0.0 for r in wanted)]
-
-
-def displaced(*extras: tuple[str, int, Surface]) -> Callable[[Flight], Columns]:
-    """Columns of surfaces that stand elsewhere than recorded: control, place of the parameter, and by how much."""
-    places = 1 + max(j for _, j, _ in extras)
-
-    def columns(flight: Flight) -> Columns:
-        moved = [(control, j, extra(flight)) for control, j, extra in extras]
-        there = [r for r in flight.measured if r in COEFFICIENTS]
-        return signature(flight, places, ((r, j, flight.slope(r, c) * x) for c, j, x in moved for r in there))
-
-    return columns
-
-
-def departure(control: str, operator: Callable[[Array, Flight], Array], per: float = 1.0) -> Surface:
-    """By how much a surface that makes of its input what an operator does departs from it, per unit of `per`."""
-    return lambda f: (operator(f[control], f) - f[control]) / per
-
-
-def followed(control: str, operator: Callable[[Array, Flight], Array]) -> Callable[[Flight], Columns]:
-    """Columns of a surface that makes of what was recorded what an operator makes of it."""
-    return displaced((control, 0, departure(control, operator)))
-
-
-def _behind(x: Array, flight: Flight, operator: Callable[[Array, float, float], Array], tau: float) -> Array:
-    return operator(x, flight.dt, tau)
-
-
-def _actuated(x: Array, flight: Flight, rate: float = np.inf, backlash: float = 0.0) -> Array:
-    return actuate(flight.t, x, rate=rate, backlash=backlash)
-
-
-def _stopped(x: Array, flight: Flight, low: float, high: float) -> Array:
-    return np.clip(x, low, high)
 
 
 def _needs_control(flights: Flights) -> str:
@@ -110,7 +73,7 @@ def _lag_variants(flights: Flights) -> list[Variant]:
     for about, controls in [*together, *((SURFACES[c], [c]) for c in used)]:
         for name, operator in (("lag", first_order_lag), ("delay", delayed)):
             for tau in spaced(max(0.02, 0.75 * dt), 0.35, 7):
-                late_by = partial(_behind, operator=operator, tau=tau)
+                late_by = partial(behind, operator=operator, tau=tau)
                 columns = displaced(*((c, 0, departure(c, late_by, tau)) for c in controls))
                 model = _late_model(tuple(CONTROLS) if about == ALL else tuple(controls), name)
                 parameter = EffectParameter(name, "s", tau, 0.5 * tau, 1.5 * tau)
@@ -129,32 +92,6 @@ def _lag_says(found: FittedEffect) -> str:
     if "lag" in found.estimates:
         return f"{who} late, by a first-order lag of {found.text('lag')}."
     return f"{who} late, by a delay of {found.text('delay')}."
-
-
-# Rate limit
-
-
-def _rate_variants(flights: Flights) -> list[Variant]:
-    made = []
-    for control in used_controls(flights):
-        fastest = max(float(np.abs(f.rate(f[control])).max()) for f in flights)
-        # A step within a sample is faster than any limit: what counts there is how long its size takes.
-        slowest = min(0.12 * fastest, float(np.ptp(gathered(flights, control))) / _LONGEST)
-        count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
-        for limit in spaced(slowest, 0.85 * fastest, count):
-            made.append(
-                Variant(
-                    (_SHARE,),
-                    followed(control, partial(_actuated, rate=limit)),
-                    {"rate": limit}, {"rate": "rad/s"}, SURFACES[control],
-                    model=state_after([control], "rate limit", "limited", lambda case: {"rate": case.quantity("rate")}),
-                )
-            )  # fmt: skip
-    return made
-
-
-def _rate_says(found: FittedEffect) -> str:
-    return f"The {found.variant.about} moves no faster than {shown(found, 'rate')}, less than was asked of it."
 
 
 # Stops
@@ -184,8 +121,8 @@ def _stop_variants(flights: Flights) -> list[Variant]:
             for name, limits in (("upper", (-np.inf, up)), ("lower", (down, np.inf)), ("both", (-both, both))):
                 made.append(
                     Variant(
-                        (_SHARE,),
-                        followed(control, partial(_stopped, low=limits[0], high=limits[1])),
+                        (SHARE,),
+                        followed(control, partial(stopped, low=limits[0], high=limits[1])),
                         {"stop": limits[0] if name == "lower" else limits[1]}, {"stop": "rad"},
                         f"{SURFACES[control]}, {sides[name]}",
                         model=state_after([control], "stops", "stopped", partial(_stops, side=name)),
@@ -216,8 +153,8 @@ def _play_variants(flights: Flights) -> list[Variant]:
         for width in spaced(narrowest, widest, 10):
             made.append(
                 Variant(
-                    (_SHARE,),
-                    followed(control, partial(_actuated, backlash=width)),
+                    (SHARE,),
+                    followed(control, partial(actuated, backlash=width)),
                     {"width": width}, {"width": "rad"}, SURFACES[control],
                     model=state_after([control], "backlash", "play", lambda case: {"width": case.quantity("width")}),
                 )
@@ -321,7 +258,7 @@ EFFECTS: tuple[Effect, ...] = (
     Effect(
         "actuator-rate-limit", "actuator", "A surface moves no faster than its actuator can.",
         lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
-        _rate_variants, _rate_says,
+        rate_variants, rate_says,
         look_alikes=("actuator-lag", "backlash", "actuator-saturation"),
         separated_by="the same input at half and at twice the size: a lag keeps its shape, a rate limit does not",
         check="the actuator's rate under load",

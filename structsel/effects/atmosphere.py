@@ -10,7 +10,7 @@ import scipy
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.moving_air import Added, blown, channels_in_wind, frames
-from structsel.effects.operators import more_and_more, pulse, pulses, shape_of
+from structsel.effects.operators import more_and_more, pulse, pulses, shape_of, shared_pulses
 from structsel.effects.readings import cannot_be_shifted, wrong_readings
 from structsel.effects.signals import available, coefficients, gathered, moves, signature
 from structsel.effects.wording import shown
@@ -22,6 +22,8 @@ _AXES = ("north", "east", "down")
 _RANGE = 15.0  # m of height below which a shear does not show
 _LENGTHS = (0.4, 0.57, 0.8, 1.13, 1.6, 2.26, 3.2)  # s
 _GUSTS = 6  # manoeuvres tried for each length
+_SHARED_LENGTHS = (0.6, 1.2, 2.4)  # s, of a gust at one time of all manoeuvres
+_SHARED_GUSTS = 2  # times tried for each of these lengths
 _CHANNEL_LENGTHS = (0.8, 1.6, 3.2, 6.4)  # s, of gusts that channels show
 _CHANNEL_GUSTS = 3  # manoeuvres tried for each of these lengths
 _WAYS = ("to the north", "to the east", "downward")
@@ -103,11 +105,36 @@ def _shear_variants(flights: Flights) -> list[Variant]:
             laws["a power of height"] = lambda f: (np.maximum(f[height], 1.0) / 10.0) ** 0.2
         else:
             laws["near the lowest height"] = lambda f: np.log1p(np.maximum(f[height] - lowest, 0.0) / 20.0)
-        for name, law in laws.items():
+        for name, law in laws.items() if available(flights, "psi") or channels else ():
             unit = "m/s per 100 m" if name.startswith("linear") else "m/s"
             made.append(_sheared(channels, law, name, unit))
-    made.append(_sheared(channels, lambda f: (f.t - f.t[0]) / 60.0, "linear with time", "m/s per min"))
+        if not cannot_be_shifted(flights):
+            law = laws["linear with height"]
+            made += [_misjudged(law, along) for along in (False, True) if along or available(flights, "psi")]
+    if available(flights, "psi") or channels:
+        made.append(_sheared(channels, lambda f: (f.t - f.t[0]) / 60.0, "linear with time", "m/s per min"))
     return made + _waves(flights, channels)
+
+
+def _misjudged(law: Callable[[Flight], Array], along: bool) -> Variant:
+    """Air data made from the motion over the ground in a wind that changes with height.
+
+    The wind blows from the north and the east, or along the path of each flight, which needs no heading.
+    """
+
+    def errors(flight: Flight) -> list[dict[str, Array]]:
+        each = _ground_speed_as_airspeed(flight)
+        if along:
+            heading = flight["psi"]
+            ways = [{c: np.cos(heading) * e + np.sin(heading) * each[1][c] for c, e in each[0].items()}]
+        else:
+            ways = each[:2]
+        size = law(flight)
+        return [{c: size * e for c, e in way.items()} for way in ways]
+
+    names = ("along the path",) if along else _AXES[:2]
+    parameters = tuple(EffectParameter(a, "m/s per 100 m", 5.0, -60.0, 60.0) for a in names)
+    return Variant(parameters, wrong_readings(errors), about="linear with height, air data made over the ground")
 
 
 def _sheared(channels: Mapping[str, Added], law: Callable[[Flight], Array], name: str, unit: str) -> Variant:
@@ -181,8 +208,6 @@ def _shear_needs(flights: Flights) -> str:
         return ""
     if missing := cannot_be_shifted(flights):
         return missing
-    if not available(flights, "psi"):
-        return "channel psi"
     if not any("k_V" in f.measured or "k_vn" in f.measured for f in flights):
         return "channels V, ax and theta"
     spans = [np.ptp(f["h"]) for f in flights if "h" in f.recorded]
@@ -207,6 +232,10 @@ def _gust_variants(flights: Flights) -> list[Variant]:
         for length in _LENGTHS:
             for times in more_and_more(pulses(flights, responses, length, _GUSTS)):
                 made.append(_gust(angle, times, length, name))
+        if len(flights) > 1:
+            for length in _SHARED_LENGTHS:
+                for when in shared_pulses(flights, responses, length, _SHARED_GUSTS):
+                    made.append(_shared_gust(angle, when, length, name))
     channels = channels_in_wind(flights)
     for length in _CHANNEL_LENGTHS if channels else ():
         for times in more_and_more(pulses(flights, tuple(channels), length, _CHANNEL_GUSTS)):
@@ -241,6 +270,18 @@ def _gust(angle: str, times: Mapping[str, float], length: float, name: str) -> V
         dict.fromkeys(shape, "s"),
         f"{name}, in {', '.join(map(repr, times))}",
     )
+
+
+def _shared_gust(angle: str, when: float, length: float, name: str) -> Variant:
+    """One gust that each manoeuvre meets at the same time from its start: from a script, or a gust generator."""
+
+    def columns(flight: Flight) -> Columns:
+        form = pulse(flight.t - flight.t[0], when, length) / flight["V"]
+        return signature(flight, 1, [(r, 0, flight.slope(r, angle) * form) for r in COEFFICIENTS])
+
+    shape = {"time": when, "length": length}
+    speed = EffectParameter("speed", "m/s", 4.0, -30.0, 30.0)
+    return Variant((speed,), columns, shape, dict.fromkeys(shape, "s"), f"{name}, in every manoeuvre")
 
 
 def _gust_needs(flights: Flights) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.inputs import InputResponse, input_responses
+from structsel.effects.inputs import DrivenChannel, driven_channels
 from structsel.effects.signals import (
     CHANNELS_OF,
     CONTROLS,
@@ -80,10 +80,10 @@ def _bends(flights: Flights) -> list[Variant]:
             term = f"sign({control})*(abs({control}) - {share * largest!r})+"
             made.append(_bent(flights, control, column, "beyond a deflection", term, shape=shape))
             made.append(_bent(flights, control, column, "beyond a deflection", term, main, shape))
-    return made + [v for one in input_responses(flights) for v in _bent_inputs(flights, one)]
+    return made + [v for one in driven_channels(flights) for v in _bent_inputs(flights, one)]
 
 
-def _bent_inputs(flights: Flights, one: InputResponse) -> list[Variant]:
+def _bent_inputs(flights: Flights, one: DrivenChannel) -> list[Variant]:
     """The input of a simulated channel, bent by the same laws; what is no surface counts from its mean."""
     recorded = np.concatenate([f.raw[one.control] for f in flights])
     middle = 0.0 if one.control in CONTROLS else float(recorded.mean())
@@ -106,7 +106,7 @@ def _excess(d: Array, start: float) -> Array:
 
 
 def _bent_input(
-    one: InputResponse,
+    one: DrivenChannel,
     lost: Callable[[Array], Array],
     middle: float,
     about: str,
@@ -159,7 +159,7 @@ def _bent(
 
 
 def _needs_bend(flights: Flights) -> str:
-    if input_responses(flights):
+    if driven_channels(flights):
         return ""
     gone = lacking(flights)
     if gone:

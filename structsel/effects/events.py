@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -10,17 +10,12 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.surrogate import CONFIGURATION
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.changes import SoughtChange, added, alone, find_changes, together
+from structsel.effects.ice import ice_says, ice_variants
 from structsel.effects.operators import shape_of
 from structsel.effects.signals import Column, from_lift_and_drag, lacking, lift_line, moves, signature
 from structsel.nomenclature import COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
-from structsel.numerics.arrays import Array
 
 _DURATIONS = (0.0, 1.0, 2.5, 5.0, 8.0)  # s, of a change of configuration
-_ONSETS = (0.0, 0.2, 0.4, 0.6)  # of a manoeuvre's duration, from which ice grows
-_SPELLS = tuple(
-    (begin, end) for begin in (0.0, 0.12, 0.25, 0.4, 0.6) for end in (0.3, 0.5, 0.75, 1.0) if end > begin + 0.1
-)
-"""Begin and end of ice's growth over all manoeuvres."""
 _PHRASES = {"lift": "lift coefficient", "drag": "drag coefficient", "pitching moment": "pitching moment coefficient"}
 
 
@@ -96,93 +91,6 @@ def _says_configuration(found: FittedEffect) -> str:
         return f"The configuration changed, unrecorded, in {found.variant.about}: {', '.join(told)}."
     told = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
     return f"Forces follow {found.variant.about}, of which the simulation does not know enough: {', '.join(told)}."
-
-
-# --- ice -------------------------------------------------------------------------------------------------------------
-
-
-def _ices(flights: Flights) -> list[Variant]:
-    slope, zero = lift_line(flights)
-    longest = max(f.t[-1] - f.t[0] for f in flights)
-    made = [
-        _iced(_growing(onset, longest), slope, zero, "over each manoeuvre", {"onset": onset * longest})
-        for onset in _ONSETS
-    ]
-    for rest in (0.2, 0.5):
-        shape = {"time constant": rest * longest}
-        made.append(_iced(_settling(rest * longest), slope, zero, "over each manoeuvre, levelling off", shape))
-    if len(flights) > 1:
-        clock = _clock(flights)
-        for begin, end in _SPELLS:
-            about = f"from {100 * begin:.0f} to {100 * end:.0f} % of all manoeuvres one after the other"
-            made.append(_iced(_since(clock, begin, end), slope, zero, about, {}))
-        made += [
-            _iced(_growing(onset, longest, f.name), slope, zero, f"in {f.name}", {"onset": onset * longest})
-            for f in flights[:10]
-            for onset in _ONSETS
-        ]
-    return made
-
-
-def _growing(onset: float, longest: float, only: str = "") -> Column:
-    """From a share of the longest manoeuvre's time on, one being the whole of it."""
-
-    def column(flight: Flight) -> Array:
-        if only not in ("", flight.name):
-            return np.zeros(len(flight))
-        return np.maximum((flight.t - flight.t[0]) / longest - onset, 0.0)
-
-    return column
-
-
-def _settling(constant: float) -> Column:
-    return lambda flight: 1.0 - np.exp(-(flight.t - flight.t[0]) / constant)
-
-
-def _clock(flights: Flights) -> dict[str, tuple[float, float]]:
-    """Start and end of each manoeuvre on the clock of all, from nought to one; by their order where it is not told."""
-    starts = [float(f.t[0]) for f in flights]
-    if all(later >= before.t[-1] for before, later in zip(flights, starts[1:])):
-        first, whole = starts[0], float(flights[-1].t[-1]) - starts[0]
-        return {f.name: ((f.t[0] - first) / whole, (f.t[-1] - first) / whole) for f in flights}
-    return {f.name: (k / len(flights), (k + 1) / len(flights)) for k, f in enumerate(flights)}
-
-
-def _since(clock: Mapping[str, tuple[float, float]], begin: float, end: float) -> Column:
-    """Growing between two times on the clock of all, one being what is there afterwards."""
-
-    def column(flight: Flight) -> Array:
-        first, last = clock.get(flight.name, (0.0, 0.0))
-        share = (flight.t - flight.t[0]) / max(flight.t[-1] - flight.t[0], 1e-9)
-        return np.clip((first + (last - first) * share - begin) / (end - begin), 0.0, 1.0)
-
-    return column
-
-
-def _iced(along: Column, slope: float, zero: float, about: str, shape: dict[str, float]) -> Variant:
-    parameters = (
-        EffectParameter("drag", "-", 0.02, 0.0, 0.3),
-        EffectParameter("lift slope loss", "-", 0.1, 0.0, 0.7),
-        EffectParameter("pitching moment", "-", 0.006, -0.1, 0.1),
-    )
-
-    def columns(flight: Flight) -> Columns:
-        x = along(flight)
-        if not x.any():
-            return {}
-        lost = slope * (flight["alpha"] - zero) * x
-        return signature(
-            flight, 3, [*from_lift_and_drag(flight, 0, CD=x), *from_lift_and_drag(flight, 1, CL=-lost), ("Cm", 2, x)]
-        )
-
-    return Variant(parameters, columns, shape, dict.fromkeys(shape, "s"), about)
-
-
-def _says_ice(found: FittedEffect) -> str:
-    return (
-        f"Drag grows by {found.text('drag', 1e4, 'counts')} and the lift slope falls by "
-        f"{found.text('lift slope loss', 100.0, '%')} {found.variant.about}, as with ice."
-    )
 
 
 # --- a load let go ---------------------------------------------------------------------------------------------------
@@ -269,8 +177,8 @@ EFFECTS: tuple[Effect, ...] = (
         "static",
         "Drag grows and the lift slope falls, slowly, with time.",
         lambda flights: lacking(flights, ("CX", "CZ")),
-        _ices,
-        _says_ice,
+        ice_variants,
+        ice_says,
         look_alikes=("mass-error", "configuration-change", "drag-polar"),
         separated_by="The first manoeuvre flown again at the end, and out of the cloud.",
         check="Temperature and moisture along the flight; the airframe after landing.",

@@ -21,7 +21,7 @@ _FELT = 0.02  # of a simulated channel's rms, that an input makes up at least
 
 
 @dataclass(frozen=True, eq=False)
-class InputResponse:
+class DrivenChannel:
     """What a simulated channel makes of one input.
 
     Attributes
@@ -43,19 +43,19 @@ class InputResponse:
         return self.of(change) if self.response in flight.measured else np.zeros(len(flight))
 
 
-def input_responses(flights: Flights) -> list[InputResponse]:
+def driven_channels(flights: Flights) -> list[DrivenChannel]:
     """Of every simulated channel, its response to the input of its plant, or to each control at once."""
     made = []
     for response in answers(flights):
         plant = find_plant(flights, response)
         if plant.source and not plant.along and not of_vehicle(flights):
-            made.append(InputResponse(response, plant.source, plant.driven, plant))
+            made.append(DrivenChannel(response, plant.source, plant.driven, plant))
         elif of_vehicle(flights):
             made += _at_once(flights, response)
     return made
 
 
-def _at_once(flights: Flights, response: str) -> list[InputResponse]:
+def _at_once(flights: Flights, response: str) -> list[DrivenChannel]:
     """By regression of the simulated channel on all other channels; one of no known name is an input."""
     named = {c.name for group in _GROUPS for c in list_channels(group)} - {"mass"}
     channels = sorted(flights[0].recorded - {"t", *answers(flights)})
@@ -71,7 +71,7 @@ def _at_once(flights: Flights, response: str) -> list[InputResponse]:
     if float(left @ left) > (1.0 - _LEAST_R2) * float(y @ y):
         return []
     felt = {c: v / s for c, v, s in zip(used, values, scale) if abs(v) > _FELT * float(y.std())}
-    return [InputResponse(response, c, _scaled(felt[c])) for c in controls if c in felt]
+    return [DrivenChannel(response, c, _scaled(felt[c])) for c in controls if c in felt]
 
 
 def _scaled(slope: float) -> Callable[[Array], Array]:

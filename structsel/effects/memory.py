@@ -20,6 +20,7 @@ from structsel.effects.base import (
     Variant,
     Weights,
 )
+from structsel.effects.latched_stall import LATCH, latched_variants
 from structsel.effects.model_forms import add_term, one_hot
 from structsel.effects.operators import spaced
 from structsel.effects.signals import (
@@ -129,7 +130,7 @@ def _stall_variants(flights: Flights) -> list[Variant]:
                         model=partial(_stalling_model, beyond_steady=beyond_steady),
                     )
                 )
-    return made
+    return made + latched_variants(flights, top)
 
 
 def _separation_state(case: ModelCase) -> State:
@@ -168,6 +169,9 @@ def _stall_needs(flights: Flights) -> str:
 
 
 def _stall_says(found: FittedEffect) -> str:
+    if found.variant.about == LATCH:
+        onset, release = (found.text(name, 180.0 / np.pi, "deg") for name in ("onset", "release"))
+        return f"The flow separates at {onset} of angle of attack and attaches again at {release} only."
     return (
         f"The flow separates about {found.text('onset', 180.0 / np.pi, 'deg')} of angle of attack and follows late, "
         f"with time constants of {found.text('tau1')} and {found.text('tau2')}. Lift is less on the way "

@@ -22,6 +22,7 @@ __all__ = [
     "pulse",
     "pulses",
     "shape_of",
+    "shared_pulses",
     "since",
     "spaced",
     "step_at",
@@ -122,16 +123,35 @@ def shape_of(times: Mapping[str, float]) -> dict[str, float]:
 
 def pulses(flights: Sequence[Flight], responses: Sequence[str], length: float, count: int) -> list[tuple[str, float]]:
     """Where the differences have a pulse of `length` [s] most clearly: manoeuvre and time, the clearest first."""
+    return _clearest(flights, responses, count, lambda x, dt: np.abs(_matched(x, dt, length)))
 
-    def matched(x: Array, dt: float) -> Array:
-        half = max(2, round(0.5 * length / dt))
-        form = pulse(dt * np.arange(-2.0 * half, 2.0 * half + 1.0), 0.0, length)
-        form -= form.mean()
-        if len(form) >= len(x):
-            return np.zeros(len(x))
-        return np.abs(np.convolve(x - x.mean(), form, mode="same")) / np.sqrt((form**2).sum())
 
-    return _clearest(flights, responses, count, matched)
+def shared_pulses(flights: Sequence[Flight], responses: Sequence[str], length: float, count: int) -> list[float]:
+    """Times [s] from the start at which all manoeuvres together have a pulse of `length` [s] and of one sign."""
+    n = min(len(f) for f in flights)
+    total = np.zeros(n)
+    for r in responses:
+        there = [f for f in flights if r in f.measured]
+        spread = float(np.concatenate([f.difference[r] - f.difference[r].mean() for f in there] or [np.zeros(1)]).std())
+        if spread > 0.0:
+            total = np.maximum(total, np.abs(sum(_matched(f.difference[r], f.dt, length)[:n] for f in there)) / spread)
+    found: list[float] = []
+    edge = int(_EDGE * n) + 1
+    for i in edge + np.argsort(-total[edge:-edge]):
+        when = float(i) * flights[0].dt
+        if len(found) < count and all(abs(when - x) > length for x in found):
+            found.append(when)
+    return found if total.any() else []
+
+
+def _matched(x: Array, dt: float, length: float) -> Array:
+    """Correlation with a pulse of a length [s] about each sample, over the size of the pulse."""
+    half = max(2, round(0.5 * length / dt))
+    form = pulse(dt * np.arange(-2.0 * half, 2.0 * half + 1.0), 0.0, length)
+    form -= form.mean()
+    if len(form) >= len(x):
+        return np.zeros(len(x))
+    return np.convolve(x - x.mean(), form, mode="same") / np.sqrt((form**2).sum())
 
 
 def peaks(flights: Sequence[Flight], responses: Sequence[str], count: int, low: float, high: float) -> list[float]:

@@ -21,13 +21,15 @@ from structsel.effects.readings import (
     present,
     wrong_readings,
 )
-from structsel.effects.signals import available, gathered
+from structsel.effects.signals import CONTROLS, available, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, percent, shown
 from structsel.numerics.air_data import body_velocity, cross
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import delayed
 
 _AXES = "xyz"
+_ZERO = {"V": (2.0, "m/s"), "alpha": (0.02, "rad"), "beta": (0.02, "rad")}
+"""Usual size of the reading where the truth is zero."""
 _MIXED = (("ax", "az"), ("ay", "az"), ("r", "p"), ("p", "r"))
 """Channels that take a share of another, without that one taking any of theirs."""
 
@@ -48,16 +50,26 @@ def _needs(channels: Sequence[str]) -> Callable[[Flights], str]:
 
 def _scale_variants(flights: Flights) -> list[Variant]:
     made = []
-    for channel in present(flights, (*AIR, *INERTIAL)):
+    for channel in present(flights, (*AIR, *INERTIAL, *ATTITUDE, *CONTROLS)):
         sd = 0.1 if channel in ("alpha", "beta") else 0.04
+        scale = EffectParameter("scale", "-", sd, -0.5, 0.5, of_outcome=_as_read(flights, channel))
         made.append(
             Variant(
-                (EffectParameter("scale", "-", sd, -0.5, 0.5, of_outcome=_as_read(flights, channel)),),
+                (scale,),
                 wrong_readings(partial(_scaled, channel=channel)),
                 about=INSTRUMENTS[channel],
             )
         )
+        if channel in AIR:
+            # A scale about a zero of its own: a bias comes with it.
+            zero = EffectParameter("zero", _ZERO[channel][1], _ZERO[channel][0])
+            columns = wrong_readings(partial(_scaled_about, channel=channel))
+            made.append(Variant((scale, zero), columns, about=f"{INSTRUMENTS[channel]}, about a zero of its own"))
     return made
+
+
+def _scaled_about(flight: Flight, channel: str) -> list[Errors]:
+    return [*_scaled(flight, channel), {channel: 1.0}]
 
 
 def _as_read(flights: Flights, channel: str) -> bool:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import highest_of
 from structsel.effects.base import Columns, Effect, EffectParameter, Flights, Variant
-from structsel.effects.inputs import InputResponse, input_responses
+from structsel.effects.inputs import DrivenChannel, driven_channels
 from structsel.effects.operators import oscillate, peaks
+from structsel.effects.readings import Errors, cannot_be_shifted, present, wrong_readings
 from structsel.effects.signals import coefficients, held, moves, signature, variation
 from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 
@@ -28,7 +30,7 @@ _UNITS = {"frequency": "Hz", "damping": "-"}
 _FAMILIES = ((LONGITUDINAL_COEFFICIENTS, ("de", "alpha")), (LATERAL_COEFFICIENTS, ("da", "dr", "beta")))
 
 
-def _through(one: InputResponse, frequency: float, damping: float) -> Callable[[Flight], Columns]:
+def _through(one: DrivenChannel, frequency: float, damping: float) -> Callable[[Flight], Columns]:
     """What a mode that an input excites adds to a channel, through the plant of that channel if it has one."""
 
     def columns(flight: Flight) -> Columns:
@@ -45,7 +47,7 @@ def _through(one: InputResponse, frequency: float, damping: float) -> Callable[[
 def _in_channels(flights: Flights) -> list[Variant]:
     """Modes that the inputs of channels excite, but for that which a plant is itself."""
     made = []
-    for one in input_responses(flights):
+    for one in driven_channels(flights):
         low = _PERIODS / min(len(f) * f.dt for f in flights)
         own = one.plant.frequency(flights[0].dt) if one.plant else 0.0
         found = peaks(flights, (one.response,), _PEAKS, low, _OF_BAND * min(highest_of(f) for f in flights))
@@ -104,7 +106,31 @@ def _variants(flights: Flights) -> list[Variant]:
                             drive,
                         )
                     )
-    return made + _in_channels(flights)
+    return [*made, *_of_instruments(flights), *_in_channels(flights)]
+
+
+def _of_instruments(flights: Flights) -> list[Variant]:
+    """Accelerometers that ring on a structure that does not move the air: their specific force, not the aircraft's."""
+    if cannot_be_shifted(flights):
+        return []
+    top = _OF_BAND * min(highest_of(f) for f in flights)
+    made = []
+    for channel, response, drives in (("az", "CZ", ("de",)), ("ay", "CY", ("da", "dr"))):
+        if not held(flights, (response,)) or not present(flights, (channel,)):
+            continue
+        for frequency in peaks(flights, (response,), 1, _LOWEST, top):
+            for drive in (d for d in drives if moves(flights, d)):
+                shape = {"frequency": frequency, "damping": _DAMPINGS[1]}
+                shaken = partial(_shaken, channel=channel, drive=drive, frequency=frequency, damping=_DAMPINGS[1])
+                parameters = (EffectParameter(f"{channel} per {drive}", "m/s^2/rad", 10.0),)
+                about = f"{drive}, of the instruments only"
+                made.append(Variant(parameters, wrong_readings(shaken), shape, _UNITS, about))
+    return made
+
+
+def _shaken(flight: Flight, channel: str, drive: str, frequency: float, damping: float) -> list[Errors]:
+    """Acceleration of a mode that a surface excites, over that of the drive at rest."""
+    return [{channel: oscillate(flight[drive], flight.dt, frequency, damping) - flight[drive]}]
 
 
 def _size(flights: Flights, response: str, drive: str) -> float:
@@ -113,7 +139,7 @@ def _size(flights: Flights, response: str, drive: str) -> float:
 
 
 def _needs(flights: Flights) -> str:
-    if input_responses(flights):
+    if driven_channels(flights):
         return ""
     if not coefficients(flights):
         return "simulated coefficients, or a simulated channel that an input drives"

@@ -1,0 +1,85 @@
+"""Surfaces that move no faster than their actuators can."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from structsel.comparison.flight import Flight
+from structsel.effects.base import FittedEffect, Flights, ModelCase, ModelForm, Variant
+from structsel.effects.model_forms import state_after
+from structsel.effects.operators import spaced
+from structsel.effects.signals import gathered
+from structsel.effects.surfaces import ALL, SHARE, actuated, departure, displaced, followed, used_controls
+from structsel.effects.wording import SURFACES, shown
+from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
+
+_LONGEST = 1.5  # s, that a surface takes at most through all it is asked
+_LAGGING = 0.05  # s, of a limited actuator that lags as well; chosen, not critical
+_LAGGED = "with a lag"
+_FINE = 1.3  # ratio of one rate tried to the next
+
+
+def rate_variants(flights: Flights) -> list[Variant]:
+    """Forms: of each surface, one way only, with a lag, of all."""
+    made = []
+    for control in used_controls(flights):
+        fastest = max(float(np.abs(f.rate(f[control])).max()) for f in flights)
+        # A step within a sample is faster than any limit: what counts there is how long its size takes.
+        slowest = min(0.12 * fastest, float(np.ptp(gathered(flights, control))) / _LONGEST)
+        count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
+        for limit in spaced(slowest, 0.85 * fastest, count):
+            made.append(
+                Variant(
+                    (SHARE,),
+                    followed(control, partial(actuated, rate=limit)),
+                    {"rate": limit}, {"rate": "rad/s"}, SURFACES[control],
+                    model=state_after([control], "rate limit", "limited", lambda case: {"rate": case.quantity("rate")}),
+                )
+            )  # fmt: skip
+        for limit in spaced(2.0 * slowest, 0.7 * fastest, 3):
+            for way, up, down in (("up", limit, np.inf), ("down", np.inf, limit)):
+                made.append(_rated((control,), partial(_slewing, up=up, down=down), limit, f", {way} only"))
+            made.append(_rated((control,), partial(actuated, lag=_LAGGING, rate=limit), limit, f", {_LAGGED}"))
+    controls = used_controls(flights)
+    if len(controls) > 1:
+        fastest = max(float(np.abs(f.rate(f[c])).max()) for f in flights for c in controls)
+        made += [_rated(controls, partial(actuated, rate=x), x) for x in spaced(0.12 * fastest, 0.85 * fastest, 5)]
+    return made
+
+
+def _rated(
+    controls: Sequence[str], operator: Callable[[Array, Flight], Array], limit: float, more: str = ""
+) -> Variant:
+    columns = displaced(*((c, 0, departure(c, operator)) for c in controls))
+    about = (SURFACES[controls[0]] if len(controls) == 1 else ALL) + more
+    return Variant((SHARE,), columns, {"rate": limit}, {"rate": "rad/s"}, about, model=_no_model)
+
+
+def _no_model(case: ModelCase) -> ModelForm | None:
+    """A model has no state of this kind."""
+    return None
+
+
+def _slewing(x: Array, flight: Flight, up: float, down: float) -> Array:
+    made = np.empty(len(x))
+    _slew(np.ascontiguousarray(x), up * flight.dt, down * flight.dt, made)
+    return made
+
+
+@njit(cache=True)
+def _slew(x, up, down, made):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Position that follows x with steps between -down and up [x's unit per sample]."""
+    made[0] = x[0]
+    for k in range(1, x.size):
+        made[k] = made[k - 1] + min(max(x[k] - made[k - 1], -down), up)
+
+
+def rate_says(found: FittedEffect) -> str:
+    """The sentence of a rate limit."""
+    if found.variant.about.startswith(ALL):
+        return f"Each surface moves no faster than {shown(found, 'rate')}, less than was asked of it."
+    return f"The {found.variant.about} moves no faster than {shown(found, 'rate')}, less than was asked of it."

@@ -1,0 +1,63 @@
+"""Surfaces that stand elsewhere than recorded, and what that adds to the coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from structsel.comparison.flight import Flight
+from structsel.effects.base import Columns, EffectParameter, Flights
+from structsel.effects.signals import CONTROLS, coefficients, mean_slope, moves, signature
+from structsel.nomenclature import COEFFICIENTS
+from structsel.numerics.arrays import Array
+from structsel.numerics.dynamic_elements import actuate
+
+Surface = Callable[[Flight], Array]
+
+ALL = "all surfaces"
+"""What a form is about that takes each alike."""
+SHARE = EffectParameter("share", "-", 1.0, 0.5, 1.5)
+
+
+def used_controls(flights: Flights) -> list[str]:
+    """Controls that move and that the simulation answers to."""
+    wanted = coefficients(flights)
+    return [c for c in CONTROLS if moves(flights, c) and any(mean_slope(flights, r, c) != 0.0 for r in wanted)]
+
+
+def displaced(*extras: tuple[str, int, Surface]) -> Callable[[Flight], Columns]:
+    """Columns of surfaces that stand elsewhere than recorded: control, place of the parameter, and by how much."""
+    places = 1 + max(j for _, j, _ in extras)
+
+    def columns(flight: Flight) -> Columns:
+        moved = [(control, j, extra(flight)) for control, j, extra in extras]
+        there = [r for r in flight.measured if r in COEFFICIENTS]
+        return signature(flight, places, ((r, j, flight.slope(r, c) * x) for c, j, x in moved for r in there))
+
+    return columns
+
+
+def departure(control: str, operator: Callable[[Array, Flight], Array], per: float = 1.0) -> Surface:
+    """By how much a surface that makes of its input what an operator does departs from it, per unit of `per`."""
+    return lambda f: (operator(f[control], f) - f[control]) / per
+
+
+def followed(control: str, operator: Callable[[Array, Flight], Array]) -> Callable[[Flight], Columns]:
+    """Columns of a surface that makes of what was recorded what an operator makes of it."""
+    return displaced((control, 0, departure(control, operator)))
+
+
+def behind(x: Array, flight: Flight, operator: Callable[[Array, float, float], Array], tau: float) -> Array:
+    """Surface that follows its input by an operator with a time."""
+    return operator(x, flight.dt, tau)
+
+
+def actuated(x: Array, flight: Flight, rate: float = np.inf, backlash: float = 0.0, lag: float = 0.0) -> Array:
+    """Surface behind an actuator; see `actuate`."""
+    return actuate(flight.t, x, lag=lag, rate=rate, backlash=backlash)
+
+
+def stopped(x: Array, flight: Flight, low: float, high: float) -> Array:
+    """Surface between its stops."""
+    return np.clip(x, low, high)
