@@ -81,7 +81,10 @@ def open_simulation(source: Any, recordings: Sequence[Recording], aircraft: Airc
         from structsel.simulation.jsbsim import open_jsbsim
 
         plane = open_jsbsim(text.removeprefix("jsbsim:"))
-        return OpenedSimulation("jsbsim", text, evaluate=lambda r: _coefficients_of(plane.coefficients(r)))
+        # JSBSim takes alpha and beta at the centre of gravity; a recording has those of its vanes.
+        return OpenedSimulation(
+            "jsbsim", text, evaluate=lambda r: _coefficients_of(plane.coefficients(compute_coefficients(r, aircraft)))
+        )
     if text.startswith("python:"):
         return OpenedSimulation("python", text, evaluate=_load(text))
     path = Path(text)
