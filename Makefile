@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo proof test test-slow test-all static check bench docs fuzz wheel lowest format clean
+.PHONY: demo proof test test-slow test-all static check bench docs notebooks fuzz wheel lowest format clean
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -57,9 +57,12 @@ fuzz: $(VENV)/.installed-dev  ## damaged files by the thousand, for every reader
 proof: $(VENV)/.installed-dev  ## how often the diagnosis is right: CASES (20) cases of development
 	OMP_NUM_THREADS=1 $(BIN)/python -m proof --cases $(or $(CASES),20) --out out/proof
 
-docs: $(VENV)/.installed-dev  ## build the site in out/site and check its links
+docs: $(VENV)/.installed-dev  ## build the site in out/site; a dead link stops it
 	$(BIN)/python -m pip install --quiet -e ".[docs]"
 	OMP_NUM_THREADS=1 $(BIN)/mkdocs build --quiet
+
+notebooks: $(VENV)/.installed-dev  ## run the notebooks of examples/, and store what they show
+	OMP_NUM_THREADS=1 $(BIN)/python docs/notebooks.py $(NOTEBOOKS)
 
 wheel: $(VENV)/.installed-dev  ## build the wheel, look what is in it, install it by itself and use it
 	rm -rf build out/wheel

@@ -7,9 +7,12 @@
 # ## Six recorded manoeuvres in light turbulence
 
 # %%
+import matplotlib.pyplot as plt
+
 from structsel import Candidates, select, validate
 from structsel.coefficients import compute_all
 from structsel.demo import demo_flights
+from structsel.plotting import plot_fit, plot_search
 
 recordings, aircraft, truth = demo_flights(turbulence=0.4)
 print(aircraft)
@@ -48,11 +51,19 @@ print(chosen)
 for step in chosen.trace:
     print(step)
 
+# %%
+plot_search(chosen)
+plt.show()
+
 # %% [markdown]
 # ## Validation with a flight that was not used for the selection
 
 # %%
 print(validate(chosen.model, held_out))
+
+# %%
+plot_fit(chosen.model, held_out, "Cm")
+plt.show()
 
 # %% [markdown]
 # ## Comparison with the true terms

@@ -9,9 +9,12 @@
 # All errors are known.
 
 # %%
+import matplotlib.pyplot as plt
+
 from structsel import Candidates, select
 from structsel.coefficients import compute_coefficients
 from structsel.demo import TRUTH, demo_instruments
+from structsel.plotting import plot_innovations, plot_readings
 from structsel.reconstruction import reconstruct
 
 flight = demo_instruments("all-axes", seed=1)
@@ -23,6 +26,14 @@ print(flight)
 # %%
 found = reconstruct(flight.measured, flight.aircraft)
 print(found)
+
+# %% [markdown]
+# ## Sideslip: the vane, the reconstructed path, and the innovations
+
+# %%
+plot_readings(found, "beta")
+plot_innovations(found, "beta")
+plt.show()
 
 # %% [markdown]
 # ## Estimated and true instrument errors

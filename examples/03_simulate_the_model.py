@@ -7,8 +7,11 @@
 # ## A published aircraft: its trim, and its response to disturbances
 
 # %%
+import matplotlib.pyplot as plt
+
 import structsel as ss
 from structsel.inputs import combine, name_derivatives, three_two_one_one
+from structsel.plotting import plot_comparison, plot_cramer_rao, plot_resimulation
 
 citation = ss.published_aircraft("citation")
 steady = citation.trim(V=120.0, h=7500.0)
@@ -27,6 +30,10 @@ pitch = name_derivatives(small, outputs=list(vanes))
 kinds = ss.compare_inputs(pitch, noise=vanes, parameters=["mw", "mq", "mde"], energy=0.004, duration=16.0)
 print(kinds)
 best = next(u for u in kinds.inputs if u.name == "optimal A")
+
+# %%
+plot_cramer_rao(kinds)
+plt.show()
 
 # %% [markdown]
 # ## Recordings with this input, and with two classical ones, from trim; instruments have noise
@@ -82,6 +89,10 @@ truth = {f"Cm:{term}": citation.model["Cm"][term] for term in ("1", *terms)}
 table = ss.compare_estimates({"equation error": chosen.model, "output error": found}, truth=truth)
 print(table)
 
+# %%
+plot_comparison(table)
+plt.show()
+
 # %% [markdown]
 # ## Validation
 #
@@ -90,6 +101,10 @@ print(table)
 # %%
 after = ss.resimulate(found.model, citation.aircraft, held_out, outputs=["alpha", "q", "theta", "az"])
 print(after)
+
+# %%
+plot_resimulation(after, "held-out", "q")
+plt.show()
 
 by_regression, by_output_error = (abs(table.values / table.truth[:, None] - 1.0)).T
 assert found.converged

@@ -10,6 +10,8 @@
 # %%
 from importlib.util import find_spec
 
+import matplotlib.pyplot as plt
+
 import structsel as ss
 from structsel.exploring import try_additions
 from structsel.plotting import plot_addition, plot_component, plot_residual_against, plot_residual_with
@@ -35,6 +37,7 @@ bare
 
 # %%
 plot_residual_against(bare, manoeuvres, "Cm", "beta")
+plt.show()
 
 # %% [markdown]
 # ## The gain of one more term
@@ -53,6 +56,7 @@ offered
 # %%
 plot_addition(bare, manoeuvres, "Cm", offered.terms[0])
 plot_residual_with(bare, manoeuvres, "Cm", "beta", offered.terms[0])
+plt.show()
 
 # %% [markdown]
 # ## Add the best term, and repeat until no term raises the held-out R2 by 0.001
@@ -74,6 +78,7 @@ while True:
 full = fit(terms)
 plot_residual_against(full, manoeuvres, "Cm", "beta")
 plot_component(full, manoeuvres, "Cm", "alpha")
+plt.show()
 
 # %% [markdown]
 # ## The same by `select`, whose F-tests account for the residual autocorrelation

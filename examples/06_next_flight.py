@@ -46,6 +46,7 @@ _, (top, bottom) = plt.subplots(2, 1, sharex=True, figsize=(8.0, 5.0), layout="c
 both = {"last": pitch.simulate(last), "designed": pitch.simulate(design.inputs)}
 plot_histories(both, "de", ax=top)
 plot_histories(both, "alpha", ax=bottom)
+plt.show()
 
 # %% [markdown]
 # ## Shape or energy? The doublet with the energy of the designed input

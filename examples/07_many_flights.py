@@ -10,9 +10,11 @@
 import time
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import structsel as ss
+from structsel.plotting import plot_inclusion, plot_intervals
 
 folder = Path("07_campaign")
 folder.mkdir(exist_ok=True)
@@ -68,6 +70,11 @@ resampled = timed("the same with 60 selections from resampled manoeuvres",
 kept = [str(term) for term in resampled["Cm"].terms]
 print({term: round(resampled["Cm"].inclusion[term], 2) for term in kept})
 print(f"held out, manoeuvre by manoeuvre: R2 {resampled['Cm'].held_out_r2:.4f}")
+
+# %%
+plot_inclusion(resampled["Cm"])
+plot_intervals(resampled["Cm"])
+plt.show()
 
 # %% [markdown]
 # ## Comparison with one least-squares problem over all samples

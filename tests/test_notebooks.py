@@ -1,5 +1,6 @@
 """Every example is a script and a notebook of the same cells, and a notebook runs from nothing."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -20,12 +21,16 @@ def test_script_and_notebook_have_the_same_cells(script):
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_a_notebook_says_first_what_it_is_and_carries_no_outputs(script):
+def test_a_notebook_says_first_what_it_is_and_is_stored_with_its_figures(script):
     jupytext = pytest.importorskip("jupytext", reason=f"jupytext {MISSING}")
     notebook = jupytext.read(script.with_suffix(".ipynb"))
     assert notebook.cells[0].source.startswith("# ")
-    assert not any(cell.outputs for cell in notebook.cells if cell.cell_type == "code")
     assert notebook.metadata.kernelspec.name == "python3"
+    outputs = [out for cell in notebook.cells if cell.cell_type == "code" for out in cell.outputs]
+    assert any("image/png" in out.get("data", {}) for out in outputs), "run: make notebooks"
+    texts = [out.get("text", "") + out.get("data", {}).get("text/plain", "") for out in outputs]
+    assert not [t for t in texts if re.search(r"<Axes|<matplotlib|\[<", t)], "a cell ends in a plot: add plt.show()"
+    assert not any(out.output_type == "error" for out in outputs)
 
 
 def test_no_notebook_is_without_its_script():
