@@ -1,4 +1,4 @@
-"""structsel: flight recordings in, an aerodynamic model out whose structure the data chose.
+"""structsel: identifies aerodynamic models from flight-test recordings and selects the model structure from the data.
 
 The journey: `read_recording`, `reconstruct`, `compute_coefficients`, `Candidates`, `select`, `AeroModel`, `validate`.
 The model is simulated by `trim`, `simulate`, `refine` and `resimulate`; `design_inputs` says what to fly. `compare`
