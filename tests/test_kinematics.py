@@ -8,6 +8,8 @@ from scipy.integrate import solve_ivp
 from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.air_data import air_data, air_data_at_cg, body_to_earth
+from structsel.numerics.kinematic_tangents import noise_columns, reading_columns, step_columns
+from structsel.numerics.rotations import angles_of, cosines_of, quaternion_of, turn, vector_between
 
 N = 200
 
@@ -108,13 +110,6 @@ def test_a_roll_angle_of_many_turns_is_scaled_within_its_turn():
     assert_allclose(got[:, 3], [0.42, 0.42 + 4.0 * np.pi], rtol=1e-14)
 
 
-@pytest.mark.parametrize("by", [0.0, 1e-9, -0.03, 0.0999, 0.1001, -2.5])
-def test_a_turned_angle_has_the_sine_and_cosine_of_the_sum(by):
-    for angle in np.linspace(-7.0, 7.0, 41):
-        got = fp.turned(np.sin(angle), np.cos(angle), angle, by)
-        assert_allclose(got, [np.sin(angle + by), np.cos(angle + by)], rtol=0, atol=4e-16)
-
-
 def test_a_simulated_path_is_the_integral_that_scipy_finds():
     # Inputs linear between samples on both sides; Runge-Kutta at 20 ms leaves 1e-7 of these motions.
     t = np.cumsum(np.random.default_rng(2).uniform(0.01, 0.03, 60))
@@ -164,19 +159,71 @@ def test_without_position_states_the_rest_is_unchanged(scene):
 
 
 def test_noise_enters_as_the_slopes_change_with_the_readings(scene):
-    # At the centre of gravity: the arm's part of gyro noise in the accelerometers is left out of the gain.
+    # At the centre of gravity: the arm's part of gyro noise in the accelerometers is left out.
     path, inputs, _ = scene
-    at_centre, gain, h = np.zeros((6, 3)), np.empty((34, 6)), 1e-4
+    at_centre, gain, h, std = np.zeros((6, 3)), np.empty((6, 6)), 1e-4, np.linspace(0.5, 1.0, 6)
     for k in range(20):
-        fp.noise_gain(path[k], inputs[k], gain)
-        expected = np.zeros((34, 6))
+        C = body_to_earth(*path[k, 3:6])
+        noise_columns(path[k], C, std, gain)
         for j in range(6):
             more, less = inputs[k].copy(), inputs[k].copy()
             more[j] += h
             less[j] -= h
             ends = [fp.slopes(path[k : k + 1], a[None], at_centre, 9.8)[0] for a in (more, less)]
-            expected[:9, j] = (ends[0] - ends[1]) / (2.0 * h)
-        assert_allclose(gain, expected, rtol=1e-7, atol=1e-7)
+            assert_allclose(gain[:3, j], std[j] * (ends[0] - ends[1])[:3] / (2.0 * h), rtol=1e-7, atol=1e-7)
+            turned = C[:, j - 3] * std[j] / (1.0 + path[k, 25 + j]) if j >= 3 else np.zeros(3)
+            assert_allclose(gain[3:, j], turned, rtol=1e-12)
+
+
+def test_columns_of_a_root_are_the_derivatives_of_step_and_readings(scene):
+    # Against central differences of the step and of the readings, each at the attitude that the deviation turns to.
+    path, inputs, place = scene
+    states, dt, z = np.r_[9:15, 15:31, :9, 31:34], 0.01, np.empty(34)
+    N, dy, C0, C1 = np.empty((34, 12)), np.empty((34, 12)), np.empty((3, 3)), np.empty((3, 3))
+    e0, e1, turned = np.empty(4), np.empty(4), np.empty(4)
+    everything = np.ones(12, dtype=bool)
+    size = np.r_[np.full(3, 1e-2), np.full(3, 1e-4), np.full(3, 1e-2), np.full(3, 1e-3), np.full(3, 1e-4), [1e-2] * 3,
+                 np.full(13, 1e-4), [1e-2] * 3]  # fmt: skip
+    for flank in (False, True):
+        for k in range(1, 10):
+            x = path[k].copy()
+            e0[:] = quaternion_of(*x[3:6])
+            cosines_of(e0, C0)
+
+            def after(d, x=x, k=k):
+                moved, out = x + d, np.empty(34)
+                moved[3:6] = C0.T @ d[3:6]
+                fp.step(moved, C0, inputs[k], inputs[k], dt, place, 9.8, True, out)
+                return out
+
+            def read(d, x=x, k=k, flank=flank):
+                moved, C, out = x + d, np.empty((3, 3)), np.empty(12)
+                turn(e0, *(C0.T @ d[3:6]), turned)
+                cosines_of(turned, C)
+                moved[3:6] = angles_of(C)
+                fp.observe_at(moved, C, inputs[k], place, flank, everything, out)
+                return out
+
+            centre = after(np.zeros(34))
+            turn(e0, *centre[3:6], e1)
+            cosines_of(e1, C1)
+            T = np.diag(size[states])
+            step_columns(T, states, 22, x, centre, C0, C1, inputs[k], inputs[k], dt, place, 9.8, 1.0, z, N)
+            reading_columns(T, states, x, C0, inputs[k], place, flank, everything, z, dy)
+            for j, state in enumerate(states):
+                d = size[state] * np.eye(34)[state]
+                ends = after(d), after(-d)
+                difference = 0.5 * (ends[0] - ends[1])
+                turns = []
+                for end in ends:
+                    turn(e0, *end[3:6], turned)
+                    turns.append(C1 @ vector_between(e1, turned))
+                difference[3:6] = 0.5 * np.subtract(*turns)
+                # The midpoint rule leaves out the third power of rate times step, (1 rad/s x 0.01 s)^3.
+                allowed = 1e-4 * np.abs(difference).max()
+                assert_allclose(N[j], difference[states[22:]], rtol=1e-4, atol=allowed)
+                y = 0.5 * (read(d) - read(-d))
+                assert_allclose(dy[j], y, rtol=1e-5, atol=1e-6 * size[state] * (100.0 if state in (3, 4, 5) else 1.0))
 
 
 def test_a_gust_is_felt_by_vanes_and_pitot_alone(scene):

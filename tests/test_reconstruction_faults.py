@@ -6,7 +6,7 @@ import pytest
 from structsel.aircraft import Aircraft
 from structsel.demo import demo_flight, demo_instruments
 from structsel.demo.aircraft import demo_aircraft
-from structsel.errors import DataError, ReconstructionError
+from structsel.errors import DataError
 from structsel.numerics import kinematics as fp
 from structsel.reconstruction import reconstruct
 from structsel.recording import Recording
@@ -303,31 +303,6 @@ def test_missing_first_and_last_samples_are_bridged(flight):
         for values in lost.values():
             values[i] = np.nan
         assert_as_good_as_without_fault(change(flight, **lost), flight)
-
-
-def loop(duration=8.0, dt=0.02):
-    """A loop at constant q after two seconds of level flight, without noise: theta through the vertical."""
-    t = np.arange(0.0, duration, dt)
-    inputs = np.zeros((len(t), 9))
-    inputs[:, 4] = np.where(t > 2.0, 0.6, 0.0)
-    inputs[:, 2] = -9.80665 - 60.0 * inputs[:, 4]
-    start = np.zeros(len(fp.STATES))
-    start[:3], start[4], start[8] = (60.0, 0.0, 3.0), 0.05, 1000.0
-    path = fp.fly(t, inputs, start, np.zeros((6, 3)), 9.80665, True)
-    read = fp.readings(path, inputs, np.zeros((6, 3)), False)
-    channels = dict(zip(fp.MEASUREMENTS, read.T)) | dict(zip(fp.INPUTS[:6], inputs[:, :6].T))
-    noise = np.random.default_rng(1)
-    return t, {name: x + 1e-3 * noise.standard_normal(len(t)) for name, x in channels.items()}
-
-
-def test_a_loop_stops_at_the_vertical_and_says_which_part_can_be_used():
-    t, channels = loop()
-    recording = Recording("loop", t, {n: channels[n] for n in ("V", "alpha", "theta", "h", *fp.INPUTS[:6])})
-    with pytest.raises(ReconstructionError, match="too near the vertical") as caught:
-        reconstruct(recording, demo_aircraft())
-    assert caught.value.partial is not None
-    steep = int(np.argmax(channels["theta"] > 1.4))
-    assert f"between(0, {t[steep - 1]:g}) is the longest" in str(caught.value)
 
 
 @pytest.mark.default_cases("0-1.0-10.0")

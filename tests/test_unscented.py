@@ -3,18 +3,50 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
 from structsel.errors import DomainError
 from structsel.numerics.kinematics import fly
 from structsel.reconstruction import ukf
 from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter, ukf_smoother
-from tests.dense_flight_path import ANGLES, G, dense_observe, dense_slope, dense_step, flight, jacobian
+from tests.dense_flight_path import ANGLES, G, dense_observe, dense_slope, dense_step, flight, rotation
 
 # ------------------------------------- a filter and smoother of dense covariances, straight from the textbook
 
 
-def dense_noise(x, k, p):
+def internal(p):
+    """States of the reference, in the order of the filter: constants first."""
+    active = set(p.active.tolist())
+    constant = [s for s in sorted(active) if 9 <= s < 31 and not p.drift[s]]
+    return np.array(constant + sorted(active - set(constant)))
+
+
+def plus(full, d, states):
+    """Full vector with deviations d; those of the attitude are a rotation vector in earth axes."""
+    z = np.zeros(34)
+    z[states] = d
+    made = full + z
+    turned = Rotation.from_rotvec(z[3:6]) * Rotation.from_matrix(rotation(*full[3:6]))
+    made[3:6] = turned.as_euler("ZYX")[::-1]
+    return made
+
+
+def minus(full, other, states):
+    """Deviations of a full vector from another."""
+    d = full - other
+    turns = [Rotation.from_matrix(rotation(*x[3:6])) for x in (other, full)]
+    d[3:6] = (turns[1] * turns[0].inv()).as_rotvec()
+    return d[states]
+
+
+def minus_readings(y, other):
+    d = y - other
+    d[ANGLES] = np.angle(np.exp(1j * d[ANGLES]))
+    return d
+
+
+def dense_noise(x, later, k, p):
     """Noise of the readings through [M86]'s equations at the centre of gravity, and the random walks."""
     dt = p.t[k] - p.t[k - 1]
     level = 0.5 * (p.input_std[k - 1] ** 2 + p.input_std[k] ** 2)
@@ -23,75 +55,105 @@ def dense_noise(x, k, p):
     for j in range(6):
         a = p.inputs[k].astype(complex)
         a[j] += 1e-30j
-        columns.append(dense_slope(x.astype(complex), a, bare).imag / 1e-30)
+        column = dense_slope(x.astype(complex), a, bare).imag / 1e-30
+        column[3:6] = rotation(*later[3:6])[:, j - 3] / (1.0 + x[25 + j]) if j >= 3 else 0.0
+        columns.append(column)
     gain = np.array(columns).T
     return (gain * level) @ gain.T * dt**2 + np.diag(p.drift**2 * dt)
 
 
-def unscented_moments(function, full, P, active, a):
-    """Mean, covariance and cross-covariance of function(x), whose value may be longer than the active states."""
-    L = len(active)
+def unscented_moments(function, difference, full, P, states, a):
+    """Value at the centre, mean deviation from it, covariance, and cross-covariance with the states."""
+    L = len(states)
     root = a * np.sqrt(L) * np.linalg.cholesky(P)
-    points = np.tile(full, (2 * L + 1, 1))
-    points[1 : L + 1, active] += root.T
-    points[L + 1 :, active] -= root.T
+    d = np.vstack([np.zeros(L), root.T, -root.T])
     mean_weights = np.full(2 * L + 1, 0.5 / (a * a * L))
     mean_weights[0] = 1.0 - 1.0 / (a * a)
     weights = mean_weights.copy()
     weights[0] += 1.0 - a * a + 2.0
-    values = np.array([function(point) for point in points])
-    mean = mean_weights @ values
-    d, e = points[:, active] - full[active], values - mean
-    return values[0], mean, (e.T * weights) @ e, (d.T * weights) @ e
+    centre = function(full)
+    e = np.array([difference(function(plus(full, one, states)), centre) for one in d])
+    mean = mean_weights @ e
+    e -= mean
+    return centre, mean, (e.T * weights) @ e, (d.T * weights) @ e
 
 
-def extended_moments(function, full, P, active):
-    J = jacobian(function, full, active)
-    value = function(full)
-    return value, value, J @ P @ J.T, P @ J.T
+def extended_moments(function, difference, full, P, states, _):
+    h, std = 1e-4, np.sqrt(np.diag(P))
+    centre = function(full)
+    columns = [
+        difference(function(plus(full, h * s * one, states)), function(plus(full, -h * s * one, states)))
+        / (2.0 * h * s)
+        for s, one in zip(std, np.eye(len(states)))
+    ]
+    J = np.array(columns).T
+    return centre, np.zeros(len(J)), J @ P @ J.T, P @ J.T
+
+
+def to_angles(x, P, states):
+    """Covariance of Euler angles in place of the rotation vector."""
+    at = np.flatnonzero((states >= 3) & (states <= 5))
+    J = np.eye(len(states))
+    J[np.ix_(at, at)] = np.linalg.inv(axes_of_angles(x))[np.ix_(states[at] - 3, states[at] - 3)]
+    return J @ P @ J.T
+
+
+def axes_of_angles(x):
+    """Rotation vectors in earth axes, as columns, of unit changes of phi, theta and psi."""
+    st, ct, sp, cp = np.sin(x[4]), np.cos(x[4]), np.sin(x[5]), np.cos(x[5])
+    return np.array([[ct * cp, -sp, 0.0], [ct * sp, cp, 0.0], [-st, 0.0, 1.0]])
 
 
 def dense_smoother(p, spread):
     """Filtered and smoothed means and covariances, innovations, their std, NIS and the log-likelihood."""
-    act, n = p.active, len(p.t)
-
-    def moments(function, full, P):
-        return unscented_moments(function, full, P, act, spread) if spread else extended_moments(function, full, P, act)
-
-    full, P = p.start.copy(), np.diag(p.start_std**2)
+    states, n = internal(p), len(p.t)
+    moments = unscented_moments if spread else extended_moments
+    prior = np.zeros(34)
+    prior[p.active] = p.start_std
+    full, P = p.start.copy(), np.diag(prior[states] ** 2)
+    at = np.flatnonzero((states >= 3) & (states <= 5))
+    J = np.eye(len(states))
+    J[np.ix_(at, at)] = axes_of_angles(full)[np.ix_(states[at] - 3, states[at] - 3)]
+    P = J @ P @ J.T
     xs, Ps, predictions = [], [], []
     innovations, stds, nis, total = np.full((n, 12), np.nan), np.full((n, 12), np.nan), np.full(n, np.nan), 0.0
     for k in range(n):
         if k > 0:
             before = full
-            centre, mean, cov, cross = moments(lambda x, k=k: dense_step(x, k, p), before, P)
-            P = cov[np.ix_(act, act)] + dense_noise(before, k, p)[np.ix_(act, act)]
-            full = centre.copy()
-            full[act] = mean[act]
-            predictions.append((full[act], P, cross[:, act]))
+            centre, mean, cov, cross = moments(
+                lambda x, k=k: dense_step(x, k, p), lambda x, y: minus(x, y, states), before, P, states, spread
+            )
+            P = cov + dense_noise(before, centre, k, p)[np.ix_(states, states)]
+            full = plus(centre, mean, states)
+            predictions.append((full, P, cross))
         seen = np.flatnonzero(np.isfinite(p.measurements[k]))
         if seen.size:
-            _, mean, cov, cross = moments(lambda x, k=k: dense_observe(x, k, p), full, P)
-            Pyy = cov[np.ix_(seen, seen)] + np.diag(p.measurement_std[seen] ** 2)
-            nu = p.measurements[k] - mean
-            nu[ANGLES] = np.angle(np.exp(1j * nu[ANGLES]))
-            nu = nu[seen]
+            centre, mean, cov, cross = moments(
+                lambda x, k=k: dense_observe(x, k, p), minus_readings, full, P, states, spread
+            )
+            level = p.measurement_std.copy()
+            level[ANGLES] /= np.cos(full[4])
+            Pyy = cov[np.ix_(seen, seen)] + np.diag(level[seen] ** 2)
+            nu = minus_readings(p.measurements[k], centre + mean)[seen]
             K = np.linalg.solve(Pyy, cross[:, seen].T).T
-            full = full.copy()
-            full[act] += K @ nu
+            full = plus(full, K @ nu, states)
             P = P - K @ Pyy @ K.T
             innovations[k, seen], stds[k, seen] = nu, np.sqrt(np.diag(Pyy))
             nis[k] = nu @ np.linalg.solve(Pyy, nu)
             total += multivariate_normal(cov=Pyy).logpdf(nu)
-        xs.append(full[act])
+        xs.append(full)
         Ps.append(P)
     x_s, P_s = [xs[-1]], [Ps[-1]]
     for k in range(n - 2, -1, -1):
         mean, cov, cross = predictions[k]
         C = np.linalg.solve(cov, cross.T).T
-        x_s.append(xs[k] + C @ (x_s[-1] - mean))
+        x_s.append(plus(xs[k], C @ minus(x_s[-1], mean, states), states))
         P_s.append(Ps[k] + C @ (P_s[-1] - cov) @ C.T)
-    return np.array(xs), np.array(Ps), np.array(x_s[::-1]), np.array(P_s[::-1]), innovations, stds, nis, total
+    kept = np.array([int(np.flatnonzero(states == s)[0]) for s in p.active])
+    pick = np.ix_(kept, kept)
+    Ps = np.array([to_angles(x, P, states)[pick] for x, P in zip(xs, Ps)])
+    P_s = np.array([to_angles(x, P, states)[pick] for x, P in zip(x_s[::-1], P_s[::-1])])
+    return np.array(xs)[:, p.active], Ps, np.array(x_s[::-1])[:, p.active], P_s, innovations, stds, nis, total
 
 
 # ------------------------------------------------------------------------------------------------- problems
@@ -119,23 +181,30 @@ def problem_of(case, n=72):
 )
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("spread", [1.0, 0.6, 0.0], ids=["wide", "narrow", "extended"])
-def test_filter_and_smoother_are_those_of_dense_covariances(case, spread):
+def test_filter_and_smoother_are_those_of_dense_covariances(case, spread, monkeypatch):
+    monkeypatch.setattr(ukf, "_NARROW", 0.0)
     p = problem_of(case)
     xs, Ps, x_s, P_s, innovations, stds, nis, total = dense_smoother(p, spread)
     filtered, smoothed = ukf_smoother(p, spread=spread)
     std, std_s = np.sqrt(np.diagonal(Ps, axis1=1, axis2=2)), np.sqrt(np.diagonal(P_s, axis1=1, axis2=2))
     assert filtered.failed == -1
     assert_array_equal(filtered.used, np.isfinite(p.measurements).sum(axis=1))
-    assert np.abs((filtered.x - xs) / std).max() < 1e-6
-    assert np.abs((smoothed.x - x_s) / std_s).max() < 1e-6
-    assert_allclose(filtered.std, std, rtol=1e-6)
-    assert_allclose(smoothed.std, std_s, rtol=1e-6)
+    # The derivatives of the linearised step leave out the third power of rate times step, (0.2 rad/s x 0.25 s)^3 here.
+    # The gains of the smoother are of single precision.
+    tolerance = 1e-4 if spread else 1e-3
+    turns = 2.0 * np.pi * np.isin(p.active, (3, 5))
+    for found, expected, error in ((filtered.x, xs, std), (smoothed.x, x_s, std_s)):
+        difference = found - expected
+        difference -= turns * np.round(difference / (2.0 * np.pi))
+        assert np.abs(difference / error).max() < tolerance
+    assert_allclose(filtered.std, std, rtol=tolerance)
+    assert_allclose(smoothed.std, std_s, rtol=tolerance)
     scale = std_s[:, :, None] * std_s[:, None, :]
-    assert_allclose(smoothed.covariance / scale, P_s / scale, rtol=0, atol=1e-6)
-    assert_allclose(filtered.innovations / stds, innovations / stds, rtol=1e-6, atol=1e-6)
-    assert_allclose(filtered.innovation_std, stds, rtol=1e-6)
-    assert_allclose(filtered.nis, nis, rtol=1e-6)
-    assert_allclose(filtered.log_likelihood, total, rtol=1e-6)
+    assert_allclose(smoothed.covariance / scale, P_s / scale, rtol=0, atol=tolerance)
+    assert_allclose(filtered.innovations / stds, innovations / stds, rtol=tolerance, atol=tolerance)
+    assert_allclose(filtered.innovation_std, stds, rtol=tolerance)
+    assert_allclose(filtered.nis, nis, rtol=tolerance)
+    assert_allclose(filtered.log_likelihood, total, rtol=tolerance)
 
 
 def climb(n, walk):
@@ -199,9 +268,9 @@ def test_a_linear_problem_gets_its_exact_conditional_means(walk, spread):
 
 def test_smoothing_block_by_block_is_smoothing_at_once(monkeypatch):
     p = problem_of("random walks, flank vane, no position", 4500)
-    _, by_blocks = ukf_smoother(p, gate=4.0)
-    monkeypatch.setattr(ukf, "_BLOCK", 10_000)
     _, at_once = ukf_smoother(p, gate=4.0)
+    monkeypatch.setattr(ukf, "_BLOCK_BYTES", 2_000_000)
+    _, by_blocks = ukf_smoother(p, gate=4.0)
     assert_array_equal(by_blocks.x, at_once.x)
     assert_array_equal(by_blocks.std, at_once.std)
     assert_array_equal(by_blocks.covariance, at_once.covariance)
@@ -273,21 +342,6 @@ def test_a_channel_that_stays_outside_the_gate_is_let_in_again():
     assert not run.rejected[:100].any()
     assert run.rejected[100:125, 6].all()
     assert not run.rejected[125, 6]
-
-
-def test_a_pitch_attitude_near_the_vertical_ends_the_run_at_its_sample():
-    p = climb(200, 0.0)
-    inputs = p.inputs.copy()
-    inputs[:, 4] = 0.08
-    path = fly(p.t, inputs, p.start, p.place, G, False)
-    first = int(np.argmax(np.abs(path[:, 4]) > 1.55))
-    assert 0 < first < 199
-    filtered, smoothed = ukf_smoother(replace(p, inputs=inputs))
-    assert smoothed is None
-    assert filtered.failed == first
-    assert "vertical" in filtered.reason
-    assert np.isfinite(filtered.x[:first]).all()
-    assert np.isnan(filtered.x[first:]).all()
 
 
 def test_an_estimate_that_is_no_number_ends_the_run_at_its_sample():

@@ -17,6 +17,9 @@ reads (1 + K) truth. With f the specific force at the centre of gravity and W th
     w' = fz + g cos(theta) cos(phi) - p v + q u       psi'   = (q sin(phi) + r cos(phi)) / cos(theta)
     (x', y', -h') = L_EB (u, v, w) + W
 
+Attitude is stored and printed as the three Euler angles. It is integrated as a rotation vector from the attitude of the
+sample before (`rotations`), which has no singularity.
+
 Instruments away from the centre of gravity move through the air with v + omega x r, and read [M86], [H17]::
 
     V = (1 + KV) |v_pitot|          alpha = atan(w_vane / u_vane) + Cup atan(w / u) + Calpha0
@@ -29,7 +32,15 @@ import numpy as np
 
 from structsel.numerics.arrays import UNCOUNTED
 from structsel.numerics.compiling import njit
-from structsel.numerics.square_root import copy
+from structsel.numerics.rotations import (
+    angles_of,
+    cosines_of,
+    cosines_of_angles,
+    cross,
+    quaternion_of,
+    rotation_factors,
+    turn,
+)
 
 STATES = (
     *("u", "v", "w", "phi", "theta", "psi", "x", "y", "h"),
@@ -54,9 +65,6 @@ MEASUREMENTS = ("V", "alpha", "beta", "phi", "theta", "psi", "h", "x", "y", "vn"
 PLACES = ("accelerometer", "alpha_vane", "beta_vane", "pitot", "static", "gps")
 """Rows of the sensor positions."""
 TURN = 2.0 * np.pi
-_S3, _S5, _S7, _S9 = -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362880.0
-_C2, _C4, _C6, _C8, _C10 = -0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628800.0
-_SMALL = 0.1  # rad; the series of sine and cosine are exact to 1e-18 below it
 CIRCULAR = np.array([name in ("phi", "psi") for name in MEASUREMENTS])
 """Measurements that are angles modulo 2 pi."""
 
@@ -86,82 +94,68 @@ def _force_and_rates(x, a, place, by):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def turned(sine, cosine, angle, by):  # type: ignore[no-untyped-def]
-    """Sine and cosine of an angle turned by `by`, from those of the angle; by series, exact in all digits, if small."""
-    if abs(by) > _SMALL:
-        return np.sin(angle + by), np.cos(angle + by)
-    z = by * by
-    s = by * (1.0 + z * (_S3 + z * (_S5 + z * (_S7 + z * _S9))))
-    c = 1.0 + z * (_C2 + z * (_C4 + z * (_C6 + z * (_C8 + z * _C10))))
-    return sine * c + cosine * s, cosine * c - sine * s
+def _slope(motion, force, C, g, wind):  # type: ignore[no-untyped-def]
+    """Derivatives of velocity, of the rotation vector d from the attitude C, and of x, y, h."""
+    u, v, w, d0, d1, d2 = motion
+    fx, fy, fz, p, q, r = force
+    s, c, b = rotation_factors(d0 * d0 + d1 * d1 + d2 * d2)
+    # Weight in body axes, exp(-d) C' (0, 0, g).
+    gx, gy, gz = g * C[2, 0], g * C[2, 1], g * C[2, 2]
+    x1, y1, z1 = cross(d0, d1, d2, gx, gy, gz)
+    x2, y2, z2 = cross(d0, d1, d2, x1, y1, z1)
+    du = fx + gx - s * x1 + c * x2 - q * w + r * v
+    dv = fy + gy - s * y1 + c * y2 - r * u + p * w
+    dw = fz + gz - s * z1 + c * z2 - p * v + q * u
+    x1, y1, z1 = cross(d0, d1, d2, p, q, r)
+    x2, y2, z2 = cross(d0, d1, d2, x1, y1, z1)
+    e0, e1, e2 = p + 0.5 * x1 + b * x2, q + 0.5 * y1 + b * y2, r + 0.5 * z1 + b * z2
+    # Velocity in earth axes, C exp(d) (u, v, w).
+    x1, y1, z1 = cross(d0, d1, d2, u, v, w)
+    x2, y2, z2 = cross(d0, d1, d2, x1, y1, z1)
+    u, v, w = u + s * x1 + c * x2, v + s * y1 + c * y2, w + s * z1 + c * z2
+    north = C[0, 0] * u + C[0, 1] * v + C[0, 2] * w + wind[0]
+    east = C[1, 0] * u + C[1, 1] * v + C[1, 2] * w + wind[1]
+    up = -(C[2, 0] * u + C[2, 1] * v + C[2, 2] * w) - wind[2]
+    return du, dv, dw, e0, e1, e2, north, east, up
 
 
 @njit(**UNCOUNTED)
-def attitude(x, out):  # type: ignore[no-untyped-def]
-    """Fill `out` (6,) with sine and cosine of phi, theta and psi."""
-    for j in range(3):
-        out[2 * j], out[2 * j + 1] = np.sin(x[3 + j]), np.cos(x[3 + j])
-
-
-@njit(**UNCOUNTED)
-def attitude_near(x, near, known, out):  # type: ignore[no-untyped-def]
-    """The same from that of a full vector `near` with nearly the same attitude."""
-    for j in range(3):
-        sine, cosine = turned(known[2 * j], known[2 * j + 1], near[3 + j], x[3 + j] - near[3 + j])
-        out[2 * j], out[2 * j + 1] = sine, cosine
-
-
-@njit(cache=True, inline="always")
-def _slope(x, a, place, g, located, angles, by, out):  # type: ignore[no-untyped-def]
-    """Derivatives of the first nine entries; those of x and y are zero unless `located`."""
-    fx, fy, fz, p, q, r = _force_and_rates(x, a, place, by)
-    u, v, w = x[0], x[1], x[2]
-    sf, cf, st, ct = angles[0], angles[1], angles[2], angles[3]
-    turn = (q * sf + r * cf) / ct
-    out[0] = fx - g * st - q * w + r * v
-    out[1] = fy + g * ct * sf - r * u + p * w
-    out[2] = fz + g * ct * cf - p * v + q * u
-    out[3] = p + turn * st
-    out[4] = q * cf - r * sf
-    out[5] = turn
-    out[8] = u * st - v * sf * ct - w * cf * ct - x[17]
-    if located:
-        sp, cp = angles[4], angles[5]
-        along, across = u * ct + (v * sf + w * cf) * st, v * cf - w * sf
-        out[6] = along * cp - across * sp + x[15]
-        out[7] = along * sp + across * cp + x[16]
-    else:
-        out[6] = 0.0
-        out[7] = 0.0
-
-
-@njit(**UNCOUNTED)
-def step(x, a0, a1, dt, place, g, located, angles, work, out):  # type: ignore[no-untyped-def]
+def step(x, C, a0, a1, dt, place, g, located, out):  # type: ignore[no-untyped-def]
     """Full vector one sample later: Runge-Kutta of fourth order, inputs linear between samples.
 
-    `angles` is the `attitude` of x, `work` (7, 34) scratch.
+    In x and `out` the attitude is a rotation vector from C (3, 3), the turn from body to earth axes.
     """
-    middle, k1, k2, k3, k4, at, later = work[0], work[1], work[2], work[3], work[4], work[5], work[6]
-    for j in range(9):
-        middle[j] = 0.5 * (a0[j] + a1[j])
-    by = _inverse_scales(x)
-    copy(x, at)
-    _slope(x, a0, place, g, located, angles, by, k1)
-    for j in range(9):
-        at[j] = x[j] + 0.5 * dt * k1[j]
-    attitude_near(at, x, angles, later)
-    _slope(at, middle, place, g, located, later, by, k2)
-    for j in range(9):
-        at[j] = x[j] + 0.5 * dt * k2[j]
-    attitude_near(at, x, angles, later)
-    _slope(at, middle, place, g, located, later, by, k3)
-    for j in range(9):
-        at[j] = x[j] + dt * k3[j]
-    attitude_near(at, x, angles, later)
-    _slope(at, a1, place, g, located, later, by, k4)
-    copy(x, out)
-    for j in range(9):
-        out[j] += dt / 6.0 * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j])
+    by, wind = _inverse_scales(x), (x[15], x[16], x[17])
+    f0 = _force_and_rates(x, a0, place, by)
+    f1 = _force_and_rates(x, a1, place, by)
+    am = (
+        *(0.5 * (a0[0] + a1[0]), 0.5 * (a0[1] + a1[1]), 0.5 * (a0[2] + a1[2])),
+        *(0.5 * (a0[3] + a1[3]), 0.5 * (a0[4] + a1[4]), 0.5 * (a0[5] + a1[5])),
+        *(0.5 * (a0[6] + a1[6]), 0.5 * (a0[7] + a1[7]), 0.5 * (a0[8] + a1[8])),
+    )
+    fm = _force_and_rates(x, am, place, by)
+    h = 0.5 * dt
+    k = _slope((x[0], x[1], x[2], x[3], x[4], x[5]), f0, C, g, wind)
+    at = (x[0] + h * k[0], x[1] + h * k[1], x[2] + h * k[2], x[3] + h * k[3], x[4] + h * k[4], x[5] + h * k[5])
+    m = _slope(at, fm, C, g, wind)
+    at = (x[0] + h * m[0], x[1] + h * m[1], x[2] + h * m[2], x[3] + h * m[3], x[4] + h * m[4], x[5] + h * m[5])
+    n = _slope(at, fm, C, g, wind)
+    at = (x[0] + dt * n[0], x[1] + dt * n[1], x[2] + dt * n[2], x[3] + dt * n[3], x[4] + dt * n[4], x[5] + dt * n[5])
+    e = _slope(at, f1, C, g, wind)
+    for j in range(MOTION, len(x)):
+        out[j] = x[j]
+    sixth = dt / 6.0
+    out[0] = x[0] + sixth * (k[0] + 2.0 * m[0] + 2.0 * n[0] + e[0])
+    out[1] = x[1] + sixth * (k[1] + 2.0 * m[1] + 2.0 * n[1] + e[1])
+    out[2] = x[2] + sixth * (k[2] + 2.0 * m[2] + 2.0 * n[2] + e[2])
+    out[3] = x[3] + sixth * (k[3] + 2.0 * m[3] + 2.0 * n[3] + e[3])
+    out[4] = x[4] + sixth * (k[4] + 2.0 * m[4] + 2.0 * n[4] + e[4])
+    out[5] = x[5] + sixth * (k[5] + 2.0 * m[5] + 2.0 * n[5] + e[5])
+    out[6], out[7] = x[6], x[7]
+    if located:
+        out[6] += sixth * (k[6] + 2.0 * m[6] + 2.0 * n[6] + e[6])
+        out[7] += sixth * (k[7] + 2.0 * m[7] + 2.0 * n[7] + e[7])
+    out[8] = x[8] + sixth * (k[8] + 2.0 * m[8] + 2.0 * n[8] + e[8])
 
 
 @njit(cache=True, inline="always")
@@ -175,8 +169,8 @@ def _moving(u, v, w, p, q, r, place, i):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def observe_at(x, a, place, flank, wanted, angles, out):  # type: ignore[no-untyped-def]
-    """Readings of the wanted instruments from a full vector with its `attitude`."""
+def observe_at(x, C, a, place, flank, wanted, out):  # type: ignore[no-untyped-def]
+    """Readings of the wanted instruments from a full vector; C (3, 3) is the turn from body to earth axes."""
     p, q, r = (a[3] - x[12]) / (1.0 + x[28]), (a[4] - x[13]) / (1.0 + x[29]), (a[5] - x[14]) / (1.0 + x[30])
     ua, va, wa = x[0] + x[31], x[1] + x[32], x[2] + x[33]
     if wanted[0]:
@@ -193,45 +187,19 @@ def observe_at(x, a, place, flank, wanted, angles, out):  # type: ignore[no-unty
         out[2] = here + x[20] * np.arctan2(x[1], np.sqrt(x[0] * x[0] + x[2] * x[2])) + x[21]
     # A roll angle of many turns is scaled within its turn.
     out[3] = x[3] + x[23] * (x[3] - TURN * np.round(x[3] / TURN))
-    out[4], out[5] = (1.0 + x[24]) * x[4], x[5]
+    # A loop in the symmetry plane alone has theta beyond the vertical.
+    theta = x[4] if abs(x[4]) <= 0.5 * np.pi else np.arctan2(-C[2, 0], np.sqrt(C[2, 1] ** 2 + C[2, 2] ** 2))
+    out[4], out[5] = (1.0 + x[24]) * theta, x[5]
     if wanted[6] or wanted[7] or wanted[8] or wanted[9] or wanted[10] or wanted[11]:
-        sf, cf, st, ct, sp, cp = angles[0], angles[1], angles[2], angles[3], angles[4], angles[5]
         rx, ry, rz = place[4, 0], place[4, 1], place[4, 2]
-        out[6] = x[8] + rx * st - ry * sf * ct - rz * cf * ct
+        out[6] = x[8] - (C[2, 0] * rx + C[2, 1] * ry + C[2, 2] * rz)
         rx, ry, rz = place[5, 0], place[5, 1], place[5, 2]
-        along, across = rx * ct + (ry * sf + rz * cf) * st, ry * cf - rz * sf
-        out[7] = x[6] + along * cp - across * sp
-        out[8] = x[7] + along * sp + across * cp
+        out[7] = x[6] + C[0, 0] * rx + C[0, 1] * ry + C[0, 2] * rz
+        out[8] = x[7] + C[1, 0] * rx + C[1, 1] * ry + C[1, 2] * rz
         u, v, w = _moving(x[0], x[1], x[2], p, q, r, place, 5)
-        along, across = u * ct + (v * sf + w * cf) * st, v * cf - w * sf
-        out[9] = along * cp - across * sp + x[15]
-        out[10] = along * sp + across * cp + x[16]
-        out[11] = -u * st + (v * sf + w * cf) * ct + x[17]
-
-
-@njit(cache=True)
-def observe(x, a, place, flank, wanted, out):  # type: ignore[no-untyped-def]
-    """Readings of the wanted instruments from a full vector."""
-    phi, theta, psi = x[3], x[4], x[5]
-    angles = (np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi))
-    observe_at(x, a, place, flank, wanted, angles, out)
-
-
-@njit(cache=True)
-def noise_gain(x, a, gain):  # type: ignore[no-untyped-def]
-    """Fill `gain` (34, 6), the derivative of the rate of the full vector by noise on ax ay az p q r."""
-    gain[:] = 0.0
-    sf, cf, tt, ct = np.sin(x[3]), np.cos(x[3]), np.tan(x[4]), np.cos(x[4])
-    gain[0, 0] = gain[1, 1] = gain[2, 2] = 1.0
-    gain[1, 3], gain[2, 3], gain[3, 3] = x[2], -x[1], 1.0
-    gain[0, 4], gain[2, 4] = -x[2], x[0]
-    gain[0, 5], gain[1, 5] = x[1], -x[0]
-    gain[3, 4], gain[4, 4], gain[5, 4] = sf * tt, cf, sf / ct
-    gain[3, 5], gain[4, 5], gain[5, 5] = cf * tt, -sf, cf / ct
-    for j in range(6):
-        by = 1.0 / (1.0 + x[INERTIAL_SCALE + j])
-        for i in range(6):
-            gain[i, j] *= by
+        out[9] = C[0, 0] * u + C[0, 1] * v + C[0, 2] * w + x[15]
+        out[10] = C[1, 0] * u + C[1, 1] * v + C[1, 2] * w + x[16]
+        out[11] = C[2, 0] * u + C[2, 1] * v + C[2, 2] * w + x[17]
 
 
 @njit(cache=True)
@@ -254,25 +222,44 @@ def fly(t, inputs, start, place, g, located):  # type: ignore[no-untyped-def]
     Returns
     -------
     (n, 34) array
+        phi and psi are continuous, except at the vertical; they begin at those of the start.
     """
     n = t.shape[0]
-    out = np.empty((n, start.shape[0]))
-    work, angles = np.empty((7, start.shape[0])), np.empty(6)
+    out, now = np.empty((n, start.shape[0])), start.copy()
+    C, e = np.empty((3, 3)), np.empty(4)
+    e[0], e[1], e[2], e[3] = quaternion_of(start[3], start[4], start[5])
     out[0] = start
     for k in range(1, n):
-        attitude(out[k - 1], angles)
-        step(out[k - 1], inputs[k - 1], inputs[k], t[k] - t[k - 1], place, g, located, angles, work, out[k])
+        cosines_of(e, C)
+        now[3], now[4], now[5] = 0.0, 0.0, 0.0
+        step(now, C, inputs[k - 1], inputs[k], t[k] - t[k - 1], place, g, located, out[k])
+        now[:] = out[k]
+        turn(e, now[3], now[4], now[5], e)
+        cosines_of(e, C)
+        angles = angles_of(C)
+        for j in range(3):
+            # The turn nearest the last angle; theta has only one.
+            turns = np.round((out[k - 1, 3 + j] - angles[j]) / TURN) if j != 1 else 0.0
+            out[k, 3 + j] = angles[j] + TURN * turns
     return out
 
 
 @njit(cache=True)
 def slopes(path, inputs, place, g):  # type: ignore[no-untyped-def]
-    """(n, 9) derivatives of the motion along a path (n, 34)."""
+    """(n, 9) derivatives of the motion along a path (n, 34); those of phi and psi are infinite at the vertical."""
     n = path.shape[0]
-    out, angles = np.empty((n, 9)), np.empty(6)
+    out, C = np.empty((n, 9)), np.empty((3, 3))
     for k in range(n):
-        attitude(path[k], angles)
-        _slope(path[k], inputs[k], place, g, True, angles, _inverse_scales(path[k]), out[k])
+        x = path[k]
+        cosines_of_angles(x[3], x[4], x[5], C)
+        f = _force_and_rates(x, inputs[k], place, _inverse_scales(x))
+        d = _slope((x[0], x[1], x[2], 0.0, 0.0, 0.0), f, C, g, (x[15], x[16], x[17]))
+        p, q, r = f[3], f[4], f[5]
+        sf, cf = np.sin(x[3]), np.cos(x[3])
+        about_vertical = (q * sf + r * cf) / np.cos(x[4])
+        out[k, 0], out[k, 1], out[k, 2] = d[0], d[1], d[2]
+        out[k, 3], out[k, 4] = p + about_vertical * np.sin(x[4]), q * cf - r * sf
+        out[k, 5], out[k, 6], out[k, 7], out[k, 8] = about_vertical, d[6], d[7], d[8]
     return out
 
 
@@ -281,10 +268,10 @@ def readings(path, inputs, place, flank):  # type: ignore[no-untyped-def]
     """(n, 12) readings of all instruments along a path (n, 34), without noise; columns as `MEASUREMENTS`."""
     n = path.shape[0]
     wanted = np.ones(12, dtype=np.bool_)
-    out, angles = np.empty((n, 12)), np.empty(6)
+    out, C = np.empty((n, 12)), np.empty((3, 3))
     for k in range(n):
-        attitude(path[k], angles)
-        observe_at(path[k], inputs[k], place, flank, wanted, angles, out[k])
+        cosines_of_angles(path[k, 3], path[k, 4], path[k, 5], C)
+        observe_at(path[k], C, inputs[k], place, flank, wanted, out[k])
     return out
 
 

@@ -264,7 +264,10 @@ def _judge(x: Array, least: float, threshold: float, longest: int) -> tuple[NDAr
     marked = np.zeros(x.size, dtype=bool)
     # Every round marks at least one more sample, so the loop ends.
     while True:
-        groups = [group for width in range(1, longest + 1) for group in _groups(repaired, least, width, threshold)]
+        # The rounding of the values is not a spike.
+        rounding = 2.0 * np.finfo(float).eps * np.abs(repaired).max(initial=0.0)
+        scale = np.maximum(_scale(repaired), max(least, rounding)) if x.size > 2 * _SIDE else np.zeros(0)
+        groups = [group for width in range(1, longest + 1) for group in _groups(repaired, scale, width, threshold)]
         taken = np.zeros(x.size, dtype=bool)
         for _, first, width, fit in sorted(groups, key=lambda group: -group[0]):
             near = slice(max(0, first - _SIDE), first + width + _SIDE)
@@ -279,19 +282,25 @@ def _judge(x: Array, least: float, threshold: float, longest: int) -> tuple[NDAr
     return found, repaired[found]
 
 
-def _groups(x: Array, least: float, width: int, threshold: float) -> list[tuple[float, int, int, Array]]:
+def _groups(x: Array, scale: Array, width: int, threshold: float) -> list[tuple[float, int, int, Array]]:
     """(deviation in noise standard deviations, first sample, width, fitted values) of every spike of one width."""
     size = 2 * _SIDE + width
     if x.size < size:
         return []
-    windows = np.lib.stride_tricks.sliding_window_view(x, size)
     inside = np.arange(_SIDE, _SIDE + width)
     outside = np.setdiff1d(np.arange(size), inside)
     weights, gain = _parabola(outside, inside)
+    bar = threshold * scale[_SIDE : _SIDE + x.size - size + 1]
+    # Few samples deviate so far; only their neighbours are compared.
+    far = np.ones(bar.size, dtype=bool)
+    for one, row in zip(inside, weights):
+        kernel = np.zeros(size)
+        kernel[outside], kernel[one] = -row, 1.0
+        far &= np.abs(np.correlate(x, kernel, "valid")) > (1.0 - 1e-9) * bar
+    at = np.flatnonzero(far)
+    windows, bar = np.lib.stride_tricks.sliding_window_view(x, size)[at], bar[at]
     fit = windows[:, outside] @ weights.T
     deviation = windows[:, inside] - fit
-    # The rounding of the values is not a spike.
-    scale = np.maximum(_scale(x), max(least, 2.0 * np.finfo(float).eps * np.abs(x).max()))[_SIDE : _SIDE + len(windows)]
     # Steps minus the local slope: on a steep slope those of a spike would not be the largest.
     steps = np.diff(windows, axis=1)
     others = np.concatenate([steps[:, : _SIDE - 1], steps[:, _SIDE + width :]], axis=1)
@@ -303,9 +312,8 @@ def _groups(x: Array, least: float, width: int, threshold: float) -> list[tuple[
     sign = np.sign(deviation)
     separation = np.minimum(sign * rise[:, :-1], sign * (rise[:, :-1] - rise[:, -1:])).min(axis=1)
     size_of = np.abs(deviation).min(axis=1)
-    bar = threshold * scale
     spikes = np.flatnonzero((size_of > bar) & (separation > 0.5 * bar) & (jump > _CLEAR * np.abs(others).max(axis=1)))
-    return [(float(size_of[i] / (gain * scale[i])), int(i) + _SIDE, width, fit[i]) for i in spikes]
+    return [(float(size_of[i] * threshold / (gain * bar[i])), int(at[i]) + _SIDE, width, fit[i]) for i in spikes]
 
 
 def _parabola(outside: NDArray[np.intp], inside: NDArray[np.intp]) -> tuple[Array, float]:

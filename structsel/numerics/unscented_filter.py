@@ -1,24 +1,29 @@
-"""Square-root filter and smoother over the kinematics of a flight path, compiled: unscented, or linearised.
+"""Square-root filter over the kinematics of a flight path, compiled: unscented, or linearised.
 
-The covariance P = S S' is never formed: every update is an orthogonal triangularisation of an array of
-deviations. Each array only *adds* columns; no column is subtracted, so P stays positive definite. This is
-possible because the weight of the centre point is not negative (`square_root` has the weights).
+The attitude is a unit quaternion; its errors, and the deviations of sigma points from it, are rotation vectors in earth
+axes (`rotations`). So there is no singularity, and an unknown heading is the third component at every attitude: it is
+left out if it is not estimated.
 
-The columns [E c N] are zero for constants without drift. For the others, the m moving states, they are compressed to m
-columns by a triangularisation of their own.
+The covariance P = S S' is never formed. S is lower triangular, with the constants first and the m *moving* states last:
+motion, gusts, and constants that drift. Pairs of deviations are turned into their odd part O (a linearisation over the
+spread of S) and even part E (the curvature). With [E c N] the even parts, the centre and the process noise,
 
-Pairs of deviations are turned into their odd part O (a linearisation over the spread of S) and even part E
-(the curvature). With [E c N] the even parts, the centre and the process noise,
+    S = [C 0; B A],     O = [C 0; B' FA],     S- = [C 0; B' A'],     A' = tria [FA E c N]
 
-    prediction   S- = tria [O E c N]
-    update       tria [R_e O_y; 0 S-] = [S_y 0; K S_y  S+],   R_e = tria [R E_y c_y],   K the gain
-    smoothing    G = S O' (S- S-')^-1,        S_s = tria [S - G O,  G [E c N],  G S_s+]
+A constant is the same at all samples, so its rows, and the columns B', need no triangularisation. An update takes one
+reading after the other, in units of its noise [C73]: with o its derivatives along the columns of S,
 
-The extended filter is the same with O the derivative along S, taken by central differences, and no E, c.
+    S+ = S T,    T T' = I - o o' / (1 + o o'),    T lower triangular
+
+Both only add squares: P stays positive definite. This is possible because the weight of the centre point is not
+negative (`square_root` has the weights).
+
+The extended filter is the same with O the derivative along S (`kinematic_tangents`), and no E, c. So is the unscented
+filter at samples where S is so narrow that E and c do not matter.
 
 References
 ----------
-[M86], [H17]; [VM01] for the square-root form, [AH09] and [S08] for updates and smoothing by triangularisation.
+[M86], [H17]; [VM01] for the square-root form, [C73] for the update, [B71] for rotation vectors.
 """
 
 from __future__ import annotations
@@ -28,43 +33,37 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from structsel.numerics.arrays import UNCOUNTED, Array
+from structsel.numerics.arrays import REORDERED, UNCOUNTED, Array
 from structsel.numerics.compiling import njit
-from structsel.numerics.kinematics import (
-    CIRCULAR,
-    GUST,
-    INERTIAL_SCALE,
-    MEASUREMENTS,
-    MOTION,
-    STATES,
-    attitude,
-    attitude_near,
-    noise_gain,
-    observe_at,
-    step,
-)
-from structsel.numerics.square_root import absorb, copy, lower_triangle, row_lengths, triangularise
-from structsel.numerics.unscented_smoother import store_smoother_step
+from structsel.numerics.kinematic_tangents import noise_columns, reading_columns, step_columns
+from structsel.numerics.kinematics import CIRCULAR, GUST, MEASUREMENTS, STATES, TURN, observe_at, step
+from structsel.numerics.rotations import angles_of, cosines_of, to_body, to_earth, turn, vector_between
+from structsel.numerics.square_root import absorb, copy, triangularise
+from structsel.numerics.unscented_smoother import attitude_roots, store_smoother_step
 
-STEEPEST = 1.55
-"""Pitch attitude [rad] beyond which the Euler angles, and with them the filter, break down."""
-COMPLETE, STEEP, NOT_FINITE = 0, 1, 2
+COMPLETE, NOT_FINITE = 0, 1
 """How a run ended."""
-THETA, X, Y, H = (STATES.index(name) for name in ("theta", "x", "y", "h"))
-WIND_NORTH, WIND_EAST, WIND_DOWN = (STATES.index(name) for name in ("wn", "we", "wd"))
+PHI, THETA, PSI = (STATES.index(name) for name in ("phi", "theta", "psi"))
 _INPUTS = 6  # accelerometers and gyros have noise
 _MAX_REJECTED = 25  # of one channel in a row; then the filter may be wrong, not the channel. Chosen, not critical
+_LEAST_COSINE = 1e-3  # of the pitch attitude; limits the noise of phi and psi at the vertical
 
 
 class FlightData(NamedTuple):
-    """Recording and settings of a run; the arrays of `structsel.reconstruction.ukf.KinematicsProblem`."""
+    """Recording and settings of a run; the arrays of `structsel.reconstruction.ukf.KinematicsProblem`.
+
+    `states` (L,) are indices of the full vector, the first `constants` of them without drift; those of phi, theta
+    and psi are the rotations about north, east and down. `narrow` [rad] is the standard deviation of attitude and
+    flow angles below which the unscented filter is linearised.
+    """
 
     t: Array
     inputs: Array
     input_std: Array
     measurements: Array
     measurement_std: Array
-    active: NDArray[np.int64]
+    states: NDArray[np.int64]
+    constants: int
     drift: Array
     place: Array
     flank: bool
@@ -72,18 +71,24 @@ class FlightData(NamedTuple):
     gust_time: float
     located: bool
     gate: float
+    narrow: float
 
 
 class FilterState(NamedTuple):
-    """Estimate that a run updates in place: full vector (F,), root S (L, L) of its covariance, rejections in a row."""
+    """Estimate that a run updates in place.
+
+    full (F,) with its Euler angles, quaternion (4,), columns (L, L) of the root: row j is column j of S; and the
+    rejections in a row.
+    """
 
     full: Array
-    S: Array
+    quaternion: Array
+    T: Array
     waiting: NDArray[np.int64]
 
 
 class FilterOutput(NamedTuple):
-    """Results of a run by sample; see `structsel.reconstruction.ukf.FilterResult`."""
+    """Results of a run by sample; see `structsel.reconstruction.ukf.FilterResult`. States are in the internal order."""
 
     x: Array
     std: Array
@@ -92,70 +97,59 @@ class FilterOutput(NamedTuple):
     nis: Array
     used: NDArray[np.int64]
     rejected: NDArray[np.bool_]
+    quaternion: Array
 
 
 class FilterWorkspace(NamedTuple):
-    """Scratch of a run: F entries of the full vector, L active states, M measurements, C columns of deviations."""
+    """Scratch of a run: F entries of the full vector, L states, m of them moving, M measurements, C columns."""
 
     point: Array  # (F,) one sigma point
-    runge_kutta: Array  # (7, F)
-    angles: Array  # (2, 6) sines and cosines of the attitude of the centre and of the point
     up: Array  # (L, F) the points one step later
     down: Array  # (L, F)
     middle: Array  # (F,)
-    noise: Array  # (F, 6) effect of the inputs' noise
-    mean: Array  # (L,)
-    moving: NDArray[np.int64]  # (m,) the states but constants without drift
-    spread: Array  # (m, C) their [E c N]
-    deviations: Array  # (L, L + e) [O tria [E c N]]
-    root: Array  # (L, L + e) its triangular factor
-    gain: Array  # (m, L)
-    smoothing: Array  # (m, L + e)
+    column: Array  # (F,)
+    C0: Array  # (3, 3) attitude before
+    C1: Array  # (3, 3) and after a step
+    C2: Array  # (3, 3) of a point
+    q1: Array  # (4,)
+    q2: Array  # (4,)
+    noise: Array  # (6, 6)
+    level: Array  # (6,)
+    before: Array  # (L, L) the columns of the root before the step
+    N: Array  # (L, m) their moving entries after it
+    A: Array  # (m, C) [FA E c N]
+    root: Array  # (m, C) its triangular factor
+    gain: Array  # (L,)
+    square: Array  # (m, m)
+    smoothing: Array  # (m, C)
     y_middle: Array  # (M,) readings at the points
     y_up: Array  # (L, M)
     y_down: Array  # (L, M)
     wanted: NDArray[np.bool_]  # (M,) whether the channel was sampled
     kept: NDArray[np.int64]  # (M,) channels used
     nu: Array  # (M,) their innovations
-    O_y: Array  # (M, L)
-    E_y: Array  # (M, L + 1) [E_y c_y]
-    S_y: Array  # (M, M)
-    K_S: Array  # (L, M) the gain times S_y
+    sigma: Array  # (M,) their noise
+    dy: Array  # (L, M) derivatives of all channels
+    O: Array  # (L, M) of those used
+    E: Array  # (M, L + 1) [E_y c_y]
+    U: Array  # (M, M)
+    move: Array  # (L,)
+    g: Array  # (L,)
+    h: Array  # (M,)
+    euler: Array  # (3, L) rows of the root for the Euler angles
 
 
-def workspace(F: int, active: NDArray[np.int64], drift: Array, linear: bool) -> FilterWorkspace:
-    """Scratch for a full vector of F entries; `active` are estimated, and those with `drift` above zero drift."""
-    L, M = len(active), len(MEASUREMENTS)
-    moving = moving_states(active, drift)
-    C = (0 if linear else L + 1) + _INPUTS + int(np.sum(drift[active] > 0.0))
-    m, e = len(moving), min(len(moving), C)
+def workspace(F: int, states: NDArray[np.int64], constants: int, drift: Array, linear: bool) -> FilterWorkspace:
+    """Scratch for a full vector of F entries; the `constants` first states do not drift."""
+    L, M, m = len(states), len(MEASUREMENTS), len(states) - constants
+    C = m + _INPUTS + int(np.sum(drift[states] > 0.0)) + (0 if linear else L + 1)
+    e = np.empty
     return FilterWorkspace(
-        *(
-            np.empty(F),
-            np.empty((7, F)),
-            np.empty((2, 6)),
-            np.empty((L, F)),
-            np.empty((L, F)),
-            np.empty(F),
-            np.empty((F, _INPUTS)),
-        ),
-        *(np.empty(L), moving, np.empty((m, C)), np.zeros((L, L + e)), np.empty((L, L + e))),
-        *(np.empty((m, L)), np.empty((m, L + e)), np.zeros(M)),
-        y_up=np.zeros((L, M)),
-        y_down=np.zeros((L, M)),
-        wanted=np.zeros(M, dtype=np.bool_),
-        kept=np.zeros(M, dtype=np.int64),
-        nu=np.empty(M),
-        O_y=np.empty((M, L)),
-        E_y=np.empty((M, L + 1)),
-        S_y=np.empty((M, M)),
-        K_S=np.empty((L, M)),
+        *(e(F), e((L, F)), e((L, F)), e(F), e(F), e((3, 3)), e((3, 3)), e((3, 3)), e(4), e(4), e((6, 6)), e(6)),
+        *(e((L, L)), e((L, m)), e((m, C)), e((m, C)), e(L), e((m, m)), e((m, C)), np.zeros(M), np.zeros((L, M))),
+        *(np.zeros((L, M)), np.zeros(M, dtype=np.bool_), np.zeros(M, dtype=np.int64), e(M), e(M), np.zeros((L, M))),
+        *(e((L, M)), e((M, L + 1)), e((M, M)), e(L), e(L), e(M), e((3, L))),
     )
-
-
-def moving_states(active: NDArray[np.int64], drift: Array) -> NDArray[np.int64]:
-    """Positions among the active states of those that change: motion, gusts, and constants that drift."""
-    return np.flatnonzero((active < MOTION) | (active >= GUST) | (drift[active] > 0.0))
 
 
 @njit(cache=True)
@@ -169,126 +163,159 @@ def filter_samples(first, last, data, points, estimate, output, steps, work):  #
     """
     total = 0.0
     for k in range(first, last):
+        wide = not points.linear and is_wide(data, estimate)
         if k > 0:
             # Prediction from sample k - 1.
-            propagate(k, data, points, estimate, work)
-            fill_deviations(k, data, points, estimate, work)
-            work.root[:] = work.deviations
-            triangularise(work.root, *work.root.shape)
+            columns = predict(k, wide, data, points, estimate, work)
+            for i in range(work.A.shape[0]):
+                for c in range(columns):
+                    work.root[i, c] = work.A[i, c]
+            triangularise(work.root, work.A.shape[0], columns)
             if len(steps.gain):
-                scratch = (work.mean, work.gain, work.smoothing)
-                store_smoother_step(k - first, estimate.S, work.deviations, work.root, *scratch, steps)
-            adopt_prediction(data.active, estimate, work)
-            if not np.isfinite(estimate.full[THETA]) or not np.isfinite(estimate.S[-1, -1]):
+                store_smoother_step(k - first, columns, data, estimate, work, steps)
+            adopt_prediction(data, estimate, work)
+            if not np.isfinite(estimate.full[THETA] + estimate.full[0]) or not np.isfinite(estimate.T[-1, -1]):
                 return total, k, NOT_FINITE
-            if abs(estimate.full[THETA]) > STEEPEST:
-                return total, k, STEEP
         # Update with what was measured at sample k.
-        count = predict_readings(k, data, points, estimate, work)
-        count = compare(k, count, data, points, estimate, output, work)
+        count = predict_readings(k, wide, data, points, estimate, work)
+        count = compare(k, count, wide, data, points, estimate, output, work)
         output.used[k] = count
         if count > 0:
-            output.nis[k], log_likelihood = update(count, data, points, estimate, work)
+            output.nis[k], log_likelihood = update(count, wide, data, estimate, work)
             total += log_likelihood
-        for j, state in enumerate(data.active):
-            output.x[k, j] = estimate.full[state]
-        row_lengths(estimate.S, output.std[k])
+        write(k, data, estimate, output, work)
     return total, -1, COMPLETE
 
 
 @njit(**UNCOUNTED)
-def propagate(k, data, points, estimate, work):  # type: ignore[no-untyped-def]
-    """Sigma points from sample k - 1 to k: `middle`, `up`, `down` of the workspace."""
-    full, S, active, middle = estimate.full, estimate.S, data.active, work.middle
-    L, dt, before, now = len(active), data.t[k] - data.t[k - 1], data.inputs[k - 1], data.inputs[k]
-    here, there = work.angles[0], work.angles[1]
-    attitude(full, here)
-    step(full, before, now, dt, data.place, data.g, data.located, here, work.runge_kutta, middle)
-    fade = np.exp(-dt / data.gust_time)
-    for j in range(GUST, len(middle)):
-        middle[j] *= fade
-    # The last column with a state that changes the motion: the roots of the states before it include that state.
-    moving = WIND_NORTH
-    for i in range(L):
-        if INERTIAL_SCALE <= active[i] < GUST:
-            moving = active[i] + 1
-    for i in range(L):
-        for side in range(2):
-            point, reach = work.point, points.reach if side == 0 else -points.reach
-            target = work.up[i] if side == 0 else work.down[i]
-            copy(full, point)
-            for j in range(i, L):
-                point[active[j]] += reach * S[j, i]
-            if active[i] < moving:
-                attitude_near(point, full, here, there)
-                step(point, before, now, dt, data.place, data.g, data.located, there, work.runge_kutta, target)
-                continue
-            # Wind and instrument errors change no motion but the position, and that linearly.
-            for j in range(len(full)):
-                target[j] = middle[j] if j < MOTION else point[j]
-            target[H] -= dt * (point[WIND_DOWN] - full[WIND_DOWN])
-            if data.located:
-                target[X] += dt * (point[WIND_NORTH] - full[WIND_NORTH])
-                target[Y] += dt * (point[WIND_EAST] - full[WIND_EAST])
+def is_wide(data, estimate):  # type: ignore[no-untyped-def]
+    """Whether the curvature over the spread of attitude or velocity matters."""
+    x, T = estimate.full, estimate.T
+    speed = np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    for i in range(data.constants, len(data.states)):
+        state = data.states[i]
+        if state <= PSI or state >= GUST:
+            total = 0.0
+            for j in range(i + 1):
+                total += T[j, i] * T[j, i]
+            size = 1.0 if PHI <= state <= PSI else speed
+            if not total < (data.narrow * size) ** 2:
+                return True
+    return False
 
 
 @njit(**UNCOUNTED)
-def fill_deviations(k, data, points, estimate, work):  # type: ignore[no-untyped-def]
-    """Mean of the propagated points, and their deviations [O tria [E c N]]."""
-    up, down, middle, A, W, mean = work.up, work.down, work.middle, work.deviations, work.spread, work.mean
-    active, moving, S, L = data.active, work.moving, estimate.S, len(data.active)
-    dt = data.t[k] - data.t[k - 1]
-    fade = np.exp(-dt / data.gust_time)
-    first_noise = 0 if points.linear else L + 1
-    noise_gain(estimate.full, data.inputs[k], work.noise)
+def predict(k, wide, data, points, estimate, work):  # type: ignore[no-untyped-def]
+    """Centre one sample later (`middle`, q1), columns N of the root, and the array A; returns its columns."""
+    full, T, states, f = estimate.full, estimate.T, data.states, data.constants
+    L, dt, a0, a1 = len(states), data.t[k] - data.t[k - 1], data.inputs[k - 1], data.inputs[k]
+    m, fade = L - f, np.exp(-dt / data.gust_time)
+    cosines_of(estimate.quaternion, work.C0)
+    copy(full, work.point)
+    work.point[PHI], work.point[THETA], work.point[PSI] = 0.0, 0.0, 0.0
+    step(work.point, work.C0, a0, a1, dt, data.place, data.g, data.located, work.middle)
+    turn(estimate.quaternion, work.middle[PHI], work.middle[THETA], work.middle[PSI], work.q1)
+    for j in range(GUST, len(full)):
+        work.middle[j] *= fade
+    cosines_of(work.q1, work.C1)
+    columns = m
+    if wide:
+        columns = predict_points(k, fade, data, points, estimate, work)
+    else:
+        step_columns(
+            *(T, states, f, full, work.middle, work.C0, work.C1, a0, a1, dt, data.place, data.g, fade),
+            *(work.column, work.N),
+        )
+    for a in range(m):
+        for j in range(f, L):
+            work.A[a, j - f] = work.N[j, a]
+    # Process noise.
+    for j in range(_INPUTS):
+        work.level[j] = dt * np.sqrt(0.5 * (data.input_std[k - 1, j] ** 2 + data.input_std[k, j] ** 2))
+    noise_columns(full, work.C1, work.level, work.noise)
+    for a in range(m):
+        for j in range(_INPUTS):
+            work.A[a, columns + j] = work.noise[states[f + a], j] if states[f + a] <= PSI else 0.0
+    columns += _INPUTS
+    for a in range(m):
+        if data.drift[states[f + a]] > 0.0:
+            for b in range(m):
+                work.A[b, columns] = data.drift[states[f + a]] * np.sqrt(dt) if a == b else 0.0
+            columns += 1
+    return columns
+
+
+@njit(**UNCOUNTED)
+def predict_points(k, fade, data, points, estimate, work):  # type: ignore[no-untyped-def]
+    """The same by sigma points: N, the even parts in A, and the mean in `middle`; returns the columns of A in use."""
+    full, T, states, f, middle = estimate.full, estimate.T, data.states, data.constants, work.middle
+    L, dt, a0, a1 = len(states), data.t[k] - data.t[k - 1], data.inputs[k - 1], data.inputs[k]
+    m = L - f
     for j in range(L):
-        a = active[j]
-        mean[j] = middle[a]
-        if a >= MOTION:  # constants stay exactly the same, and gusts decay
-            for i in range(L):
-                A[j, i] = 0.0 if i > j else (S[j, i] if a < GUST else fade * S[j, i])
-            continue
-        for i in range(L):
-            A[j, i] = points.odd * (up[i, a] - down[i, a])
-            mean[j] += (
-                0.0 if points.linear else points.mean_weight * ((up[i, a] - middle[a]) + (down[i, a] - middle[a]))
-            )
-    column = first_noise + _INPUTS
-    for row in range(len(moving)):
-        j = moving[row]
-        a = active[j]
-        for i in range(W.shape[1]):
-            W[row, i] = 0.0
-        if a < MOTION:
-            if not points.linear:
-                for i in range(L):
-                    W[row, i] = points.odd * ((up[i, a] - mean[j]) + (down[i, a] - mean[j]))
-                W[row, L] = points.centre * (middle[a] - mean[j])
-            for i in range(_INPUTS):
-                level = dt * np.sqrt(0.5 * (data.input_std[k - 1, i] ** 2 + data.input_std[k, i] ** 2))
-                W[row, first_noise + i] = work.noise[a, i] * level
-        if data.drift[a] > 0.0:
-            W[row, column] = data.drift[a] * np.sqrt(dt)
-            column += 1
-    triangularise(W, len(moving), W.shape[1])
-    for row in range(len(moving)):
-        for i in range(A.shape[1] - L):
-            A[moving[row], L + i] = W[row, i] if i <= row else 0.0
-
-
-@njit(cache=True)
-def adopt_prediction(active, estimate, work):  # type: ignore[no-untyped-def]
-    """Replace the estimate by the prediction; inactive states are those of the centre point."""
-    estimate.full[:] = work.middle
-    for j in range(len(active)):
-        estimate.full[active[j]] = work.mean[j]
-    lower_triangle(work.root, estimate.S)
+        for side in range(2):
+            reach = points.reach if side == 0 else -points.reach
+            target = work.up[j] if side == 0 else work.down[j]
+            copy(full, work.point)
+            work.point[PHI], work.point[THETA], work.point[PSI] = 0.0, 0.0, 0.0
+            for i in range(j, L):
+                work.point[states[i]] += reach * T[j, i]
+            turned = to_body(work.C0, work.point[PHI], work.point[THETA], work.point[PSI])
+            work.point[PHI], work.point[THETA], work.point[PSI] = turned
+            step(work.point, work.C0, a0, a1, dt, data.place, data.g, data.located, target)
+            for i in range(GUST, len(full)):
+                target[i] *= fade
+            # Deviations from the centre; of the attitude the rotation vector from it.
+            turn(estimate.quaternion, target[PHI], target[THETA], target[PSI], work.q2)
+            d0, d1, d2 = vector_between(work.q1, work.q2)
+            for i in range(f, L):
+                target[states[i]] -= middle[states[i]]
+            target[PHI], target[THETA], target[PSI] = to_earth(work.C1, d0, d1, d2)
+    copy(middle, work.point)
+    work.point[PHI], work.point[THETA], work.point[PSI] = 0.0, 0.0, 0.0
+    for a in range(m):
+        state = states[f + a]
+        moved = 0.0
+        for j in range(L):
+            moved += work.up[j, state] + work.down[j, state]
+        moved *= points.mean_weight
+        for j in range(L):
+            work.N[j, a] = points.odd * (work.up[j, state] - work.down[j, state])
+            work.A[a, m + j] = points.odd * ((work.up[j, state] - moved) + (work.down[j, state] - moved))
+        work.A[a, m + L] = -points.centre * moved
+        work.point[state] += moved
+    d0, d1, d2 = to_body(work.C1, work.point[PHI], work.point[THETA], work.point[PSI])
+    turn(work.q1, d0, d1, d2, work.q1)
+    copy(work.point, middle)
+    return m + L + 1
 
 
 @njit(**UNCOUNTED)
-def predict_readings(k, data, points, estimate, work):  # type: ignore[no-untyped-def]
-    """Readings of the instruments sampled at k, at all sigma points; returns their number."""
-    full, S, active, inputs, wanted = estimate.full, estimate.S, data.active, data.inputs[k], work.wanted
+def adopt_prediction(data, estimate, work):  # type: ignore[no-untyped-def]
+    """Replace the estimate by the prediction; inactive states are those of the centre point."""
+    f, L = data.constants, len(data.states)
+    copy(work.middle, estimate.full)
+    copy(work.q1, estimate.quaternion)
+    set_angles(estimate, work)
+    for j in range(f):
+        for i in range(f, L):
+            estimate.T[j, i] = work.N[j, i - f]
+    for j in range(f, L):
+        for i in range(j, L):
+            estimate.T[j, i] = work.root[i - f, j - f]
+
+
+@njit(**UNCOUNTED)
+def set_angles(estimate, work):  # type: ignore[no-untyped-def]
+    """Euler angles of the quaternion, and its direction cosines in C1."""
+    cosines_of(estimate.quaternion, work.C1)
+    phi, theta, psi = angles_of(work.C1)
+    estimate.full[PHI], estimate.full[THETA], estimate.full[PSI] = phi, theta, psi
+
+
+@njit(**UNCOUNTED)
+def predict_readings(k, wide, data, points, estimate, work):  # type: ignore[no-untyped-def]
+    """Readings of the instruments sampled at k at the centre, and their changes over S; returns their number."""
+    full, T, states, inputs, wanted = estimate.full, estimate.T, data.states, data.inputs[k], work.wanted
     count = 0
     for c in range(len(wanted)):
         wanted[c] = np.isfinite(data.measurements[k, c])
@@ -297,95 +324,183 @@ def predict_readings(k, data, points, estimate, work):  # type: ignore[no-untype
             count += 1
     if count == 0:
         return count
-    here, there = work.angles[0], work.angles[1]
-    attitude(full, here)
-    observe_at(full, inputs, data.place, data.flank, wanted, here, work.y_middle)
+    if k == 0:
+        set_angles(estimate, work)
+    observe_at(full, work.C1, inputs, data.place, data.flank, wanted, work.y_middle)
+    if not wide:
+        reading_columns(T, states, full, work.C1, inputs, data.place, data.flank, wanted, work.column, work.dy)
+        return count
     point = work.point
-    for i in range(len(active)):
-        copy(full, point)
-        for j in range(i, len(active)):
-            point[active[j]] += points.reach * S[j, i]
-        attitude_near(point, full, here, there)
-        observe_at(point, inputs, data.place, data.flank, wanted, there, work.y_up[i])
-        for j in range(i, len(active)):
-            point[active[j]] = full[active[j]] - points.reach * S[j, i]
-        attitude_near(point, full, here, there)
-        observe_at(point, inputs, data.place, data.flank, wanted, there, work.y_down[i])
+    for j in range(len(states)):
+        for side in range(2):
+            reach = points.reach if side == 0 else -points.reach
+            target = work.y_up[j] if side == 0 else work.y_down[j]
+            copy(full, point)
+            point[PHI], point[THETA], point[PSI] = 0.0, 0.0, 0.0
+            for i in range(j, len(states)):
+                point[states[i]] += reach * T[j, i]
+            d0, d1, d2 = to_body(work.C1, point[PHI], point[THETA], point[PSI])
+            turn(estimate.quaternion, d0, d1, d2, work.q2)
+            cosines_of(work.q2, work.C2)
+            point[PHI], point[THETA], point[PSI] = angles_of(work.C2)
+            observe_at(point, work.C2, inputs, data.place, data.flank, wanted, target)
+            for b in range(count):
+                c = work.kept[b]
+                target[c] -= work.y_middle[c]
+                if CIRCULAR[c]:
+                    target[c] -= TURN * np.round(target[c] / TURN)
     return count
 
 
 @njit(**UNCOUNTED)
-def compare(k, count, data, points, estimate, output, work):  # type: ignore[no-untyped-def]
-    """Innovations nu of the readings inside the gate, with the rows O_y and [E_y c_y]; returns their number."""
-    L, y0, y_up, y_down = len(data.active), work.y_middle, work.y_up, work.y_down
-    O_y, E_y, kept, waiting = work.O_y, work.E_y, work.kept, estimate.waiting
+def compare(k, count, wide, data, points, estimate, output, work):  # type: ignore[no-untyped-def]
+    """Innovations of the readings inside the gate, with O and [E_y c_y]; returns their number."""
+    L, y_up, y_down, kept = len(data.states), work.y_up, work.y_down, work.kept
+    cosine = max(_LEAST_COSINE, np.cos(estimate.full[THETA]))
     used = 0
     for b in range(count):
         c = kept[b]
-        # Mean of the predicted readings.
-        mean = y0[c]
-        if not points.linear:
-            total = 0.0
-            for i in range(L):
-                total += (y_up[i, c] - y0[c]) + (y_down[i, c] - y0[c])
-            mean = y0[c] + points.mean_weight * total
-        innovation = data.measurements[k, c] - mean
+        sigma = data.measurement_std[c]
         if CIRCULAR[c]:
-            innovation -= 2.0 * np.pi * np.round(innovation / (2.0 * np.pi))
-        # Its variance from the deviations.
-        variance = data.measurement_std[c] ** 2
-        for i in range(L):
-            O_y[used, i] = points.odd * (y_up[i, c] - y_down[i, c])
-            variance += O_y[used, i] ** 2
-            E_y[used, i] = 0.0
-            if not points.linear:
-                E_y[used, i] = points.odd * ((y_up[i, c] - mean) + (y_down[i, c] - mean))
-                variance += E_y[used, i] ** 2
-        E_y[used, L] = points.centre * (y0[c] - mean)
-        variance += E_y[used, L] ** 2
+            # An instrument that errs by one angle about each body axis reads phi and psi with 1 / cos(theta) of it.
+            sigma /= cosine
+        # Its mean, and its variance from the deviations.
+        mean, variance = 0.0, sigma * sigma
+        if wide:
+            for j in range(L):
+                mean += y_up[j, c] + y_down[j, c]
+            mean *= points.mean_weight
+        for j in range(L):
+            change = points.odd * (y_up[j, c] - y_down[j, c]) if wide else work.dy[j, c]
+            work.O[j, used] = change
+            variance += change * change
+            if wide:
+                work.E[used, j] = points.odd * ((y_up[j, c] - mean) + (y_down[j, c] - mean))
+                variance += work.E[used, j] ** 2
+        if wide:
+            work.E[used, L] = -points.centre * mean
+            variance += work.E[used, L] ** 2
+        innovation = data.measurements[k, c] - (work.y_middle[c] + mean)
+        if CIRCULAR[c]:
+            innovation -= TURN * np.round(innovation / TURN)
         output.innovations[k, c] = innovation
         output.innovation_std[k, c] = np.sqrt(variance)
         # Gate.
         outside = data.gate > 0.0 and abs(innovation) > data.gate * np.sqrt(variance)
-        if outside and waiting[c] < _MAX_REJECTED:
+        if outside and estimate.waiting[c] < _MAX_REJECTED:
             output.rejected[k, c] = True
-            waiting[c] += 1
+            estimate.waiting[c] += 1
             continue
-        waiting[c] = 0
+        estimate.waiting[c] = 0
         work.nu[used] = innovation
-        kept[used] = c
+        work.sigma[used] = sigma
         used += 1
     return used
 
 
 @njit(**UNCOUNTED)
-def update(count, data, points, estimate, work):  # type: ignore[no-untyped-def]
+def update(count, wide, data, estimate, work):  # type: ignore[no-untyped-def]
     """Correct the estimate by `count` innovations; returns the normalised innovation squared and log-likelihood."""
-    L, nu, U, Y, S, active = len(data.active), work.nu, work.S_y, work.K_S, estimate.S, data.active
-    # R_e = tria [R E_y c_y]
+    L, nu, T, move = len(data.states), work.nu, estimate.T, work.move
+    log_determinant = whiten(count, L, wide, work)
+    square = 0.0
+    for i in range(L):
+        move[i] = 0.0
+    for b in range(count):
+        variance = absorb_reading(b, count, T, work.O, work.g, work.h)
+        value = nu[b] / variance
+        square += nu[b] * value
+        log_determinant += 0.5 * np.log(variance)
+        for i in range(L):
+            move[i] += work.g[i] * value
+        for c in range(b + 1, count):
+            nu[c] -= work.h[c] * value
+    copy(estimate.full, work.point)
+    work.point[PHI], work.point[THETA], work.point[PSI] = 0.0, 0.0, 0.0
+    for i in range(L):
+        work.point[data.states[i]] += move[i]
+    d0, d1, d2 = to_body(work.C1, work.point[PHI], work.point[THETA], work.point[PSI])
+    turn(estimate.quaternion, d0, d1, d2, estimate.quaternion)
+    copy(work.point, estimate.full)
+    set_angles(estimate, work)
+    return square, -log_determinant - 0.5 * (square + count * np.log(TURN))
+
+
+@njit(**UNCOUNTED)
+def whiten(count, L, wide, work):  # type: ignore[no-untyped-def]
+    """Divide innovations and O by the root of their noise [R E_y c_y]; returns the logarithm of its determinant."""
+    nu, O, U = work.nu, work.O, work.U
+    total = 0.0
+    if not wide:
+        for b in range(count):
+            scale = 1.0 / work.sigma[b]
+            nu[b] *= scale
+            for j in range(L):
+                O[j, b] *= scale
+            total += np.log(work.sigma[b])
+        return total
     for b in range(count):
         for c in range(count):
-            U[b, c] = data.measurement_std[work.kept[b]] if b == c else 0.0
-        for i in range(L):
-            Y[i, b] = 0.0
-    if not points.linear:
-        absorb(U, work.E_y, Y[:0], S[:0], count, L + 1)
-    # tria [R_e O_y; 0 S-] = [S_y 0; K S_y  S+]
-    absorb(U, work.O_y, Y, S, count, L)
-    triangularise(S, L, L)
-    # nu = S_y^-1 nu
-    square, log_determinant = 0.0, 0.0
+            U[b, c] = work.sigma[b] if b == c else 0.0
+    absorb(U, work.E, work.E[:0], work.E[:0], count, L + 1)
     for b in range(count):
-        value = nu[b]
         for c in range(b):
-            value -= U[b, c] * nu[c]
-        nu[b] = value / U[b, b]
-        square += nu[b] * nu[b]
-        log_determinant += np.log(abs(U[b, b]))
-    # x = x- + K S_y nu
+            nu[b] -= U[b, c] * nu[c]
+        nu[b] /= U[b, b]
+        total += np.log(abs(U[b, b]))
+        for j in range(L):
+            for c in range(b):
+                O[j, b] -= U[b, c] * O[j, c]
+            O[j, b] /= U[b, b]
+    return total
+
+
+@njit(**REORDERED)
+def absorb_reading(b, count, T, O, g, h):  # type: ignore[no-untyped-def]
+    """Update T, and the columns of O after b, with the reading b of unit noise; returns its variance.
+
+    g (L,) and h (count,) are its covariances with the states and with the readings after it.
+    """
+    L = len(T)
     for i in range(L):
-        move = 0.0
-        for b in range(count):
-            move += Y[i, b] * nu[b]
-        estimate.full[active[i]] += move
-    return square, -log_determinant - 0.5 * (square + count * np.log(2.0 * np.pi))
+        g[i] = 0.0
+    for c in range(b + 1, count):
+        h[c] = 0.0
+    variance = 1.0
+    for j in range(L - 1, -1, -1):
+        o = O[j, b]
+        if o == 0.0:
+            continue
+        more = variance + o * o
+        root = 1.0 / np.sqrt(variance * more)
+        scale, turned = variance * root, o * root
+        for i in range(j, L):
+            old = T[j, i]
+            T[j, i] = scale * old - turned * g[i]
+            g[i] += o * old
+        for c in range(b + 1, count):
+            old = O[j, c]
+            O[j, c] = scale * old - turned * h[c]
+            h[c] += o * old
+        variance = more
+    return variance
+
+
+@njit(**UNCOUNTED)
+def write(k, data, estimate, output, work):  # type: ignore[no-untyped-def]
+    """Write the estimate of sample k and its standard deviations."""
+    states, T = data.states, estimate.T
+    set_angles(estimate, work)
+    copy(estimate.quaternion, output.quaternion[k])
+    attitude_roots(T, states, estimate.full, work.C1, work.euler)
+    for i in range(len(states)):
+        state = states[i]
+        total = 0.0
+        if PHI <= state <= PSI:
+            for j in range(len(states)):
+                total += work.euler[state - PHI, j] ** 2
+        else:
+            for j in range(i + 1):
+                total += T[j, i] * T[j, i]
+        output.x[k, i] = estimate.full[state]
+        output.std[k, i] = np.sqrt(total)

@@ -1,12 +1,16 @@
-"""Rauch-Tung-Striebel smoother in square-root form, compiled; `unscented_filter` has the equations.
+"""Rauch-Tung-Striebel smoother in square-root form, compiled; `unscented_filter` has the filter and the notation.
 
-A constant without drift is the same at all samples, so its smoothed value is its last one and its rows of the gain are
-those of the unit matrix. Only the rows of the *moving* states are computed. In the order constants, moving states the
-smoothed root is lower triangular with the root C of the constants, which never changes:
+A constant without drift is the same at all samples, so its smoothed value is its last one. Only the rows of the m
+moving states are computed. With their rows [B A] of the root, [B' FA] one step later, and [B' A'] with noise,
 
-    S_s = [C 0; B M],    B = G_c C + G_m B+,    M = tria [G_m M+, D],    G = [G_c G_m]
+    G_m = A (FA)' (A' A'')^-1       G_c = (B - G_m B') C^-1        D = tria [A - G_m FA, G_m (E c N)]
 
-with D the root of the moving states given the next sample, tria [S - G O, G [E c N]].
+Backward, with the root C of the constants, which never changes,
+
+    S_s = [C 0; B_s M],    B_s = G_c C + G_m B_s+,    M = tria [G_m M+, D]
+
+The attitude is a quaternion: its deviations are rotation vectors in earth axes, and the smoothed one is the filtered
+one turned.
 """
 
 from __future__ import annotations
@@ -16,28 +20,33 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from structsel.numerics.arrays import UNCOUNTED, Array
+from structsel.numerics.arrays import REORDERED, UNCOUNTED, Array
 from structsel.numerics.compiling import njit
-from structsel.numerics.square_root import lower_triangle, solve_gain, triangularise
+from structsel.numerics.rotations import angles_of, cosines_of, to_body, to_earth, turn, vector_between
+from structsel.numerics.square_root import copy, solve_gain, triangularise
+
+_PHI, _PSI = 3, 5  # of `kinematics.STATES`
 
 
 class SmootherSteps(NamedTuple):
     """Results of each filter step that the smoother uses (c steps; none are stored if c = 0).
 
-    order (L,) of the states, the `constants` first; predicted (c, L) and the columns of the gain G (c, m, L) are in
-    this order; root D (c, m, m).
+    predicted (c, m) of the moving states, its attitude quaternion (c, 4); gain (c, m, L), root D (c, m, m).
     """
 
-    order: NDArray[np.int64]
-    constants: int
     predicted: Array
-    gain: Array
-    root: Array
+    quaternion: Array
+    gain: NDArray[np.float32]
+    root: NDArray[np.float32]
 
 
 class SmootherOutput(NamedTuple):
-    """Smoothed x, std (n, L), and the covariance of every stride-th sample."""
+    """Smoothed x, std (n, l), and the covariance (c, l, l) of every stride-th sample.
 
+    `place` (L,) is the column of each state of the filter, -1 if it is not wanted.
+    """
+
+    place: NDArray[np.int64]
     x: Array
     std: Array
     covariance: Array
@@ -45,91 +54,187 @@ class SmootherOutput(NamedTuple):
 
 
 @njit(**UNCOUNTED)
-def store_smoother_step(i, S, A, root, mean, gain, D, steps):  # type: ignore[no-untyped-def]
-    """Store prediction, gain G = S O' (S- S-')^-1 and root D of step i; S is still S+, `gain` (m, L) scratch."""
-    L, first, order, columns = len(S), steps.constants, steps.order, A.shape[1]
-    m = L - first
+def attitude_roots(T, states, x, C, out):  # type: ignore[no-untyped-def]
+    """Fill out (3, L), the rows of the root for phi, theta and psi, from those of the rotation vector.
+
+    T (L, L) has the columns of the root as rows; x is the full vector, C (3, 3) its attitude. At
+    the vertical those of phi and psi have no limit; the cosine is kept above 1e-6.
+    """
+    sf, cf = np.sin(x[3]), np.cos(x[3])
+    secant, tangent = 1.0 / max(np.cos(x[4]), 1e-6), np.sin(x[4]) / max(np.cos(x[4]), 1e-6)
+    L = len(states)
+    north, east, down = -1, -1, -1
+    for i in range(L):
+        if states[i] == _PHI:
+            north = i
+        elif states[i] == _PHI + 1:
+            east = i
+        elif states[i] == _PSI:
+            down = i
     for j in range(L):
-        steps.predicted[i, j] = mean[order[j]]
+        d0 = T[j, north] if north >= j else 0.0
+        d1 = T[j, east] if east >= j else 0.0
+        d2 = T[j, down] if down >= j else 0.0
+        d0, d1, d2 = to_body(C, d0, d1, d2)
+        about = sf * d1 + cf * d2
+        out[0, j], out[1, j], out[2, j] = d0 + tangent * about, cf * d1 - sf * d2, secant * about
+
+
+@njit(**REORDERED)
+def store_smoother_step(i, columns, data, estimate, work, steps):  # type: ignore[no-untyped-def]
+    """Store prediction, gain and root D of step i; `estimate` still has the root of the sample before."""
+    T, A, root, gain, D, N = estimate.T, work.A, work.root, work.gain, work.smoothing, work.N
+    L, f, states = len(T), data.constants, data.states
+    m = L - f
+    copy(work.q1, steps.quaternion[i])
     for a in range(m):
-        row = order[first + a]
-        for j in range(L):
-            total = 0.0
-            for k in range(row + 1):
-                total += S[row, k] * A[j, k]
-            gain[a, j] = total
-    solve_gain(gain, root, m, L)
+        steps.predicted[i, a] = work.middle[states[f + a]]
+    # G_m.
+    square = work.square
     for a in range(m):
-        row = order[first + a]
         for c in range(columns):
-            D[a, c] = S[row, c] if c <= row else 0.0
-        for j in range(L):
-            weight = gain[a, j]
+            D[a, c] = T[f + c, f + a] if c <= a else 0.0
+        for b in range(m):
+            total = 0.0
+            for c in range(a + 1):
+                total += D[a, c] * A[b, c]
+            square[a, b] = total
+    solve_gain(square, root, m, m)
+    for a in range(m):
+        for b in range(m):
+            weight = square[a, b]
             for c in range(columns):
-                D[a, c] -= weight * A[j, c]
+                D[a, c] -= weight * A[b, c]
+        for b in range(m):
+            gain[f + b] = square[a, b]
+        # G_c C = B - G_m B', from its last column.
+        for c in range(f - 1, -1, -1):
+            total = T[c, f + a]
+            for b in range(m):
+                total -= square[a, b] * N[c, b]
+            for d in range(c + 1, f):
+                total -= gain[d] * T[c, d]
+            gain[c] = total / T[c, c]
         for j in range(L):
-            steps.gain[i, a, j] = gain[a, order[j]]
+            steps.gain[i, a, j] = gain[j]
     triangularise(D, m, columns)
     for a in range(m):
         for b in range(m):
             steps.root[i, a, b] = D[a, b] if b <= a else 0.0
 
 
-def last_smoothed(full: Array, S: Array, steps: SmootherSteps) -> tuple[Array, Array]:
-    """Estimate and root of the last sample in the order of the smoother, from those of the filter."""
-    root = S[steps.order].copy()
-    triangularise(root, *root.shape)
-    return full[steps.order].copy(), np.tril(root)
+@njit(cache=True)
+def smooth_samples(first, last, f, states, x, quaternion, S, filtered, quaternions, turns, steps, output):  # type: ignore[no-untyped-def]
+    """Smooth samples last - 2 to first - 1; x, quaternion and S are those of sample last - 1 and are updated.
+
+    x (L,) in the order of `states`, S (L, L) lower triangular; filtered (n, L) and quaternions (n, 4) are
+    the filter's; turns (n, 4) receives the smoothed ones.
+    """
+    L = len(x)
+    m = L - f
+    later, below, beside, move = np.empty(L), np.empty((m, f)), np.empty((m, 2 * m)), np.zeros(3)
+    scratch = (np.empty((L, L)), np.empty((3, L)), np.zeros(6), np.empty((3, 3)), np.empty(L))
+    for k in range(last - 1, first - 1, -1):
+        G = steps.gain[k - first]
+        for j in range(f):
+            later[j] = x[j] - filtered[k - 1, j]
+        d = vector_between(steps.quaternion[k - first], quaternion)
+        cosines_of(steps.quaternion[k - first], scratch[3])
+        d = to_earth(scratch[3], d[0], d[1], d[2])
+        for a in range(m):
+            state = states[f + a]
+            if _PHI <= state <= _PSI:
+                later[f + a] = d[0] if state == _PHI else (d[1] if state == _PHI + 1 else d[2])
+            else:
+                later[f + a] = x[f + a] - steps.predicted[k - first, a]
+        move[:] = 0.0
+        for a in range(m):
+            moved = 0.0
+            for j in range(L):
+                moved += G[a, j] * later[j]
+            state = states[f + a]
+            if _PHI <= state <= _PSI:
+                move[state - _PHI] = moved
+            else:
+                x[f + a] = filtered[k - 1, f + a] + moved
+        _back_roots(f, G, steps.root[k - first], S, below, beside)
+        cosines_of(quaternions[k - 1], scratch[3])
+        d = to_body(scratch[3], move[0], move[1], move[2])
+        turn(quaternions[k - 1], d[0], d[1], d[2], quaternion)
+        copy(quaternion, turns[k - 1])
+        _store(k - 1, states, x, quaternion, S, scratch, output)
+
+
+@njit(**REORDERED)
+def _back_roots(f, G, D, S, below, beside):  # type: ignore[no-untyped-def]
+    """Replace the rows of the moving states in S by those one sample before."""
+    L = len(S)
+    m = L - f
+    for a in range(m):
+        for c in range(f):
+            below[a, c] = 0.0
+        for c in range(m):
+            beside[a, c] = 0.0
+            beside[a, m + c] = D[a, c]
+        for j in range(f):
+            weight = G[a, j]
+            for c in range(j + 1):
+                below[a, c] += weight * S[j, c]
+        for j in range(f, L):
+            weight = G[a, j]
+            for c in range(f):
+                below[a, c] += weight * S[j, c]
+            for c in range(j + 1 - f):
+                beside[a, c] += weight * S[j, f + c]
+    triangularise(beside, m, 2 * m)
+    for a in range(m):
+        for c in range(f):
+            S[f + a, c] = below[a, c]
+        for c in range(m):
+            S[f + a, f + c] = beside[a, c] if c <= a else 0.0
 
 
 @njit(cache=True)
-def smooth_samples(first, last, x, S, filtered, steps, output):  # type: ignore[no-untyped-def]
-    """Smooth samples last - 2 to first - 1; x and S are those of sample last - 1 and are left as of first - 1."""
-    order, f, L = steps.order, steps.constants, len(x)
-    m = L - f
-    later, below, beside = np.empty(L), np.empty((m, f)), np.empty((m, 2 * m))
-    for k in range(last - 1, first - 1, -1):
-        G = steps.gain[k - first]
-        for j in range(L):
-            later[j] = x[j] - steps.predicted[k - first, j]
-        for a in range(m):
-            move = 0.0
-            for j in range(L):
-                move += G[a, j] * later[j]
-            x[f + a] = filtered[k - 1, order[f + a]] + move
-            for c in range(f):
-                below[a, c] = 0.0
-            for c in range(m):
-                beside[a, c] = 0.0
-                beside[a, m + c] = steps.root[k - first, a, c]
-            for j in range(L):
-                weight = G[a, j]
-                for c in range(min(j + 1, f)):
-                    below[a, c] += weight * S[j, c]
-                for c in range(j + 1 - f):
-                    beside[a, c] += weight * S[j, f + c]
-        triangularise(beside, m, 2 * m)
-        S[f:, :f] = below
-        lower_triangle(beside, S[f:, f:])
-        store_smoothed(k - 1, x, S, order, output)
+def store_last(states, x, quaternion, S, output):  # type: ignore[no-untyped-def]
+    """Write the last sample, which the filter has."""
+    L = len(x)
+    scratch = (np.empty((L, L)), np.empty((3, L)), np.zeros(6), np.empty((3, 3)), np.empty(L))
+    _store(len(output.x) - 1, states, x, quaternion, S, scratch, output)
 
 
 @njit(**UNCOUNTED)
-def store_smoothed(k, x, S, order, output):  # type: ignore[no-untyped-def]
+def _store(k, states, x, quaternion, S, scratch, output):  # type: ignore[no-untyped-def]
     """Write one smoothed sample, with its covariance at every stride-th sample."""
+    T, euler, full, C, variance = scratch
     L = len(x)
     for i in range(L):
-        total = 0.0
-        for c in range(i + 1):
-            total += S[i, c] * S[i, c]
-        output.x[k, order[i]] = x[i]
-        output.std[k, order[i]] = np.sqrt(total)
+        for j in range(L):
+            T[j, i] = S[i, j] if j <= i else 0.0
+    cosines_of(quaternion, C)
+    full[3], full[4], full[5] = angles_of(C)
+    attitude_roots(T, states, full, C, euler)
+    for i in range(L):
+        if _PHI <= states[i] <= _PSI:
+            x[i] = full[states[i]]
+            for j in range(L):
+                T[j, i] = euler[states[i] - _PHI, j]
+    for i in range(L):
+        variance[i] = 0.0
+    for j in range(L):
+        for i in range(L):
+            variance[i] += T[j, i] * T[j, i]
+    place = output.place
+    for i in range(L):
+        if place[i] >= 0:
+            output.x[k, place[i]] = x[i]
+            output.std[k, place[i]] = np.sqrt(variance[i])
     if k % output.stride == 0:
         P = output.covariance[k // output.stride]
         for i in range(L):
-            for j in range(i + 1):
+            for h in range(i + 1):
                 total = 0.0
-                for c in range(j + 1):
-                    total += S[i, c] * S[j, c]
-                P[order[i], order[j]] = total
-                P[order[j], order[i]] = total
+                for j in range(L):
+                    total += T[j, i] * T[j, h]
+                if place[i] >= 0 and place[h] >= 0:
+                    P[place[i], place[h]] = total
+                    P[place[h], place[i]] = total

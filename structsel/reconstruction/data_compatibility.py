@@ -20,7 +20,6 @@ import numpy as np
 from structsel.numerics.kinematics import CIRCULAR, MEASUREMENTS, STATES, fly, readings
 from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
-from structsel.numerics.unscented_filter import STEEPEST
 from structsel.reconstruction.ukf import KinematicsProblem
 
 _DIFFERENCE = 1e-3  # of the central differences, in standard deviations of the start
@@ -75,7 +74,9 @@ class DataCompatibility:
         return np.sqrt(np.diag(self.covariance))
 
 
-def check_data_compatibility(problem: KinematicsProblem, *, iterations: int = 50) -> DataCompatibility:
+def check_data_compatibility(
+    problem: KinematicsProblem, *, iterations: int = 50, near: np.ndarray | None = None
+) -> DataCompatibility:
     """Fit one deterministic flight path to all readings by output error.
 
     The first part of the flight is fitted first, then one twice as long, up to the complete flight: over a short time
@@ -87,6 +88,8 @@ def check_data_compatibility(problem: KinematicsProblem, *, iterations: int = 50
         Its `input_std` and `drift` are not used: there is no process noise, and constants are constant.
     iterations : int
         Maximum number of steps over one part.
+    near : (L,) array, optional
+        Values near the solution: the complete flight is then fitted at once, and in parts only if that fails.
 
     Returns
     -------
@@ -101,12 +104,12 @@ def check_data_compatibility(problem: KinematicsProblem, *, iterations: int = 50
     lengths = [n]
     while lengths[0] > 2 * _SHORTEST:
         lengths.insert(0, -(-lengths[0] // 2))
-    values, steps = problem.start[problem.active], 0
-    for length in lengths:
-        fit = _fit(problem, length, values, iterations)
-        values, steps = fit.theta, steps + len(fit.costs) - 1
-        if not np.isfinite(fit.costs[-1]):
-            break
+    tried = None if near is None else _fit(problem, n, near, iterations)
+    if tried is not None and tried.converged:
+        fit, steps, length = tried, len(tried.costs) - 1, n
+    else:
+        fit, steps, length = _fit_in_parts(problem, lengths, iterations)
+    values = fit.theta
     message = fit.message
     if not np.isfinite(fit.costs[-1]):
         message = f"the path from the start values diverges within {length} samples"
@@ -121,6 +124,19 @@ def check_data_compatibility(problem: KinematicsProblem, *, iterations: int = 50
     )
 
 
+def _fit_in_parts(
+    problem: KinematicsProblem, lengths: Sequence[int], iterations: int
+) -> tuple[OutputErrorFit, int, int]:
+    """Fit of the first samples, each part from the estimate of the one before; steps, and samples of the last part."""
+    values, steps = problem.start[problem.active], 0
+    for length in lengths:
+        fit = _fit(problem, length, values, iterations)
+        values, steps = fit.theta, steps + len(fit.costs) - 1
+        if not np.isfinite(fit.costs[-1]):
+            break
+    return fit, steps, length
+
+
 def _fit(problem: KinematicsProblem, length: int, values: np.ndarray, iterations: int) -> OutputErrorFit:
     """Fit of the first samples."""
     measured = problem.measurements[:length]
@@ -131,8 +147,7 @@ def _fit(problem: KinematicsProblem, length: int, values: np.ndarray, iterations
     def predict(thetas: np.ndarray) -> np.ndarray:
         outputs = np.empty((len(thetas), *y.shape))
         for one, theta in zip(outputs, thetas):
-            path, all_outputs = _simulate(problem, length, theta)
-            one[:] = all_outputs[:, channels] if np.abs(path[:, 4]).max() < STEEPEST else np.nan
+            one[:] = _simulate(problem, length, theta)[1][:, channels]
             # The turn nearest the reading: a heading of 359 deg is 1 deg from one of 0 deg.
             one[:, circular] += _TURN * np.round((y - one)[:, circular] / _TURN)
         return outputs

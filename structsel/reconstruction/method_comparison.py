@@ -98,7 +98,10 @@ def _by_output_error(
 ) -> tuple[list[_Estimate], tuple[str, ...]]:
     """Constants of output error on the part with the largest rates, none if it does not converge; and scale errors."""
     part = most_active_interval(problem.with_states(problem.active < fp.GUST))
-    fit = check_data_compatibility(part)
+    near = part.start.copy()
+    for name, constant in mine.items():
+        near[fp.STATES.index(name)] = constant.value
+    fit = check_data_compatibility(part, near=near[part.active])
     if not fit.converged:
         return [], ()
     names = [fp.STATES[i] for i in part.active]

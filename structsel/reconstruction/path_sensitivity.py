@@ -21,7 +21,9 @@ from structsel.reconstruction.ukf import KinematicsProblem
 
 _LONGEST = 60.0  # s of a segment; over more time the effect of the initial motion is lost
 _GAP = 0.5  # s without a sample, and five samples: not integrated across
+_INTEGRATED = 20_000  # samples of a recording at which the sensitivities are integrated; chosen, not critical
 _KEPT = 600  # samples of each channel in a segment; their weight replaces that of the others
+_FEWEST_KEPT = 100  # the same in a long recording, whose segments have so many samples in proportion
 _STEEPEST = 1.5  # rad of pitch attitude; beyond it the rates of the Euler angles are singular
 _P_NOISE = 1e-3  # probability that a cosine of noise is kept, in a channel and segment
 _WINDOW = 1.0  # s to either side, over which the direction of gravity is averaged
@@ -162,25 +164,26 @@ def sensitivity_factor(
     """(L, L) triangular factor of the scaled sensitivities of a segment: initial motion, then constants."""
     L, m = len(active), int(np.sum(active < MOTION))
     t, path, inputs = problem.t[segment], np.ascontiguousarray(path[segment]), np.ascontiguousarray(inputs[segment])
-    A = np.empty((len(t), m, L))
+    # Of a long recording every few samples: the sensitivities change as slowly as the motion.
+    grid = np.unique(np.append(np.arange(0, len(t), max(1, len(problem.t) // _INTEGRATED)), len(t) - 1))
+    A = np.empty((len(grid), m, L))
     for j, state in enumerate(active):
-        up, down = _moved(path, state)
-        change = slopes(up, inputs, problem.place, problem.g) - slopes(down, inputs, problem.place, problem.g)
-        A[:, :, j] = change[:, active[:m]] / (2.0 * _STEP[state])
-    Z = _sensitivities(t, A)
+        ends = (slopes(side, inputs[grid], problem.place, problem.g) for side in _moved(path[grid], state))
+        A[:, :, j] = np.subtract(*ends)[:, active[:m]] / (2.0 * _STEP[state])
+    Z = _sensitivities(t[grid], A)
     sampled = np.isfinite(problem.measurements[segment])
     if not problem.located:
         sampled[:, 7:9] = False  # a position that is not a state explains no measurement
-    chosen = []
+    chosen, most = [], max(_FEWEST_KEPT, min(_KEPT, _INTEGRATED * len(t) // len(problem.t)))
     for column in sampled.T:
         seen = np.flatnonzero(column)
-        chosen.append(seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), _KEPT)).astype(int))])
+        chosen.append(seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), most)).astype(int))])
     at = np.unique(np.concatenate(chosen))
     dh = np.empty((len(at), len(MEASUREMENTS), L))
     for j, state in enumerate(active):
         up, down = (readings(side, inputs[at], problem.place, problem.flank) for side in _moved(path[at], state))
         dh[:, :, j] = (up - down) / (2.0 * _STEP[state])
-    J = dh[:, :, :m] @ Z[at]
+    J = dh[:, :, :m] @ _between(Z, t[grid], t[at])
     J[:, :, m:] += dh[:, :, m:]
     rows = []
     for c, kept in enumerate(chosen):
@@ -189,6 +192,14 @@ def sensitivity_factor(
             rows.append(weight * J[np.searchsorted(at, kept), c] * std)
     factor: np.ndarray = np.linalg.qr(np.concatenate([*rows, np.zeros((L, L))]), mode="r")  # type: ignore[assignment]
     return factor
+
+
+def _between(values: np.ndarray, t: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Linear interpolation of arrays along the first axis; those at the samples themselves are not changed."""
+    later = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
+    weight = ((at - t[later - 1]) / (t[later] - t[later - 1]))[:, None, None]
+    interpolated: np.ndarray = (1.0 - weight) * values[later - 1] + weight * values[later]
+    return interpolated
 
 
 def _moved(path: np.ndarray, state: int) -> tuple[np.ndarray, np.ndarray]:

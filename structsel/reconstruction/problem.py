@@ -192,7 +192,7 @@ def _measurements(
     measured: list[str] = []
     findings: list[Finding] = []
     for j, name in enumerate(fp.MEASUREMENTS):
-        if name not in recording or (not lateral and name in ("beta", "phi", "psi")):
+        if name not in recording or (not lateral and name in ("beta", "phi", "psi", *_POSITION)):
             continue
         channel = valid_measurement(recording, name)
         findings += channel.findings

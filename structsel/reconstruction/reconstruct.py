@@ -22,17 +22,15 @@ from structsel.reconstruction.output import output_recording
 from structsel.reconstruction.problem import ReconstructionProblem, build_problem
 from structsel.reconstruction.quality_checks import check_quality, noise_above_limit, unconfirmed
 from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Reconstruction
-from structsel.reconstruction.sample_validity import longest_interval
 from structsel.reconstruction.scale_factors import add_scale_errors
 from structsel.reconstruction.settings import INERTIAL, ReconstructOptions
 from structsel.reconstruction.sign_and_unit_checks import reject_wrong_sign_or_unit
-from structsel.reconstruction.ukf import STEEP, FilterResult, KinematicsProblem, SmootherResult, ukf_smoother
+from structsel.reconstruction.ukf import FilterResult, KinematicsProblem, SmootherResult, ukf_smoother
 from structsel.recording import Recording
 
 _ALIGNMENTS = 6  # rounds of estimating and removing delays; chosen, not critical
 _ALIGNED = 0.002  # s of delay left at which they end; chosen, not critical
 _HEADING_SECONDS = 60.0  # of flight from which the first heading is estimated
-_STEEP = 1.4  # rad of pitch attitude that a recommended part leaves out
 
 Progress = Callable[[str, int, int], None]
 
@@ -76,8 +74,7 @@ def reconstruct(
     DomainError
         An option out of range.
     ReconstructionError
-        The filter fails (theta near 90 degrees, readings that contradict one another); the exception has the partial
-        result.
+        The filter fails (readings that contradict one another); the exception has the partial result.
 
     References
     ----------
@@ -144,7 +141,7 @@ def _reconstruct(
     if widened is None:
         widened = _inflate_for_autocorrelation(problem_setup, consistency, options)
     std = np.maximum(smooth.std, widened) if widened is not None else smooth.std
-    delays = _delays(problem_setup, path, turbulent)
+    delays = _delays(problem_setup, path, predicted, residuals, turbulent)
     constants = tuple(
         Constant(name, float(smooth.x[-1, j]), float(std[-1, j]), float(smooth.std[-1, j]), CONSTANTS[name][1])
         for j, name in enumerate(problem_setup.names)
@@ -231,32 +228,13 @@ def _by_filter(
 ) -> tuple[FilterResult, SmootherResult]:
     run, smooth = _smooth(problem_setup.problem, options)
     if smooth is None:
-        i, remedy = run.failed, _REMEDIES[run.reason]
-        if run.reason == STEEP:
-            remedy += _part_below_vertical(problem_setup.problem, i)
+        i = run.failed
         raise ReconstructionError(
             f"reconstruct failed on '{recording.name}' at sample {i} (t = {recording.t[i]:g} s): {run.reason}.\n"
-            f"{remedy}",
+            "Check the channels near that time, and their units and signs (structsel describe).",
             run,
         )
     return run, smooth
-
-
-_REMEDIES = {
-    STEEP: "Roll and yaw are not separate there. Use the parts before and after",
-    "the estimates are no longer finite": "Check the channels near that time, and their units and signs "
-    "(structsel describe).",
-}
-
-
-def _part_below_vertical(problem: KinematicsProblem, failed: int) -> str:
-    """The longest part without the vertical, if theta was measured."""
-    t, theta = problem.t, problem.measurements[:, fp.MEASUREMENTS.index("theta")]
-    steep = ~(np.abs(theta) < _STEEP) if np.isfinite(theta).any() else np.arange(len(t)) == failed
-    first, last = longest_interval(~steep) if not steep.all() else (0, 0)
-    if last - first < 1:
-        return " with recording.between()."
-    return f": recording.between({t[first]:g}, {t[last]:g}) is the longest."
 
 
 def _by_output_error(
@@ -313,13 +291,22 @@ def _complete_path(problem: KinematicsProblem, x: np.ndarray) -> np.ndarray:
     return path
 
 
-def _delays(problem_setup: ReconstructionProblem, path: np.ndarray, turbulent: frozenset[str]) -> tuple[Delay, ...]:
+def _delays(
+    problem_setup: ReconstructionProblem,
+    path: np.ndarray,
+    predicted: np.ndarray,
+    residuals: np.ndarray,
+    turbulent: frozenset[str],
+) -> tuple[Delay, ...]:
     """Delays of the channels against the path without gusts, which would conceal them."""
-    problem, calm = problem_setup.problem, path.copy()
-    calm[:, fp.GUST :] = 0.0
-    predicted = problem.predict(calm)
+    problem = problem_setup.problem
     channels = tuple(name for name in problem_setup.measured if name not in turbulent)
-    return find_delays(problem, predicted, problem.residuals(predicted), channels)
+    if np.any(problem_setup.gust.std):
+        calm = path.copy()
+        calm[:, fp.GUST :] = 0.0
+        predicted = problem.predict(calm)
+        residuals = problem.residuals(predicted)
+    return find_delays(problem, predicted, residuals, channels)
 
 
 def _by_channel(values: np.ndarray, measured: tuple[str, ...]) -> dict[str, np.ndarray]:

@@ -13,21 +13,24 @@ import scipy
 
 from structsel.errors import DomainError
 from structsel.numerics import unscented_filter as kernel
-from structsel.numerics.kinematics import CIRCULAR, MEASUREMENTS, STATES, readings, slopes
+from structsel.numerics.kinematics import CIRCULAR, GUST, MEASUREMENTS, MOTION, STATES, readings, slopes
+from structsel.numerics.rotations import quaternion_of
 from structsel.numerics.square_root import LARGEST_SPREAD, SMALLEST_SPREAD, sigma_points
 from structsel.numerics.unscented_smoother import (
     SmootherOutput,
     SmootherSteps,
-    last_smoothed,
     smooth_samples,
-    store_smoothed,
+    store_last,
 )
 
-_BLOCK = 4096  # samples whose gains are held at once: 30 MB with 21 states; chosen, not critical
+_BLOCK_BYTES = 256_000_000  # of gains held at once: an hour at 50 Hz with 20 states; beyond it they are made twice
 _MAX_BYTES = 100_000_000  # of covariances returned; chosen, not critical
-STEEP = "the pitch attitude comes too near the vertical"
-"""Reason of a failure in a loop."""
-_REASONS = {kernel.COMPLETE: "", kernel.STEEP: STEEP, kernel.NOT_FINITE: "the estimates are no longer finite"}
+# Standard deviation [rad] of attitude and flow angles below which sigma points are on a straight line: their even part
+# is half of this relative to the odd part, and the mean moves by as little of its own standard deviation.
+_NARROW = 2e-3
+_LEAST_ERROR = 1e-6  # rad, of the attitude at the start
+_PHI, _THETA, _PSI = (STATES.index(name) for name in ("phi", "theta", "psi"))
+_REASONS = {kernel.COMPLETE: "", kernel.NOT_FINITE: "the estimates are no longer finite"}
 
 
 @dataclass(frozen=True)
@@ -112,8 +115,10 @@ class KinematicsProblem:
     def residuals(self, predicted: np.ndarray) -> np.ndarray:
         """(n, 12) measured minus predicted; angles that wrap are reduced to half a turn."""
         difference = self.measurements - predicted
-        turns = np.where(CIRCULAR & np.isfinite(difference), np.round(difference / (2.0 * np.pi)), 0.0)
-        return difference - 2.0 * np.pi * turns
+        angles = difference[:, CIRCULAR]
+        turns = np.where(np.isfinite(angles), np.round(angles / (2.0 * np.pi)), 0.0)
+        difference[:, CIRCULAR] = angles - 2.0 * np.pi * turns
+        return difference
 
     def integrated_heading(self, path: np.ndarray) -> np.ndarray:
         """(n,) heading [rad] from the body rates along a path (n, 34), from its initial value."""
@@ -186,40 +191,103 @@ class _Run:
             raise DomainError(
                 f"the spread of the sigma points must be 0 (linearise) or {smallest} to {largest}, not {spread:g}."
             )
-        p, n, L, M = problem, len(problem.t), len(problem.active), len(MEASUREMENTS)
+        p, n, M = problem, len(problem.t), len(MEASUREMENTS)
+        states, constants = _internal_states(p)
+        L = len(states)
+        self.problem = problem
         self.data = kernel.FlightData(
-            *(p.t, p.inputs, p.input_std, p.measurements, p.measurement_std, p.active, p.drift, p.place),
-            *(bool(p.flank), float(p.g), float(p.gust_time), p.located, float(gate)),
+            *(p.t, p.inputs, p.input_std, p.measurements, p.measurement_std, states, constants, p.drift, p.place),
+            *(bool(p.flank), float(p.g), float(p.gust_time), p.located, float(gate), _NARROW),
         )
         self.points = sigma_points(spread, L)
-        self.work = kernel.workspace(len(STATES), p.active, p.drift, self.points.linear)
+        self.work = kernel.workspace(len(STATES), states, constants, p.drift, self.points.linear)
+        start = p.start.astype(float)
         self.estimate = kernel.FilterState(
-            p.start.astype(float), np.diag(p.start_std).astype(float), np.zeros(M, dtype=np.int64)
+            *(start, np.array(quaternion_of(*start[3:6])), _start_root(p, states), np.zeros(M, dtype=np.int64))
         )
         self.output = kernel.FilterOutput(
             *(np.full((n, L), np.nan), np.full((n, L), np.nan), np.full((n, M), np.nan), np.full((n, M), np.nan)),
             nis=np.full(n, np.nan),
             used=np.zeros(n, dtype=np.int64),
             rejected=np.zeros((n, M), dtype=np.bool_),
+            quaternion=np.full((n, 4), np.nan),
         )
 
     def steps(self, size: int) -> SmootherSteps:
         """Storage for the smoother's gains of so many samples."""
-        L, moving = len(self.data.active), self.work.moving
-        constants, m = np.setdiff1d(np.arange(L), moving), len(moving)
-        storage = np.empty((size, L)), np.empty((size, m, L)), np.empty((size, m, m))
-        return SmootherSteps(np.concatenate([constants, moving]), len(constants), *storage)
+        L = len(self.data.states)
+        m = L - self.data.constants
+        # Gains of single precision move a smoothed state by 1e-7 of its standard deviation.
+        single = np.empty((size, m, L), np.float32), np.empty((size, m, m), np.float32)
+        return SmootherSteps(np.empty((size, m)), np.empty((size, 4)), *single)
+
+    @property
+    def block(self) -> int:
+        """Samples whose gains are held at once."""
+        return max(1, int(_BLOCK_BYTES // sum(part.nbytes for part in self.steps(1))))
 
     def copy_estimate(self) -> kernel.FilterState:
-        full, S, waiting = self.estimate
-        return kernel.FilterState(full.copy(), S.copy(), waiting.copy())
+        full, quaternion, T, waiting = self.estimate
+        return kernel.FilterState(full.copy(), quaternion.copy(), T.copy(), waiting.copy())
 
     def advance(self, first: int, last: int, steps: SmootherSteps) -> tuple[float, int, int]:
         arguments = (self.data, self.points, self.estimate, self.output, steps, self.work)
         return kernel.filter_samples(first, last, *arguments)  # type: ignore[no-any-return]
 
     def result(self, log_likelihood: float, failed: int, ending: int) -> FilterResult:
-        return FilterResult(*self.output, log_likelihood, failed, _REASONS[ending])  # type: ignore[arg-type]
+        o, columns = self.output, self.columns
+        x = self.continuous(o.x[:, columns], o.quaternion)
+        others = o.innovations, o.innovation_std, o.nis, o.used, o.rejected
+        return FilterResult(x, o.std[:, columns], *others, log_likelihood, failed, _REASONS[ending])
+
+    @property
+    def columns(self) -> np.ndarray:
+        """(L,) positions of the active states in the order of the filter."""
+        order = {int(state): i for i, state in enumerate(self.data.states)}
+        return np.array([order[int(state)] for state in self.problem.active], dtype=int)
+
+    def continuous(self, x: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+        """Estimates (n, L) with continuous phi and psi that begin near those of the start; and theta, in a plane."""
+        p = self.problem
+        ends = np.flatnonzero(np.isnan(x[:, 0])) if len(x.T) else np.zeros(0, int)
+        n = int(ends[0]) if ends.size else len(x)
+        for j, state in enumerate(p.active):
+            if state == _THETA and _in_symmetry_plane(p):
+                a, b, c, d = quaternion[:n].T
+                x[:n, j] = np.arctan2(2.0 * (a * c - b * d), 1.0 - 2.0 * (b * b + c * c))
+            if n and (state in (_PHI, _PSI) or (state == _THETA and _in_symmetry_plane(p))):
+                x[:n, j] = np.unwrap(x[:n, j])
+                x[:n, j] += 2.0 * np.pi * np.round((p.start[state] - x[0, j]) / (2.0 * np.pi))
+        return x
+
+
+def _in_symmetry_plane(problem: KinematicsProblem) -> bool:
+    """Whether the motion has no roll and yaw at all: theta is then continuous in a loop."""
+    return _PHI not in problem.active and not problem.start[_PHI] and not problem.inputs[:, [3, 5]].any()
+
+
+def _internal_states(problem: KinematicsProblem) -> tuple[np.ndarray, int]:
+    """States of the filter, the constants without drift first, and their number."""
+    active = [int(state) for state in np.sort(problem.active)]
+    constant = [s for s in active if MOTION <= s < GUST and not problem.drift[s]]
+    return np.array(constant + [s for s in active if s not in constant], dtype=np.int64), len(constant)
+
+
+def _start_root(problem: KinematicsProblem, states: np.ndarray) -> np.ndarray:
+    """(L, L) columns of the root of the initial covariance, as rows; errors of the attitude in earth axes."""
+    std = dict(zip(problem.active.tolist(), problem.start_std.tolist()))
+    root = np.diag([std[int(state)] for state in states])
+    at = [int(i) for i in np.flatnonzero((states >= _PHI) & (states <= _PSI))]
+    if at:
+        st, ct = np.sin(problem.start[_THETA]), np.cos(problem.start[_THETA])
+        sp, cp = np.sin(problem.start[_PSI]), np.cos(problem.start[_PSI])
+        turned = np.array([[ct * cp, -sp, 0.0], [ct * sp, cp, 0.0], [-st, 0.0, 1.0]])
+        rows, angles = states[at] - _PHI, np.diag(root)[at]
+        # At the vertical one direction would have no error.
+        part = np.c_[turned[np.ix_(rows, rows)] * angles, _LEAST_ERROR * np.eye(len(at))]
+        factor: np.ndarray = np.linalg.qr(part.T, mode="r")  # type: ignore[assignment]
+        root[np.ix_(at, at)] = factor.T
+    return np.ascontiguousarray(root.T)
 
 
 def ukf_filter(problem: KinematicsProblem, *, spread: float = 1.0, gate: float = 0.0) -> FilterResult:
@@ -263,10 +331,11 @@ def ukf_smoother(
         A spread for which a weight would be negative.
     """
     run = _Run(problem, spread, gate)
-    n, L = len(problem.t), len(problem.active)
-    blocks = list(pairwise([1, *range(1 + _BLOCK, n, _BLOCK), n]))
+    n, L = len(problem.t), len(run.data.states)
+    block = run.block
+    blocks = list(pairwise([1, *range(1 + block, n, block), n]))
     single = len(blocks) == 1
-    steps = run.steps(min(_BLOCK, n))
+    steps = run.steps(min(block, n))
     log_likelihood, failed, ending = run.advance(0, 1, run.steps(0))
     starts = []
     for first, last in blocks:
@@ -279,12 +348,20 @@ def ukf_smoother(
     if failed >= 0:
         return filtered, None
     stride = max(1, -(-n * L * L * 8 // _MAX_BYTES))
-    output = SmootherOutput(np.empty((n, L)), np.empty((n, L)), np.empty((-(-n // stride), L, L)), stride)
-    x, S = last_smoothed(run.estimate.full[problem.active], run.estimate.S, steps)
-    store_smoothed(n - 1, x, S, steps.order, output)
+    wanted = len(problem.active)
+    place = np.full(L, -1)
+    place[run.columns] = np.arange(wanted)
+    covariance = np.empty((-(-n // stride), wanted, wanted))
+    output = SmootherOutput(place, np.empty((n, wanted)), np.empty((n, wanted)), covariance, stride)
+    states, f = run.data.states, run.data.constants
+    x, quaternion, S = run.output.x[-1].copy(), run.estimate.quaternion.copy(), np.ascontiguousarray(run.estimate.T.T)
+    turns = np.empty((n, 4))
+    store_last(states, x, quaternion, S, output)
+    turns[-1] = quaternion
     for (first, last), start in zip(reversed(blocks), reversed(starts)):
         if not single:
             run.estimate = start
             run.advance(first, last, steps)
-        smooth_samples(first, last, x, S, run.output.x, steps, output)
-    return filtered, SmootherResult(output.x, output.std, output.covariance, np.arange(0, n, stride))
+        filter_x, filter_turns = run.output.x, run.output.quaternion
+        smooth_samples(first, last, f, states, x, quaternion, S, filter_x, filter_turns, turns, steps, output)
+    return filtered, SmootherResult(run.continuous(output.x, turns), output.std, covariance, np.arange(0, n, stride))

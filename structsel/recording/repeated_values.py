@@ -40,6 +40,8 @@ def stuck_intervals(t: np.ndarray, values: np.ndarray) -> list[tuple[int, int]]:
         NaN belongs to no interval.
     """
     starts, lengths = run_lengths(values)
+    if lengths.max(initial=0) < min(_STUCK_SAMPLES, _MAX_NOISY_RUN):
+        return []
     usual = float(np.median(lengths))
     steps = np.abs(np.diff(values))
     changes = steps[np.isfinite(steps) & (steps != 0.0)]
@@ -82,6 +84,8 @@ def saturated_samples(values: np.ndarray) -> np.ndarray:
     finite = values[np.isfinite(values)]
     if finite.size < _FEWEST or finite.min() == finite.max():
         return saturated
+    if max(np.sum(finite == finite.min()), np.sum(finite == finite.max())) < _MIN_SATURATED:
+        return saturated
     starts, lengths = run_lengths(values)
     usual = float(np.median(lengths))
     noisy = is_noisy(values[starts])
@@ -116,10 +120,12 @@ def repeated_readings(values: np.ndarray) -> np.ndarray:
     if finite.sum() < _FEWEST:
         return np.empty(0, dtype=int)
     starts, lengths = run_lengths(values)
-    usual = float(np.median(lengths))
     repeats = 1.0 - len(starts) / len(values)
+    if repeats < _MIN_REPEATS:
+        return np.empty(0, dtype=int)
+    usual = float(np.median(lengths))
     # A slow motion recorded at coarse resolution also repeats values, but its longest runs are much longer.
-    if usual < 2.0 or repeats < _MIN_REPEATS or np.percentile(lengths, 95) > _MAX_RUN_RATIO * usual:
+    if usual < 2.0 or np.percentile(lengths, 95) > _MAX_RUN_RATIO * usual:
         return np.empty(0, dtype=int)
     first = np.zeros(len(values), dtype=bool)
     first[starts] = True
