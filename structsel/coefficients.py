@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +21,10 @@ from structsel.numerics.air_data import air_data_at_cg, lift_and_drag
 from structsel.numerics.atmosphere import speed_of_sound, standard_atmosphere
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Finding, Recording, with_entry_findings
-from structsel.recording.arguments import as_recordings
+from structsel.recording.arguments import as_one_recording, as_recordings, require_kind
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _WHO = "compute_coefficients"
 _OPTIONAL = (
@@ -41,7 +45,7 @@ _KINDS = ("left-out", "assumed")
 
 
 def compute_coefficients(
-    recording: Recording,
+    recording: Recording | pd.DataFrame,
     aircraft: Aircraft,
     *,
     V0: float | None = None,
@@ -56,7 +60,9 @@ def compute_coefficients(
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording or DataFrame
+        A DataFrame has a column ``t`` and is in SI units and radians, or states its units in ``attrs["units"]``; see
+        `Recording.from_frame`.
     aircraft : Aircraft
         Places of ``accelerometer`` and ``vane`` (alpha, beta, V) carry the readings to the centre of
         gravity; the thrust line takes the thrust out of forces and moments.
@@ -78,6 +84,8 @@ def compute_coefficients(
     ------
     ChannelError
         When a channel that nothing can be done without is missing.
+    ArgumentError
+        The recording or the aircraft is an object of another type.
     DataError
         When a channel used is not finite, or is to be differentiated across a gap.
     DomainError
@@ -89,11 +97,13 @@ def compute_coefficients(
     ----------
     [H17] for the coefficients, [M86] for vanes and rotor, [KM16] ch. 3.
     """
+    recording = as_one_recording(recording, f"{_WHO}(recording, aircraft)", "compute_all(recordings, aircraft)")
+    require_kind(aircraft, Aircraft, f"{_WHO}(recording, aircraft)")
     return _Computation(recording, aircraft, method, order).run(V0)
 
 
 def compute_all(
-    recordings: Iterable[Recording],
+    recordings: Iterable[Recording | pd.DataFrame],
     aircraft: Aircraft,
     *,
     V0: float | None = None,
@@ -104,7 +114,7 @@ def compute_all(
 
     Parameters
     ----------
-    recordings : iterable of Recording
+    recordings : iterable of Recording or DataFrame
     aircraft, method, order
         As for `compute_coefficients`.
     V0 : float, optional
@@ -122,9 +132,10 @@ def compute_all(
         As `compute_coefficients`.
     """
     made: list[Recording] = []
+    require_kind(aircraft, Aircraft, "compute_all(recordings, aircraft)")
     shared = aircraft.V0 if V0 is None else V0
     source = ""
-    for recording in as_recordings(recordings, "compute_all"):
+    for recording in as_recordings(recordings, "compute_all(recordings, aircraft)"):
         one = _Computation(recording, aircraft, method, order)
         if shared is None:
             shared = one.mean_airspeed()

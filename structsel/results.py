@@ -37,7 +37,18 @@ class Summarised:
         return self.summary().to_html()
 
 
-class Result(Summarised):
+class Copied:
+    """Something whose read-only mappings and arrays do not prevent that it is pickled and copied."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: _thawed(value) for name, value in vars(self).items()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            object.__setattr__(self, name, _restored(value))
+
+
+class Result(Copied, Summarised):
     """Base of the results: frozen dataclasses whose mappings and arrays are read-only, compared by identity.
 
     A subclass is declared ``@dataclass(frozen=True, eq=False, repr=False)`` and has a `summary`. In ``__post_init__``
@@ -62,13 +73,6 @@ class Result(Summarised):
         """Draw the result on `ax`, or in a new figure; see `structsel.plotting.plot`."""
         # By name: figures are made in a room above this one, which imports Matplotlib.
         return import_module("structsel.plotting").plot(self, *arguments, ax=ax, **options)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: _thawed(value) for name, value in vars(self).items()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            object.__setattr__(self, name, _restored(value))
 
 
 class NamedEstimates:

@@ -3,23 +3,24 @@
 import copy
 import inspect
 import pickle
-import warnings
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-import scipy
 import statsmodels.api as sm
 from numpy.testing import assert_allclose, assert_array_equal
 
 import structsel as ss
 from structsel.demo import demo_instruments
+from structsel.demo.aircraft import demo_aircraft
 from structsel.errors import ArgumentError, DataError, SelectionError
-from structsel.results import Summarised
+from structsel.results import Result, Summarised
 from tests.commands import code_blocks
+from tests.public_results import MAKERS, made
 
 TERMS = ["alpha", "de"]
 
@@ -80,6 +81,76 @@ def test_a_frame_without_time_and_a_unit_of_no_column_are_refused():
         ss.Recording.from_frame(frame(), {"beta": "deg"})
 
 
+def test_units_and_name_may_be_attached_to_a_frame():
+    degrees = frame().assign(alpha=np.rad2deg(frame().alpha), t=1000.0 * frame().t)
+    degrees.attrs = {"name": "m01", "units": {"alpha": "deg", "t": "ms", "gone": "ft"}}
+    found = ss.select(degrees, "Cm", TERMS, include=TERMS, bootstrap=0, noise="white")
+    assert found.recordings == ("m01",)
+    assert_allclose(found.values, chosen().values, rtol=1e-12)
+    assert_allclose(found.data[0].t, frame().t, rtol=1e-12)
+
+
+@cache
+def a_flight():
+    """The first seconds of a simulated flight, as recorded, and its aircraft."""
+    flight = demo_instruments("all-axes", 1, duration=4.0)
+    return flight.measured, flight.aircraft
+
+
+def in_degrees(recording):
+    """Data frame of a recording with angles in degrees, and their units attached."""
+    angles = [name for name in recording.names if recording.unit(name) == "rad"]
+    table = recording.to_frame()
+    table[angles] = np.rad2deg(table[angles])
+    table.attrs = {"name": recording.name, "units": dict.fromkeys(angles, "deg")}
+    return table
+
+
+def assert_same_channels(found, expected):
+    assert found.names == expected.names
+    for name in expected.names:
+        assert_allclose(found[name], expected[name], rtol=1e-9, atol=1e-9)
+
+
+def test_coefficients_and_paths_of_a_frame_are_those_of_the_recording():
+    recording, aircraft = a_flight()
+    options = {"method": "output-error"}
+    assert_same_channels(
+        ss.compute_coefficients(in_degrees(recording), aircraft), ss.compute_coefficients(recording, aircraft)
+    )
+    found, expected = (ss.reconstruct(one, aircraft, **options) for one in (in_degrees(recording), recording))
+    assert_allclose([c.value for c in found.constants], [c.value for c in expected.constants], rtol=1e-5, atol=1e-8)
+
+
+def test_a_frame_of_inputs_is_simulated_from_its_first_sample():
+    published = ss.published_aircraft("beaver")
+    steady = published.trim(45.0, 600.0)
+    t = 0.02 * np.arange(50)
+    inputs = {"t": t, **{name: np.full(50, value) for name, value in steady.controls.items()}}
+    options = {"definitions": published.definitions}
+    expected = ss.simulate(published.model, published.aircraft, inputs, start=steady, **options)
+    found = ss.simulate(published.model, published.aircraft, pd.DataFrame(inputs), start=steady, **options)
+    assert_same_channels(found, expected)
+    assert found.name == "recording"
+    again = ss.simulate(published.model, published.aircraft, in_degrees(expected), **options)
+    assert_allclose(again["alpha"], expected["alpha"], atol=1e-9)
+
+
+def test_validation_and_comparison_take_frames():
+    model = chosen().model
+    found, expected = (ss.validate(model, one).scores[0] for one in (frame(), ss.Recording.from_frame(frame())))
+    assert found.metrics == expected.metrics
+    t = 0.05 * np.arange(240)
+    u = np.sin(0.8 * t)
+    runs = [ss.Recording(name, t, {"u": u, "y": 2.0 * u + shift * u**2}) for name, shift in (("a", 0.3), ("b", 0.2))]
+    simulated = {one.name: ss.Recording(one.name, t, {"y": 2.0 * u}) for one in runs}
+    tables = [one.to_frame() for one in runs]
+    for table, one in zip(tables, runs):
+        table.attrs["name"] = one.name
+    sizes = [ss.compare(simulated, given).sizes["y"].difference for given in (tables, runs)]
+    assert_allclose(*sizes, rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("given", "says"),
     [
@@ -95,7 +166,7 @@ def test_what_is_no_recording_is_refused_with_what_to_pass(given, says):
     for call in (
         lambda: ss.select(given, "Cm", TERMS),
         lambda: ss.validate(ss.AeroModel.from_terms({"Cm": {"alpha": -1.0}}), given),
-        lambda: ss.compute_all(given, ss.demo_flights(1)[1]),
+        lambda: ss.compute_all(given, AIRCRAFT),
     ):
         with pytest.raises(ArgumentError, match=says):
             call()
@@ -109,9 +180,56 @@ def test_what_is_no_pool_is_refused_with_what_to_pass(given):
         ss.select(frame(), "Cm", given)
 
 
+FLIGHT = ss.Recording("m1", [0.0, 1.0, 2.0], {"alpha": [0.1, 0.2, 0.1]})
+MODEL = ss.AeroModel.from_terms({"Cm": {"alpha": -1.0}})
+AIRCRAFT = demo_aircraft()
+NO_RECORDING, NO_AIRCRAFT, NO_MODEL = "needs one recording", "needs an Aircraft", "needs an AeroModel"
+
+
+@pytest.mark.parametrize(
+    ("call", "says", "remedy"),
+    [
+        (lambda: ss.select(AIRCRAFT, "Cm", TERMS), "given an Aircraft", "order is select"),
+        (lambda: ss.select(frame(), 3, TERMS), "name of a response.*\n.*an int", "order is select"),
+        (lambda: ss.select(frame(), [FLIGHT], TERMS), "name of a response.*\n.*a list", "order is select"),
+        (lambda: ss.select("Cm", FLIGHT, TERMS), "given a str", "read_recording"),
+        (lambda: ss.compute_coefficients("m1.csv", AIRCRAFT), f"{NO_RECORDING}.*\n.*a str", "read_recording"),
+        (lambda: ss.compute_coefficients([FLIGHT], AIRCRAFT), f"{NO_RECORDING}.*\n.*a list", "compute_all"),
+        (lambda: ss.compute_coefficients(AIRCRAFT, FLIGHT), f"{NO_RECORDING}.*\n.*Aircraft", "order is"),
+        (lambda: ss.compute_coefficients(FLIGHT, "a.toml"), f"{NO_AIRCRAFT}.*\n.*a str", "Aircraft.from_toml"),
+        (lambda: ss.compute_all(FLIGHT, {"S": 1.0}), f"{NO_AIRCRAFT}.*\n.*a dict", "order is compute_all"),
+        (lambda: ss.reconstruct([FLIGHT], AIRCRAFT), f"{NO_RECORDING}.*\n.*a list", "reconstruct_all"),
+        (lambda: ss.reconstruct(AIRCRAFT, FLIGHT), f"{NO_RECORDING}.*\n.*Aircraft", "order is reconstruct"),
+        (lambda: ss.reconstruct(np.zeros(9), AIRCRAFT), f"{NO_RECORDING}.*\n.*ndarray", "Name the columns"),
+        (lambda: ss.reconstruct(FLIGHT, None), f"{NO_AIRCRAFT}.*\n.*NoneType", "order is reconstruct"),
+        (lambda: ss.reconstruct_all([FLIGHT], "a.toml"), f"{NO_AIRCRAFT}.*\n.*a str", "Aircraft.from_toml"),
+        (lambda: ss.simulate(AIRCRAFT, MODEL, FLIGHT), f"{NO_MODEL}.*\n.*Aircraft", "order is simulate"),
+        (lambda: ss.simulate("model.json", AIRCRAFT, FLIGHT), f"{NO_MODEL}.*\n.*a str", "AeroModel.from_json"),
+        (lambda: ss.simulate({"Cm": {}}, AIRCRAFT, FLIGHT), f"{NO_MODEL}.*\n.*a dict", "AeroModel.from_terms"),
+        (lambda: ss.simulate(MODEL, AIRCRAFT, np.zeros((9, 2))), f"{NO_RECORDING}.*\n.*ndarray", "Name the columns"),
+        (lambda: ss.resimulate(AIRCRAFT, MODEL, FLIGHT), f"{NO_MODEL}.*\n.*Aircraft", "order is resimulate"),
+        (lambda: ss.validate(FLIGHT, MODEL), "needs recordings.*\n.*AeroModel", "first argument"),
+        (lambda: ss.validate(chosen(), FLIGHT), f"{NO_MODEL}.*\n.*a Selection", "Pass its .model"),
+        (lambda: ss.validate(None, FLIGHT), f"{NO_MODEL}.*\n.*NoneType", "order is validate"),
+        (lambda: ss.compare(MODEL, FLIGHT, "a.toml"), f"{NO_AIRCRAFT}.*\n.*a str", "Aircraft.from_toml"),
+        (lambda: ss.compare(np.zeros(9), FLIGHT), "needs a simulation.*type ndarray", "order is compare"),
+        (lambda: ss.compare([FLIGHT], [FLIGHT]), "needs a simulation.*type list", "recordings by name"),
+        (lambda: ss.diagnose(None, FLIGHT, AIRCRAFT), "needs a simulation.*type NoneType", "order is diagnose"),
+        (lambda: ss.diagnose(chosen(), FLIGHT, AIRCRAFT), "needs a simulation.*type Selection", "Pass its .model"),
+    ],
+)
+def test_a_wrong_call_is_a_type_error_that_says_what_to_pass(call, says, remedy):
+    with pytest.raises(TypeError, match=says) as raised:
+        call()
+    assert isinstance(raised.value, ArgumentError)
+    *_, last = str(raised.value).splitlines()
+    assert remedy in last
+    assert str(raised.value).count("\n") <= 2
+
+
 @pytest.mark.parametrize("verb", [ss.compare, ss.diagnose])
 def test_a_model_in_the_place_of_the_recordings_is_refused(verb):
-    recordings, aircraft, _ = ss.demo_flights(1)
+    recordings, aircraft = [FLIGHT], AIRCRAFT
     with pytest.raises(ArgumentError, match=rf"{verb.__name__} needs recordings.*\nIt was given an AeroModel"):
         verb(recordings, ss.AeroModel.from_terms({"Cm": {"alpha": -1.0}}), aircraft)
 
@@ -195,60 +313,63 @@ def test_refinements_and_regressions_have_estimates_by_term():
 # --- every result ------------------------------------------------------------------------------------
 
 
-@cache
-def results():
-    """One result of each public type that a small case can make."""
-    recordings, aircraft, _ = ss.demo_flights(2, duration=8.0)
-    flights = ss.compute_all(recordings, aircraft)
-    pool = ss.Candidates.parse(["alpha", "q_hat", "de"])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        selections = ss.select(flights, ["CX", "CZ", "Cm"], pool, include=pool.names, bootstrap=0)
-        published = ss.published_aircraft("beaver")
-        trimmed = published.trim(45.0, 600.0)
-        linear = ss.linearise(published.model, published.aircraft, trimmed, definitions=published.definitions)
-        t = 0.02 * np.arange(2000)
-        de = np.sin(0.5 * t + 0.05 * t**2)
-        sweep = ss.Recording("sweep", t, {"de": de, "q": scipy.signal.lfilter([0.05], [1.0, -1.9, 0.95], de)})
-        response = ss.frequency_response(sweep, "q", "de", band=(0.6, 4.0))
-        flight = demo_instruments("all-axes", 1, duration=4.0)
-        return {
-            type(one).__name__: one
-            for one in (
-                flights[0], aircraft, pool, selections, selections["Cm"], selections.model, selections.model["Cm"],
-                ss.validate(selections.model, flights), ss.resimulate(selections.model, aircraft, flights),
-                response, ss.fit_transfer_function(response, (1, 2)),
-                published, trimmed, linear, ss.reconstruct(flight.measured, flight.aircraft, method="extended"),
-                ss.equation_error(selections.model, aircraft, flights),
-            )
-        }  # fmt: skip
-
-
-KINDS = ("Recording Aircraft Candidates Selections Selection AeroModel ResponseModel Validation Resimulation "
-         "PublishedAircraft Trim LinearModel Reconstruction EquationError FrequencyResponse "
-         "TransferFunction")  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", KINDS.split())
+@pytest.mark.parametrize("kind", MAKERS)
 def test_a_result_survives_a_pickle_and_a_deep_copy_and_is_short_at_the_prompt(kind):
-    one = results()[kind]
+    one = made(kind)
+    assert type(one).__name__ == kind
     for again in (pickle.loads(pickle.dumps(one)), copy.deepcopy(one)):
         assert type(again) is type(one)
-        assert str(again) == str(one)
-        if hasattr(one, "to_frame"):
+        if isinstance(one, Summarised):  # else the text may have the address of an object
+            assert str(again) == str(one)
+        if isinstance(one, Result):
             pd.testing.assert_frame_equal(again.to_frame(), one.to_frame())
+            assert_same_content(again, one)
     assert len(repr(one)) < 400
-    assert "\n" not in repr(one)
+    assert "\n" not in repr(one) or not isinstance(one, Summarised)
 
 
-def test_every_public_result_is_among_those_that_are_copied_or_is_named_here():
-    not_made = {
-        "Derivatives", "Diagnosis", "Ensemble", "EstimateComparison", "InputComparison", "InputDesign", "Mismatch",
-        "Qualification", "Reconstructions", "RecursiveEstimate", "Refinement",
-    }  # fmt: skip
-    types = {name: getattr(ss, name) for name in ss.__all__ if isinstance(getattr(ss, name), type)}
-    public = {name for name, kind in types.items() if issubclass(kind, Summarised)}
-    assert public - not_made <= set(KINDS.split())
+def assert_same_content(found, expected):
+    """Arrays and mappings of a result are equal, and as read-only as they were."""
+    for name, value in vars(expected).items():
+        again = getattr(found, name)
+        if isinstance(value, np.ndarray):
+            assert_array_equal(again, value)
+            assert again.flags.writeable <= value.flags.writeable
+        elif isinstance(value, MappingProxyType):
+            assert isinstance(again, MappingProxyType)
+            assert list(again) == list(value)
+
+
+def test_every_public_type_is_among_those_that_are_copied():
+    not_copied = {"JSBSimAircraft"}  # has the simulation of JSBSim, which runs in this process
+    public = {name for name in ss.__all__ if isinstance(getattr(ss, name), type)}
+    assert public - not_copied <= set(MAKERS)
+
+
+def test_a_model_with_states_is_pickled():
+    effect = ss.model.State("lag", "de", {"tau": ss.model.Quantity(0.3, 0.02, "s")})
+    model = ss.model.ResponseModel(["1", "de_lagged"], np.array([0.02, -1.5]), states={"de_lagged": effect})
+    again = pickle.loads(pickle.dumps(model))
+    assert_array_equal(again.evaluate(recording_of()), model.evaluate(recording_of()))
+
+
+def recording_of():
+    return ss.Recording.from_frame(frame())
+
+
+def test_a_pickled_selection_is_without_its_recordings_and_takes_them_again():
+    whole = chosen()
+    again = pickle.loads(pickle.dumps(whole))
+    assert len(pickle.dumps(whole)) < 0.5 * len(pickle.dumps(whole.data))
+    assert again.data == ()
+    assert again.predict(frame()).equals(whole.predict(frame()))
+    with pytest.raises(SelectionError, match=r"it was pickled.*\n.*with_recordings"):
+        again.resid  # noqa: B018
+    assert again.with_recordings(frame()).resid.equals(whole.resid)
+    with pytest.raises(SelectionError, match="of the recordings recording, and was given m2"):
+        again.with_recordings(ss.Recording.from_frame(frame(), name="m2"))
+    for copied in (copy.copy(whole), copy.deepcopy(whole)):  # in one process nothing is lost
+        assert copied.resid.equals(whole.resid)
 
 
 @pytest.mark.parametrize(
@@ -257,15 +378,15 @@ def test_every_public_result_is_among_those_that_are_copied_or_is_named_here():
 )
 def test_a_result_plots_itself_on_the_axes_that_are_given(kind, arguments):
     figure, ax = plt.subplots()
-    names = [results()[one].name if one == "Recording" else one for one in arguments]
-    assert results()[kind].plot(*names, ax=ax) is ax
+    names = [made(one).name if one == "Recording" else one for one in arguments]
+    assert made(kind).plot(*names, ax=ax) is ax
     assert ax.has_data()
     plt.close(figure)
 
 
 def test_a_result_without_a_figure_says_which_have_one():
     with pytest.raises(ArgumentError, match=r"no figure for a Candidates.*\n.*Selection"):
-        results()["Candidates"].plot()
+        made("Candidates").plot()
 
 
 @pytest.mark.parametrize("name", [name for name in ss.plotting.__all__ if name.startswith("plot")])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,10 +19,14 @@ from structsel.comparison.locating.turbulence import find_turbulence
 from structsel.comparison.noise import bins_of, edge_of
 from structsel.comparison.preparing import prepare
 from structsel.comparison.result import Mismatch, Size
+from structsel.comparison.simulations import require_simulation
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.fourier_series import spectrum
 from structsel.recording import Recording
-from structsel.recording.arguments import as_recordings
+from structsel.recording.arguments import as_recordings, require_kind
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Progress = Callable[[str, int, int], None]
 
@@ -30,7 +34,10 @@ _STEPS = 4
 
 
 def compare(
-    simulation: Any, recordings: Sequence[Recording], aircraft: Aircraft | None = None, progress: Progress | None = None
+    simulation: Any,
+    recordings: Recording | pd.DataFrame | Sequence[Recording | pd.DataFrame],
+    aircraft: Aircraft | None = None,
+    progress: Progress | None = None,
 ) -> Mismatch:
     """Where, when and how a simulation and recordings part.
 
@@ -40,8 +47,8 @@ def compare(
         A model or its file; ``"jsbsim:AIRCRAFT"``; ``"python:module:function"``; files (or their folder) with the
         recordings' names that hold coefficients or channels along them (forced), or the simulation's own flights
         (free).
-    recordings : sequence of Recording
-        One manoeuvre each.
+    recordings : Recording, DataFrame, or sequence of these
+        One manoeuvre each; for a DataFrame see `Recording.from_frame`.
     aircraft : Aircraft, optional
         With its tolerances. Not needed for plants, whose recordings have no channels of a flight.
     progress : callable, optional
@@ -53,6 +60,8 @@ def compare(
 
     Raises
     ------
+    ArgumentError
+        The simulation, the recordings or the aircraft are objects of another type.
     DataError
         Names, clocks, channels or envelopes that do not match, samples that are not finite, a simulation that diverged
         or is of another aircraft.
@@ -60,7 +69,11 @@ def compare(
         A simulation that cannot be opened.
     """
     tell = progress or (lambda what, done, of: None)
-    recordings = as_recordings(recordings, "compare")
+    call = "compare(simulation, recordings, aircraft)"
+    recordings = as_recordings(recordings, call)
+    require_simulation(simulation, call)
+    if aircraft is not None:
+        require_kind(aircraft, Aircraft, call)
     made = prepare(simulation, recordings, aircraft, tell)
     flights = made.flights
     compared = tuple(c for c in flights[0].simulated if c in flights[0].measured)

@@ -14,7 +14,7 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_coefficients
-from structsel.errors import DataError, ModelError
+from structsel.errors import ArgumentError, DataError, ModelError
 from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.air_data import body_from_wind_axes
@@ -23,6 +23,13 @@ from structsel.recording import Recording, read_recordings
 
 _STATES = ("V", "alpha")
 _LATE = 0.1  # of a sample, by which clocks may differ and still be one
+
+_NO_SIMULATION = {
+    **dict.fromkeys(("Selection", "Selections", "Refinement"), "Pass its .model."),
+    **dict.fromkeys(
+        ("list", "tuple", "Recording"), "Pass simulated recordings by name: {recording.name: recording, ...}."
+    ),
+}
 
 Evaluate = Callable[[Recording], Mapping[str, Array]]
 
@@ -50,6 +57,23 @@ class OpenedSimulation:
     flown: Mapping[str, Recording] = field(default_factory=dict)
     evaluate: Evaluate | None = None
     model: AeroModel | None = None
+
+
+def require_simulation(given: Any, call: str) -> None:
+    """Refuse an object that is no form of a simulation.
+
+    Raises
+    ------
+    ArgumentError
+        It is something else.
+    """
+    if not (isinstance(given, AeroModel | str | Path | Mapping) or callable(given)):
+        verb, kind = call.partition("(")[0], type(given).__name__
+        raise ArgumentError(
+            f"{verb} needs a simulation: an AeroModel, a file, a function, or simulated recordings by name, and was "
+            f"given an object of type {kind}.",
+            remedy=_NO_SIMULATION.get(kind, f"The order is {call}."),
+        )
 
 
 def open_simulation(source: Any, recordings: Sequence[Recording], aircraft: Aircraft) -> OpenedSimulation:

@@ -17,6 +17,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.locating.ceiling import explainable
 from structsel.comparison.locating.turbulence import TurbulenceEstimate, find_turbulence, unfelt
 from structsel.comparison.preparing import PreparedComparison, prepare
+from structsel.comparison.simulations import require_simulation
 from structsel.comparison.tolerances import Nuisance
 from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
@@ -35,7 +36,7 @@ from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
 from structsel.nomenclature import COEFFICIENTS, suggest
 from structsel.recording import Recording
-from structsel.recording.arguments import as_recordings
+from structsel.recording.arguments import as_recordings, require_kind
 
 Progress = Callable[[str, int, int], None]
 _PARTS = 3
@@ -91,7 +92,11 @@ def diagnose(
     """
     begun = time.perf_counter()
     effects = but_without(effects, without_effects)
-    recordings = as_recordings(recordings, "diagnose")
+    call = "diagnose(simulation, recordings, aircraft)"
+    recordings = as_recordings(recordings, call)
+    require_simulation(simulation, call)
+    if aircraft is not None:
+        require_kind(aircraft, Aircraft, call)
     prepared = prepare(simulation, recordings, aircraft, progress)
     found = conclude(prepared, set_up(prepared.flights, effects, held_out, progress), held_out, progress)
     return replace(found, seconds=time.perf_counter() - begun)

@@ -40,6 +40,9 @@ class Additions(Result):
         Candidates, the largest held-out R2 first, without linear combinations of the model's terms.
     values : (m,) array
         Estimate of each candidate in the extended model.
+    partial_F : (m,) array [-]
+        Reduction of the residual sum of squares over the residual variance with the candidate. It is that of white
+        residuals, and too large for autocorrelated ones: choose by the held-out R2.
     r2, pse, held_out_r2 : (m,) array [-]
         PSE as a fraction of the variance of the response. For the held-out R2, complete recordings are left out in
         turn, or eight segments of a single one.
@@ -52,6 +55,7 @@ class Additions(Result):
     response: str
     terms: tuple[Term, ...]
     values: Array
+    partial_F: Array
     r2: Array
     pse: Array
     held_out_r2: Array
@@ -74,7 +78,7 @@ class Additions(Result):
         return float(self.r2[i]), float(self.pse[i]), float(self.held_out_r2[i])
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for the model, then one for each candidate: term, value, r2, pse, held_out_r2."""
+        """One row for the model, then one for each candidate: term, value, partial_F, r2, pse, held_out_r2."""
         import pandas as pd
 
         r2, pse_before, held_out_r2 = self.before
@@ -82,6 +86,7 @@ class Additions(Result):
             {
                 "term": ["(as it is)", *map(str, self.terms)],
                 "value": [np.nan, *self.values],
+                "partial_F": [np.nan, *self.partial_F],
                 "r2": [r2, *self.r2],
                 "pse": [pse_before, *self.pse],
                 "held_out_r2": [held_out_r2, *self.held_out_r2],
@@ -91,7 +96,7 @@ class Additions(Result):
     def to_dict(self) -> dict[str, Any]:
         """Plain types, for JSON."""
         rows = self.to_frame().to_dict("records")
-        rows[0]["value"] = None
+        rows[0]["value"] = rows[0]["partial_F"] = None
         return {"schema": "structsel.additions/1", "response": self.response, "n": self.n, "rows": rows}
 
     def summary(self) -> Summary:
@@ -167,12 +172,19 @@ def try_additions(
         response,
         tuple(tried[new[i]] for i in order),
         (swept[:-1, -1] / swept[:-1, :-1].diagonal() / scale[len(own) + new])[order],
+        _partial_F(gains, rss, n - len(own) - 2)[order],
         1.0 - (rss - gains[order]) / tss,
         pse(rss - gains[order], tss, n, k + 1) / variance,
         held_out_r2[order],
         (1.0 - rss / tss, float(pse(rss, tss, n, k) / variance), without),
         n,
     )
+
+
+def _partial_F(gains: Array, rss: float, dof: int) -> Array:
+    """Partial F of each candidate, from what it takes off the residual sum of squares."""
+    with np.errstate(divide="ignore"):
+        return gains / (np.maximum(rss - gains, 0.0) / dof)
 
 
 def _partial_out(product: Array, base: int) -> Array:

@@ -32,6 +32,7 @@ from structsel.errors import ChannelError, ModelError
 from structsel.formatting import finite_or_none
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import actuate, delayed, steady_formula
+from structsel.results import Copied
 
 _PARAMETERS: dict[str, tuple[frozenset[str], ...]] = {
     "lag": (frozenset({"tau"}), frozenset({"distance"})),
@@ -66,7 +67,7 @@ class Quantity:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class State(Copied):
     """One state: what it follows, and how.
 
     Attributes

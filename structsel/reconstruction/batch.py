@@ -16,7 +16,7 @@ from structsel.reconstruction.reconstruct import reconstruct
 from structsel.reconstruction.result import CONSTANTS, Reconstruction
 from structsel.reconstruction.settings import ReconstructOptions
 from structsel.recording import Recording
-from structsel.recording.arguments import as_recordings
+from structsel.recording.arguments import as_recordings, require_kind
 from structsel.results import Result
 from structsel.tables import Cell, Column, Summary, Table, text_column
 
@@ -154,7 +154,8 @@ def reconstruct_all(
     """
     from joblib import Parallel, cpu_count, delayed
 
-    given = as_recordings(recordings, "reconstruct_all")
+    given = as_recordings(recordings, "reconstruct_all(recordings, aircraft)")
+    require_kind(aircraft, Aircraft, "reconstruct_all(recordings, aircraft)")
     names = [recording.name for recording in given]
     double = next((name for name in names if names.count(name) > 1), None)
     if double is not None:

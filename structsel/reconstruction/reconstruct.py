@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +28,10 @@ from structsel.reconstruction.settings import INERTIAL, ReconstructOptions
 from structsel.reconstruction.sign_and_unit_checks import reject_wrong_sign_or_unit
 from structsel.reconstruction.ukf import FilterResult, KinematicsProblem, SmootherResult, ukf_smoother
 from structsel.recording import Recording
+from structsel.recording.arguments import as_one_recording, require_kind
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _ALIGNMENTS = 6  # rounds of estimating and removing delays; chosen, not critical
 _ALIGNED = 0.002  # s of delay left at which they end; chosen, not critical
@@ -37,7 +42,7 @@ Progress = Callable[[str, int, int], None]
 
 @takes_options(ReconstructOptions)
 def reconstruct(
-    recording: Recording,
+    recording: Recording | pd.DataFrame,
     aircraft: Aircraft,
     *,
     options: ReconstructOptions,
@@ -51,9 +56,10 @@ def reconstruct(
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording or DataFrame
         ``V``, ``ax``, ``az``, ``q`` and, for the lateral motion, ``ay``, ``p``, ``r``; any of ``alpha beta phi
         theta psi h x y vn ve vd``. Measurements may be missing or have a lower rate (NaN, or repeated values).
+        For a DataFrame see `Recording.from_frame`.
     aircraft : Aircraft
         Positions and noise of the instruments.
     options : ReconstructOptions, optional
@@ -67,6 +73,8 @@ def reconstruct(
 
     Raises
     ------
+    ArgumentError
+        The recording or the aircraft is an object of another type.
     ChannelError
         A necessary channel is missing.
     DataError
@@ -80,6 +88,9 @@ def reconstruct(
     ----------
     [M86] and [H17] for the problem and the filter; [K79] for the check by output error; [KM16] ch. 10.
     """
+    call = "reconstruct(recording, aircraft)"
+    recording = as_one_recording(recording, call, "reconstruct_all(recordings, aircraft)")
+    require_kind(aircraft, Aircraft, call)
     applied = {} if isinstance(options.delays, str) else {name: float(value) for name, value in options.delays.items()}
     if options.delays != "estimate":
         return _reconstruct_aligned(recording, aircraft, options, applied, progress)

@@ -125,8 +125,8 @@ def _in_nomenclature_unit(values: np.ndarray, unit: str, name: str, channel: str
 
 def frame_channels(
     frame: pd.DataFrame, name: str, time: str, units: Mapping[str, str] | None
-) -> tuple[Any, dict[str, Any]]:
-    """Time and columns of a data frame.
+) -> tuple[Any, dict[str, Any], dict[str, str]]:
+    """Time, columns and units of a data frame.
 
     Raises
     ------
@@ -134,15 +134,18 @@ def frame_channels(
         There is no time, or a name in `time` or `units` is no column.
     """
     columns = {str(column): frame[column].to_numpy() for column in frame.columns}
-    for wanted in ([time] if time else []) + list(units or {}):
+    if units is None:  # the frame may have lost columns since its units were attached
+        units = {column: unit for column, unit in dict(frame.attrs.get("units", {})).items() if column in columns}
+    for wanted in ([time] if time else []) + list(units):
         if wanted not in columns:
             there = ", ".join(list(columns)[:10])
             raise DataError(f"'{name}': the data frame has no column '{wanted}'. It has: {there}.")
     if time or "t" in columns:
-        return columns.pop(time or "t"), columns
+        t, unit = columns.pop(time or "t"), units.get(time or "t", "s")
+        return t if unit == "s" else convert(t, unit, "s"), columns, dict(units)
     index = frame.index
     if index.dtype.kind in "mM" or index.name in ("t", "time"):
-        return index.to_numpy(), columns
+        return index.to_numpy(), columns, dict(units)
     raise DataError(
         f"'{name}': the data frame has no time. It has: {', '.join(list(columns)[:10])}.\n"
         'Name its column: Recording.from_frame(frame, time="Time").'

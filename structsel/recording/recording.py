@@ -99,7 +99,7 @@ class Recording(SignalMethods, Result):
             One row for each sample.
         units : mapping of str to str, optional
             Units of columns, such as ``{"alpha": "deg", "V": "kt"}``; the values are converted to SI units and radians.
-            Columns that are not named are in the units of the nomenclature.
+            Columns that are not named are in the units of the nomenclature. By default ``frame.attrs["units"]``.
         name : str
         time : str
             Column of the time [s], or of time stamps. By default the column ``t``, or else the index, if it has time
@@ -112,7 +112,8 @@ class Recording(SignalMethods, Result):
         ChannelError
             A unit is not of the quantity of its channel.
         """
-        return cls(name, *frame_channels(frame, name, time, units), units=dict(units or {}))
+        t, channels, units = frame_channels(frame, name, time, units)
+        return cls(name, t, channels, units=units)
 
     def __len__(self) -> int:
         return len(self.t)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from structsel.errors import DataError
+from structsel.formatting import count_of
 from structsel.nomenclature import unit_of
 from structsel.numerics.blocks import JobRunner, Progress
 from structsel.readers.channel_map import ChannelMap, load_channel_map
@@ -71,7 +72,7 @@ class _Cache(threading.local):
 _cache = _Cache()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StoredRecording:
     """A recording that stays in its file; its channels are read when they are needed.
 
@@ -100,6 +101,10 @@ class StoredRecording:
     findings: tuple[Finding, ...]
     origin: Origin
     digests: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        channels = count_of(len(self.names), "channel")
+        return f"<StoredRecording {self.name}: {count_of(self.samples, 'sample')}, {channels} in {self.origin.path}>"
 
     def __len__(self) -> int:
         return self.samples

@@ -13,6 +13,7 @@ from structsel.deprecation import renamed_arguments, renamed_attribute
 from structsel.errors import ModelError
 from structsel.nomenclature import suggest
 from structsel.numerics.linear_models import LinearFamily, LinearSystem
+from structsel.results import Copied
 from structsel.simulation.linear import LinearModel
 
 
@@ -44,7 +45,7 @@ matrix that depends on no parameter may lack the leading axis."""
 
 @renamed_arguments(late="delayed")
 @dataclass(frozen=True)
-class LinearStructure:
+class LinearStructure(Copied):
     """A linear model whose matrices depend on named parameters.
 
     Attributes
@@ -78,6 +79,9 @@ class LinearStructure:
     delayed: tuple[str, ...] | None = None
 
     late = renamed_attribute("delayed")
+
+    def __repr__(self) -> str:
+        return f"<LinearStructure {self.name}: states {', '.join(self.states)}; {len(self.parameters)} parameters>"
 
     def __post_init__(self) -> None:
         for key in ("states", "inputs", "outputs"):

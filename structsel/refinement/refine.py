@@ -87,7 +87,7 @@ def refine(
     ----------
     [KM16], [A10], [J15].
     """
-    flights = as_recordings(recordings, "refine")
+    flights = as_recordings(recordings, "refine(model, aircraft, recordings)")
     if options.domain == "frequency" and options.noise == "process":
         raise ModelError("refine predicts sample by sample with noise='process', which needs domain='time'.")
     flight = _make_flight(model, aircraft, options)

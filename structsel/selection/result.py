@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from structsel.candidates import Candidates, Term
 from structsel.deprecation import renamed_attribute, warn_deprecated
 from structsel.errors import SelectionError
+from structsel.formatting import join_names
 from structsel.model import AeroModel, ResponseModel
 from structsel.numerics.collinearity import ConditionIndices
 from structsel.numerics.noise_models import ARNoise
@@ -104,7 +106,8 @@ class Selection(Estimates):
     recordings : tuple of str
     dt : float [s]
     data : tuple of Recording or StoredRecording
-        The recordings themselves, for residuals and figures.
+        The recordings themselves, for residuals and figures. A pickled selection is without them; `with_recordings`
+        adds them.
     """
 
     response: str
@@ -160,6 +163,40 @@ class Selection(Estimates):
             object.__setattr__(self, name, array)
         for name in ("inclusion", "probability", "region", "constants"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "data": ()}  # they may be large, and their owner has them
+
+    def __copy__(self) -> Selection:
+        return replace(self)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Selection:
+        copied = object.__new__(type(self))
+        memo[id(self)] = copied
+        # Recordings cannot be changed: the copy has the same.
+        copied.__setstate__({**deepcopy(self.__getstate__(), memo), "data": self.data})
+        return copied
+
+    def with_recordings(self, recordings: Any) -> Selection:
+        """Selection with the recordings it was made from, which a pickled selection lacks.
+
+        Parameters
+        ----------
+        recordings : Recording, DataFrame or sequence of these
+
+        Raises
+        ------
+        SelectionError
+            Their names are not those of the selection.
+        """
+        given = as_recordings(recordings, "with_recordings")
+        if [one.name for one in given] != list(self.recordings):
+            raise SelectionError(
+                f"the selection is of the recordings {join_names(self.recordings)}, and was given "
+                f"{join_names([one.name for one in given])}.",
+                remedy="Pass the recordings that it was made from, in the same order.",
+            )
+        return replace(self, data=tuple(given))
 
     @property
     def dof(self) -> int:
@@ -239,7 +276,8 @@ class Selection(Estimates):
         given = self.data if recordings is None else recordings
         if not given:
             raise SelectionError(
-                "the selection has no recordings, as it was not made by select().", remedy="Use predict(recordings)."
+                "the selection has no recordings: it was pickled, or not made by select().",
+                remedy="Use predict(recordings), or selection.with_recordings(recordings).",
             )
         read = [one.read() if isinstance(one, StoredRecording) else one for one in given]
         parts = {one.name: pd.Series(values(one), index=pd.Index(one.t, name="t"), name=name) for one in read}

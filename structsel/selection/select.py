@@ -19,7 +19,7 @@ from structsel.numerics.blocks import JobRunner
 from structsel.numerics.instrumental import SIGNAL_LAGS
 from structsel.options import takes_options
 from structsel.recording import StoredRecording, warn_of_entry_errors
-from structsel.recording.arguments import as_recordings
+from structsel.recording.arguments import as_recordings, require_names
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.causal import LONGEST_LAG
 from structsel.selection.checkpoint import Checkpoint
@@ -34,6 +34,7 @@ from structsel.selection.trace import HeldOutPart, TraceStep
 if TYPE_CHECKING:
     import pandas as pd
 
+_CALL = "select(recordings, responses, candidates)"
 SPELLED_OUT = 12  # recordings of a part held out whose names are all given
 
 
@@ -85,7 +86,7 @@ def select(
     Raises
     ------
     ArgumentError
-        The recordings or candidates are objects of another type.
+        The recordings, responses or candidates are objects of another type.
     ChannelError, DataError
         A channel is missing, not finite, or a response does not vary.
         The checkpoint belongs to something else, or cannot be read or written.
@@ -97,9 +98,9 @@ def select(
     ----------
     [C89], [TP1916], [H17], [M95], [KM16] ch. 5.
     """
-    given = as_recordings(recordings, "select")
+    given = as_recordings(recordings, _CALL)
     candidates = _as_candidates(candidates)
-    wanted = [responses] if isinstance(responses, str) else list(responses)
+    wanted = require_names(responses, _CALL)
     warn_of_entry_errors(given, stacklevel=5)
     stored = any(isinstance(recording, StoredRecording) for recording in given)
     checking = (lambda done, of: progress("checking", done, of)) if stored and progress is not None else None

@@ -20,6 +20,7 @@ from structsel.numerics.air_data import air_data_at_cg, body_velocity
 from structsel.numerics.flight_model import CONDITIONS, STATES, CompiledAircraft, ManoeuvreInputs, outputs_index
 from structsel.numerics.flight_simulation import BatchResult, simulate_batch
 from structsel.recording import Recording
+from structsel.recording.arguments import as_one_recording
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.compile_model import Formulas, compile_aircraft, needed_inputs
 from structsel.simulation.instruments import Actuator
@@ -240,6 +241,17 @@ def start_from(
         state[[0, 2]] *= np.linalg.norm(state[:3]) / np.hypot(u, w)
         state[[STATES.index(name) for name in LATERAL_STATES]] = 0.0
     return dict(zip(STATES, state.tolist()))
+
+
+def as_inputs(given: Any, call: str) -> Inputs:
+    """Inputs as a Recording or a mapping; a data frame becomes a Recording.
+
+    Raises
+    ------
+    ArgumentError
+        They are something else.
+    """
+    return given if isinstance(given, Mapping) else as_one_recording(given, call)
 
 
 def _schedule(inputs: Inputs) -> tuple[np.ndarray, Mapping[str, Any], str]:

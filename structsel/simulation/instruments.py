@@ -13,6 +13,7 @@ from structsel.errors import ChannelError, DomainError
 from structsel.nomenclature import suggest
 from structsel.numerics.dynamic_elements import actuate, delayed
 from structsel.numerics.flight_model import VANES
+from structsel.results import Copied
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Actuator:
 
 
 @dataclass(frozen=True, eq=False)
-class Instruments:
+class Instruments(Copied):
     """Faults of the instruments; every channel that is named has its own, the others read true.
 
     ::

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -16,10 +16,14 @@ from structsel.nomenclature import COEFFICIENTS, LATERAL_STATES, WIND_AXIS_COEFF
 from structsel.numerics.flight_model import READINGS, REASONS, STATES
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Recording
+from structsel.recording.arguments import require_kind
 from structsel.simulation.atmosphere import Atmosphere
-from structsel.simulation.flight_setup import Between, FlightSetup, Inputs, Start, prepare
+from structsel.simulation.flight_setup import Between, FlightSetup, Inputs, Start, as_inputs, prepare
 from structsel.simulation.instruments import Actuator, Instruments
 from structsel.simulation.missing_responses import warn_missing
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _AT_CG = ("V", "alpha", "beta", "ax", "ay", "az")
 _MOTION = ("p", "q", "r", "phi", "theta", "psi", "x", "y", "h", "vn", "ve", "vd", "rho", "qbar", "mach", "mass")
@@ -30,7 +34,7 @@ _LATERAL = [STATES.index(name) for name in LATERAL_STATES]
 def simulate(
     model: AeroModel,
     aircraft: Aircraft,
-    inputs: Inputs,
+    inputs: Inputs | pd.DataFrame,
     *,
     start: Start | None = None,
     air: Atmosphere | None = None,
@@ -51,7 +55,7 @@ def simulate(
         (linearly), and any channel that the inputs hold.
     aircraft : Aircraft
         With mass and inertia; its thrust line, rotor and places of instruments are allowed for.
-    inputs : Recording or mapping of channel to (n,) array or float
+    inputs : Recording, DataFrame, or mapping of channel to (n,) array or float
         With ``t``, the controls that the model needs, and, where there is thrust, ``thrust`` [N]. ``mass``,
         ``fuel_flow`` [kg/s], ``Ix`` ... ``Iyz`` are used where they are given. States are not: they are simulated.
     start : Trim or mapping, optional
@@ -80,6 +84,8 @@ def simulate(
 
     Raises
     ------
+    ArgumentError
+        The model, the aircraft or the inputs are objects of another type.
     ChannelError, DataError
         An input is missing, not finite or of the wrong length; or there is no start.
     ModelError
@@ -99,6 +105,10 @@ def simulate(
     ----------
     [M86], [KM16] ch. 3.
     """
+    call = "simulate(model, aircraft, inputs)"
+    require_kind(model, AeroModel, call)
+    require_kind(aircraft, Aircraft, call)
+    inputs = as_inputs(inputs, call)
     check_outside(outside)
     vanes = None if instruments is None else instruments.vane_errors
     setup = prepare(

@@ -22,7 +22,7 @@ from structsel.nomenclature import (
 )
 from structsel.numerics.flight_model import REASONS
 from structsel.recording import Recording, require_recordings
-from structsel.recording.arguments import as_recordings
+from structsel.recording.arguments import as_recordings, require_kind
 from structsel.simulation import Atmosphere, prepare
 from structsel.simulation.flight_setup import start_from
 from structsel.simulation.missing_responses import describe_missing, missing_responses
@@ -103,7 +103,10 @@ def resimulate(
     ----------
     [M86], [J15], [FSTD].
     """
-    flights = as_recordings(recordings, "resimulate")
+    call = "resimulate(model, aircraft, recordings)"
+    flights = as_recordings(recordings, call)
+    require_kind(model, AeroModel, call)
+    require_kind(aircraft, Aircraft, call)
     _check(flights, window, normaliser)
     lateral = any(name in model for name in LATERAL_COEFFICIENTS)
     shown = _choose(flights, outputs, lateral)

@@ -16,13 +16,14 @@ from structsel.formatting import UNDEFINED, finite_or_none
 from structsel.metrics import MetricValues, Normaliser, compute_metrics, in_tables
 from structsel.model import AeroModel
 from structsel.recording import Recording, require_recordings
-from structsel.recording.arguments import as_recordings
+from structsel.recording.arguments import as_recordings, require_kind
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
 
 if TYPE_CHECKING:
     import pandas as pd
 
+_CALL = "validate(model, recordings)"
 _FEWEST = 10
 _WHITE = 0.05
 _WHITENESS = ("bound", "outside", "ljung_box", "ljung_box_p", "durbin_watson", "white")
@@ -161,7 +162,7 @@ class Validation(Result):
 
 def validate(
     model: AeroModel,
-    recordings: Recording | Sequence[Recording],
+    recordings: Recording | pd.DataFrame | Sequence[Recording | pd.DataFrame],
     *,
     responses: Iterable[str] | None = None,
     constants: Literal["auto", "model", "own"] = "auto",
@@ -173,7 +174,7 @@ def validate(
     Parameters
     ----------
     model : AeroModel
-    recordings : Recording or sequence of Recording
+    recordings : Recording, DataFrame, or sequence of these
         With the channels the model needs and the responses measured. Whole manoeuvres held out of the
         identification judge a model; those it was fitted to only describe the fit.
     responses : iterable of str, optional
@@ -193,6 +194,8 @@ def validate(
 
     Raises
     ------
+    ArgumentError
+        The model or the recordings are objects of another type.
     ModelError
         The model has no such response, or ``constants`` is none of the three.
     ChannelError
@@ -206,7 +209,8 @@ def validate(
     ----------
     [KM16], [H17], [J15]
     """
-    recordings = as_recordings(recordings, "validate")
+    recordings = as_recordings(recordings, _CALL)
+    require_kind(model, AeroModel, _CALL)
     if responses is None:
         wanted = list(model.responses)
     else:
