@@ -83,7 +83,10 @@ def with_common_options(run: Callable[..., None]) -> Callable[..., None]:
         cuts = options.pop("cut", None) or []
         if quiet and verbose:
             raise typer.BadParameter("give one of --quiet and --verbose, not both.")
-        with set_verbosity(quiet, verbose, written=options.get("out") is not None), record_inputs(options, config):
+        with (
+            set_verbosity(quiet, verbose, written=options.get("out") is not None),
+            record_inputs(options, config, cuts),
+        ):
             if config is not None:
                 say("note", f"defaults of options are from '{config}'.")
             if cuts and options.get("stream"):

@@ -74,6 +74,8 @@ COMMANDS = {
     "monitor": "Estimate parameters by equation error in the frequency domain while a flight is recorded.",
     "refine": "Estimate the parameters of a model by output error or filter error, from complete recorded manoeuvres.",
     "diagnose": "Compare a simulation with recordings, and find the effects that it lacks, with their probabilities.",
+    "explore": "Show the residuals of a model or a simulation, and what one more term or effect would do, on a local "
+    "page.",
     "export": "Write a model for JSBSim, Python, C, Modelica, LaTeX or a spreadsheet, or as text.",
     "demo": "Select models of all six axes from six simulated flights, and print them with the true values.",
 }

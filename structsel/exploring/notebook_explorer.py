@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import ipywidgets
-import numpy as np
 
 from structsel.candidates import Candidates
 from structsel.exploring.added_terms import try_additions
+from structsel.exploring.trials import varying_channels
 from structsel.model import AeroModel
 from structsel.plotting import draw_addition
 from structsel.recording import Recording
@@ -35,7 +35,7 @@ class ResidualExplorer(ipywidgets.VBox):
     def __init__(self, model: AeroModel, recordings: Sequence[Recording], candidates: Candidates):
         self._model, self._recordings, self._candidates = model, list(recordings), candidates
         self.response = ipywidgets.Dropdown(options=list(model), description="response")
-        self.channel = ipywidgets.Dropdown(options=_varying_channels(self._recordings), description="against")
+        self.channel = ipywidgets.Dropdown(options=varying_channels(self._recordings), description="against")
         self.term = ipywidgets.Dropdown(description="adding")
         self.figure = ipywidgets.Image(format="png")
         self.effect = ipywidgets.HTML()
@@ -69,10 +69,3 @@ class ResidualExplorer(ipywidgets.VBox):
         table = table_of_frame(rows[rows["term"].isin(["(as it is)", term])], digits=5)
         note = "Held out are complete recordings in turn, or segments of a single one. Choose terms by this R2."
         self.effect.value = Summary(f"{response}: adding {term}", tables=(table,), notes=(note,)).to_html()
-
-
-def _varying_channels(recordings: Sequence[Recording]) -> list[str]:
-    """Channels of every recording that are finite, and not constant in all of them."""
-    shared = [name for name in recordings[0].names if all(name in one for one in recordings)]
-    finite = [name for name in shared if all(np.isfinite(one[name]).all() for one in recordings)]
-    return [name for name in finite if any(np.ptp(one[name]) > 0.0 for one in recordings)]
