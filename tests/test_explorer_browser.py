@@ -4,7 +4,6 @@ It needs the extras ``explore`` and ``browser``, and a Chromium; see test_report
 """
 
 import json
-import signal
 import subprocess
 import sys
 
@@ -47,8 +46,8 @@ def served(place):
 
     yield serve
     for process in started:
-        process.send_signal(signal.SIGINT)
-        assert process.wait(20) in (0, 130)
+        process.terminate()  # SIGINT is ignored where pytest runs in the background
+        assert process.wait(30) == 0
         process.stdout.close()
 
 

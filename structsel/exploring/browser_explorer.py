@@ -47,7 +47,8 @@ p { margin: 0.4em 0; }
 _STYLE = (
     ":host { font: 15px/1.45 system-ui, sans-serif; color: #1d1d1d; width: 100%; } "
     ".bk-clearfix { width: 100%; } "
-    "table { border-collapse: collapse; } caption { text-align: left; padding: 4px 0; font-weight: 600; } "
+    "table { border-collapse: collapse; } "
+    "caption { text-align: left; padding: 4px 0; font-weight: 600; } "
     "th, td { padding: 2px 10px 2px 0; text-align: right; white-space: nowrap; border-bottom: 1px solid #ddd; } "
     "th:first-child, td:first-child { text-align: left; } ul { padding-left: 18px; } "
     ".scroll { overflow-x: auto; max-width: 100%; } .scroll:focus-visible { outline: 2px solid #00798c; }"
@@ -55,6 +56,7 @@ _STYLE = (
 _INPUT = (
     ":host { flex: 1 1 150px; min-width: 130px; width: auto; margin: 0; font: 15px/1.45 system-ui, sans-serif; } "
     "label { color: #1d1d1d; } .bk-input { color: #1d1d1d; border-color: #6b6b6b; } "
+    ".bk-input[multiple] { padding: 2px 6px; } "
     ".bk-input:focus { outline: 2px solid #00798c; }"
 )
 _BUTTON = (
@@ -62,7 +64,7 @@ _BUTTON = (
     ".bk-btn { color: #1d1d1d; border-color: #6b6b6b; } .bk-btn:focus-visible { outline: 2px solid #00798c; }"
 )
 _FIGURE = ":host { flex: 1 1 420px; min-width: min(100%, 300px); width: auto; margin: 0; }"
-_FLEX = ":host { gap: 10px 14px; width: 100%; margin: 6px 0; }"
+_FLEX = ":host { gap: 10px 16px; width: 100%; margin: 6px 0; }"
 
 
 class BrowserExplorer:
@@ -96,7 +98,7 @@ class BrowserExplorer:
         tools = "pan,box_zoom,box_select,reset"
         common: dict[str, Any] = {
             "height": _HEIGHT, "sizing_mode": "stretch_width", "stylesheets": [_FIGURE], "tools": tools,
-            "active_drag": "box_select", "output_backend": "canvas",
+            "active_drag": "box_select", "min_border_left": 80,
         }  # fmt: skip
         self._time: Any = figure(title="Residual over time", x_axis_label="time [s]", **common)
         self._time.multi_line("t", "without", source=self._lines, color=SECONDARY, line_width=1.2)
