@@ -37,7 +37,7 @@ class Page(HTMLParser):
 
     def handle_data(self, data):
         where = self.open[-1] if self.open else ""
-        if where != "style":
+        if where != "style" and "nav" not in self.open:
             (self.scripts if where == "script" else self.text).append(data)
 
     def words(self):
@@ -81,7 +81,8 @@ def test_nothing_is_fetched_from_anywhere(case):
     made = Page(render(ALL[case]()))
     for tag, attrs in made.tags:
         assert tag not in ("link", "iframe", "object", "embed", "base")
-        assert not {"src", "href", "action", "background"} & set(attrs)
+        assert not {"src", "action", "background"} & set(attrs)
+        assert attrs.get("href", "#").startswith("#")
         assert not any(name.startswith("on") for name in attrs)
     policy = next(
         a["content"] for t, a in made.tags if t == "meta" and a.get("http-equiv") == "Content-Security-Policy"
@@ -98,7 +99,7 @@ def test_the_result_comes_first_and_the_rest_after(page):
         "1. ground-effect",
         "2. sensor-scale",
         "Explained variance of",
-        "Time history",
+        "Time histories",
     ]
     order += [
         "Remaining differences",
@@ -118,11 +119,41 @@ def test_the_tables_hold_the_numbers(page):
         "-0.100 ± 0.004",
         "5.0 ± 0.3 m",
         "h_agl 1.5 to 5.4 m",
-        "12.5 to 19.0, 24.0 to 24.5",
+        "12.5 to 19.0 s , 24.0 to 24.5 s",
         "0.220",
         "+12 ± 2 %",
     ):
         assert word in stated
+
+
+def test_an_interval_of_a_finding_is_a_button_with_its_recording_and_times(page):
+    buttons = [attrs for tag, attrs in page.tags if tag == "button" and "data-interval" in attrs]
+    times = [(b["data-recording"], float(b["data-from"]), float(b["data-to"])) for b in buttons]
+    assert times == [(name, *one) for name, each in GROUND.intervals.items() for one in each]
+
+
+def test_the_contents_name_every_section_in_order(two):
+    links = re.findall(r'<li><a href="#([^"]+)">', two)
+    places = [two.index(f' id="{anchor}"') for anchor in links]
+    assert len(links) == len(re.findall(r"<section", two)) + 1  # and the result
+    assert places == sorted(places)
+
+
+def test_the_printed_summary_names_what_it_omits(page):
+    assert "Summary. The file also has: Remaining differences, Deviations from the stated values" in page.words()
+
+
+def test_turbulence_that_explains_nothing_is_no_finding():
+    gusts = replace(TURBULENCE, share=0.0, explained=0.9)
+    stated = Page(render(diagnosis(GROUND, gusts))).words()
+    assert "2. turbulence" not in stated
+    assert gusts.physics[0].says in stated
+    assert "2. turbulence" in Page(render(diagnosis(GROUND, replace(gusts, share=0.02)))).words()
+
+
+def test_no_line_breaks_between_a_number_and_its_unit(two):
+    assert "Computing time: 6.2&nbsp;s" in two
+    assert not re.search(r"\d (?:%|m|s|deg)\b", "".join(Page(two).text))
 
 
 def test_bars_are_as_long_as_their_errors(two):

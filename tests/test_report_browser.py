@@ -5,6 +5,7 @@ The accessibility check needs axe-core besides: STRUCTSEL_AXE, or the one that n
 """
 
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -147,6 +148,56 @@ def test_a_line_is_hidden_by_its_name_and_other_channels_are_picked(opened):
     page.select_option("#pick-channel", "alpha")
     assert page.evaluate("document.getElementById('channel-text').textContent").startswith("alpha of m05")
     assert page.said == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_number_of_a_table_is_cut_on_a_phone(kind, opened):
+    page = opened(kind, wide=360)
+    cells = "[...document.querySelectorAll('td, th')]"
+    cut = f"{cells}.filter(c => c.getBoundingClientRect().right > 360).map(c => c.textContent)"
+    assert page.evaluate(cut) == []
+
+
+def test_an_interval_of_a_finding_selects_its_samples_in_the_time_histories(opened):
+    page = opened("diagnosis")
+    page.get_by_role("button", name="Show m05 from 13.0 to 19.5 s in the time histories").click()
+    assert page.evaluate("document.getElementById('selection').textContent") == "Selected: m05, 13 to 19.5 s."
+    assert page.evaluate("document.querySelector('#history .title').textContent") == "m05: CZ"
+    at = "[...document.querySelectorAll('#history text[text-anchor=middle]')].map(t => t.textContent)"
+    labels = [float(x.replace("−", "-")) for x in page.evaluate(at)[:-2]]
+    # The interval, and half of its length before and after.
+    assert 9.75 <= min(labels) <= 11.0
+    assert 21.0 <= max(labels) <= 22.75
+    # Its samples are marked over the channel; 6.5 s at 25 Hz, at two stages.
+    marked = page.evaluate(
+        "[...document.querySelectorAll('#over .brushed')].map(p => p.getAttribute('d').split('M').length - 1)"
+    )
+    assert len(marked) == 2
+    assert all(abs(count - 163) <= 1 for count in marked)
+    page.get_by_role("button", name="Full range").click()
+    assert page.locator("#over .brushed").count() == 0
+
+
+def test_a_range_of_a_channel_shades_the_times_at_which_it_is_flown(opened):
+    page = opened("diagnosis")
+    page.get_by_role("button", name="Full range").click()
+    assert page.locator("#history .shade.range").count() == 0
+    page.locator("#over svg").focus()
+    page.keyboard.press("+")
+    assert page.locator("#history .shade.range").count() >= 1
+
+
+def test_the_name_of_a_recording_in_a_table_shows_the_recording(opened):
+    page = opened("selection")
+    page.get_by_role("button", name="m03", exact=True).first.click()
+    assert page.evaluate("document.querySelector('#history .title').textContent") == "m03: Cm"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_printed_summary_has_two_pages_at_most(kind, opened):
+    page = opened(kind)
+    printed = page.pdf(format="A4", margin=dict.fromkeys(("top", "bottom", "left", "right"), "12mm"))
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b", printed)) <= 2
 
 
 @pytest.mark.parametrize("kind", KINDS)

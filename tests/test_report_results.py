@@ -51,14 +51,14 @@ def test_nothing_is_fetched_from_anywhere(kind):
 @pytest.mark.parametrize(
     ("kind", "order"),
     {
-        "selection": ("Of 9 candidate terms, 3 for Cm and 1 for CZ were selected", "Terms", "Validation These"),
+        "selection": ("Of 9 candidate terms, 3 for Cm and 1 for CZ were selected", "Validation These", "Terms"),
         "reconstruction": ("1 of 3 manoeuvres can be trusted", "All manoeuvres", "Errors of the instruments"),
-        "refinement": ("The search converged: the model simulates alpha, q, theta and az", "Parameters", "Outputs"),
+        "refinement": ("The search converged: the model simulates alpha, q, theta and az", "Validation", "Parameters"),
     }.items(),
 )
 def test_the_finding_comes_first_then_figures_warnings_and_what_was_done(kind, order):
     stated = Page(pages()[kind]).words()
-    ends = ("Time history", "Warnings", "Method and data", "SHA-256")
+    ends = ("Time histories", "Warnings", "Method and data", "SHA-256")
     places = [stated.find(word) for word in (*order, *ends)]
     assert -1 not in places
     assert places == sorted(places)
@@ -76,7 +76,37 @@ def test_a_selections_page_holds_its_numbers_and_warnings():
     assert f"{judged.score('Cm').r2:.4f}" in stated
     assert "m04 validation m04.csv" in stated
     # Counted on the page, whose verdict it is.
-    assert f"{sum(len(s.doubts) for s in found.values()) + len(judged.doubts)} warnings" in stated
+    assert f"{sum(len(s.doubts) for s in found.values()) + len(judged.doubts)} warnings below" in stated
+
+
+def test_the_verdict_of_a_selection_is_that_of_the_validation_recordings():
+    found, _, judged = selected()
+    worst, best = sorted(judged.score(response).r2 for response in found)
+    stated = Page(pages()["selection"]).words()
+    assert stated.index(f"predicts {100.0 * worst:.1f} to {100.0 * best:.1f} % of held-out data") < 120
+    # Without them that of cross-validation, whose numbers differ.
+    alone = Page(render(found["Cm"])).words()
+    assert f"predicts {100.0 * found['Cm'].held_out_r2:.1f} % of held-out data" in alone
+    useless = replace(found["Cm"], held_out_r2=-0.1)
+    assert "does not predict Cm" in Page(render(useless)).words()
+    assert "not validated" in Page(render(replace(found["Cm"], held_out_r2=np.nan))).words()
+
+
+def test_the_candidates_that_were_not_selected_have_their_probability():
+    found = replace(selected()[0]["Cm"], probability={"alpha": 1.0, "alpha^2": 0.31, "de^2": 0.01})
+    stated = Page(render(found)).words()
+    assert "Candidates that may belong in the model term prob. bar alpha^2 31 %" in stated
+    assert "de^2 1 %" not in stated
+
+
+def test_a_refinement_without_held_out_recordings_has_the_verdict_of_the_resimulations():
+    found, flights, replays = refined()
+    assert found.verdict == "not validated"
+    stated = Page(pages()["refinement"]).words()
+    assert "better The refined model is better on m02: the rms error is between" in stated
+    turned = {"before": replays["after"], "after": replays["before"]}
+    assert "The refined model is worse on m02" in Page(render(found, recordings=flights[:1], judged=turned)).words()
+    assert "The refined model is not validated" in Page(render(found, recordings=flights[:1])).words()
 
 
 def test_a_reconstructions_page_says_what_is_not_trusted_and_what_was_found():
@@ -112,7 +142,7 @@ def test_a_refinements_page_holds_estimates_their_errors_and_flights_held_out():
     bad = replace(found, converged=False, message="60 iterations")
     text = Page(render(bad, reasons=["the flights do not determine Cm:q_hat"])).words()
     assert text.index("the flights do not determine Cm:q_hat") < text.index("NOT CONVERGED: 60 iterations")
-    assert text.index("NOT CONVERGED: 60 iterations") < text.index("Parameters")
+    assert text.index("NOT CONVERGED: 60 iterations") < text.index("Parameters 7 parameters")
 
 
 def test_figures_hold_measured_and_modelled_in_the_units_people_read():
@@ -183,7 +213,7 @@ def test_the_files_are_named_with_their_hashes(tmp_path):
 
 def test_without_recordings_the_tables_stand_alone():
     made = Page(render(selected()[0]))
-    assert "Time history" not in made.words()
+    assert "Time histories" not in made.words()
     assert "m01 m02 m03" in made.words()
 
 

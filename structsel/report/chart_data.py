@@ -104,6 +104,7 @@ def single_chart(
     x: Sequence[float],
     lines: Sequence[tuple[str, str, Sequence[float]]],
     *,
+    title: str,
     x_label: str,
     y_label: str,
     caption: str,
@@ -123,7 +124,7 @@ def single_chart(
         return pack_number(math.log10(y) if y > 0.0 else math.nan) if log else pack_number(y)
 
     return {
-        "id": name, "x": list(x), "xLabel": x_label, "yLabel": y_label,
+        "id": name, "title": title, "x": list(x), "xLabel": x_label, "yLabel": y_label,
         "caption": caption, "log": log, "integers": integers,
         "lines": [{"name": n, "style": style, "y": [value(float(y)) for y in values]} for n, style, values in lines],
         "labels": list(labels) or None,

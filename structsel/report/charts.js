@@ -1,11 +1,12 @@
-const NS = "http://www.w3.org/2000/svg", MARGIN = {left: 74, right: 12, top: 10, bottom: 40};
+const NS = "http://www.w3.org/2000/svg", MARGIN = {left: 84, right: 20, top: 10, bottom: 40}, DIGIT = 7, PAPER = 720;
 const CURSOR = {}, LINKED = {};
+let onPaper = false;
 
 const byId = id => document.getElementById(id);
 const data = JSON.parse(byId("data").textContent);
 const HIDDEN = new Set(data.hidden);
 const unpack = text => new Float32Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);
-const unit = name => data.units[name] ? ` [${data.units[name]}]` : "";
+const unit = name => ` [${(data.units[name] || "–").replaceAll("^2", "²").replaceAll("^3", "³")}]`;
 /* Number with significant digits, without an exponent from 0.0001 to 100000. */
 function formatNumber(x, digits = 4) {
   if (x === null || !isFinite(x)) return "–";
@@ -27,6 +28,15 @@ function ticks(low, high, count) {
   const step = [1, 2, 5, 10].find(k => k * power >= raw) * power, made = [];
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) made.push(+(k * step).toPrecision(12));
   return made;
+}
+
+/* Ticks of x whose labels do not touch each other. */
+function ticksOf(x0, x1, width, whole) {
+  for (let count = Math.max(2, Math.min(10, width / 70)); ; count /= 1.4) {
+    const made = ticks(x0, x1, count).filter(x => !whole || x % 1 === 0);
+    const widest = DIGIT * Math.max(0, ...made.map(x => formatNumber(x, 6).length));
+    if (made.length < 3 || (made[1] - made[0]) / (x1 - x0) * width > widest + 10) return made;
+  }
 }
 
 function extent(lines, xRange) {
@@ -65,40 +75,51 @@ function trace(line, x0, x1, px, py) {
 /* One figure: lines with x and y, dots, means with intervals, shaded intervals of x (spans) and of y (bands).
    chart.zoom is called with a range of x, or with null for the full range; chart.redraw after a line was hidden. */
 function draw(id, chart) {
-  const box = byId(id), wide = Math.max(280, box.clientWidth), high = chart.high;
+  const box = byId(id), wide = onPaper ? PAPER : Math.max(280, box.clientWidth), high = (onPaper ? 0.65 : 1) * chart.high;
   const focused = box.contains(document.activeElement) ? document.activeElement.dataset.key : undefined;
   const shown = chart.lines.filter(line => !HIDDEN.has(line.kind)), means = (chart.means || []).filter(m => !HIDDEN.has(m.kind));
   const [x0, x1] = chart.range, [y0, y1] = extent([...shown, ...means], chart.range);
-  const right = wide - MARGIN.right, floor = high - MARGIN.bottom;
-  const px = x => MARGIN.left + (x - x0) / (x1 - x0) * (right - MARGIN.left);
+  const left = wide < 480 ? MARGIN.left - 14 : MARGIN.left, right = wide - MARGIN.right, floor = high - MARGIN.bottom;
+  const px = x => left + (x - x0) / (x1 - x0) * (right - left);
   const py = y => floor - (y - y0) / (y1 - y0) * (floor - MARGIN.top);
   const clip = `clip-${id}`, caption = byId(`${id}-text`);
   box.replaceChildren();
+  const title = document.createElement("p");
+  title.className = "title";
+  title.textContent = chart.title;
+  box.appendChild(title);
   if (chart.lines.length > 1) box.appendChild(legend(chart));
   const svg = make("svg", {viewBox: `0 0 ${wide} ${high}`, role: "application", "aria-roledescription": "chart",
     "aria-label": chart.caption, "aria-describedby": "chart-keys", tabindex: 0, "data-key": "chart"}, null);
   box.appendChild(svg);
-  make("rect", {x: MARGIN.left, y: MARGIN.top, width: right - MARGIN.left, height: floor - MARGIN.top}, make("clipPath", {id: clip}, make("defs", {}, svg)));
+  make("rect", {x: left, y: MARGIN.top, width: right - left, height: floor - MARGIN.top}, make("clipPath", {id: clip}, make("defs", {}, svg)));
   for (const y of ticks(y0, y1, 5)) {
-    make("line", {class: "grid", x1: MARGIN.left, x2: right, y1: py(y), y2: py(y)}, svg);
-    make("text", {x: MARGIN.left - 6, y: py(y) + 4, "text-anchor": "end"}, svg, formatNumber(chart.log ? +(10 ** y).toPrecision(2) : y, 6));
+    make("line", {class: "grid", x1: left, x2: right, y1: py(y), y2: py(y)}, svg);
+    make("text", {x: left - 6, y: py(y) + 4, "text-anchor": "end"}, svg, formatNumber(chart.log ? +(10 ** y).toPrecision(2) : y, 6));
   }
-  for (const x of ticks(x0, x1, Math.max(3, Math.min(10, wide / 70)))) {
-    if (chart.integers && x % 1) continue;
+  for (const x of ticksOf(x0, x1, right - left, chart.integers)) {
     make("line", {class: "grid", x1: px(x), x2: px(x), y1: MARGIN.top, y2: floor}, svg);
     make("text", {x: px(x), y: floor + 16, "text-anchor": "middle"}, svg, formatNumber(x, 6));
   }
   const inside = make("g", {"clip-path": `url(#${clip})`}, svg);
   for (const s of chart.spans || []) {
     const a = px(Math.max(x0, s.from)), b = px(Math.min(x1, s.to));
-    if (b > a) make("title", {}, make("rect", {class: `shade f${s.place % 4}`, x: a, width: b - a, y: MARGIN.top, height: floor - MARGIN.top}, inside), s.name);
+    if (b > a) make("title", {}, make("rect", {class: `shade ${s.place < 0 ? "range" : `f${s.place % 4}`}`, x: a, width: b - a, y: MARGIN.top, height: floor - MARGIN.top}, inside), s.name);
   }
   for (const s of chart.bands || []) {
     const a = py(Math.min(y1, s.to)), b = py(Math.max(y0, s.from));
-    if (b > a) make("title", {}, make("rect", {class: `shade f${s.place % 4}`, x: MARGIN.left, width: right - MARGIN.left, y: a, height: b - a}, inside), s.name);
+    if (b > a) make("title", {}, make("rect", {class: `shade f${s.place % 4}`, x: left, width: right - left, y: a, height: b - a}, inside), s.name);
   }
-  if (y0 < 0 && y1 > 0 && !chart.log) make("line", {class: "axis", x1: MARGIN.left, x2: right, y1: py(0), y2: py(0)}, inside);
+  if (y0 < 0 && y1 > 0 && !chart.log) make("line", {class: "axis", x1: left, x2: right, y1: py(0), y2: py(0)}, inside);
   for (const line of shown) make("path", {class: `${line.dots ? "dots " : ""}${line.style || line.kind}`, d: trace(line, x0, x1, px, py)}, inside);
+  /* Few samples are marked. */
+  if (chart.marked) for (const line of shown) {
+    const from = nearest(line.x, x0), to = nearest(line.x, x1);
+    if (to - from < (right - left) / 8) for (let i = from; i <= to; i++) if (isFinite(line.y[i]) && line.x[i] >= x0 && line.x[i] <= x1) {
+      make("circle", {class: `sample ${line.style || line.kind}`, cx: px(line.x[i]), cy: py(line.y[i]), r: 2}, inside);
+    }
+  }
+  for (const line of chart.brushed || []) make("path", {class: `brushed ${line.kind}`, d: trace({...line, dots: true}, x0, x1, px, py)}, inside);
   if (chart.integers) for (const line of shown) for (let i = 0; i < line.x.length; i++) {
     if (line.y[i] !== null) make("circle", {class: line.style, cx: px(line.x[i]), cy: py(line.y[i]), r: 2.6}, inside);
   }
@@ -110,7 +131,7 @@ function draw(id, chart) {
       make("circle", {class: m.kind, cx: px(m.x[i]), cy: py(m.y[i]), r: 3.2}, inside);
     }
   }
-  make("text", {x: (MARGIN.left + right) / 2, y: high - 6, "text-anchor": "middle"}, svg, chart.xLabel);
+  make("text", {x: (left + right) / 2, y: high - 6, "text-anchor": "middle"}, svg, chart.xLabel);
   make("text", {x: 12, y: (floor + MARGIN.top) / 2, "text-anchor": "middle", transform: `rotate(-90 12 ${(floor + MARGIN.top) / 2})`}, svg, chart.yLabel);
 
   const cursor = make("line", {class: "cursor", y1: MARGIN.top, y2: floor, visibility: "hidden"}, svg);
@@ -126,7 +147,7 @@ function draw(id, chart) {
   };
   drag(svg, chart, event => {
     const frame = svg.getBoundingClientRect(), at = (event.clientX - frame.left) * wide / frame.width;
-    return Math.min(x1, Math.max(x0, x0 + (at - MARGIN.left) / (right - MARGIN.left) * (x1 - x0)));
+    return Math.min(x1, Math.max(x0, x0 + (at - left) / (right - left) * (x1 - x0)));
   }, px, floor, point);
   svg.addEventListener("keydown", event => onKey(event, chart, point, group));
   caption.textContent = chart.caption;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,11 +33,12 @@ from structsel.formatting import (
 )
 from structsel.nomenclature import unit_of
 from structsel.report.chart_data import ChartFlight, chart_data, pack_number, single_chart
-from structsel.report.page_model import Section
+from structsel.report.page_model import Section, place_sections
 from structsel.tables import Bar, Cell, Column, Table, text_column
 
 _STAGES = dict(zip(STAGES, ("as given", "retuned", "with the effects")))
 _LEAST_PROBABILITY = 0.005  # of the remaining probability that has a row
+_PRINTED_RESPONSES = 3  # whose errors the printed summary has
 _LEGEND = (
     "RRMSE: rms error over the rms of the measured response. R² = 1 − RRMSE². TIC: Theil's inequality coefficient, 0 "
     "perfect, 1 useless. All are computed in the compared frequency band, on recordings not used for fitting. Retuned: "
@@ -46,18 +48,50 @@ _LEGEND = (
 
 def page_of(diagnosis: Diagnosis) -> dict[str, Any]:
     """Content of the template of a diagnosis."""
+    details = (f(diagnosis) for f in (_remaining, _tolerances, _untested, _detectability))
+    sections = [
+        _explained(diagnosis),
+        _resimulation(diagnosis.replayed),
+        *(replace(s, after=True) for s in details if s),
+    ]
     return {
         "diagnosis": diagnosis,
         "headline": headline(diagnosis),
         "about": about(diagnosis),
         "seconds": format_number(diagnosis.seconds, 2) if diagnosis.seconds > 0.0 else "",
-        "findings": [_finding(k, f) for k, f in enumerate(diagnosis.findings)],
-        "sections": [s for s in (_explained(diagnosis), _resimulation(diagnosis.replayed)) if s],
+        "findings": [_finding(k, f) for k, f in enumerate(_shown_findings(diagnosis))],
+        "parts": place_sections([s for s in sections if s]),
+        "summary": _summary(diagnosis),
         "data": figures_of(diagnosis),
         "shaded": "Shaded: the intervals in which a finding acts.",
-        "details": [s for s in (f(diagnosis) for f in (_remaining, _tolerances, _untested, _detectability)) if s],
         "legend": _LEGEND,
     }
+
+
+def _is_shown(finding: EffectFinding) -> bool:
+    """Whether a finding has a section: a random effect that explains 0 % has none, no model could predict it."""
+    return finding.kind != "random" or not math.isfinite(finding.share) or round(100.0 * finding.share) > 0
+
+
+def _shown_findings(diagnosis: Diagnosis) -> list[EffectFinding]:
+    return [f for f in diagnosis.findings if _is_shown(f)]
+
+
+def _summary(diagnosis: Diagnosis) -> list[str]:
+    """Sentences on what the findings improve on recordings that were not used for fitting, and on random effects."""
+    sentences = []
+    shown = _shown_findings(diagnosis)
+    if shown and (bars := shown[-1].bars):
+        # The response whose error falls most.
+        c = min(bars, key=lambda name: bars[name].physics.rrmse / max(bars[name].delivered.rrmse, 1e-12))
+        before, after = bars[c].delivered.rrmse, bars[c].physics.rrmse
+        if math.isfinite(before) and math.isfinite(after):
+            sentences.append(
+                f"On recordings not used for fitting, the rms error of {c} is {format_percent(before)} of the rms of "
+                f"the measured response as given, and {format_percent(after)} with the effects."
+            )
+    sentences += [f.physics[0].says for f in diagnosis.findings if not _is_shown(f)]
+    return sentences
 
 
 def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -84,7 +118,7 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
                 "intervals": {name: [list(s) for s in each] for name, each in f.intervals.items()},
                 "region": {c: [pack_number(units[c][0] * x) for x in at] for c, at in f.region.items() if c in units},
             }
-            for f in diagnosis.findings
+            for f in _shown_findings(diagnosis)
         ],
     }
 
@@ -106,6 +140,7 @@ def _windows_chart(result: HeldOutSimulation, example: ExampleWindows) -> dict[s
         "windows",
         [pack_number(t) or 0.0 for t in example.t],
         [(name, style, [factor * float(y) for y in values]) for name, style, values in lines],
+        title=f"{example.recording}: {example.channel} in windows",
         x_label="time [s]",
         y_label=f"{example.channel} [{shown or '-'}]",
         caption=caption,
@@ -143,7 +178,7 @@ def _finding(place: int, finding: EffectFinding) -> dict[str, Any]:
     first = finding.physics[0]
     values = [(name, format_estimate(e.value, e.std, e.unit, "±")) for name, e in first.parameters.items()]
     intervals = [
-        (name, ", ".join(f"{a:.1f} to {b:.1f}" for a, b in each)) for name, each in finding.intervals.items() if each
+        (name, [(a, b, f"{a:.1f} to {b:.1f}") for a, b in each]) for name, each in finding.intervals.items() if each
     ]
     return {
         "place": place,
@@ -164,6 +199,7 @@ def _finding(place: int, finding: EffectFinding) -> dict[str, Any]:
         "together": format_probability(together(finding)),
         "to_separate": finding.to_separate,
         "errors": _errors(place, finding),
+        "errors_printed": place == 0 and len(finding.bars) <= _PRINTED_RESPONSES,
         "explained": _explained_text(place, finding),
     }
 
@@ -216,10 +252,10 @@ def _errors(place: int, finding: EffectFinding) -> Table:
 
 def _explained(diagnosis: Diagnosis) -> Section | None:
     """Explained variance of all findings."""
-    if not diagnosis.findings:
+    if not _shown_findings(diagnosis):
         return None
     rows = []
-    for k, f in enumerate(diagnosis.findings):
+    for k, f in enumerate(_shown_findings(diagnosis)):
         text = f"{format_percent(f.explained)} explained, {format_percent(f.explainable)} explainable"
         bar = Bar(0.0, _percent(f.explained) or 0.0, text, f"f{k % 4}", mark=_percent(f.explainable))
         rows.append((f"{k + 1}. {f.effect}", ", ".join(f.axes), f.explained, bar, f.explainable, f.share))

@@ -1,7 +1,7 @@
 /* Time histories of every recording and differences over a channel; then the further charts. */
-const STAGES = data.stages.map(([kind]) => kind), NAMES = {measured: "measured", ...Object.fromEntries(data.stages)};
+const STAGES = (data.stages || []).map(([kind]) => kind), NAMES = {measured: "measured", ...Object.fromEntries(data.stages || [])};
 const pick = {};
-let zoom = null, overZoom = null;
+let zoom = null, overZoom = null, interval = null;
 
 function flight(name) {
   const one = data.recordings[name];
@@ -28,26 +28,30 @@ function show() {
   const one = flight(name), y = one.responses[r];
   const all = [one.t[0], one.t[one.t.length - 1]], range = zoom || all;
   const spans = data.findings.flatMap((f, place) => (f.intervals[name] || []).map(([from, to]) => ({from, to, place, name: f.effect})));
-  const shading = spans.length ? `; shaded: ${spans.map(s => `${s.name} ${formatNumber(s.from)} to ${formatNumber(s.to)} s`).join(", ")}` : "";
+  const findings = spans.length;
+  if (c && overZoom) spans.push(...within(one.channels[c], overZoom).map(([from, to]) => ({from, to, place: -1, name: `${c} in the selected range`})));
+  if (interval && interval.name === name) spans.push({from: interval.from, to: interval.to, place: -1, name: "selected"});
+  const shading = findings ? `; shaded: ${spans.slice(0, findings).map(s => `${s.name} ${formatNumber(s.from)} to ${formatNumber(s.to)} s`).join(", ")}` : "";
   const time = x => `${name}, t = ${formatNumber(x)} s`;
-  const shared = {group: "time", range, all, spans, zoom: z => { zoom = z; show(); }, redraw: show, xLabel: "time [s]"};
+  const shared = {group: "time", range, all, spans, marked: true, zoom: z => { zoom = z; interval = null; show(); }, redraw: show, xLabel: "time [s]"};
+  say(name, range, zoom);
   const line = (kind, values) => ({x: y.x, y: values, kind, name: NAMES[kind]});
   const lines = ["measured", ...STAGES].map(kind => line(kind, y[kind]));
-  draw("history", {...shared, lines, high: 300, yLabel: r + unit(r),
+  draw("history", {...shared, title: `${name}: ${r}`, lines, high: 300, yLabel: r + unit(r),
     read: reader(lines, time, data.units[r]), caption: `${r} of ${name} over time, measured and ${data.verb}${shading}.`});
   const difference = STAGES.map(kind => line(kind, minus(y.measured, y[kind])));
-  draw("difference", {...shared, lines: difference, high: 220, yLabel: `difference${unit(r)}`,
+  draw("difference", {...shared, title: `${name}: measured minus ${data.verb} ${r}`, lines: difference, high: 220, yLabel: `difference${unit(r)}`,
     read: reader(difference, time, data.units[r]), caption: `Measured minus ${data.verb} ${r} of ${name}${shading}.`});
   if (data.innovation) {
     const lines = [{x: y.x, y: y.innovation, kind: "plainline", name: data.innovation}];
-    draw("innovation", {...shared, lines, bands: [{from: -2, to: 2, place: 0, name: "95 % if the filter model is correct"}], high: 200, yLabel: "innovation [std]",
+    draw("innovation", {...shared, title: `${name}: innovation of ${r}`, lines, bands: [{from: -2, to: 2, place: 0, name: "95 % if the filter model is correct"}], high: 200, yLabel: "innovation [std]",
       read: reader(lines, time, "standard deviations"), caption: `${data.innovation} of ${r} of ${name}; shaded: two standard deviations, which should contain 95 %.`});
   }
   if (!c) return;
   const driving = [{...one.channels[c], kind: "plainline", name: c}];
   const region = data.findings.flatMap((f, place) => f.region[c] ? [{from: f.region[c][0] ?? -Infinity, to: f.region[c][1] ?? Infinity, place, name: f.effect}] : []);
   const where = region.map(s => `; shaded: where ${s.name} acts`).join("");
-  draw("channel", {...shared, lines: driving, bands: region, high: 200, yLabel: c + unit(c),
+  draw("channel", {...shared, title: `${name}: ${c}`, lines: driving, bands: region, high: 200, yLabel: c + unit(c),
     read: reader(driving, time, data.units[c]), caption: `${c} of ${name} over time${where}.`});
   const bins = data.binned[r][c], stages = STAGES;
   const means = stages.map(kind => ({x: bins.at, y: bins.means[kind], half: bins.half[kind], kind, name: NAMES[kind]}));
@@ -55,13 +59,54 @@ function show() {
   const dots = ends.map(kind => ({x: scatter("channels", c), y: scatter("residuals", r, kind), kind, name: NAMES[kind], dots: true}));
   const full = data.first[c][1] > data.first[c][0] ? data.first[c] : [data.first[c][0] - 1, data.first[c][0] + 1];
   const pad = 0.02 * (full[1] - full[0]), wide = [full[0] - pad, full[1] + pad];
-  draw("over", {range: overZoom || wide, all: wide, lines: dots, means, spans: region, high: 340,
+  const times = zoom || interval ? ends.map(kind => samplesOf(one, r, c, kind, interval && interval.name === name ? [interval.from, interval.to] : range)) : [];
+  draw("over", {title: `${listNames(Object.keys(data.recordings))}: measured minus ${data.verb} ${r}`, brushed: times.filter(l => !HIDDEN.has(l.kind)), range: overZoom || wide, all: wide, lines: dots, means, spans: region, high: 340,
     zoom: z => { overZoom = z; show(); }, redraw: show, xLabel: c + unit(c), yLabel: `measured minus ${data.verb} ${r}${unit(r)}`,
     read: x => {
       const k = nearest(bins.at, x);
       return `Bin at ${c} ${formatNumber(bins.at[k])}${data.units[c] ? ` ${data.units[c]}` : ""}: ` + means.filter(m => !HIDDEN.has(m.kind)).map(m => `${m.name} ${formatNumber(m.y[k])}${m.half[k] === null ? "" : ` ± ${formatNumber(+m.half[k].toPrecision(2))}`}`).join(", ") + (data.units[r] ? ` ${data.units[r]}` : "");
     },
     caption: `Measured minus ${data.verb} ${r} over ${c}, all recordings${where}.`});
+}
+
+/* Time intervals in which a channel is in a range. */
+function within({x, y}, [low, high]) {
+  const found = [];
+  let from = null;
+  for (let i = 0; i <= x.length; i++) {
+    const inside = i < x.length && y[i] >= low && y[i] <= high;
+    if (inside && from === null) from = i;
+    if (!inside && from !== null) { found.push([x[from], x[Math.min(i, x.length - 1)]]); from = null; }
+  }
+  return found;
+}
+
+/* Differences of one recording over a channel, for the samples in a time range. */
+function samplesOf(one, r, c, kind, [from, to]) {
+  const at = one.channels[c], y = one.responses[r], made = {kind, x: [], y: []};
+  for (let i = 0; i < y.x.length; i++) if (y.x[i] >= from && y.x[i] <= to) {
+    made.x.push(at.y[nearest(at.x, y.x[i])]);
+    made.y.push(y.measured[i] - y[kind][i]);
+  }
+  return made;
+}
+
+const listNames = names => names.length > 4 ? `${names.slice(0, 3).join(", ")} and ${names.length - 3} more` : names.join(", ");
+
+/* The shown or selected time range in words. */
+function say(name, range, part) {
+  const [from, to] = interval && interval.name === name ? [interval.from, interval.to] : range;
+  byId("selection").textContent = part || interval ? `Selected: ${name}, ${formatNumber(from)} to ${formatNumber(to)} s.` : "";
+}
+
+/* Show one interval of a recording, with as much time around it. */
+function showInterval(name, from, to) {
+  const t = flight(name).t, around = Math.max(0.5 * (to - from), 1);
+  pick.recording.value = name;
+  interval = {name, from, to};
+  zoom = clampRange([from - around, to + around], [t[0], t[t.length - 1]]);
+  show();
+  byId("figures").scrollIntoView({behavior: "smooth"});
 }
 
 function scatter(part, name, kind) {
@@ -73,7 +118,7 @@ function scatter(part, name, kind) {
 function fill(id, names) {
   const select = byId(`pick-${id}`);
   for (const name of names) select.add(new Option(name, name));
-  select.addEventListener("change", () => { if (id !== "response") overZoom = null; if (id === "recording") zoom = null; show(); });
+  select.addEventListener("change", () => { if (id !== "response") overZoom = null; if (id === "recording") zoom = interval = null; show(); });
   pick[id] = select;
 }
 
@@ -85,7 +130,7 @@ function showFinding(place) {
   pick.recording.value = names.reduce((best, name) => acts(name) > acts(best) ? name : best, names[0]);
   if (f.response) pick.response.value = f.response;
   if (f.channel) pick.channel.value = f.channel;
-  zoom = overZoom = null;
+  zoom = overZoom = interval = null;
 }
 
 function drawSingle(chart, range) {
@@ -106,9 +151,27 @@ function whenResized(box, redraw) {
   }).observe(box);
 }
 
+/* Paper: charts are drawn for its width. The summary is printed unless everything is asked for. */
 const folded = [...document.querySelectorAll("details:not([open])")];
-addEventListener("beforeprint", () => { for (const one of folded) { one.dataset.was = one.open; one.open = true; } });
-addEventListener("afterprint", () => { for (const one of folded) one.open = one.dataset.was === "true"; });
+function redraw() {
+  if (byId("history")) show();
+  for (const chart of data.charts) drawSingle(chart);
+}
+addEventListener("beforeprint", () => {
+  for (const one of folded) { one.dataset.was = one.open; one.open = true; }
+  onPaper = true;
+  redraw();
+});
+addEventListener("afterprint", () => {
+  for (const one of folded) one.open = one.dataset.was === "true";
+  onPaper = false;
+  document.body.classList.remove("everything");
+  redraw();
+});
+for (const button of document.querySelectorAll("[data-print]")) button.addEventListener("click", () => {
+  document.body.classList.toggle("everything", button.dataset.print === "everything");
+  print();
+});
 for (const chart of data.charts) { drawSingle(chart); whenResized(byId(chart.id), () => drawSingle(chart)); }
 if (byId("history")) {
   fill("recording", Object.keys(data.recordings));
@@ -125,11 +188,32 @@ if (byId("history")) {
     zoom = clampRange(step(zoom || all), all);
     show();
   });
-  byId("reset").addEventListener("click", () => { zoom = overZoom = null; show(); });
+  byId("reset").addEventListener("click", () => { zoom = overZoom = interval = null; show(); });
   for (const button of document.querySelectorAll("[data-finding]")) button.addEventListener("click", () => {
     showFinding(+button.dataset.finding);
     show();
     byId("figures").scrollIntoView({behavior: "smooth"});
   });
+  for (const button of document.querySelectorAll("[data-interval]")) button.addEventListener("click", () => {
+    showFinding(+button.dataset.interval);
+    showInterval(button.dataset.recording, +button.dataset.from, +button.dataset.to);
+  });
+  /* A recording's name in a table shows the recording. */
+  for (const cell of document.querySelectorAll("main tbody th, main td.word")) {
+    const name = cell.textContent.replaceAll("\u00a0", " ");
+    if (!Object.hasOwn(data.recordings, name)) continue;
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = "recording";
+    button.textContent = name;
+    button.title = `Show ${name} in the time histories`;
+    button.addEventListener("click", () => {
+      pick.recording.value = name;
+      zoom = interval = null;
+      show();
+      byId("figures").scrollIntoView({behavior: "smooth"});
+    });
+    cell.replaceChildren(button);
+  }
   whenResized(byId("history"), show);
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,13 +18,18 @@ from structsel.reconstruction import Reconstruction, Reconstructions
 from structsel.recording import Recording
 from structsel.refinement import Refinement
 from structsel.report import comparison, diagnosis, qualification, reconstruction, refinement, selection
-from structsel.report.page_model import Page, bar_columns
+from structsel.report.page_model import Page, Part, bar_columns, place_sections
 from structsel.selection import Selection, Selections
 from structsel.tables import Bar, Cell, Link
 from structsel.validation import Resimulation, Validation
 
 Result = Diagnosis | Selection | Selections | Reconstruction | Reconstructions | Refinement
 _HERE = Path(__file__).parent
+_NO_BREAK = "\N{NO-BREAK SPACE}"
+_SQUARE = re.compile(r"(?<=/s)\^2|(?<=/rad)\^2|(?<=/deg)\^2|(?<=\bm)\^2")
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|±|s|m|km|kg|N|deg|rad|Hz|ms|h|K|Pa|V|1)(?:[\s,;.)/²]|$))|(?<=±) (?=\d)")
+MAX_PRINTED_FINDINGS = 2
+"""Findings that the printed summary of a diagnosis has."""
 
 
 def write_report(
@@ -136,12 +142,7 @@ def write_qualification(
     """
     page = qualification.page_of(result)
     known = _provenance(provenance, [one.recorded for one in result.tests])
-    context = {
-        "page": page,
-        "headline": page.headline,
-        "data": page.data,
-        "pictures": qualification.pictures_of(result),
-    }
+    context = {**_context(page), "pictures": qualification.pictures_of(result)}
     html, pdf = Path(folder) / "qtg.html", Path(folder) / "qtg.pdf"
     write_text(html, _fill("qualification.html", context, known))
     with replacing(pdf) as partial:
@@ -167,7 +168,14 @@ def render(
     """HTML of a result, see `write_report`; text from data is escaped."""
     versions_and_files = _provenance(provenance, recordings)
     if isinstance(result, Diagnosis):
-        return _fill("diagnosis.html", diagnosis.page_of(result), versions_and_files)
+        context = diagnosis.page_of(result)
+        findings = [(f"finding-{f['number']}", f"{f['number']}. {f['effect']}") for f in context["findings"]]
+        context |= {
+            "contents": _contents(findings, context["parts"], context["data"], [("notes", "Notes")]),
+            "not_printed": _not_printed(context["parts"], findings[MAX_PRINTED_FINDINGS:]),
+            "printed_findings": MAX_PRINTED_FINDINGS,
+        }
+        return _fill("diagnosis.html", context, versions_and_files)
     if isinstance(result, Selection):
         result = Selections({result.response: result})
     if isinstance(result, Reconstruction):
@@ -187,8 +195,36 @@ def render(
 
 
 def _fill_page(page: Page, provenance: Mapping[str, Any]) -> str:
-    context = {"page": page, "headline": page.headline, "data": page.data, "shaded": ""}
-    return _fill("results.html", context, provenance)
+    return _fill("results.html", {**_context(page), "shaded": ""}, provenance)
+
+
+def _context(page: Page) -> dict[str, Any]:
+    """Variables of the templates of pages of results."""
+    parts = place_sections(page.sections)
+    last = [("warnings", "Warnings"), ("method", "Method and data")]
+    return {
+        "page": page,
+        "headline": page.headline,
+        "data": page.data,
+        "parts": parts,
+        "contents": _contents([], parts, page.data, last),
+        "not_printed": _not_printed(parts, []),
+    }
+
+
+def _contents(
+    first: Sequence[tuple[str, str]], parts: Sequence[Part], data: Mapping[str, Any], last: Sequence[tuple[str, str]]
+) -> list[tuple[str, str]]:
+    """Anchors and titles of a page, in order."""
+    above = [(p.anchor, p.section.title) for p in parts if not p.section.after]
+    below = [(p.anchor, p.section.title) for p in parts if p.section.after]
+    figures = [("figures", "Time histories")] if data["recordings"] else []
+    return [("result", "Result"), *first, *above, *figures, *below, *last]
+
+
+def _not_printed(parts: Sequence[Part], findings: Sequence[tuple[str, str]]) -> list[str]:
+    """Titles that the printed summary omits."""
+    return [*(title for _, title in findings), *(p.section.title for p in parts if p.detail), "Method and data"]
 
 
 def _fill(template: str, context: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
@@ -196,7 +232,12 @@ def _fill(template: str, context: Mapping[str, Any], provenance: Mapping[str, An
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     templates = Environment(
-        loader=FileSystemLoader(_HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
+        loader=FileSystemLoader(_HERE),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+        finalize=_typeset,
     )
     templates.globals |= {"cell_kind": _cell_kind, "bar_columns": bar_columns}
     # Reports are sent to others: they have file names without folders.
@@ -209,6 +250,14 @@ def _fill(template: str, context: Mapping[str, Any], provenance: Mapping[str, An
         style=Markup(style),
         script=Markup("\n".join(scripts)),
     )
+
+
+def _typeset(value: Any) -> Any:
+    """Text with the signs of print: ±, squares of units, and no line break between a number and its unit."""
+    if type(value) is not str:  # markup, the data of the charts and numbers stay
+        return value
+    text = _SQUARE.sub("²", value.replace("+-", "±"))
+    return _BEFORE_UNIT.sub(_NO_BREAK, text)
 
 
 def _cell_kind(value: Any) -> str:

@@ -21,9 +21,17 @@ INTERVAL_NOTE = (
 )
 
 
+# The summary has two pages of A4, some 110 lines of 9 pt: verdict and reasons take up to 25, the time histories 40.
+_PRINTED_LINES = 45
+_CHART_LINES = 15
+
+
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: title with badges, warnings, sentences, tables, and charts by their name."""
+    """A part of a page: title with badges, warnings, sentences, tables, and charts by their name.
+
+    With `after` it is below the time histories.
+    """
 
     title: str
     badges: tuple[str, ...] = ()
@@ -32,6 +40,22 @@ class Section:
     tables: tuple[Table, ...] = ()
     charts: tuple[str, ...] = ()
     folded: bool = False
+    after: bool = False
+
+    @property
+    def lines(self) -> int:
+        """Approximate number of lines on paper."""
+        tables = sum(len(one.rows) + 3 for one in self.tables)
+        return 2 + len(self.warnings) + 2 * len(self.text) + tables + _CHART_LINES * len(self.charts)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A section with its place on the page: name of its anchor, and whether the printed summary omits it."""
+
+    section: Section
+    anchor: str
+    detail: bool
 
 
 @dataclass(frozen=True)
@@ -86,6 +110,16 @@ class Page:
     history: tuple[Note, ...]
     data: dict[str, Any]
     legend: str = ""
+
+
+def place_sections(sections: Sequence[Section]) -> tuple[Part, ...]:
+    """Sections with their anchors; those above the time histories are printed as long as two pages have room."""
+    parts, room = [], _PRINTED_LINES
+    for number, one in enumerate(sections, 1):
+        detail = one.after or one.folded or one.lines > room
+        room -= 0 if detail else one.lines
+        parts.append(Part(one, f"part-{number}", detail))
+    return tuple(parts)
 
 
 def bar_columns(table: Table) -> frozenset[int]:

@@ -58,23 +58,27 @@ def page_of(
         warnings += [(f"{name} the refinement", text) for text in (*one.divergence_notes(), *one.doubts)]
     charts = [_cost_chart(found)] if len(found.costs) > 1 else []
     ended = () if found.converged else (f"NOT CONVERGED: {found.message}. The best estimates found are shown.",)
+    first, *others = _parameters(found)
     sections = [
-        Section("Parameters", (count_of(len(found.estimates), "parameter"),), tables=tuple(_parameters(found))),
+        Section("Parameters", (count_of(len(found.estimates), "parameter"),), tables=(first,)),
         Section("Outputs", tables=(_fits(found),)),
     ]
     if judged:
-        sections.insert(1, _validation(judged))
+        sections.insert(0, _validation(judged))
+    sections += [Section(one.title, tables=(replace(one, title=""),), after=True) for one in others]
     if charts:
-        sections.append(Section("Search", text=(_search(found),), charts=("descent",)))
-    headline, *summary = _headline(found, judged, converged)
-    used = recordings or found.simulated
+        sections.append(Section("Search", text=(_search(found),), charts=("descent",), after=True))
     held_out = [r for one in judged.values() for r in one.recordings]
+    ratios = _error_ratios(found, judged)
+    headline, *summary = _headline(found, ratios, held_out, converged)
+    used = recordings or found.simulated
     sources = list({r.name: r for r in (*used, *held_out)}.values())
     ending = "" if converged else ", not converged"
-    good = found.verdict == "better" and not found.doubts
+    decided = _verdict(found, ratios)
+    good = decided == "better" and not found.doubts
     return Page(
-        verdict="failed" if reasons else f"{found.verdict}{ending}",
-        status="bad" if not converged or found.verdict == "worse" else "good" if good else "warning",
+        verdict="failed" if reasons else f"{decided}{ending}",
+        status="bad" if not converged or decided == "worse" else "good" if good else "warning",
         headline=headline,
         summary=tuple(summary),
         about=_about(found, held_out),
@@ -90,13 +94,39 @@ def page_of(
     )
 
 
-def _headline(found: Refinement, judged: Mapping[str, Resimulation], converged: bool) -> list[str]:
+def _error_ratios(found: Refinement, judged: Mapping[str, Resimulation]) -> dict[str, float]:
+    """Error on the validation recordings over that before the refinement, of each output."""
+    if not {"before", "after"} <= set(judged):
+        return {}
+    shared = [o for o in judged["after"].outputs if o in found.noise_std]
+    ratios = {o: judged["after"].score(o).rms_error / judged["before"].score(o).rms_error for o in shared}
+    return {o: ratio for o, ratio in ratios.items() if math.isfinite(ratio)}
+
+
+def _verdict(found: Refinement, ratios: Mapping[str, float]) -> str:
+    """Verdict of the refinement; if it had no held-out recordings, of the re-simulations that were given."""
+    if found.verdict != "not validated" or not ratios:
+        return found.verdict
+    if all(ratio < 1.0 for ratio in ratios.values()):
+        return "better"
+    return "worse" if all(ratio > 1.0 for ratio in ratios.values()) else "better in some outputs"
+
+
+def _headline(
+    found: Refinement, ratios: Mapping[str, float], held_out: Sequence[Recording], converged: bool
+) -> list[str]:
     """Sentences on the verdict, the fit, the parameter that changed most, and the prediction."""
     search = "The search converged" if converged else "The search did not converge"
     known = [f.r2 for f in found.fits if math.isfinite(f.r2)]
     fit = f" with R² from {format_decimals(min(known), 3)} to {format_decimals(max(known), 3)}" if known else ""
     kept = " The original model is kept." if found.model is not found.refined else ""
-    sentences = [f"The refined model is {found.statement}.{kept}"]
+    if found.verdict == "not validated" and ratios:
+        names = join_names(dict.fromkeys(r.name for r in held_out))
+        sentences = [f"The refined model is {_verdict(found, ratios)} on {names}: {_ratio_text(ratios)}."]
+    else:
+        sentences = [f"The refined model is {found.statement}.{kept}"]
+        if ratios:
+            sentences.append(f"On validation recordings, {_ratio_text(ratios)}.")
     sentences.append(f"{search}: the model simulates {join_names(found.noise_std)}{fit}.")
     ranked = [e for e in found.estimates if e.kind == "model" and math.isfinite(e.std) and e.std > 0.0]
     if ranked:
@@ -104,15 +134,15 @@ def _headline(found: Refinement, judged: Mapping[str, Resimulation], converged: 
         if abs(largest.value - largest.start) > _Z95 * largest.std:
             change = f"from {format_number(largest.start)} to {_estimate_text(largest)}"
             sentences.append(f"Most significant change: {largest.name}, {change}.")
-    if {"before", "after"} <= set(judged):
-        shared = [o for o in judged["after"].outputs if o in found.noise_std]
-        ratio = {o: judged["after"].score(o).rms_error / judged["before"].score(o).rms_error for o in shared}
-        ranked_ratios = sorted((x, o) for o, x in ratio.items() if math.isfinite(x))
-        if ranked_ratios:
-            ends = [f"{format_percent(x)} ({o})" for x, o in (ranked_ratios[0], ranked_ratios[-1])]
-            ratios = f"between {ends[0]} and {ends[1]}" if len(ranked_ratios) > 1 else ends[0]
-            sentences.append(f"On validation recordings, the rms error is {ratios} of the error before the refinement.")
     return sentences
+
+
+def _ratio_text(ratios: Mapping[str, float]) -> str:
+    """Smallest and largest ratio of the errors."""
+    ranked = sorted((x, o) for o, x in ratios.items())
+    ends = [f"{format_percent(x)} ({o})" for x, o in (ranked[0], ranked[-1])]
+    between = f"between {ends[0]} and {ends[1]}" if len(ranked) > 1 else ends[0]
+    return f"the rms error is {between} of the error before the refinement"
 
 
 def _estimate_text(e: Estimate) -> str:
@@ -128,7 +158,7 @@ def _about(found: Refinement, held_out: Sequence[Recording]) -> str:
 
 def _parameters(found: Refinement) -> Iterator[Table]:
     """Parameters of the model and of single recordings, with their intervals as bars; then the held parameters."""
-    titles = {"parameter": "Parameters of the model", "of": "Parameters of single recordings"}
+    titles = {"parameter": "Parameters of the model", "of": "Parameters of single recordings"}  # by the first column
     for table in found.tables():
         names = [column.name for column in table.columns]
         if names[0] not in titles:
@@ -196,7 +226,8 @@ def _cost_chart(found: Refinement) -> dict[str, Any]:
     above = list(map(float, found.costs - found.costs.min()))
     caption = f"Cost minus its minimum, after each of {count_of(len(found.costs), 'step')} of the descent."
     return single_chart("descent", range(len(found.costs)), [("cost minus minimum", "physics", above)],
-                        x_label="step", y_label="cost minus minimum", caption=caption, log=True)  # fmt: skip
+                        title="Search: cost after each step", x_label="step", y_label="cost minus minimum [-]",
+                        caption=caption, log=True)  # fmt: skip
 
 
 def _method(found: Refinement) -> str:

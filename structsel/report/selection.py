@@ -26,6 +26,7 @@ from structsel.report.page_model import (
     INTERVAL_NOTE,
     Page,
     Section,
+    Status,
     interval_bar,
     list_history,
     list_sources,
@@ -38,11 +39,12 @@ from structsel.validation import Validation
 
 _FURTHER_CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr", "df", "mach", "h")
 _MAX_CHANNELS = 16
-_MAX_RUNNERS_UP, _MIN_FREQUENCY = 6, 0.05
-_PROBABLE = 0.5  # selection frequency above which a candidate that was not selected is marked
+_MAX_RUNNERS_UP, _MIN_PROBABILITY = 6, 0.05
+_PROBABLE = 0.5  # probability above which a candidate that was not selected is marked
+_WAS = ("was", "were")
 _LEGEND = (
     "Standard errors and intervals include the uncertainty of the structure if there was a bootstrap. F: partial F of "
-    "the term in the model. freq.: selection frequency, the fraction of the bootstrap selections that have the term. "
+    "the term in the model. prob.: probability that the term belongs in the model, from resampled selections. "
     "VIF: variance inflation factor. PSE: predicted squared error, as a fraction of the variance of the response. "
     "Cross-validated: each manoeuvre (or part of a single one) is predicted by a model selected without it. Values are "
     "in SI units and radians."
@@ -58,18 +60,24 @@ def page_of(
     warnings = merge_notes((s.response, text) for s in each for text in s.doubts)
     if judged is not None:
         warnings += merge_notes(("validation", text) for text in judged.doubts)
-    headline, summary = _headline(each)
+    predicted = _predicted(each, judged)
+    headline, *summary = _headline(each, predicted, held_out)
+    verdict, status = _verdict(predicted, len(each))
     biased = [s.response for s in each if s.biased]
     bias = [f"Biased estimates: {join_names(biased)} by {each[0].estimator}."] if biased else []
-    sections = [_section(s, f"path-{k}") for k, s in enumerate(each)]
+    sections = [_section(s) for s in each]
     if judged is not None:
         text = ("These recordings were not used for the selection.",)
-        sections.append(Section("Validation", text=text, tables=judged.tables()))
+        sections.insert(0, Section("Validation", text=text, tables=judged.tables()))
+    sections += [one for s in each if (one := _resampling(s))]
+    charts = {f"path-{k}": s for k, s in enumerate(each) if len(s.trace) > 1}
+    if charts:
+        sections.append(Section("Search", charts=tuple(charts), after=True))
     return Page(
-        verdict=count_of(len(warnings), "warning") if warnings else "no warnings",
-        status="warning" if warnings or biased else "good",
+        verdict=verdict,
+        status="warning" if status == "good" and (warnings or biased) else status,
         headline=headline,
-        summary=(summary,),
+        summary=tuple(summary),
         about=_about(each, held_out),
         reasons=(*reasons, *bias),
         sections=tuple(sections),
@@ -81,30 +89,58 @@ def page_of(
         data=figures_of(
             {"physics": ("model", found)},
             recordings,
-            [_search_chart(s, f"path-{k}") for k, s in enumerate(each) if s.trace],
+            [_search_chart(s, name) for name, s in charts.items()],
         ),
         legend=_LEGEND,
     )
 
 
-def _headline(each: Sequence[Selection]) -> tuple[str, str]:
-    """Sentences on the terms, and on the explained variance."""
-    if len(each) == 1:
-        s = each[0]
-        terms = join_names(map(str, s.terms)) if s.terms else "none but the constant"
-        fit = f"The model explains {format_explained(s.r2)} of the variance"
-        prediction = f", and {format_explained(s.held_out_r2)} in cross-validation"
-        return (
-            f"The model of {s.response} has {len(s.terms)} of {count_of(len(s.pool), 'candidate term')}: {terms}.",
-            fit + (prediction if math.isfinite(s.held_out_r2) else "") + ".",
-        )
-    selected = join_names([f"{len(s.terms)} for {s.response}" for s in each], len(each))
-    worst, best = (f(each, key=lambda s: s.r2) for f in (min, max))
-    return (
-        f"Of {count_of(len(each[0].pool), 'candidate term')}, {selected} were selected.",
-        f"The models explain from {format_explained(worst.r2)} of the variance ({worst.response}) to "
-        f"{format_explained(best.r2)} ({best.response}).",
+def _predicted(each: Sequence[Selection], judged: Validation | None) -> dict[str, float]:
+    """R2 of each response on data that were not used: the validation recordings, else cross-validation."""
+    scores = {s.response: s.held_out_r2 if judged is None else judged.score(s.response).r2 for s in each}
+    return {response: r2 for response, r2 in scores.items() if math.isfinite(r2)}
+
+
+def _verdict(predicted: Mapping[str, float], count: int) -> tuple[str, Status]:
+    """Verdict on the predictions; a model with R2 of zero is no better than the mean of the response."""
+    if failed := [response for response, r2 in predicted.items() if r2 <= 0.0]:
+        return f"does not predict {join_names(failed)}", "bad"
+    if len(predicted) < count:
+        return "not validated", "warning"
+    return f"predicts {_range_text(predicted)} of held-out data", "good"
+
+
+def _range_text(predicted: Mapping[str, float], names: bool = False) -> str:
+    """Smallest and largest explained fraction."""
+    worst, best = (f(predicted, key=lambda r: predicted[r]) for f in (min, max))
+    low, high = (format_explained(predicted[r]) for r in (worst, best))
+    if names:
+        return f"from {low} ({worst}) to {high} ({best})" if len(predicted) > 1 else low
+    return low if low == high else f"{low.removesuffix(' %')} to {high}"
+
+
+def _headline(each: Sequence[Selection], predicted: Mapping[str, float], held_out: Sequence[str]) -> tuple[str, ...]:
+    """Sentences on the prediction of held-out data, on the terms, and on the explained variance."""
+    where = (
+        f"of {join_names(held_out)}, which {_WAS[len(held_out) > 1]} not used" if held_out else "in cross-validation"
     )
+    of = f"of {each[0].response} " if len(each) == 1 else ""
+    model, predict, explain = (
+        (f"model {of}", "predicts", "explains") if len(each) == 1 else ("models ", "predict", "explain")
+    )
+    if predicted:
+        first = f"The {model}{predict} {_range_text(predicted, True)} of the variance {where}."
+    else:
+        first = f"The {model}{'was' if of else 'were'} not validated: no data were held out."
+    candidates = count_of(len(each[0].pool), "candidate term")
+    if len(each) == 1:
+        terms = join_names(map(str, each[0].terms)) if each[0].terms else "none but the constant"
+        selected = f"It has {len(each[0].terms)} of {candidates}: {terms}."
+    else:
+        counts = join_names([f"{len(s.terms)} for {s.response}" for s in each], len(each))
+        selected = f"Of {candidates}, {counts} were selected."
+    fit = f"On the data of the selection, the {model}{explain} {_range_text({s.response: s.r2 for s in each}, True)}."
+    return first, selected, fit
 
 
 def _about(each: Sequence[Selection], held_out: Sequence[str]) -> str:
@@ -112,39 +148,46 @@ def _about(each: Sequence[Selection], held_out: Sequence[str]) -> str:
     return f"Selected from {count_of(len(each[0].recordings), 'recording')} with {each[0].n} samples{validation}."
 
 
-def _section(s: Selection, name: str) -> Section:
-    """Terms of one response, candidates that were nearly selected, and cross-validation."""
+def _section(s: Selection) -> Section:
+    """Terms of one response, and its fit."""
     (terms,) = s.tables()
     rows = s.to_frame().to_dict("records")
     bars = [interval_bar(row["term"], row["value"], row["low95"], row["high95"]) for row in rows]
     place = [column.name for column in terms.columns].index("F")
-    tables = [replace(terms.with_column(place, INTERVAL, bars), title="Terms", note=INTERVAL_NOTE)]
-    if s.inclusion and (runners_up := _runners_up(s)):
-        tables.append(runners_up)
-    if len(s.held_out) > 1:
-        parts = tuple((p.name, p.n, p.r2, p.rms) for p in s.held_out)
-        heads = (text_column("predicted"), Column("samples"), Column("R2", "4f"), Column("rms error", "3g"))
-        tables.append(Table(heads, parts, "Cross-validation"))
+    tables = (replace(terms.with_column(place, INTERVAL, bars), title="Terms", note=INTERVAL_NOTE),)
     badges = (f"{len(s.terms)} of {len(s.pool)} candidates", s.residual_description)
     fit = f"R² {format_decimals(s.r2)}, adjusted {format_decimals(s.adjusted_r2)}, rms error {format_number(s.rms, 3)}"
     if math.isfinite(s.held_out_r2):
         fit += f"; cross-validated R² {format_decimals(s.held_out_r2)}, rms error {format_number(s.held_out_rms, 3)}"
     warnings = (f"{count_of(len(s.doubts), 'warning')} about {s.response}, see below.",) if s.doubts else ()
-    return Section(s.response, badges, warnings, (f"{fit}.",), tuple(tables), (name,) if s.trace else ())
+    return Section(s.response, badges, warnings, (f"{fit}.",), tables)
+
+
+def _resampling(s: Selection) -> Section | None:
+    """Candidates that were nearly selected, and cross-validation by manoeuvre."""
+    tables = []
+    if s.probability and (runners_up := _runners_up(s)):
+        tables.append(runners_up)
+    if len(s.held_out) > 1:
+        parts = tuple((p.name, p.n, p.r2, p.rms) for p in s.held_out)
+        unit = display_unit(unit_of(s.response))[1] or "-"
+        heads = (text_column("predicted"), Column("samples"), Column("R2", "4f"), Column("rms error", "3g", unit))
+        tables.append(Table(heads, parts, "Cross-validation"))
+    return Section(f"{s.response}: resampling", tables=tuple(tables), after=True) if tables else None
 
 
 def _runners_up(s: Selection) -> Table | None:
-    """Candidates outside the model that bootstrap selections have, the most frequent first."""
+    """Candidates outside the model that may belong in it, the most probable first."""
     own = set(map(str, s.terms))
-    found = sorted(((x, n) for n, x in s.inclusion.items() if n not in own and x >= _MIN_FREQUENCY), reverse=True)
+    found = sorted(((x, n) for n, x in s.probability.items() if n not in own and x >= _MIN_PROBABILITY), reverse=True)
     if not found:
         return None
     rows = tuple(
         (n, x, Bar(0.0, round(100.0 * x, 1), f"{n}: {format_percent(x)}", "refitted" if x > _PROBABLE else "other"))
         for x, n in found[:_MAX_RUNNERS_UP]
     )
-    heads = (text_column("term"), Column("freq.", "%"), Column(""))
-    return Table(heads, rows, "Candidates selected in the bootstrap only")
+    heads = (text_column("term"), Column("prob.", "%"), Column(""))
+    return Table(heads, rows, "Candidates that may belong in the model")
 
 
 def _search_chart(s: Selection, name: str) -> dict[str, Any]:
@@ -159,7 +202,8 @@ def _search_chart(s: Selection, name: str) -> dict[str, Any]:
         f"{count_of(len(moves), 'move')}. It ended: {s.stop_reason}"
     )
     return single_chart(name, range(1, len(moves) + 1), lines, x_label="move of the search",
-                        y_label="fraction of variance", caption=caption, log=True, labels=moves)  # fmt: skip
+                        y_label="fraction of variance [-]", title=f"Search: {s.response}", caption=caption,
+                        log=True, labels=moves)  # fmt: skip
 
 
 def describe_method(s: Selection) -> tuple[str, ...]:
