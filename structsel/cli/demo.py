@@ -11,7 +11,7 @@ from structsel.cli.comparison_tables import summarise_truth
 from structsel.cli.folders import lock_folder
 from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import ProgressBar, print_json, stdout
-from structsel.cli.recordings import Json
+from structsel.cli.recordings import Json, PlotFormat
 from structsel.cli.selection_files import write_results
 from structsel.cli.tables import print_files, print_summary
 from structsel.coefficients import compute_all
@@ -39,6 +39,7 @@ def run(
         int, option("--bootstrap", "Selections repeated on resampled data; 0: none.", metavar="N")
     ] = 200,
     plots: Annotated[bool, option("--plots/--no-plots", "Whether --out gets plots.")] = True,
+    plot_format: PlotFormat = "png",
     json: Json = False,
 ) -> None:
     """Select models of all six axes from six simulated flights, and print them with the true values."""
@@ -75,7 +76,13 @@ def run(
                 write_recording(recording, folder / "flights" / f"{recording.name}.csv")
 
         written = write_results(
-            out, {"stepwise": found}, {"stepwise": scores}, [*used, held], [held], plots, write_data
+            out,
+            {"stepwise": found},
+            {"stepwise": scores},
+            [*used, held],
+            [held],
+            plot_format if plots else "",
+            write_data,
         )
     if json:
         print_json({**found.to_dict(), "truth": truth, "validation": scores.to_dict()})

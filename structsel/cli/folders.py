@@ -161,12 +161,14 @@ def names_in(folder: Path) -> list[str]:
     return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
 
 
-def save_figures(folder: Path, figures: Iterable[tuple[str, Figure]], count: int | None = None) -> None:
-    """Write figures to a new folder, each as ``name.png``; `count` is their number for the progress bar."""
+def save_figures(folder: Path, drawn: Iterable[tuple[str, Figure]], suffix: str, count: int | None = None) -> None:
+    """Write figures to a new folder, each as ``name.suffix``; `count` is their number for the progress bar."""
+    from structsel.plotting import save_figure  # matplotlib takes a while to load
+
     folder.mkdir()
     with ProgressBar("drawing") as progress:
-        for i, (name, figure) in enumerate(figures, 1):
-            figure.savefig(folder / f"{name}.png", dpi=110)
+        for i, (name, figure) in enumerate(drawn, 1):
+            save_figure(figure, folder / f"{name}.{suffix}")
             if count:
                 progress("plots", i, count)
 

@@ -86,7 +86,7 @@ def run(
         limits = None if fit_band is None else read_pair("--fit-band", fit_band, "0.5,10")
         constants = read_numbers("--held", held, "1/Ttheta2=0.9")
         found = fit_transfer_function(response, forms, band=limits, held=constants)
-    written = [] if out is None else _write(out, response, found, output.plots)
+    written = [] if out is None else _write(out, response, found, output.figures)
     if output.json:
         print_json(_content(response, found))
         return
@@ -121,13 +121,13 @@ def _content(response: FrequencyResponse, fit: TransferFunction | None) -> dict[
     return {**response.to_dict(), "transfer_function": None if fit is None else fit.to_dict()}
 
 
-def _write(out: Path, response: FrequencyResponse, fit: TransferFunction | None, plots: bool) -> list[str]:
+def _write(out: Path, response: FrequencyResponse, fit: TransferFunction | None, figures: str) -> list[str]:
     """Write everything, or nothing; return the names written."""
     with output_folder(out) as folder:
         (folder / "frequency_response.json").write_text(json_text(_content(response, fit)), encoding="utf-8")
         csv_of_frame(response.to_frame(), folder / "frequency_response.csv")
-        if plots:
+        if figures:
             from structsel.plotting import draw_frequency_response  # matplotlib takes a while to load
 
-            save_figures(folder / "plots", draw_frequency_response(response, fit))
+            save_figures(folder / "plots", draw_frequency_response(response, fit), figures)
         return names_in(folder)

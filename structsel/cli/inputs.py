@@ -179,7 +179,7 @@ def run(
         if model is not None:
             info = signals.information(model, found, noise=measured, parameters=wanted)
     content = _as_dict(found, info, scattered)
-    written = _write(out, found, content, model, output.plots) if out is not None else []
+    written = _write(out, found, content, model, output.figures) if out is not None else []
     if output.json:
         print_json(content)
     else:
@@ -285,7 +285,7 @@ def _write(
     found: Recording | InputDesign | InputComparison,
     content: dict[str, Any],
     model: LinearModel | None,
-    plots: bool,
+    figures: str,
 ) -> list[str]:
     """Write everything, or nothing; return the names written."""
     with output_folder(out) as folder:
@@ -294,8 +294,8 @@ def _write(
         (folder / "inputs.json").write_text(json_text(content), encoding="utf-8")
         if isinstance(found, InputComparison):
             csv_of_frame(found.to_frame(), folder / "comparison.csv")
-        if plots:
-            from structsel.plotting import draw_inputs  # matplotlib takes a while to load
+        if figures:
+            from structsel.plotting import draw_inputs, save_figure  # matplotlib takes a while to load
 
-            draw_inputs(found, model).savefig(folder / "inputs.png", dpi=110)
+            save_figure(draw_inputs(found, model), folder / f"inputs.{figures}")
         return names_in(folder)

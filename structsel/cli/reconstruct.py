@@ -22,6 +22,7 @@ from structsel.cli.recordings import (
     Json,
     Map,
     Overwrite,
+    PlotFormat,
     Plots,
     load_aircraft,
     read_manoeuvres,
@@ -97,6 +98,7 @@ def run(
     ] = "csv",
     overwrite: Overwrite = False,
     plots: Plots = True,
+    plot_format: PlotFormat = "png",
     json: Json = False,
     workers: Annotated[
         int | None, option("--workers", "Number of processes; by default the number of cores.", "Fine tuning", "N")
@@ -110,7 +112,7 @@ def run(
     recorded = read_manoeuvres(files, channel_map, find_manoeuvres)
     methods = METHODS if method == "all" else (method,)
     found = _reconstruct_by_each(methods, recorded, aircraft_model, {**options, "workers": workers})
-    written = _write(out, found, file_format, plots) if out is not None else []
+    written = _write(out, found, file_format, plot_format if plots else "") if out is not None else []
     if json:
         print_json(_as_dict(found))
         return
@@ -155,15 +157,15 @@ def _as_dict(found: Mapping[str, Reconstructions]) -> dict[str, Any]:
     return by_method({method: results.to_dict() for method, results in found.items()})
 
 
-def _write(out: Path, found: Mapping[str, Reconstructions], file_format: str, plots: bool) -> list[str]:
+def _write(out: Path, found: Mapping[str, Reconstructions], file_format: str, figures: str) -> list[str]:
     """Write everything, or nothing; return the names written, folders as one. Several methods get a folder each."""
     with output_folder(out) as folder:
         for method, results in found.items():
-            _write_one(folder if len(found) == 1 else folder / method, results, method, file_format, plots)
+            _write_one(folder if len(found) == 1 else folder / method, results, method, file_format, figures)
         return names_in(folder)
 
 
-def _write_one(folder: Path, results: Reconstructions, method: str, file_format: str, plots: bool) -> None:
+def _write_one(folder: Path, results: Reconstructions, method: str, file_format: str, figures: str) -> None:
     import pandas as pd
 
     from structsel.report import write_report
@@ -179,7 +181,7 @@ def _write_one(folder: Path, results: Reconstructions, method: str, file_format:
     table = pd.concat(heads, ignore_index=True)
     first = ["manoeuvre", "method", "trusted"]
     csv_of_frame(table[[*first, *(name for name in table if name not in first)]], folder / "constants.csv")
-    if plots:
+    if figures:
         from structsel.plotting import draw_reconstructions  # matplotlib takes a while to load
 
-        save_figures(folder / "plots", draw_reconstructions(results), 4 * len(results) + 1)
+        save_figures(folder / "plots", draw_reconstructions(results), figures, 4 * len(results) + 1)

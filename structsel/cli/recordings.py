@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -66,6 +66,9 @@ Reconstruct = Annotated[
     ),
 ]
 Plots = Annotated[bool, option("--plots/--no-plots", "Whether to write plots to --out.", OUTPUT)]
+PlotFormat = Annotated[
+    Literal["png", "svg", "pdf"], option("--plot-format", "Format of the plots, at print quality.", OUTPUT)
+]
 Json = Annotated[bool, option("--json", "Print JSON only.", OUTPUT)]
 Overwrite = Annotated[bool, option("--overwrite", "Replace existing files.", OUTPUT)]
 
@@ -90,7 +93,13 @@ class OutputOptions:
 
     overwrite: Overwrite = False
     plots: Plots = True
+    plot_format: PlotFormat = "png"
     json: Json = False
+
+    @property
+    def figures(self) -> str:
+        """Format of the plots; empty without plots."""
+        return self.plot_format if self.plots else ""
 
 
 def expand(files: Iterable[Path]) -> list[Path]:

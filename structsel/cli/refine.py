@@ -110,7 +110,7 @@ def run(
         kept = "It is kept, as --keep-worse asks." if options["keep_worse"] else original
         say("warning", f"the refined model is {found.statement}. {kept}")
     replays = _validate(aircraft_model, found, validation) if failed is None else {}
-    written = _write(out, found, training, replays, failed, output.plots) if out is not None else []
+    written = _write(out, found, training, replays, failed, output.figures) if out is not None else []
     if output.json:
         print_json(_as_dict(found, replays, failed))
     else:
@@ -195,7 +195,7 @@ def _write(
     recordings: Sequence[Recording],
     replays: Mapping[str, Resimulation],
     failed: RefinementError | None,
-    plots: bool,
+    figures: str,
 ) -> list[str]:
     """Write everything, or nothing; return the names written."""
     from structsel.report import write_report
@@ -217,10 +217,10 @@ def _write(
             reasons=reasons,
             provenance=provenance(),
         )
-        if plots:
+        if figures:
             from structsel.plotting import draw_refinement  # matplotlib takes a while to load
 
-            save_figures(folder / "plots", draw_refinement(found, recordings))
+            save_figures(folder / "plots", draw_refinement(found, recordings), figures)
         return names_in(folder)
 
 

@@ -17,7 +17,7 @@ from structsel.cli.folders import refuse_existing
 from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import ProgressBar, by_method, explain, print_json, say, stdout
 from structsel.cli.parsing import split_names
-from structsel.cli.recordings import OUTPUT, Files, Json, Overwrite, Plots, RecordingOptions, hold_out
+from structsel.cli.recordings import OUTPUT, Files, Json, Overwrite, PlotFormat, Plots, RecordingOptions, hold_out
 from structsel.cli.selection_files import write_results
 from structsel.cli.streaming import StreamingOptions, report_sample, stream_flights
 from structsel.cli.tables import print_files, print_summary
@@ -120,6 +120,7 @@ class SelectionOutputOptions:
     ] = None
     overwrite: Overwrite = False
     plots: Plots = True
+    plot_format: PlotFormat = "png"
     json: Json = False
     trace: Annotated[bool, option("--trace", "Also print every step of the search.", OUTPUT)] = False
     latex: Annotated[bool, option("--latex", "Print the model as a LaTeX table instead.", OUTPUT)] = False
@@ -195,7 +196,9 @@ def _show(
     written = []
     if output.out is not None:
         shown = report_sample(used)
-        written = write_results(output.out, found, scores, [*shown, *held], held or shown, output.plots)
+        written = write_results(
+            output.out, found, scores, [*shown, *held], held or shown, output.plot_format if output.plots else ""
+        )
     if output.json:
         print_json(_as_dict(found, scores))
     elif output.latex:

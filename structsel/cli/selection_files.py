@@ -21,7 +21,7 @@ def write_results(
     scores: Mapping[str, Validation],
     recordings: Sequence[Recording],
     shown: Sequence[Recording],
-    plots: bool,
+    figures: str,
     extra_files: Callable[[Path], None] | None = None,
 ) -> list[str]:
     """Write everything, or nothing; return the names written, plots as one.
@@ -36,7 +36,8 @@ def write_results(
         Data of the reports: the recordings of the selection and of the validation.
     shown : sequence of Recording
         Recordings whose time histories are plotted.
-    plots : bool
+    figures : str
+        Format of the plots; empty for none.
     extra_files : callable, optional
         Writes further files to the folder that it is called with.
     """
@@ -49,10 +50,10 @@ def write_results(
             mark = marks[method]
             _write_one(folder, mark, selections, scores.get(method))
             write_report(selections, folder / f"report{mark}.html", judged=scores.get(method), **context)
-            if plots:
+            if figures:
                 from structsel.plotting import draw_selection  # matplotlib takes a while to load
 
-                save_figures(folder / f"plots{mark}", draw_selection(selections, shown), 3 * len(selections))
+                save_figures(folder / f"plots{mark}", draw_selection(selections, shown), figures, 3 * len(selections))
         if len(found) > 1:
             pages = {method: f"report{mark}.html" for method, mark in marks.items()}
             write_comparison(found, folder / "report.html", judged=scores, pages=pages, **context)

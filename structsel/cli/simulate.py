@@ -160,7 +160,7 @@ def run(
             start = found.trim if i < len(perturbed) else None
             _run_one(found, r, partial(conditions.simulate, aircraft_model, r, start, i))
             progress("flights", i + 1, len(perturbed) + len(recorded))
-    written = _write(out, found, _as_dict(aircraft_model, found), output.plots) if out is not None else []
+    written = _write(out, found, _as_dict(aircraft_model, found), output.figures) if out is not None else []
     if output.json:
         print_json(_as_dict(aircraft_model, found))
     else:
@@ -298,7 +298,7 @@ def _modes_as_dict(modes: Modes) -> list[dict[str, Any]]:
     ]
 
 
-def _write(out: Path, found: _SimulationRun, content: Mapping[str, Any], plots: bool) -> list[str]:
+def _write(out: Path, found: _SimulationRun, content: Mapping[str, Any], figures: str) -> list[str]:
     """Write everything, or nothing; return the names written."""
     with output_folder(out) as folder:
         if found.flights:
@@ -306,9 +306,9 @@ def _write(out: Path, found: _SimulationRun, content: Mapping[str, Any], plots: 
         for flight in found.flights:
             write_recording(flight, folder / "flights" / f"{flight.name}.csv")
         (folder / "simulation.json").write_text(json_text(content), encoding="utf-8")
-        if plots and found.flights:
+        if figures and found.flights:
             from structsel.plotting import draw_flight  # matplotlib takes a while to load
 
             pairs = ((flight, found.recorded.get(flight.name)) for flight in found.flights)
-            save_figures(folder / "plots", ((one.name, draw_flight(one, recorded)) for one, recorded in pairs))
+            save_figures(folder / "plots", ((one.name, draw_flight(one, recorded)) for one, recorded in pairs), figures)
         return names_in(folder)

@@ -181,7 +181,7 @@ def _qualify(
 
 
 def _show(found: Resimulation, model: str, out: Path | None, output: OutputOptions) -> None:
-    written = _write(out, found, output.plots) if out is not None else []
+    written = _write(out, found, output.figures) if out is not None else []
     if output.json:
         print_json(found.to_dict())
         return
@@ -190,13 +190,13 @@ def _show(found: Resimulation, model: str, out: Path | None, output: OutputOptio
         print_files(stdout(), str(out), written)
 
 
-def _write(out: Path, found: Resimulation, plots: bool) -> list[str]:
+def _write(out: Path, found: Resimulation, figures: str) -> list[str]:
     """Write everything, or nothing; return the names written."""
     with output_folder(out) as folder:
         (folder / "replay.json").write_text(json_text(found.to_dict()), encoding="utf-8")
         csv_of_frame(found.to_frame(), folder / "replay.csv")
-        if plots:
+        if figures:
             from structsel.plotting import draw_resimulation  # matplotlib takes a while to load
 
-            save_figures(folder / "plots", draw_resimulation(found))
+            save_figures(folder / "plots", draw_resimulation(found), figures)
         return names_in(folder)

@@ -2,7 +2,8 @@
 
 Each ``plot_`` function draws one result and returns its Axes. It draws on ``ax=``, or in a new figure without it; a
 function with several Axes takes a Figure or SubFigure as ``ax`` too. Axes have labels with units, angles are in
-degrees. Each ``draw_`` function returns complete figures, for files.
+degrees. Each ``draw_`` function returns complete figures;
+`save_figure` writes one as PNG, SVG or PDF.
 """
 
 from structsel.deprecation import renamed_names
@@ -28,6 +29,7 @@ from structsel.plotting.recordings import (
     plot_spectrum,
 )
 from structsel.plotting.refinement import draw_refinement, plot_comparison, plot_derivatives
+from structsel.plotting.saving import save_figure
 from structsel.plotting.selection import (
     draw_selection,
     plot_autocorrelation,
@@ -98,6 +100,7 @@ __all__ = [
     "plot_search",
     "plot_spectrum",
     "plot_time_history",
+    "save_figure",
 ]
 
 __getattr__ = renamed_names(
