@@ -93,8 +93,11 @@ def run(
         raise typer.BadParameter("refine needs --recordings.")
     recordings = [*recordings, *(more_recordings or [])]
     training, validation = hold_out(read_inputs(recordings, channel_map, "--recordings"), held_out)
-    if validation and (not isinstance(aircraft_model, PublishedAircraft) or aircraft_model.model is None):
-        raise typer.BadParameter("--held-out is available for model files and built-in aircraft only.")
+    can_validate = isinstance(aircraft_model, LinearModel) or (
+        isinstance(aircraft_model, PublishedAircraft) and aircraft_model.model is not None
+    )
+    if validation and not can_validate:
+        raise typer.BadParameter("--held-out is not available for aircraft of JSBSim; give a model file.")
     options |= {"free": _free(aircraft_model, options["free"]), "constraint": "stable" if stable else None}
     failed: RefinementError | None = None
     try:
@@ -157,7 +160,7 @@ def _refine(
             bar(f"{stage}, cost {value:.5g}" if stage not in limits else stage, count, limits.get(stage, count + 1))
 
         if isinstance(aircraft_model, LinearModel):
-            return refine(aircraft_model, None, training, **options, progress=progress)
+            return refine(aircraft_model, None, training, **options, held_out=validation, progress=progress)
         if not isinstance(aircraft_model, PublishedAircraft):
             raise typer.BadParameter("aircraft of JSBSim have no parameters to refine; give a model file.")
         assert aircraft_model.model is not None

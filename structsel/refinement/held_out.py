@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from structsel.errors import DataError, ModelError
+from structsel.errors import DataError
 from structsel.formatting import count_of, format_number, join_names
 from structsel.recording import Recording
 from structsel.refinement.parameters import require_even_clock
@@ -29,7 +29,9 @@ _SHORTEST = 10  # samples of a window, as of a recording that is re-simulated
 class HeldOutComparison:
     """Errors of the original and the refined model on recordings that the refinement did not use.
 
-    A recording is simulated in windows, each started from the recorded state. The error of a window is the root mean
+    A recording is simulated in windows, each started from the recorded state. The states of a linear model are not
+    recorded: its first state and a constant of each output are estimated in each window by least squares, for the
+    original and the refined model alike. The error of a window is the root mean
     square of measured minus simulated outputs, each relative to the standard deviation of that output over the held-out
     recordings. Biases, references and scale factors of outputs are not applied: the model does not contain them.
 
@@ -105,18 +107,13 @@ class HeldOutComparison:
         }  # fmt: skip
 
 
-def check_held_out(flight: RefinableModel, held_out: Sequence[Recording], used: Sequence[Recording]) -> None:
-    """Refuse held-out recordings for a model without a recorded start, those that were used, and uneven clocks.
+def check_held_out(held_out: Sequence[Recording], used: Sequence[Recording]) -> None:
+    """Refuse held-out recordings that were used, and uneven clocks.
 
     Raises
     ------
-    ModelError, DataError
+    DataError
     """
-    if flight.from_rest:
-        raise ModelError(
-            f"refine(held_out=...) needs the recorded start of each window; the states of '{flight.name}' are not "
-            "recorded. Hold recordings out of an AeroModel only."
-        )
     names = {r.name for r in used}
     for recording in held_out:
         if recording.name in names:
@@ -164,17 +161,47 @@ def _squares(
     flight: RefinableModel, piece: Recording, sizes: Mapping[str, float], values: np.ndarray, delays: np.ndarray
 ) -> np.ndarray:
     """(2,) mean square relative error in a window; infinite where the simulation diverges, NaN without a sample."""
-    start = np.tile(flight.first_state(piece), (len(values), 1))
-    columns = [flight.outputs.index(name) for name in sizes]
-    with np.errstate(all="ignore"):
-        simulated = flight.simulator(piece)(values, start, np.zeros_like(start), delays)[:, :, columns]
     measured = np.column_stack([piece[name] for name in sizes])
     sampled = np.isfinite(measured)
     if not sampled.any():
         return np.full(len(values), np.nan)
+    columns = [flight.outputs.index(name) for name in sizes]
+    with np.errstate(all="ignore"):
+        if flight.from_rest:
+            each = [_fit_start(flight, piece, sizes, measured, v, d) for v, d in zip(values, delays)]
+            simulated = np.array(each)
+        else:
+            start = np.tile(flight.first_state(piece), (len(values), 1))
+            simulated = flight.simulator(piece)(values, start, np.zeros_like(start), delays)[:, :, columns]
     relative = ((measured - simulated) / np.array([*sizes.values()]))[:, sampled]
     diverged = ~np.isfinite(relative).all(axis=1)
     return np.where(diverged, np.inf, np.mean(np.where(np.isfinite(relative), relative, 0.0) ** 2, axis=1))
+
+
+def _fit_start(
+    flight: RefinableModel,
+    piece: Recording,
+    sizes: Mapping[str, float],
+    measured: np.ndarray,
+    values: np.ndarray,
+    delay: float,
+) -> np.ndarray:
+    """(n, c) outputs of a linear model from the first state and the constants of the outputs that fit best."""
+    columns = [flight.outputs.index(name) for name in sizes]
+    states, count = len(flight.states), len(columns)
+    # From rest, and from a unit of each state: the outputs are linear in the first state.
+    start = np.vstack([np.zeros(states), np.eye(states)])
+    many = np.tile(values, (states + 1, 1))
+    simulated = flight.simulator(piece)(many, start, np.zeros_like(start), np.full(states + 1, delay))[:, :, columns]
+    from_rest, free = simulated[0], simulated[1:] - simulated[0]
+    if not np.isfinite(simulated).all():
+        return np.full(from_rest.shape, np.inf)
+    constants = np.broadcast_to(np.eye(count)[:, None, :], (count, len(piece), count))
+    shapes = np.concatenate([free, constants]) / np.array([*sizes.values()])
+    left = (measured - from_rest) / np.array([*sizes.values()])
+    sampled = np.isfinite(left)
+    best = np.linalg.lstsq(shapes[:, sampled].T, left[sampled], rcond=None)[0]
+    return np.asarray(from_rest + np.tensordot(best, np.concatenate([free, constants]), axes=1))
 
 
 def _windows(recording: Recording) -> list[Recording]:

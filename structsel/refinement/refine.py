@@ -63,7 +63,7 @@ def refine(
     options : RefineOptions, optional
         Every field may be given as a keyword of its own instead: ``refine(..., free=["Cm:alpha"], starts="all")``.
     held_out : sequence of Recording
-        Recordings that are not used for the estimates; for an AeroModel.
+        Recordings that are not used for the estimates.
     progress : callable, optional
         Called with "evolution" or "descent", the count and the cost.
 
@@ -75,7 +75,7 @@ def refine(
     Raises
     ------
     ModelError
-        A name that is not the model's, bounds that cross, recordings held out of a linear model.
+        A name that is not the model's, bounds that cross.
     DataError
         Recordings that cannot be simulated: uneven clock, inputs missing, shorter than the delay. A held-out recording
         that is also refined with, or has none of the outputs.
@@ -93,7 +93,7 @@ def refine(
     flight = _make_flight(model, aircraft, options)
     check_recordings(flights)
     if held_out:
-        check_held_out(flight, held_out, flights)
+        check_held_out(held_out, flights)
     outputs = choose_outputs(flight, flights, options.outputs)
     parameters = bound(build_parameters(flight, flights, outputs, options), options.bounds or {})
     if not parameters:
