@@ -151,6 +151,12 @@ def test_turbulence_that_explains_nothing_is_no_finding():
     assert "2. turbulence" in Page(render(diagnosis(GROUND, replace(gusts, share=0.02)))).words()
 
 
+def test_numbers_in_sentences_have_no_exponents():
+    first = replace(GROUND.physics[0], says="Height scale 1.1e+02 m, -2.3e+03 N, delay 1.2e-02 s.")
+    stated = Page(render(diagnosis(replace(GROUND, physics=(first, *GROUND.physics[1:]))))).words()
+    assert "Height scale 110 m, -2300 N, delay 0.012 s." in stated
+
+
 def test_no_line_breaks_between_a_number_and_its_unit(two):
     assert "Computing time: 6.2&nbsp;s" in two
     assert not re.search(r"\d (?:%|m|s|deg)\b", "".join(Page(two).text))

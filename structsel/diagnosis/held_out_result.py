@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from structsel.formatting import display_unit
+from structsel.formatting import display_unit, format_number
 from structsel.numerics.arrays import Array
 
 if TYPE_CHECKING:
@@ -157,5 +157,5 @@ class HeldOutSimulation:
             rms = "".join(f"{factor * near.rms:9.2g}" for near in each)
             tic = "".join(f"{near.tic:7.3f}" for near in each)
             inside = "".join(f"{100.0 * near.inside:5.0f} %" for near in each)
-            lines.append(f"  {r.channel:<6}{rms}  {unit:<6}{tic}{inside} of +-{factor * r.band:.2g}")
+            lines.append(f"  {r.channel:<6}{rms}  {unit:<6}{tic}{inside} of +-{format_number(factor * r.band, 2)}")
         return "\n".join(lines)

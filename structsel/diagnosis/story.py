@@ -10,7 +10,14 @@ from functools import partial
 
 from structsel.diagnosis.result import UNNAMED, Diagnosis, EffectFinding, Pull
 from structsel.effects.base import ParameterEstimate
-from structsel.formatting import display_unit, format_estimate, format_probability, format_range, join_names
+from structsel.formatting import (
+    display_unit,
+    format_estimate,
+    format_number,
+    format_probability,
+    format_range,
+    join_names,
+)
 from structsel.nomenclature import COEFFICIENTS
 
 WIDTH = 80
@@ -107,7 +114,8 @@ def no_model(diagnosis: Diagnosis) -> str:
 def pull_text(pull: Pull) -> str:
     """How far a tolerance was pulled, in its standard deviations and in its unit."""
     factor, unit = display_unit(pull.unit)
-    return f"{pull.name} {pull.deviations:+.1f} sigma ({f'{factor * pull.value:+.2g} {unit}'.strip()})"
+    value = f"{format_number(factor * pull.value, 2, signed=True)} {unit}".strip()
+    return f"{pull.name} {pull.deviations:+.1f} sigma ({value})"
 
 
 def together(finding: EffectFinding) -> float:
@@ -224,11 +232,11 @@ def _flown_again(diagnosis: Diagnosis) -> str:
         return ""
     factor, unit = display_unit(row.unit)
     names = ("as delivered", "refitted", "with it" if len(diagnosis.findings) == 1 else "with all")
-    rms = [f"{factor * near.rms:.2g}" for near in row.stages.values()]
+    rms = [format_number(factor * near.rms, 2) for near in row.stages.values()]
     told = ", ".join([f"{rms[0]} {unit} rms {names[0]}", *(f"{x} {name}" for x, name in zip(rms[1:], names[1:]))])
     inside = ", ".join(f"{100.0 * near.inside:.0f}" for near in row.stages.values())
     windows = f"{diagnosis.replayed.windows} windows of {diagnosis.replayed.seconds:.1f} s"
-    return f"{row.channel} off by {told}; {inside} % within +-{factor * row.band:.2g} {unit} ({windows})"
+    return f"{row.channel} off by {told}; {inside} % within +-{format_number(factor * row.band, 2)} {unit} ({windows})"
 
 
 def untested(diagnosis: Diagnosis) -> dict[str, list[str]]:

@@ -9,6 +9,7 @@ from typing import Literal
 from structsel.aircraft import Aircraft
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
+from structsel.formatting import format_number
 from structsel.model import Quantity, ResponseModel, State
 from structsel.numerics.arrays import Array
 
@@ -189,7 +190,7 @@ class FittedEffect:
         """Parameter as "0.31 +- 0.04 s", `scale` to another unit."""
         e = self.estimates[name]
         shown = e.unit if unit is None else unit
-        return f"{e.value * scale:.3g} +- {e.std * scale:.1g} {shown}".rstrip(" -")
+        return f"{format_number(e.value * scale, 3)} +- {format_number(e.std * scale, 1)} {shown}".rstrip(" -")
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from structsel.formatting import format_number
 from structsel.refinement.result import Estimate
 
 CORRELATED = 0.9  # correlation of two estimates above which a warning names them
@@ -31,7 +32,7 @@ def check_estimates(
         found.append(f"these recordings do not determine {', '.join(lost)}")
     weak = [e for e in estimates if e.kind == "model" and np.isfinite(e.std) and e.std > 0.5 * abs(e.value)]
     if weak:
-        named = ", ".join(f"{e.name} ({e.value:.3g} +- {e.std:.2g})" for e in weak)
+        named = ", ".join(f"{e.name} ({format_number(e.value, 3)} +- {format_number(e.std, 2)})" for e in weak)
         found.append(f"the outputs hardly depend on {named}: hold them, or record an input that excites them")
     idle = np.array([e.kind == "process" and e.at_bound for e in estimates])
     strong = np.argwhere(np.triu((np.abs(correlation) > CORRELATED) & ~idle & ~idle[:, None], 1))

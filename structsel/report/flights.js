@@ -177,6 +177,7 @@ if (byId("history")) {
   fill("recording", Object.keys(data.recordings));
   fill("response", data.responses);
   fill("channel", data.channels);
+  if (data.start && data.recordings[data.start]) pick.recording.value = data.start;
   showFinding(0);
   show();
   const steps = {

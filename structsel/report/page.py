@@ -12,6 +12,7 @@ from markupsafe import Markup
 from structsel.diagnosis.result import Diagnosis
 from structsel.errors import DomainError
 from structsel.files import replacing, write_text
+from structsel.formatting import format_number
 from structsel.provenance import file_of, provenance_of
 from structsel.qualification import Qualification
 from structsel.reconstruction import Reconstruction, Reconstructions
@@ -26,8 +27,10 @@ from structsel.validation import Resimulation, Validation
 Result = Diagnosis | Selection | Selections | Reconstruction | Reconstructions | Refinement
 _HERE = Path(__file__).parent
 _NO_BREAK = "\N{NO-BREAK SPACE}"
+_EXPONENT = re.compile(r"(?<![\w.])-?(\d(?:\.\d+)?)e[+-]?\d{1,2}(?![\w.])")
 _SQUARE = re.compile(r"(?<=/s)\^2|(?<=/rad)\^2|(?<=/deg)\^2|(?<=\bm)\^2")
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|±|s|m|km|kg|N|deg|rad|Hz|ms|h|K|Pa|V|1)(?:[\s,;.)/²]|$))|(?<=±) (?=\d)")
+_MAX_TITLES = 12  # of sections that the printed summary omits
 MAX_PRINTED_FINDINGS = 2
 """Findings that the printed summary of a diagnosis has."""
 
@@ -224,7 +227,9 @@ def _contents(
 
 def _not_printed(parts: Sequence[Part], findings: Sequence[tuple[str, str]]) -> list[str]:
     """Titles that the printed summary omits."""
-    return [*(title for _, title in findings), *(p.section.title for p in parts if p.detail), "Method and data"]
+    titles = [*(title for _, title in findings), *(p.section.title for p in parts if p.detail)]
+    more = [f"{len(titles) - _MAX_TITLES} more sections"] if len(titles) > _MAX_TITLES else []
+    return [*titles[:_MAX_TITLES], *more, "Method and data"]
 
 
 def _fill(template: str, context: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
@@ -253,10 +258,11 @@ def _fill(template: str, context: Mapping[str, Any], provenance: Mapping[str, An
 
 
 def _typeset(value: Any) -> Any:
-    """Text with the signs of print: ±, squares of units, and no line break between a number and its unit."""
+    """Text as printed: ±, squares of units, numbers without exponents, and no line break between number and unit."""
     if type(value) is not str:  # markup, the data of the charts and numbers stay
         return value
-    text = _SQUARE.sub("²", value.replace("+-", "±"))
+    text = _EXPONENT.sub(lambda found: format_number(float(found[0]), len(found[1].replace(".", ""))), value)
+    text = _SQUARE.sub("²", text.replace("+-", "±"))
     return _BEFORE_UNIT.sub(_NO_BREAK, text)
 
 

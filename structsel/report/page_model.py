@@ -24,6 +24,7 @@ INTERVAL_NOTE = (
 # The summary has two pages of A4, some 110 lines of 9 pt: verdict and reasons take up to 25, the time histories 40.
 _PRINTED_LINES = 45
 _CHART_LINES = 15
+_PRINTED_COLUMNS = 90  # characters of a row of a table, above which it has two lines
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Section:
     @property
     def lines(self) -> int:
         """Approximate number of lines on paper."""
-        tables = sum(len(one.rows) + 3 for one in self.tables)
+        tables = sum(3 + sum(1 + len("".join(row)) // _PRINTED_COLUMNS for row in one.texts()) for one in self.tables)
         return 2 + len(self.warnings) + 2 * len(self.text) + tables + _CHART_LINES * len(self.charts)
 
 

@@ -40,6 +40,7 @@ from structsel.validation.resimulation import KINDS, table_heads
 _INPUTS = ("de", "da", "dr", "df", "throttle", "thrust")
 _MAX_CHANNELS = 14
 _Z95 = 1.96
+_MAX_ABOVE = 12  # rows of a table above the time histories
 _KINDS = {"windows": "in windows", "whole": "complete"}
 _LEGEND = (
     "Std error: with allowance for coloured residuals. CRLB: Cramer-Rao lower bound, which assumes white residuals. "
@@ -60,8 +61,8 @@ def page_of(
     ended = () if found.converged else (f"NOT CONVERGED: {found.message}. The best estimates found are shown.",)
     first, *others = _parameters(found)
     sections = [
-        Section("Parameters", (count_of(len(found.estimates), "parameter"),), tables=(first,)),
-        Section("Outputs", tables=(_fits(found),)),
+        Section("Parameters", (count_of(len(first.rows), "parameter"),), tables=(first,)),
+        Section("Outputs", tables=(fits := _fits(found),), after=len(fits.rows) > _MAX_ABOVE),
     ]
     if judged:
         sections.insert(0, _validation(judged))
@@ -124,7 +125,9 @@ def _headline(
         names = join_names(dict.fromkeys(r.name for r in held_out))
         sentences = [f"The refined model is {_verdict(found, ratios)} on {names}: {_ratio_text(ratios)}."]
     else:
-        sentences = [f"The refined model is {found.statement}.{kept}"]
+        verdict, _, reason = found.statement.partition(" (")
+        sentences = [f"The refined model is {verdict}.{kept}"]
+        sentences += [f"{reason.removesuffix(')').capitalize()}."] if reason else []
         if ratios:
             sentences.append(f"On validation recordings, {_ratio_text(ratios)}.")
     sentences.append(f"{search}: the model simulates {join_names(found.noise_std)}{fit}.")

@@ -86,11 +86,12 @@ def page_of(
         method=describe_method(each[0]),
         sources=list_sources(recordings, each[0].recordings, held_out),
         history=list_history(recordings),
-        data=figures_of(
-            {"physics": ("model", found)},
-            recordings,
-            [_search_chart(s, name) for name, s in charts.items()],
-        ),
+        data={
+            **figures_of(
+                {"physics": ("model", found)}, recordings, [_search_chart(s, name) for name, s in charts.items()]
+            ),
+            "start": held_out[0] if held_out else "",
+        },
         legend=_LEGEND,
     )
 

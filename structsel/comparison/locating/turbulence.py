@@ -21,6 +21,7 @@ import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import bins_of, edge_of, frequencies
+from structsel.formatting import format_number
 from structsel.nomenclature import FORCE_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.atmosphere import dryden_spectra
@@ -81,15 +82,15 @@ class TurbulenceEstimate:
     def says(self) -> str:
         """One plain sentence."""
         ways = {"u": "along", "v": "across", "w": "up and down"}
-        sizes = ", ".join(f"{s:.2g} m/s {ways[a]}" for a, s in self.sigma.items())
+        sizes = ", ".join(f"{format_number(s, 2)} m/s {ways[a]}" for a, s in self.sigma.items())
         if np.isnan(self.length):
             return (
                 f"The air was turbulent: about {sizes}. No vane feels it, but forces and moments differ in a way that "
                 "follows the motion and no input."
             )
         return (
-            f"The air was turbulent: {sizes} (Dryden, scale about {self.length:.2g} m); the vanes read gusts that "
-            "accelerometers and gyros do not."
+            f"The air was turbulent: {sizes} (Dryden, scale about {format_number(self.length, 2)} m); the vanes read "
+            "gusts that accelerometers and gyros do not."
         )
 
     def __str__(self) -> str:
