@@ -99,9 +99,9 @@ def test_the_keyboard_reads_and_zooms_all_time_histories_together(opened):
     page = opened("selection")
     page.locator("#history svg").focus()
     page.keyboard.press("Home")
-    assert page.evaluate(READING).startswith("m01, t = 0 s: measured ")
+    assert page.evaluate(READING).startswith("m04, t = 0 s: measured ")
     page.keyboard.press("Shift+ArrowRight")
-    assert page.evaluate(READING).startswith("m01, t = 2 s: ")
+    assert page.evaluate(READING).startswith("m04, t = 2 s: ")
     complete = page.evaluate(LABELS)
     page.keyboard.press("+")
     # 0 to 19.96 s, halved about 1.996 s; the focus stays though the figure is drawn anew.

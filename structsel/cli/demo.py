@@ -82,7 +82,7 @@ def run(
             [*used, held],
             [held],
             plot_format if plots else "",
-            write_data,
+            extra_files=write_data,
         )
     if json:
         print_json({**found.to_dict(), "truth": truth, "validation": scores.to_dict()})

@@ -17,10 +17,12 @@ from structsel.cli.input_files import provenance
 from structsel.cli.messages import ProgressBar, is_quiet, json_text, print_json, say, stdout
 from structsel.cli.recordings import (
     OUTPUT,
+    Before,
     Json,
     Map,
     MoreRecordings,
     Overwrite,
+    check_before,
     hold_out,
     load_aircraft,
     read_files,
@@ -110,10 +112,12 @@ def run(
         option("--out", "Folder for diagnosis.json, report.html, model.json.", OUTPUT, "DIR"),
     ] = None,
     overwrite: Overwrite = False,
+    before: Before = None,
     json: Json = False,
 ) -> None:
     """Compare a simulation with recordings, and find the effects that it lacks, with their probabilities."""
     refuse_existing(out, overwrite)
+    check_before(before, "structsel.diagnosis")
     if out is not None:
         _refuse_overwriting(out, simulation)
     aircraft_model = None if aircraft is None else load_aircraft(aircraft)
@@ -126,7 +130,7 @@ def run(
     )
     validation = [r.name for r in hold_out(recorded, held_out)[1]] if held_out else []
     found = _diagnose(simulation, recorded, aircraft_model, validation)
-    written = _write(out, found) if out is not None else []
+    written = _write(out, found, before) if out is not None else []
     if json:
         print_json(found.to_dict())
     else:
@@ -158,13 +162,13 @@ def _diagnose(
         return diagnose(simulation, recorded, aircraft_model, held_out=validation, progress=waiting)
 
 
-def _write(out: Path, found: Diagnosis) -> list[str]:
+def _write(out: Path, found: Diagnosis, before: Path | None) -> list[str]:
     """Write everything, or nothing; return the names written."""
     from structsel.report import write_report
 
     with output_folder(out) as folder:
         (folder / "diagnosis.json").write_text(json_text(found.to_dict()), encoding="utf-8")
-        write_report(found, folder / "report.html", provenance=provenance())
+        write_report(found, folder / "report.html", before=before, provenance=provenance())
         if found.model is not None:
             found.model.to_json(folder / "model.json", provenance=provenance())
         if (patched := _patched(found)) is not None:

@@ -18,12 +18,14 @@ from structsel.cli.input_files import provenance
 from structsel.cli.messages import by_method, explain, json_text, print_json, say, stdout
 from structsel.cli.recordings import (
     OUTPUT,
+    Before,
     Files,
     Json,
     Map,
     Overwrite,
     PlotFormat,
     Plots,
+    check_before,
     load_aircraft,
     read_manoeuvres,
     reconstruct_paths,
@@ -97,6 +99,7 @@ def run(
         Literal["csv", "parquet"], option("--format", "File format of the recordings.", OUTPUT)
     ] = "csv",
     overwrite: Overwrite = False,
+    before: Before = None,
     plots: Plots = True,
     plot_format: PlotFormat = "png",
     json: Json = False,
@@ -108,11 +111,12 @@ def run(
     if find_manoeuvres:
         say("warning", "--find-manoeuvres is deprecated: use --cut manoeuvres.")
     refuse_existing(out, overwrite)
+    check_before(before, "structsel.reconstructions")
     aircraft_model = load_aircraft(aircraft)
     recorded = read_manoeuvres(files, channel_map, find_manoeuvres)
     methods = METHODS if method == "all" else (method,)
     found = _reconstruct_by_each(methods, recorded, aircraft_model, {**options, "workers": workers})
-    written = _write(out, found, file_format, plot_format if plots else "") if out is not None else []
+    written = _write(out, found, file_format, plot_format if plots else "", before) if out is not None else []
     if json:
         print_json(_as_dict(found))
         return
@@ -157,15 +161,19 @@ def _as_dict(found: Mapping[str, Reconstructions]) -> dict[str, Any]:
     return by_method({method: results.to_dict() for method, results in found.items()})
 
 
-def _write(out: Path, found: Mapping[str, Reconstructions], file_format: str, figures: str) -> list[str]:
+def _write(
+    out: Path, found: Mapping[str, Reconstructions], file_format: str, figures: str, before: Path | None
+) -> list[str]:
     """Write everything, or nothing; return the names written, folders as one. Several methods get a folder each."""
     with output_folder(out) as folder:
         for method, results in found.items():
-            _write_one(folder if len(found) == 1 else folder / method, results, method, file_format, figures)
+            _write_one(folder if len(found) == 1 else folder / method, results, method, file_format, figures, before)
         return names_in(folder)
 
 
-def _write_one(folder: Path, results: Reconstructions, method: str, file_format: str, figures: str) -> None:
+def _write_one(
+    folder: Path, results: Reconstructions, method: str, file_format: str, figures: str, before: Path | None
+) -> None:
     import pandas as pd
 
     from structsel.report import write_report
@@ -176,7 +184,7 @@ def _write_one(folder: Path, results: Reconstructions, method: str, file_format:
         write_recording(recording, flights / f"{recording.name}.{file_format}")
     (folder / "reconstruction.json").write_text(json_text(results.to_dict()), encoding="utf-8")
     (folder / "report.txt").write_text(f"{results}\n", encoding="utf-8")
-    write_report(results, folder / "report.html", provenance=provenance())
+    write_report(results, folder / "report.html", before=before, provenance=provenance())
     heads = [one.to_frame().assign(manoeuvre=one.name, method=method, trusted=one.trusted) for one in results]
     table = pd.concat(heads, ignore_index=True)
     first = ["manoeuvre", "method", "trusted"]

@@ -69,6 +69,10 @@ Plots = Annotated[bool, option("--plots/--no-plots", "Whether to write plots to 
 PlotFormat = Annotated[
     Literal["png", "svg", "pdf"], option("--plot-format", "Format of the plots, at print quality.", OUTPUT)
 ]
+Before = Annotated[
+    Path | None,
+    option("--before", "JSON file of an earlier run: report.html shows the values that differ.", OUTPUT, "FILE.JSON"),
+]
 Json = Annotated[bool, option("--json", "Print JSON only.", OUTPUT)]
 Overwrite = Annotated[bool, option("--overwrite", "Replace existing files.", OUTPUT)]
 
@@ -100,6 +104,19 @@ class OutputOptions:
     def figures(self) -> str:
         """Format of the plots; empty without plots."""
         return self.plot_format if self.plots else ""
+
+
+def check_before(before: Path | None, schema: str) -> None:
+    """Refuse a file that is no earlier result of this kind, before anything is computed.
+
+    Raises
+    ------
+    DataError
+    """
+    if before is not None:
+        from structsel.report.changes import read_result  # takes a while to load
+
+        read_result(before, schema)
 
 
 def expand(files: Iterable[Path]) -> list[Path]:

@@ -21,7 +21,7 @@ from structsel.cli.models import (
     SimulationModel,
     read_inputs,
 )
-from structsel.cli.recordings import OUTPUT, Map, MoreRecordings, OutputOptions, hold_out
+from structsel.cli.recordings import OUTPUT, Before, Map, MoreRecordings, OutputOptions, check_before, hold_out
 from structsel.cli.tables import print_files, print_summary
 from structsel.errors import RefinementError
 from structsel.model import AeroModel
@@ -85,9 +85,11 @@ def run(
         Path | None,
         option("--out", "Folder for model, report.html, tables and plots.", OUTPUT, "DIR"),
     ] = None,
+    before: Before = None,
 ) -> None:
     """Estimate the parameters of a model by output error or filter error, from complete recorded manoeuvres."""
     refuse_existing(out, output.overwrite)
+    check_before(before, "structsel.refinement")
     aircraft_model = source.open(model)
     if not recordings:
         raise typer.BadParameter("refine needs --recordings.")
@@ -113,7 +115,7 @@ def run(
         kept = "It is kept, as --keep-worse asks." if options["keep_worse"] else original
         say("warning", f"the refined model is {found.statement}. {kept}")
     replays = _validate(aircraft_model, found, validation) if failed is None else {}
-    written = _write(out, found, training, replays, failed, output.figures) if out is not None else []
+    written = _write(out, found, training, replays, failed, output.figures, before) if out is not None else []
     if output.json:
         print_json(_as_dict(found, replays, failed))
     else:
@@ -199,6 +201,7 @@ def _write(
     replays: Mapping[str, Resimulation],
     failed: RefinementError | None,
     figures: str,
+    before: Path | None,
 ) -> list[str]:
     """Write everything, or nothing; return the names written."""
     from structsel.report import write_report
@@ -218,6 +221,7 @@ def _write(
             recordings=recordings,
             judged=replays,
             reasons=reasons,
+            before=before,
             provenance=provenance(),
         )
         if figures:

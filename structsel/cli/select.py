@@ -17,7 +17,18 @@ from structsel.cli.folders import refuse_existing
 from structsel.cli.help_text import epilog, option
 from structsel.cli.messages import ProgressBar, by_method, explain, print_json, say, stdout
 from structsel.cli.parsing import split_names
-from structsel.cli.recordings import OUTPUT, Files, Json, Overwrite, PlotFormat, Plots, RecordingOptions, hold_out
+from structsel.cli.recordings import (
+    OUTPUT,
+    Before,
+    Files,
+    Json,
+    Overwrite,
+    PlotFormat,
+    Plots,
+    RecordingOptions,
+    check_before,
+    hold_out,
+)
 from structsel.cli.selection_files import write_results
 from structsel.cli.streaming import StreamingOptions, report_sample, stream_flights
 from structsel.cli.tables import print_files, print_summary
@@ -119,6 +130,7 @@ class SelectionOutputOptions:
         Path | None, option("--out", "Folder for model.json, report.html, tables and plots.", OUTPUT, "DIR")
     ] = None
     overwrite: Overwrite = False
+    before: Before = None
     plots: Plots = True
     plot_format: PlotFormat = "png"
     json: Json = False
@@ -170,6 +182,7 @@ def run(
         raise typer.BadParameter("--responses names none.")
     options = {**options, "include": candidates.included}
     refuse_existing(output.out, output.overwrite)
+    check_before(output.before, "structsel.selection")
     needed = {*wanted, *pool.channels}
     streamed = streaming.use_for(files, recorded.reconstruct)
     used: Sequence[Recording | StoredRecording]
@@ -197,7 +210,13 @@ def _show(
     if output.out is not None:
         shown = report_sample(used)
         written = write_results(
-            output.out, found, scores, [*shown, *held], held or shown, output.plot_format if output.plots else ""
+            output.out,
+            found,
+            scores,
+            [*shown, *held],
+            held or shown,
+            output.plot_format if output.plots else "",
+            output.before,
         )
     if output.json:
         print_json(_as_dict(found, scores))

@@ -22,6 +22,7 @@ def write_results(
     recordings: Sequence[Recording],
     shown: Sequence[Recording],
     figures: str,
+    before: Path | None = None,
     extra_files: Callable[[Path], None] | None = None,
 ) -> list[str]:
     """Write everything, or nothing; return the names written, plots as one.
@@ -38,6 +39,8 @@ def write_results(
         Recordings whose time histories are plotted.
     figures : str
         Format of the plots; empty for none.
+    before : Path, optional
+        JSON file of an earlier selection, with which the reports compare.
     extra_files : callable, optional
         Writes further files to the folder that it is called with.
     """
@@ -49,7 +52,7 @@ def write_results(
         for method, selections in found.items():
             mark = marks[method]
             _write_one(folder, mark, selections, scores.get(method))
-            write_report(selections, folder / f"report{mark}.html", judged=scores.get(method), **context)
+            write_report(selections, folder / f"report{mark}.html", judged=scores.get(method), before=before, **context)
             if figures:
                 from structsel.plotting import draw_selection  # matplotlib takes a while to load
 

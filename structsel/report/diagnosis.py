@@ -46,10 +46,11 @@ _LEGEND = (
 )
 
 
-def page_of(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Content of the template of a diagnosis."""
+def page_of(diagnosis: Diagnosis, changes: tuple[Section, ...] = ()) -> dict[str, Any]:
+    """Content of the template of a diagnosis; `changes` is the section that compares it with a result before."""
     details = (f(diagnosis) for f in (_remaining, _tolerances, _untested, _detectability))
     sections = [
+        *changes,
         _explained(diagnosis),
         _resimulation(diagnosis.replayed),
         *(replace(s, after=True) for s in details if s),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from structsel.reconstruction import Reconstruction, Reconstructions
 from structsel.recording import Recording
 from structsel.refinement import Refinement
 from structsel.report import comparison, diagnosis, qualification, reconstruction, refinement, selection
+from structsel.report.changes import changes_of
 from structsel.report.page_model import Page, Part, bar_columns, place_sections
 from structsel.selection import Selection, Selections
 from structsel.tables import Bar, Cell, Link
@@ -42,6 +44,7 @@ def write_report(
     recordings: Sequence[Recording] = (),
     judged: Validation | Mapping[str, Resimulation] | None = None,
     reasons: Sequence[str] = (),
+    before: Result | str | Path | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write a result as one HTML file that needs no other file.
@@ -58,6 +61,8 @@ def write_report(
         refinement.
     reasons : sequence of str
         Reasons why a selection or a refinement is not valid; shown first.
+    before : result of the same kind, str or Path, optional
+        Result before a change, or its JSON file: the page shows the values that differ.
     provenance : mapping, optional
         Return value of `structsel.provenance.provenance_of` for all input files; by default, for the files of the
         recordings.
@@ -71,11 +76,13 @@ def write_report(
     ------
     DomainError
         The result is of another type.
+    ArgumentError, DataError
+        `before` is of another kind, or no file of a result.
     OSError
         The file cannot be written.
     """
     path = Path(path)
-    text = render(result, recordings=recordings, judged=judged, reasons=reasons, provenance=provenance)
+    text = render(result, recordings=recordings, judged=judged, reasons=reasons, before=before, provenance=provenance)
     write_text(path, text)
     return path
 
@@ -166,12 +173,14 @@ def render(
     recordings: Sequence[Recording] = (),
     judged: Validation | Mapping[str, Resimulation] | None = None,
     reasons: Sequence[str] = (),
+    before: Result | str | Path | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> str:
     """HTML of a result, see `write_report`; text from data is escaped."""
     versions_and_files = _provenance(provenance, recordings)
+    result, before = _several(result), _several(before)
     if isinstance(result, Diagnosis):
-        context = diagnosis.page_of(result)
+        context = diagnosis.page_of(result, () if before is None else (changes_of(result, before),))
         findings = [(f"finding-{f['number']}", f"{f['number']}. {f['effect']}") for f in context["findings"]]
         context |= {
             "contents": _contents(findings, context["parts"], context["data"], [("notes", "Notes")]),
@@ -179,10 +188,6 @@ def render(
             "printed_findings": MAX_PRINTED_FINDINGS,
         }
         return _fill("diagnosis.html", context, versions_and_files)
-    if isinstance(result, Selection):
-        result = Selections({result.response: result})
-    if isinstance(result, Reconstruction):
-        result = Reconstructions((result,), {})
     if isinstance(result, Selections):
         page = selection.page_of(result, recordings, judged if isinstance(judged, Validation) else None, reasons)
     elif isinstance(result, Reconstructions):
@@ -194,7 +199,16 @@ def render(
             f"write_report was given a {type(result).__name__}; it writes results of select, reconstruct, "
             "reconstruct_all, refine and diagnose."
         )
+    if before is not None:
+        page = replace(page, sections=(changes_of(result, before), *page.sections))
     return _fill_page(page, versions_and_files)
+
+
+def _several(result: Any) -> Any:
+    """Collection with one selection or reconstruction; other results as they are."""
+    if isinstance(result, Selection):
+        return Selections({result.response: result})
+    return Reconstructions((result,), {}) if isinstance(result, Reconstruction) else result
 
 
 def _fill_page(page: Page, provenance: Mapping[str, Any]) -> str:
