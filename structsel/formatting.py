@@ -61,6 +61,20 @@ def format_probability(probability: float) -> str:
     return "< 1 %" if probability < 0.01 else format_percent(probability)
 
 
+def format_probabilities(probabilities: Sequence[float]) -> tuple[list[str], str]:
+    """Return probabilities of exclusive causes in percent, and that of all others, as whole numbers that add up to 100.
+
+    Each is rounded for itself; the rest takes what rounding leaves. A rest below 0.5 % is empty.
+
+    >>> format_probabilities([0.524, 0.414]), format_probabilities([0.996, 0.001])
+    ((['52 %', '41 %'], '7 %'), (['> 99 %', '< 1 %'], ''))
+    """
+    rest = 1.0 - sum(probabilities)
+    whole = 100 - sum(round(100.0 * p) for p in probabilities)
+    remaining = "< 1 %" if whole < 1 else f"{whole} %"
+    return [format_probability(p) for p in probabilities], remaining if rest >= 0.005 else ""
+
+
 def display_unit(unit: str) -> tuple[float, str]:
     """Return the factor to the unit that is displayed, and its name: degrees, percent, nothing for a pure number."""
     if unit == "rad" or unit.startswith(("rad/", "rad ")):

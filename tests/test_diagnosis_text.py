@@ -8,7 +8,7 @@ import pytest
 from structsel.diagnosis.result import Pull
 from structsel.diagnosis.story import no_model, tell
 from structsel.effects.base import ParameterEstimate
-from structsel.formatting import format_estimate, format_probability, format_range
+from structsel.formatting import format_estimate, format_probabilities, format_probability, format_range
 from tests.diagnoses import GROUND, NAMES, TURBULENCE, VANE, diagnosis, fits
 
 
@@ -127,6 +127,32 @@ def test_the_text_fits_on_a_screen_and_four_findings_with_everything_on_two():
     assert len(tell(diagnosis(GROUND, VANE)).splitlines()) <= 45
     assert max(map(len, stated)) <= 80
     assert len(tell(diagnosis()).splitlines()) <= 30
+
+
+def test_the_printed_probabilities_add_up_to_100_percent():
+    for first, second in ((0.524, 0.414), (0.335, 0.325), (0.505, 0.295), (0.725, 0.125)):
+        (a, b), rest = format_probabilities([first, second])
+        assert sum(int(text.removesuffix(" %")) for text in (a, b, rest)) == 100
+    # 74 % and nothing else that is known: the other 26 % are printed.
+    alone = replace(GROUND, physics=(replace(GROUND.physics[0], probability=0.74),))
+    assert "another effect, or none 26 %" in tell(diagnosis(alone))
+
+
+def test_a_tie_is_the_sum_of_its_printed_probabilities():
+    # 0.524 and 0.414 are printed as 52 and 41 %; their sum is 0.938.
+    first, second, *others = VANE.physics
+    tie = replace(VANE, physics=(replace(first, probability=0.524), replace(second, probability=0.414), *others))
+    stated = " ".join(tell(diagnosis(tie)).split())
+    assert "(together 93 %, neither 7 %)" in stated
+    assert "together 94 %" not in stated
+
+
+def test_turbulence_that_explains_nothing_has_no_number():
+    gusts = replace(TURBULENCE, share=0.0)
+    stated = tell(diagnosis(GROUND, gusts))
+    assert "2. turbulence" not in stated
+    assert "turbulence " + gusts.physics[0].says.split()[0] in " ".join(stated.split())
+    assert "2. turbulence" in tell(diagnosis(GROUND, replace(gusts, share=0.02)))
 
 
 def test_figures_that_are_not_known_are_left_out_rather_than_printed():

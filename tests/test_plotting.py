@@ -21,7 +21,8 @@ from structsel.plotting import (
     plot_residual_against,
     plot_search,
 )
-from tests.figures import assert_nothing_outside
+from structsel.plotting.style import grid_figure
+from tests.figures import assert_nothing_outside, assert_tick_labels_apart
 
 
 def manoeuvre(k, n=300):
@@ -174,3 +175,20 @@ def test_old_names_and_arguments_still_work_with_a_warning(recordings, selection
         assert plotting.plot_path is plot_search
     with pytest.warns(DeprecationWarning, match="'axes'"):
         plot_fit(selections.model, recordings[0], "Cm", axes=Figure().subplots(2))
+
+
+def test_the_labels_of_ticks_do_not_touch(recordings):
+    # -0.0016 and -0.0008 touch under an axis of this width; 1.6 and 0.8 times 10^-3 do not.
+    small = [r.with_channels(q_hat=0.0011 * (r["alpha"] - 0.1) / 0.05) for r in recordings]
+    found = select(small, "Cm", Candidates.parse(["alpha", "de"]), include=["de"], bootstrap=0)
+    figure, axes = grid_figure(3, height=3.3)
+    for ax in axes:
+        plot_residual_against(found.model, small, "Cm", "q_hat", ax=ax)
+    assert_tick_labels_apart(figure)
+    for _, figure in draw_selection(found, small):
+        assert_tick_labels_apart(figure)
+
+
+def test_the_unit_of_a_label_has_raised_exponents():
+    assert label("az") == "$a_z$ [m/s$^{2}$]"
+    assert label("Cm") == "$C_m$ [-]"

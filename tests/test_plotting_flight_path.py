@@ -112,7 +112,7 @@ def test_an_estimate_is_shown_as_the_filter_came_to_it_and_as_all_samples_have_i
     assert_allclose((high - low)[-50:], 4.0 * result.filtered_std[-50:, j], rtol=1e-6)
     low, high = band(ax, 1)
     assert_allclose(high - low, 4.0 * result["bax"].std, rtol=1e-6)
-    assert ax.get_ylabel() == "$b_{a_x}$ [m/s^2]"
+    assert ax.get_ylabel() == "$b_{a_x}$ [m/s$^{2}$]"
 
 
 def test_motion_has_the_standard_deviation_of_its_samples(result):

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
+from structsel.errors import DataError
 from structsel.plotting.refinement import plot_comparison, plot_derivatives
 from structsel.refinement import Derivatives, compare_estimates
+from tests.report_pages import refined
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 
@@ -20,6 +22,16 @@ def test_each_parameter_has_its_axes_with_a_bar_for_each_method_that_knows_it():
     low, high = first.containers[0].lines[1][0].get_ydata(), first.containers[0].lines[1][1].get_ydata()
     np.testing.assert_allclose([low[0], high[0]], [-0.05 - 0.00196, -0.05 + 0.00196], rtol=1e-4)
     assert any(np.allclose(line.get_ydata(), -0.0479) for line in first.get_lines())
+
+
+def test_an_output_is_drawn_as_recorded_and_refined_in_degrees(ax):
+    found, flights, _ = refined()
+    found.plot("m01", "alpha", ax=ax)
+    recorded, simulated = ax.get_lines()
+    np.testing.assert_allclose(recorded.get_ydata(), np.rad2deg(flights[0]["alpha"]), rtol=1e-9)
+    np.testing.assert_allclose(simulated.get_ydata(), np.rad2deg(found.simulated[0]["alpha"]), rtol=1e-9)
+    with pytest.raises(DataError, match="no output 'V' of 'm01'"):
+        found.plot("m01", "V", ax=ax)
 
 
 def test_derivatives_are_drawn_over_their_condition_in_degrees_with_the_truth():

@@ -374,13 +374,33 @@ def test_a_pickled_selection_is_without_its_recordings_and_takes_them_again():
 
 @pytest.mark.parametrize(
     ("kind", "arguments"),
-    [("Selection", ()), ("Recording", ("alpha",)), ("Reconstruction", ()), ("Resimulation", ("Recording", "q"))],
+    [
+        ("Selection", ()),
+        ("Selections", ("Cm",)),
+        ("Recording", ("alpha",)),
+        ("Reconstruction", ()),
+        ("Resimulation", ("Recording", "q")),
+        ("AeroModel", ("Cm",)),
+        ("ResponseModel", ()),
+        ("EquationError", ()),
+        ("LinearModel", ()),
+        ("Validation", ("Cm",)),
+    ],
 )
 def test_a_result_plots_itself_on_the_axes_that_are_given(kind, arguments):
     figure, ax = plt.subplots()
     names = [made(one).name if one == "Recording" else one for one in arguments]
     assert made(kind).plot(*names, ax=ax) is ax
     assert ax.has_data()
+    plt.close(figure)
+
+
+@pytest.mark.parametrize(("kind", "count"), [("FrequencyResponse", 3), ("TransferFunction", 2)])
+def test_a_bode_plot_is_drawn_on_the_figure_that_is_given(kind, count):
+    figure = plt.figure()
+    drawn = results()[kind].plot(ax=figure)
+    assert list(drawn) == figure.axes
+    assert len(drawn) == count
     plt.close(figure)
 
 

@@ -8,12 +8,13 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
-from structsel.diagnosis.result import UNNAMED, Diagnosis, EffectFinding, Pull
+from structsel.diagnosis.result import UNNAMED, Diagnosis, EffectFinding, Physics, Pull
 from structsel.effects.base import ParameterEstimate
 from structsel.formatting import (
     display_unit,
     format_estimate,
     format_number,
+    format_probabilities,
     format_probability,
     format_range,
     join_names,
@@ -28,6 +29,7 @@ _LABEL = 11  # columns that a label stands in
 _STRETCHES, _RIVALS, _PULLS, _UNTESTED, _REMARKS, _RESPONSES = 4, 3, 4, 3, 3, 3
 _LEAST_PULL = 1.0
 _LEAST_RIVAL = 0.005
+_REST = "another effect, or none"
 _SMALL = 0.05  # share of a response's rms, at which an effect that would be named is a small one
 _TIED = "\N{NO-BREAK SPACE}"
 _FORMS = {
@@ -55,7 +57,7 @@ def tell(diagnosis: Diagnosis) -> str:
     lines = [*_wrap(headline(diagnosis)), *_wrap(about(diagnosis))]
     if diagnosis.verdict == "undecidable":
         lines += [line for remark in diagnosis.remarks for line in _wrap(remark, "- ", "  ")]
-    for number, finding in enumerate(diagnosis.findings, 1):
+    for number, finding in enumerate(shown_findings(diagnosis), 1):
         lines += ["", *_tell_finding(number, finding)]
     return "\n".join([*lines, "", *_tell_rest(diagnosis)])
 
@@ -118,10 +120,24 @@ def pull_text(pull: Pull) -> str:
     return f"{pull.name} {pull.deviations:+.1f} sigma ({value})"
 
 
+def is_shown(finding: EffectFinding) -> bool:
+    """Whether a finding has a section: a random effect that explains 0 % has none, no model could predict it."""
+    return finding.kind != "random" or not math.isfinite(finding.share) or round(100.0 * finding.share) > 0
+
+
+def shown_findings(diagnosis: Diagnosis) -> list[EffectFinding]:
+    """Findings that have a section, see `is_shown`."""
+    return [f for f in diagnosis.findings if is_shown(f)]
+
+
 def together(finding: EffectFinding) -> float:
-    """Probability of the first effect and of those that it cannot be told from."""
+    """Probability of the first effect and of those that it cannot be told from, the sum of what is printed."""
+    return min(sum(round(100.0 * p.probability) for p in _group(finding)) / 100.0, 1.0)
+
+
+def _group(finding: EffectFinding) -> list[Physics]:
     group = {finding.effect, *finding.ambiguous_with}
-    return min(sum(p.probability for p in finding.physics if p.effect in group), 1.0)
+    return [p for p in finding.physics if p.effect in group]
 
 
 def tied(finding: EffectFinding) -> list[str]:
@@ -148,12 +164,17 @@ def _tell_finding(number: int, finding: EffectFinding) -> Iterator[str]:
     yield from _errors(number, finding)
     if number == 1:
         yield from _labelled("explains", _explains(finding))
-    rivals = [f"{p.effect} {format_probability(p.probability)}" for p in others if p.probability > _LEAST_RIVAL]
     if finding.ambiguous_with:
         others_too = _and(tied(finding), last="or")
-        yield from _labelled("tie", f"{others_too} would do as well (together {format_probability(together(finding))})")
-    elif rivals:
-        yield from _labelled("or", ", ".join(rivals[:_RIVALS]))
+        rest = format_probabilities([p.probability for p in _group(finding)])[1]
+        remaining = f", {'neither' if len(_group(finding)) == 2 else 'none'} {rest}" if rest else ""
+        said = f"{others_too} would do as well (together {format_probability(together(finding))}{remaining})"
+        yield from _labelled("tie", said)
+    else:
+        rivals = [p for p in others if p.probability > _LEAST_RIVAL][:_RIVALS]
+        shown, rest = format_probabilities([p.probability for p in (first, *rivals)])
+        named = [f"{p.effect} {text}" for p, text in zip(rivals, shown[1:])]
+        yield from _labelled("or", ", ".join([*named, f"{_REST} {rest}"] if rest and number == 1 else named))
     yield from _labelled("to tell" if finding.ambiguous_with else "to be sure", finding.to_separate)
     if number == 1:
         yield from _labelled("look at", first.check)
@@ -210,6 +231,9 @@ def _tell_rest(diagnosis: Diagnosis) -> Iterator[str]:
         for c, (rrmse, white) in diagnosis.remaining.items()
         if not c.startswith("k_")
     ]
+    for finding in diagnosis.findings:
+        if not is_shown(finding):
+            yield from _labelled(finding.effect, finding.physics[0].says, indent="")
     yield from _labelled("re-flown", _flown_again(diagnosis), indent="")
     yield from _labelled("left", ", ".join(left), indent="")
     pulls = [p for p in diagnosis.pulls if abs(p.deviations) >= _LEAST_PULL][:_PULLS]

@@ -8,8 +8,9 @@ degrees. Each ``draw_`` function returns complete figures;
 
 from structsel.deprecation import renamed_names
 from structsel.plotting.diagnosis import plot_difference_against, plot_error_by_stage, plot_explained, plot_time_history
-from structsel.plotting.frequency_domain import draw_frequency_response, plot_bode
+from structsel.plotting.frequency_domain import draw_frequency_response, plot_bode, plot_transfer_function
 from structsel.plotting.inputs import draw_inputs, plot_cramer_rao, plot_input
+from structsel.plotting.models import plot_estimates, plot_modes
 from structsel.plotting.plot import plot, plot_recording
 from structsel.plotting.qualification import draw_qualification, draw_qualification_test, plot_match
 from structsel.plotting.reconstruction import (
@@ -28,7 +29,7 @@ from structsel.plotting.recordings import (
     plot_mismatch_coherence,
     plot_spectrum,
 )
-from structsel.plotting.refinement import draw_refinement, plot_comparison, plot_derivatives
+from structsel.plotting.refinement import draw_refinement, plot_comparison, plot_derivatives, plot_output
 from structsel.plotting.saving import save_figure
 from structsel.plotting.selection import (
     draw_selection,
@@ -80,6 +81,7 @@ __all__ = [
     "plot_difference_against",
     "plot_error_by_stage",
     "plot_estimate",
+    "plot_estimates",
     "plot_estimates_by_manoeuvre",
     "plot_explained",
     "plot_fit",
@@ -91,7 +93,9 @@ __all__ = [
     "plot_intervals",
     "plot_match",
     "plot_mismatch_coherence",
+    "plot_modes",
     "plot_nis",
+    "plot_output",
     "plot_readings",
     "plot_recording",
     "plot_residual_against",
@@ -100,6 +104,7 @@ __all__ = [
     "plot_search",
     "plot_spectrum",
     "plot_time_history",
+    "plot_transfer_function",
     "save_figure",
 ]
 

@@ -117,6 +117,37 @@ def _draw_fit(
         place.plot(omega, y, color=MODEL, lw=1.2, ls="--", label="fitted")
 
 
+def plot_transfer_function(
+    fit: TransferFunction, output: str | None = None, given: str | None = None, *, ax: Any = None
+) -> tuple[Axes, Axes]:
+    """Draw magnitude and phase of a fitted transfer function over the frequencies to which it was fitted.
+
+    Parameters
+    ----------
+    fit : TransferFunction
+    output, given : str, optional
+        Output and input; by default the first pair.
+    ax : two Axes, Figure or SubFigure, optional
+
+    Returns
+    -------
+    magnitude, phase : Axes
+    """
+    first, second = fit.pairs[0]
+    pair = (output or first, given or second)
+    axes = get_several_axes(ax, 2, 1, figsize=(6.5, 5.0), sharex=True)
+    low, high = fit.bands[fit.pairs.index(pair)]
+    omega = np.geomspace(low, high, 200)
+    value = fit.evaluate(omega, pair)
+    for place, y in zip(axes, (DB * np.log(np.abs(value)), DEG * np.unwrap(np.angle(value)))):
+        place.semilogx(omega, y, color=MODEL, lw=1.2)
+        add_grid(place, minor=True)
+    axes[0].set_ylabel(f"{symbol(pair[0])}/{symbol(pair[1])} [dB, SI]")
+    axes[1].set_ylabel("phase [deg]")
+    axes[1].set_xlabel(FREQUENCY)
+    return axes[0], axes[1]
+
+
 def _phase_step(ax: Axes) -> float:
     """Spacing of the ticks of a phase axis [deg]."""
     low, high = ax.get_ylim()

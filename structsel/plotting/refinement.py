@@ -9,11 +9,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from structsel.deprecation import renamed_arguments
+from structsel.errors import DataError
 from structsel.plotting.style import (
     MEASURED,
     MODEL,
     SELECTED,
     TIME,
+    decimate,
+    get_axes,
     get_several_axes,
     grid_figure,
     grid_shape,
@@ -107,6 +110,48 @@ def plot_derivatives(
         one.set_title(name, fontsize="small")
     axes[0].legend(fontsize="x-small")
     return axes
+
+
+def plot_output(result: Refinement, recording: str = "", output: str = "", *, ax: Axes | None = None) -> Axes:
+    """Draw one output of a refined model over time, as recorded and simulated.
+
+    Parameters
+    ----------
+    result : Refinement
+    recording, output : str, optional
+        By default the first.
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+        Angles are in degrees. The recorded output is the simulated one plus the residual; of a fit to transforms only
+        the simulation is drawn.
+
+    Raises
+    ------
+    DataError
+        There is no such recording or output.
+    """
+    flights = {one.name: one for one in result.simulated}
+    recording, output = recording or next(iter(flights)), output or next(iter(result.noise_std))
+    if recording not in flights or output not in result.noise_std:
+        raise DataError(
+            f"the refinement has no output '{output}' of '{recording}'.\n"
+            f"It has {', '.join(result.noise_std)} of {', '.join(flights)}."
+        )
+    ax = get_axes(ax)
+    flight = flights[recording]
+    if result.domain == "time":
+        factor, some = scale(output, flight.units), decimate(len(flight))
+        recorded = flight[output] + np.asarray(result.residuals[recording][output])
+        ax.plot(flight.t[some], factor * recorded[some], color=MEASURED, lw=1.8, label="recorded")
+    plot_channel(ax, flight, output, color=MODEL, lw=0.9, label="refined")
+    ax.set_xlabel(TIME)
+    ax.set_ylabel(label(output, flight.units))
+    ax.set_title(recording, fontsize="small")
+    ax.legend(fontsize="x-small")
+    return ax
 
 
 def draw_refinement(result: Refinement, recordings: Sequence[Recording] = ()) -> Iterator[tuple[str, Figure]]:

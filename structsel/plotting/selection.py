@@ -30,6 +30,7 @@ from structsel.plotting.style import (
     label,
     scale,
     scatter_with_bin_means,
+    shorten_ticks,
     show_text_only,
     symbol,
 )
@@ -116,7 +117,7 @@ def plot_search(selection: Selection, *, ax: Axes | None = None) -> Axes:
     ax.xaxis.set_major_locator(FixedLocator(x.tolist()))
     size = "small" if len(shown) <= 12 else "xx-small"
     ax.set_xticklabels([f"{_MARKS[s.action]} {s.term}" for s in shown], rotation=60, ha="right", fontsize=size)
-    ax.set_ylabel(f"fraction of the variance of the {_response_text(selection)} [-]")
+    ax.set_ylabel(f"fraction of variance{_response_text(selection)} [-]")
     if len(shown) < len(steps):
         ax.set_xlabel(f"the first {len(shown)} of {len(steps)} moves")
     add_grid(ax, minor=True)
@@ -145,7 +146,7 @@ def plot_criteria(selection: Selection, *, ax: Axes | None = None) -> Axes:
     final = len(selection.terms)
     lines.append(ax.axvline(final, color=MODEL, lw=0.8, ls="--", label=f"selected: {final} terms"))
     ax.set_xlabel("number of terms without the constant")
-    ax.set_ylabel(f"PSE over the variance of the {_response_text(selection)} [-]")
+    ax.set_ylabel(f"PSE over variance{_response_text(selection)} [-]")
     right.set_ylabel("$R^2$ [-]")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -315,6 +316,7 @@ def draw_selection(selections: Selection | Selections, recordings: Sequence[Reco
         yield f"{stem}_fit", figure
         figure = Figure(figsize=(11, 8.5), layout="constrained")
         panels = figure.subplots(2, 2)
+        shorten_ticks(*panels.flat)
         plot_search(selection, ax=panels[0, 0])
         plot_inclusion(selection, ax=panels[0, 1])
         plot_intervals(selection, ax=panels[1, 0])
@@ -338,4 +340,4 @@ def _draw_residual(
 
 
 def _response_text(selection: Selection) -> str:
-    return "prewhitened response" if selection.noise_models else "response"
+    return ", prewhitened" if selection.noise_models else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,8 @@ FINDINGS = (SELECTED, HIGHLIGHT, VIOLET, OLIVE)
 """Colours of the findings of a diagnosis, in order."""
 TIME = "time [s]"
 MAX_NAMES = 20  # of manoeuvres under an axis; more would overlap
+_PLAIN = (-2, 5)  # powers of ten between which a tick is written out
+_EXPONENT = re.compile(r"\^(-?\d+)")
 _MAX_POINTS = 20_000  # per line: more cannot be seen, and take long to draw
 
 
@@ -42,7 +45,12 @@ def label(name: str, units: Mapping[str, str] | None = None, *, text: str = "") 
     """Axis label of a channel: symbol, or `text`, and the unit in which it is drawn; angles are in degrees."""
     unit = unit_of(name, units)
     named = text or symbol(name)
-    return f"{named} [{display_unit(unit)[1] or '-'}]" if unit != UNKNOWN else named
+    return f"{named} [{unit_text(display_unit(unit)[1])}]" if unit != UNKNOWN else named
+
+
+def unit_text(unit: str) -> str:
+    """Unit on an axis: exponents are raised, no unit is a dash."""
+    return _EXPONENT.sub(r"$^{\1}$", unit) or "-"
 
 
 def scale(name: str, units: Mapping[str, str] | None = None) -> float:
@@ -111,7 +119,7 @@ def get_axes(ax: Axes | None) -> Axes:
         return ax
     import matplotlib.pyplot as plt
 
-    return plt.subplots(figsize=(6.5, 4.5), layout="constrained")[1]
+    return shorten_ticks(plt.subplots(figsize=(6.5, 4.5), layout="constrained")[1])[0]
 
 
 def get_several_axes(
@@ -123,8 +131,15 @@ def get_several_axes(
 
         ax = plt.figure(figsize=figsize, layout="constrained")
     if isinstance(ax, FigureBase):
-        ax = ax.subplots(rows, columns, squeeze=False, **options)
+        ax = shorten_ticks(*np.ravel(ax.subplots(rows, columns, squeeze=False, **options)))
     return tuple(np.ravel(ax))
+
+
+def shorten_ticks(*axes: Axes) -> list[Axes]:
+    """Axes whose labels of small or large numbers have a common power of ten, so that they do not touch."""
+    for ax in axes:
+        ax.ticklabel_format(style="sci", scilimits=_PLAIN, useMathText=True)
+    return list(axes)
 
 
 def grid_shape(count: int, columns: int = 3) -> tuple[int, int]:
@@ -137,7 +152,7 @@ def grid_figure(count: int, *, height: float, width: float = 4.2, sharex: bool =
     """Figure with a grid of axes, `height` and `width` [in] each; those that are not needed are hidden."""
     rows, columns = grid_shape(count)
     figure = Figure(figsize=(width * columns, height * rows + 0.4), layout="constrained")
-    places = list(np.ravel(figure.subplots(rows, columns, squeeze=False, sharex=sharex)))
+    places = shorten_ticks(*np.ravel(figure.subplots(rows, columns, squeeze=False, sharex=sharex)))
     hide(places[count:])
     return figure, places[:count]
 

@@ -10,7 +10,17 @@ import numpy as np
 
 from structsel.diagnosis.held_out_result import ChannelScores, ExampleWindows, HeldOutSimulation
 from structsel.diagnosis.result import Diagnosis, EffectFinding, Pull, Trace
-from structsel.diagnosis.story import HARD_PULL, about, headline, no_model, tied, together, untested
+from structsel.diagnosis.story import (
+    HARD_PULL,
+    about,
+    headline,
+    is_shown,
+    no_model,
+    shown_findings,
+    tied,
+    together,
+    untested,
+)
 from structsel.diagnosis.views import (
     STAGES,
     Binned,
@@ -28,6 +38,7 @@ from structsel.formatting import (
     format_in_unit,
     format_number,
     format_percent,
+    format_probabilities,
     format_probability,
     format_range,
 )
@@ -37,7 +48,6 @@ from structsel.report.page_model import Section, place_sections
 from structsel.tables import Bar, Cell, Column, Table, text_column
 
 _STAGES = dict(zip(STAGES, ("as given", "retuned", "with the effects")))
-_LEAST_PROBABILITY = 0.005  # of the remaining probability that has a row
 _PRINTED_RESPONSES = 3  # whose errors the printed summary has
 _LEGEND = (
     "RRMSE: rms error over the rms of the measured response. R² = 1 − RRMSE². TIC: Theil's inequality coefficient, 0 "
@@ -60,7 +70,7 @@ def page_of(diagnosis: Diagnosis, changes: tuple[Section, ...] = ()) -> dict[str
         "headline": headline(diagnosis),
         "about": about(diagnosis),
         "seconds": format_number(diagnosis.seconds, 2) if diagnosis.seconds > 0.0 else "",
-        "findings": [_finding(k, f) for k, f in enumerate(_shown_findings(diagnosis))],
+        "findings": [_finding(k, f) for k, f in enumerate(shown_findings(diagnosis))],
         "parts": place_sections([s for s in sections if s]),
         "summary": _summary(diagnosis),
         "data": figures_of(diagnosis),
@@ -69,19 +79,10 @@ def page_of(diagnosis: Diagnosis, changes: tuple[Section, ...] = ()) -> dict[str
     }
 
 
-def _is_shown(finding: EffectFinding) -> bool:
-    """Whether a finding has a section: a random effect that explains 0 % has none, no model could predict it."""
-    return finding.kind != "random" or not math.isfinite(finding.share) or round(100.0 * finding.share) > 0
-
-
-def _shown_findings(diagnosis: Diagnosis) -> list[EffectFinding]:
-    return [f for f in diagnosis.findings if _is_shown(f)]
-
-
 def _summary(diagnosis: Diagnosis) -> list[str]:
     """Sentences on what the findings improve on recordings that were not used for fitting, and on random effects."""
     sentences = []
-    shown = _shown_findings(diagnosis)
+    shown = shown_findings(diagnosis)
     if shown and (bars := shown[-1].bars):
         # The response whose error falls most.
         c = min(bars, key=lambda name: bars[name].physics.rrmse / max(bars[name].delivered.rrmse, 1e-12))
@@ -91,7 +92,7 @@ def _summary(diagnosis: Diagnosis) -> list[str]:
                 f"On recordings not used for fitting, the rms error of {c} is {format_percent(before)} of the rms of "
                 f"the measured response as given, and {format_percent(after)} with the effects."
             )
-    sentences += [f.physics[0].says for f in diagnosis.findings if not _is_shown(f)]
+    sentences += [f.physics[0].says for f in diagnosis.findings if not is_shown(f)]
     return sentences
 
 
@@ -119,7 +120,7 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
                 "intervals": {name: [list(s) for s in each] for name, each in f.intervals.items()},
                 "region": {c: [pack_number(units[c][0] * x) for x in at] for c, at in f.region.items() if c in units},
             }
-            for f in _shown_findings(diagnosis)
+            for f in shown_findings(diagnosis)
         ],
     }
 
@@ -207,15 +208,15 @@ def _finding(place: int, finding: EffectFinding) -> dict[str, Any]:
 
 def _possible_effects(finding: EffectFinding) -> Table:
     """Probabilities of the effects that may cause a finding; they add up to 1."""
-    rows = [(p.effect, p.probability, p.says) for p in finding.physics]
-    rest = 1.0 - sum(p.probability for p in finding.physics)
-    if rest > _LEAST_PROBABILITY:
-        rows.append(("another effect, or none", rest, ""))
+    probabilities = [p.probability for p in finding.physics]
+    shown, rest = format_probabilities(probabilities)
+    rows = [(p.effect, p.probability, text, p.says) for p, text in zip(finding.physics, shown)]
+    if rest:
+        rows.append(("another effect, or none", 1.0 - sum(probabilities), rest, ""))
     cells = []
-    for k, (name, probability, description) in enumerate(rows):
-        text = f"{name}: {format_probability(probability)}"
-        bar = Bar(0.0, _percent(probability) or 0.0, f"{text}. {description}", "other" if k else "physics")
-        cells.append((name, bar, format_probability(probability)))
+    for k, (name, probability, text, description) in enumerate(rows):
+        bar = Bar(0.0, _percent(probability) or 0.0, f"{name}: {text}. {description}", "other" if k else "physics")
+        cells.append((name, bar, text))
     return Table((text_column("effect"), Column(""), Column("probability")), tuple(cells), "Possible effects")
 
 
@@ -253,10 +254,10 @@ def _errors(place: int, finding: EffectFinding) -> Table:
 
 def _explained(diagnosis: Diagnosis) -> Section | None:
     """Explained variance of all findings."""
-    if not _shown_findings(diagnosis):
+    if not shown_findings(diagnosis):
         return None
     rows = []
-    for k, f in enumerate(_shown_findings(diagnosis)):
+    for k, f in enumerate(shown_findings(diagnosis)):
         text = f"{format_percent(f.explained)} explained, {format_percent(f.explainable)} explainable"
         bar = Bar(0.0, _percent(f.explained) or 0.0, text, f"f{k % 4}", mark=_percent(f.explainable))
         rows.append((f"{k + 1}. {f.effect}", ", ".join(f.axes), f.explained, bar, f.explainable, f.share))
