@@ -41,7 +41,7 @@ def test_a_tie_is_stated_in_the_first_line_with_what_would_separate():
     stated = flat(tell(diagnosis(GROUND, VANE)))
     assert "ground-effect (94 %) and sensor-scale or wrong-derivative (together 93 %)" in stated
     # 52 % and 41 % are one finding to these recordings.
-    assert "wrong-derivative would do as well (together 93 %)" in stated
+    assert "wrong-derivative would do as well (together 93 %, neither 7 %)" in stated
     assert "A second source of flow angle" in stated
     assert "10 % is more than a vane on a boom usually has" in stated
 
