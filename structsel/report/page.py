@@ -32,6 +32,7 @@ _NO_BREAK = "\N{NO-BREAK SPACE}"
 _EXPONENT = re.compile(r"(?<![\w.])-?(\d(?:\.\d+)?)e[+-]?\d{1,2}(?![\w.])")
 _SQUARE = re.compile(r"(?<=/s)\^2|(?<=/rad)\^2|(?<=/deg)\^2|(?<=\bm)\^2")
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|±|s|m|km|kg|N|deg|rad|Hz|ms|h|K|Pa|V|1)(?:[\s,;.)/²]|$))|(?<=±) (?=\d)")
+_MAX_PRINTED_WARNINGS = 6
 _MAX_TITLES = 12  # of sections that the printed summary omits
 MAX_PRINTED_FINDINGS = 2
 """Findings that the printed summary of a diagnosis has."""
@@ -219,13 +220,15 @@ def _context(page: Page) -> dict[str, Any]:
     """Variables of the templates of pages of results."""
     parts = place_sections(page.sections)
     last = [("warnings", "Warnings"), ("method", "Method and data")]
+    printed = len(page.warnings) <= _MAX_PRINTED_WARNINGS
     return {
         "page": page,
         "headline": page.headline,
         "data": page.data,
         "parts": parts,
         "contents": _contents([], parts, page.data, last),
-        "not_printed": _not_printed(parts, []),
+        "not_printed": [*_not_printed(parts, [])[:-1], *["Warnings"] * (not printed), "Method and data"],
+        "warnings_printed": printed,
     }
 
 

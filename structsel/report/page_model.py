@@ -21,8 +21,8 @@ INTERVAL_NOTE = (
 )
 
 
-# The summary has two pages of A4, some 110 lines of 9 pt: verdict and reasons take up to 25, the time histories 40.
-_PRINTED_LINES = 45
+# The summary has two pages of A4, some 120 lines of 9 pt: verdict and reasons take up to 25, the time histories 40.
+_PRINTED_LINES = 55
 _CHART_LINES = 15
 _PRINTED_COLUMNS = 90  # characters of a row of a table, above which it has two lines
 
