@@ -9,13 +9,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from structsel.cli.messages import ProgressBar
 from structsel.errors import DataError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 log = logging.getLogger(__name__)
 
@@ -161,7 +158,7 @@ def names_in(folder: Path) -> list[str]:
     return [p.name + "/" * p.is_dir() for p in sorted(folder.iterdir())]
 
 
-def save_figures(folder: Path, drawn: Iterable[tuple[str, Figure]], suffix: str, count: int | None = None) -> None:
+def save_figures(folder: Path, drawn: Iterable[tuple[str, Any]], suffix: str, count: int | None = None) -> None:
     """Write figures to a new folder, each as ``name.suffix``; `count` is their number for the progress bar."""
     from structsel.plotting import save_figure  # matplotlib takes a while to load
 
