@@ -12,7 +12,7 @@ from structsel.comparison.causal_rows import DELAY, CausalRows, Null, delayed
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.tolerances import Nuisance
 from structsel.diagnosis.bench import Bench
-from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded
+from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, imitated
 from structsel.diagnosis.result import Event
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
@@ -149,7 +149,8 @@ def detect(flights: Sequence[Flight], bench: Bench, identified: bool = False) ->
     inside = [x[rows.edge : len(x) - rows.edge] for x in F]
     remainder = {c: _remainder(rows, null, c, [x * rows.size[c] for x in inside], form) for c in rows.responses}
     events = [_event(rows, null, i) for i in range(len(flights))]
-    ways = [*exceeded(rows.tolerances, null.mean, null.covariance), *exceeded_as_recorded(bench)]
+    alike = imitated(bench, rows.size, form)
+    ways = exceeded(rows.tolerances, null.mean, null.covariance, form=alike) + exceeded_as_recorded(bench, alike)
     best: dict[str, ExceededTolerance] = {}
     for one in sorted(ways, key=lambda one: -one.log_bayes):
         best.setdefault(one.tolerance.name, one)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,7 +76,12 @@ class ExceededTolerance:
 
 
 def exceeded(
-    tolerances: Sequence[Nuisance], mean: Array, covariance: Array, scale: Array | float = 1.0, worth: float = 1.0
+    tolerances: Sequence[Nuisance],
+    mean: Array,
+    covariance: Array,
+    scale: Array | float = 1.0,
+    worth: float = 1.0,
+    form: Mapping[str, float] | None = None,
 ) -> tuple[ExceededTolerance, ...]:
     """The stated tolerances that may be exceeded, the most probable first.
 
@@ -91,8 +96,13 @@ def exceeded(
         Prior standard deviations, in stated tolerances.
     worth : float
         Factor on the log Bayes factors.
+    form : mapping of tolerance to float, optional
+        Stated tolerances by which the form of the simulation may imitate it; see `imitated`.
     """
-    scale = np.broadcast_to(scale, mean.shape)
+    stated_scale = np.broadcast_to(scale, mean.shape)
+    scale = np.array(stated_scale)
+    for j, n in enumerate(tolerances):
+        scale[j] /= np.hypot(1.0, (form or {}).get(n.name, 0.0))
     stated = [j for j, n in enumerate(tolerances) if n.effect]
     logs = worth * _log_bayes(mean, np.diag(covariance), scale)
     others = max((logs[j] for j in range(len(tolerances)) if j not in stated), default=-np.inf)
@@ -102,12 +112,31 @@ def exceeded(
         left = worth * _log_bayes(freed, np.diag(spread), scale)[[i for i in stated if i != j]]
         alone = scipy.special.expit(_log_bayes_at(_EVEN) - left.max(initial=-np.inf))
         alone = float(alone * scipy.special.expit(logs[j] - others))
-        off, std = scale[j] * freed[j], scale[j] * np.sqrt(spread[j, j])
+        off, std = stated_scale[j] * freed[j], stated_scale[j] * np.sqrt(spread[j, j])
         made.append(ExceededTolerance(tolerances[j], float(off), float(std), float(logs[j]), alone))
     return tuple(made)
 
 
-def exceeded_as_recorded(bench: Bench) -> tuple[ExceededTolerance, ...]:
+def imitated(bench: Bench, size: Mapping[str, float], form: float) -> dict[str, float]:
+    """Stated tolerances by which each may seem off because of the form of the simulation.
+
+    Parameters
+    ----------
+    bench : Bench
+    size : mapping of response to float
+        The rms by which the simulated response varies.
+    form : float
+        What the form of the simulation leaves, of that.
+    """
+    made = {}
+    for n in bench.nuisances:
+        power = {c: np.mean(np.concatenate([x[c] for x in n.columns if c in x]) ** 2) for x in n.columns for c in x}
+        shows = max((n.sd * np.sqrt(p) / size[c] for c, p in power.items() if c in size), default=0.0)
+        made[n.name] = form / max(shows, 1e-3 * form)
+    return made
+
+
+def exceeded_as_recorded(bench: Bench, form: Mapping[str, float] | None = None) -> tuple[ExceededTolerance, ...]:
     """The same on rows that look both ways, as far as what is left cannot have caused the motion.
 
     White noise of the instruments moves no aircraft; of anything else that is left of the forces the motion may be a
@@ -118,7 +147,7 @@ def exceeded_as_recorded(bench: Bench) -> tuple[ExceededTolerance, ...]:
     scale = np.ones(len(base.posterior.mean))
     scale[:k] = base.scales[base.chosen][:k]
     worth = 1.0 - max(coloured_shares(bench.flights, residuals(bench)).values(), default=0.0)
-    return exceeded(bench.nuisances, base.posterior.mean, base.posterior.covariance, scale, worth)
+    return exceeded(bench.nuisances, base.posterior.mean, base.posterior.covariance, scale, worth, form)
 
 
 def _log_bayes(mean: Array, variance: Array, scale: Array) -> Array:
