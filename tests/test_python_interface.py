@@ -398,7 +398,7 @@ def test_a_result_plots_itself_on_the_axes_that_are_given(kind, arguments):
 @pytest.mark.parametrize(("kind", "count"), [("FrequencyResponse", 3), ("TransferFunction", 2)])
 def test_a_bode_plot_is_drawn_on_the_figure_that_is_given(kind, count):
     figure = plt.figure()
-    drawn = results()[kind].plot(ax=figure)
+    drawn = made(kind).plot(ax=figure)
     assert list(drawn) == figure.axes
     assert len(drawn) == count
     plt.close(figure)
