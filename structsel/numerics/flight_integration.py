@@ -31,6 +31,7 @@ from structsel.numerics.flight_model import (
     R,
 )
 from structsel.numerics.flight_workspace import Environment, History, Parameters, new_workspace
+from structsel.numerics.rotations import cosines_of_angles
 
 _VERTICAL = 0.5 * np.pi - 1e-6  # rad; beyond it yaw and roll are the same rotation
 _SLOWEST = 1e-3  # m/s; no coefficient is defined below
@@ -97,6 +98,8 @@ class Scratch(NamedTuple):
         Of the Runge-Kutta step.
     path, inputs : (34,), (9,) array
         State and inputs of the sensor equations, see `kinematics`.
+    attitude : (3, 3) array
+        Turn from body to earth axes.
     wanted : (12,) bool array
         All readings.
     intervals : (2,) int array
@@ -108,6 +111,7 @@ class Scratch(NamedTuple):
     total: Array
     path: Array
     inputs: Array
+    attitude: Array
     wanted: NDArray[np.bool_]
     intervals: NDArray[np.int64]
 
@@ -117,7 +121,7 @@ def _new_scratch(size):  # type: ignore[no-untyped-def]  # pragma: no cover - co
     """Scratch arrays for a state of this size."""
     return Scratch(
         np.empty(size), np.empty(size), np.empty(size), np.zeros(_PATH_STATES), np.zeros(9),
-        np.ones(_PATH_READINGS, dtype=np.bool_), np.zeros(2, dtype=np.int64),
+        np.empty((3, 3)), np.ones(_PATH_READINGS, dtype=np.bool_), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -201,8 +205,9 @@ def _read_sensors(x, vanes, sensors, scratch, derived):  # type: ignore[no-untyp
     for i in range(5):
         path[_VANE_STATE + i] = vanes[i]
     last = FIRST_READING + _PATH_READINGS
-    kinematics.observe(
-        path, inputs, sensors.positions, sensors.flank_angle_vane, scratch.wanted,
+    cosines_of_angles(x[PHI], x[PHI + 1], x[PHI + 2], scratch.attitude)
+    kinematics.observe_at(
+        path, scratch.attitude, inputs, sensors.positions, sensors.flank_angle_vane, scratch.wanted,
         derived[FIRST_READING:last],
     )  # fmt: skip
     # Specific force at the accelerometer: a + omega' x r + omega x (omega x r)
