@@ -256,8 +256,9 @@ def test_a_linear_problem_gets_its_exact_conditional_means(walk, spread):
     best, cov, S = condition(seen.size)
     rows = np.stack([height, wind], axis=1)
     expected = rows @ best + np.c_[known, np.zeros(n)]
-    assert_allclose(smoothed.x, expected, rtol=1e-8)
-    assert_allclose(smoothed.covariance, rows @ cov @ rows.transpose(0, 2, 1), rtol=1e-7, atol=1e-9)
+    # The gains of the smoother are kept in single precision, which has 7 digits.
+    assert_allclose(smoothed.x, expected, rtol=1e-6)
+    assert_allclose(smoothed.covariance, rows @ cov @ rows.transpose(0, 2, 1), rtol=1e-6, atol=1e-6)
     exact = multivariate_normal(height[seen] @ mean, S).logpdf(y)
     assert_allclose(filtered.log_likelihood, exact, rtol=1e-8)
     for k in (0, 9, 25, n - 1):

@@ -165,7 +165,7 @@ def _speed_at(x, rates, place, i):  # type: ignore[no-untyped-def]
 
 
 @njit(**UNCOUNTED)
-def reading_columns(T, states, x, C, a, place, flank, wanted, z, out):  # type: ignore[no-untyped-def]
+def reading_columns(T, states, x, C, a, place, flank_angle_vane, wanted, z, out):  # type: ignore[no-untyped-def]
     """Fill out (L, 12) with the derivatives of the wanted readings along the columns T (L, L) of the root.
 
     x (34,) is the centre with its Euler angles, C (3, 3) its attitude; z (34,) is scratch.
@@ -181,8 +181,8 @@ def reading_columns(T, states, x, C, a, place, flank, wanted, z, out):  # type: 
     asq = 1.0 / (au * au + aw * aw)
     bu, bv, bw = _speed_at(x, rates, place, 2)
     # A flank-angle vane compares v with u alone.
-    bw = 0.0 if flank else bw
-    broot = bu if flank else np.sqrt(bu * bu + bw * bw)
+    bw = 0.0 if flank_angle_vane else bw
+    broot = bu if flank_angle_vane else np.sqrt(bu * bu + bw * bw)
     bsq = 1.0 / (broot * broot + bv * bv)
     plane = x[0] * x[0] + x[2] * x[2]
     root = np.sqrt(plane)
