@@ -112,7 +112,7 @@ def test_memory_above_the_signals_does_not_grow_with_samples():
     exponents = monomial_exponents(8, 3)
     rng = np.random.default_rng(7)
     peaks = []
-    for n in (40_000, 800_000):
+    for n in (400_000, 1_600_000):  # from 400,000 samples the blocks have their full length
         flight = [ArrayData(rng.standard_normal((8, n)), rng.standard_normal((1, n)))]
         cross_products(flight, exponents, workers=1)
         tracemalloc.start()

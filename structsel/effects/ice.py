@@ -1,4 +1,4 @@
-"""Ice: drag grows and lift falls, slowly or from the start, until it is shed."""
+"""Ice: drag grows and lift falls, slowly, until it is shed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SPELLS = tuple(
 
 
 def ice_variants(flights: Flights) -> list[Variant]:
-    """Forms: growing in one manoeuvre or over all, from the start, shed, and what ice takes besides."""
+    """Forms: growing in one manoeuvre or over all, shed, and what ice takes besides."""
     slope, zero = lift_line(flights)
     longest = max(f.t[-1] - f.t[0] for f in flights)
     made = [
@@ -52,16 +52,19 @@ def ice_variants(flights: Flights) -> list[Variant]:
 
 
 def _other_ices(flights: Flights, slope: float, zero: float, longest: float) -> list[Variant]:
-    """Ice that is there from the start, that takes power of the controls, lies on one wing, or brings the stall."""
-    made = [_iced(lambda f: np.ones(len(f)), slope, zero, "from the start", {})]
+    """Growing ice that takes power of the controls, lies on one wing, or brings the stall.
+
+    Ice that does not change in time is not among them: in calm flights a wrong scale of a vane has the same form.
+    """
+    along = _growing(0.0, longest)
+    made = [
+        _iced(along, slope, zero, "growing, with power of the elevator", {}, more=_LESS_POWER),
+        _iced(along, slope, zero, "growing, on one wing", {}, more=_ONE_WING),
+    ]
     highest = reach(flights, "alpha")[1]
-    for along, when in ((_growing(0.0, longest), "growing"), (lambda f: np.ones(len(f)), "from the start")):
-        made.append(_iced(along, slope, zero, f"{when}, with power of the elevator", {}, more=_LESS_POWER))
-        made.append(_iced(along, slope, zero, f"{when}, on one wing", {}, more=_ONE_WING))
-        if highest > _STALLING:
-            onset = 0.7 * highest
-            shape = {"stall": onset}
-            made.append(_iced(along, slope, onset, f"{when}, beyond an angle of attack", shape, sudden=True))
+    if highest > _STALLING:
+        onset = 0.7 * highest
+        made.append(_iced(along, slope, onset, "growing, beyond an angle of attack", {"stall": onset}, sudden=True))
     return made
 
 

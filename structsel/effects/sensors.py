@@ -21,7 +21,7 @@ from structsel.effects.readings import (
     present,
     wrong_readings,
 )
-from structsel.effects.signals import CONTROLS, available, gathered
+from structsel.effects.signals import available, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, percent, shown
 from structsel.numerics.air_data import body_velocity, cross
 from structsel.numerics.arrays import Array
@@ -50,7 +50,7 @@ def _needs(channels: Sequence[str]) -> Callable[[Flights], str]:
 
 def _scale_variants(flights: Flights) -> list[Variant]:
     made = []
-    for channel in present(flights, (*AIR, *INERTIAL, *ATTITUDE, *CONTROLS)):
+    for channel in present(flights, (*AIR, *INERTIAL, *ATTITUDE)):
         sd = 0.1 if channel in ("alpha", "beta") else 0.04
         scale = EffectParameter("scale", "-", sd, -0.5, 0.5, of_outcome=_as_read(flights, channel))
         made.append(
