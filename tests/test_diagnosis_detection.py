@@ -1,5 +1,6 @@
 """A mismatch is detected from prediction errors before it is named, and a correct simulation is not."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -141,6 +142,7 @@ def test_the_event_is_written_with_its_time(unsure):
     step = Detection((), {"CZ": 0.0, "Cl": 0.0}, [(200.0, Event("m02", 12.5, 0.3, "step"))])
     (finding,) = detected(step, unsure, ("CZ", "Cl"))
     assert finding.to_dict()["where"]["events"] == [{"recording": "m02", "t": 12.5, "std": 0.3, "shape": "step"}]
+    assert replace(step, tolerances=(mass(90.0),)).event == ()
 
 
 def test_the_evidence_of_an_exceeded_tolerance_is_that_of_the_wider_prior():

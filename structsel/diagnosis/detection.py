@@ -119,7 +119,8 @@ class Detection:
     @property
     def event(self) -> tuple[Event, ...]:
         """The most probable event, where one is more probable than the other kinds of mismatch."""
-        if self.parts["event"] < self.parts["remainder"]:
+        tolerance, other = self.log_odds
+        if tolerance > other or self.parts["event"] < self.parts["remainder"]:
             return ()
         return (max(self.events, key=lambda one: one[0])[1],)
 
@@ -219,8 +220,6 @@ def features(flights: Sequence[Flight]) -> list[Array]:
 
 
 _SHAPES = ("step", "pulse", "pulse", "ramp")
-
-
 _EVERY = 1.0  # s, between the times at which events are sought
 
 
