@@ -205,6 +205,18 @@ def test_a_result_is_opened_with_the_recordings_it_was_made_from(folder, opened)
     assert source["model"] == str(folder / "out" / "model.json")
 
 
+def test_of_several_methods_the_default_one_is_opened_and_the_others_are_named(folder, opened):
+    options = ("--responses", "Cm", "--candidates", "alpha,de", "--bootstrap", 0, "--no-plots")
+    run("select", folder / "rec", *options, "--method", "all", "--out", folder / "all")
+    result = run("explore", folder / "all", "--no-browser")
+    assert opened[0][2]["model"] == str(folder / "all" / "model_stepwise.json")
+    said = " ".join(result.stderr.split())
+    assert "the model is model_stepwise.json. Give " in said
+    assert all(f"model_{one}.json" in said for one in ("orthogonal", "best_subset", "stepwise_white"))
+    run("explore", folder / "all" / "model_orthogonal.json", "--no-browser")
+    assert opened[1][2]["model"] == str(folder / "all" / "model_orthogonal.json")
+
+
 def test_other_recordings_and_a_saved_view_are_opened(folder, opened, tmp_path):
     run("explore", folder / "out", "--no-browser", "--recordings", folder / "rec" / "m2.csv", "--candidates", "alpha")
     first = opened[0]

@@ -61,8 +61,8 @@ def opened(browser, address):  # noqa: F811
     """Open the page; the addresses that it asks for, and the errors of its scripts."""
     contexts = []
 
-    def open_one(wide=1280, at=address):
-        context = browser.new_context(viewport={"width": wide, "height": 900})
+    def open_one(wide=1280, at=address, scheme="light"):
+        context = browser.new_context(color_scheme=scheme, viewport={"width": wide, "height": 900})
         contexts.append(context)
         page = context.new_page()
         page.asked, page.failed = [], []
@@ -140,9 +140,28 @@ def test_a_channel_that_is_chosen_is_on_the_axis_and_in_words(opened):
     page.get_by_text("Residual of CZ in 1 recording:").wait_for()
 
 
+COLOURS = """() => {
+  const found = [...Bokeh.documents[0].all_models].filter(one => one.type == 'Axis' || one.type.endsWith('Axis'))
+  return [getComputedStyle(document.body).backgroundColor, ...new Set(found.map(one => one.axis_label_text_color))]
+}"""
+"""Colour of the page, and of the labels of its figures."""
+
+
+def test_page_and_figures_follow_the_colour_scheme_of_the_browser(opened):
+    page = opened(scheme="dark")
+    assert page.evaluate(COLOURS) == ["rgb(18, 24, 27)", "#e4eaed"]
+    page.emulate_media(color_scheme="light")
+    page.wait_for_timeout(100)
+    assert page.evaluate(COLOURS) == ["rgb(255, 255, 255)", "#1d1d1d"]
+    page.get_by_label("Add to the model").select_option(label="alpha^2")
+    page.get_by_text("with alpha^2 it is").wait_for()  # the server has not refused the colours
+    assert page.failed == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("wide", [360, 1280])
-def test_the_page_fits_and_axe_finds_nothing(wide, opened, axe):  # noqa: F811
-    page = opened(wide)
+def test_the_page_fits_and_axe_finds_nothing(wide, scheme, opened, axe):  # noqa: F811
+    page = opened(wide, scheme=scheme)
     assert page.evaluate("document.documentElement.scrollWidth") == wide
     page.evaluate(axe)
     found = page.evaluate("axe.run()")["violations"]

@@ -30,6 +30,7 @@ from structsel.cli.recordings import (
 )
 from structsel.errors import DataError
 from structsel.files import path_text
+from structsel.formatting import join_names
 from structsel.model import AeroModel
 from structsel.provenance import sha256_of
 from structsel.recording.reading import files_read
@@ -54,6 +55,8 @@ EPILOG = epilog(
     """[bold]Save view[/bold] writes NAME.json, which structsel explore opens again, NAME.html and NAME.png. The page
     needs no network, and the server answers this computer only. It runs until Ctrl-C.""",
 )
+
+_DEFAULT_MODEL = "model_stepwise.json"  # of the default method among those of select --method all
 
 
 @dataclass(frozen=True)
@@ -147,7 +150,7 @@ def source_of(place: Path) -> dict[str, Any]:
     DataError
         It is not a result of structsel.
     """
-    diagnosis, model = place / "diagnosis.json", place / "model.json" if place.is_dir() else place
+    diagnosis, model = place / "diagnosis.json", _model_in(place) if place.is_dir() else place
     found = diagnosis if diagnosis.is_file() else model
     if not found.is_file():
         there = ", ".join(sorted(one.name for one in place.iterdir())[:10]) if place.is_dir() else "no such folder"
@@ -164,6 +167,19 @@ def source_of(place: Path) -> dict[str, Any]:
     if "recordings" not in source and (place / "flights").is_dir():  # as structsel demo writes it
         source |= {"recordings": [path_text(place / "flights")], "aircraft": path_text(place / "aircraft.toml")}
     return source
+
+
+def _model_in(folder: Path) -> Path:
+    """Model of a folder; of several methods that of the default method, with a note about the others."""
+    model = folder / "model.json"
+    of_methods = sorted(folder.glob("model_*.json"))
+    if model.is_file() or not of_methods:
+        return model
+    model = folder / _DEFAULT_MODEL if folder / _DEFAULT_MODEL in of_methods else of_methods[0]
+    others = [path_text(one) for one in of_methods if one != model]
+    if others:
+        say("note", f"the model is {model.name}. Give {join_names(others, last='or')} for that of another method.")
+    return model
 
 
 def _path(source: Mapping[str, Any], name: str) -> Path | None:
