@@ -19,7 +19,7 @@ from scipy import fft
 from scipy.signal import lfilter
 from timing import machine, publish, table
 
-from structsel.numerics.noise_models import last_correlated_lag, parzen_window
+from structsel.numerics.score_covariance import last_correlated_lag, parzen_window
 
 Array = NDArray[np.float64]
 NORMAL_95 = 1.959963984540054

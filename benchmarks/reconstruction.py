@@ -25,7 +25,8 @@ from structsel.numerics.kinematics import INPUTS, MEASUREMENTS, STATES, observe_
 from structsel.numerics.rotations import angles_of, cosines_of, cosines_of_angles, quaternion_of, turn
 from structsel.reconstruction import reconstruct
 from structsel.reconstruction.data_compatibility import check_data_compatibility
-from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter, ukf_smoother
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
+from structsel.reconstruction.ukf import ukf_filter, ukf_smoother
 from structsel.recording import Recording
 
 try:

@@ -7,7 +7,7 @@ come from complex steps.
 import numpy as np
 
 from structsel.numerics.kinematics import MEASUREMENTS, fly, readings
-from structsel.reconstruction.ukf import KinematicsProblem
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 
 G = 9.80665
 ANGLES = [MEASUREMENTS.index("phi"), MEASUREMENTS.index("psi")]

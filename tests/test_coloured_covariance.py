@@ -9,17 +9,15 @@ from statsmodels.stats.sandwich_covariance import S_hac_simple
 from structsel import Candidates, select
 from structsel.numerics.cross_products import cross_products
 from structsel.numerics.least_squares import fit_terms
-from structsel.numerics.noise_models import (
-    autocorrelation,
-    autocovariance,
+from structsel.numerics.noise_models import autocorrelation, autocovariance, random_block_weights
+from structsel.numerics.regressors import ArrayData
+from structsel.numerics.residuals import streamed_coloured_covariance
+from structsel.numerics.score_covariance import (
     coloured_covariance,
     last_correlated_lag,
     parzen_window,
-    random_block_weights,
     score_covariance,
 )
-from structsel.numerics.regressors import ArrayData
-from structsel.numerics.residuals import streamed_coloured_covariance
 from structsel.recording import Recording
 from structsel.refinement import equation_error
 from structsel.selection.resampling import bootstrap_units

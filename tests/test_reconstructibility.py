@@ -14,8 +14,9 @@ from structsel.demo import demo_instruments
 from structsel.errors import DomainError
 from structsel.numerics.kinematics import MEASUREMENTS, SCALE
 from structsel.numerics.kinematics import STATES as FULL
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 from structsel.reconstruction.observability import reconstructibility
-from structsel.reconstruction.ukf import KinematicsProblem, ukf_smoother
+from structsel.reconstruction.ukf import ukf_smoother
 
 G = 9.80665
 NOISE = np.array([0.2, 2e-3, 2e-3, 2e-3, 2e-3, 2e-3, 0.5, 1.0, 1.0, 0.05, 0.05, 0.05])

@@ -9,7 +9,8 @@ from scipy.stats import multivariate_normal
 from structsel.errors import DomainError
 from structsel.numerics.kinematics import fly
 from structsel.reconstruction import ukf
-from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter, ukf_smoother
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
+from structsel.reconstruction.ukf import ukf_filter, ukf_smoother
 from tests.dense_flight_path import ANGLES, G, dense_observe, dense_slope, dense_step, flight, rotation
 
 # ------------------------------------- a filter and smoother of dense covariances, straight from the textbook

@@ -17,7 +17,8 @@ from structsel.files import write_text
 from structsel.formatting import count_of
 from structsel.readers import read_table
 from structsel.readers.channel_map import FileOptions, load_channel_map
-from structsel.readers.guess_map import SURE, UNSURE, GuessedMap, guess_map
+from structsel.readers.column_guess import SURE, UNSURE
+from structsel.readers.guess_map import GuessedMap, guess_map
 from structsel.tables import Cell, Summary, Table, Tone, text_column
 
 EPILOG = epilog(

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 
 from structsel.aircraft import Aircraft
-from structsel.comparison.responses import KINEMATIC, Rate, respond, told_rates
-from structsel.errors import DataError, StructselError, StructselWarning
+from structsel.comparison.inertial_air_data import inertial_channels, smooth_channel
+from structsel.comparison.responses import KINEMATIC, Rate, respond
+from structsel.errors import DataError
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import air_data_at_cg, air_data_at_sensor
+from structsel.numerics.air_data import air_data_at_cg
 from structsel.numerics.arrays import Array
 from structsel.numerics.atmosphere import standard_atmosphere
-from structsel.numerics.signal_quality import estimate_white_noise
-from structsel.numerics.smoothing import smooth_spline
 from structsel.recording import Recording
 
 if TYPE_CHECKING:
@@ -28,11 +25,8 @@ if TYPE_CHECKING:
 
 AIRFRAME = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az")
 """Channels that every flight holds; zero where the recording has none."""
-_AS_THEY_ARE = ("gear", "throttle", "mode")
-_SHARP = ("de", "da", "dr", "df", "thrust")
 _ANGLES = ("psi", "phi")
 _LEAST_SAMPLES = 40
-_SLOW = 0.05  # Hz
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,10 +231,10 @@ def prepare_flight(recording: Recording, aircraft: Aircraft, simulated: Mapping[
     air: dict[str, Array] = {}
     inertial: frozenset[str] = frozenset()
     for name, x in raw.items():
-        smooth[name] = _smooth(name, x, t)
+        smooth[name] = smooth_channel(name, x, t)
     if {"V", "alpha", "ax", "az"} <= set(raw):
         _complete(smooth, raw, aircraft, recording.name)
-        air, inertial = _close(smooth, raw, aircraft, t)
+        air, inertial = inertial_channels(smooth, raw, aircraft, t)
     elif aerodynamic:
         recording.require("V", "alpha", "ax", "az", by="compare")
     measured: dict[str, Array] = {}
@@ -266,73 +260,6 @@ def _can(name: str, raw: Mapping[str, Array], aircraft: Aircraft) -> bool:
     """Whether the recording gives a response."""
     needs = {"CY": ("ay",), "Cl": ("p", "r"), "Cm": ("q",), "Cn": ("p", "r")}.get(name, ())
     return set(needs) <= set(raw) and (name not in COEFFICIENTS[3:] or aircraft.inertia is not None)
-
-
-def _smooth(name: str, x: Array, t: Array) -> Array:
-    if name in _AS_THEY_ARE or np.ptp(x) == 0.0 or len(np.unique(x)) < 0.1 * len(x):
-        return x
-    if name in _SHARP:
-        return x - estimate_white_noise(x)  # a smoother would round what jumps
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StructselWarning)  # what it doubts, the comparison's noise will hold
-            made = smooth_spline(x, t, order=3)
-    except StructselError:
-        return x
-    return np.array(made.values)
-
-
-def _close(
-    smooth: dict[str, Array], raw: Mapping[str, Array], aircraft: Aircraft, t: Array
-) -> tuple[dict[str, Array], frozenset[str]]:
-    """Air data and attitude as what the accelerometers and gyros foretell, plus what the readings slowly add to it.
-
-    What a reading has beyond the integral of what foretells it is noise, moving air and slow drifts. Only the drifts
-    are kept: noise and gusts would meet themselves in the differences. Where that is most of the motion, what is left
-    of it when smoothed is kept as well.
-
-    Returns
-    -------
-    air : dict of channel to (n,) array
-        V, alpha and beta with all that is left when smoothed: what the aircraft flew in.
-    inertial : frozenset of str
-        Channels of which only drifts were kept.
-    """
-    ch = {**smooth, **raw}
-    rates = (ch["p"], ch["q"], ch["r"])
-    place = aircraft.position("vane")
-    air = air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, place)
-    calm = air_data_at_cg(smooth["V"], smooth["alpha"], smooth["beta"], *rates, place)
-    turning = tuple(Rate(float(t[1] - t[0]))(smooth[c]) for c in "pqr")
-    force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, aircraft.position("accelerometer"))
-    told = told_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
-    read = {**dict(zip(("V", "alpha", "beta"), air)), **{c: ch[c] for c in ("phi", "theta", "psi")}}
-    flown, made, inertial = {}, {}, set()
-    for name, x in read.items():
-        if name not in raw or not np.ptp(raw[name]) or not set(KINEMATIC[f"k_{name}"]) <= set(raw):
-            flown[name] = made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
-            continue
-        ahead = scipy.integrate.cumulative_simpson(told[name], x=t, initial=0.0)
-        slow, rest = _drift(x - ahead, t), _smooth(name, x - ahead, t)
-        if np.std(rest - slow) < np.std(x - _drift(x, t)):
-            inertial.add(name)
-        flown[name] = ahead + rest
-        made[name] = ahead + (slow if name in inertial else rest)
-    # With the gyros' noise, a long arm would give the angles' rates the noise of the moments.
-    still = (smooth["p"], smooth["q"], smooth["r"])
-    air_data = ("V", "alpha", "beta")
-    carried = [air_data_at_sensor(x["V"], x["alpha"], x["beta"], *still, place) for x in (flown, made)]
-    smooth.update(zip(air_data, carried[1]))
-    smooth.update({c: made[c] for c in ("phi", "theta", "psi")})
-    return dict(zip(air_data, carried[0])), frozenset(inertial)
-
-
-def _drift(x: Array, t: Array) -> Array:
-    """The slow part of a signal: a line, and waves below `_SLOW`."""
-    line = np.polynomial.Polynomial.fit(t, x, 1)(t)
-    waves = scipy.fft.dct(x - line, norm="ortho")
-    waves[max(1, int(2.0 * (t[-1] - t[0]) * _SLOW)) + 1 :] = 0.0
-    return line + np.asarray(scipy.fft.idct(waves, norm="ortho"))
 
 
 def _complete(smooth: dict[str, Array], raw: Mapping[str, Array], aircraft: Aircraft, name: str) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from structsel.comparison.flight import Flight
+from structsel.comparison.noise_regressors import helpful_columns, state_functions
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Further, Projector
@@ -18,24 +19,6 @@ HIGHEST = 6.0
 """Frequency [Hz] up to which an aircraft's responses are compared."""
 _BANDS = 14
 _EDGE = 1.0  # s
-_PICKS = 8
-_FREE = 1e-3  # precision (inverse standard deviation) of values that are not held to their tolerances
-_WORTH = 0.03  # of what is left, that a further column must take
-_GENERIC = (
-    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "CT", "V", "alpha_dot_hat", "beta_dot_hat", "df",
-    "h_agl", "gear", "phi", "theta",
-)  # fmt: skip
-_SQUARES = (
-    ("alpha", "alpha"), ("beta", "beta"), ("alpha", "beta"), ("alpha", "de"), ("de", "de"), ("alpha", "q_hat"),
-    ("alpha", "p_hat"), ("alpha", "r_hat"), ("CT", "de"), ("CT", "alpha"), ("alpha", "V"), ("p_hat", "r_hat"),
-)  # fmt: skip
-_LAGS = (0.1, 0.4)  # s
-_LAGGED = ("alpha", "beta", "de", "da", "dr", "q_hat")
-_ITSELF = {
-    "CY": ("beta", "beta_dot_hat"), "CZ": ("alpha", "alpha_dot_hat"), "Cl": ("p_hat", "beta", "beta_dot_hat"),
-    "Cm": ("q_hat", "alpha", "alpha_dot_hat"), "Cn": ("r_hat", "beta", "beta_dot_hat"),
-}  # fmt: skip
-"""States whose rates and recent past are what a response is measured by: angles are foretold by the gyros."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,27 +131,6 @@ def estimate_noise(
     return Noise(edges, log_std, level)
 
 
-def _generic(f: Flight, response: str) -> Array:
-    """Usual functions of the states of one flight and, for a coefficient, their recent past.
-
-    What a kinematic response is made of (the rate of angle of attack, and its recent past) would explain its own noise.
-    """
-    itself = _ITSELF.get(response, ())
-    rates = tuple(c for c in _GENERIC if c.endswith("_dot_hat") and (c in itself or response not in COEFFICIENTS))
-    usual = tuple(c for c in _GENERIC if c not in rates)
-    here = {c: f[c] - f[c].mean() for c in usual if c in f or c in f.channels}
-    columns = list(here.values())
-    columns += [here[a] * here[b] for a, b in _SQUARES if a in here and b in here]
-    for c in (c for c in _LAGGED if response in COEFFICIENTS and c not in itself):
-        for lag in _LAGS:
-            k = round(lag / f.dt)
-            if c in here:
-                columns.append(np.concatenate([np.full(k, here[c][0]), here[c][:-k]]) if 0 < k < len(f) else here[c])
-    if not columns:
-        columns = [f.channels[c] - f.channels[c].mean() for c in sorted(f.channels) if c not in f.responses]
-    return np.column_stack(columns) if columns else f.t[:, None]
-
-
 def _residual(
     flights: Sequence[Flight],
     bins: Sequence[int],
@@ -183,7 +145,7 @@ def _residual(
     says little of the noise: at low frequencies above all.
     """
     y = np.concatenate([spectrum(f.difference[response], b, edge_of(f))[1:] for f, b in zip(flights, bins)])
-    X = np.vstack([spectrum(_generic(f, response), b, edge_of(f))[1:] for f, b in zip(flights, bins)])
+    X = np.vstack([spectrum(state_functions(f, response), b, edge_of(f))[1:] for f, b in zip(flights, bins)])
     Z = np.vstack([e[response][1:] for e in explained])
     scale = np.sqrt((X**2).mean(axis=0))
     X = X[:, scale > 0.0] / scale[scale > 0.0]
@@ -201,53 +163,12 @@ def _residual(
         left = y - X @ fit[:k] - Z @ fit[k:]
         free = 1.0 - (turned**2).sum(axis=0)
         if turn < 2 and further is not None:
-            X = np.column_stack([X, further[:, _helpful(rows, y * weight, further, weight)]])
+            X = np.column_stack([X, further[:, helpful_columns(rows, y * weight, further, weight)]])
         held = _smooth_spectrum(flights, bins, np.split(left, cuts), np.split(free, cuts), edges)
         weight = np.concatenate(
             [np.exp(-np.interp(np.log(frequencies(f, b)), np.log(edges), held)) for f, b in zip(flights, bins)]
         )
     return np.split(left, cuts), np.split(free, cuts)
-
-
-def _helpful(rows: Array, y: Array, further: Array, weight: Array) -> list[int]:
-    """Columns that lower what is left most, one after another, until none lowers it by more than chance.
-
-    Parameters
-    ----------
-    rows : (n, k) array
-        Weighted columns that explain already, in units of the noise. Many are collinear.
-    y : (n,) array
-        Weighted coefficients.
-    further : (n, p) array
-    weight : (n,) array
-    """
-    # Below the rows stands a weak prior: of collinear columns the directions that no sample determines would
-    # otherwise be rounding errors, and what they take away would be random.
-    Q = np.linalg.qr(np.vstack([rows, _FREE * np.eye(rows.shape[1])]))[0][: len(y)]
-    F = further * weight[:, None]
-    inside = Q.T @ F
-    before = (F**2).sum(axis=0)
-    # Products of what the rows leave of the columns: with themselves, and with what they leave of y.
-    power = before - (inside**2).sum(axis=0)
-    with_y = F.T @ y - inside.T @ (Q.T @ y)
-    total = float(y @ y - ((Q.T @ y) ** 2).sum())
-    freedom = max(1.0, len(y) - float((Q**2).sum()))
-    kept: list[int] = []
-    taken: list[Array] = []
-    for _ in range(_PICKS):
-        free = power > 1e-3 * before
-        gain = np.where(free, with_y**2 / np.where(free, power, 1.0), 0.0)
-        j = int(np.argmax(gain))
-        if gain[j] < max(5.0 * np.log(further.shape[1] + 1.0) * total / freedom, _WORTH * total):
-            break
-        kept.append(j)
-        # Gram-Schmidt: products of the normed new direction with every column.
-        along = F.T @ F[:, j] - inside.T @ inside[:, j] - sum(t * t[j] for t in taken)
-        along = along / np.sqrt(power[j])
-        step = float(with_y[j] / np.sqrt(power[j]))
-        with_y, power, total = with_y - step * along, power - along**2, total - step**2
-        taken.append(along)
-    return kept
 
 
 def _smooth_spectrum(

@@ -13,6 +13,7 @@ from structsel.effects import (
     plants,
     propulsive,
     sensors,
+    stall_hysteresis,
     static,
     structural,
 )
@@ -34,6 +35,7 @@ EFFECTS: tuple[Effect, ...] = (
     *static.EFFECTS,
     *controls.EFFECTS,
     *events.EFFECTS,
+    *stall_hysteresis.EFFECTS,
     *memory.EFFECTS,
     *sensors.EFFECTS,
     *actuators.EFFECTS,

@@ -24,7 +24,8 @@ from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.best_subset_kernel import leaps
 from structsel.numerics.criteria import candidate_numbers, check_products, check_size
-from structsel.numerics.hierarchical_search import GroupRules, hierarchical_search, needs_of
+from structsel.numerics.group_moves import GroupRules
+from structsel.numerics.hierarchical_search import hierarchical_search, needs_of
 from structsel.numerics.hierarchy import Hierarchy
 from structsel.numerics.stepwise_kernel import StepwiseRules, stepwise_search
 

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.criteria import candidate_numbers, check_products, check_size, pse
-from structsel.numerics.hierarchical_search import GroupRules, hierarchical_search, needs_of
+from structsel.numerics.group_moves import GroupRules
+from structsel.numerics.hierarchical_search import hierarchical_search, needs_of
 from structsel.numerics.hierarchy import Hierarchy
 from structsel.numerics.search_model import ACTION, ENTER, INDEX, PARTIAL_R, UNEXPLAINED
 from structsel.numerics.search_path import SearchPath, SearchStep, run_kernel

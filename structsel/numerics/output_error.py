@@ -24,8 +24,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from structsel.errors import DomainError
-from structsel.numerics.noise_models import score_covariance
 from structsel.numerics.output_error_problem import OutputErrorProblem, invert_information, sandwich, solve_damped
+from structsel.numerics.score_covariance import score_covariance
 
 ScoreCovariance: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Whitened sensitivities (k, n, c) and residuals (n, c) of a manoeuvre to the middle (k, k) of the sandwich."""

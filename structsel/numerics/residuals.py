@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, Progress, Samples, attach_data, complete_manoeuvres
 from structsel.numerics.least_squares import LeastSquaresFit, response_rows
-from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar, score_covariance, split_for_correlation
+from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar
 from structsel.numerics.regressors import DataSource, RegressorChunks, Scales, column_scale, find_scales, words_of
+from structsel.numerics.score_covariance import score_covariance, split_for_correlation
 
 SAMPLES_PER_ORDER = 12  # least number of samples of a manoeuvre for each order of its noise model
 
@@ -116,7 +117,7 @@ def streamed_coloured_covariance(
 ) -> Array:
     """Covariance of an ordinary least-squares fit whose residuals are coloured.
 
-    The formula and the lag window of `structsel.numerics.noise_models.coloured_covariance`, without forming X.
+    The formula and the lag window of `structsel.numerics.score_covariance.coloured_covariance`, without forming X.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ import numpy as np
 from structsel.numerics.kinematics import CIRCULAR, MEASUREMENTS, STATES, fly, readings
 from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
-from structsel.reconstruction.ukf import KinematicsProblem
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 
 _DIFFERENCE = 1e-3  # of the central differences, in standard deviations of the start
 _LEAST_STD = 1e-3  # of the stated standard deviation; limits the weight of a channel that is fitted to the last digit

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.numerics import kinematics as fp
-from structsel.numerics.noise_models import coloured_covariance
-from structsel.reconstruction.ukf import KinematicsProblem
+from structsel.numerics.score_covariance import coloured_covariance
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 
 _MIN_SAMPLES = 40
 LONGEST_DELAY = 0.5

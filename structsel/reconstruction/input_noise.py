@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from structsel.reconstruction.data_compatibility import simulate_outputs
-from structsel.reconstruction.ukf import KinematicsProblem
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 
 _DRAWS = 25  # of the noise of the inertial readings; standard deviations to 14 %
 _DIFFERENCE = 1e-3  # of the differences of the outputs, in prior standard deviations; chosen, not critical

@@ -16,9 +16,10 @@ import scipy
 from structsel.numerics import kinematics as fp
 from structsel.reconstruction.data_compatibility import check_data_compatibility, fit_attitude_scales, simulate_outputs
 from structsel.reconstruction.input_noise import input_noise_variance
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 from structsel.reconstruction.noise_levels import most_active_interval
 from structsel.reconstruction.result import Constant
-from structsel.reconstruction.ukf import FilterResult, KinematicsProblem, ukf_filter
+from structsel.reconstruction.ukf import FilterResult, ukf_filter
 
 _FALSE_ALARMS = 0.05  # fraction of recordings without a contradiction in which one of the constants is named
 _SCALE_FALSE_ALARMS = 0.01  # the same for the angles: small errors of the standard deviations are more frequent there

@@ -20,10 +20,11 @@ from structsel.numerics.air_data import body_velocity
 from structsel.numerics.dynamic_elements import shift
 from structsel.numerics.signal_quality import largest_noise_level
 from structsel.reconstruction.delays import find_delays
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 from structsel.reconstruction.problem import ReconstructionProblem, first_readings, noise_of
 from structsel.reconstruction.settings import INERTIAL
 from structsel.reconstruction.turbulence_level import Gusts, estimate_turbulence, turbulence_states, with_gusts
-from structsel.reconstruction.ukf import KinematicsProblem, negative_log_likelihood, ukf_filter, ukf_smoother
+from structsel.reconstruction.ukf import negative_log_likelihood, ukf_filter, ukf_smoother
 
 # One group for each gyro: the effect of a scale error is proportional to the rate, which differs between axes.
 _GROUPS = (INERTIAL[:3], *((name,) for name in INERTIAL[3:]))

@@ -24,8 +24,8 @@ from structsel.errors import DomainError
 from structsel.formatting import count_of
 from structsel.numerics.kinematics import MEASUREMENTS, MOTION, STATES
 from structsel.reconstruction.fixed_states import CBETA0_REASON, reason_for_fixing
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 from structsel.reconstruction.path_sensitivity import recorded_inputs, recorded_path, segments_of, sensitivity_factor
-from structsel.reconstruction.ukf import KinematicsProblem
 
 FIX_FIRST = (
     # Most instruments have no scale error that matters; gravity calibrates accelerometers best.

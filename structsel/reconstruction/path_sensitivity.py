@@ -17,7 +17,7 @@ from structsel.errors import DomainError
 from structsel.numerics.air_data import body_velocity
 from structsel.numerics.compiling import njit
 from structsel.numerics.kinematics import MEASUREMENTS, MOTION, readings, slopes
-from structsel.reconstruction.ukf import KinematicsProblem
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 
 _LONGEST = 60.0  # s of a segment; over more time the effect of the initial motion is lost
 _GAP = 0.5  # s without a sample, and five samples: not integrated across

@@ -15,11 +15,11 @@ from structsel.numerics import kinematics as fp
 from structsel.numerics.air_data import body_velocity
 from structsel.numerics.signal_quality import MIN_SAMPLES, noise_level, starts_of_runs
 from structsel.numerics.smoothing import SmoothedSignal, smooth_spline
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 from structsel.reconstruction.observability import Reconstructibility
 from structsel.reconstruction.sample_validity import LATERAL, require_inertial, valid_input, valid_measurement
 from structsel.reconstruction.settings import INERTIAL, PRIOR, ReconstructOptions
 from structsel.reconstruction.turbulence_level import CALM, Gusts
-from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Finding, Recording
 
 _POSITION = ("x", "y", "vn", "ve")

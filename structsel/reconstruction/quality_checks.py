@@ -10,13 +10,14 @@ import numpy as np
 from structsel.nomenclature import unit_of
 from structsel.reconstruction.delays import Delay
 from structsel.reconstruction.innovations import Consistency
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 from structsel.reconstruction.noise_levels import largest_inertial_noise, most_active_interval
 from structsel.reconstruction.observability import Reconstructibility
 from structsel.reconstruction.problem import ReconstructionProblem, noise_of
 from structsel.reconstruction.result import CONSTANTS, ESTIMATED_ONLY, Constant
 from structsel.reconstruction.settings import INERTIAL, SCALES
 from structsel.reconstruction.sign_and_unit_checks import MIN_LEVER_ARM
-from structsel.reconstruction.ukf import KinematicsProblem, ukf_filter
+from structsel.reconstruction.ukf import ukf_filter
 
 _MAX_INTERPOLATED = 0.01  # fraction of an inertial channel's readings
 _MAX_REJECTED = 0.1  # fraction of a channel's readings

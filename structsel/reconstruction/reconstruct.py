@@ -16,6 +16,7 @@ from structsel.options import takes_options
 from structsel.reconstruction.data_compatibility import check_data_compatibility
 from structsel.reconstruction.delays import LONGEST_DELAY, Delay, find_delays
 from structsel.reconstruction.innovations import Consistency, check_innovations, widened_noise
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 from structsel.reconstruction.method_comparison import compare_methods
 from structsel.reconstruction.noise_levels import drop_confounded_scales, estimate_noise_levels
 from structsel.reconstruction.observability import Reconstructibility, reconstructibility
@@ -26,7 +27,7 @@ from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Rec
 from structsel.reconstruction.scale_factors import add_scale_errors
 from structsel.reconstruction.settings import INERTIAL, ReconstructOptions
 from structsel.reconstruction.sign_and_unit_checks import reject_wrong_sign_or_unit
-from structsel.reconstruction.ukf import FilterResult, KinematicsProblem, SmootherResult, ukf_smoother
+from structsel.reconstruction.ukf import FilterResult, SmootherResult, ukf_smoother
 from structsel.recording import Recording
 from structsel.recording.arguments import as_one_recording, require_kind
 

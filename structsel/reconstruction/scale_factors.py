@@ -24,12 +24,13 @@ from structsel.numerics import kinematics as fp
 from structsel.reconstruction.data_compatibility import check_data_compatibility
 from structsel.reconstruction.innovations import check_innovations, widened_noise
 from structsel.reconstruction.input_noise import input_noise_variance
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 from structsel.reconstruction.noise_levels import most_active_interval, refit_noise_levels
 from structsel.reconstruction.observability import FIX_FIRST, reconstructibility
 from structsel.reconstruction.problem import ReconstructionProblem
 from structsel.reconstruction.settings import PRIOR, SCALES, ReconstructOptions
 from structsel.reconstruction.turbulence_level import with_gusts
-from structsel.reconstruction.ukf import KinematicsProblem, negative_log_likelihood, ukf_filter, ukf_smoother
+from structsel.reconstruction.ukf import negative_log_likelihood, ukf_filter, ukf_smoother
 
 _DETERMINED = 1.0 / 3.0  # posterior over prior standard deviation, as of a state that is not "weak"
 _CHANNEL = {name: name.removeprefix("K") for name in SCALES}

@@ -25,8 +25,8 @@ from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.kinematic_closure import closure_sides
 from structsel.numerics.signal_quality import noise_level
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 from structsel.reconstruction.noise_levels import most_active_interval
-from structsel.reconstruction.ukf import KinematicsProblem
 from structsel.recording import Recording
 
 _WINDOW = 0.5  # s

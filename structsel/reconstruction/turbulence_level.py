@@ -13,7 +13,8 @@ import numpy as np
 import scipy
 
 from structsel.numerics import kinematics as fp
-from structsel.reconstruction.ukf import KinematicsProblem, negative_log_likelihood
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
+from structsel.reconstruction.ukf import negative_log_likelihood
 
 _LENGTH = 200.0  # m, initial correlation length: Dryden's scales near the ground
 _LENGTHS = (50.0, 2000.0)  # m, shortest and longest correlation length; faster changes are noise, slower ones are wind

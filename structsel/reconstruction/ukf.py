@@ -5,23 +5,24 @@ The compiled filter and its equations are in `structsel.numerics.unscented_filte
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import scipy
 
 from structsel.errors import DomainError
-from structsel.numerics import unscented_filter as kernel
-from structsel.numerics.kinematics import CIRCULAR, GUST, MEASUREMENTS, MOTION, STATES, readings, slopes
+from structsel.numerics.kinematics import GUST, MEASUREMENTS, MOTION, STATES
 from structsel.numerics.rotations import quaternion_of
 from structsel.numerics.square_root import LARGEST_SPREAD, SMALLEST_SPREAD, sigma_points
+from structsel.numerics.unscented_arrays import FilterOutput, FilterState, FlightData, workspace
+from structsel.numerics.unscented_filter import COMPLETE, NOT_FINITE, filter_samples
 from structsel.numerics.unscented_smoother import (
     SmootherOutput,
     SmootherSteps,
     smooth_samples,
     store_last,
 )
+from structsel.reconstruction.kinematics_problem import KinematicsProblem
 
 _BLOCK_BYTES = 256_000_000  # of gains held at once: an hour at 50 Hz with 20 states; beyond it they are made twice
 _MAX_BYTES = 100_000_000  # of covariances returned; chosen, not critical
@@ -30,101 +31,7 @@ _MAX_BYTES = 100_000_000  # of covariances returned; chosen, not critical
 _NARROW = 2e-3
 _LEAST_ERROR = 1e-6  # rad, of the attitude at the start
 _PHI, _THETA, _PSI = (STATES.index(name) for name in ("phi", "theta", "psi"))
-_REASONS = {kernel.COMPLETE: "", kernel.NOT_FINITE: "the estimates are no longer finite"}
-
-
-@dataclass(frozen=True)
-class KinematicsProblem:
-    """Input of the filter, as arrays; n samples, L active states.
-
-    Attributes
-    ----------
-    t : (n,) array [s]
-    inputs : (n, 9) array
-        Columns as `kinematics.INPUTS`; finite.
-    input_std : (n, 6) array
-        Standard deviation of the noise on ax ay az p q r, sample by sample.
-    measurements : (n, 12) array
-        Columns as `kinematics.MEASUREMENTS`; NaN where not sampled.
-    measurement_std : (12,) array
-    start : (34,) array
-        As `kinematics.STATES`: estimates at the first sample, before its measurements are used.
-    start_std : (L,) array
-        Their standard deviations, for the active states.
-    active : (L,) int array
-        Estimated states, ascending; the others keep their initial value, except for the motion.
-    drift : (34,) array
-        Random walk of the constants [unit / sqrt(s)]; 0 for true constants.
-    place : (6, 3) array [m]
-        Rows as `kinematics.PLACES`.
-    flank : bool
-        The sideslip vane reads atan(v/u).
-    g : float [m/s^2]
-    gust_time : float [s]
-        Correlation time of the gusts, which `drift` excites.
-    """
-
-    t: np.ndarray
-    inputs: np.ndarray
-    input_std: np.ndarray
-    measurements: np.ndarray
-    measurement_std: np.ndarray
-    start: np.ndarray
-    start_std: np.ndarray
-    active: np.ndarray
-    drift: np.ndarray
-    place: np.ndarray
-    flank: bool
-    g: float
-    gust_time: float = np.inf
-
-    @property
-    def located(self) -> bool:
-        """Whether the position x, y is among the active states."""
-        return bool(np.any((self.active == 6) | (self.active == 7)))
-
-    def rows(self, first: int, last: int) -> KinematicsProblem:
-        """Problem of samples first to last - 1; the start is left as it is."""
-        kept = slice(first, last)
-        return replace(
-            self,
-            t=self.t[kept],
-            inputs=self.inputs[kept],
-            input_std=self.input_std[kept],
-            measurements=self.measurements[kept],
-        )
-
-    def with_states(self, states: np.ndarray) -> KinematicsProblem:
-        """Problem in which only some of the active states, an (L,) bool array, are estimated."""
-        return replace(self, active=self.active[states], start_std=self.start_std[states])
-
-    def path(self, x: np.ndarray) -> np.ndarray:
-        """(n, 34) full vectors with the active states x (n, L), the others at their initial value."""
-        full = np.tile(self.start, (len(x), 1))
-        full[:, self.active] = x
-        return full
-
-    def predict(self, path: np.ndarray) -> np.ndarray:
-        """(n, 12) measurements along a path (n, 34) of ideal instruments."""
-        return readings(path, self.inputs, self.place, self.flank)
-
-    def slopes(self, path: np.ndarray) -> np.ndarray:
-        """(n, 9) derivatives of the motion along a path (n, 34)."""
-        return slopes(path, self.inputs, self.place, self.g)
-
-    def residuals(self, predicted: np.ndarray) -> np.ndarray:
-        """(n, 12) measured minus predicted; angles that wrap are reduced to half a turn."""
-        difference = self.measurements - predicted
-        angles = difference[:, CIRCULAR]
-        turns = np.where(np.isfinite(angles), np.round(angles / (2.0 * np.pi)), 0.0)
-        difference[:, CIRCULAR] = angles - 2.0 * np.pi * turns
-        return difference
-
-    def integrated_heading(self, path: np.ndarray) -> np.ndarray:
-        """(n,) heading [rad] from the body rates along a path (n, 34), from its initial value."""
-        path = path.copy()
-        path[:, 5] = self.start[5]
-        return self.start[5] + scipy.integrate.cumulative_trapezoid(self.slopes(path)[:, 5], self.t, initial=0.0)
+_REASONS = {COMPLETE: "", NOT_FINITE: "the estimates are no longer finite"}
 
 
 @dataclass(frozen=True)
@@ -195,17 +102,17 @@ class _Run:
         states, constants = _internal_states(p)
         L = len(states)
         self.problem = problem
-        self.data = kernel.FlightData(
+        self.data = FlightData(
             *(p.t, p.inputs, p.input_std, p.measurements, p.measurement_std, states, constants, p.drift, p.place),
             *(bool(p.flank), float(p.g), float(p.gust_time), p.located, float(gate), _NARROW),
         )
         self.points = sigma_points(spread, L)
-        self.work = kernel.workspace(len(STATES), states, constants, p.drift, self.points.linear)
+        self.work = workspace(len(STATES), states, constants, p.drift, self.points.linear)
         start = p.start.astype(float)
-        self.estimate = kernel.FilterState(
+        self.estimate = FilterState(
             *(start, np.array(quaternion_of(*start[3:6])), _start_root(p, states), np.zeros(M, dtype=np.int64))
         )
-        self.output = kernel.FilterOutput(
+        self.output = FilterOutput(
             *(np.full((n, L), np.nan), np.full((n, L), np.nan), np.full((n, M), np.nan), np.full((n, M), np.nan)),
             nis=np.full(n, np.nan),
             used=np.zeros(n, dtype=np.int64),
@@ -226,13 +133,13 @@ class _Run:
         """Samples whose gains are held at once."""
         return max(1, int(_BLOCK_BYTES // sum(part.nbytes for part in self.steps(1))))
 
-    def copy_estimate(self) -> kernel.FilterState:
+    def copy_estimate(self) -> FilterState:
         full, quaternion, T, waiting = self.estimate
-        return kernel.FilterState(full.copy(), quaternion.copy(), T.copy(), waiting.copy())
+        return FilterState(full.copy(), quaternion.copy(), T.copy(), waiting.copy())
 
     def advance(self, first: int, last: int, steps: SmootherSteps) -> tuple[float, int, int]:
         arguments = (self.data, self.points, self.estimate, self.output, steps, self.work)
-        return kernel.filter_samples(first, last, *arguments)  # type: ignore[no-any-return]
+        return filter_samples(first, last, *arguments)  # type: ignore[no-any-return]
 
     def result(self, log_likelihood: float, failed: int, ending: int) -> FilterResult:
         o, columns = self.output, self.columns

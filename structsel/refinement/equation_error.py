@@ -14,7 +14,7 @@ from structsel.errors import DataError, ModelError
 from structsel.model import AeroModel
 from structsel.numerics import spectra
 from structsel.numerics.differentiation import differentiate
-from structsel.numerics.noise_models import coloured_covariance
+from structsel.numerics.score_covariance import coloured_covariance
 from structsel.recording import Recording
 from structsel.recording.arguments import as_recordings
 from structsel.refinement.linear_flight import LinearFlight

@@ -12,9 +12,9 @@ from structsel.aircraft import Aircraft
 from structsel.errors import ModelError, RefinementError
 from structsel.model import AeroModel
 from structsel.numerics.global_search import GlobalSearch, search_globally
-from structsel.numerics.noise_models import score_covariance, spectral_score_covariance
 from structsel.numerics.output_error import OutputErrorFit, fit_output_error
 from structsel.numerics.output_error_problem import Constraint, OutputErrorProblem
+from structsel.numerics.score_covariance import score_covariance, spectral_score_covariance
 from structsel.options import takes_options
 from structsel.recording import Recording
 from structsel.recording.arguments import as_recordings

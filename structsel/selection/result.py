@@ -23,7 +23,16 @@ from structsel.recording import Recording, StoredRecording
 from structsel.recording.arguments import as_recordings
 from structsel.results import Estimates
 from structsel.selection.diagnostics import Alias
-from structsel.selection.result_tables import as_dict, summarise, summarise_search
+from structsel.selection.result_tables import (
+    as_dict,
+    condition_frame,
+    correlation_frame,
+    parameter_frame,
+    sample_series,
+    step_frame,
+    summarise,
+    summarise_search,
+)
 from structsel.selection.settings import SelectOptions
 from structsel.selection.trace import HeldOutPart, TraceStep
 from structsel.tables import Summary
@@ -271,17 +280,7 @@ class Selection(Estimates):
 
     def _over_samples(self, values: Any, name: str, recordings: Any = None) -> pd.Series:
         """Samples of a function of a recording, by time."""
-        import pandas as pd
-
-        given = self.data if recordings is None else recordings
-        if not given:
-            raise SelectionError(
-                "the selection has no recordings: it was pickled, or not made by select().",
-                remedy="Use predict(recordings), or selection.with_recordings(recordings).",
-            )
-        read = [one.read() if isinstance(one, StoredRecording) else one for one in given]
-        parts = {one.name: pd.Series(values(one), index=pd.Index(one.t, name="t"), name=name) for one in read}
-        return next(iter(parts.values())) if len(parts) == 1 else pd.concat(parts, names=["recording", "t"])
+        return sample_series(self.data if recordings is None else recordings, values, name)
 
     @property
     def model(self) -> AeroModel:
@@ -320,53 +319,22 @@ class Selection(Estimates):
 
     def to_frame(self) -> pd.DataFrame:
         """One row per parameter, the constant first."""
-        import pandas as pd
-
-        low, high = self.intervals().T
-        names = ["1", *map(str, self.terms)]
-        return pd.DataFrame(
-            {
-                "response": self.response,
-                "term": names,
-                "value": self.values,
-                "std_error": self.standard_errors,
-                "low95": low,
-                "high95": high,
-                "textbook_error": self.textbook_errors,
-                "partial_F": self.partial_F,
-                "inclusion": [np.nan, *(self.inclusion.get(n, np.nan) for n in names[1:])],
-                "probability": [np.nan, *(self.probability.get(n, np.nan) for n in names[1:])],
-                "vif": [np.nan, *self.vif],
-            }
-        )
+        return parameter_frame(self)
 
     def collinearity_frame(self) -> pd.DataFrame:
         """Condition indices, ascending, and the fraction of each parameter's variance that comes with each.
 
         Two or more fractions above 0.5 with an index above 30 name terms that depend on one another [B80].
         """
-        import pandas as pd
-
-        names = ["1", *map(str, self.terms)]
-        fractions = pd.DataFrame(self.conditioning.proportions, columns=names)
-        fractions.insert(0, "condition_index", self.conditioning.indices)
-        return fractions
+        return condition_frame(self)
 
     def correlation_frame(self) -> pd.DataFrame:
         """Correlation of the parameters, the terms taken as given; the constant first."""
-        import pandas as pd
-
-        names = ["1", *map(str, self.terms)]
-        root = np.sqrt(np.diag(self.covariance))
-        root = np.where(root > 0, root, 1.0)
-        return pd.DataFrame(self.covariance / np.outer(root, root), index=names, columns=names)
+        return correlation_frame(self)
 
     def trace_frame(self) -> pd.DataFrame:
         """One row per move of the search."""
-        import pandas as pd
-
-        rows = [{**vars(s), "term": str(s.term), "other": str(s.other or "")} for s in self.trace]
-        return pd.DataFrame(rows, columns=list(TraceStep.__dataclass_fields__))
+        return step_frame(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types, for JSON; not a number is None."""

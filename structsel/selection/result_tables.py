@@ -1,13 +1,19 @@
-"""A selection as plain types and as tables."""
+"""A selection as plain types, as data frames and as tables."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from structsel.errors import SelectionError
 from structsel.formatting import format_number
+from structsel.recording import StoredRecording
+from structsel.selection.trace import TraceStep
 from structsel.tables import Cell, Column, Summary, Table, Tone, text_column
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _COLUMNS = {
     "term": text_column("term"),
@@ -111,3 +117,68 @@ def summarise_search(selection: Any) -> Summary:
     records = ({**vars(s), "term": f"{s.other} -> {s.term}" if s.other else str(s.term)} for s in selection.trace)
     table = Table.from_records(_TRACE_COLUMNS, records)
     return Summary(selection.response, f"the search; it ended: {selection.stop_reason}", tables=(table,))
+
+
+def parameter_frame(selection: Any) -> pd.DataFrame:
+    """One row per parameter, the constant first."""
+    import pandas as pd
+
+    low, high = selection.intervals().T
+    names = ["1", *map(str, selection.terms)]
+    return pd.DataFrame(
+        {
+            "response": selection.response,
+            "term": names,
+            "value": selection.values,
+            "std_error": selection.standard_errors,
+            "low95": low,
+            "high95": high,
+            "textbook_error": selection.textbook_errors,
+            "partial_F": selection.partial_F,
+            "inclusion": [np.nan, *(selection.inclusion.get(n, np.nan) for n in names[1:])],
+            "probability": [np.nan, *(selection.probability.get(n, np.nan) for n in names[1:])],
+            "vif": [np.nan, *selection.vif],
+        }
+    )
+
+
+def condition_frame(selection: Any) -> pd.DataFrame:
+    """Condition indices, ascending, and the fraction of each parameter's variance that comes with each."""
+    import pandas as pd
+
+    names = ["1", *map(str, selection.terms)]
+    fractions = pd.DataFrame(selection.conditioning.proportions, columns=names)
+    fractions.insert(0, "condition_index", selection.conditioning.indices)
+    return fractions
+
+
+def correlation_frame(selection: Any) -> pd.DataFrame:
+    """Correlation of the parameters, the terms taken as given; the constant first."""
+    import pandas as pd
+
+    names = ["1", *map(str, selection.terms)]
+    root = np.sqrt(np.diag(selection.covariance))
+    root = np.where(root > 0, root, 1.0)
+    return pd.DataFrame(selection.covariance / np.outer(root, root), index=names, columns=names)
+
+
+def step_frame(selection: Any) -> pd.DataFrame:
+    """One row per move of the search."""
+    import pandas as pd
+
+    rows = [{**vars(s), "term": str(s.term), "other": str(s.other or "")} for s in selection.trace]
+    return pd.DataFrame(rows, columns=list(TraceStep.__dataclass_fields__))
+
+
+def sample_series(recordings: Any, values: Any, name: str) -> pd.Series:
+    """Samples of a function of a recording, by time, or by recording and time if there are several."""
+    import pandas as pd
+
+    if not recordings:
+        raise SelectionError(
+            "the selection has no recordings: it was pickled, or not made by select().",
+            remedy="Use predict(recordings), or selection.with_recordings(recordings).",
+        )
+    read = [one.read() if isinstance(one, StoredRecording) else one for one in recordings]
+    parts = {one.name: pd.Series(values(one), index=pd.Index(one.t, name="t"), name=name) for one in read}
+    return next(iter(parts.values())) if len(parts) == 1 else pd.concat(parts, names=["recording", "t"])

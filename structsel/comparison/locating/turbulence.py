@@ -20,11 +20,11 @@ import numpy as np
 import scipy
 
 from structsel.comparison.flight import Flight
+from structsel.comparison.locating.dryden_fit import PowerBands, dispersion, fit_spectrum, fraction_of_air, largest_peak
 from structsel.comparison.noise import bins_of, edge_of, frequencies
 from structsel.formatting import format_number
 from structsel.nomenclature import FORCE_COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.atmosphere import dryden_spectra
 from structsel.numerics.fourier_series import spectrum, taper
 from structsel.numerics.signal_quality import noise_std_from_differences
 
@@ -42,12 +42,10 @@ _DRIVEN = 0.35  # share of the power that inputs may explain
 _PEAK = 6.0  # times the fitted spectrum; more is a resonance
 _OCCAM = 2.5  # nats that a size free over orders of magnitude costs
 _BETWEEN_AXES = 0.35  # standard deviation of the logarithm of the size
-_BETWEEN_FLIGHTS = 0.7  # standard deviation of the logarithm of the power
 _UNFELT = 300.0  # nats of what follows the motion and no input, above which only the air does that
 _MOST = 0.5  # share of what is left of every force, of which air that no vane feels must be the cause
 _MOTION = (0.1, 2.0)  # Hz, in which gusts move an aircraft
 _FORCED = {"v": ("CY", "beta"), "w": ("CZ", "alpha")}
-_FROM_NOISE = 1.0  # standard deviation of the logarithm of the noise about what the readings show
 
 
 @dataclass(frozen=True)
@@ -95,19 +93,6 @@ class TurbulenceEstimate:
 
     def __str__(self) -> str:
         return self.says
-
-
-@dataclass(frozen=True)
-class _Bands:
-    """Power spectrum [unit^2/Hz], one-sided, of one axis in bands, all flights."""
-
-    f: Array
-    V: Array
-    flight: Array
-    count: Array
-    power: Array
-    floor: float
-    driven: float
 
 
 def find_turbulence(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> TurbulenceEstimate | None:
@@ -187,7 +172,7 @@ def coloured_shares(flights: Sequence[Flight], residuals: Sequence[Mapping[str, 
 
 def _of_vane(
     flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]], axis: str, response: str
-) -> _Bands | None:
+) -> PowerBands | None:
     if any(response not in r for r in residuals):
         return None
     made = [r[response] * (f["V"] if axis != "u" else 1.0) for f, r in zip(flights, residuals)]
@@ -209,7 +194,7 @@ def _quick(f: Flight, channel: str) -> float:
     return noise_std_from_differences(np.diff(f.raw[channel], 3))
 
 
-def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float) -> _Bands:
+def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float) -> PowerBands:
     bins = [bins_of(f) for f in flights]
     y = [spectrum(x, b, edge_of(f))[1:] for f, x, b in zip(flights, signals, bins)]
     X = [spectrum(_inputs(f, flights), b, edge_of(f))[1:] for f, b in zip(flights, bins)]
@@ -225,7 +210,7 @@ def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float)
             if near.any():
                 rows.append((float(h[near].mean()), float(f["V"].mean()), k, near.sum(), float(power[near].mean())))
     hertz, V, flight, count, level = np.array(rows).T
-    return _Bands(hertz, V, flight.astype(int), count, level, floor, driven)
+    return PowerBands(hertz, V, flight.astype(int), count, level, floor, driven)
 
 
 def _inputs(f: Flight, flights: Sequence[Flight]) -> Array:
@@ -264,16 +249,8 @@ def _unlike(sigmas: Sequence[float]) -> float:
     return float(0.5 * (((logs - logs.mean()) / _BETWEEN_AXES) ** 2).sum())
 
 
-@dataclass(frozen=True)
-class _DrydenFit:
-    cost: float
-    sigma: float
-    air: Array
-    told: Array
-
-
-def _judge(axes: Mapping[str, _Bands]) -> TurbulenceEstimate | None:
-    air = {a: [_fit(b, a, length, None) for length in _LENGTHS] for a, b in axes.items()}
+def _judge(axes: Mapping[str, PowerBands]) -> TurbulenceEstimate | None:
+    air = {a: [fit_spectrum(b, a, length, None) for length in _LENGTHS] for a, b in axes.items()}
     total = np.array(
         [
             sum(each[i].cost for each in air.values()) + _unlike([each[i].sigma for each in air.values()])
@@ -284,86 +261,18 @@ def _judge(axes: Mapping[str, _Bands]) -> TurbulenceEstimate | None:
     i = int(np.argmin(total))
     best = {a: air[a][i] for a in axes}
     moved = _averaged(total) + _OCCAM
-    own = {a: _averaged(np.array([_fit(b, a, None, tau).cost for tau in _TIMES])) + _OCCAM for a, b in axes.items()}
-    still = sum(min(own[a], _fit(b, a, None, None).cost) for a, b in axes.items())
-    spread = max(1.0, float(np.mean([_dispersion(b, best[a].told) for a, b in axes.items()])))
+    own = {
+        a: _averaged(np.array([fit_spectrum(b, a, None, tau).cost for tau in _TIMES])) + _OCCAM for a, b in axes.items()
+    }
+    still = sum(min(own[a], fit_spectrum(b, a, None, None).cost) for a, b in axes.items())
+    spread = max(1.0, float(np.mean([dispersion(b, best[a].told) for a, b in axes.items()])))
     sigma = {a: best[a].sigma for a in axes}
     nats = float(still - moved) / spread
     driven = max(b.driven for b in axes.values())
     if nats < _LEAST or min(sigma.values()) < max(_FAINT, max(sigma.values()) / _UNLIKE) or driven > _DRIVEN:
         return None
-    if any(_peak(b, best[a].told) > _PEAK for a, b in axes.items()):
+    if any(largest_peak(b, best[a].told) > _PEAK for a, b in axes.items()):
         return None
     probability = float(1.0 / (1.0 + np.exp(-(nats - 0.5 * _LEAST) / 4.0)))
-    explained = float(np.mean([_share_of_air(b, best[a]) for a, b in axes.items()]))
+    explained = float(np.mean([fraction_of_air(b, best[a]) for a, b in axes.items()]))
     return TurbulenceEstimate(sigma, float(_LENGTHS[i]), nats, probability, driven, explained)
-
-
-def _share_of_air(b: _Bands, fit: _DrydenFit) -> float:
-    """Share of the variance of what a vane reads that is moving air; the bands hold the rate of that."""
-    weight = b.count / b.f**2
-    return float(weight @ fit.air / (weight @ fit.told))
-
-
-def _fit(b: _Bands, axis: str, length: float | None, tau: float | None) -> _DrydenFit:
-    """Likeliest spectrum: noise, and air of one scale, or noise that keeps for one time, or neither."""
-    omega = 2.0 * np.pi * b.f
-    white = omega**2
-    if length is not None:
-        shape = np.empty(len(omega))
-        for V in np.unique(b.V):
-            mine = b.V == V
-            shape[mine] = _dryden(omega[mine], V, length, axis)
-        shape *= white
-    elif tau is not None:
-        shape = 4.0 * tau / (1.0 + (omega * tau) ** 2) * white
-    else:
-        shape = np.zeros(len(b.f))
-    high, middle = b.f > 0.6 * b.f.max(), b.f < 0.5 * b.f.max()
-    start = float(np.average(b.power[high] / white[high], weights=b.count[high]))
-    size = float(np.median(b.power[middle] / np.where(shape[middle] > 0.0, shape[middle], 1.0)))
-    floor = np.full(len(b.f), b.floor)
-    flights = int(b.flight.max()) + 1
-    spread = np.array([0.0, _FROM_NOISE, 0.0] + [_BETWEEN_FLIGHTS] * flights)
-    held = np.divide(1.0, spread, out=np.zeros(len(spread)), where=spread > 0.0) ** 2
-
-    def parts(x: Array) -> tuple[Array, Array, Array]:
-        return np.exp(x[0]) * white, np.exp(x[1]) * floor, np.exp(x[2] + x[3:][b.flight]) * shape
-
-    def cost(x: Array) -> tuple[float, Array]:
-        own, rates, air = parts(x)
-        S = own + rates + air
-        slope = 0.5 * b.count * (1.0 / S - b.power / S**2)
-        each = np.bincount(b.flight, slope * air, flights)
-        gradient = np.concatenate([[slope @ own, slope @ rates, slope @ air], each]) + held * x_about(x)
-        return float(0.5 * (b.count @ (np.log(S) + b.power / S))) + 0.5 * float(held @ x_about(x) ** 2), gradient
-
-    def x_about(x: Array) -> Array:
-        return np.concatenate([[0.0], x[1:2], [0.0], x[3:]])
-
-    x = np.array([np.log(start), 0.0, np.log(size), *np.zeros(flights)])
-    bounds = [(x[0] - 9.0, x[0] + 3.0), (-4.0, 4.0), (x[2] - 12.0, x[2] + 5.0), *[(-3.0, 3.0)] * flights]
-    found = scipy.optimize.minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds)
-    sigma = float(np.sqrt(np.mean(np.exp(found.x[2] + found.x[3:])))) if length else 0.0
-    each = parts(found.x)
-    return _DrydenFit(float(found.fun), sigma, each[2], np.sum(each, axis=0))
-
-
-def _dryden(omega: Array, V: float, length: float, axis: str) -> Array:
-    """One-sided spectrum [(m/s)^2/Hz] of a gust of 1 m/s."""
-    spectra = dryden_spectra(omega, V, 1.0, np.full(3, length), np.ones(3))
-    return 2.0 * np.pi * spectra[:, "uvw".index(axis)]
-
-
-def _dispersion(b: _Bands, told: Array) -> float:
-    """Scatter of the bands about a spectrum, over that of chance."""
-    return float(np.mean(0.5 * b.count * (b.power / told - 1.0) ** 2))
-
-
-def _peak(b: _Bands, told: Array) -> float:
-    """Largest ratio of power to the fitted spectrum at one frequency, over all flights."""
-    ratios = []
-    for f in np.unique(np.round(np.log(b.f), 1)):
-        near = np.abs(np.log(b.f) - f) < 0.08
-        ratios.append(float(b.count[near] @ (b.power[near] / told[near]) / b.count[near].sum()))
-    return max(ratios)

@@ -1,15 +1,9 @@
-"""Coefficients: what the air must have done to the aircraft, sample by sample.
-
-``compute_coefficients`` turns measured (or reconstructed) states into the six body-axis coefficients,
-lift and drag, and the dimensionless channels that candidate terms are made of. What a recording lacks is
-left out, or taken as zero where a small term needs it; either way a finding says so.
-"""
+"""Steps from measured motion to coefficients: air data, forces, moments, dimensionless channels."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,135 +15,22 @@ from structsel.numerics.air_data import air_data_at_cg, lift_and_drag
 from structsel.numerics.atmosphere import speed_of_sound, standard_atmosphere
 from structsel.readers.table import MOVED_TO_CG
 from structsel.recording import Finding, Recording, with_entry_findings
-from structsel.recording.arguments import as_one_recording, as_recordings, require_kind
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-_WHO = "compute_coefficients"
+WHO = "compute_coefficients"
+"""Function that messages name."""
 _OPTIONAL = (
-    *BODY_RATES,
-    *ANGULAR_ACCELERATIONS,
-    "alpha_dot",
-    "beta_dot",
-    "beta",
-    "ay",
-    "thrust",
-    "mass",
-    "qbar",
-    "rho",
-    "h",
+    *BODY_RATES, *ANGULAR_ACCELERATIONS, "alpha_dot", "beta_dot", "beta", "ay", "thrust", "mass", "qbar", "rho", "h",
     "temperature",
-)
+)  # fmt: skip
 _KINDS = ("left-out", "assumed")
 
 
-def compute_coefficients(
-    recording: Recording | pd.DataFrame,
-    aircraft: Aircraft,
-    *,
-    V0: float | None = None,
-    method: str = "central",
-    order: int = 4,
-) -> Recording:
-    """Add the aerodynamic coefficients, and the candidate channels, to a recording.
-
-    Needs ``V``, ``alpha``, ``ax``, ``az``, and ``qbar`` or ``rho`` or ``h``. With ``ay`` come CY, with ``q``
-    Cm, with ``p``, ``q`` and ``r`` Cl and Cn. ``mass`` overrides the aircraft's. ``p_dot``, ``q_dot``,
-    ``r_dot``, ``alpha_dot`` and ``beta_dot`` are used where recorded, else differentiated.
-
-    Parameters
-    ----------
-    recording : Recording or DataFrame
-        A DataFrame has a column ``t`` and is in SI units and radians, or states its units in ``attrs["units"]``; see
-        `Recording.from_frame`.
-    aircraft : Aircraft
-        Places of ``accelerometer`` and ``vane`` (alpha, beta, V) carry the readings to the centre of
-        gravity; the thrust line takes the thrust out of forces and moments.
-    V0 : float, optional [m/s]
-        Reference of ``V_ratio``; the aircraft's if not given, else this recording's mean V. Several
-        recordings must share one: see `compute_all`.
-    method, order
-        Of the differentiation, as `structsel.numerics.differentiation.differentiate` takes them.
-
-    Returns
-    -------
-    Recording
-        With CX, CY, CZ, Cl, Cm, Cn, CL, CD, CT, qbar, mach, p_hat, q_hat, r_hat, alpha_dot, beta_dot,
-        alpha_dot_hat, beta_dot_hat, V_ratio, as far as its channels allow. V, alpha and beta are those at
-        the centre of gravity; ax, ay, az stay as read. Findings of kind "left-out" and "assumed" say what
-        could not be made and what was taken as zero; the provenance says how the rest was made.
-
-    Raises
-    ------
-    ChannelError
-        When a channel that nothing can be done without is missing.
-    ArgumentError
-        The recording or the aircraft is an object of another type.
-    DataError
-        When a channel used is not finite, or is to be differentiated across a gap.
-    DomainError
-        Where V or qbar is not above zero.
-    AircraftError
-        When neither recording nor aircraft gives a mass.
-
-    References
-    ----------
-    [H17] for the coefficients, [M86] for vanes and rotor, [KM16] ch. 3.
-    """
-    recording = as_one_recording(recording, f"{_WHO}(recording, aircraft)", "compute_all(recordings, aircraft)")
-    require_kind(aircraft, Aircraft, f"{_WHO}(recording, aircraft)")
-    return _Computation(recording, aircraft, method, order).run(V0)
-
-
-def compute_all(
-    recordings: Iterable[Recording | pd.DataFrame],
-    aircraft: Aircraft,
-    *,
-    V0: float | None = None,
-    method: str = "central",
-    order: int = 4,
-) -> list[Recording]:
-    """Coefficients of several manoeuvres with one reference airspeed; see `compute_coefficients`.
-
-    Parameters
-    ----------
-    recordings : iterable of Recording or DataFrame
-    aircraft, method, order
-        As for `compute_coefficients`.
-    V0 : float, optional
-        Reference airspeed [m/s]. Where neither it nor the aircraft's is given, it is the mean V of the first
-        recording, and a finding in each says so.
-
-    Returns
-    -------
-    list of Recording
-        In the same order.
-
-    Raises
-    ------
-    ChannelError, DomainError, AircraftError
-        As `compute_coefficients`.
-    """
-    made: list[Recording] = []
-    require_kind(aircraft, Aircraft, "compute_all(recordings, aircraft)")
-    shared = aircraft.V0 if V0 is None else V0
-    source = ""
-    for recording in as_recordings(recordings, "compute_all(recordings, aircraft)"):
-        one = _Computation(recording, aircraft, method, order)
-        if shared is None:
-            shared = one.mean_airspeed()
-            source = f"the mean V of '{recording.name}'"
-        made.append(one.run(shared, source))
-    return made
-
-
-class _Computation:
-    """One recording on its way; each step adds channels, notes and findings."""
+class CoefficientComputation:
+    """Coefficients of one recording; each step adds channels, notes and findings."""
 
     def __init__(self, recording: Recording, aircraft: Aircraft, method: str, order: int):
-        recording.require("V", "alpha", "ax", "az", finite=True, by=_WHO)
-        recording.require(*(name for name in _OPTIONAL if name in recording), finite=True, by=_WHO)
+        recording.require("V", "alpha", "ax", "az", finite=True, by=WHO)
+        recording.require(*(name for name in _OPTIONAL if name in recording), finite=True, by=WHO)
         self.aircraft, self.method, self.order = aircraft, method, order
         recording = with_entry_findings(recording)
         # Findings of an earlier run would speak of channels that are computed again.
@@ -157,14 +38,16 @@ class _Computation:
         self.recording = replace(recording, findings=old)
         self.findings: list[Finding] = []
         self.at_cg = recording.at_cg
-        self.recording.require_above_zero("V", by=_WHO)
+        self.recording.require_above_zero("V", by=WHO)
         self._differentiate(*(rate for rate in BODY_RATES if rate in recording))
         self._carry_vanes()
 
     def mean_airspeed(self) -> float:
+        """Mean V [m/s] of the recording."""
         return float(self.recording["V"].mean())
 
     def run(self, V0: float | None, source: str = "") -> Recording:
+        """Recording with the coefficients; `source` states where the reference airspeed V0 [m/s] is from."""
         self._add_air_data()
         self._add_forces()
         self._add_moments()
@@ -228,15 +111,15 @@ class _Computation:
                 rho, source = standard_atmosphere(record["h"])[2], "rho of the standard atmosphere at h"
             else:
                 raise ChannelError(
-                    f"{_WHO} needs channel 'qbar' [Pa], or 'rho' [kg/m^3] or 'h' [m] to make it from; "
+                    f"{WHO} needs channel 'qbar' [Pa], or 'rho' [kg/m^3] or 'h' [m] to make it from; "
                     f"'{record.name}' has none.\nIt has: {', '.join(('t', *record.names))}.\n"
                     "If the file holds one under another name, say so in a channel map."
                 )
             self._add(f"qbar: 0.5 rho V^2 with {source}", qbar=0.5 * rho * record["V"] ** 2)
-        self.recording.require_above_zero("qbar", by=_WHO)
+        self.recording.require_above_zero("qbar", by=WHO)
         if "mach" not in record:
             if "temperature" in record:
-                record.require_above_zero("temperature", by=_WHO)
+                record.require_above_zero("temperature", by=WHO)
                 sound, source = speed_of_sound(record["temperature"]), "the recorded temperature"
             elif "h" in record:
                 sound, source = standard_atmosphere(record["h"])[3], "the standard atmosphere at h"
@@ -266,12 +149,12 @@ class _Computation:
         record, thrust_line = self.recording, self.aircraft.thrust
         if "mass" in record:
             mass: float | np.ndarray = record["mass"]
-            record.require_above_zero("mass", by=_WHO)
+            record.require_above_zero("mass", by=WHO)
         elif self.aircraft.mass is not None:
             mass = self.aircraft.mass
         else:
             raise AircraftError(
-                f"{_WHO} needs a mass; aircraft '{self.aircraft.name}' has none and '{record.name}' has no "
+                f"{WHO} needs a mass; aircraft '{self.aircraft.name}' has none and '{record.name}' has no "
                 "channel 'mass' [kg].\nAdd mass [kg] to aircraft.toml, or map the channel."
             )
         thrust = self._thrust()
@@ -354,7 +237,7 @@ class _Computation:
         if V0 is None:
             V0, source = self.mean_airspeed(), f"the mean V of '{record.name}'"
         if not V0 > 0.0:
-            raise DomainError(f"{_WHO} needs a reference airspeed V0 [m/s] above zero; it is {V0:g}.")
+            raise DomainError(f"{WHO} needs a reference airspeed V0 [m/s] above zero; it is {V0:g}.")
         if source:
             message = f"V0 = {V0:.4f} m/s is {source}; models of other recordings must use the same"
             self._say("assumed", "V_ratio", message, "note", "give V0 in aircraft.toml")
