@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose
 from scipy import integrate, signal
 
 from structsel.errors import DataError, DomainError
-from structsel.numerics import spectra
+from structsel.numerics import frequency_regression, spectra
 from structsel.numerics.output_error import fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
 
@@ -46,7 +46,7 @@ def regressors():
 def test_equation_error_finds_the_parameters_without_noise_whatever_trend_there_is():
     X = regressors()
     theta = np.array([1.5, -0.3, 20.0])
-    fit = spectra.equation_error(X, X @ theta + 4.0 - 0.2 * T, DT, F)
+    fit = frequency_regression.equation_error(X, X @ theta + 4.0 - 0.2 * T, DT, F)
     assert_allclose(fit.theta, theta, rtol=1e-9)
     assert fit.r2 == pytest.approx(1.0)
 
@@ -60,7 +60,7 @@ def test_equation_error_scatters_as_its_covariance_says(spacing):
     fits = []
     for seed in range(150):
         y = X @ theta + noise * np.random.default_rng(seed).standard_normal(len(T))
-        fits.append(spectra.equation_error(X, y, DT, f))
+        fits.append(frequency_regression.equation_error(X, y, DT, f))
     errors = np.array([fit.theta - theta for fit in fits])
     claimed = np.mean([np.diag(fit.covariance) for fit in fits], axis=0)
     # Variance of 150: standard error 11.5 %; three parameters within 3.3 of them.
@@ -72,7 +72,7 @@ def test_noise_outside_the_band_does_no_harm():
     X = regressors()
     theta = np.array([1.5, -0.3, 2.0])
     y = X @ theta + 5.0 * np.sin(2.0 * np.pi * 11.0 * T)  # a structural mode
-    fit = spectra.equation_error(X, y, DT, F)
+    fit = frequency_regression.equation_error(X, y, DT, F)
     in_time = np.linalg.lstsq(np.column_stack([X, np.ones(len(T))]), y, rcond=None)[0][:3]
     assert np.abs(fit.theta - theta).max() < 0.02
     assert np.abs(in_time - theta).max() > 2.0 * np.abs(fit.theta - theta).max()
@@ -81,9 +81,9 @@ def test_noise_outside_the_band_does_no_harm():
 def test_regressors_that_depend_on_each_other_are_refused():
     X = regressors()
     with pytest.raises(DataError, match="depend on each other"):
-        spectra.equation_error(np.column_stack([X[:, 0], 2.0 * X[:, 0]]), X[:, 1], DT, F)
+        frequency_regression.equation_error(np.column_stack([X[:, 0], 2.0 * X[:, 0]]), X[:, 1], DT, F)
     with pytest.raises(DataError, match="ask for more"):
-        spectra.equation_error(X, X[:, 0], DT, F[:1])
+        frequency_regression.equation_error(X, X[:, 0], DT, F[:1])
     with pytest.raises(DataError, match="finite samples"):
         spectra.transform(np.full(10, np.nan), DT, F)
     with pytest.raises(DomainError, match="half the sampling"):
@@ -143,12 +143,14 @@ def test_output_error_in_the_frequency_domain_finds_derivatives_and_delay():
         As, Bs = np.zeros((m, 2, 2)), np.zeros((m, 2, 1))
         As[:, 0, 0], As[:, 0, 1], As[:, 1, 0], As[:, 1, 1], Bs[:, 1, 0] = p[:, :5].T
         Cs, Ds = (np.broadcast_to(M, (m, *M.shape)) for M in (C, D))
-        return spectra.as_real(linear_response(As, Bs, Cs, Ds, p[:, 5], U, F))
+        return frequency_regression.as_real(linear_response(As, Bs, Cs, Ds, p[:, 5], U, F))
 
     errors, bounds = [], []
     for _ in range(60):
         Y = spectra.transform(y + rng.standard_normal(y.shape) * noise, DT, F, detrend=False)
-        fit = fit_output_error(OutputErrorProblem(predict, spectra.as_real(Y)), truth * [0.6, 1.2, 1.4, 0.7, 0.8, 0.5])
+        fit = fit_output_error(
+            OutputErrorProblem(predict, frequency_regression.as_real(Y)), truth * [0.6, 1.2, 1.4, 0.7, 0.8, 0.5]
+        )
         assert fit.converged
         errors.append(fit.theta - truth)
         bounds.append(fit.crlb)

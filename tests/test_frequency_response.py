@@ -13,8 +13,9 @@ from scipy.stats import chi2
 import structsel as ss
 from structsel.errors import ChannelError, DataError, DomainError, ModelError
 from structsel.frequency_domain.forms import FORMS, read_form
-from structsel.numerics.frequency_response import condition, multiple_coherence, spectral_matrix
+from structsel.numerics.frequency_response import condition, multiple_coherence
 from structsel.numerics.linear_systems import simulate_linear
+from structsel.numerics.spectra import spectral_matrix
 from structsel.plotting import draw_frequency_response, plot_bode
 from tests.commands import run
 from tests.figures import assert_nothing_outside

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 import structsel as ss
 from structsel.errors import ChannelError, DataError, DomainError
-from structsel.numerics import spectra
+from structsel.numerics import frequency_regression, spectra
 from structsel.recording.growing import GrowingFile
 from tests.commands import run
 
@@ -48,7 +48,7 @@ def estimator(**options):
 
 def batch(recording):
     X = np.column_stack([recording[name] for name in TRUTH])
-    return spectra.equation_error(X, recording["q_dot"], DT, FREQUENCIES)
+    return frequency_regression.equation_error(X, recording["q_dot"], DT, FREQUENCIES)
 
 
 # --- agreement with the estimate from all samples --------------------------------------------------

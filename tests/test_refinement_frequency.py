@@ -4,10 +4,10 @@ from numpy.testing import assert_allclose
 
 from structsel.errors import DataError, DomainError, ModelError
 from structsel.model import AeroModel, ResponseModel
+from structsel.numerics.frequency_regression import sampled_response
 from structsel.numerics.linear_models import LinearSystem
 from structsel.numerics.linear_systems import interval, simulate_linear
 from structsel.numerics.score_covariance import spectral_score_covariance
-from structsel.numerics.spectra import sampled_response
 from structsel.recording import Recording
 from structsel.refinement import LinearStructure, compare_estimates, equation_error, refine
 from structsel.simulation.library.linear import as355

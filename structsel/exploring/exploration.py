@@ -26,7 +26,7 @@ from structsel.model import AeroModel
 from structsel.nomenclature import UNKNOWN, unit_of
 from structsel.numerics.arrays import Array
 from structsel.numerics.binning import BinMeans, bin_means, split_into_segments
-from structsel.numerics.spectra import cross_spectrum
+from structsel.numerics.spectra import power_spectrum
 from structsel.recording import Recording
 from structsel.tables import Summary
 
@@ -204,12 +204,11 @@ def _spectra(series: Sequence[ResidualSeries]) -> tuple[Array, Array, Array]:
         return np.empty(0), np.empty(0), np.empty(0)
     try:
         found = [
-            cross_spectrum(parts, parts, dt, segment)
-            for parts in ([s.without for s in series], [s.with_it for s in series])
+            power_spectrum(parts, dt, segment) for parts in ([s.without for s in series], [s.with_it for s in series])
         ]
     except DomainError:
         return np.empty(0), np.empty(0), np.empty(0)
-    return found[0][0], found[0][1].real, found[1][1].real
+    return found[0][0], found[0][1], found[1][1]
 
 
 def _in_words(

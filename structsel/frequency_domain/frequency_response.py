@@ -11,13 +11,8 @@ import numpy as np
 from structsel.errors import ChannelError, DataError, DomainError
 from structsel.formatting import count_of, display_unit, finite_or_none, format_number, join_names
 from structsel.nomenclature import unit_of
-from structsel.numerics.frequency_response import (
-    OVERLAP,
-    combine_windows,
-    condition,
-    multiple_coherence,
-    spectral_matrix,
-)
+from structsel.numerics.frequency_response import OVERLAP, combine_windows, condition, multiple_coherence
+from structsel.numerics.spectra import spectral_matrix
 from structsel.numerics.transfer_functions import DB, DEG
 from structsel.recording import Recording, require_recordings
 from structsel.results import Result

@@ -1,13 +1,8 @@
-"""Frequency responses of several inputs and outputs, from windowed segments of recorded signals. Arrays only.
-
-The transform of each segment is evaluated at any frequencies, so that windows of different lengths have one grid. The
-spectral densities are those of `scipy.signal.csd` where its frequencies coincide::
-
-    S_ab(w) = 2 dt / sum w_k^2  mean over segments of  conj(A(w)) B(w)
+"""Frequency responses of several inputs and outputs, from the spectral densities of `spectra`. Arrays only.
 
 References
 ----------
-[TR12], [BP10], [W67].
+[TR12], [BP10].
 """
 
 from __future__ import annotations
@@ -16,115 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
-from numpy.lib.stride_tricks import sliding_window_view
 
 from structsel.errors import DomainError
+from structsel.numerics.spectra import SpectralMatrix, coherence_squared
 
 OVERLAP = 0.8
 """Fraction of a segment that overlaps the next one [TR12]; with a Hann window every sample then has the same weight."""
-_FEWEST = 16  # samples of a segment
-_TRIM = 50  # fraction of a window over which trim is a mean; chosen, not critical
 _TINY = np.finfo(float).tiny
-
-
-@dataclass(frozen=True)
-class SpectralMatrix:
-    """Spectral densities of s signals with each other.
-
-    Attributes
-    ----------
-    density : (f, s, s) complex array [unit a times unit b times s]
-    overlapping : (f, s, s) complex array
-        The same, with the products of segments that overlap added, weighted with the correlation of their noise.
-    segments : float
-        Less the fraction of the samples that were appended.
-    window : float [s]
-    """
-
-    density: np.ndarray
-    overlapping: np.ndarray
-    segments: float
-    window: float
-
-
-def spectral_matrix(
-    pieces: Sequence[np.ndarray],
-    dt: float,
-    window: float,
-    omega: np.ndarray,
-    overlap: float = OVERLAP,
-    hold_ends: bool = False,
-) -> SpectralMatrix:
-    """Spectral densities by Welch's method, averaged over the segments of all pieces; Hann window.
-
-    The noise of segments k and k + j that overlap is correlated, rho_j = sum w_m w_(m + j hop) / sum w_m^2. With X_k
-    the transform of an input, the variance of its response is the noise density over S_xx, times::
-
-        1 / n = 1 / K  (1 + 2 sum_j rho_j Re(sum_k X_k* X_(k+j)) / sum_k |X_k|^2)
-
-    For a random input the expectation is Welch's 1 + 2 sum rho_j^2 [W67]; a sweep has fewer independent segments.
-
-    Parameters
-    ----------
-    pieces : sequence of (n_i, s) arrays
-        Finite; pieces shorter than a window are not used. The linear trend of each segment is removed.
-    dt : float [s]
-    window : float [s]
-    omega : (f,) array [rad/s]
-        Above zero, below the Nyquist frequency.
-    overlap : float
-        From 0 to below 1.
-    hold_ends : bool
-        Append to both ends of each piece its trim, so that first and last samples have the weight of the others.
-        Without it a sweep that begins at the first samples has a phase error at its lowest frequencies.
-
-    Raises
-    ------
-    DomainError
-        No piece is as long as a window, a window has fewer than 16 samples, or a frequency is not usable.
-    """
-    per = round(window / dt)
-    if per < _FEWEST:
-        raise DomainError(f"a window of {window:g} s holds {per} samples; it needs {_FEWEST} or more.")
-    if not (omega.min() > 0.0 and omega.max() < np.pi / dt):
-        raise DomainError(
-            f"frequencies must lie above zero and below the Nyquist frequency, {np.pi / dt:.4g} rad/s; they are "
-            f"{omega.min():.4g} to {omega.max():.4g} rad/s."
-        )
-    hop = max(1, per - int(per * overlap))
-    shape = scipy.signal.get_window("hann", per)
-    phasors = shape[:, None] * np.exp(-1j * dt * np.outer(np.arange(per), omega))
-    s = pieces[0].shape[1]
-    total, lagged = (np.zeros((omega.size, s, s), dtype=complex) for _ in range(2))
-    count, recorded, used = 0, 0, 0
-    for piece in pieces:
-        if len(piece) < per:
-            continue
-        recorded += len(piece)
-        piece = _with_held_ends(piece, per - hop, per) if hold_ends else piece
-        used += len(piece)
-        segments = sliding_window_view(piece, per, axis=0)[::hop]  # (K, s, per)
-        starts = dt * hop * np.arange(len(segments))
-        X = (scipy.signal.detrend(segments, axis=-1) @ phasors) * np.exp(-1j * np.outer(starts, omega))[:, None, :]
-        total += np.einsum("ksf,ktf->fst", X.conj(), X, optimize=True)
-        count += len(segments)
-        for j in range(1, min(len(segments), -(-per // hop))):
-            rho = shape[j * hop :] @ shape[: -j * hop] / (shape @ shape)
-            next_ones = np.einsum("ksf,ktf->fst", X[:-j].conj(), X[j:], optimize=True)
-            lagged += rho * (next_ones + np.swapaxes(next_ones, 1, 2).conj())
-    if not count:
-        longest = max((len(piece) for piece in pieces), default=0) * dt
-        raise DomainError(f"no piece is as long as a window of {window:g} s; the longest has {longest:.4g} s.")
-    scale = 2.0 * dt / np.sum(shape**2) / count
-    return SpectralMatrix(scale * total, scale * (total + lagged), count * recorded / used, per * dt)
-
-
-def _with_held_ends(piece: np.ndarray, count: int, per: int) -> np.ndarray:
-    """Piece with `count` samples of its trim at both ends: means over a fiftieth of a window."""
-    some = max(1, per // _TRIM)
-    first, last = piece[:some].mean(axis=0), piece[-some:].mean(axis=0)
-    return np.vstack([np.tile(first, (count, 1)), piece, np.tile(last, (count, 1))])
 
 
 @dataclass(frozen=True)
@@ -156,8 +49,7 @@ class ConditionedSpectra:
     @property
     def coherence(self) -> np.ndarray:
         """(f, o, i) partial coherence, squared magnitude."""
-        power = np.maximum(self.input_density * self.output_density, _TINY)
-        return np.clip(np.abs(self.cross) ** 2 / power, 0.0, 1.0)
+        return coherence_squared(self.cross, self.input_density, self.output_density)
 
     @property
     def random_error(self) -> np.ndarray:

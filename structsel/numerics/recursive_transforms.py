@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from structsel.errors import DataError
-from structsel.numerics.spectra import FrequencyFit, regress_transforms
+from structsel.numerics.frequency_regression import FrequencyFit, regress_transforms
 
 
 class RecursiveTransforms:

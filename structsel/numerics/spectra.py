@@ -1,6 +1,12 @@
-"""Spectra and coherence of recorded signals, and estimation in the frequency domain. Arrays only.
+"""Spectra by Welch's method, coherence, and finite Fourier transforms of recorded signals. Arrays only.
 
-The finite Fourier transform of a signal over its record, by the trapezoidal rule::
+Welch's method averages products of the transforms of segments. Each segment has a Hann window, after removal of its
+linear trend. The transform may be evaluated at any frequencies, so that segments of different lengths have one grid::
+
+    S_ab(w) = 2 dt / sum w_k^2  mean over segments of  conj(A(w)) B(w)
+
+as `scipy.signal.csd` has it where the frequencies coincide. The finite Fourier transform of a signal over its record,
+by the trapezoidal rule, is::
 
     x~(w) = int_0^T x(t) exp(-i w t) dt
 
@@ -9,7 +15,7 @@ structural modes elsewhere have no effect; nothing is differentiated.
 
 References
 ----------
-[KM16], frequency-domain methods.
+[W67], [CKN73], [BP10]; [KM16], frequency-domain methods.
 """
 
 from __future__ import annotations
@@ -19,6 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 
 from structsel.errors import DataError, DomainError
 from structsel.numerics.arrays import Array
@@ -27,56 +34,181 @@ OVERLAP = 0.5
 """Fraction of a segment that overlaps the next one."""
 FEWER = 0.75
 """Number of independent segments for each overlapping one, with a Hann window."""
+LONG = 1 << 22
+"""Products in an explicit transform; above it the chirp-z transform is used."""
 _FEWEST = 16  # samples of a segment
 _FALSE_ALARM = 0.01  # probability of a coherence above the threshold at any frequency, for independent signals
-_LONG = 1 << 22  # products in an explicit transform; above it the chirp-z transform is used
+_TRIM = 50  # fraction of a window over which trim is a mean; chosen, not critical
 
 
-def cross_spectrum(x: Sequence[Array], y: Sequence[Array], dt: float, segment: float) -> tuple[Array, Array, int]:
-    """One-sided cross-spectral density by Welch's method, averaged over the segments of all pieces.
-
-    Segments overlap by half and have a Hann window; the linear trend of each is removed. The density of a signal with
-    itself is its power spectrum: it is real, and its integral over the frequencies is the variance of the signal.
+def segment_transforms(piece: Array, per: int, overlap: float, phasors: Array | None = None) -> Array:
+    """Transforms of the windowed segments of a piece.
 
     Parameters
     ----------
-    x, y : sequence of (n_i,) arrays
-        One array for each piece; pieces shorter than a segment are not used.
+    piece : (n, s) array
+        Signals; n at least `per`.
+    per : int
+        Samples of a segment.
+    overlap : float
+        Fraction of a segment that overlaps the next one, from 0 to below 1.
+    phasors : (per, f) complex array, optional
+        exp(-i w t) at the samples of a segment; by default w are the harmonics of the segment below the Nyquist
+        frequency.
+
+    Returns
+    -------
+    (K, s, f) complex array
+        The phase of each is that of its first sample.
+    """
+    segments = sliding_window_view(piece, per, axis=0)[:: _hop(per, overlap)]
+    windowed = scipy.signal.detrend(segments, axis=-1) * _window(per)
+    return windowed @ phasors if phasors is not None else scipy.fft.rfft(windowed)[..., 1 : (per + 1) // 2]
+
+
+def harmonics(per: int, dt: float) -> Array:
+    """Frequencies [Hz] of the transforms of segments of `per` samples: above zero, below the Nyquist frequency."""
+    return np.arange(1, (per + 1) // 2) / (per * dt)
+
+
+def _window(per: int) -> Array:
+    return scipy.signal.get_window("hann", per)
+
+
+def _hop(per: int, overlap: float) -> int:
+    """Samples from the start of a segment to that of the next."""
+    return max(1, per - int(per * overlap))
+
+
+@dataclass(frozen=True)
+class SpectralMatrix:
+    """Spectral densities of s signals with each other.
+
+    Attributes
+    ----------
+    density : (f, s, s) complex array [unit a times unit b times s]
+        One-sided: the integral over the frequencies in Hz is the variance of the signal.
+    overlapping : (f, s, s) complex array
+        The same, with the products of segments that overlap added, weighted with the correlation of their noise.
+    segments : float
+        Less the fraction of the samples that were appended.
+    window : float [s]
+    """
+
+    density: np.ndarray
+    overlapping: np.ndarray
+    segments: float
+    window: float
+
+
+def spectral_matrix(
+    pieces: Sequence[np.ndarray],
+    dt: float,
+    window: float,
+    omega: np.ndarray | None = None,
+    overlap: float = OVERLAP,
+    hold_ends: bool = False,
+) -> SpectralMatrix:
+    """Spectral densities by Welch's method, averaged over the segments of all pieces; Hann window.
+
+    The noise of segments k and k + j that overlap is correlated, rho_j = sum w_m w_(m + j hop) / sum w_m^2. With X_k
+    the transform of an input, the variance of its response is the noise density over S_xx, times::
+
+        1 / n = 1 / K  (1 + 2 sum_j rho_j Re(sum_k X_k* X_(k+j)) / sum_k |X_k|^2)
+
+    For a random input the expectation is Welch's 1 + 2 sum rho_j^2 [W67]; a sweep has fewer independent segments.
+
+    Parameters
+    ----------
+    pieces : sequence of (n_i, s) arrays
+        Finite; pieces shorter than a window are not used. The linear trend of each segment is removed.
+    dt : float [s]
+    window : float [s]
+    omega : (f,) array [rad/s], optional
+        Above zero, below the Nyquist frequency; by default those of `harmonics`.
+    overlap : float
+        From 0 to below 1.
+    hold_ends : bool
+        Append to both ends of each piece its trim, so that first and last samples have the weight of the others.
+        Without it a sweep that begins at the first samples has a phase error at its lowest frequencies.
+
+    Raises
+    ------
+    DomainError
+        No piece is as long as a window, a window has fewer than 16 samples, or a frequency is not usable.
+    """
+    per = round(window / dt)
+    if per < _FEWEST:
+        raise DomainError(f"a window of {window:g} s holds {per} samples; it needs {_FEWEST} or more.")
+    if omega is not None and not (omega.min() > 0.0 and omega.max() < np.pi / dt):
+        raise DomainError(
+            f"frequencies must lie above zero and below the Nyquist frequency, {np.pi / dt:.4g} rad/s; they are "
+            f"{omega.min():.4g} to {omega.max():.4g} rad/s."
+        )
+    hop, shape = _hop(per, overlap), _window(per)
+    phasors = None if omega is None else np.exp(-1j * dt * np.outer(np.arange(per), omega))
+    omega = 2.0 * np.pi * harmonics(per, dt) if omega is None else omega
+    s = pieces[0].shape[1] if pieces else 0
+    total, lagged = (np.zeros((omega.size, s, s), dtype=complex) for _ in range(2))
+    count, recorded, used = 0, 0, 0
+    for piece in pieces:
+        if len(piece) < per:
+            continue
+        recorded += len(piece)
+        piece = _with_held_ends(piece, per - hop, per) if hold_ends else piece
+        used += len(piece)
+        X = segment_transforms(piece, per, overlap, phasors)
+        X = X * np.exp(-1j * np.outer(dt * hop * np.arange(len(X)), omega))[:, None, :]
+        total += np.einsum("ksf,ktf->fst", X.conj(), X, optimize=True)
+        count += len(X)
+        for j in range(1, min(len(X), -(-per // hop))):
+            rho = shape[j * hop :] @ shape[: -j * hop] / (shape @ shape)
+            next_ones = np.einsum("ksf,ktf->fst", X[:-j].conj(), X[j:], optimize=True)
+            lagged += rho * (next_ones + np.swapaxes(next_ones, 1, 2).conj())
+    if not count:
+        longest = max((len(piece) for piece in pieces), default=0) * dt
+        raise DomainError(f"no piece is as long as a window of {window:g} s; the longest has {longest:.4g} s.")
+    scale = 2.0 * dt / np.sum(shape**2) / count
+    return SpectralMatrix(scale * total, scale * (total + lagged), count * recorded / used, per * dt)
+
+
+def _with_held_ends(piece: np.ndarray, count: int, per: int) -> np.ndarray:
+    """Piece with `count` samples of its trim at both ends: means over a fiftieth of a window."""
+    some = max(1, per // _TRIM)
+    first, last = piece[:some].mean(axis=0), piece[-some:].mean(axis=0)
+    return np.vstack([np.tile(first, (count, 1)), piece, np.tile(last, (count, 1))])
+
+
+def power_spectrum(x: Sequence[Array], dt: float, window: float) -> tuple[Array, Array, int]:
+    """One-sided power spectral density by Welch's method, averaged over the segments of all pieces.
+
+    Parameters
+    ----------
+    x : sequence of (n_i,) arrays
+        One array for each piece; pieces shorter than a window are not used.
     dt : float [s]
         Of all pieces.
-    segment : float [s]
+    window : float [s]
 
     Returns
     -------
     f : (m,) array [Hz]
-        Above zero.
-    density : (m,) complex array [unit of x times unit of y / Hz]
+        As `harmonics`.
+    density : (m,) array [square of the unit of x / Hz]
+        Its integral over the frequencies is the variance.
     segments : int
         Number of segments.
 
     Raises
     ------
     DomainError
-        No piece is as long as a segment, or a segment has fewer than 16 samples.
+        As `spectral_matrix`.
     """
-    per = round(segment / dt)
-    if per < _FEWEST:
-        raise DomainError(f"a segment of {segment:g} s holds {per} samples; it needs {_FEWEST} or more.")
-    total, segments, f = np.zeros(per // 2, dtype=complex), 0, np.zeros(0)
-    for one, other in zip(x, y):
-        if len(one) < per:
-            continue
-        count = (len(one) - per) // (per - int(per * OVERLAP)) + 1
-        f, density = scipy.signal.csd(one, other, 1.0 / dt, nperseg=per, noverlap=int(per * OVERLAP), detrend="linear")
-        total = total + count * density[1 : per // 2 + 1]
-        segments += count
-    if not segments:
-        longest = max((len(one) for one in x), default=0) * dt
-        raise DomainError(f"no piece is as long as a segment of {segment:g} s; the longest has {longest:.4g} s.")
-    return f[1 : per // 2 + 1], total / segments, segments
+    found = spectral_matrix([one[:, None] for one in x], dt, window)
+    return harmonics(round(window / dt), dt), found.density[:, 0, 0].real, round(found.segments)
 
 
-def coherence(x: Sequence[Array], y: Sequence[Array], dt: float, segment: float) -> tuple[Array, Array, float]:
+def coherence(x: Sequence[Array], y: Sequence[Array], dt: float, window: float) -> tuple[Array, Array, float]:
     """Magnitude squared coherence, and its significance threshold.
 
     With K independent segments the coherence of two independent signals exceeds 1 - a^(1/(K - 1)) at one frequency
@@ -85,8 +217,9 @@ def coherence(x: Sequence[Array], y: Sequence[Array], dt: float, segment: float)
 
     Parameters
     ----------
-    x, y, dt, segment
-        As for `cross_spectrum`, which has the exceptions as well.
+    x, y : sequence of (n_i,) arrays
+    dt, window
+        As for `power_spectrum`, which has the exceptions as well.
 
     Returns
     -------
@@ -99,11 +232,15 @@ def coherence(x: Sequence[Array], y: Sequence[Array], dt: float, segment: float)
     ----------
     [CKN73]
     """
-    f, cross, segments = cross_spectrum(x, y, dt, segment)
-    own, other = (cross_spectrum(each, each, dt, segment)[1].real for each in (x, y))
-    squared = np.abs(cross) ** 2 / np.maximum(own * other, np.finfo(float).tiny)
-    free = FEWER * segments
+    found = spectral_matrix([np.column_stack(pair) for pair in zip(x, y)], dt, window)
+    f, free = harmonics(round(window / dt), dt), FEWER * found.segments
+    squared = coherence_squared(found.density[:, 0, 1], found.density[:, 0, 0].real, found.density[:, 1, 1].real)
     return f, squared, coherence_threshold(free, len(f), _FALSE_ALARM) if free > 1.0 else 1.0
+
+
+def coherence_squared(cross: Array, own: Array, other: Array) -> Array:
+    """Squared coherence of two signals from their cross-spectrum and their power spectra; zero without power."""
+    return np.clip(np.abs(cross) ** 2 / np.maximum(own * other, np.finfo(float).tiny), 0.0, 1.0)
 
 
 def coherence_threshold(free: float, frequencies: int, probability: float) -> float:
@@ -163,187 +300,10 @@ def transform(x: np.ndarray, dt: float, frequencies: np.ndarray, detrend: bool =
     weights = np.full(n, dt)
     weights[[0, -1]] *= 0.5
     even = f.size > 2 and np.allclose(np.diff(f), f[1] - f[0], rtol=1e-9)
-    if even and f.size * n > _LONG:
+    if even and f.size * n > LONG:
         step = np.exp(-2j * np.pi * (f[1] - f[0]) * dt)
         start = np.exp(2j * np.pi * f[0] * dt)
         found = scipy.signal.czt(weights[:, None] * flat, f.size, step, start, axis=0)
     else:
         found = np.exp(-2j * np.pi * np.outer(f, dt * np.arange(n))) @ (weights[:, None] * flat)
     return found.reshape(f.size, *x.shape[1:])
-
-
-@dataclass(frozen=True)
-class FrequencyFit:
-    """Least squares over frequencies.
-
-    Attributes
-    ----------
-    theta : (k,) array
-    covariance : (k, k) array
-        For noise that is white over the band, whatever the spacing of the frequencies.
-    noise_std : float
-        Of the response in time, if its noise outside the band has the same density.
-    fit : (f,) complex array
-        Transform of the model's response, manoeuvre after manoeuvre.
-    r2 : float
-        Fraction of the power of the response that is explained at these frequencies.
-    """
-
-    theta: np.ndarray
-    covariance: np.ndarray
-    noise_std: float
-    fit: np.ndarray
-    r2: float
-
-    def __post_init__(self) -> None:
-        for array in (self.theta, self.covariance, self.fit):
-            array.setflags(write=False)
-
-    @property
-    def std(self) -> np.ndarray:
-        """(k,) standard deviations."""
-        return np.sqrt(np.diag(self.covariance))
-
-
-def equation_error(
-    regressors: np.ndarray | Sequence[np.ndarray],
-    response: np.ndarray | Sequence[np.ndarray],
-    dt: float | Sequence[float],
-    frequencies: np.ndarray | Sequence[np.ndarray],
-) -> FrequencyFit:
-    """Equation error in the frequency domain: complex least squares for real parameters.
-
-    With X and z transforms of the detrended regressors and response, those of several manoeuvres below each other::
-
-        theta = Re(X'X)^-1 Re(X'z)
-
-    The estimate is linear in the samples, theta = G y, so that for white noise of variance s2 its covariance is
-    s2 G G', exactly and for any spacing of the frequencies.
-
-    Parameters
-    ----------
-    regressors : (n, k) array, or one for each manoeuvre
-    response : (n,) array, or one for each manoeuvre
-    dt : float [s], or one for each manoeuvre
-    frequencies : (f,) array [Hz], or one for each manoeuvre
-        Above zero; the detrending removes the constant term.
-
-    Raises
-    ------
-    DataError
-        Too few frequencies, or regressors that are linearly dependent at these frequencies.
-    DomainError
-        As `transform`.
-
-    References
-    ----------
-    [KM16], frequency-domain methods, equation error.
-    """
-    if isinstance(response, np.ndarray):
-        regressors, response, dt, frequencies = [regressors], [response], [dt], [frequencies]  # type: ignore[list-item]
-    manoeuvres = [
-        (np.asarray(X, dtype=float), np.asarray(y, dtype=float), float(step), np.asarray(f, dtype=float))
-        for X, y, step, f in zip(regressors, response, dt, frequencies, strict=True)  # type: ignore[arg-type]
-    ]
-    k, equations = manoeuvres[0][0].shape[1], 2 * sum(f.size for *_, f in manoeuvres)
-    if equations <= k:
-        raise DataError(f"{equations // 2} frequencies give {equations} equations for {k} parameters; ask for more.")
-    z = [transform(y, step, f) for _, y, step, f in manoeuvres]
-    X = [transform(X_t, step, f) for X_t, _, step, f in manoeuvres]
-    noise = scipy.linalg.block_diag(*(_noise_gram(len(y), step, f) for _, y, step, f in manoeuvres))
-    return regress_transforms(X, z, noise)
-
-
-def regress_transforms(X: Sequence[np.ndarray], z: Sequence[np.ndarray], noise: np.ndarray) -> FrequencyFit:
-    """Least squares of transforms, with the covariance of the parts of the transformed noise of variance one.
-
-    Parameters
-    ----------
-    X : sequence of (f, k) complex array
-        Of each manoeuvre.
-    z : sequence of (f,) complex array
-    noise : array
-        Twice as many rows and columns as frequencies: of each manoeuvre real parts, then imaginary parts.
-
-    Raises
-    ------
-    DataError
-        Regressors that are linearly dependent at these frequencies.
-    """
-    stacked = np.vstack([part for one in X for part in (one.real, one.imag)])
-    length = np.linalg.norm(stacked, axis=0)
-    singular = np.linalg.svd(stacked / np.where(length > 0.0, length, 1.0), compute_uv=False)
-    if not length.all() or singular[-1] < 1e-10 * singular[0]:
-        raise DataError(
-            "equation error: the regressors depend on each other at these frequencies, or one is not excited there. "
-            "Leave one out, widen the band, or fly an input that moves them apart."
-        )
-    inverse = scipy.linalg.pinv(stacked / length) / length[:, None]
-    theta = inverse @ np.concatenate([part for one in z for part in (one.real, one.imag)])
-    fit = np.concatenate([one @ theta for one in X])
-    left = np.eye(len(stacked)) - stacked @ inverse
-    lost = float(np.sum(np.abs(np.concatenate(z) - fit) ** 2))
-    variance = lost / float(np.sum((left @ noise) * left))
-    power = float(np.sum(np.abs(np.concatenate(z)) ** 2))
-    covariance = variance * (inverse @ noise @ inverse.T)
-    return FrequencyFit(theta, covariance, float(np.sqrt(variance)), fit, 1.0 - lost / power if power > 0.0 else np.nan)
-
-
-def _noise_gram(n: int, dt: float, f: np.ndarray) -> np.ndarray:
-    """(2 f, 2 f) covariance of the parts of the detrended transform of white noise of variance one."""
-    weights = np.full(n, dt)
-    weights[[0, -1]] *= 0.5
-    line = np.linalg.qr(np.column_stack([np.ones(n), np.linspace(-1.0, 1.0, n)]))[0]
-    gram, straight = np.zeros((2 * f.size, 2 * f.size)), np.zeros((2 * f.size, 2))
-    block = max(1, _LONG // (2 * f.size))
-    for a in range(0, n, block):
-        times = dt * np.arange(a, min(a + block, n))
-        W = np.exp(-2j * np.pi * np.outer(f, times)) * weights[a : a + block]
-        rows = np.vstack([W.real, W.imag])
-        gram += rows @ rows.T
-        straight += rows @ line[a : a + block]
-    return gram - straight @ straight.T
-
-
-def sampled_response(
-    Phi: np.ndarray, push: np.ndarray, C: np.ndarray, feed: np.ndarray, turn: np.ndarray, jump: np.ndarray
-) -> np.ndarray:
-    """Transforms of the outputs of ``x[k+1] = Phi x[k] + p[k]``, ``y[k] = C x[k] + d[k]``, many systems at once.
-
-    At integer multiples of 1 / (n dt) the sums over n samples are related exactly, with z = exp(i w dt)::
-
-        y~ = C (z I - Phi)^-1 [p~ + z (x[0] - x[n])] + d~
-
-    so that sampling introduces no error up to half the sampling frequency.
-
-    Parameters
-    ----------
-    Phi : (m, s, s) array
-    push, feed : (m, f, s), (m, f, o) complex arrays
-        Transforms of p and d.
-    C : (m, o, s) array
-    turn : (f,) complex array
-        z.
-    jump : (m, s) array
-        x[0] - x[n], in the scale of the transforms.
-
-    Returns
-    -------
-    (m, f, o) complex array
-    """
-    resolvent = turn[None, :, None, None] * np.eye(Phi.shape[1]) - Phi[:, None]
-    drive = push + turn[None, :, None] * jump[:, None, :]
-    try:
-        x = np.linalg.solve(resolvent, drive[..., None])[..., 0]
-    except np.linalg.LinAlgError:
-        x = np.full(drive.shape, np.nan + 0j)
-    return np.einsum("mos,mfs->mfo", C, x) + feed
-
-
-def as_real(transforms: np.ndarray) -> np.ndarray:
-    """(..., 2 f, c) real parts above imaginary parts, as the outputs of an output-error problem.
-
-    At integer multiples of 1/T the transforms of white noise are uncorrelated and their two parts have equal variances,
-    so `fit_output_error` on these is maximum likelihood in the frequency domain.
-    """
-    return np.concatenate([transforms.real, transforms.imag], axis=-2)

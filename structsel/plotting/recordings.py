@@ -14,7 +14,7 @@ from structsel.deprecation import renamed_arguments
 from structsel.formatting import format_percent
 from structsel.model import AeroModel
 from structsel.nomenclature import UNKNOWN, unit_of
-from structsel.numerics.spectra import coherence, cross_spectrum
+from structsel.numerics.spectra import coherence, power_spectrum
 from structsel.plotting.style import (
     HIGHLIGHT,
     MEASURED,
@@ -172,8 +172,8 @@ def plot_spectrum(
     names = [channels] if isinstance(channels, str) else list(channels)
     for i, name in enumerate(names):
         parts = [display_values(r, name) for r in flights]
-        f, density, segments = cross_spectrum(parts, parts, flights[0].dt, segment)
-        ax.loglog(f, density.real, lw=1.1, color=line_colour(i), label=symbol(name))
+        f, density, segments = power_spectrum(parts, flights[0].dt, segment)
+        ax.loglog(f, density, lw=1.1, color=line_colour(i), label=symbol(name))
     ax.set_xlabel("frequency [Hz]")
     ax.set_ylabel(_density_label(names, flights[0].units))
     ax.set_title(f"{segments} segments of {segment:g} s", fontsize="small", loc="right")

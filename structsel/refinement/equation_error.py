@@ -12,9 +12,10 @@ from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_all
 from structsel.errors import DataError, ModelError
 from structsel.model import AeroModel
-from structsel.numerics import spectra
+from structsel.numerics import frequency_regression
 from structsel.numerics.differentiation import differentiate
 from structsel.numerics.score_covariance import coloured_covariance
+from structsel.numerics.spectra import choose_frequencies
 from structsel.recording import Recording
 from structsel.recording.arguments import as_recordings
 from structsel.refinement.linear_flight import LinearFlight
@@ -217,10 +218,10 @@ def _over_band(
     name: str, equation: _Equation, flights: Sequence[Recording], band: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray, float]:
     constant = np.array([all(np.ptp(x[:, j]) == 0.0 for x in equation.X) for j in range(len(equation.names))])
-    frequencies = [f[f > 0.0] for f in (spectra.choose_frequencies(r.duration, *band) for r in flights)]
+    frequencies = [f[f > 0.0] for f in (choose_frequencies(r.duration, *band) for r in flights)]
     steps = [r.dt for r in flights]
     try:
-        fit = spectra.equation_error([x[:, ~constant] for x in equation.X], equation.y, steps, frequencies)
+        fit = frequency_regression.equation_error([x[:, ~constant] for x in equation.X], equation.y, steps, frequencies)
     except DataError as error:
         raise DataError(f"equation_error, {name}: {error}") from error
     values, std = np.full(len(constant), np.nan), np.full(len(constant), np.nan)

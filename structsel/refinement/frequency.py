@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from structsel.errors import DataError, ModelError
+from structsel.numerics.frequency_regression import as_real, sampled_response
 from structsel.numerics.output_error import OutputErrorFit
 from structsel.numerics.output_error_problem import Predict
-from structsel.numerics.spectra import as_real, choose_frequencies, sampled_response
+from structsel.numerics.spectra import choose_frequencies
 from structsel.recording import Recording
 from structsel.refinement.linear_flight import InputResponse, LinearFlight
 from structsel.refinement.parameters import Parameter

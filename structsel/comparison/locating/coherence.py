@@ -6,12 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
+from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import HIGHEST
 from structsel.numerics.arrays import Array
-from structsel.numerics.spectra import FEWER, OVERLAP, coherence_threshold
+from structsel.numerics.spectra import (
+    FEWER,
+    OVERLAP,
+    coherence_squared,
+    coherence_threshold,
+    harmonics,
+    segment_transforms,
+)
 
 CHANNELS = ("de", "da", "dr", "throttle", "df", "alpha", "beta", "V")
 """As read. Gyros and accelerometers are left out: the coefficients are made of them, and share their noise."""
@@ -90,7 +97,7 @@ def coherences(
             x = Z[f" {channel}"]
             cross = (np.conj(x) * y).mean(axis=1)
             own, driven = (np.abs(x) ** 2).mean(axis=1), (np.abs(y) ** 2).mean(axis=1)
-            squared = np.abs(cross) ** 2 / np.maximum(own * driven, 1e-300)
+            squared = coherence_squared(cross, own, driven)
             fair = np.maximum((squared - 1.0 / free) / (1.0 - 1.0 / free), 0.0)
             share = float(fair @ driven / max(driven.sum(), 1e-300))
             peak = float(f_hz[np.argmax(squared)])
@@ -101,21 +108,16 @@ def coherences(
 
 def _transforms(signals: Mapping[str, Sequence[Array]], dt: float, per: int) -> tuple[Array, dict[str, Array]]:
     """Frequencies in the band, and (frequencies, segments) transforms of each signal, all flights side by side."""
-    made: dict[str, Array] = {}
-    f_hz = np.zeros(0)
-    for name, each in signals.items():
-        parts = []
-        for x in each:
-            f_hz, _, z = scipy.signal.stft(
-                x, fs=1.0 / dt, nperseg=per, noverlap=int(per * OVERLAP), detrend="linear", boundary=None, padded=False
-            )
-            parts.append(z)
-        made[name] = np.concatenate(parts, axis=1)
-    band = (f_hz > 0.0) & (f_hz <= HIGHEST)
-    return f_hz[band], {name: z[band] for name, z in made.items()}
+    f_hz = harmonics(per, dt)
+    band = f_hz <= HIGHEST
+    made = {
+        name: np.concatenate([segment_transforms(x[:, None], per, OVERLAP)[:, 0, band].T for x in each], axis=1)
+        for name, each in signals.items()
+    }
+    return f_hz[band], made
 
 
-def _delay(f: Array, cross: Array, coherent: Array) -> float:
+def _delay(f: Array, cross: Array, coherent: NDArray[np.bool_]) -> float:
     if coherent.sum() < 3:
         return float("nan")
     phase = np.unwrap(np.angle(cross[coherent]))
