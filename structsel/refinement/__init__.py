@@ -9,13 +9,15 @@ from structsel.deprecation import renamed_names
 from structsel.refinement.conditions import Derivatives, derivatives_by_condition
 from structsel.refinement.equation_error import EquationError, equation_error
 from structsel.refinement.estimate_comparison import EstimateComparison, compare_estimates
-from structsel.refinement.linear_structure import LinearStructure, Matrices
+from structsel.refinement.linear_structure import LinearStructure
 from structsel.refinement.parameters import Parameter
 from structsel.refinement.refine import refine
 from structsel.refinement.result import Estimate, OutputFit, Refinement
 from structsel.refinement.settings import RefineOptions
 
-__getattr__ = renamed_names(__name__, {"Comparison": "EstimateComparison"})
+__getattr__ = renamed_names(__name__, {
+    "Comparison": "EstimateComparison", "Matrices": "structsel.numerics.linear_models:LinearSystem",
+})  # fmt: skip
 
 __all__ = [
     "Derivatives",
@@ -23,7 +25,6 @@ __all__ = [
     "Estimate",
     "EstimateComparison",
     "LinearStructure",
-    "Matrices",
     "OutputFit",
     "Parameter",
     "RefineOptions",

@@ -8,10 +8,11 @@ import numpy as np
 
 from structsel.errors import ModelError
 from structsel.nomenclature import suggest
+from structsel.numerics.linear_models import LinearSystem
 from structsel.numerics.linear_systems import discretise, interval, simulate_linear, split_delay
 from structsel.recording import Recording
 from structsel.refinement.filter_kernels import predict_linear, sampled_gain
-from structsel.refinement.linear_structure import LinearStructure, Matrices
+from structsel.refinement.linear_structure import LinearStructure
 from structsel.refinement.protocols import Simulator
 from structsel.simulation.linear import LinearModel
 
@@ -56,7 +57,7 @@ class LinearFlight:
                 )
             y = simulate_linear(
                 made.A, made.B, made.C, made.D, u, recording.dt, delay=np.clip(made.delay + delay, 0.0, longest),
-                bias=made.drift + drift, y_ref=made.reference, x0=start, hold=structure.hold,
+                bias=made.bias + drift, y_ref=made.y_ref, x0=start, hold=structure.hold,
             )  # fmt: skip
             return np.asarray(y)
 
@@ -134,10 +135,10 @@ class InputResponse:
         return self.shifted_inputs[shift]
 
     def __call__(
-        self, made: Matrices, delay: np.ndarray, drift: np.ndarray | None = None
+        self, made: LinearSystem, delay: np.ndarray, drift: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Transition (m, s, s), and contributions to states (m, rows, s) and outputs (m, rows, o)."""
-        m, s = made.drift.shape
+        m, s = made.bias.shape
         rows = self.shifted(0)
         state_input = np.zeros((m, len(rows), s), dtype=rows.dtype)
         feedthrough = np.zeros((m, len(rows), made.C.shape[1]), dtype=rows.dtype)
@@ -160,8 +161,8 @@ class InputResponse:
                     )
         if drift is not None:
             h = np.full(m, self.dt)
-            state_input += discretise(made.A, (made.drift + drift)[:, :, None], h)[1][:, :, 0][:, None, :]
-            feedthrough += made.reference[:, None, :]
+            state_input += discretise(made.A, (made.bias + drift)[:, :, None], h)[1][:, :, 0][:, None, :]
+            feedthrough += made.y_ref[:, None, :]
         return Phi, state_input, feedthrough
 
 

@@ -16,37 +16,18 @@ from structsel.numerics.linear_models import LinearFamily, LinearSystem
 from structsel.results import Copied
 from structsel.simulation.linear import LinearModel
 
-
-@dataclass(frozen=True)
-class Matrices:
-    """Matrices of m linear models, x' = A x + B u(t - delay) + drift and y = C x + D u(t - delay) + reference.
-
-    Attributes
-    ----------
-    A, B, C, D : (m, s, s), (m, s, i), (m, o, s), (m, o, i) arrays
-    drift : (m, s) array
-    reference : (m, o) array
-    delay : (m,) array [s]
-    """
-
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
-    D: np.ndarray
-    drift: np.ndarray
-    reference: np.ndarray
-    delay: np.ndarray
-
-
 Build = Callable[[Mapping[str, np.ndarray]], Mapping[str, Any]]
-"""Parameter arrays (m,) by name to matrices by name: A, B, C, D, and drift, reference, delay where there are any. A
-matrix that depends on no parameter may lack the leading axis."""
+"""Parameter arrays (m,) by name to matrices by name: A, B, C, D; where there are any, drift (added to the derivatives
+of the states), reference (added to the outputs) and delay. A matrix that depends on no parameter may lack the leading
+axis."""
 
 
 @renamed_arguments(late="delayed")
 @dataclass(frozen=True)
 class LinearStructure(Copied):
-    """A linear model whose matrices depend on named parameters.
+    """A linear model whose matrices depend on named parameters, in any way.
+
+    `LinearModel` is the special case of matrices that are linear in the parameters.
 
     Attributes
     ----------
@@ -169,8 +150,8 @@ class LinearStructure(Copied):
             {name: found[0] for name, found in values.items()}, build, float(model.delay),
         )  # fmt: skip
 
-    def matrices(self, values: np.ndarray) -> Matrices:
-        """Matrices of m parameter sets, values (m, k) in the order of `parameters`.
+    def matrices(self, values: np.ndarray) -> LinearSystem:
+        """Systems of m parameter sets, values (m, k) in the order of `parameters`.
 
         Raises
         ------
@@ -194,7 +175,8 @@ class LinearStructure(Copied):
                     f"need {shape}, or {(m, *shape)} for {m} parameter sets."
                 )
             held[key] = np.ascontiguousarray(np.broadcast_to(matrix, (m, *shape)))
-        return Matrices(**held)
+        bias, y_ref = held.pop("drift"), held.pop("reference")
+        return LinearSystem(self.states, self.inputs, self.outputs, **held, bias=bias, y_ref=y_ref)
 
     @renamed_arguments(late="delayed")
     def replace(
